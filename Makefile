@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+# Everything runs in a virtual environment of the project's own, .venv, made on first use and
+# brought up to date when setup.py changes. An activated environment is neither used nor touched.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PYTEST_ARGS ?=
+
+# .venv has its own ROS 2; what another one (a sourced setup.bash, say) left here would mix in.
+unexport AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONHOME PYTHONPATH RMW_IMPLEMENTATION
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
+
+.DEFAULT_GOAL := help
+# Two installations into one environment must not run at once.
+.NOTPARALLEL:
+.PHONY: help demo test lint format bags colcon-test clean
+
+help:  ## Show this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+demo: $(VENV)/.demo  ## Watch the node warn while a recorded coast-down is played to it
+	@$(BIN)/python scripts/demo.py
+
+test: $(VENV)/.test  ## Run the tests (PYTEST_ARGS='-k friction' for some of them)
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+lint: $(VENV)/.lint  ## Check style, format and types
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: $(VENV)/.lint  ## Mend what the linter and the formatter can mend
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bags: $(VENV)/.demo  ## Make the recordings of bags/ again from their scenes
+	$(BIN)/python scripts/make_bags.py
+
+colcon-test: $(VENV)/.test  ## Build and test as in a ROS 2 workspace, under build/colcon
+	$(BIN)/colcon --log-base build/colcon/log build \
+	    --base-paths . --build-base build/colcon/build --install-base build/colcon/install
+	$(BIN)/colcon --log-base build/colcon/log test --event-handlers console_direct+ \
+	    --base-paths . --build-base build/colcon/build --install-base build/colcon/install
+	$(BIN)/colcon --log-base build/colcon/log test-result --test-result-base build/colcon/build --verbose
+
+clean:  ## Remove all that the targets above made
+	rm -rf $(VENV) build install log dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf *.egg-info
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# The environment and one stamp for each set of extras; a stamp newer than setup.py installs nothing.
+$(BIN)/python:
+	@echo 'Making a virtual environment in $(VENV) ...'
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10) and "Python 3.10 or later is needed")'
+	@$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.demo: EXTRAS = ros,report
+$(VENV)/.test: EXTRAS = ros,report,test
+$(VENV)/.lint: EXTRAS = ros,report,lint
+$(VENV)/.demo $(VENV)/.test $(VENV)/.lint: setup.py pyproject.toml | $(BIN)/python
+	@echo 'Installing stickslip_monitor[$(EXTRAS)] into $(VENV), once (a minute or two) ...'
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check --editable '.[$(EXTRAS)]'
+	@touch $@

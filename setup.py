@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Installs the package for pip and for colcon (build type ament_python)."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = 'stickslip_monitor'
+SHARE = Path('share')
+
+
+def launch_configs():
+    """Return (target folder, files) for each folder of launch_configs/, whatever its depth."""
+    folders = {}
+    for path in sorted(Path('launch_configs').rglob('*')):
+        if path.is_file() and '__pycache__' not in path.parts:
+            folders.setdefault(str(SHARE / NAME / path.parent), []).append(str(path))
+    return sorted(folders.items())
+
+
+# ROS 2 from PyPI, for machines without a ROS 2 installation (Linux x86-64). The wheels of one
+# distribution only fit each other in the versions released together, hence the exact pins.
+ROS = [
+    'ros-kilted-diagnostic-msgs==5.5.1',
+    'ros-kilted-lifecycle-msgs==2.3.0',
+    'ros-kilted-rcl-interfaces==2.3.0',
+    'ros-kilted-rclpy==9.1.2',
+    'ros-kilted-rmw-fastrtps-cpp==9.3.3',
+    'ros-kilted-rosgraph-msgs==2.3.0',
+    'ros-kilted-std-msgs==5.5.1',
+]
+WHERE_ROS_HAS_WHEELS = '; sys_platform == "linux" and platform_machine == "x86_64"'
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='Predicts stick-slip vibration of water-lubricated stern bearings (ROS 2, MCAP)',
+    license='Apache-2.0',
+    maintainer='stickslip_monitor maintainers',
+    maintainer_email='maintainers@stickslip-monitor.invalid',
+    python_requires='>=3.10',
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    package_data={NAME: ['py.typed']},
+    # The recordings of bags/ stay in the repository: nothing that is installed reads them.
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        *launch_configs(),
+    ],
+    zip_safe=False,
+    install_requires=[
+        'lz4>=3.1',
+        'mcap>=1.1',
+        'mcap-ros2-support>=0.5',
+        'numpy>=1.23',
+        'PyYAML>=6.0',
+        'rich>=11.2',
+        'scipy>=1.9',
+        'zstandard>=0.16',
+    ],
+    extras_require={
+        'ros': ROS,
+        'report': ['matplotlib>=3.5'],
+        # colcon runs tests only where it finds pytest here.
+        'test': [
+            'colcon-ros',
+            'colcon-test-result',
+            'hypothesis>=6.60',
+            'mpmath>=1.2',
+            'pytest>=7',
+            'ros-kilted-geometry-msgs==5.5.1' + WHERE_ROS_HAS_WHEELS,
+            'ros-kilted-sensor-msgs==5.5.1' + WHERE_ROS_HAS_WHEELS,
+            'rosbags>=0.10',
+            'setuptools>=70.1',
+        ],
+        'lint': ['mypy>=1.13', 'ruff>=0.8', 'scipy-stubs', 'types-PyYAML'],
+    },
+    entry_points={
+        'console_scripts': [
+            f'monitor = {NAME}.ros.node:main',
+            f'stickslip = {NAME}.cli:main',
+        ],
+    },
+)

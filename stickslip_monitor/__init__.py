@@ -1,0 +1,19 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Condition monitoring of ships' stern bearings: predicts stick-slip from shaft speed and load."""
+
+from stickslip_monitor.errors import StickslipError
+from stickslip_monitor.monitor.assessment import Assessment, Outcome, Regime, assess
+from stickslip_monitor.physics.averaging import amplitude_rate
+from stickslip_monitor.physics.bifurcation import (
+    StationaryAmplitudes,
+    fold_load,
+    fold_speed,
+    growth_rate,
+    hopf_load,
+    hopf_speed,
+    stationary_amplitudes,
+)
+from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
+from stickslip_monitor.physics.oscillator import Bearing, BearingSpeed
+
+__version__ = '0.1.0'

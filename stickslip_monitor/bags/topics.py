@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The topics of a recording, and the checks a request has to pass."""
+
+from __future__ import annotations
+
+import difflib
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
+
+from mcap.records import Channel, Schema
+from mcap.well_known import MessageEncoding, SchemaEncoding
+
+from stickslip_monitor.errors import BagError
+from stickslip_monitor.monitor.fields import FieldPath, parse_field
+
+from .plan import Plan
+from .scan import FileScan
+from .schema import Definitions, SchemaError, number_at, parse_schema, short_name
+from .values import Request, TopicInfo
+
+_MOST_NAMED = 10
+
+
+def list_topics(files: Sequence[FileScan]) -> dict[str, TopicInfo]:
+    """List the topics of all files, by name."""
+    members: defaultdict[str, list[tuple[FileScan, Channel]]] = defaultdict(list)
+    for file in files:
+        for channel in file.channels.values():
+            members[channel.topic].append((file, channel))
+    return {name: _topic(name, members[name]) for name in sorted(members)}
+
+
+def _topic(name: str, members: Sequence[tuple[FileScan, Channel]]) -> TopicInfo:
+    infos = [_channel(file, channel) for file, channel in members]
+    types = list(dict.fromkeys(info.type for info in infos))
+    problems = [info.problem for info in infos if info.problem]
+    if len(types) > 1:
+        problems.append(f'it has several types: {", ".join(types)}')
+    count = sum(info.count for info in infos)
+    return TopicInfo(name, types[0], count, infos[0].encoding, problems[0] if problems else '')
+
+
+def _channel(file: FileScan, channel: Channel) -> TopicInfo:
+    schema = file.schemas.get(channel.schema_id)
+    return TopicInfo(
+        channel.topic,
+        schema.name if schema is not None else '',
+        file.counts[channel.id],
+        channel.message_encoding,
+        _problem(channel, schema),
+    )
+
+
+def _problem(channel: Channel, schema: Schema | None) -> str:
+    if channel.message_encoding != MessageEncoding.CDR:
+        return f"message encoding '{channel.message_encoding}' is not cdr"
+    if schema is None:
+        return 'no schema'
+    if schema.encoding != SchemaEncoding.ROS2:
+        return f"schema encoding '{schema.encoding}' is not ros2msg"
+    try:
+        _definitions(schema.name, schema.data)
+    except SchemaError as error:
+        return str(error)
+    return ''
+
+
+@lru_cache(maxsize=256)
+def _definitions(name: str, data: bytes) -> Definitions:
+    try:
+        return parse_schema(name, data.decode())
+    except UnicodeDecodeError:
+        raise SchemaError('its definition is not text') from None
+
+
+def check_topics(topics: Mapping[str, TopicInfo], names: Iterable[str]) -> None:
+    """Raise BagError for a topic that is not in the recording."""
+    for name in names:
+        if name not in topics:
+            close = difflib.get_close_matches(name, topics, _MOST_NAMED, cutoff=0.5)
+            ranked = [*close, *(topic for topic in topics if topic not in close)]
+            raise BagError(f"topic '{name}' is not in the bag: {_listed(ranked)}")
+
+
+def _listed(names: Sequence[str]) -> str:
+    if not names:
+        return 'it has no topics'
+    more = len(names) - _MOST_NAMED
+    rest = f' and {more} more' if more > 0 else ''
+    return f'it has {", ".join(names[:_MOST_NAMED])}{rest}'
+
+
+def check_request(topics: Mapping[str, TopicInfo], request: Request) -> FieldPath:
+    """Check a request against the topics of a recording.
+
+    Args:
+        topics: The topics.
+        request: What is asked for.
+
+    Returns:
+        The path to the number.
+
+    Raises:
+        BagError: The topic is not there, cannot be decoded, or has another type.
+        ConfigurationError: The field is not a path.
+    """
+    path = parse_field(request.field)
+    check_topics(topics, [request.topic])
+    topic = topics[request.topic]
+    if not topic.readable:
+        raise BagError(f"topic '{topic.name}' ({topic.type}) cannot be read: {topic.problem}")
+    if request.type is not None and short_name(request.type) != short_name(topic.type):
+        raise BagError(
+            f"topic '{topic.name}' has type {topic.type} in the bag, not {request.type}"
+        )
+    return path
+
+
+def make_plan(topic: str, schema: Schema, paths: Sequence[FieldPath]) -> Plan:
+    """Make the plan to read numbers of a topic.
+
+    Args:
+        topic: Its name.
+        schema: The definition of its messages.
+        paths: Paths to the numbers.
+
+    Returns:
+        The plan.
+
+    Raises:
+        BagError: A path does not lead to a number, or the definition is unusable.
+    """
+    definitions = _definitions(schema.name, schema.data)
+    for path in paths:
+        try:
+            number_at(definitions, schema.name, path)
+        except SchemaError as error:
+            shown = _shown(path)
+            raise BagError(
+                f"field '{shown}' of topic '{topic}' ({schema.name}) is no number: {error}"
+            ) from None
+    try:
+        return Plan(schema, definitions, paths)
+    except SchemaError as error:
+        raise BagError(f"topic '{topic}' ({schema.name}) cannot be read: {error}") from None
+
+
+def _shown(path: FieldPath) -> str:
+    return ''.join(f'[{s}]' if isinstance(s, int) else f'.{s}' for s in path).removeprefix('.')

@@ -1,0 +1,243 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Writing a rosbag2 folder or a single MCAP file: all of it, or nothing."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import IO
+
+import numpy as np
+from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
+from mcap.writer import CompressionType, Writer
+from numpy.typing import ArrayLike
+
+from stickslip_monitor.errors import BagError
+
+from .cdr import encode_float64s
+from .definitions import MESSAGE_TYPES, MessageType
+from .metadata import FILE_NAME, TopicEntry, render_metadata
+
+# Fixed, so that equal recordings are equal files whatever version wrote them.
+_LIBRARY = 'stickslip_monitor'
+
+_LATEST = (1 << 63) - 1
+_SUFFIX = '.mcap'
+_COMPRESSIONS = {
+    'none': CompressionType.NONE,
+    'lz4': CompressionType.LZ4,
+    'zstd': CompressionType.ZSTD,
+}
+
+
+@dataclass(slots=True)
+class _Topic:
+    channel: int
+    type: str
+    type_hash: str
+    count: int = 0
+
+
+class BagWriter:
+    """Writes a recording, used as a context manager.
+
+    The recording appears under its name when the block ends; if the block raises, nothing stays.
+    Equal input gives equal bytes.  Messages lie in the file in the order they were written.
+    """
+
+    def __init__(
+        self, path: str | Path, compression: str = 'zstd', chunk_size: int = 1 << 20
+    ) -> None:
+        """Choose what to write.
+
+        Args:
+            path: A name ending in ``.mcap`` for a single file, any other for a rosbag2 folder.
+            compression: ``'zstd'``, ``'lz4'`` or ``'none'``.
+            chunk_size: Bytes after which a chunk is closed, before compression.
+
+        Raises:
+            BagError: The path exists already, or the compression is unknown.
+        """
+        self.path = Path(path)
+        if compression not in _COMPRESSIONS:
+            known = ', '.join(_COMPRESSIONS)
+            raise BagError(f"compression '{compression}' is unknown: use one of {known}")
+        self._compression = _COMPRESSIONS[compression]
+        self._chunk_size = chunk_size
+        self._is_file = self.path.suffix == _SUFFIX
+        self._topics: dict[str, _Topic] = {}
+        self._schemas: dict[str, tuple[int, MessageType]] = {}
+        self._start_ns = _LATEST
+        self._end_ns = 0
+        self._refuse_existing()
+
+    def __enter__(self) -> BagWriter:
+        """Begin to write beside the target."""
+        with self._trouble():
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._draft, self._file = self._begin_draft()
+            self._writer = Writer(
+                self._file, chunk_size=self._chunk_size, compression=self._compression
+            )
+            self._writer.start(profile=Profile.ROS2, library=_LIBRARY)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Finish the recording, or remove what there is of it after an error."""
+        try:
+            if kind is None:
+                with self._trouble():
+                    self._finish()
+        finally:
+            self._clear()
+
+    def add_topic(self, name: str, type: str, definition: str | None = None) -> None:
+        """Add a topic.
+
+        Args:
+            name: Its name.
+            type: Its message type, e.g. ``std_msgs/msg/Float64``.
+            definition: The concatenated ``ros2msg`` definition of a type that is not built in.
+
+        Raises:
+            BagError: The topic was added already, or the type needs a definition.
+        """
+        if name in self._topics:
+            raise BagError(f"topic '{name}' was added to bag '{self.path}' already")
+        if type not in self._schemas:
+            self._schemas[type] = self._register(type, definition)
+        schema, message_type = self._schemas[type]
+        metadata = {'offered_qos_profiles': '', 'topic_type_hash': message_type.type_hash}
+        with self._trouble():
+            channel = self._writer.register_channel(name, MessageEncoding.CDR, schema, metadata)
+        self._topics[name] = _Topic(channel, type, message_type.type_hash)
+
+    def write(self, topic: str, log_time_ns: int, data: bytes) -> None:
+        """Write one message.
+
+        Args:
+            topic: A topic that was added.
+            log_time_ns: Log time, also taken as the time of publication [ns].
+            data: The message in CDR.
+
+        Raises:
+            BagError: Unknown topic, a time out of range, or the disk does not take it.
+        """
+        entry = self._entry(topic)
+        if not 0 <= log_time_ns <= _LATEST:
+            raise BagError(
+                f"log time {log_time_ns} ns of topic '{topic}' is not between 0 and {_LATEST}"
+            )
+        with self._trouble():
+            self._writer.add_message(entry.channel, log_time_ns, data, log_time_ns, entry.count)
+        entry.count += 1
+        self._start_ns = min(self._start_ns, log_time_ns)
+        self._end_ns = max(self._end_ns, log_time_ns)
+
+    def write_float64(self, topic: str, log_time_ns: ArrayLike, value: ArrayLike) -> None:
+        """Write ``std_msgs/Float64`` messages of one topic; see :meth:`write_float64s`."""
+        self.write_float64s({topic: (log_time_ns, value)})
+
+    def write_float64s(self, columns: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> None:
+        """Write ``std_msgs/Float64`` messages of several topics, merged by their log times.
+
+        Args:
+            columns: Log times [ns] and values of each topic, two arrays of shape (n,).
+
+        Raises:
+            BagError: As for :meth:`write`, or the two arrays differ in length.
+        """
+        names = list(columns)
+        times = [np.asarray(log_time, np.int64) for log_time, _ in columns.values()]
+        values = [np.asarray(value, np.float64) for _, value in columns.values()]
+        for name, time, value in zip(names, times, values, strict=True):
+            if time.ndim != 1 or time.shape != value.shape:
+                raise BagError(
+                    f"topic '{name}' has {time.size} log times for {value.size} values: write one"
+                    ' value for each time'
+                )
+        owner = np.repeat(np.arange(len(names)), [len(time) for time in times])
+        merged = np.concatenate([np.empty(0, np.int64), *times])
+        data = encode_float64s(np.concatenate([np.empty(0), *values]))
+        for row in np.argsort(merged, kind='stable').tolist():
+            self.write(names[owner[row]], int(merged[row]), data[row])
+
+    def _entry(self, topic: str) -> _Topic:
+        if topic not in self._topics:
+            raise BagError(f"topic '{topic}' was not added to bag '{self.path}'")
+        return self._topics[topic]
+
+    def _register(self, type_name: str, definition: str | None) -> tuple[int, MessageType]:
+        known = MESSAGE_TYPES.get(type_name)
+        if definition is not None:
+            known = MessageType(definition)
+        if known is None:
+            names = ', '.join(MESSAGE_TYPES)
+            raise BagError(f"type '{type_name}' needs a definition: built in are only {names}")
+        with self._trouble():
+            schema = self._writer.register_schema(
+                type_name, SchemaEncoding.ROS2, known.definition.encode()
+            )
+        return schema, known
+
+    def _refuse_existing(self) -> None:
+        if self.path.exists():
+            raise BagError(f"bag '{self.path}' exists already and is not overwritten")
+
+    def _begin_draft(self) -> tuple[Path, IO[bytes]]:
+        for number in itertools.count():
+            draft = self.path.with_name(f'.{self.path.name}.{number}.draft')
+            with contextlib.suppress(FileExistsError):
+                if self._is_file:
+                    return draft, draft.open('xb')
+                draft.mkdir()
+                return draft, (draft / self._file_name).open('xb')
+        raise AssertionError('unreachable: the numbers do not end')
+
+    @property
+    def _file_name(self) -> str:
+        return f'{self.path.name}_0{_SUFFIX}'
+
+    def _finish(self) -> None:
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._file.close()
+        if not self._is_file:
+            topics = [
+                TopicEntry(name, topic.type, topic.type_hash, topic.count)
+                for name, topic in self._topics.items()
+            ]
+            text = render_metadata(
+                self._file_name, min(self._start_ns, self._end_ns), self._end_ns, topics
+            )
+            (self._draft / FILE_NAME).write_text(text, 'utf-8')
+        self._refuse_existing()
+        self._draft.rename(self.path)
+
+    def _clear(self) -> None:
+        # Closing a file on a full disk fails once more; the draft goes either way.
+        with contextlib.suppress(OSError):
+            self._file.close()
+        if self._is_file:
+            self._draft.unlink(missing_ok=True)
+        else:
+            shutil.rmtree(self._draft, ignore_errors=True)
+
+    @contextlib.contextmanager
+    def _trouble(self) -> Iterator[None]:
+        """Say which bag cannot be written."""
+        try:
+            yield
+        except OSError as error:
+            raise BagError(
+                f"bag '{self.path}' cannot be written: {error.strerror or error}"
+            ) from error

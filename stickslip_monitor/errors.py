@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The errors a caller may want to catch: one root, one subclass for each boundary."""
+
+from __future__ import annotations
+
+
+class StickslipError(Exception):
+    """Root of every error this package raises on purpose; its text is one sentence for a user."""
+
+
+class PhysicsError(StickslipError, ValueError):
+    """A model quantity breaks its rule (negative mass, unsorted friction table, ...)."""
+
+
+class ConfigurationError(StickslipError, ValueError):
+    """A configuration file or parameter breaks its rule, or cannot be read."""
+
+
+class BagError(StickslipError):
+    """A recording cannot be opened, read or written."""
+
+
+class SceneError(StickslipError, ValueError):
+    """A scene file breaks its rule, or cannot be read."""
+
+
+class RosError(StickslipError):
+    """The ROS 2 side cannot do what was asked (missing installation, unknown message type)."""

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Paths to one number inside a message: ``data``, ``velocity[0]``, ``wrench.force.z``."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from stickslip_monitor.errors import ConfigurationError
+
+FieldPath = tuple[str | int, ...]
+
+_STEP = re.compile(r'([A-Za-z][A-Za-z0-9_]*)((?:\[\d+\])*)')
+
+
+def parse_field(text: str) -> FieldPath:
+    """Split a field path into attribute names and array indices.
+
+    Args:
+        text: The path as a user writes it, e.g. ``'wrench.force.z'`` or ``'velocity[0]'``.
+
+    Returns:
+        The steps in order, e.g. ``('velocity', 0)``.
+
+    Raises:
+        ConfigurationError: The text is not a path.
+    """
+    steps: list[str | int] = []
+    for part in text.split('.'):
+        match = _STEP.fullmatch(part)
+        if match is None:
+            raise ConfigurationError(
+                f"field '{text}' is not a path to a number: write names joined by dots, an array"
+                " index in brackets, e.g. 'data', 'velocity[0]' or 'wrench.force.z'"
+            )
+        steps.append(match.group(1))
+        steps.extend(int(index) for index in re.findall(r'\d+', match.group(2)))
+    return tuple(steps)
+
+
+def read_field(message: Any, path: FieldPath) -> float:
+    """Follow a path through a decoded message.
+
+    Args:
+        message: Any decoded ROS message.
+        path: Steps from :func:`parse_field`.
+
+    Returns:
+        The number at the end of the path.
+
+    Raises:
+        LookupError: An array is shorter than the index asks for (a fault of this one message).
+        AttributeError, TypeError, ValueError: The path does not lead to a number.
+    """
+    value = message
+    for step in path:
+        value = value[step] if isinstance(step, int) else getattr(value, step)
+    return float(value)

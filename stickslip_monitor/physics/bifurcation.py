@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where stick-slip begins and ends: Hopf and fold boundaries, growth rate, stationary cycles.
+
+The Hopf boundary is where the equilibrium loses its stability, ``N mu'(V) + c = 0``. The fold is
+the last speed (at a load) with a stick-slip cycle under first-order KBM averaging; there the
+unstable cycle meets the sliding limit ``a = V``. Speeds astern mirror speeds ahead. A law with
+several unstable speed ranges is described by its highest Hopf speed.
+
+Conventions of every function: inputs broadcast; a 0-d result comes back as ``float``; ``nan`` says
+that there is no such boundary, ``inf`` that no finite speed or load bounds it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stickslip_monitor.physics import kbm_scan, kbm_stribeck
+from stickslip_monitor.physics.arrays import flatten, mapped
+from stickslip_monitor.physics.friction import Array, FrictionLaw, Stribeck
+from stickslip_monitor.physics.oscillator import Bearing
+
+_CLOSED_FORMS: dict[type, ModuleType] = {Stribeck: kbm_stribeck}
+
+
+def kbm(law: FrictionLaw) -> ModuleType:
+    """The module that solves the averaged equations of a law."""
+    return _CLOSED_FORMS.get(type(law), kbm_scan)
+
+
+def damping_per_load(bearing: Bearing, load: Array) -> Array:
+    """``q = c/N`` [s/m]; ``inf`` where the bearing carries no load."""
+    loaded = load > 0.0
+    return np.where(loaded, bearing.damping / np.where(loaded, load, 1.0), np.inf)
+
+
+def hopf_speed(bearing: Bearing, load: ArrayLike) -> Any:
+    """Hopf speed ``V_H`` [m/s] at a load [N]: below it steady sliding is unstable."""
+    law = bearing.friction
+    return mapped(lambda n: kbm(law).hopf_speed(law, damping_per_load(bearing, n)), load)
+
+
+def fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
+    """Fold speed ``V_F`` [m/s] at a load [N]: above it no stick-slip cycle exists."""
+    law = bearing.friction
+    return mapped(lambda n: kbm(law).fold_speed(law, damping_per_load(bearing, n)), load)
+
+
+def _load_at(bearing: Bearing, slope: Array) -> Array:
+    falling = slope > 0.0
+    return np.where(falling, bearing.damping / np.where(falling, slope, 1.0), np.nan)
+
+
+def hopf_load(bearing: Bearing, speed: ArrayLike) -> Any:
+    """Load [N] above which steady sliding at a surface speed [m/s] is unstable."""
+    return mapped(lambda v: _load_at(bearing, -bearing.friction.slope(v)), speed)
+
+
+def fold_load(bearing: Bearing, speed: ArrayLike) -> Any:
+    """Load [N] above which a stick-slip cycle exists at a surface speed [m/s]."""
+    law = bearing.friction
+    return mapped(lambda v: _load_at(bearing, kbm(law).peak_slope(law, np.abs(v))), speed)
+
+
+def growth_rate(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
+    """Growth rate of a small disturbance of steady sliding, ``(-N mu'(V) - c)/(2 m)`` [1/s].
+
+    Args:
+        bearing: The bearing.
+        speed: Surface speed [m/s].
+        load: Load [N]; a negative one carries no friction.
+    """
+
+    def rate(v: Array, n: Array) -> Array:
+        drive = np.maximum(n, 0.0) * -bearing.friction.slope(v)
+        return (drive - bearing.damping) / (2.0 * bearing.mass)
+
+    return mapped(rate, speed, load)
+
+
+@dataclass(frozen=True, slots=True)
+class StationaryAmplitudes:
+    """Displacement amplitudes of all limit cycles under first-order KBM averaging.
+
+    Attributes:
+        amplitude: Ascending along the last axis and padded with ``nan``, shape of the broadcast
+            inputs plus one axis [m].
+        stable: Whether a disturbance of that cycle dies out; same shape.
+    """
+
+    amplitude: Array
+    stable: NDArray[np.bool_]
+
+
+def stationary_amplitudes(
+    bearing: Bearing, speed: ArrayLike, load: ArrayLike
+) -> StationaryAmplitudes:
+    """Amplitudes ``A`` > 0 at which ``dA/dt = 0``, with their stability.
+
+    Args:
+        bearing: The bearing.
+        speed: Surface speed [m/s].
+        load: Load [N]; broadcasts with ``speed``.
+
+    Returns:
+        All cycles of all points; none at rest, without load or where an input is not finite.
+    """
+    shape, (v, n) = flatten(speed, load)
+    v = np.abs(v)
+    usable = np.isfinite(v) & np.isfinite(n) & (v > 0.0)
+    law = bearing.friction
+    a, stable = kbm(law).cycles(law, v[usable], damping_per_load(bearing, n[usable]))
+    width = a.shape[1]
+    amplitude, stability = np.full((v.size, width), np.nan), np.zeros((v.size, width))
+    amplitude[usable] = a / bearing.natural_frequency
+    stability[usable] = stable
+    used = np.flatnonzero(~np.all(np.isnan(amplitude), axis=0))
+    return StationaryAmplitudes(
+        amplitude[:, used].reshape(*shape, used.size),
+        (stability[:, used] > 0.0).reshape(*shape, used.size),
+    )

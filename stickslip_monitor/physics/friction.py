@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Friction laws: the coefficient of friction as an odd function of the relative speed.
+
+Every law gives, for any array of relative speeds ``v`` [m/s], the coefficient ``mu(v)`` [-] and
+its slope ``d mu / d|v|`` [s/m]. At ``v = 0`` friction is set-valued, ``[-static, static]``; the
+functions return the positive end there and the slope from the right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import PchipInterpolator
+
+from stickslip_monitor.errors import PhysicsError
+from stickslip_monitor.physics.rules import require_finite, require_not_negative, require_positive
+
+Array = NDArray[np.float64]
+
+
+@runtime_checkable
+class FrictionLaw(Protocol):
+    """What the dynamics asks of a friction law."""
+
+    @property
+    def static(self) -> float:
+        """Largest coefficient that sticking can carry [-]."""
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Speeds ``> 0`` at which a quadrature should be split, ascending [m/s]."""
+
+    def coefficient(self, speed: ArrayLike) -> Array:
+        """Coefficient of friction at a relative speed [m/s], an array of its shape."""
+
+    def slope(self, speed: ArrayLike) -> Array:
+        """Slope ``d mu / d|v|`` at a relative speed [m/s], an array of its shape [s/m]."""
+
+
+def _sign(speed: Array) -> Array:
+    return np.where(speed < 0.0, -1.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Stribeck:
+    """Exponential Stribeck law with an optional viscous rise.
+
+    ``mu(v) = sgn(v) (mu_k + (mu_s - mu_k) exp(-beta |v|)) + nu v``
+
+    A kinetic coefficient above the static one is accepted: friction then rises with speed and the
+    equilibrium is stable at every speed.
+
+    Args:
+        static: ``mu_s`` >= 0 [-].
+        kinetic: ``mu_k`` >= 0 [-].
+        decay: ``beta`` > 0 [s/m].
+        viscous: ``nu`` >= 0 [s/m].
+
+    Raises:
+        PhysicsError: A coefficient breaks its rule.
+    """
+
+    static: float
+    kinetic: float
+    decay: float
+    viscous: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_not_negative('static', self.static)
+        require_not_negative('kinetic', self.kinetic)
+        require_positive('decay', self.decay)
+        require_not_negative('viscous', self.viscous)
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Multiples of the decay speed: each panel between them is smooth at any ``beta``."""
+        return tuple(multiple / self.decay for multiple in (1.0, 4.0, 12.0, 40.0))
+
+    def coefficient(self, speed: ArrayLike) -> Array:
+        """See :class:`FrictionLaw`."""
+        v = np.asarray(speed, dtype=float)
+        falling = (self.static - self.kinetic) * np.exp(-self.decay * np.abs(v))
+        return _sign(v) * (self.kinetic + falling) + self.viscous * v
+
+    def slope(self, speed: ArrayLike) -> Array:
+        """See :class:`FrictionLaw`."""
+        v = np.abs(np.asarray(speed, dtype=float))
+        return (
+            self.viscous - (self.static - self.kinetic) * self.decay * np.exp(-self.decay * v)
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Coulomb:
+    """Coulomb's law: ``static`` at rest, ``kinetic`` while sliding.
+
+    Args:
+        static: ``mu_s`` >= 0 [-].
+        kinetic: ``mu_k`` >= 0 [-].
+
+    Raises:
+        PhysicsError: A coefficient breaks its rule.
+    """
+
+    static: float
+    kinetic: float
+
+    def __post_init__(self) -> None:
+        require_not_negative('static', self.static)
+        require_not_negative('kinetic', self.kinetic)
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """None: the law is constant on each side of zero."""
+        return ()
+
+    def coefficient(self, speed: ArrayLike) -> Array:
+        """See :class:`FrictionLaw`."""
+        v = np.asarray(speed, dtype=float)
+        return np.where(v == 0.0, self.static, _sign(v) * self.kinetic)
+
+    def slope(self, speed: ArrayLike) -> Array:
+        """See :class:`FrictionLaw`."""
+        return np.zeros_like(np.asarray(speed, dtype=float))
+
+
+@dataclass(frozen=True, slots=True)
+class Tabulated:
+    """A measured friction curve, joined by the monotone cubic interpolant of Fritsch and Carlson.
+
+    Below the first and above the last measured speed the coefficient stays at its end value, so
+    nothing is claimed that was not measured.
+
+    Args:
+        speed: At least two relative speeds, >= 0 and strictly rising, shape (n,) [m/s].
+        coefficient: The coefficients measured there, >= 0, shape (n,) [-].
+
+    Raises:
+        PhysicsError: A table breaks its rule.
+    """
+
+    speed: tuple[float, ...]
+    values: tuple[float, ...]
+    _curve: PchipInterpolator = field(init=False, repr=False, compare=False)
+    _derivative: PchipInterpolator = field(init=False, repr=False, compare=False)
+
+    def __init__(self, speed: Sequence[float], coefficient: Sequence[float]) -> None:
+        v = _table_column('speed', speed)
+        mu = _table_column('coefficient', coefficient)
+        if len(v) != len(mu):
+            raise PhysicsError(
+                f'friction table has {len(v)} speeds and {len(mu)} coefficients: give one'
+                ' coefficient for each speed'
+            )
+        if len(v) < 2:
+            raise PhysicsError(f'friction table has {len(v)} point: give at least two')
+        falling = np.flatnonzero(np.diff(v) <= 0.0)
+        if falling.size:
+            index = int(falling[0])
+            raise PhysicsError(
+                f'friction table speed[{index + 1}] = {v[index + 1]:g} m/s does not exceed'
+                f' speed[{index}] = {v[index]:g} m/s: speeds must rise strictly'
+            )
+        curve = PchipInterpolator(v, mu, extrapolate=False)
+        for name, value in (
+            ('speed', v),
+            ('values', mu),
+            ('_curve', curve),
+            ('_derivative', curve.derivative()),
+        ):
+            object.__setattr__(self, name, value)
+
+    @property
+    def static(self) -> float:
+        """The coefficient at the slowest measured speed [-]."""
+        return self.values[0]
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """The measured speeds, where the interpolant changes from one cubic to the next."""
+        return tuple(v for v in self.speed if v > 0.0)
+
+    def coefficient(self, speed: ArrayLike) -> Array:
+        """See :class:`FrictionLaw`."""
+        v = np.asarray(speed, dtype=float)
+        inside = np.clip(np.abs(v), self.speed[0], self.speed[-1])
+        return _sign(v) * np.asarray(self._curve(inside), dtype=float)
+
+    def slope(self, speed: ArrayLike) -> Array:
+        """See :class:`FrictionLaw`."""
+        v = np.abs(np.asarray(speed, dtype=float))
+        measured = (v >= self.speed[0]) & (v <= self.speed[-1])
+        inside = np.clip(v, self.speed[0], self.speed[-1])
+        return np.where(measured, np.asarray(self._derivative(inside), dtype=float), 0.0)
+
+
+def _table_column(name: str, values: Sequence[float]) -> tuple[float, ...]:
+    column = tuple(float(value) for value in np.atleast_1d(np.asarray(values, dtype=float)))
+    for index, value in enumerate(column):
+        require_finite(f'friction table {name}[{index}]', value)
+        require_not_negative(f'friction table {name}[{index}]', value)
+    return column

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Boundaries and amplitudes of a bearing with the Stribeck law, from its closed forms.
+
+All functions take the damping for each unit of load, ``q = c/N`` [s/m] (``inf`` without load), as
+an array of shape (n,), and surface speeds ``V`` > 0 [m/s] of the same shape.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import i1e
+
+from stickslip_monitor.physics import stribeck
+from stickslip_monitor.physics.friction import Array, Stribeck
+
+_TINY_SPEED = 1e-200
+
+
+def _damping_number(law: Stribeck, q: Array) -> Array:
+    """``kappa``; ``inf`` where friction does not fall with speed."""
+    fall = (law.static - law.kinetic) * law.decay
+    if fall <= 0.0:
+        return np.full_like(q, np.inf)
+    return (q + law.viscous) / fall
+
+
+def _log_drive(law: Stribeck, q: Array) -> Array:
+    """``-ln kappa``: the dimensionless Hopf speed where it is positive."""
+    with np.errstate(divide='ignore'):
+        return -np.log(_damping_number(law, q))
+
+
+def _where_bounded(number: Array) -> Array:
+    return np.isfinite(number) & (number > 0.0)
+
+
+def hopf_speed(law: Stribeck, q: Array) -> Array:
+    """``V_H = -ln(kappa)/beta`` [m/s]; ``nan`` where there is none, ``inf`` without damping."""
+    number = _log_drive(law, q)
+    return np.where(number > 0.0, number / law.decay, np.nan)
+
+
+def fold_speed(law: Stribeck, q: Array) -> Array:
+    """``V_F`` with ``2 I1e(v)/v = kappa`` [m/s]; ``nan`` and ``inf`` as for the Hopf speed."""
+    number = _log_drive(law, q)
+    result = np.where(number > 0.0, np.inf, np.nan)
+    bounded = _where_bounded(number)
+    result[bounded] = stribeck.speed_for_decline(number[bounded]) / law.decay
+    return result
+
+
+def peak_slope(law: Stribeck, speed: Array) -> Array:
+    """Largest averaged negative slope ``max_a 2 S/a``, reached at the sliding limit [s/m]."""
+    v = law.decay * np.maximum(speed, _TINY_SPEED)
+    fall = (law.static - law.kinetic) * law.decay
+    return fall * 2.0 * i1e(v) / v - law.viscous
+
+
+def amplitudes(law: Stribeck, speed: Array, q: Array, fold: Array) -> tuple[Array, Array]:
+    """Velocity amplitudes of the unstable and of the stable cycle; ``nan`` where there is none.
+
+    Args:
+        law: Friction law.
+        speed: ``V`` > 0 [m/s], shape (n,).
+        q: ``c/N`` [s/m], shape (n,).
+        fold: The fold speed at ``q`` [m/s], shape (n,).
+
+    Returns:
+        Threshold and stick-slip amplitude [m/s], each of shape (n,).
+    """
+    threshold, stable = np.full_like(speed, np.nan), np.full_like(speed, np.nan)
+    inside = speed < fold
+    v, kappa = law.decay * speed[inside], _damping_number(law, q[inside])
+    if v.size:
+        ratio = law.kinetic / (law.static - law.kinetic)
+        alpha = stribeck.stable_amplitude(v, kappa, ratio)
+        stable[inside] = np.maximum(alpha / law.decay, speed[inside])
+    rise = law.decay * speed - _log_drive(law, q)
+    inside &= rise > 0.0
+    alpha = stribeck.amplitude_for_growth(rise[inside])
+    threshold[inside] = np.minimum(alpha / law.decay, speed[inside])
+    return threshold, stable
+
+
+def cycles(law: Stribeck, speed: Array, q: Array) -> tuple[Array, Array]:
+    """Every cycle's velocity amplitude, ascending and padded with ``nan``, and its stability.
+
+    Returns:
+        Amplitudes [m/s] and stability (1.0 stable, 0.0 unstable), both of shape (n, 2).
+    """
+    pair = np.stack(amplitudes(law, speed, q, fold_speed(law, q)), axis=1)
+    order = np.argsort(pair, axis=1, kind='stable')
+    stable = np.broadcast_to([0.0, 1.0], pair.shape)
+    return np.take_along_axis(pair, order, 1), np.take_along_axis(stable, order, 1)
+
+
+def equilibrium_is_unstable(law: Stribeck, speed: Array, q: Array, hopf: Array) -> NDArray[np.bool_]:
+    """Where a small disturbance grows; told by the Hopf speed, which cannot underflow."""
+    return speed < hopf

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bearing: one mass on a spring and a damper, rubbed by the journal surface passing below it.
+
+``m x'' + c x' + k x = N mu(V - x')`` with the journal's surface speed ``V`` and the load ``N``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from stickslip_monitor.errors import PhysicsError
+from stickslip_monitor.physics.friction import Array, FrictionLaw
+from stickslip_monitor.physics.rules import require_not_negative, require_positive
+
+SPEED_UNITS = ('rpm', 'rad/s', 'Hz', 'm/s')
+
+
+@dataclass(frozen=True, slots=True)
+class BearingSpeed:
+    """Conversions between a shaft's rate of turning and its journal's surface speed.
+
+    Args:
+        journal_diameter: Diameter of the journal in the bearing, > 0 [m].
+
+    Raises:
+        PhysicsError: The diameter breaks its rule.
+    """
+
+    journal_diameter: float
+
+    def __post_init__(self) -> None:
+        require_positive('journal_diameter', self.journal_diameter, 'm')
+
+    def factor(self, unit: str) -> float:
+        """Surface speed [m/s] of one unit of shaft speed.
+
+        Args:
+            unit: ``'rpm'``, ``'rad/s'``, ``'Hz'`` (revolutions a second) or ``'m/s'``.
+
+        Raises:
+            PhysicsError: The unit is none of these.
+        """
+        factors = {
+            'rpm': math.pi * self.journal_diameter / 60.0,
+            'rad/s': self.journal_diameter / 2.0,
+            'Hz': math.pi * self.journal_diameter,
+            'm/s': 1.0,
+        }
+        if unit not in factors:
+            raise PhysicsError(f"speed unit '{unit}' is not one of {', '.join(SPEED_UNITS)}")
+        return factors[unit]
+
+    def to_surface(self, value: ArrayLike, unit: str) -> Array:
+        """Surface speed [m/s] of a shaft speed in the given unit; any shape."""
+        return np.multiply(value, self.factor(unit))
+
+    def from_surface(self, speed: ArrayLike, unit: str) -> Array:
+        """Shaft speed in the given unit of a surface speed [m/s]; any shape."""
+        return np.divide(speed, self.factor(unit))
+
+
+@dataclass(frozen=True, slots=True)
+class Bearing:
+    """A water-lubricated bearing as the mass-spring-belt model sees it.
+
+    Args:
+        mass: Moving mass of the lining ``m`` > 0 [kg].
+        damping: ``c`` >= 0 [N s/m].
+        stiffness: ``k`` > 0 [N/m].
+        friction: The friction law between lining and journal.
+        journal_diameter: ``D`` > 0 [m].
+
+    Raises:
+        PhysicsError: A quantity breaks its rule.
+    """
+
+    mass: float
+    damping: float
+    stiffness: float
+    friction: FrictionLaw
+    journal_diameter: float
+
+    def __post_init__(self) -> None:
+        require_positive('mass', self.mass, 'kg')
+        require_not_negative('damping', self.damping, 'N s/m')
+        require_positive('stiffness', self.stiffness, 'N/m')
+        require_positive('journal_diameter', self.journal_diameter, 'm')
+        if not isinstance(self.friction, FrictionLaw):
+            raise PhysicsError(
+                f'friction = {self.friction!r} must be a friction law: Stribeck, Coulomb or'
+                ' Tabulated'
+            )
+
+    @classmethod
+    def from_torsional(
+        cls,
+        inertia: float,
+        torsional_damping: float,
+        torsional_stiffness: float,
+        friction: FrictionLaw,
+        journal_radius: float,
+    ) -> Bearing:
+        """The same bearing from the lining's torsional quantities about the shaft's axis.
+
+        With ``x = R phi`` the moment balance ``J phi'' + c_t phi' + k_t phi = N mu R`` becomes
+        the translational one with ``m = J/R^2``, ``c = c_t/R^2``, ``k = k_t/R^2``.
+
+        Args:
+            inertia: ``J`` > 0 [kg m^2].
+            torsional_damping: ``c_t`` >= 0 [N m s/rad].
+            torsional_stiffness: ``k_t`` > 0 [N m/rad].
+            friction: The friction law between lining and journal.
+            journal_radius: ``R`` > 0 [m].
+
+        Raises:
+            PhysicsError: A quantity breaks its rule.
+        """
+        require_positive('inertia', inertia, 'kg m^2')
+        require_not_negative('torsional_damping', torsional_damping, 'N m s/rad')
+        require_positive('torsional_stiffness', torsional_stiffness, 'N m/rad')
+        require_positive('journal_radius', journal_radius, 'm')
+        square = journal_radius * journal_radius
+        return cls(
+            mass=inertia / square,
+            damping=torsional_damping / square,
+            stiffness=torsional_stiffness / square,
+            friction=friction,
+            journal_diameter=2.0 * journal_radius,
+        )
+
+    @property
+    def natural_frequency(self) -> float:
+        """``omega = sqrt(k/m)`` [rad/s]."""
+        return math.sqrt(self.stiffness / self.mass)
+
+    @property
+    def damping_ratio(self) -> float:
+        """``zeta = c / (2 sqrt(k m))`` [-]."""
+        return self.damping / (2.0 * math.sqrt(self.stiffness * self.mass))
+
+    @property
+    def speed(self) -> BearingSpeed:
+        """Conversions between shaft speed and this bearing's surface speed."""
+        return BearingSpeed(self.journal_diameter)
+
+    def equilibrium(self, speed: ArrayLike, load: ArrayLike) -> Array:
+        """Deflection of steady sliding ``x_e = N mu(V) / k`` [m]; inputs broadcast.
+
+        Args:
+            speed: Journal surface speed ``V`` [m/s].
+            load: Bearing load ``N`` [N].
+        """
+        coefficient = self.friction.coefficient(speed)
+        return np.asarray(load, dtype=float) * coefficient / self.stiffness

@@ -1,0 +1,337 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What pip and colcon install, and whether colcon's verdict on the tests can be believed."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import sysconfig
+import zipfile
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+NAME = 'stickslip_monitor'
+SHARE = Path('share') / NAME
+MARKER = Path('share/ament_index/resource_index/packages') / NAME
+PIP = (sys.executable, '-m', 'pip', '--quiet', '--disable-pip-version-check')
+WAIT_FOR_DIAGNOSTICS = """
+import time
+import rclpy
+rclpy.init()
+node = rclpy.create_node('onlooker')
+limit = time.monotonic() + 30.0
+while not node.get_publishers_info_by_topic('/diagnostics'):
+    assert time.monotonic() < limit, 'nothing publishes /diagnostics'
+    time.sleep(0.05)
+"""
+LEFT_BEHIND = shutil.ignore_patterns(
+    '.git', '.venv', 'build', 'dist', 'install', 'log', '*.egg-info', '__pycache__', '.*_cache'
+)
+
+
+def environment(extra: dict[str, str] | None = None) -> dict[str, str]:
+    """Return the environment without what an outer pytest or another colcon has put there."""
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(('PYTEST_', 'COLCON_'))}
+    tools = os.pathsep.join([sysconfig.get_path('scripts'), kept.get('PATH', os.defpath)])
+    return kept | {'PATH': tools} | (extra or {})
+
+
+def run(
+    *command: object, cwd: Path, check: bool = True, env: dict[str, str] | None = None
+) -> tuple[int, str]:
+    """Return a command's exit code and output; with `check`, fail unless it went well."""
+    done = subprocess.run(
+        [str(part) for part in command],
+        cwd=cwd,
+        env=environment(env),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=300,
+    )
+    assert not check or done.returncode == 0, done.stdout
+    return done.returncode, done.stdout
+
+
+def launch_configs() -> set[Path]:
+    files = (path.relative_to(ROOT) for path in (ROOT / 'launch_configs').rglob('*'))
+    return {path for path in files if (ROOT / path).is_file() and '__pycache__' not in path.parts}
+
+
+@pytest.fixture(scope='module')
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Copy the package, so that building leaves no trace in the tree."""
+    target = tmp_path_factory.mktemp('workspace') / 'src' / NAME
+    shutil.copytree(ROOT, target, ignore=LEFT_BEHIND)
+    return target
+
+
+# --- the manifest ------------------------------------------------------------------------------
+
+
+def test_manifest_keeps_the_rules_of_format_3() -> None:
+    package = pytest.importorskip('catkin_pkg.package')
+    warnings: list[str] = []
+    manifest = package.parse_package(str(ROOT), warnings=warnings)
+    assert warnings == []
+    assert manifest.package_format == 3
+    assert manifest.name == NAME
+    assert manifest.licenses == ['Apache-2.0']
+    assert manifest.get_build_type() == 'ament_python'
+
+
+def imported() -> set[str]:
+    """Return the top-level names of all that the package imports from outside itself."""
+    found = set()
+    for path in (ROOT / NAME).rglob('*.py'):
+        for node in ast.walk(ast.parse(path.read_text('utf-8'))):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.split('.')[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                found.add(str(node.module).split('.')[0])
+    return found - sys.stdlib_module_names - {NAME}
+
+
+def test_every_import_is_a_declared_dependency() -> None:
+    in_manifest = {
+        'lz4': 'mcap-ros2-support',
+        'matplotlib': 'python3-matplotlib',
+        'mcap': 'mcap-ros2-support',
+        'mcap_ros2': 'mcap-ros2-support',
+        'numpy': 'python3-numpy',
+        'rich': 'python3-rich',
+        'scipy': 'python3-scipy',
+        'yaml': 'python3-yaml',
+        'zstandard': 'mcap-ros2-support',
+    }
+    for_pip = {'mcap_ros2': 'mcap-ros2-support', 'yaml': 'PyYAML', 'rclpy': 'ros-kilted-rclpy'}
+    manifest = ElementTree.parse(ROOT / 'package.xml')
+    declared = {element.text for element in manifest.iter('exec_depend')}
+    listed = (ROOT / 'setup.py').read_text('utf-8')
+    for name in imported():
+        assert in_manifest.get(name, name) in declared
+        of_ros = name.endswith(('_msgs', '_interfaces'))
+        distribution = f'ros-kilted-{name.replace("_", "-")}' if of_ros else name
+        assert f"'{for_pip.get(name, distribution)}" in listed
+
+
+def test_versions_agree() -> None:
+    _, printed = run(sys.executable, '-W', 'ignore', 'setup.py', '--version', cwd=ROOT)
+    lines = (ROOT / 'CHANGELOG.rst').read_text('utf-8').splitlines()
+    sections = [above for above, below in pairwise(lines) if below and set(below) == {'-'}]
+    newest = next(title for title in sections if title != 'Forthcoming').split()[0]
+    manifest = ElementTree.parse(ROOT / 'package.xml').findtext('version')
+    assert printed.split()[-1] == manifest == newest
+
+
+# --- pip ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope='module')
+def wheel(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build a wheel with the setuptools that is there: a test needs no network."""
+    setuptools = pytest.importorskip('setuptools')
+    builtin = tuple(map(int, setuptools.__version__.split('.')[:2])) >= (70, 1)
+    if not builtin and importlib.util.find_spec('wheel') is None:
+        pytest.skip('setuptools before 70.1 builds wheels only with the package "wheel"')
+    target = tmp_path_factory.mktemp('wheel')
+    run(*PIP, 'wheel', '--no-deps', '--no-build-isolation', '-w', target, source, cwd=target)
+    (built,) = target.glob('*.whl')
+    return built
+
+
+def test_wheel_holds_the_package_and_its_share_and_no_more(wheel: Path) -> None:
+    inside = {Path(name) for name in zipfile.ZipFile(wheel).namelist()}
+    modules = {path.relative_to(ROOT) for path in (ROOT / NAME).rglob('*.py')}
+    assert modules | {Path(NAME, 'py.typed')} == {p for p in inside if p.parts[0] == NAME}
+    shared = {Path(*p.parts[2:]) for p in inside if p.parts[0].endswith('.data')}
+    assert shared == {MARKER, SHARE / 'package.xml'} | {SHARE / p for p in launch_configs()}
+    assert any(path.name == 'LICENSE' for path in inside)
+    tops = {path.parts[0].rpartition('.')[2] for path in inside}
+    assert tops == {NAME, 'data', 'dist-info'}
+
+
+def test_pip_puts_both_commands_on_the_path(wheel: Path, tmp_path: Path) -> None:
+    into = ('--no-deps', '--ignore-installed', '--prefix', tmp_path)
+    run(*PIP, 'install', *into, wheel, cwd=tmp_path)
+    scripts = {path.name for path in tmp_path.rglob('*bin/*')}
+    assert {'monitor', 'stickslip'} <= scripts
+
+
+# --- colcon ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """A colcon workspace that holds this package alone."""
+
+    root: Path
+
+    def colcon(self, *arguments: object, check: bool = True) -> tuple[int, str]:
+        start = 'from colcon_core.command import main; raise SystemExit(main())'
+        logs = ('--log-base', self.root / 'log')
+        return run(sys.executable, '-c', start, *logs, *arguments, cwd=self.root, check=check)
+
+    def test(self, *pytest_args: str) -> tuple[int, str]:
+        """Run a part of the suite, and return the verdict of `colcon test-result` on it.
+
+        The exit code of `colcon test` is 0 whatever its tests do, so it says nothing.
+        """
+        for old in (self.root / 'build').rglob('pytest.xml'):
+            old.unlink()
+        self.colcon('test', '--pytest-args', *pytest_args)
+        assert list((self.root / 'build').rglob('pytest.xml')), 'colcon ran no test'
+        return self.colcon('test-result', '--verbose', check=False)
+
+
+@pytest.fixture(scope='module')
+def workspace(source: Path) -> Workspace:
+    pytest.importorskip('colcon_ros')
+    built = Workspace(source.parents[1])
+    built.colcon('build')
+    return built
+
+
+def test_colcon_installs_what_ros2_run_and_launch_look_for(workspace: Workspace) -> None:
+    prefix = workspace.root / 'install' / NAME
+    for executable in ('monitor', 'stickslip'):
+        assert os.access(prefix / 'lib' / NAME / executable, os.X_OK)
+    assert (prefix / MARKER).is_file()
+    for path in {Path('package.xml')} | launch_configs():
+        assert (prefix / SHARE / path).read_bytes() == (ROOT / path).read_bytes()
+    # `ros2 launch` searches the share by name, and refuses a name that it finds twice.
+    assert len(list((prefix / SHARE).rglob('monitor.launch.py'))) == 1
+
+
+def test_installed_command_runs_in_the_sourced_workspace(workspace: Workspace) -> None:
+    where = f'{sys.executable} -c "import {NAME}; print({NAME}.__file__)"'
+    command = f'install/{NAME}/lib/{NAME}/stickslip --help'
+    script = f'. install/setup.sh && {where} && {command}'
+    _, printed = run('sh', '-c', script, cwd=workspace.root)
+    found, _, usage = printed.partition('\n')
+    assert Path(found).is_relative_to(workspace.root / 'install')
+    assert 'assess' in usage
+
+
+def test_installed_node_comes_up_and_stops_on_ctrl_c(workspace: Workspace) -> None:
+    pytest.importorskip('rclpy')
+    # Domains above 100 would need ports that the system may have lent to others.
+    domain = str(1 + os.getpid() % 100)
+    apart = {'ROS_DOMAIN_ID': domain, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    prefix = Path('install') / NAME
+    config = prefix / SHARE / 'launch_configs' / 'reference_bearing.yaml'
+    node = f'{prefix}/lib/{NAME}/monitor --ros-args --params-file {config}'
+    started = subprocess.Popen(
+        ['sh', '-c', f'. install/setup.sh && exec {node}'],
+        cwd=workspace.root,
+        env=environment(apart),
+    )
+    try:
+        run(sys.executable, '-c', WAIT_FOR_DIAGNOSTICS, cwd=workspace.root, env=apart)
+        started.send_signal(signal.SIGINT)
+        assert started.wait(20.0) == 0
+    finally:
+        started.kill()
+        started.wait()
+
+
+def test_verdict_of_colcon_is_that_of_the_tests(workspace: Workspace, source: Path) -> None:
+    code, printed = workspace.test('test/test_packaging.py', '-k', 'versions')
+    assert code == 0, printed
+    assert '1 test, 0 errors, 0 failures, 0 skipped' in printed
+
+    planted = source / 'test' / 'test_planted.py'
+    planted.write_text('def test_planted():\n    assert False\n', 'utf-8')
+    try:
+        code, printed = workspace.test('test/test_planted.py')
+    finally:
+        planted.unlink()
+    assert code != 0
+    assert 'test_planted' in printed
+
+
+# --- the launch file ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Stands for an object of `launch`: the name of its class and what it was made from."""
+
+    kind: str
+    args: tuple[Any, ...]
+    kwargs: dict[str, Any] = field(default_factory=dict)
+
+    def __iter__(self) -> Any:
+        """Go through this object and everything that it was made from."""
+        yield self
+        waiting: list[Any] = [*self.args, *self.kwargs.values()]
+        while waiting:
+            part = waiting.pop()
+            if isinstance(part, Recorded):
+                yield from part
+            elif isinstance(part, (list, tuple)):
+                waiting += part
+            elif isinstance(part, dict):
+                waiting += part.values()
+
+
+class Recorder(ModuleType):
+    """Stands for a module of `launch`: each of its names makes a `Recorded`."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith('__'):
+            raise AttributeError(name)
+        return lambda *args, **kwargs: Recorded(name, args, kwargs)
+
+
+@pytest.fixture
+def description(monkeypatch: pytest.MonkeyPatch) -> Recorded:
+    """Return what the launch file describes, recorded: `launch` itself is not on PyPI.
+
+    A machine with a ROS 2 installation has it; the tests must say the same everywhere.
+    """
+    for name in ('launch', 'launch_ros'):
+        monkeypatch.setitem(sys.modules, name, Recorder(name))
+        for part in ('actions', 'substitutions', 'parameter_descriptions'):
+            monkeypatch.setitem(sys.modules, f'{name}.{part}', Recorder(f'{name}.{part}'))
+    path = ROOT / 'launch_configs' / 'monitor.launch.py'
+    spec = importlib.util.spec_from_file_location('monitor_launch', path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    described = module.generate_launch_description()
+    assert isinstance(described, Recorded)
+    return described
+
+
+def test_launch_file_starts_the_installed_node(description: Recorded) -> None:
+    (node,) = (part for part in description if part.kind == 'Node')
+    assert node.kwargs['package'] == NAME
+    assert node.kwargs['executable'] == 'monitor'
+
+
+def test_launch_file_declares_the_arguments_it_uses(description: Recorded) -> None:
+    declared = [part.args[0] for part in description if part.kind == 'DeclareLaunchArgument']
+    used = {part.args[0] for part in description if part.kind == 'LaunchConfiguration'}
+    assert sorted(declared) == ['config', 'log_level', 'namespace', 'use_sim_time']
+    assert used == set(declared)
+
+
+def test_launch_file_defaults_to_a_parameter_file_that_is_installed(description: Recorded) -> None:
+    (path,) = (part for part in description if part.kind == 'PathJoinSubstitution')
+    share, *inside = path.args[0]
+    assert share == Recorded('FindPackageShare', (NAME,))
+    assert Path(*inside) in launch_configs()
