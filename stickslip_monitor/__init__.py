@@ -3,6 +3,9 @@
 
 from stickslip_monitor.errors import StickslipError
 from stickslip_monitor.monitor.assessment import Assessment, Outcome, Regime, assess
+from stickslip_monitor.monitor.config import MonitorConfig, build_config
+from stickslip_monitor.monitor.monitor import Monitor
+from stickslip_monitor.monitor.signals import Sample, Stream
 from stickslip_monitor.physics.averaging import amplitude_rate
 from stickslip_monitor.physics.bifurcation import (
     StationaryAmplitudes,
@@ -15,5 +18,32 @@ from stickslip_monitor.physics.bifurcation import (
 )
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
 from stickslip_monitor.physics.oscillator import Bearing, BearingSpeed
+
+__all__ = [
+    'Assessment',
+    'Bearing',
+    'BearingSpeed',
+    'Coulomb',
+    'FrictionLaw',
+    'Monitor',
+    'MonitorConfig',
+    'Outcome',
+    'Regime',
+    'Sample',
+    'StationaryAmplitudes',
+    'StickslipError',
+    'Stream',
+    'Stribeck',
+    'Tabulated',
+    'amplitude_rate',
+    'assess',
+    'build_config',
+    'fold_load',
+    'fold_speed',
+    'growth_rate',
+    'hopf_load',
+    'hopf_speed',
+    'stationary_amplitudes',
+]
 
 __version__ = '0.1.0'

@@ -6,10 +6,11 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
+import numpy as np
 from mcap.opcode import Opcode
 
 from .blocks import Loaded
-from .records import HEAD, MESSAGE_HEAD, PAYLOAD, scan
+from .records import HEAD, MESSAGE_HEAD, PAYLOAD, Contents, scan
 from .values import IntArray
 from .views import view
 
@@ -41,6 +42,32 @@ def find_entries(loaded: Loaded, channels: Collection[int]) -> list[Entries]:
     if found is None:
         found = _from_scan(loaded.data, channels)
     return [entries for entries in found if len(entries.offset)]
+
+
+def list_contents(loaded: Loaded) -> Contents:
+    """List all records of a block, stepping only through what its message index leaves out."""
+    found = _from_index(loaded, loaded.block.index)
+    if not found:
+        return scan(loaded.data)
+    channel = np.concatenate([np.full(len(e.offset), e.channel, np.int64) for e in found])
+    log_time = np.concatenate([entries.log_time_ns for entries in found])
+    begin = np.concatenate([entries.offset for entries in found]) - PAYLOAD
+    end = begin + PAYLOAD + np.concatenate([entries.size for entries in found])
+    contents = Contents(channel, log_time, begin, len(loaded.data))
+    for start, stop in _gaps(np.sort(begin), np.sort(end), len(loaded.data)):
+        part = scan(loaded.data[start:stop])
+        if len(part.channel):
+            return scan(loaded.data)
+        contents.schemas.update(part.schemas)
+        contents.channels.update(part.channels)
+    return contents
+
+
+def _gaps(begin: IntArray, end: IntArray, size: int) -> list[tuple[int, int]]:
+    """Find what lies between records that begin and end at sorted offsets."""
+    starts, stops = np.append(0, end), np.append(begin, size)
+    apart = stops > starts
+    return list(zip(starts[apart].tolist(), stops[apart].tolist(), strict=True))
 
 
 def _from_index(loaded: Loaded, channels: Collection[int]) -> list[Entries] | None:

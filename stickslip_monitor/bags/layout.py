@@ -150,29 +150,31 @@ class Gather:
         found: dict[tuple[int, int], NDArray[Any]] = {}
         place: int | IntArray = 0
         for number, token in enumerate(layout.tokens):
-            elements = [element for index, element in layout.targets if index == number]
-            if token.kind is Kind.NUMBERS:
-                place = _align(place, token.item_size)
-                for element in elements:
-                    spot = place + element * token.item_size
-                    found[number, element] = self._fetch(token.code, spot)
-                place = place + token.count * token.item_size
-                continue
-            place = _align(place, 4)
-            length = self._fetch('u4', place).astype(np.int64)
-            place = place + 4
-            if token.kind is Kind.TEXT:
-                self._check_text(place, length)
-                place = place + length
-                continue
-            begin = _align(place, token.item_size)
-            for element in elements:
-                self.sound &= element < length
-                spot = begin + element * token.item_size
-                found[number, element] = self._fetch(token.code, spot)
-            place = np.where(length > 0, begin + length * token.item_size, place)
+            begin, place, length = self._enter(token, place)
+            for target in layout.targets:
+                if target[0] == number:
+                    self.sound &= target[1] < length
+                    spot = begin + target[1] * token.item_size
+                    found[target] = self._fetch(token.code, spot)
+            end = begin + length * token.item_size
+            # Nothing is aligned for the items of a sequence that has none.
+            place = np.where(length > 0, end, place) if token.kind is Kind.SEQUENCE else end
         self.sound &= place <= self.size
         return [found[target] for target in layout.targets]
+
+    def _enter(
+        self, token: Token, place: int | IntArray
+    ) -> tuple[int | IntArray, int | IntArray, int | IntArray]:
+        """Find the first item of a token, the end of its length field, and how many items."""
+        if token.kind is Kind.NUMBERS:
+            begin = _align(place, token.item_size)
+            return begin, begin, token.count
+        place = _align(place, 4)
+        length = self._fetch('u4', place).astype(np.int64)
+        place = place + 4
+        if token.kind is Kind.TEXT:
+            self._check_text(place, length)
+        return _align(place, token.item_size), place, length
 
     def _fetch(self, code: str, place: int | IntArray) -> NDArray[Any]:
         # A byte that is neither 0 nor 1 is still a bool, but not one numpy can hold.

@@ -57,7 +57,14 @@ def read_metadata(folder: Path) -> Metadata | str:
         return f"folder '{folder}' has no {FILE_NAME}"
     except OSError as error:
         return f"'{path}' cannot be read: {error.strerror}"
-    except (yaml.YAMLError, UnicodeDecodeError, LookupError, TypeError, ValueError):
+    except (
+        yaml.YAMLError,
+        UnicodeDecodeError,
+        LookupError,
+        TypeError,
+        ValueError,
+        AttributeError,
+    ):
         return f"'{path}' is not rosbag2 metadata"
 
 

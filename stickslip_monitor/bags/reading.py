@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from stickslip_monitor.monitor.fields import FieldPath
 
-from .blocks import Block, DamagedBlock
 from .ahead import load_ahead
+from .blocks import Block, DamagedBlock
 from .columns import Order, Ranked, Strand, make_table, take_block
 from .plan import Plan
 from .scan import FileScan

@@ -17,11 +17,12 @@ from mcap.summary import Summary
 
 from stickslip_monitor.errors import BagError
 
-from .blocks import Block, DamagedBlock, Kind, Loaded, load
-from .records import MAGIC, Place, scan, walk
+from .blocks import Block, DamagedBlock, Kind, load
+from .entries import list_contents
+from .records import MAGIC, Place, walk
 from .summary import read_summary
 from .survey import blocks_of
-from .values import Cut, IntArray
+from .values import Cut
 
 
 @dataclass(slots=True)
@@ -153,44 +154,24 @@ def _cut_text(result: FileScan, section: _Section, from_chunk: int) -> str:
 
 
 def _tally(result: FileScan, block: Block) -> None:
-    """Count a block's messages, from its index where that is enough, and keep the block."""
+    """Count a block's messages, take its definitions, and keep it."""
     try:
         loaded = load(block)
     except DamagedBlock as damage:
         if block.kind is not Kind.CUT_CHUNK:
             result.warnings.append(str(damage))
         return
-    channel, log_time = _indexed(result, loaded) or _scanned(result, loaded)
-    if not len(channel):
+    contents = list_contents(loaded)
+    result.schemas.update(contents.schemas)
+    result.channels.update(contents.channels)
+    if not len(contents.channel):
         return
-    ids, counts = np.unique(channel, return_counts=True)
+    ids, counts = np.unique(contents.channel, return_counts=True)
     result.counts.update(dict(zip(ids.tolist(), counts.tolist(), strict=True)))
-    start, end = int(log_time.min()), int(log_time.max())
+    start, end = int(contents.log_time_ns.min()), int(contents.log_time_ns.max())
     result.start_ns = start if result.start_ns is None else min(start, result.start_ns)
     result.end_ns = end if result.end_ns is None else max(end, result.end_ns)
     result.blocks.append(dataclasses.replace(block, start_ns=start, end_ns=end))
-
-
-def _indexed(result: FileScan, loaded: Loaded) -> tuple[IntArray, IntArray] | None:
-    """Read channels and times from the index; None where the block must be looked through."""
-    if not loaded.block.index or not loaded.block.index.keys() <= result.channels.keys():
-        return None
-    times: list[IntArray] = []
-    ids: list[IntArray] = []
-    for channel in loaded.block.index:
-        entries = loaded.indexed(channel)
-        if entries is None:
-            return None
-        times.append(entries[0])
-        ids.append(np.full(len(entries[0]), channel, np.int64))
-    return np.concatenate(ids), np.concatenate(times)
-
-
-def _scanned(result: FileScan, loaded: Loaded) -> tuple[IntArray, IntArray]:
-    contents = scan(loaded.data)
-    result.schemas.update(contents.schemas)
-    result.channels.update(contents.channels)
-    return contents.channel, contents.log_time_ns
 
 
 @dataclass(slots=True)

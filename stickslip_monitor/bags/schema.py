@@ -28,6 +28,9 @@ NUMBERS: Mapping[str, str] = {
 }
 TEXTS = ('string', 'wstring')
 
+# CDR counts items with 32 bits.
+_LONGEST_SEQUENCE = (1 << 32) - 1
+
 _TYPE = re.compile(r'(?P<base>[\w/]+)(?:<=\d+)?(?P<array>\[(?:<=)?\d*\])?')
 _SEPARATOR = re.compile(r'^={3,}$', re.MULTILINE)
 
@@ -146,8 +149,9 @@ def _check_element(field: Field, steps: list[str | int]) -> None:
             f"'{field.name}' is a {field.text}: name an element, e.g. {field.name}[0]"
         )
     index = steps.pop(0)
-    limit = field.size if field.size is not None else field.bound
-    if limit is not None and isinstance(index, int) and index >= limit:
+    limits = (field.size, field.bound, _LONGEST_SEQUENCE)
+    limit = next(limit for limit in limits if limit is not None)
+    if isinstance(index, int) and index >= limit:
         raise SchemaError(f"'{field.name}' is a {field.text}, which has no element {index}")
 
 

@@ -101,7 +101,7 @@ class BagWriter:
         finally:
             self._clear()
 
-    def add_topic(self, name: str, type: str, definition: str | None = None) -> None:
+    def add_topic(self, name: str, type: str, definition: str | None = None) -> None:  # noqa: A002
         """Add a topic.
 
         Args:

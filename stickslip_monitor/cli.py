@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command line ``stickslip``: one thin door to the commands.
+
+Exit codes: 0 all is fine, 1 warnings were found, 2 bad input.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+from stickslip_monitor import __version__
+from stickslip_monitor.errors import StickslipError
+
+COMMANDS = {
+    'assess': 'assess one operating point',
+    'check': 'run the monitor over recorded bags',
+    'diagram': 'draw the bifurcation diagram over speed',
+    'map': 'draw the stability map over speed and load',
+    'play': 'publish a bag to ROS 2, with /clock',
+    'simulate': 'make a bag from a scene file',
+}
+
+
+def _parser(asked: str | None) -> argparse.ArgumentParser:
+    """The parser; only the asked command's module is imported."""
+    parser = argparse.ArgumentParser(
+        prog='stickslip',
+        description="Predicts stick-slip of ships' stern bearings from shaft speed and load.",
+        epilog='Exit codes: 0 fine, 1 warnings found, 2 bad input.',
+    )
+    parser.add_argument('--version', action='version', version=f'stickslip {__version__}')
+    commands = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
+    for name, text in COMMANDS.items():
+        module = importlib.import_module(_module(name)) if name == asked else None
+        command = commands.add_parser(
+            name,
+            help=text,
+            description=module.__doc__ if module else text,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        if module is not None:
+            module.add_arguments(command)
+            command.set_defaults(run=module.run)
+    return parser
+
+
+def _module(command: str) -> str:
+    return f'stickslip_monitor.commands.{command}'
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command.
+
+    Args:
+        argv: Arguments without the program's name; those of the process if ``None``.
+
+    Returns:
+        The exit code.
+    """
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    asked = next((a for a in arguments if not a.startswith('-')), None)
+    args = _parser(asked).parse_args(arguments)
+    try:
+        code: int = args.run(args)
+        sys.stdout.flush()
+        return code
+    except StickslipError as error:
+        print(f'ERROR: {error}', file=sys.stderr)  # noqa: T201
+        return 2
+    except BrokenPipeError:
+        # The reader (head, less) has gone: nothing is wrong, and nothing more can be said.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt:
+        return 130
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads a ROS 2 parameter file (``/**: ros__parameters:``) without needing ROS."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Hashable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.monitor.config import MonitorConfig, build_config
+
+NODE_NAME = 'stickslip_monitor'
+_ROS_OWN = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML as ROS 2 reads it: ``2.0e6`` is a number, and a key given twice is an error."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen: set[Any] = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)  # type: ignore[no-untyped-call]
+            if key in seen:
+                raise yaml.MarkedYAMLError(
+                    problem=f"key '{key}' is given twice", problem_mark=key_node.start_mark
+                )
+            seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+# PyYAML follows YAML 1.1, whose numbers need a dot and a signed exponent; ROS 2 does not.
+_Loader.add_implicit_resolver(
+    'tag:yaml.org,2002:float',
+    re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$'),
+    list('-+.0123456789'),
+)
+
+
+def load_yaml(path: str | Path) -> Any:
+    """Parse one YAML file.
+
+    Raises:
+        ConfigurationError: It cannot be read or is not YAML; the text names file, line and fault.
+    """
+    try:
+        text = Path(path).read_text(encoding='utf-8')
+        return yaml.load(text, _Loader)  # noqa: S506 (a SafeLoader)
+    except OSError as error:
+        raise ConfigurationError(f'{path}: {error.strerror or error}') from error
+    except UnicodeDecodeError as error:
+        raise ConfigurationError(f'{path} is not a text file: {error.reason}') from error
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = f', line {mark.line + 1}' if mark else ''
+        raise ConfigurationError(f'{path}{line}: {error.problem}') from error
+    except yaml.YAMLError as error:
+        raise ConfigurationError(f'{path} is not YAML: {error}') from error
+
+
+def load_config(path: str | Path) -> MonitorConfig:
+    """Read and validate a parameter file.
+
+    Raises:
+        ConfigurationError: The file cannot be read or breaks a rule; the text names the file.
+    """
+    parameters = _node_parameters(path, load_yaml(path))
+    try:
+        return build_config(parameters)
+    except ConfigurationError as error:
+        raise ConfigurationError(f'{path}: {error}') from error
+
+
+def _node_parameters(path: str | Path, document: Any) -> dict[str, Any]:
+    """Merge the sections that apply to the node, in the file's order, into dotted names."""
+    if not isinstance(document, Mapping):
+        raise ConfigurationError(
+            f"{path} must be a ROS 2 parameter file: '/**:' with 'ros__parameters:' inside"
+        )
+    merged: dict[str, Any] = {}
+    for section, content in document.items():
+        if str(section).rstrip('/').rsplit('/', 1)[-1] not in (NODE_NAME, '*', '**'):
+            continue
+        if not isinstance(content, Mapping) or not isinstance(
+            content.get('ros__parameters'), Mapping
+        ):
+            raise ConfigurationError(f"{path}: section '{section}' must hold 'ros__parameters:'")
+        merged.update(_flattened('', content['ros__parameters']))
+    if not merged:
+        sections = ', '.join(str(section) for section in document)
+        raise ConfigurationError(
+            f"{path} has no parameters for '{NODE_NAME}': its sections are {sections}; use '/**'"
+        )
+    return {key: value for key, value in merged.items() if not key.startswith(_ROS_OWN)}
+
+
+def _flattened(prefix: str, content: Mapping[Any, Any]) -> Iterator[tuple[str, Any]]:
+    for key, value in content.items():
+        name = f'{prefix}{key}'
+        if isinstance(value, Mapping):
+            yield from _flattened(f'{name}.', value)
+        else:
+            yield name, value

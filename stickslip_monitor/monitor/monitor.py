@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The monitor: samples and the passing of time in, verdicts and events out.
+
+It reads no clock. Time is that of the samples; :meth:`Monitor.advance` tells it that time has
+passed without any. :meth:`Monitor.update` takes one sample, :meth:`Monitor.scan` a recording; both
+give the same verdicts, bit for bit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.monitor.alarm import Condition
+from stickslip_monitor.monitor.assessment import assess
+from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.points import at_index
+from stickslip_monitor.monitor.rungs import Bands
+from stickslip_monitor.monitor.scan import Scan, scan_bearing
+from stickslip_monitor.monitor.signals import (
+    QUANTITIES,
+    Gate,
+    Sample,
+    Status,
+    Stream,
+    to_si,
+    value_faults,
+)
+from stickslip_monitor.monitor.track import AlarmTrack, Change, Heard
+from stickslip_monitor.monitor.verdict import Event, Verdict, describe, event_of
+
+
+@dataclass(frozen=True, slots=True)
+class Update:
+    """What one sample brought.
+
+    Attributes:
+        status: What became of the sample.
+        verdict: The verdict, where the sample completed an operating point.
+        events: Changes of the alarm up to and at the sample's time.
+    """
+
+    status: Status
+    verdict: Verdict | None = None
+    events: list[Event] = field(default_factory=list)
+
+
+class BearingMonitor:
+    """One bearing: gate, pairing of speed and load, branch memory and alarm."""
+
+    def __init__(self, config: BearingConfig) -> None:
+        self.config = config
+        self.gate = Gate(config)
+        self.bands = Bands(config.alarm)
+        self.track = AlarmTrack(config)
+        self.now_ns: int | None = None
+        self.verdict: Verdict | None = None
+        self._inputs = (config.speed, config.load)
+        self._values = [math.nan, math.nan]
+        self._heard: list[Heard | None] = [None, None]
+
+    def retune(self, config: BearingConfig) -> None:
+        """Take over new thresholds, delays, scales and timeouts without losing any state."""
+        self.config = config
+        self._inputs = (config.speed, config.load)
+        self.gate.timeouts = (config.speed.timeout_ns, config.load.timeout_ns)
+        self.bands.config = config.alarm
+        self.track.retune(config)
+
+    def lost(self) -> dict[str, float]:
+        """The inputs that do not count at the latest time, with their ages [s]."""
+        return {} if self.now_ns is None else self.track.lost(self.now_ns, self._heard)
+
+    def text(self) -> str:
+        """What the alarm says now, for a person."""
+        lost = self.lost() if self.track.stale else {}
+        point = self.verdict.assessment if self.verdict else None
+        sticking = self.verdict.sticking if self.verdict else False
+        return describe(self.config, self.track.condition, point, sticking, lost)
+
+    def advance(self, time_ns: int) -> list[Event]:
+        """Let time pass without a sample; a time before the latest one changes nothing."""
+        if self.now_ns is not None and time_ns < self.now_ns:
+            return []
+        self.now_ns = time_ns
+        return self._events(self.track.advance(time_ns, self._heard))
+
+    def update(self, is_load: int, time_ns: int, value: float) -> Update:
+        """Take one sample of one input (0 speed, 1 load)."""
+        config = self._inputs[is_load]
+        si = to_si(config, np.array([value]))
+        status = self.gate.admit(is_load, time_ns, int(value_faults(config, si)[0]))
+        if not status.believed:
+            return Update(status)
+        events = self._move_to(time_ns, status is Status.CLOCK_JUMP)
+        assert self.now_ns is not None
+        until = max(time_ns + config.timeout_ns, self.now_ns)
+        self._heard[is_load] = Heard(time_ns, until)
+        self._values[is_load] = float(si[0])
+        if not self._paired(self.now_ns):
+            return Update(status, None, events)
+        return Update(status, *self._evaluate(self.now_ns, events))
+
+    def _move_to(self, time_ns: int, jumped: bool) -> list[Event]:
+        """Go to the time of a believed sample; a first one before the start moves the start."""
+        first = self._heard == [None, None]
+        if self.now_ns is not None and (jumped or (first and time_ns < self.now_ns)):
+            self.now_ns = time_ns
+            self._heard = [None, None]
+            self.track.restart(time_ns)
+            return []
+        self.now_ns = time_ns if self.now_ns is None else max(self.now_ns, time_ns)
+        return self._events(self.track.advance(self.now_ns, self._heard))
+
+    def _paired(self, now_ns: int) -> bool:
+        """Whether both inputs are young enough to make an operating point."""
+        return all(
+            heard is not None and now_ns - heard.time_ns <= config.timeout_ns
+            for heard, config in zip(self._heard, self._inputs, strict=True)
+        )
+
+    def _evaluate(self, now_ns: int, events: list[Event]) -> tuple[Verdict, list[Event]]:
+        speed, load = self._values
+        points = assess(self.config.bearing, np.array([speed]), np.array([load]))
+        rungs, sticking = self.bands.rungs(points)
+        changes = self.track.apply(int(rungs[0]), now_ns)
+        self.verdict = Verdict(
+            self.config.name,
+            now_ns,
+            at_index(points, 0),
+            bool(sticking[0]),
+            self.track.condition,
+        )
+        return self.verdict, events + self._events(changes)
+
+    def _events(self, changes: list[Change]) -> list[Event]:
+        point = self.verdict.assessment if self.verdict else None
+        sticking = self.verdict.sticking if self.verdict else False
+        return [event_of(self.config, change, point, sticking) for change in changes]
+
+
+class Monitor:
+    """All bearings of a configuration.
+
+    Args:
+        config: The validated configuration.
+    """
+
+    def __init__(self, config: MonitorConfig) -> None:
+        self.config = config
+        self.bearings = {b.name: BearingMonitor(b) for b in config.bearings}
+
+    def _bearing(self, name: str) -> BearingMonitor:
+        self.config.bearing(name)
+        return self.bearings[name]
+
+    def update(self, sample: Sample) -> Update:
+        """Take one sample.
+
+        Raises:
+            ConfigurationError: The sample's bearing or quantity is not configured.
+        """
+        if sample.quantity not in QUANTITIES:
+            raise ConfigurationError(
+                f"quantity '{sample.quantity}' is not one of {', '.join(QUANTITIES)}"
+            )
+        is_load = QUANTITIES.index(sample.quantity)
+        return self._bearing(sample.bearing).update(is_load, sample.time_ns, sample.value)
+
+    def advance(self, time_ns: int) -> list[Event]:
+        """Let time pass for every bearing; the first call of all starts the waiting for inputs."""
+        return [event for b in self.bearings.values() for event in b.advance(time_ns)]
+
+    def condition(self, name: str) -> Condition:
+        """What the alarm of a bearing says now."""
+        return self._bearing(name).track.condition
+
+    def retune(self, config: MonitorConfig) -> None:
+        """Take over new thresholds, delays, scales and timeouts without losing any state.
+
+        Raises:
+            ConfigurationError: The new configuration has other bearings.
+        """
+        for new in config.bearings:
+            self._bearing(new.name).retune(new)
+        self.config = config
+
+    def scan(
+        self, streams: Mapping[str, Stream], start_ns: int | None = None, end_ns: int | None = None
+    ) -> dict[str, Scan]:
+        """Evaluate whole recordings from a fresh start, leaving this monitor's state alone.
+
+        Args:
+            streams: The samples of each bearing, by name.
+            start_ns: When the recording begins: inputs are waited for from then on [ns].
+            end_ns: When it ends: inputs may go stale until then [ns].
+
+        Returns:
+            The verdicts and events of each bearing.
+
+        Raises:
+            ConfigurationError: A bearing is not configured.
+        """
+        return {
+            name: scan_bearing(self._bearing(name).config, stream, start_ns, end_ns)
+            for name, stream in streams.items()
+        }

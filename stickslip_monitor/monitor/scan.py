@@ -1,0 +1,277 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A whole recording at once: the physics in bulk, then a walk over what changes.
+
+Between two changes of rung the alarm can only act by the passing of time, which the next step of
+the walk catches up on. So the walk visits the samples at which the rung changes, the clock jumps,
+or an input has been silent for longer than its timeout, and nothing else.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip_monitor.monitor.alarm import LADDER, Condition
+from stickslip_monitor.monitor.assessment import Assessment, assess
+from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.points import at_index
+from stickslip_monitor.monitor.rungs import Bands
+from stickslip_monitor.monitor.signals import Gate, Status, Stream, to_si, value_faults
+from stickslip_monitor.monitor.track import AlarmTrack, Change, Heard
+from stickslip_monitor.monitor.verdict import Event, event_of
+
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """The verdicts on a recording of one bearing.
+
+    Attributes:
+        time_ns: Times of the evaluated operating points, shape (n,) [ns].
+        until_ns: How long each counts: to the next one or to the loss of an input, (n,) [ns].
+        assessment: Assessment of arrays, shape (n,).
+        sticking: Whether stick-slip is predicted, shape (n,).
+        rung: The alarm's rung after each point, index into ``LADDER``, shape (n,).
+        events: Changes of the alarm, in order.
+        counts: Samples by quantity (speed, load) and :class:`Status`, shape (2, 6).
+    """
+
+    time_ns: Ints
+    until_ns: Ints
+    assessment: Assessment
+    sticking: Bools
+    rung: NDArray[np.int8]
+    events: list[Event]
+    counts: Ints
+
+    @property
+    def condition(self) -> list[Condition]:
+        """What the alarm says after each point."""
+        return [LADDER[rung] for rung in self.rung]
+
+
+@dataclass(frozen=True, slots=True)
+class _Believed:
+    """The believed samples in order of arrival.
+
+    Attributes:
+        value: SI values, shape (n,).
+        stamp: Time of each measurement, shape (n,) [ns].
+        until: Until when each counts by its input's timeout, shape (n,) [ns].
+        now: The monitor's time at each, shape (n,) [ns].
+        first: Index of the first sample since the clock last jumped, shape (n,).
+        latest: Index of each input's last sample so far, this one included, shape (2, n);
+            below ``first`` where there is none since the clock last jumped.
+        jump: Whether the clock jumped, shape (n,).
+    """
+
+    value: NDArray[np.float64]
+    stamp: Ints
+    until: Ints
+    now: Ints
+    first: Ints
+    latest: Ints
+    jump: Bools
+
+    def heard(self, i: int) -> list[Heard | None]:
+        """The last sample of each input up to and including sample ``i`` (-1: none)."""
+        if i < 0:
+            return [None, None]
+        return [
+            Heard(int(self.stamp[k]), int(self.until[k])) if k >= self.first[i] else None
+            for k in self.latest[:, i].tolist()
+        ]
+
+
+def scan_bearing(
+    config: BearingConfig, stream: Stream, start_ns: int | None, end_ns: int | None
+) -> Scan:
+    """Evaluate the recording of one bearing; see :meth:`Monitor.scan`."""
+    gate = Gate(config)
+    si, status = _admit(config, gate, stream)
+    samples = _believed(config, stream, si, status)
+    age = samples.now - samples.stamp[samples.latest]
+    paired = (samples.latest >= samples.first) & (age <= _timeouts(config))
+    evaluated = np.flatnonzero(paired.all(axis=0))
+    speed, load = samples.value[samples.latest[:, evaluated]]
+    points = assess(config.bearing, speed, load)
+    rungs, sticking = _rungs(config, points)
+    walk = _Walk(config, samples, evaluated, rungs, start_ns)
+    events = walk.run(end_ns, points, sticking)
+    return Scan(
+        time_ns=samples.now[evaluated],
+        until_ns=_until(samples, evaluated, end_ns),
+        assessment=points,
+        sticking=sticking,
+        rung=walk.settled,
+        events=events,
+        counts=gate.counts,
+    )
+
+
+def _timeouts(config: BearingConfig) -> Ints:
+    return np.array([[config.speed.timeout_ns], [config.load.timeout_ns]])
+
+
+def _rungs(config: BearingConfig, points: Assessment) -> tuple[NDArray[np.int8], Bools]:
+    if points.speed.size:
+        return Bands(config.alarm).rungs(points)
+    return np.empty(0, dtype=np.int8), np.empty(0, dtype=bool)
+
+
+def _admit(
+    config: BearingConfig, gate: Gate, stream: Stream
+) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
+    """SI value and status of every sample; counts go to the gate."""
+    si = np.empty(stream.value.shape)
+    status = np.empty(stream.value.shape, dtype=np.int8)
+    in_order = True
+    for is_load, settings in enumerate((config.speed, config.load)):
+        own = stream.is_load == bool(is_load)
+        si[own] = to_si(settings, stream.value[own])
+        status[own] = value_faults(settings, si[own])
+        stamps = stream.time_ns[own][status[own] == Status.ACCEPTED]
+        in_order = in_order and bool(np.all(np.diff(stamps) > 0))
+    if in_order:
+        np.add.at(gate.counts, (stream.is_load.astype(np.intp), status), 1)
+    else:
+        rows = zip(stream.is_load.tolist(), stream.time_ns.tolist(), status.tolist(), strict=True)
+        status[:] = [gate.admit(int(is_load), t, fault) for is_load, t, fault in rows]
+    return si, status
+
+
+def _believed(
+    config: BearingConfig, stream: Stream, si: NDArray[np.float64], status: NDArray[np.int8]
+) -> _Believed:
+    keep = status <= Status.CLOCK_JUMP
+    stamp, is_load = stream.time_ns[keep], stream.is_load[keep].astype(np.intp)
+    jump = status[keep] == Status.CLOCK_JUMP
+    place = np.arange(stamp.size)
+    own = np.stack([is_load == 0, is_load == 1])
+    now = _running_time(stamp, np.flatnonzero(jump))
+    return _Believed(
+        value=si[keep],
+        stamp=stamp,
+        until=np.maximum(stamp + _timeouts(config)[is_load, 0], now),
+        now=now,
+        first=np.maximum.accumulate(np.where(jump, place, 0)),
+        latest=np.maximum.accumulate(np.where(own, place, -1), axis=1),
+        jump=jump,
+    )
+
+
+def _running_time(time: Ints, jumps: NDArray[np.intp]) -> Ints:
+    """Latest time so far, starting anew at each jump of the clock."""
+    edges = [0, *jumps.tolist(), time.size]
+    now = time.copy()
+    for start, end in zip(edges, edges[1:], strict=False):
+        np.maximum.accumulate(time[start:end], out=now[start:end])
+    return now
+
+
+class _Walk:
+    """Carries the alarm over the samples at which something can change."""
+
+    def __init__(
+        self,
+        config: BearingConfig,
+        samples: _Believed,
+        evaluated: NDArray[np.intp],
+        rungs: NDArray[np.int8],
+        start_ns: int | None,
+    ) -> None:
+        self.config, self.samples, self.evaluated, self.rungs = config, samples, evaluated, rungs
+        self.track = AlarmTrack(config)
+        late_start = samples.now.size > 0 and start_ns is not None and samples.now[0] < start_ns
+        self.track.start_ns = int(samples.now[0]) if late_start else start_ns
+        self.times = samples.now[evaluated]
+        self.settled = np.zeros(evaluated.size, dtype=np.int8)
+        self._changes: list[tuple[Change, int]] = []
+
+    def run(self, end_ns: int | None, points: Assessment, sticking: Bools) -> list[Event]:
+        """Walk to the end; return the events."""
+        for i in self._stops().tolist():
+            self._visit(i)
+        if end_ns is not None:
+            self._finish(end_ns)
+        return [
+            event_of(
+                self.config,
+                change,
+                at_index(points, k) if k >= 0 else None,
+                bool(k >= 0 and sticking[k]),
+            )
+            for change, k in self._changes
+        ]
+
+    def _stops(self) -> NDArray[np.intp]:
+        samples = self.samples
+        if not samples.now.size:
+            return np.empty(0, dtype=np.intp)
+        begin = samples.now[samples.first]
+        if self.track.start_ns is not None:
+            begin = np.where(samples.first == 0, self.track.start_ns, begin)
+        earlier = np.roll(samples.latest, 1, axis=1)
+        earlier[:, 0] = -1
+        waiting = begin + _timeouts(self.config)
+        until = np.where(earlier >= samples.first, samples.until[earlier], waiting)
+        late = np.any(samples.now > until, axis=0)
+        stop = late | samples.jump
+        # What fell due before the clock jumped must happen before the jump forgets it.
+        stop[:-1] |= samples.jump[1:]
+        stop[0] = True
+        segment = samples.first[self.evaluated]
+        change = np.flatnonzero((np.diff(self.rungs) != 0) | (np.diff(segment) != 0)) + 1
+        stop[self.evaluated[:1]] = True
+        stop[self.evaluated[change]] = True
+        return np.flatnonzero(stop)
+
+    def _visit(self, i: int) -> None:
+        samples = self.samples
+        now = int(samples.now[i])
+        k = int(np.searchsorted(self.evaluated, i))
+        if samples.jump[i]:
+            self.track.restart(now)
+        else:
+            low = int(np.searchsorted(self.evaluated, samples.first[i]))
+            self._note(self.track.advance(now, samples.heard(i - 1)), low, k)
+        if k < self.evaluated.size and self.evaluated[k] == i:
+            for change in self.track.apply(int(self.rungs[k]), now):
+                self._record(change, k, k)
+
+    def _finish(self, end_ns: int) -> None:
+        samples, n = self.samples, self.samples.now.size
+        low = int(np.searchsorted(self.evaluated, samples.first[-1])) if n else 0
+        end_ns = max(end_ns, int(samples.now[-1])) if n else end_ns
+        changes = self.track.advance(end_ns, samples.heard(n - 1))
+        self._note(changes, low, self.evaluated.size)
+
+    def _note(self, changes: list[Change], low: int, high: int) -> None:
+        """Record changes that fell due by the passing of time, after the points that precede."""
+        for change in changes:
+            stale = change.after is Condition.INPUT_STALE
+            side = 'right' if stale else 'left'
+            k = low + int(np.searchsorted(self.times[low:high], change.time_ns, side))
+            at_point = not stale and k < high and self.times[k] == change.time_ns
+            self._record(change, k if at_point else k - 1, k)
+
+    def _record(self, change: Change, based_on: int, effective: int) -> None:
+        self._changes.append((change, based_on))
+        if change.after is not Condition.INPUT_STALE:
+            self.settled[effective:] = LADDER.index(change.after)
+
+
+def _until(samples: _Believed, evaluated: NDArray[np.intp], end_ns: int | None) -> Ints:
+    now = samples.now[evaluated]
+    if not now.size:
+        return now
+    lost = samples.until[samples.latest[:, evaluated]].min(axis=0)
+    last = now[-1] if end_ns is None else max(end_ns, now[-1])
+    following = np.append(now[1:], last)
+    # Where the clock jumps back there is no telling how long the point counted.
+    following = np.where(following < now, now, following)
+    return np.maximum(now, np.minimum(following, lost))

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What comes in: samples, the rules by which they are believed, and the counts of those that are not.
+
+A sample is rejected, counted and named when its number is not finite or not plausible, or when
+its time stamp repeats or precedes the input's last one. A stamp that steps back by more than the
+input's timeout is a jump of the clock (a replay that starts over, a corrected system clock): the
+sample is believed and everything that was waiting on time starts anew.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.monitor.config import BearingConfig, InputConfig
+
+QUANTITIES = ('speed', 'load')
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One measured number of one bearing, as it arrived.
+
+    Attributes:
+        bearing: Name of the bearing.
+        quantity: ``'speed'`` or ``'load'``.
+        time_ns: Time of the measurement [ns].
+        value: The number in the message, in the input's own scale.
+    """
+
+    bearing: str
+    quantity: str
+    time_ns: int
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """The samples of one bearing in order of arrival, for bulk evaluation.
+
+    Attributes:
+        time_ns: Times of measurement, shape (n,) int64 [ns].
+        is_load: Whether the sample is a load (else a speed), shape (n,) bool.
+        value: Numbers in the inputs' own scales, shape (n,).
+    """
+
+    time_ns: NDArray[np.int64]
+    is_load: NDArray[np.bool_]
+    value: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        shapes = {self.time_ns.shape, self.is_load.shape, self.value.shape}
+        if len(shapes) != 1 or self.time_ns.ndim != 1:
+            raise ConfigurationError(
+                f'stream columns have shapes {self.time_ns.shape}, {self.is_load.shape} and'
+                f' {self.value.shape}: they must be one-dimensional and of one length'
+            )
+
+
+class Status(IntEnum):
+    """What became of a sample."""
+
+    ACCEPTED = 0
+    CLOCK_JUMP = 1
+    NOT_FINITE = 2
+    IMPLAUSIBLE = 3
+    REPEATED = 4
+    OUT_OF_ORDER = 5
+
+    @property
+    def believed(self) -> bool:
+        """Whether the sample is used."""
+        return self <= Status.CLOCK_JUMP
+
+
+STATUS_SENTENCES = {
+    Status.CLOCK_JUMP: 'the clock jumped back; delays started anew',
+    Status.NOT_FINITE: 'not a finite number',
+    Status.IMPLAUSIBLE: 'beyond the largest plausible magnitude',
+    Status.REPEATED: 'same time stamp as the one before',
+    Status.OUT_OF_ORDER: 'older than the one before',
+}
+
+
+def to_si(config: InputConfig, value: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Measured numbers as SI values (surface speed [m/s] or load [N]), deadband applied."""
+    with np.errstate(over='ignore', invalid='ignore'):
+        si = (value * config.scale + config.offset) * config.factor
+    return np.where(np.abs(si) < config.deadband, 0.0, si)
+
+
+def value_faults(config: InputConfig, si: NDArray[np.float64]) -> NDArray[np.int8]:
+    """Status of each SI value by itself: accepted, not finite or implausible."""
+    status = np.where(np.abs(si) <= config.maximum, Status.ACCEPTED, Status.IMPLAUSIBLE)
+    return np.where(np.isfinite(si), status, Status.NOT_FINITE).astype(np.int8)
+
+
+class Gate:
+    """Decides sample by sample what is believed, from the stamps of a bearing's two inputs."""
+
+    def __init__(self, config: BearingConfig) -> None:
+        self.timeouts = (config.speed.timeout_ns, config.load.timeout_ns)
+        self.last_ns: list[int | None] = [None, None]
+        self.counts = np.zeros((len(QUANTITIES), len(Status)), dtype=np.int64)
+
+    def admit(self, is_load: int, time_ns: int, fault: int) -> Status:
+        """Judge one sample, given the fault of its value, and remember its stamp if believed."""
+        status = Status(fault or self._judge_stamp(is_load, time_ns))
+        if status is Status.CLOCK_JUMP:
+            self.last_ns[1 - is_load] = None
+        if status.believed:
+            self.last_ns[is_load] = time_ns
+        self.counts[is_load, status] += 1
+        return status
+
+    def _judge_stamp(self, is_load: int, time_ns: int) -> Status:
+        last = self.last_ns[is_load]
+        if last is None or time_ns > last:
+            return Status.ACCEPTED
+        if time_ns == last:
+            return Status.REPEATED
+        if last - time_ns > self.timeouts[is_load]:
+            return Status.CLOCK_JUMP
+        return Status.OUT_OF_ORDER

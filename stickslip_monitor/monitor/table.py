@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every configuration parameter, once: name, type, default, range, unit and meaning.
+
+The file's validation, the ROS parameter descriptors and the reference page of the docs are all
+made from this table.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from stickslip_monitor.physics.oscillator import SPEED_UNITS
+
+REQUIRED = object()
+FRICTION_LAWS = ('stribeck', 'coulomb', 'tabulated')
+LOAD_UNITS = ('N', 'kN')
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One configuration parameter.
+
+    Attributes:
+        name: Dotted name; for a bearing's parameter without the bearing's name.
+        kind: ``float``, ``bool``, ``str``, or ``float[]``/``str[]`` for a list of these.
+        default: Value used where the file gives none; :data:`REQUIRED` where it must.
+        text: What it is, for descriptors and docs.
+        unit: Unit of the value, empty for a pure number.
+        minimum: Least value allowed.
+        maximum: Greatest value allowed.
+        above_minimum: The minimum itself is not allowed.
+        choices: The values allowed, empty for any.
+        live: May be changed while the node is active.
+    """
+
+    name: str
+    kind: str
+    default: Any
+    text: str
+    unit: str = ''
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    above_minimum: bool = False
+    choices: tuple[str, ...] = ()
+    live: bool = False
+
+    def rule(self) -> str:
+        """The rule a value must keep, in words that follow 'must be'."""
+        kinds = {
+            'float': 'a number',
+            'bool': 'true or false',
+            'str': 'a text',
+            'float[]': 'a list of numbers',
+            'str[]': 'a list of texts',
+        }
+        if self.choices:
+            return f'one of {", ".join(self.choices)}'
+        words = [kinds[self.kind]]
+        if self.minimum > -math.inf:
+            words.append(f'{"above" if self.above_minimum else "not below"} {self.minimum:g}')
+        if self.maximum < math.inf:
+            words.append(f'not above {self.maximum:g}')
+        return ' and '.join([' '.join(words[:2]), *words[2:]]) + (f' {self.unit}'.rstrip())
+
+
+NODE_PARAMETERS = (
+    Parameter('bearings', 'str[]', REQUIRED, 'Names of the bearings; each has its own section.'),
+    Parameter(
+        'autostart', 'bool', True, 'Configure and activate the node by itself when it starts.'
+    ),
+    Parameter(
+        'publish_period',
+        'float',
+        0.0,
+        'Least time between two publications of a bearing\'s values; 0 publishes every evaluation.'
+        ' A change of condition is always published at once.',
+        unit='s',
+        minimum=0.0,
+        live=True,
+    ),
+)
+
+
+def _positive(name: str, unit: str, text: str) -> Parameter:
+    return Parameter(name, 'float', REQUIRED, text, unit, minimum=0.0, above_minimum=True)
+
+
+def _input(
+    quantity: str, units: tuple[str, ...], maximum: float, si_unit: str
+) -> tuple[Parameter, ...]:
+    return (
+        Parameter(f'{quantity}.topic', 'str', REQUIRED, f'Topic that carries the {quantity}.'),
+        Parameter(
+            f'{quantity}.type', 'str', 'std_msgs/msg/Float64', 'Message type of that topic.'
+        ),
+        Parameter(
+            f'{quantity}.field',
+            'str',
+            'data',
+            'Path to the number inside the message, e.g. data, velocity[0] or wrench.force.z.',
+        ),
+        Parameter(
+            f'{quantity}.unit', 'str', REQUIRED, 'Unit of scale * number + offset.', choices=units
+        ),
+        Parameter(f'{quantity}.scale', 'float', 1.0, 'Factor applied to the number.', live=True),
+        Parameter(
+            f'{quantity}.offset', 'float', 0.0, 'Added after the factor, in the unit.', live=True
+        ),
+        Parameter(
+            f'{quantity}.timeout',
+            'float',
+            5.0,
+            'Age at which the last value no longer counts and the input is reported lost.',
+            unit='s',
+            minimum=0.0,
+            above_minimum=True,
+            live=True,
+        ),
+        Parameter(
+            f'{quantity}.maximum',
+            'float',
+            maximum,
+            'Largest magnitude believed; a larger value is counted as implausible and not used.',
+            unit=si_unit,
+            minimum=0.0,
+            above_minimum=True,
+            live=True,
+        ),
+    )
+
+
+BEARING_PARAMETERS = (
+    _positive('mass', 'kg', 'Moving mass of the lining.'),
+    Parameter('damping', 'float', REQUIRED, 'Damping of the lining.', 'N s/m', minimum=0.0),
+    _positive('stiffness', 'N/m', 'Tangential stiffness of the lining.'),
+    _positive('journal_diameter', 'm', 'Diameter of the journal in the bearing.'),
+    Parameter('friction.law', 'str', 'stribeck', 'Friction law.', choices=FRICTION_LAWS),
+    Parameter('friction.static', 'float', math.nan, 'Static coefficient mu_s.', minimum=0.0),
+    Parameter('friction.kinetic', 'float', math.nan, 'Kinetic coefficient mu_k.', minimum=0.0),
+    Parameter(
+        'friction.decay',
+        'float',
+        math.nan,
+        'Decay beta of the Stribeck law with speed.',
+        's/m',
+        minimum=0.0,
+        above_minimum=True,
+    ),
+    Parameter(
+        'friction.viscous', 'float', 0.0, 'Viscous rise nu of the Stribeck law.', 's/m', minimum=0.0
+    ),
+    Parameter('friction.speed', 'float[]', (), 'Speeds of a tabulated law.', 'm/s', minimum=0.0),
+    Parameter(
+        'friction.coefficient', 'float[]', (), 'Coefficients of a tabulated law.', minimum=0.0
+    ),
+    *_input('speed', SPEED_UNITS, 100.0, 'm/s'),
+    *_input('load', LOAD_UNITS, 1e8, 'N'),
+    Parameter(
+        'alarm.caution_margin',
+        'float',
+        0.1,
+        'Caution while the fold margin is below this.',
+        minimum=0.0,
+        live=True,
+    ),
+    Parameter(
+        'alarm.hysteresis',
+        'float',
+        0.02,
+        'Deadband: caution ends this far above its margin, the amplitude alarm this fraction below'
+        ' its limit.',
+        minimum=0.0,
+        maximum=0.9,
+        live=True,
+    ),
+    Parameter(
+        'alarm.amplitude_limit',
+        'float',
+        math.inf,
+        'Predicted stick-slip amplitude that raises the amplitude alarm; .inf for none.',
+        unit='m',
+        minimum=0.0,
+        above_minimum=True,
+        live=True,
+    ),
+    Parameter(
+        'alarm.on_delay',
+        'float',
+        2.0,
+        'How long a condition must last before it is raised.',
+        unit='s',
+        minimum=0.0,
+        live=True,
+    ),
+    Parameter(
+        'alarm.off_delay',
+        'float',
+        10.0,
+        'How long a condition must be gone before it is cleared.',
+        unit='s',
+        minimum=0.0,
+        live=True,
+    ),
+    Parameter(
+        'alarm.minimum_speed',
+        'float',
+        0.0,
+        'Surface speeds below this count as a shaft at rest (sensor noise of a stopped shaft).',
+        unit='m/s',
+        minimum=0.0,
+        live=True,
+    ),
+)

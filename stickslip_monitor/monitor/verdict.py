@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the monitor says: a verdict on every operating point, an event on every change of alarm."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from stickslip_monitor.monitor.alarm import Condition
+from stickslip_monitor.monitor.assessment import Assessment, Outcome
+from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.track import Change
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The state of one bearing after an evaluation.
+
+    Attributes:
+        bearing: Name of the bearing.
+        time_ns: Time of the operating point: the later of its two measurements [ns].
+        assessment: The averaged model's assessment, of scalars.
+        sticking: Whether stick-slip is predicted, with the memory of the bistable range.
+        condition: What the alarm says.
+    """
+
+    bearing: str
+    time_ns: int
+    assessment: Assessment
+    sticking: bool
+    condition: Condition
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One change of a bearing's alarm.
+
+    Attributes:
+        bearing: Name of the bearing.
+        time_ns: When the change fell due [ns].
+        before: The condition before.
+        after: The condition from then on.
+        assessment: The last assessment up to then; ``None`` where there was none yet.
+        sticking: Whether that one predicted stick-slip.
+        lost: The inputs that are lost, with their ages [s]; ``inf`` for one never received.
+        text: What happened, for a person.
+    """
+
+    bearing: str
+    time_ns: int
+    before: Condition
+    after: Condition
+    assessment: Assessment | None
+    sticking: bool
+    lost: dict[str, float]
+    text: str
+
+
+def event_of(
+    config: BearingConfig, change: Change, assessment: Assessment | None, sticking: bool
+) -> Event:
+    """A change of alarm with the assessment that it rests on."""
+    text = describe(config, change.after, assessment, sticking, change.lost)
+    return Event(
+        config.name,
+        change.time_ns,
+        change.before,
+        change.after,
+        assessment,
+        sticking,
+        change.lost,
+        text,
+    )
+
+
+def describe(
+    config: BearingConfig,
+    condition: Condition,
+    point: Assessment | None,
+    sticking: bool,
+    lost: dict[str, float],
+) -> str:
+    """One or two sentences: what, where, how bad, and what would leave the condition."""
+    if lost:
+        return f'{config.name}: {_lost_text(config, lost)}'
+    if point is None:
+        return f'{config.name}: {condition.sentence}'
+    where = f'{config.name}: {condition.sentence} At {_point_text(config, point)}'
+    if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NO_BOUNDARY):
+        return f'{where}. {point.outcome.sentence}'
+    if sticking:
+        where += f', predicted amplitude {point.amplitude * 1e3:.3g} mm'
+    return f'{where}, fold margin {point.fold_margin:+.1%}.{_way_out(config, condition, point)}'
+
+
+def _lost_text(config: BearingConfig, lost: dict[str, float]) -> str:
+    inputs = {'speed': config.speed, 'load': config.load}
+    return ' '.join(
+        f'Input {name} lost: nothing believable on {inputs[name].topic}'
+        + (' so far.' if math.isinf(age) else f' for {age:.3g} s.')
+        for name, age in lost.items()
+    )
+
+
+def _point_text(config: BearingConfig, point: Assessment) -> str:
+    rpm = float(config.bearing.speed.from_surface(point.speed, 'rpm'))
+    return f'{rpm:.4g} rpm and {point.load / 1e3:.4g} kN'
+
+
+def _way_out(config: BearingConfig, condition: Condition, point: Assessment) -> str:
+    if condition is Condition.NORMAL or not math.isfinite(point.fold_speed):
+        return ''
+    margin = config.alarm.caution_margin if condition is Condition.CAUTION else 0.0
+    rpm = float(config.bearing.speed.from_surface(point.fold_speed * (1.0 + margin), 'rpm'))
+    out = f' Ends above {rpm:.4g} rpm'
+    if margin == 0.0 and point.fold_load < point.load:
+        out += f' or below {point.fold_load / 1e3:.4g} kN'
+    return f'{out}.'

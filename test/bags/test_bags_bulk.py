@@ -1,0 +1,367 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bulk reading against messages known by construction and decoded by mcap-ros2-support."""
+
+from __future__ import annotations
+
+import math
+import struct
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.records import Schema
+from mcap.writer import CompressionType, IndexType, Writer
+from mcap_ros2.decoder import DecoderFactory
+
+from stickslip_monitor.bags.decode import Decoder, Reading
+from stickslip_monitor.bags.layout import compile_layout
+from stickslip_monitor.bags.reader import Request, open_bag
+from stickslip_monitor.bags.schema import parse_schema
+from stickslip_monitor.monitor.fields import parse_field, read_field
+
+HEADER = """\
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+DEFINITIONS = {
+    'std_msgs/msg/Float64': 'float64 data\n',
+    'ship_msgs/msg/Load': 'std_msgs/Header header\nfloat32 force\nint64[2] raw\n' + HEADER,
+    'ship_msgs/msg/Mixed': (
+        'int8 LOW=-1  # a constant\n'
+        'uint8 small\nbool on\nint16[<=5] few\nstring<=40 name "none"\nfloat64[] many\n'
+        'uint64 large\nbyte[] raw\nPart[2] parts\nchar last\n'
+        '===\nMSG: ship_msgs/Part\nuint16 id\nstring text\nEmpty nothing\nfloat64 value\n'
+        '===\nMSG: ship_msgs/Empty\n'
+    ),
+    'ship_msgs/msg/Joints': 'std_msgs/Header header\nstring[] name\nfloat64[] velocity\n' + HEADER,
+}
+REQUESTS = {
+    'std_msgs/msg/Float64': ['data'],
+    'ship_msgs/msg/Load': ['force', 'raw[1]', 'header.stamp.nanosec'],
+    'ship_msgs/msg/Mixed': [
+        'small', 'on', 'few[1]', 'many[0]', 'large', 'raw[2]', 'parts[1].value', 'parts[0].id',
+        'last',
+    ],
+    'ship_msgs/msg/Joints': ['velocity[1]'],
+}  # fmt: skip
+TYPES = list(DEFINITIONS)
+TEXTS = ['', 'a', 'shaft', 'x' * 17, 'Wärme', 'y' * 300]
+
+
+class Cdr:
+    """Encodes CDR by the rules of the standard, in either byte order."""
+
+    def __init__(self, big_endian: bool) -> None:
+        self.order = '>' if big_endian else '<'
+        self.data = bytearray()
+
+    def put(self, code: str, *values: float) -> Cdr:
+        size = struct.calcsize(code)
+        for value in values:
+            self.data += bytes(-len(self.data) % size) + struct.pack(self.order + code, value)
+        return self
+
+    def text(self, text: str) -> Cdr:
+        raw = text.encode() + b'\0'
+        self.put('I', len(raw))
+        self.data += raw
+        return self
+
+    def sequence(self, code: str, values: list[Any]) -> Cdr:
+        return self.put('I', len(values)).put(code, *values)
+
+    def message(self) -> bytes:
+        return bytes([0, self.order == '<', 0, 0]) + bytes(self.data)
+
+
+def encode(type_name: str, rng: np.random.Generator, big_endian: bool) -> bytes:
+    cdr = Cdr(big_endian)
+
+    def header() -> None:
+        sec = int(rng.integers(0, 2)) * int(rng.integers(-5, 2_000_000_000))
+        cdr.put('i', sec).put('I', int(rng.integers(0, 2)) * 7).text(str(rng.choice(TEXTS)))
+
+    def floats() -> list[float]:
+        return [float(v) for v in rng.standard_normal(rng.integers(0, 4))]
+
+    if type_name == 'std_msgs/msg/Float64':
+        cdr.put('d', float(rng.choice([0.5, -3.25, math.inf, math.nan])))
+    elif type_name == 'ship_msgs/msg/Load':
+        header()
+        cdr.put('f', float(rng.integers(-9, 9)) / 4)
+        cdr.put('q', *[int(v) for v in rng.integers(-(2**62), 2**62, 2)])
+    elif type_name == 'ship_msgs/msg/Mixed':
+        cdr.put('B', int(rng.integers(0, 256))).put('B', int(rng.choice([0, 1, 2])))
+        cdr.sequence('h', [int(v) for v in rng.integers(-99, 99, rng.integers(0, 5))])
+        cdr.text(str(rng.choice(TEXTS)))
+        cdr.sequence('d', floats()).put('Q', int(rng.integers(0, 2**63)) * 2 + 1)
+        cdr.sequence('B', [int(v) for v in rng.integers(0, 256, rng.integers(0, 6))])
+        for _ in range(2):
+            cdr.put('H', int(rng.integers(0, 65536))).text(str(rng.choice(TEXTS)))
+            cdr.put('B', 0).put('d', float(rng.standard_normal()))
+        cdr.put('b', int(rng.integers(-128, 128)))
+    else:
+        header()
+        names = [str(rng.choice(TEXTS)) for _ in range(rng.integers(0, 3))]
+        cdr.put('I', len(names))
+        for name in names:
+            cdr.text(name)
+        cdr.sequence('d', floats())
+    return cdr.message()
+
+
+@dataclass(frozen=True)
+class Written:
+    topic: str
+    type: str
+    log_time_ns: int
+    data: bytes
+
+
+INDEXES = [IndexType.ALL, IndexType.NONE, IndexType.CHUNK, IndexType.MESSAGE]
+OPTIONS = st.fixed_dictionaries(
+    {
+        'chunk_size': st.sampled_from([1, 150, 700, 5000]),
+        'compression': st.sampled_from(list(CompressionType)),
+        'index_types': st.sampled_from(INDEXES),
+        'use_chunking': st.sampled_from([True, True, True, False]),
+        'repeat_channels': st.booleans(),
+        'repeat_schemas': st.booleans(),
+        'use_statistics': st.booleans(),
+        'use_summary_offsets': st.booleans(),
+        'enable_crcs': st.booleans(),
+    }
+)
+MESSAGES = st.lists(
+    st.tuples(
+        st.integers(0, 5),  # topic
+        st.integers(-3, 6),  # step in time
+        st.sampled_from(['whole'] * 8 + ['cut', 'noise', 'longer']),
+        st.booleans(),  # big endian
+    ),
+    max_size=40,
+)
+
+
+def write_file(path: Path, options: dict[str, Any], messages: list[Written]) -> None:
+    with path.open('wb') as stream:
+        writer = Writer(stream, **options)
+        writer.start('ros2', 'test')
+        channels: dict[str, int] = {}
+        for message in messages:
+            if message.topic not in channels:
+                definition = DEFINITIONS[message.type].encode()
+                schema = writer.register_schema(message.type, 'ros2msg', definition)
+                channels[message.topic] = writer.register_channel(message.topic, 'cdr', schema)
+            time = message.log_time_ns
+            writer.add_message(channels[message.topic], time, message.data, time)
+        writer.finish()
+
+
+def build(
+    rows: list[tuple[int, int, str, bool]], rng: np.random.Generator, start: int
+) -> list[Written]:
+    time, result = start, []
+    for topic, step, kind, big_endian in rows:
+        time += step
+        type_name = TYPES[topic % len(TYPES)]
+        data = encode(type_name, rng, big_endian)
+        if kind == 'cut':
+            data = data[: rng.integers(0, len(data))]
+        elif kind == 'noise':
+            data = data[:4] + rng.bytes(len(data) - 4)
+        elif kind == 'longer':
+            data += bytes(5)
+        result.append(Written(f'/topic{topic}', type_name, time, data))
+    return result
+
+
+def decode(message: Written) -> Any:
+    schema = Schema(1, DEFINITIONS[message.type].encode(), 'ros2msg', message.type)
+    decoder = DecoderFactory().decoder_for('cdr', schema)
+    assert decoder is not None
+    try:
+        return decoder(message.data)
+    except Exception:
+        return None
+
+
+def expected(
+    ordered: list[Written], topics: set[str], request: Request
+) -> tuple[list[tuple[int, int, int, float]], int, int]:
+    """What the reference decoder gives, with the counts of undecoded and short messages."""
+    rows, undecoded, short = [], 0, 0
+    asked = [message for message in ordered if message.topic in topics]
+    for sequence, message in enumerate(asked):
+        if message.topic != request.topic:
+            continue
+        decoded, value, stamp = decode(message), math.nan, 0
+        undecoded += decoded is None
+        if decoded is not None:
+            if hasattr(decoded, 'header'):
+                stamp = decoded.header.stamp.sec * 10**9 + decoded.header.stamp.nanosec
+            try:
+                value = read_field(decoded, parse_field(request.field))
+            except LookupError:
+                short += 1
+        rows.append((message.log_time_ns, stamp or message.log_time_ns, sequence, value))
+    return rows, undecoded, short
+
+
+@settings(
+    max_examples=120, deadline=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)  # fmt: skip
+@given(
+    files=st.lists(st.tuples(OPTIONS, MESSAGES), min_size=1, max_size=3),
+    seed=st.integers(0, 2**32),
+)
+def test_reads_what_the_reference_decodes(
+    files: list[tuple[dict[str, Any], list[tuple[int, int, str, bool]]]], seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    everything: list[Written] = []
+    with tempfile.TemporaryDirectory() as folder:
+        for number, (options, rows) in enumerate(files):
+            messages = build(rows, rng, 1000 + 20 * number)
+            write_file(Path(folder, f'bag_{number}.mcap'), options, messages)
+            everything += messages
+        ordered = sorted(everything, key=lambda message: message.log_time_ns)
+        bag = open_bag(folder)
+        assert bag.cuts == ()
+        assert bag.message_count == len(everything)
+        types = {message.topic: message.type for message in everything}
+        requests = [Request(t, field) for t, name in types.items() for field in REQUESTS[name]]
+        series = bag.read(requests)
+        for request in requests:
+            rows, undecoded, short = expected(ordered, set(types), request)
+            got = series[request]
+            log_time, stamp, sequence, value = map(list, zip(*rows, strict=True))
+            assert got.log_time_ns.tolist() == log_time
+            assert got.stamp_ns.tolist() == stamp
+            assert got.sequence.tolist() == sequence
+            np.testing.assert_array_equal(got.value, value)
+            counts = {fault.text.split("' ")[1][:6]: fault.count for fault in got.faults}
+            assert counts.get('cannot', 0) == undecoded
+            assert counts.get('have t', 0) == short
+        found = [(m.topic, m.type, m.log_time_ns, m.data) for m in bag.messages()]
+        assert found == [(m.topic, m.type, m.log_time_ns, m.data) for m in ordered]
+
+
+def load_messages(count: int, frames: list[str]) -> list[Written]:
+    result = []
+    for number in range(count):
+        cdr = Cdr(False).put('i', 5 + number).put('I', 3).text(frames[number % len(frames)])
+        cdr.put('f', number / 4).put('q', number, -number)
+        result.append(Written('/load', 'ship_msgs/msg/Load', 1000 + number, cdr.message()))
+    return result
+
+
+@pytest.fixture
+def decoded(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Sizes of the messages that were decoded one by one."""
+    sizes: list[int] = []
+    read = Decoder.read
+
+    def counted(self: Decoder, data: bytes) -> Reading:
+        sizes.append(len(data))
+        return read(self, data)
+
+    monkeypatch.setattr(Decoder, 'read', counted)
+    return sizes
+
+
+def test_numbers_behind_a_header_are_gathered(tmp_path: Path, decoded: list[int]) -> None:
+    messages = load_messages(50, ['', 'shaft', 'a longer name of a frame'])
+    write_file(tmp_path / 'a.mcap', {}, messages)
+    request = Request('/load', 'raw[1]')
+    series = open_bag(tmp_path / 'a.mcap').read([request])[request]
+    assert series.value.tolist() == [-n for n in range(50)]
+    assert series.stamp_ns.tolist() == [(5 + n) * 10**9 + 3 for n in range(50)]
+    assert decoded == []
+
+
+def test_only_the_odd_message_is_decoded_alone(tmp_path: Path, decoded: list[int]) -> None:
+    messages = load_messages(9, ['a'])
+    messages[4] = load_messages(5, ['a', 'b', 'c', 'd', 'Öl'])[4]
+    write_file(tmp_path / 'a.mcap', {}, messages)
+    request = Request('/load', 'force')
+    series = open_bag(tmp_path / 'a.mcap').read([request])[request]
+    assert series.value.tolist() == [n / 4 for n in range(9)]
+    assert decoded == [len(messages[4].data)]
+
+
+def test_an_index_that_lies_is_not_believed(tmp_path: Path) -> None:
+    messages = load_messages(6, ['abc'])
+    path = tmp_path / 'a.mcap'
+    write_file(path, {'compression': CompressionType.NONE}, messages)
+    data = path.read_bytes()
+    time = struct.pack('<Q', 1002)
+    last = data.rindex(time)
+    path.write_bytes(data[:last] + struct.pack('<Q', 1999) + data[last + 8 :])
+    request = Request('/load', 'force')
+    series = open_bag(path).read([request])[request]
+    assert series.log_time_ns.tolist() == [m.log_time_ns for m in messages]
+    assert series.value.tolist() == [n / 4 for n in range(6)]
+
+
+def test_an_index_in_the_order_of_time(tmp_path: Path) -> None:
+    """Some writers sort the index entries of a chunk by time."""
+    messages = load_messages(3, ['abc'])
+    messages = [Written(m.topic, m.type, 50 - n, m.data) for n, m in enumerate(messages)]
+    path = tmp_path / 'a.mcap'
+    write_file(path, {'compression': CompressionType.NONE}, messages)
+    data = path.read_bytes()
+    begin = data.rindex(struct.pack('<BQHI', 7, 6 + 48, 1, 48)) + 15
+    entries = [data[begin + 16 * n : begin + 16 * n + 16] for n in range(3)]
+    path.write_bytes(data[:begin] + b''.join(sorted(entries)) + data[begin + 48 :])
+    assert sorted(entries) != entries
+    request = Request('/load', 'force')
+    series = open_bag(path).read([request])[request]
+    assert series.log_time_ns.tolist() == [48, 49, 50]
+    assert series.value.tolist() == [0.5, 0.25, 0.0]
+
+
+def test_types_without_an_end_have_no_layout() -> None:
+    definitions = parse_schema('a/msg/B', 'B again\nfloat64 x\n')
+    assert compile_layout(definitions, 'a/msg/B', [('x',)]) is None
+
+
+def test_several_channels_of_one_topic(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    with path.open('wb') as stream:
+        writer = Writer(stream, chunk_size=300)
+        writer.start('ros2', 'test')
+        schema = writer.register_schema('std_msgs/msg/Float64', 'ros2msg', b'float64 data\n')
+        channels = [writer.register_channel('/x', 'cdr', schema, {'id': str(k)}) for k in range(3)]
+        for number in range(60):
+            data = Cdr(False).put('d', number).message()
+            writer.add_message(channels[number * number % 3], 100 + number, data, 0)
+        writer.finish()
+    bag = open_bag(path)
+    series = bag.read([Request('/x', 'data')])[Request('/x', 'data')]
+    assert bag.topics['/x'].count == 60
+    assert series.value.tolist() == list(range(60))
+    assert series.sequence.tolist() == list(range(60))
+
+
+def test_progress_reaches_the_total(tmp_path: Path) -> None:
+    write_file(tmp_path / 'a.mcap', {'chunk_size': 200}, load_messages(30, ['a']))
+    steps: list[tuple[int, int]] = []
+    open_bag(tmp_path).read(
+        [Request('/load', 'force')], lambda done, total: steps.append((done, total))
+    )
+    assert len(steps) > 3
+    assert steps == sorted(steps)
+    assert steps[-1][0] == steps[-1][1]

@@ -1,0 +1,296 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files that end too early or are damaged: everything that is there is read, and nothing else."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import struct
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import lz4.frame
+import numpy as np
+import pytest
+import zstandard
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.records import ChunkIndex
+from mcap.writer import CompressionType, IndexType, Writer
+
+from stickslip_monitor.bags.reader import Bag, Request, open_bag
+from stickslip_monitor.errors import BagError
+
+RECORD = 9 + 22 + 12  # head, message head, a Float64 in CDR
+CHUNK_HEAD = 9 + 8 + 8 + 8 + 4 + 4 + 8  # before the name of the compression and the data
+COMPRESSIONS = {'': CompressionType.NONE, 'lz4': CompressionType.LZ4, 'zstd': CompressionType.ZSTD}
+REQUESTS = [Request('/a', 'data'), Request('/b', 'data')]
+
+
+@dataclass(frozen=True)
+class Whole:
+    """A whole file and what is known about it."""
+
+    data: bytes
+    times: list[int]
+    chunks: list[ChunkIndex]
+    per_chunk: int
+
+    @property
+    def last(self) -> ChunkIndex:
+        return self.chunks[-1]
+
+    @property
+    def boundaries(self) -> list[int]:
+        offsets = [8]
+        while offsets[-1] < len(self.data) - 8:
+            (length,) = struct.unpack_from('<Q', self.data, offsets[-1] + 1)
+            offsets.append(offsets[-1] + 9 + length)
+        return offsets
+
+
+def make(compression: str, chunks: int, per_chunk: int, **options: object) -> Whole:
+    stream = io.BytesIO()
+    size = {'chunk_size': 1 << 30, 'compression': COMPRESSIONS[compression]}
+    writer = Writer(stream, **{**size, **options})  # type: ignore[arg-type]
+    writer.start('ros2', 'test')
+    schema = writer.register_schema('std_msgs/msg/Float64', 'ros2msg', b'float64 data\n')
+    channels = [writer.register_channel(topic, 'cdr', schema) for topic in ('/a', '/b')]
+    rng = np.random.default_rng(5)
+    times = []
+    for number in range(chunks * per_chunk):
+        data = b'\0\1\0\0' + struct.pack('<d', rng.standard_normal())
+        times.append(1000 + 10 * number)
+        writer.add_message(channels[number % 2], times[-1], data, times[-1])
+        if number % per_chunk == per_chunk - 1:
+            writer.flush()
+    writer.finish()
+    summary = make_reader(io.BytesIO(stream.getvalue())).get_summary()
+    assert summary is not None
+    return Whole(stream.getvalue(), times, summary.chunk_indexes, per_chunk)
+
+
+def read_times(bag: Bag) -> list[int]:
+    return [message.log_time_ns for message in bag.messages()]
+
+
+def zstd_prefix(part: bytes) -> bytes:
+    return zstandard.ZstdDecompressor().stream_reader(io.BytesIO(part)).read()
+
+
+def lz4_prefix(part: bytes) -> bytes:
+    restored: bytes = lz4.frame.LZ4FrameDecompressor().decompress(part)
+    return restored
+
+
+PREFIXES: dict[str, Callable[[bytes], bytes]] = {
+    '': bytes,
+    'lz4': lz4_prefix,
+    'zstd': zstd_prefix,
+}
+
+
+def saved(whole: Whole, compression: str, cut: int) -> int:
+    """How many messages lie before a cut in or behind the last chunk."""
+    before = whole.per_chunk * (len(whole.chunks) - 1)
+    begin = whole.last.chunk_start_offset
+    if cut >= begin + whole.last.chunk_length:
+        return before + whole.per_chunk
+    part = whole.data[begin + CHUNK_HEAD + len(compression) : cut]
+    return before + len(PREFIXES[compression](part)) // RECORD
+
+
+@pytest.mark.parametrize('compression', COMPRESSIONS)
+def test_cut_at_every_byte_of_the_tail(tmp_path: Path, compression: str) -> None:
+    whole = make(compression, chunks=3, per_chunk=8)
+    path = tmp_path / 'a.mcap'
+    for cut in range(whole.last.chunk_start_offset - 20, len(whole.data)):
+        path.write_bytes(whole.data[:cut])
+        bag = open_bag(path)
+        count = 16 if cut < whole.last.chunk_start_offset else saved(whole, compression, cut)
+        assert read_times(bag) == whole.times[:count]
+        assert bag.message_count == count
+        (report,) = bag.cuts
+        assert (report.path, report.size) == (path, cut)
+        assert report.offset == max(b for b in whole.boundaries if b <= cut)
+        assert report.last_time_ns == whole.times[count - 1]
+        assert f'byte {report.offset} of {cut}' in report.text
+    path.write_bytes(whole.data)
+    assert open_bag(path).cuts == ()
+
+
+@pytest.mark.parametrize('compression', COMPRESSIONS)
+def test_messages_inside_a_cut_chunk_are_saved(tmp_path: Path, compression: str) -> None:
+    # Large enough for several compressed blocks in one chunk.
+    whole = make(compression, chunks=2, per_chunk=12_000)
+    path = tmp_path / 'a.mcap'
+    inside = np.linspace(0.02, 0.98, 13) * whole.last.chunk_length
+    counts = []
+    for cut in (whole.last.chunk_start_offset + inside).astype(int).tolist():
+        path.write_bytes(whole.data[:cut])
+        bag = open_bag(path)
+        counts.append(saved(whole, compression, cut))
+        series = bag.read(REQUESTS)
+        assert (
+            sorted(time for part in series.values() for time in part.log_time_ns.tolist())
+            == whole.times[: counts[-1]]
+        )
+        assert bag.cuts[0].text == (
+            f"file 'a.mcap' is cut: its last whole record ends at byte"
+            f' {whole.last.chunk_start_offset} of {cut}, and {counts[-1]} messages before the cut'
+            ' were saved'
+            + (
+                f', {counts[-1] - 12_000} of them from the chunk that is cut'
+                * (counts[-1] > 12_000)
+            )
+        )
+    assert len(set(counts)) >= 3
+
+
+def test_cut_of_a_file_without_chunks(tmp_path: Path) -> None:
+    whole = make('', chunks=1, per_chunk=1)
+    stream = io.BytesIO()
+    writer = Writer(stream, use_chunking=False)
+    writer.start('ros2', 'test')
+    schema = writer.register_schema('std_msgs/msg/Float64', 'ros2msg', b'float64 data\n')
+    channel = writer.register_channel('/a', 'cdr', schema)
+    ends = []
+    for number in range(6):
+        writer.add_message(channel, number, bytes(12), number)
+        ends.append(stream.tell())
+    writer.finish()
+    assert whole.data[:8] == stream.getvalue()[:8]
+    for cut in range(ends[0], len(stream.getvalue())):
+        (tmp_path / 'a.mcap').write_bytes(stream.getvalue()[:cut])
+        bag = open_bag(tmp_path / 'a.mcap')
+        assert read_times(bag) == list(range(sum(end <= cut for end in ends)))
+        assert len(bag.cuts) == 1
+
+
+@pytest.mark.parametrize('size', range(9))
+def test_a_file_that_had_barely_begun(tmp_path: Path, size: int) -> None:
+    (tmp_path / 'a.mcap').write_bytes(make('', 1, 1).data[:size])
+    bag = open_bag(tmp_path / 'a.mcap')
+    assert (bag.topics, bag.message_count, bag.start_ns, bag.end_ns) == ({}, 0, None, None)
+    assert bag.read([]) == {}
+    assert bag.cuts[0].text == (
+        f"file 'a.mcap' is cut: its last whole record ends at byte {size} of {size}, and 0"
+        ' messages before the cut were saved'
+    )
+
+
+def test_a_tail_of_zeros_is_a_cut(tmp_path: Path) -> None:
+    whole = make('zstd', chunks=3, per_chunk=8)
+    begin = whole.last.chunk_start_offset
+    (tmp_path / 'a.mcap').write_bytes(whole.data[:begin] + bytes(100_000))
+    bag = open_bag(tmp_path / 'a.mcap')
+    assert read_times(bag) == whole.times[:16]
+    assert bag.cuts[0].offset == begin
+
+
+def test_a_file_without_a_summary_is_whole(tmp_path: Path) -> None:
+    options = {'use_statistics': False, 'repeat_channels': False, 'repeat_schemas': False}
+    whole = make('zstd', 3, 8, **options, index_types=IndexType.CHUNK, use_summary_offsets=False)
+    (tmp_path / 'a.mcap').write_bytes(whole.data)
+    bag = open_bag(tmp_path / 'a.mcap')
+    assert bag.cuts == bag.warnings == ()
+    assert read_times(bag) == whole.times
+    assert {name: topic.count for name, topic in bag.topics.items()} == {'/a': 12, '/b': 12}
+
+
+@pytest.mark.parametrize('compression', COMPRESSIONS)
+@pytest.mark.parametrize('with_summary', [True, False])
+def test_a_damaged_chunk_is_skipped(tmp_path: Path, compression: str, with_summary: bool) -> None:
+    whole = make(compression, chunks=3, per_chunk=8)
+    middle = whole.chunks[1]
+    spot = middle.chunk_start_offset + middle.chunk_length - 30
+    data = bytearray(whole.data)
+    data[spot] ^= 0xFF
+    end = len(data) if with_summary else len(data) - 1
+    (tmp_path / 'a.mcap').write_bytes(data[:end])
+    bag = open_bag(tmp_path / 'a.mcap')
+    series = bag.read(REQUESTS)
+    assert series[REQUESTS[0]].log_time_ns.tolist() == [*whole.times[:8:2], *whole.times[16::2]]
+    assert series[REQUESTS[1]].sequence.tolist() == list(range(1, 16, 2))
+    assert read_times(bag) == [*whole.times[:8], *whole.times[16:]]
+    (warning,) = bag.warnings
+    begin = f"file 'a.mcap': the chunk at byte {middle.chunk_start_offset} is damaged ("
+    assert warning.startswith(begin)
+    assert warning.endswith(') and was skipped')
+
+
+def test_a_checksum_that_is_wrong_is_named(tmp_path: Path) -> None:
+    whole = make('', chunks=1, per_chunk=8)
+    data = bytearray(whole.data)
+    data[whole.last.chunk_start_offset + whole.last.chunk_length - 1] ^= 1
+    (tmp_path / 'a.mcap').write_bytes(data)
+    bag = open_bag(tmp_path / 'a.mcap')
+    assert len(bag.read(REQUESTS)[REQUESTS[0]].value) == 0
+    offset = whole.last.chunk_start_offset
+    assert bag.warnings == (
+        f"file 'a.mcap': the chunk at byte {offset} is damaged (its checksum is wrong) and was"
+        ' skipped',
+    )
+
+
+def with_length(whole: Whole, spot: int, length: int) -> bytes:
+    return whole.data[:spot] + struct.pack('<Q', length) + whole.data[spot + 8 :]
+
+
+@pytest.mark.parametrize('compression', COMPRESSIONS)
+@pytest.mark.parametrize('length', [0, 5, 1 << 40, (1 << 64) - 1])
+@pytest.mark.parametrize('where', ['record', 'uncompressed', 'data'])
+def test_lengths_that_are_garbage(
+    tmp_path: Path, compression: str, length: int, where: str
+) -> None:
+    whole = make(compression, chunks=3, per_chunk=8)
+    begin = whole.chunks[1].chunk_start_offset
+    spots = {'record': 1, 'uncompressed': 9 + 16, 'data': CHUNK_HEAD - 8 + len(compression)}
+    data = with_length(whole, begin + spots[where], length)
+    for end in (len(data), len(data) - 1):
+        (tmp_path / 'a.mcap').write_bytes(data[:end])
+        times = read_times(open_bag(tmp_path / 'a.mcap'))
+        assert times[:8] == whole.times[:8]
+        assert set(times) <= set(whole.times)
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    compression=st.sampled_from(list(COMPRESSIONS)),
+    flips=st.lists(st.tuples(st.floats(0, 1), st.integers(1, 255)), min_size=1, max_size=4),
+    cut=st.floats(0.2, 1),
+)
+def test_no_damage_makes_it_crash(
+    tmp_path_factory: pytest.TempPathFactory,
+    compression: str,
+    flips: list[tuple[float, int]],
+    cut: float,
+) -> None:
+    whole = make(compression, chunks=2, per_chunk=8)
+    data = bytearray(whole.data)
+    for place, change in flips:
+        data[int(place * (len(data) - 1))] ^= change
+    path = tmp_path_factory.getbasetemp() / 'flipped.mcap'
+    path.write_bytes(data[: int(cut * len(data))])
+    # Any other error fails the test: the file is refused in a sentence, or read.
+    with contextlib.suppress(BagError):
+        bag = open_bag(path)
+        list(bag.messages())
+        bag.read([Request(name, 'data') for name, topic in bag.topics.items() if topic.readable])
+
+
+def test_a_damaged_summary_is_not_needed(tmp_path: Path) -> None:
+    whole = make('zstd', chunks=3, per_chunk=8)
+    (summary_start,) = struct.unpack_from('<Q', whole.data, len(whole.data) - 28)
+    for spot in range(summary_start, len(whole.data) - 8, 3):
+        data = bytearray(whole.data)
+        data[spot] ^= 0x55
+        (tmp_path / 'a.mcap').write_bytes(data)
+        assert read_times(open_bag(tmp_path / 'a.mcap')) == whole.times
+    assert (
+        zlib.crc32(whole.data[summary_start:-12])
+        == struct.unpack_from('<I', whole.data, len(whole.data) - 12)[0]
+    )

@@ -1,0 +1,326 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Folders, topics, and what is said to a user whose bag or request is wrong."""
+
+from __future__ import annotations
+
+import sqlite3
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import yaml
+from mcap.writer import Writer
+
+from stickslip_monitor.bags.reader import Request, TopicInfo, open_bag
+from stickslip_monitor.bags.writer import BagWriter
+from stickslip_monitor.errors import BagError, ConfigurationError
+
+FLOAT64 = 'std_msgs/msg/Float64'
+NESTED = """\
+std_msgs/Header header
+Reading[2] readings
+float64[] many
+float64[<=3] few
+string name
+===
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+===
+MSG: ship_msgs/Reading
+float64 value
+string unit
+"""
+
+
+def write_file(path: Path, times: list[int]) -> None:
+    with BagWriter(path) as writer:
+        writer.add_topic('/x', FLOAT64)
+        writer.write_float64('/x', times, [float(time) for time in times])
+
+
+def write_folder(folder: Path, files: dict[str, list[int]], **metadata: object) -> None:
+    folder.mkdir()
+    for name, times in files.items():
+        write_file(folder / name, times)
+    information = {
+        'version': 9,
+        'storage_identifier': 'mcap',
+        'message_count': sum(map(len, files.values())),
+        'relative_file_paths': list(files),
+        **metadata,
+    }
+    text = yaml.safe_dump({'rosbag2_bagfile_information': information})
+    (folder / 'metadata.yaml').write_text(text)
+
+
+def read_values(path: Path) -> list[float]:
+    request = Request('/x', 'data')
+    values: list[float] = open_bag(path).read([request])[request].value.tolist()
+    return values
+
+
+def test_files_are_read_in_the_order_of_the_metadata(tmp_path: Path) -> None:
+    files = {'late.mcap': [7, 8], 'early.mcap': [1, 7], 'more.mcap': [8, 9]}
+    write_folder(tmp_path / 'bag', files)
+    bag = open_bag(tmp_path / 'bag')
+    assert [file.name for file in bag.files] == list(files)
+    assert read_values(tmp_path / 'bag') == [1, 7, 7, 8, 8, 9]
+    assert [m.log_time_ns for m in bag.messages()] == [1, 7, 7, 8, 8, 9]
+    assert (bag.start_ns, bag.end_ns, bag.message_count, bag.warnings) == (1, 9, 6, ())
+    assert bag.topics == {'/x': TopicInfo('/x', FLOAT64, 6, 'cdr', '')}
+
+
+def test_without_metadata_the_names_are_counted(tmp_path: Path) -> None:
+    for number in (10, 9, 1):
+        write_file(tmp_path / 'bag' / f'bag_{number}.mcap', [number])
+    bag = open_bag(str(tmp_path / 'bag'))
+    assert [file.name for file in bag.files] == ['bag_1.mcap', 'bag_9.mcap', 'bag_10.mcap']
+    assert bag.warnings == (
+        f"folder '{tmp_path / 'bag'}' has no metadata.yaml: its .mcap files were read in the order"
+        ' of their names',
+    )
+
+
+@pytest.mark.parametrize('text', ['', '[', 'a: 1', 'rosbag2_bagfile_information: 3', '\0'])
+def test_unusable_metadata_is_a_warning(tmp_path: Path, text: str) -> None:
+    write_folder(tmp_path / 'bag', {'a.mcap': [1, 2]})
+    (tmp_path / 'bag/metadata.yaml').write_text(text)
+    bag = open_bag(tmp_path / 'bag')
+    assert bag.message_count == 2
+    assert bag.warnings == (
+        f"'{tmp_path / 'bag/metadata.yaml'}' is not rosbag2 metadata: its .mcap files were read in"
+        ' the order of their names',
+    )
+
+
+def test_metadata_that_disagrees_is_a_warning(tmp_path: Path) -> None:
+    write_folder(
+        tmp_path / 'bag', {'a.mcap': [1, 2], 'extra.mcap': [3]},
+        relative_file_paths=['old/a.mcap', 'gone.mcap'], message_count=50,
+    )  # fmt: skip
+    bag = open_bag(tmp_path / 'bag')
+    assert bag.warnings == (
+        "file 'gone.mcap' is listed in metadata.yaml but missing",
+        "file 'extra.mcap' is not listed in metadata.yaml and was not read",
+        f"'{tmp_path / 'bag/metadata.yaml'}' counts 50 messages, the files hold 2",
+    )
+
+
+def test_a_file_cut_in_a_folder_does_not_hide_the_others(tmp_path: Path) -> None:
+    write_folder(tmp_path / 'bag', {'a.mcap': [1, 2], 'b.mcap': [3], 'c.mcap': [4]})
+    (tmp_path / 'bag/b.mcap').write_bytes(b'')
+    (tmp_path / 'bag/c.mcap').write_bytes((tmp_path / 'bag/c.mcap').read_bytes()[:-9])
+    bag = open_bag(tmp_path / 'bag')
+    assert [cut.path.name for cut in bag.cuts] == ['b.mcap', 'c.mcap']
+    assert read_values(tmp_path / 'bag') == [1, 2, 4]
+
+
+def write_odd_topics(path: Path) -> None:
+    with path.open('wb') as stream:
+        writer = Writer(stream)
+        writer.start('ros2', 'test')
+        float64 = writer.register_schema(FLOAT64, 'ros2msg', b'float64 data\n')
+        text = writer.register_schema('std_msgs/msg/String', 'ros2msg', b'string data\n')
+        nested = writer.register_schema('ship_msgs/msg/N', 'ros2msg', NESTED.encode())
+        schemas = {
+            '/good': ('cdr', float64),
+            '/json': ('json', writer.register_schema('Speed', 'jsonschema', b'{}')),
+            '/idl': ('cdr', writer.register_schema('a/msg/B', 'ros2idl', b'module a {}')),
+            '/bare': ('cdr', 0),
+            '/lost': ('cdr', writer.register_schema('a/msg/C', 'ros2msg', b'other_msgs/D d\n')),
+            '/junk': ('cdr', writer.register_schema('a/msg/D', 'ros2msg', b'!?\n')),
+            '/upper': ('cdr', writer.register_schema('a/msg/E', 'ros2msg', b'float64 Value\n')),
+            '/nested': ('cdr', nested),
+            '/text': ('cdr', text),
+        }
+        ids = {t: writer.register_channel(t, *encoding) for t, encoding in schemas.items()}
+        again = writer.register_channel('/twice', 'cdr', float64)
+        writer.register_channel('/twice', 'cdr', text)
+        for time, channel in enumerate([*ids.values(), again]):
+            writer.add_message(channel, time, b'\0\1\0\0' + struct.pack('<d', 2.5), time)
+        writer.finish()
+
+
+def test_unreadable_topics_are_listed(tmp_path: Path) -> None:
+    write_odd_topics(tmp_path / 'odd.mcap')
+    bag = open_bag(tmp_path / 'odd.mcap')
+    assert list(bag.topics) == sorted(bag.topics)
+    assert {name: topic.problem for name, topic in bag.topics.items()} == {
+        '/good': '',
+        '/json': "message encoding 'json' is not cdr",
+        '/idl': "schema encoding 'ros2idl' is not ros2msg",
+        '/bare': 'no schema',
+        '/lost': 'its definition leaves other_msgs/D, used by a/C, undefined',
+        '/junk': "its definition has the line '!?', which is not a field",
+        '/upper': '',
+        '/nested': '',
+        '/text': '',
+        '/twice': 'it has several types: std_msgs/msg/Float64, std_msgs/msg/String',
+    }
+    assert bag.topics['/json'] == TopicInfo(
+        '/json', 'Speed', 1, 'json', "message encoding 'json' is not cdr"
+    )
+    assert [m.topic for m in bag.messages(['/json', '/good'])] == ['/good', '/json']
+    assert len(list(bag.messages())) == 10
+    assert bag.read([Request('/good', 'data')])[Request('/good', 'data')].value.tolist() == [2.5]
+
+
+NAMES = '/bare, /good, /idl, /json, /junk, /lost, /nested, /text, /twice, /upper'
+
+
+@pytest.mark.parametrize(
+    ('request_', 'text'),
+    [
+        (Request('/goods', 'data'), "topic '/goods' is not in the bag: it has /good, "),
+        (
+            Request('/good', 'data', 'std_msgs/msg/Float32'),
+            "topic '/good' has type std_msgs/msg/Float64 in the bag, not std_msgs/msg/Float32",
+        ),
+        (
+            Request('/good', 'value'),
+            "field 'value' of topic '/good' (std_msgs/msg/Float64) is no number: std_msgs/Float64"
+            " has no field 'value': its fields are data",
+        ),
+        (
+            Request('/good', 'data.x'),
+            "field 'data.x' of topic '/good' (std_msgs/msg/Float64) is no number: 'data' is a"
+            " float64, which has no field 'x'",
+        ),
+        (
+            Request('/good', 'data[0]'),
+            "field 'data[0]' of topic '/good' (std_msgs/msg/Float64) is no number: 'data' is a"
+            ' float64, which has no element 0',
+        ),
+        (
+            Request('/text', 'data'),
+            "field 'data' of topic '/text' (std_msgs/msg/String) is no number: 'data' is a string,"
+            ' not a number',
+        ),
+        (
+            Request('/nested', 'header'),
+            "field 'header' of topic '/nested' (ship_msgs/msg/N) is no number: it ends at a"
+            ' std_msgs/Header, not at a number: its fields are stamp, frame_id',
+        ),
+        (
+            Request('/nested', 'readings[1].unit'),
+            "field 'readings[1].unit' of topic '/nested' (ship_msgs/msg/N) is no number: 'unit' is"
+            ' a string, not a number',
+        ),
+        (
+            Request('/nested', 'readings[2].value'),
+            "field 'readings[2].value' of topic '/nested' (ship_msgs/msg/N) is no number:"
+            " 'readings' is a ship_msgs/Reading[2], which has no element 2",
+        ),
+        (
+            Request('/nested', 'few[3]'),
+            "field 'few[3]' of topic '/nested' (ship_msgs/msg/N) is no number: 'few' is a"
+            ' float64[<=3], which has no element 3',
+        ),
+        (
+            Request('/nested', 'many[4294967295]'),
+            "field 'many[4294967295]' of topic '/nested' (ship_msgs/msg/N) is no number: 'many' is"
+            ' a float64[], which has no element 4294967295',
+        ),
+        (
+            Request('/nested', 'many'),
+            "field 'many' of topic '/nested' (ship_msgs/msg/N) is no number: 'many' is a"
+            ' float64[]: name an element, e.g. many[0]',
+        ),
+        (
+            Request('/json', 'speed'),
+            "topic '/json' (Speed) cannot be read: message encoding 'json' is not cdr",
+        ),
+        (
+            Request('/twice', 'data'),
+            "topic '/twice' (std_msgs/msg/Float64) cannot be read: it has several types:"
+            ' std_msgs/msg/Float64, std_msgs/msg/String',
+        ),
+        (
+            Request('/upper', 'Value'),
+            "topic '/upper' (a/msg/E) cannot be read: its definition cannot be parsed ('Value' is",
+        ),
+    ],
+)
+def test_wrong_requests_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], request_: Request, text: str
+) -> None:
+    write_odd_topics(tmp_path / 'odd.mcap')
+    with pytest.raises(BagError) as caught:
+        open_bag(tmp_path / 'odd.mcap').read([request_])
+    assert str(caught.value).startswith(text)
+    assert '\n' not in str(caught.value)
+    assert capsys.readouterr() == ('', '')
+
+
+def test_a_missing_topic_is_told_all_topics(tmp_path: Path) -> None:
+    write_odd_topics(tmp_path / 'odd.mcap')
+    bag = open_bag(tmp_path / 'odd.mcap')
+    with pytest.raises(BagError) as caught:
+        bag.messages(['/@@'])
+    assert str(caught.value) == f"topic '/@@' is not in the bag: it has {NAMES}"
+
+
+def test_a_field_that_is_no_path(tmp_path: Path) -> None:
+    write_odd_topics(tmp_path / 'odd.mcap')
+    with pytest.raises(ConfigurationError, match="field 'data\\[' is not a path"):
+        open_bag(tmp_path / 'odd.mcap').read([Request('/good', 'data[')])
+
+
+def make_empty(path: Path) -> None:
+    path.mkdir()
+
+
+def make_text(path: Path) -> None:
+    path.write_text('time,speed\n1,2\n')
+
+
+def make_sqlite(path: Path) -> None:
+    with sqlite3.connect(path) as base:
+        base.execute('create table messages (id integer)')
+
+
+def make_sqlite_folder(path: Path) -> None:
+    path.mkdir()
+    make_sqlite(path / 'bag_0.db3')
+
+
+def make_sqlite_bag(path: Path) -> None:
+    write_folder(path, {}, storage_identifier='sqlite3', relative_file_paths=['a.db3'])
+
+
+def make_compressed_bag(path: Path) -> None:
+    write_folder(path, {'a.mcap': [1]}, compression_mode='MESSAGE', compression_format='zstd')
+
+
+def make_lost_bag(path: Path) -> None:
+    write_folder(path, {'a.mcap': [1]}, relative_file_paths=['b.mcap'])
+
+
+CONVERT = "convert it with 'ros2 bag convert' first"
+
+
+@pytest.mark.parametrize(
+    ('make', 'text'),
+    [
+        (lambda path: None, "bag '{}' does not exist"),
+        (make_empty, "bag '{}' has no .mcap file"),
+        (make_text, "bag file '{}' is not an MCAP recording: it begins with bytes 74 69 6d 65 2c"),
+        (make_sqlite, f"bag file '{{}}' is an SQLite recording (.db3), not MCAP: {CONVERT}"),
+        (make_sqlite_folder, f"bag '{{}}' is an SQLite recording (.db3), not MCAP: {CONVERT}"),
+        (make_sqlite_bag, f"bag '{{}}' is stored as 'sqlite3', not mcap: {CONVERT}"),
+        (
+            make_compressed_bag,
+            "bag '{}' has compression_mode 'message', but only the compression inside MCAP can be"
+            f' read: {CONVERT}',
+        ),
+        (make_lost_bag, "bag '{}' has none of the files its metadata.yaml lists"),
+    ],
+)
+def test_what_is_no_bag_is_named(tmp_path: Path, make: Callable[[Path], None], text: str) -> None:
+    make(tmp_path / 'bag')
+    with pytest.raises(BagError) as caught:
+        open_bag(tmp_path / 'bag')
+    assert str(caught.value).startswith(text.format(tmp_path / 'bag'))
+    assert '\n' not in str(caught.value)

@@ -1,0 +1,311 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bags we write, read by ``rosbags`` and by us; bags ``rosbags`` writes, read by us."""
+
+from __future__ import annotations
+
+import errno
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from mcap.reader import make_reader
+from rosbags.rosbag2 import Reader, StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.typesys import Stores, get_typestore
+
+from stickslip_monitor.bags.cdr import encode_bool, encode_float64, encode_string
+from stickslip_monitor.bags.definitions import MESSAGE_TYPES
+from stickslip_monitor.bags.reader import Request, open_bag
+from stickslip_monitor.bags.writer import BagWriter
+from stickslip_monitor.errors import BagError
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+FLOAT64 = 'std_msgs/msg/Float64'
+TIMES = np.arange(50) * 1_000_000 + 1_700_000_000_000_000_000
+SPEED, LOAD = np.linspace(40.0, 5.0, 50), np.linspace(900.0, 1100.0, 50)
+
+
+def write_example(path: Path, **options: Any) -> None:
+    with BagWriter(path, **options) as writer:
+        writer.add_topic('/speed', FLOAT64)
+        writer.add_topic('/load', FLOAT64)
+        writer.add_topic('/note', 'std_msgs/msg/String')
+        writer.add_topic('/clutch', 'std_msgs/msg/Bool')
+        writer.add_topic('/never', FLOAT64)
+        writer.write('/note', int(TIMES[0]) - 5, encode_string('Prüfstand'))
+        writer.write('/clutch', int(TIMES[0]) - 3, encode_bool(True))
+        writer.write_float64s({'/speed': (TIMES, SPEED), '/load': (TIMES + 7, LOAD)})
+
+
+def read_with_rosbags(path: Path) -> list[tuple[str, int, object]]:
+    with Reader(path) as reader:
+        return [
+            (c.topic, time, STORE.deserialize_cdr(data, c.msgtype).data)  # type: ignore[attr-defined]
+            for c, time, data in reader.messages()
+        ]
+
+
+EXPECTED = [
+    ('/note', int(TIMES[0]) - 5, 'Prüfstand'),
+    ('/clutch', int(TIMES[0]) - 3, True),
+    *(
+        row
+        for time, speed, load in zip(TIMES.tolist(), SPEED.tolist(), LOAD.tolist(), strict=True)
+        for row in (('/speed', time, speed), ('/load', time + 7, load))
+    ),
+]
+
+
+@pytest.mark.parametrize('compression', ['zstd', 'lz4', 'none'])
+@pytest.mark.parametrize('name', ['voyage', 'voyage.mcap'])
+def test_rosbags_reads_what_we_write(tmp_path: Path, compression: str, name: str) -> None:
+    path = tmp_path / name
+    write_example(path, compression=compression, chunk_size=500)
+    assert read_with_rosbags(path) == EXPECTED
+    with Reader(path) as reader:
+        assert reader.message_count == 102
+        assert (reader.start_time, reader.end_time) == (TIMES[0] - 5, TIMES[-1] + 8)
+        assert {c.topic: c.msgtype for c in reader.connections} == {
+            '/speed': FLOAT64, '/load': FLOAT64, '/never': FLOAT64,
+            '/note': 'std_msgs/msg/String', '/clutch': 'std_msgs/msg/Bool',
+        }  # fmt: skip
+
+
+@pytest.mark.parametrize('name', ['voyage', 'voyage.mcap'])
+def test_we_read_what_we_write(tmp_path: Path, name: str) -> None:
+    write_example(tmp_path / name, chunk_size=500)
+    bag = open_bag(tmp_path / name)
+    speed, load = Request('/speed', 'data'), Request('/load', 'data', FLOAT64)
+    clutch = Request('/clutch', 'data')
+    series = bag.read([speed, load, clutch, Request('/never', 'data')])
+    np.testing.assert_array_equal(series[speed].value, SPEED)
+    np.testing.assert_array_equal(series[speed].log_time_ns, TIMES)
+    np.testing.assert_array_equal(series[load].value, LOAD)
+    np.testing.assert_array_equal(series[load].stamp_ns, TIMES + 7)
+    np.testing.assert_array_equal(series[load].sequence, np.arange(2, 101, 2))
+    assert series[clutch].value.tolist() == [1.0]
+    assert len(series[Request('/never', 'data')].value) == 0
+    assert (bag.start_ns, bag.end_ns) == (TIMES[0] - 5, TIMES[-1] + 7)
+    assert {t.name: t.count for t in bag.topics.values()} == {
+        '/clutch': 1, '/load': 50, '/never': 0, '/note': 1, '/speed': 50,
+    }  # fmt: skip
+    assert bag.cuts == bag.warnings == ()
+
+
+def test_metadata_is_what_rosbag2_writes(tmp_path: Path) -> None:
+    write_example(tmp_path / 'voyage')
+    text = (tmp_path / 'voyage/metadata.yaml').read_text()
+    assert '&' not in text
+    information = yaml.safe_load(text)['rosbag2_bagfile_information']
+    span = {
+        'starting_time': {'nanoseconds_since_epoch': int(TIMES[0]) - 5},
+        'duration': {'nanoseconds': 49 * 1_000_000 + 12},
+        'message_count': 102,
+    }
+    topics = information.pop('topics_with_message_count')
+    assert information == {
+        'version': 9, 'storage_identifier': 'mcap', **span, 'compression_format': '',
+        'compression_mode': '', 'relative_file_paths': ['voyage_0.mcap'],
+        'files': [{'path': 'voyage_0.mcap', **span}], 'custom_data': None, 'ros_distro': 'unknown',
+    }  # fmt: skip
+    assert topics[0] == {
+        'topic_metadata': {
+            'name': '/speed', 'type': FLOAT64, 'serialization_format': 'cdr',
+            'offered_qos_profiles': [], 'type_description_hash': STORE.hash_rihs01(FLOAT64),
+        },
+        'message_count': 50,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize('name', MESSAGE_TYPES)
+def test_built_in_types_are_those_of_ros(name: str) -> None:
+    definition, _ = STORE.generate_msgdef(name, ros_version=2)
+    assert MESSAGE_TYPES[name].definition == definition
+    assert MESSAGE_TYPES[name].type_hash == STORE.hash_rihs01(name)
+
+
+@pytest.mark.parametrize('value', [0.0, -1.5, math.inf, 1e-300])
+def test_encoders_agree_with_rosbags(value: float) -> None:
+    for data, name in (
+        (encode_float64(value), 'Float64'),
+        (encode_bool(value > 0), 'Bool'),
+        (encode_string(str(value)), 'String'),
+    ):
+        message = STORE.deserialize_cdr(data, f'std_msgs/msg/{name}')
+        again = STORE.serialize_cdr(message, f'std_msgs/msg/{name}')
+        # rosbags pads the end to four bytes, which no reader needs.
+        assert bytes(again).rstrip(b'\0') == data.rstrip(b'\0')
+
+
+def test_equal_input_gives_equal_bytes(tmp_path: Path) -> None:
+    for name in ('a', 'b'):
+        write_example(tmp_path / name / 'voyage')
+    for file in ('voyage_0.mcap', 'metadata.yaml'):
+        first, second = ((tmp_path / name / 'voyage' / file).read_bytes() for name in ('a', 'b'))
+        assert first == second
+    with (tmp_path / 'a/voyage/voyage_0.mcap').open('rb') as stream:
+        header = make_reader(stream).get_header()
+    assert (header.profile, header.library) == ('ros2', 'stickslip_monitor')
+
+
+def test_a_type_with_a_definition(tmp_path: Path) -> None:
+    definition, _ = STORE.generate_msgdef('geometry_msgs/msg/WrenchStamped', ros_version=2)
+    types = STORE.types
+    message = types['geometry_msgs/msg/WrenchStamped'](
+        types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](12, 34), 'stern'),
+        types['geometry_msgs/msg/Wrench'](
+            *(types['geometry_msgs/msg/Vector3'](x, x + 1, x + 2) for x in (10.0, 20.0))
+        ),
+    )
+    data = bytes(STORE.serialize_cdr(message, 'geometry_msgs/msg/WrenchStamped'))
+    with BagWriter(tmp_path / 'bag') as writer:
+        writer.add_topic('/load', 'geometry_msgs/msg/WrenchStamped', definition)
+        writer.write('/load', 99, data)
+    request = Request('/load', 'wrench.force.z', 'geometry_msgs/WrenchStamped')
+    series = open_bag(tmp_path / 'bag').read([request])[request]
+    assert (series.value[0], series.stamp_ns[0], series.log_time_ns[0]) == (
+        12.0,
+        12 * 10**9 + 34,
+        99,
+    )
+
+
+def test_an_empty_bag_is_a_bag(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'bag') as writer:
+        writer.add_topic('/x', FLOAT64)
+    bag = open_bag(tmp_path / 'bag')
+    assert (bag.start_ns, bag.end_ns, bag.message_count) == (None, None, 0)
+    assert (list(bag.topics), list(bag.messages()), bag.cuts, bag.warnings) == (['/x'], [], (), ())
+    assert len(bag.read([Request('/x', 'data')])[Request('/x', 'data')].value) == 0
+    assert read_with_rosbags(tmp_path / 'bag') == []
+
+
+@pytest.mark.parametrize('name', ['bag', 'bag.mcap'])
+@pytest.mark.parametrize('error', [ValueError('stop'), KeyboardInterrupt()])
+def test_nothing_stays_after_an_error(tmp_path: Path, name: str, error: BaseException) -> None:
+    def write() -> None:
+        with BagWriter(tmp_path / name) as writer:
+            writer.add_topic('/x', FLOAT64)
+            writer.write_float64('/x', TIMES, SPEED)
+            raise error
+
+    with pytest.raises(type(error)):
+        write()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize('name', ['bag', 'bag.mcap'])
+@pytest.mark.parametrize('target', ['write', 'finish'])
+def test_nothing_stays_on_a_full_disk(
+    tmp_path: Path, name: str, target: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+    def write() -> None:
+        with BagWriter(tmp_path / name) as writer:
+            writer.add_topic('/x', FLOAT64)
+            monkeypatch.setattr(
+                writer._writer, {'write': 'add_message', 'finish': 'finish'}[target], fail
+            )
+            writer.write_float64('/x', TIMES, SPEED)
+
+    with pytest.raises(BagError) as caught:
+        write()
+    path = tmp_path / name
+    assert str(caught.value) == f"bag '{path}' cannot be written: No space left on device"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_existing_target_is_refused(tmp_path: Path) -> None:
+    (tmp_path / 'bag').mkdir()
+    with pytest.raises(BagError) as caught:
+        BagWriter(tmp_path / 'bag')
+    path = tmp_path / 'bag'
+    assert str(caught.value) == f"bag '{path}' exists already and is not overwritten"
+
+
+def test_a_target_that_appears_meanwhile_is_kept(tmp_path: Path) -> None:
+    def write() -> None:
+        with BagWriter(tmp_path / 'bag.mcap'):
+            (tmp_path / 'bag.mcap').write_text('precious')
+
+    with pytest.raises(BagError, match='exists already'):
+        write()
+    assert [p.read_text() for p in tmp_path.iterdir()] == ['precious']
+
+
+def test_two_writers_do_not_meet(tmp_path: Path) -> None:
+    def write() -> None:
+        with BagWriter(tmp_path / 'bag.mcap') as first:
+            first.add_topic('/x', FLOAT64)
+            with BagWriter(tmp_path / 'bag.mcap') as second:
+                second.add_topic('/y', FLOAT64)
+
+    with pytest.raises(BagError, match='exists already'):
+        write()
+    assert len(list(tmp_path.iterdir())) == 1
+    assert list(open_bag(tmp_path / 'bag.mcap').topics) == ['/y']
+
+
+def test_wrong_use_is_named(tmp_path: Path) -> None:
+    path = tmp_path / 'bag'
+    with BagWriter(path) as writer:
+        writer.add_topic('/x', FLOAT64)
+        cases = {
+            f"topic '/x' was added to bag '{path}' already": lambda: writer.add_topic(
+                '/x', FLOAT64
+            ),
+            f"topic '/y' was not added to bag '{path}'": lambda: writer.write('/y', 0, b''),
+            f"log time -1 ns of topic '/x' is not between 0 and {2**63 - 1}": (
+                lambda: writer.write('/x', -1, b'')
+            ),
+            "type 'a/msg/B' needs a definition: built in are only std_msgs/msg/Bool,"
+            ' std_msgs/msg/Float64, std_msgs/msg/String': lambda: writer.add_topic(
+                '/b', 'a/msg/B'
+            ),
+            "topic '/x' has 2 log times for 3 values: write one value for each time": (
+                lambda: writer.write_float64('/x', [1, 2], [1, 2, 3])
+            ),
+            "compression 'gzip' is unknown: use one of none, lz4, zstd": (
+                lambda: BagWriter(tmp_path / 'c', compression='gzip')
+            ),
+        }
+        for text, use in cases.items():
+            with pytest.raises(BagError) as caught:
+                use()
+            assert str(caught.value) == text
+
+
+def test_we_read_what_rosbags_writes(tmp_path: Path) -> None:
+    joint_state = STORE.types['sensor_msgs/msg/JointState']
+    header = STORE.types['std_msgs/msg/Header']
+    time = STORE.types['builtin_interfaces/msg/Time']
+    writer = RosbagsWriter(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP)
+    with writer:
+        joints = writer.add_connection('/joints', 'sensor_msgs/msg/JointState', typestore=STORE)
+        speed = writer.add_connection('/speed', FLOAT64, typestore=STORE)
+        for number in range(20):
+            names = ['shaft', 'wheel'][: number % 3]
+            velocity = np.array([number / 2, -number], np.float64)[: len(names)]
+            none = np.array([], np.float64)
+            message = joint_state(header(time(number, 5), 'hull'), names, none, velocity, none)
+            writer.write(joints, 100 + number, STORE.serialize_cdr(message, joints.msgtype))
+            value = STORE.types[FLOAT64](float(number))
+            writer.write(speed, 100 + number, STORE.serialize_cdr(value, FLOAT64))
+    bag = open_bag(tmp_path / 'bag')
+    asked = Request('/joints', 'velocity[1]'), Request('/speed', 'data')
+    series = bag.read(asked)
+    expected = [-n if n % 3 == 2 else math.nan for n in range(20)]
+    np.testing.assert_array_equal(series[asked[0]].value, expected)
+    np.testing.assert_array_equal(series[asked[0]].stamp_ns, [n * 10**9 + 5 for n in range(20)])
+    np.testing.assert_array_equal(series[asked[0]].sequence, np.arange(0, 40, 2))
+    np.testing.assert_array_equal(series[asked[1]].value, np.arange(20.0))
+    (fault,) = series[asked[0]].faults
+    assert (fault.count, fault.text) == (
+        14, "14 of 20 messages of '/joints' have too few elements for field 'velocity[1]'"
+    )  # fmt: skip
+    assert bag.warnings == bag.cuts == ()

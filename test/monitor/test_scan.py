@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Batch and stream are one thing: scan() and update() agree to the last bit on any recording."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stickslip_monitor import Assessment, Monitor, MonitorConfig, Sample, Stream, build_config
+from stickslip_monitor.monitor.signals import QUANTITIES, Status
+
+SECOND = 10**9
+_PARAMETERS = {
+    'mass': 50.0,
+    'damping': 400.0,
+    'stiffness': 2.0e6,
+    'journal_diameter': 0.1,
+    'friction.static': 0.3,
+    'friction.kinetic': 0.1,
+    'friction.decay': 10.0,
+    'speed.topic': '/n',
+    'speed.unit': 'rpm',
+    'speed.timeout': 3.0,
+    'speed.maximum': 2.0,
+    'load.topic': '/f',
+    'load.unit': 'N',
+    'load.timeout': 4.0,
+    'alarm.on_delay': 1.5,
+    'alarm.off_delay': 2.5,
+    'alarm.amplitude_limit': 0.8e-3,
+    'alarm.minimum_speed': 1e-3,
+}
+
+
+def _config(**changes: float) -> MonitorConfig:
+    values = _PARAMETERS | {key.replace('__', '.'): value for key, value in changes.items()}
+    return build_config({'bearings': ['b']} | {f'b.{k}': v for k, v in values.items()})
+
+
+_steps = st.sampled_from([0, 1, SECOND // 10, SECOND // 2, SECOND, 2 * SECOND, 5 * SECOND])
+_back = st.sampled_from([0, 0, 0, 0, 0, SECOND // 2, SECOND, 6 * SECOND, 100 * SECOND])
+_rpm = st.sampled_from([0.0, 0.1, 20.0, 29.0, 32.0, 35.0, 40.0, 41.0, 44.5, 46.0, -20.0, 60.0])
+_odd = st.sampled_from([math.nan, math.inf, 1e6, -math.inf])
+_load = st.sampled_from([1000.0, 1000.0, 1000.0, 700.0, 400.0, 0.0, -5.0])
+
+
+@st.composite
+def _recordings(draw: Any) -> Stream:
+    n = draw(st.integers(0, 40))
+    now, times, loads, values = 0, [], [], []
+    for _ in range(n):
+        now += draw(_steps)
+        is_load = draw(st.booleans())
+        value = draw(_load if is_load else _rpm)
+        if draw(st.integers(0, 15)) == 0:
+            value = draw(_odd)
+        back = draw(_back)
+        times.append(now - back)
+        if back > 4 * SECOND and draw(st.booleans()):
+            now -= back
+        loads.append(is_load)
+        values.append(value)
+    return Stream(np.array(times, np.int64), np.array(loads, bool), np.array(values, float))
+
+
+def _bits(value: float) -> bytes:
+    return np.float64(value).tobytes()
+
+
+def _same_point(left: Assessment, right: Assessment) -> bool:
+    return all(
+        _bits(getattr(left, f.name)) == _bits(getattr(right, f.name)) for f in fields(Assessment)
+    )
+
+
+@settings(max_examples=400, deadline=None)
+@given(
+    stream=_recordings(),
+    delays=st.sampled_from([{}, {'alarm__on_delay': 0.0, 'alarm__off_delay': 0.0}]),
+    start=st.sampled_from([None, -20 * SECOND, -SECOND]),
+    tail=st.sampled_from([0, SECOND, 60 * SECOND]),
+)
+def test_scan_equals_update(
+    stream: Stream, delays: dict[str, float], start: int | None, tail: int
+) -> None:
+    config = _config(**delays)
+    live = Monitor(config)
+    if start is not None:
+        live.advance(start)
+    verdicts, events = [], []
+    for time_ns, is_load, value in zip(stream.time_ns, stream.is_load, stream.value):
+        sample = Sample('b', QUANTITIES[int(is_load)], int(time_ns), float(value))
+        update = live.update(sample)
+        events += update.events
+        if update.verdict is not None:
+            verdicts.append(update.verdict)
+    now = live.bearings['b'].now_ns
+    end = (now if now is not None else 0) + tail
+    events += live.advance(end)
+    scan = live.scan({'b': stream}, start, end)['b']
+
+    assert scan.time_ns.tolist() == [v.time_ns for v in verdicts]
+    assert scan.condition == [v.condition for v in verdicts]
+    assert scan.sticking.tolist() == [v.sticking for v in verdicts]
+    for f in fields(Assessment):
+        column = getattr(scan.assessment, f.name)
+        assert [_bits(x) for x in column] == [
+            _bits(getattr(v.assessment, f.name)) for v in verdicts
+        ]
+    assert scan.counts.tolist() == live.bearings['b'].gate.counts.tolist()
+    assert [(e.time_ns, e.before, e.after, e.lost, e.sticking, e.text) for e in scan.events] == [
+        (e.time_ns, e.before, e.after, e.lost, e.sticking, e.text) for e in events
+    ]
+    for batch, single in zip(scan.events, events):
+        assert (batch.assessment is None) == (single.assessment is None)
+        if batch.assessment is not None and single.assessment is not None:
+            assert _same_point(batch.assessment, single.assessment)
+
+
+def test_counts_every_sample_under_its_status() -> None:
+    times = np.array([0, 1, 1, 0, 2, 3, 4, -9 * SECOND], np.int64)
+    value = np.array([20.0, math.nan, 20.0, 20.0, 1e9, 20.0, 20.0, 20.0])
+    stream = Stream(times, np.zeros(8, bool), value)
+    counts = Monitor(_config()).scan({'b': stream})['b'].counts[0]
+    assert {status.name: int(counts[status]) for status in Status} == {
+        'ACCEPTED': 4,
+        'NOT_FINITE': 1,
+        'IMPLAUSIBLE': 1,
+        'OUT_OF_ORDER': 1,
+        'REPEATED': 0,
+        'CLOCK_JUMP': 1,
+    }
+
+
+def test_until_ends_where_an_input_is_lost() -> None:
+    stream = Stream(
+        np.array([0, 0, 2 * SECOND, 4 * SECOND], np.int64),
+        np.array([False, True, False, False]),
+        np.array([50.0, 1000.0, 50.0, 50.0]),
+    )
+    scan = Monitor(_config()).scan({'b': stream}, 0, 9 * SECOND)['b']
+    # The speed of t = 4 s counts for 3 s, but the load of t = 0 only for 4 s.
+    assert scan.time_ns.tolist() == [0, 2 * SECOND, 4 * SECOND]
+    assert scan.until_ns.tolist() == [2 * SECOND, 4 * SECOND, 4 * SECOND]
+
+
+def test_stream_columns_must_match() -> None:
+    with pytest.raises(ValueError, match='one length'):
+        Stream(np.zeros(2, np.int64), np.zeros(3, bool), np.zeros(2))
