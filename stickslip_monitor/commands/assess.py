@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Assess one operating point: regime, margins and predicted amplitude of each bearing.
 
-The exit code is 1 where a bearing is not in the stable regime.
+The exit code is 1 where a bearing would warn: close to the stick-slip region or inside it.
 """
 
 from __future__ import annotations
@@ -10,13 +10,17 @@ import argparse
 import math
 from typing import Any
 
+import numpy as np
 from rich.table import Table
 
-from stickslip_monitor.commands.output import add_config, add_json, console, number, print_json
+from stickslip_monitor.commands.output import add_config, add_json, console, print_json
 from stickslip_monitor.commands.quantities import parse_load, parse_speed
-from stickslip_monitor.monitor.assessment import Assessment, Regime, assess
+from stickslip_monitor.monitor.assessment import Assessment, assess
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.points import at_index
+from stickslip_monitor.monitor.records import number
+from stickslip_monitor.monitor.rungs import Bands
 
 SCHEMA = 'stickslip_monitor/assessment/1'
 _NUMBERS = (
@@ -46,17 +50,19 @@ def run(args: argparse.Namespace) -> int:
     config = load_config(args.config)
     bearings = [config.bearing(args.bearing)] if args.bearing else list(config.bearings)
     load = parse_load(args.load)
-    points = []
+    points, warned = [], False
     for item in bearings:
         speed = parse_speed(args.speed, item.bearing.speed)
-        points.append((item, assess(item.bearing, speed, load)))
+        point = assess(item.bearing, np.array([speed]), np.array([load]))
+        points.append((item, at_index(point, 0)))
+        warned |= bool(Bands(item.alarm).rungs(point)[0][0])
     if args.json:
         documents = [to_json(item.name, point) for item, point in points]
         print_json(documents if len(documents) > 1 else documents[0])
     else:
         for item, point in points:
             console().print(_table(item, point))
-    return int(any(point.regime is not Regime.STABLE for _, point in points))
+    return int(warned)
 
 
 def to_json(bearing: str, point: Assessment) -> dict[str, Any]:

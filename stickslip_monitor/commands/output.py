@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
 from typing import Any
 
@@ -22,11 +21,6 @@ def add_config(parser: argparse.ArgumentParser) -> None:
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add ``--json``."""
     parser.add_argument('--json', action='store_true', help='print JSON, SI units, null for none')
-
-
-def number(value: float) -> float | None:
-    """A float for JSON, which has no infinity and no NaN."""
-    return value if math.isfinite(value) else None
 
 
 def print_json(document: Any) -> None:

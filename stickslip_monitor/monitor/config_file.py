@@ -48,7 +48,7 @@ def load_yaml(path: str | Path) -> Any:
     """
     try:
         text = Path(path).read_text(encoding='utf-8')
-        return yaml.load(text, _Loader)  # noqa: S506 (a SafeLoader)
+        return yaml.load(text, _Loader)  # a SafeLoader
     except OSError as error:
         raise ConfigurationError(f'{path}: {error.strerror or error}') from error
     except UnicodeDecodeError as error:
@@ -94,7 +94,12 @@ def _node_parameters(path: str | Path, document: Any) -> dict[str, Any]:
         raise ConfigurationError(
             f"{path} has no parameters for '{NODE_NAME}': its sections are {sections}; use '/**'"
         )
-    return {key: value for key, value in merged.items() if not key.startswith(_ROS_OWN)}
+    return {key: value for key, value in merged.items() if not is_ros_parameter(key)}
+
+
+def is_ros_parameter(name: str) -> bool:
+    """Whether a parameter is one that every ROS 2 node has."""
+    return name.startswith(_ROS_OWN)
 
 
 def _flattened(prefix: str, content: Mapping[Any, Any]) -> Iterator[tuple[str, Any]]:

@@ -9,6 +9,7 @@ or an input has been silent for longer than its timeout, and nothing else.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -168,7 +169,7 @@ def _running_time(time: Ints, jumps: NDArray[np.intp]) -> Ints:
     """Latest time so far, starting anew at each jump of the clock."""
     edges = [0, *jumps.tolist(), time.size]
     now = time.copy()
-    for start, end in zip(edges, edges[1:], strict=False):
+    for start, end in pairwise(edges):
         np.maximum.accumulate(time[start:end], out=now[start:end])
     return now
 
@@ -228,7 +229,25 @@ class _Walk:
         change = np.flatnonzero((np.diff(self.rungs) != 0) | (np.diff(segment) != 0)) + 1
         stop[self.evaluated[:1]] = True
         stop[self.evaluated[change]] = True
+        stop[self._at_instants(np.flatnonzero(stop), np.flatnonzero(late), segment)] = True
         return np.flatnonzero(stop)
+
+    def _at_instants(
+        self, stops: NDArray[np.intp], late: NDArray[np.intp], segment: NDArray[np.intp]
+    ) -> NDArray[np.intp]:
+        """The points at which something can end exactly, or at which a lost input has returned."""
+        points = self.evaluated
+        if not points.size:
+            return points
+        before = np.searchsorted(points, late) - 1
+        here = np.searchsorted(points, stops, 'right') - 1
+        last = np.concatenate([before, here, [points.size - 1]])
+        new_instant = np.append(True, (np.diff(self.times) != 0) | (np.diff(segment) != 0))
+        # A delay that ends at an instant ends at the first point of that instant.
+        first = np.maximum.accumulate(np.where(new_instant, np.arange(points.size), 0))
+        returned = np.searchsorted(points, late)
+        chosen = np.concatenate([first[last[last >= 0]], returned[returned < points.size]])
+        return np.asarray(points[chosen], dtype=np.intp)
 
     def _visit(self, i: int) -> None:
         samples = self.samples

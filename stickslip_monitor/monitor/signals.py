@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What comes in: samples, the rules by which they are believed, and the counts of those that are not.
+"""What comes in: samples, the rules by which they are believed, and counts of those that are not.
 
 A sample is rejected, counted and named when its number is not finite or not plausible, or when
 its time stamp repeats or precedes the input's last one. A stamp that steps back by more than the

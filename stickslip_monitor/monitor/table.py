@@ -74,7 +74,7 @@ NODE_PARAMETERS = (
         'publish_period',
         'float',
         0.0,
-        'Least time between two publications of a bearing\'s values; 0 publishes every evaluation.'
+        "Least time between two publications of a bearing's values; 0 publishes every evaluation."
         ' A change of condition is always published at once.',
         unit='s',
         minimum=0.0,
@@ -149,7 +149,12 @@ BEARING_PARAMETERS = (
         above_minimum=True,
     ),
     Parameter(
-        'friction.viscous', 'float', 0.0, 'Viscous rise nu of the Stribeck law.', 's/m', minimum=0.0
+        'friction.viscous',
+        'float',
+        0.0,
+        'Viscous rise nu of the Stribeck law.',
+        's/m',
+        minimum=0.0,
     ),
     Parameter('friction.speed', 'float[]', (), 'Speeds of a tabulated law.', 'm/s', minimum=0.0),
     Parameter(

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from stickslip_monitor.monitor.alarm import Condition
+from stickslip_monitor.monitor.alarm import LADDER, Condition
 from stickslip_monitor.monitor.assessment import Assessment, Outcome
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.track import Change
@@ -55,12 +55,19 @@ class Event:
     lost: dict[str, float]
     text: str
 
+    @property
+    def raised(self) -> bool:
+        """Whether matters got worse."""
+        if Condition.INPUT_STALE in (self.before, self.after):
+            return self.after is Condition.INPUT_STALE
+        return LADDER.index(self.after) > LADDER.index(self.before)
+
 
 def event_of(
     config: BearingConfig, change: Change, assessment: Assessment | None, sticking: bool
 ) -> Event:
     """A change of alarm with the assessment that it rests on."""
-    text = describe(config, change.after, assessment, sticking, change.lost)
+    text = describe(config, change.after, assessment, sticking, change.lost, change.before)
     return Event(
         config.name,
         change.time_ns,
@@ -79,13 +86,16 @@ def describe(
     point: Assessment | None,
     sticking: bool,
     lost: dict[str, float],
+    before: Condition | None = None,
 ) -> str:
     """One or two sentences: what, where, how bad, and what would leave the condition."""
     if lost:
         return f'{config.name}: {_lost_text(config, lost)}'
     if point is None:
         return f'{config.name}: {condition.sentence}'
-    where = f'{config.name}: {condition.sentence} At {_point_text(config, point)}'
+    eased = before in LADDER[2:] and condition in LADDER[1 : LADDER.index(before)]
+    what = f'Eased from {before} to {condition}.' if eased else condition.sentence
+    where = f'{config.name}: {what} At {_point_text(config, point)}'
     if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NO_BOUNDARY):
         return f'{where}. {point.outcome.sentence}'
     if sticking:
@@ -111,8 +121,10 @@ def _way_out(config: BearingConfig, condition: Condition, point: Assessment) -> 
     if condition is Condition.NORMAL or not math.isfinite(point.fold_speed):
         return ''
     margin = config.alarm.caution_margin if condition is Condition.CAUTION else 0.0
+    if point.fold_margin > margin:
+        return ''
     rpm = float(config.bearing.speed.from_surface(point.fold_speed * (1.0 + margin), 'rpm'))
     out = f' Ends above {rpm:.4g} rpm'
-    if margin == 0.0 and point.fold_load < point.load:
+    if condition is not Condition.CAUTION and point.fold_load < point.load:
         out += f' or below {point.fold_load / 1e3:.4g} kN'
     return f'{out}.'

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Run the monitor over recorded bags: events, time in each regime, worst margins, bad data.
+
+A bag is a rosbag2 folder or an .mcap file. A file that was cut off is read up to the cut. The exit
+code is 1 where the monitor warned.
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from stickslip_monitor.bags.check import BearingReport, CheckReport, check_bag
+from stickslip_monitor.commands.output import add_config, add_json, console, print_json
+from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.records import event_record, number, point_record
+
+SCHEMA = 'stickslip_monitor/check/1'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument('bags', nargs='+', metavar='BAG', help='rosbag2 folder or .mcap file')
+    add_config(parser)
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command."""
+    config = load_config(args.config)
+    reports = [_check(path, config) for path in args.bags]
+    if args.json:
+        documents = [to_json(report) for report in reports]
+        print_json(documents if len(documents) > 1 else documents[0])
+    else:
+        for report in reports:
+            _print(console(), report)
+    return int(any(report.has_warnings for report in reports))
+
+
+def _check(path: str, config: MonitorConfig) -> CheckReport:
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(path, total=None)
+        return check_bag(
+            path, config, lambda done, total: bar.update(task, completed=done, total=total)
+        )
+
+
+def to_json(report: CheckReport) -> dict[str, Any]:
+    """The report as the documented JSON object."""
+    bag = report.bag
+    start, end = bag.start_ns, bag.end_ns
+    return {
+        'schema': SCHEMA,
+        'path': str(bag.path),
+        'start': start,
+        'end': end,
+        'duration': None if start is None or end is None else (end - start) * 1e-9,
+        'messages': bag.message_count,
+        'topics': {
+            name: {'type': topic.type, 'messages': topic.count, 'problem': topic.problem or None}
+            for name, topic in bag.topics.items()
+        },
+        'cuts': [
+            {'file': str(cut.path), 'offset': cut.offset, 'size': cut.size, 'text': cut.text}
+            for cut in bag.cuts
+        ],
+        'warnings': list(bag.warnings),
+        'bearings': {name: _bearing_json(item) for name, item in report.bearings.items()},
+    }
+
+
+def _bearing_json(item: BearingReport) -> dict[str, Any]:
+    return {
+        'events': [event_record(event) for event in item.scan.events],
+        'seconds': {regime.value: seconds for regime, seconds in item.seconds.items()},
+        'worst': {
+            name: {'time': extreme.time_ns, 'value': number(extreme.value)}
+            | {k: v for k, v in point_record(extreme.point).items() if k in ('speed', 'load')}
+            for name, extreme in item.worst.items()
+        },
+        'evaluations': int(item.scan.time_ns.size),
+        'data': item.complaints,
+    }
+
+
+def _print(out: Console, report: CheckReport) -> None:
+    bag = report.bag
+    seconds = 0.0 if bag.start_ns is None or bag.end_ns is None else bag.end_ns - bag.start_ns
+    out.print(f'[bold]{bag.path}[/]: {bag.message_count} messages in {seconds * 1e-9:.1f} s')
+    for text in (*(cut.text for cut in bag.cuts), *bag.warnings):
+        out.print(f'[yellow]data:[/] {text}')
+    unused = [t for t in bag.topics.values() if t.problem]
+    for topic in unused:
+        out.print(f'[yellow]data:[/] topic {topic.name} not readable: {topic.problem}')
+    for item in report.bearings.values():
+        _print_bearing(out, item, bag.start_ns or 0)
+
+
+def _print_bearing(out: Console, item: BearingReport, start_ns: int) -> None:
+    for text in item.complaints:
+        out.print(f'[yellow]data:[/] {text}')
+    table = Table(title=f'{item.name}: {len(item.scan.events)} events', title_justify='left')
+    for heading in ('time [s]', 'from', 'to', 'what'):
+        table.add_column(heading, justify='right' if heading == 'time [s]' else 'left')
+    colours = ('green', 'yellow', 'red')
+    for event in item.scan.events:
+        table.add_row(
+            f'{(event.time_ns - start_ns) * 1e-9:.2f}',
+            event.before.value,
+            f'[{colours[event.after.level]}]{event.after.value}[/]',
+            event.text.removeprefix(f'{item.name}: '),
+        )
+    if item.scan.events:
+        out.print(table)
+    else:
+        out.print(f'{item.name}: no events')
+    spent = ', '.join(f'{regime.value} {s:.1f} s' for regime, s in item.seconds.items())
+    out.print(f'time in each regime: {spent}')
+    for name, unit in (('hopf_margin', ''), ('fold_margin', ''), ('amplitude', ' m')):
+        if name in item.worst:
+            extreme = item.worst[name]
+            out.print(
+                f'worst {name.replace("_", " ")}: {extreme.value:.4g}{unit}'
+                f' at {(extreme.time_ns - start_ns) * 1e-9:.2f} s'
+            )

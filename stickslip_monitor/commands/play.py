@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Publish a bag to ROS 2 with its timing, and /clock, where `ros2 bag play` is not installed.
+
+Nodes that are to follow the bag's time need the parameter use_sim_time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import Progress
+
+from stickslip_monitor.bags.reader import Bag, open_bag
+from stickslip_monitor.errors import BagError, ConfigurationError, RosError
+
+if TYPE_CHECKING:
+    from stickslip_monitor.ros.player import Player
+
+
+def _rate(text: str) -> float:
+    try:
+        rate = float(text)
+    except ValueError:
+        rate = math.nan
+    if not (math.isfinite(rate) and rate > 0.0):
+        raise ConfigurationError(f"--rate '{text}' must be a number above 0")
+    return rate
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument('bag', metavar='BAG', help='rosbag2 folder or .mcap file')
+    parser.add_argument('--rate', default='1.0', help='times faster than recorded (default 1)')
+    parser.add_argument('--loop', type=int, default=1, metavar='N', help='play it N times')
+    parser.add_argument(
+        '--wait',
+        type=float,
+        default=0.0,
+        metavar='SECONDS',
+        help='wait so long at most for a subscriber before starting',
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command."""
+    rate = _rate(args.rate)
+    bag = open_bag(args.bag)
+    if bag.start_ns is None or bag.end_ns is None:
+        raise BagError(f"bag '{args.bag}' has no messages to play")
+    try:
+        import rclpy
+
+        from stickslip_monitor.ros.player import Player
+    except ImportError as error:
+        raise RosError(
+            f'ROS 2 is not available ({error}): source its setup file, or install this package'
+            " with the extra 'ros'"
+        ) from error
+    rclpy.init()
+    player = None
+    try:
+        player = Player({t.name: t.type for t in bag.topics.values() if t.encoding == 'cdr'})
+        _play(player, bag, rate, args)
+    finally:
+        if player is not None:
+            player.destroy()
+        rclpy.try_shutdown()
+    return 0
+
+
+def _play(player: Player, bag: Bag, rate: float, args: argparse.Namespace) -> None:
+    err = Console(stderr=True)
+    for topic, reason in player.skipped.items():
+        err.print(f'not played: {topic}: {reason}')
+    for text in (*(cut.text for cut in bag.cuts), *bag.warnings):
+        err.print(f'data: {text}')
+    if args.wait > 0.0 and not player.wait_for_subscribers(args.wait):
+        err.print('nobody listens yet; playing all the same')
+    start = bag.start_ns or 0
+    with Progress(console=err, transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task(str(bag.path), total=((bag.end_ns or 0) - start) * 1e-9)
+        for _ in range(args.loop):
+            count = player.play(
+                bag.messages(),
+                rate,
+                lambda now: bar.update(task, completed=(now - start) * 1e-9),
+            )
+            err.print(f'played {count} messages')

@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Friction laws in the units of the exact cycle, written so that nothing cancels.
+
+Speeds are in units of the journal's surface speed ``V``, time in units of ``1/omega``, forces in
+units of ``m omega V``. The relative speed is ``w = reference + z``, where the reference is 0 (the
+breakaway) or 1 (steady sliding), and the equations ask for the friction lost on the way,
+
+    rise(z) = N (mu(V reference) - mu(V (reference + z))) / (m omega V),
+
+with the static coefficient at reference 0. A law is continued smoothly below ``w = 0``: a step
+that looks a little past the contact must not see the reversal of friction, which is handled as
+an event. All parameters have shape (n, 1), so that a law acts on arrays of shape (n, nodes).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from stickslip_monitor.physics.friction import (
+    Array,
+    Coulomb,
+    FrictionLaw,
+    Stribeck,
+    Tabulated,
+)
+
+Index = NDArray[np.intp]
+
+# Far below the contact a continued exponential only has to stay finite.
+_HIGHEST_EXPONENT = 30.0
+# The one-sided limit of a law at v = 0+ is taken here: v = 0 itself is set-valued.
+_ALMOST_REST = 1e-300
+
+
+class ScaledLaw(Protocol):
+    """What the slip phase asks of a friction law."""
+
+    @property
+    def pieces(self) -> Array | None:
+        """Interior edges ``w`` V [m/s] between smooth pieces, ascending; ``None`` if smooth."""
+
+    @property
+    def jump(self) -> Array:
+        """Friction lost in the instant of breakaway, ``rise(0+)`` at reference 0, shape (n,)."""
+
+    def take(self, index: Index, piece: Index) -> ScaledLaw:
+        """The law of some of the elements, each on the given smooth piece."""
+
+    def rise(self, z: Array) -> Array:
+        """Friction lost between the reference and ``z``, shape (n, nodes)."""
+
+    def slope(self, z: Array) -> Array:
+        """``d rise / dz``, shape (n, nodes)."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScaledStribeck:
+    """Stribeck's law: ``rise = gap exp(-b reference) (1 - exp(-b z)) - viscous z``."""
+
+    gap: Array
+    decay: Array
+    viscous: Array
+    reference: float
+
+    @property
+    def pieces(self) -> None:
+        """One smooth piece."""
+        return
+
+    @property
+    def jump(self) -> Array:
+        """None: the law is continuous at breakaway."""
+        return np.zeros(self.gap.shape[0])
+
+    def take(self, index: Index, piece: Index) -> ScaledStribeck:
+        """See :class:`ScaledLaw`."""
+        return ScaledStribeck(
+            self.gap[index], self.decay[index], self.viscous[index], self.reference
+        )
+
+    def rise(self, z: Array) -> Array:
+        """See :class:`ScaledLaw`."""
+        if self.reference == 0.0:
+            falling = -np.expm1(np.minimum(-self.decay * z, _HIGHEST_EXPONENT))
+        else:
+            # exp(-b) (1 - exp(-b z)) without 0 * inf for a large decay.
+            nearer = self.reference + np.minimum(z, 0.0)
+            envelope = np.exp(np.minimum(-self.decay * nearer, _HIGHEST_EXPONENT))
+            falling = envelope * np.sign(z) * -np.expm1(-self.decay * np.abs(z))
+        return self.gap * falling - self.viscous * z
+
+    def slope(self, z: Array) -> Array:
+        """See :class:`ScaledLaw`."""
+        exponent = np.minimum(-self.decay * (self.reference + z), _HIGHEST_EXPONENT)
+        return self.gap * self.decay * np.exp(exponent) - self.viscous
+
+
+@dataclass(frozen=True, slots=True)
+class ScaledTable:
+    """A measured table: one cubic between two measured speeds, constant outside them."""
+
+    force: Array
+    speed: Array
+    reference: float
+    top: Array
+    left: Array
+    cubic: Array
+    piece: Index
+
+    @property
+    def pieces(self) -> Array:
+        """The measured speeds above zero [m/s]."""
+        return self.left[1:]
+
+    @property
+    def jump(self) -> Array:
+        """None: the table's first value is the static coefficient."""
+        return np.zeros(self.force.shape[0])
+
+    def take(self, index: Index, piece: Index) -> ScaledTable:
+        """See :class:`ScaledLaw`."""
+        return ScaledTable(
+            self.force[index],
+            self.speed[index],
+            self.reference,
+            self.top[index],
+            self.left,
+            self.cubic,
+            piece,
+        )
+
+    def _local(self, z: Array) -> tuple[Array, Array]:
+        v = self.speed * (self.reference + z)
+        return v - self.left[self.piece][:, None], self.cubic[:, self.piece][:, :, None]
+
+    def rise(self, z: Array) -> Array:
+        """See :class:`ScaledLaw`."""
+        t, c = self._local(z)
+        return self.force * ((self.top - c[3]) - t * (c[2] + t * (c[1] + t * c[0])))
+
+    def slope(self, z: Array) -> Array:
+        """See :class:`ScaledLaw`."""
+        t, c = self._local(z)
+        return -self.force * self.speed * (c[2] + t * (2.0 * c[1] + t * 3.0 * c[0]))
+
+
+@dataclass(frozen=True, slots=True)
+class ScaledGeneral:
+    """Any other law, continued below the contact along its tangent."""
+
+    law: FrictionLaw
+    force: Array
+    speed: Array
+    reference: float
+    top: Array
+
+    @property
+    def pieces(self) -> None:
+        """Unknown: the step control has to find its way across kinks."""
+        return
+
+    @property
+    def jump(self) -> Array:
+        """See :class:`ScaledLaw`."""
+        moving = float(self.law.coefficient(_ALMOST_REST))
+        return self.force[:, 0] * (_breakaway(self.law) - moving)
+
+    def take(self, index: Index, piece: Index) -> ScaledGeneral:
+        """See :class:`ScaledLaw`."""
+        return ScaledGeneral(
+            self.law, self.force[index], self.speed[index], self.reference, self.top[index]
+        )
+
+    def rise(self, z: Array) -> Array:
+        """See :class:`ScaledLaw`."""
+        v = self.speed * (self.reference + z)
+        lost = self.top - self.law.coefficient(np.maximum(v, _ALMOST_REST))
+        return self.force * (lost - self.law.slope(_ALMOST_REST) * np.minimum(v, 0.0))
+
+    def slope(self, z: Array) -> Array:
+        """See :class:`ScaledLaw`."""
+        v = np.maximum(self.speed * (self.reference + z), _ALMOST_REST)
+        return -self.force * self.speed * self.law.slope(v)
+
+
+def _breakaway(law: FrictionLaw) -> float:
+    # Filippov's convex hull: sticking carries whatever slow sliding does.
+    return max(law.static, float(law.coefficient(_ALMOST_REST)))
+
+
+def _stribeck(law: Stribeck, force: Array, speed: Array, reference: float) -> ScaledLaw:
+    gap = force * (law.static - law.kinetic)
+    return ScaledStribeck(gap, law.decay * speed, force * law.viscous * speed, reference)
+
+
+def _table(law: Tabulated, force: Array, speed: Array, reference: float) -> ScaledLaw:
+    curve = PchipInterpolator(law.speed, law.values)
+    constant = [[0.0], [0.0], [0.0]]
+    first, last = [*constant, [law.values[0]]], [*constant, [law.values[-1]]]
+    left, parts = np.array(law.speed), [curve.c, last]
+    if law.speed[0] > 0.0:
+        left, parts = np.append(0.0, left), [first, *parts]
+    top = law.coefficient(speed) if reference else np.full_like(speed, law.static)
+    piece = np.searchsorted(left[1:], reference * speed[:, 0])
+    return ScaledTable(force, speed, reference, top, left, np.hstack(parts), piece)
+
+
+def _general(law: FrictionLaw, force: Array, speed: Array, reference: float) -> ScaledLaw:
+    top = law.coefficient(speed) if reference else np.full_like(speed, _breakaway(law))
+    return ScaledGeneral(law, force, speed, reference, top)
+
+
+_SCALED: dict[type, Callable[[Any, Array, Array, float], ScaledLaw]] = {
+    Stribeck: _stribeck,
+    Tabulated: _table,
+}
+
+
+def scaled(law: FrictionLaw, force: Array, speed: Array, reference: float) -> ScaledLaw:
+    """A friction law in the units of the exact cycle.
+
+    Args:
+        law: The friction law.
+        force: ``N / (m omega V)`` > 0, shape (n,).
+        speed: ``V`` > 0 [m/s], shape (n,).
+        reference: Relative speed in units of ``V`` from which ``z`` is counted, 0 or 1.
+    """
+    return _SCALED.get(type(law), _general)(law, force[:, None], speed[:, None], reference)
+
+
+def starting_piece(law: ScaledLaw, speed: Array, reference: float) -> Index:
+    """The smooth piece just below the reference speed, shape (n,)."""
+    pieces = law.pieces
+    if pieces is None:
+        return np.zeros(speed.size, dtype=np.intp)
+    return np.searchsorted(pieces, reference * speed)
+
+
+def static_force(law: FrictionLaw, force: Array) -> Array:
+    """The largest force that sticking can carry, in units of ``m omega V``, shape (n,)."""
+    return force * _breakaway(law)
+
+
+def steepest_fall(law: FrictionLaw) -> float:
+    """Upper bound of ``-d mu / dv`` [s/m]; ``inf`` at a jump or where it is not known."""
+    if isinstance(law, Stribeck):
+        return max((law.static - law.kinetic) * law.decay, 0.0) - law.viscous
+    if isinstance(law, Coulomb):
+        return np.inf if law.static > law.kinetic else 0.0
+    if isinstance(law, Tabulated) and bool(np.all(np.diff(law.values) >= 0.0)):
+        return 0.0
+    return np.inf

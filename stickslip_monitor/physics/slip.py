@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One step of a slip phase, by collocation at Gauss points, for many independent motions at once.
+
+In units of the journal's speed ``V`` and of ``1/omega``, with ``z`` the relative speed counted
+from a reference and ``e`` the displacement counted from where ``z' = 0`` at ``z = 0``,
+
+    e' = drift - z        z' = e - 2 zeta z + rise(z)
+
+(drift 1: slip from the breakaway; 0: motion about steady sliding; -1: the lining overtakes the
+belt). The solution over a step is a polynomial in the time, found by Picard's iteration and,
+where that does not contract, by Newton's. The ends of a step converge with twice the order of
+its polynomial: Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, II.7.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+
+from stickslip_monitor.physics.cycle_laws import Index, ScaledLaw
+from stickslip_monitor.physics.friction import Array
+
+NODES = 16
+# Relative size of the last coefficients of the polynomial at which a step is accepted.
+TOLERANCE = 1e-12
+_PICARD, _LIMIT = 18, 30
+_CONVERGED = 1e-15
+
+
+def _tables() -> tuple[Array, Array, Array]:
+    """Nodes on [-1, 1], their values to Legendre coefficients, coefficients to the integral's."""
+    nodes, weights = legendre.leggauss(NODES)
+    orders = np.arange(NODES)
+    modal = (legendre.legvander(nodes, NODES - 1) * weights[:, None]).T * (orders + 0.5)[:, None]
+    integral = np.zeros((NODES + 1, NODES))
+    integral[:2, 0] = 1.0
+    for k in range(1, NODES):
+        integral[k + 1, k] = 1.0 / (2 * k + 1)
+        integral[k - 1, k] = -1.0 / (2 * k + 1)
+    return nodes, modal, integral
+
+
+_NODES, _MODAL, _INTEGRAL = _tables()
+# Values at the nodes to coefficients of the integral from -1, and to its values at the nodes.
+_TO_INTEGRAL = (_INTEGRAL @ _MODAL).T.copy()
+_QUADRATURE = _TO_INTEGRAL @ legendre.legvander(_NODES, NODES).T
+_TAIL = _MODAL[-2:].T.copy()
+_SQUARE = (_QUADRATURE @ _QUADRATURE).T.copy()
+_LINEAR = _QUADRATURE.T.copy()
+SAMPLES = np.linspace(-1.0, 1.0, 4 * NODES + 1)[1:]
+_AT_SAMPLES = legendre.legvander(SAMPLES, NODES).T.copy()
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """The equations of a set of independent slip phases.
+
+    Attributes:
+        law: Their friction, in the units of this module.
+        damping: Damping ratio ``zeta``, shape (n,).
+        drift: 1, 0 or -1; the same for all.
+    """
+
+    law: ScaledLaw
+    damping: Array
+    drift: float
+
+    def take(self, index: Index, piece: Index) -> Motion:
+        """The equations of some of the motions, each on a smooth piece of the law."""
+        return Motion(self.law.take(index, piece), self.damping[index], self.drift)
+
+    def kept(self, keep: NDArray[np.bool_], piece: Index) -> Motion:
+        """The equations of the motions that are kept; ``piece`` is that of all."""
+        return self.take(np.flatnonzero(keep), piece[keep])
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """The collocation polynomials of one step; nodes along the last axis.
+
+    Attributes:
+        e: Displacement at the nodes, shape (n, nodes).
+        z: Relative speed at the nodes.
+        rise: Friction lost at the nodes.
+        rate: ``z'`` at the nodes.
+        error: Size of the last coefficients against the solution; ``inf`` without convergence.
+        iterations: Evaluations of the law at all nodes, shape (n,).
+    """
+
+    e: Array
+    z: Array
+    rise: Array
+    rate: Array
+    error: Array
+    iterations: Index
+
+
+def _guess(motion: Motion, e: Array, z: Array, h: Array) -> Array:
+    column = z[:, None]
+    damping = motion.damping[:, None]
+    start = e[:, None] - 2.0 * damping * column + motion.law.rise(column)
+    slope = motion.law.slope(column) - 2.0 * damping
+    time = 0.5 * h[:, None] * (_NODES + 1.0)
+    turn: Array = motion.drift - column + slope * start
+    return column + time * (start + 0.5 * time * turn)
+
+
+def _newton(motion: Motion, z: Array, half: Array, residual: Array) -> Array:
+    """The correction ``J^-1 residual``; ``nan`` where the matrices cannot be solved."""
+    slope = motion.law.slope(z) - 2.0 * motion.damping[:, None]
+    half = half[:, :, None]
+    matrix = np.eye(NODES) + half * half * _SQUARE - half * _LINEAR * slope[:, None, :]
+    try:
+        solved: Array = np.linalg.solve(matrix, residual[:, :, None])[:, :, 0]
+    except np.linalg.LinAlgError:
+        return np.full_like(residual, np.nan)
+    return solved
+
+
+def solve_step(motion: Motion, piece: Index, e: Array, z: Array, h: Array) -> Step:
+    """Solve the collocation equations of one step for every motion.
+
+    Args:
+        motion: The equations of n motions.
+        piece: Smooth piece of the law each is on, shape (n,).
+        e: Displacement at the start, shape (n,).
+        z: Relative speed at the start, shape (n,).
+        h: Length of the step, positive or negative, shape (n,).
+    """
+    shape = (z.size, NODES)
+    out = Step(*(np.empty(shape) for _ in range(4)), np.full(z.size, np.inf), np.zeros(z.size, int))
+    half, e0, z0 = 0.5 * h[:, None], e[:, None], z[:, None]
+    with np.errstate(over='ignore', invalid='ignore'):
+        guess = _guess(motion, e, z, h)
+        index, nodes = np.arange(z.size), guess
+        for count in range(_LIMIT):
+            damping = motion.damping[:, None]
+            rise = motion.law.rise(nodes)
+            offset = e0 + half * ((motion.drift - nodes) @ _QUADRATURE)
+            rate = offset - 2.0 * damping * nodes + rise
+            change = z0 + half * (rate @ _QUADRATURE) - nodes
+            if count >= _PICARD:
+                change = _newton(motion, nodes, half, change)
+            nodes = nodes + change
+            forces = np.max(np.abs(offset) + np.abs(rise), axis=1)
+            scale = np.max(np.abs(nodes), axis=1) + 2.0 * np.abs(half[:, 0]) * forces
+            moving = ~(np.max(np.abs(change), axis=1) <= _CONVERGED * scale)
+            if not moving.all():
+                done = ~moving
+                where = index[done]
+                out.e[where], out.z[where] = offset[done], nodes[done]
+                out.rise[where], out.rate[where] = rise[done], rate[done]
+                tail = np.max(np.abs(rate[done] @ _TAIL), axis=1)
+                out.error[where] = 2.0 * np.abs(half[done, 0]) * tail / scale[done]
+                out.iterations[where] = count + 1
+                if not moving.any():
+                    break
+                index, nodes, piece = index[moving], nodes[moving], piece[moving]
+                motion = motion.kept(moving, piece)
+                half, e0, z0 = half[moving], e0[moving], z0[moving]
+            if count == _PICARD - 1:
+                nodes = guess[index]
+        else:
+            out.iterations[index] = _LIMIT
+    return out
+
+
+def integral(start: Array | float, values: Array, h: Array) -> Array:
+    """Legendre coefficients of ``start + integral`` of nodal values, shape (n, nodes + 1)."""
+    series = 0.5 * h[:, None] * (values @ _TO_INTEGRAL)
+    series[:, 0] += start
+    return series
+
+
+def value(x: Array, series: Array) -> Array:
+    """A Legendre series of each row at its own ``x`` in [-1, 1] (Clenshaw), shape (n,)."""
+    c0, c1 = series[:, -2], series[:, -1]
+    for k in range(series.shape[1] - 1, 1, -1):
+        c0, c1 = series[:, k - 2] - c1 * ((k - 1) / k), c0 + c1 * x * ((2 * k - 1) / k)
+    return c0 + c1 * x
+
+
+def at_samples(series: Array) -> Array:
+    """A Legendre series at the ``SAMPLES``, shape (n, samples)."""
+    return series @ _AT_SAMPLES

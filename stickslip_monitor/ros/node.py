@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The managed node ``stickslip_monitor``: it converts, hands over and publishes."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import rclpy
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
+
+from stickslip_monitor.errors import StickslipError
+from stickslip_monitor.monitor.config import MonitorConfig, build_config
+from stickslip_monitor.monitor.config_file import NODE_NAME
+from stickslip_monitor.monitor.monitor import Monitor
+from stickslip_monitor.monitor.verdict import Event, Verdict
+from stickslip_monitor.ros import parameters
+from stickslip_monitor.ros.flow import Flow
+from stickslip_monitor.ros.inputs import Inputs, check_inputs
+from stickslip_monitor.ros.outputs import Outputs
+
+WATCHDOG_PERIOD = 0.1
+DIAGNOSTICS_PERIOD = 1.0
+
+
+class MonitorNode(LifecycleNode):
+    """Subscribes to shaft speed and bearing load, publishes predictions and warnings.
+
+    Raises:
+        ConfigurationError: A parameter breaks its rule.
+        RosError: An input's message type or field does not exist.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(
+            NODE_NAME, automatically_declare_parameters_from_overrides=True, **options
+        )
+        self._config = build_config(parameters.values(self))
+        check_inputs(self._config)
+        parameters.declare(self)
+        self.add_on_set_parameters_callback(self._on_parameters)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._active = False
+        self._monitor = Monitor(self._config)
+        self._outputs: Outputs | None = None
+        self._inputs: Inputs | None = None
+        self._timers: list[Any] = []
+        self._flows: dict[str, Flow] = {}
+        self._bases: dict[str, int] = {}
+        self._published_ns: dict[str, int] = {}
+
+    @property
+    def config(self) -> MonitorConfig:
+        """The configuration in force."""
+        return self._config
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Build the monitor from the parameters and create the publishers."""
+        self._monitor = Monitor(self._config)
+        self._outputs = Outputs(self, self._config)
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Start listening; inputs are waited for from now on."""
+        result = super().on_activate(state)
+        simulated = self.get_parameter('use_sim_time').value is True
+        self._flows = {name: Flow(simulated, *self._clocks()) for name in self._monitor.bearings}
+        self._bases = dict.fromkeys(self._monitor.bearings, 0)
+        self._watch()
+        self._inputs = Inputs(self, self._config, self._receive)
+        # Timers of the steady clock: those of ROS time stall when a replay steps back.
+        self._timers = [
+            self.create_timer(WATCHDOG_PERIOD, self._watch, clock=self._steady),
+            self.create_timer(DIAGNOSTICS_PERIOD, self._diagnose, clock=self._steady),
+        ]
+        self._active = True
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop listening; what was learned is kept."""
+        self._stop_listening()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Take the publishers down and forget what was learned."""
+        self._take_down()
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Take everything down, from whatever state."""
+        self._stop_listening()
+        self._take_down()
+        return super().on_shutdown(state)
+
+    def _stop_listening(self) -> None:
+        self._active = False
+        if self._inputs is not None:
+            self._inputs.destroy()
+            self._inputs = None
+        for timer in self._timers:
+            self.destroy_timer(timer)
+        self._timers = []
+
+    def _take_down(self) -> None:
+        if self._outputs is not None:
+            self._outputs.destroy()
+            self._outputs = None
+
+    def _receive(self, name: str, is_load: int, time_ns: int, value: float) -> None:
+        bearing = self._monitor.bearings[name]
+        update = bearing.update(is_load, time_ns, value)
+        if update.status.believed:
+            self._flows[name].restart(*self._clocks())
+            assert bearing.now_ns is not None
+            self._bases[name] = bearing.now_ns
+        if update.verdict is not None:
+            self._publish(update.verdict, bool(update.events))
+        self._announce(update.events)
+
+    def _publish(self, verdict: Verdict, changed: bool) -> None:
+        now = self._steady.now().nanoseconds
+        period = self._config.publish_period * 1e9
+        if changed or now - self._published_ns.get(verdict.bearing, -(10**18)) >= period:
+            self._published_ns[verdict.bearing] = now
+            assert self._outputs is not None
+            self._outputs.publish_verdict(verdict)
+
+    def _announce(self, events: list[Event]) -> None:
+        assert self._outputs is not None
+        for event in events:
+            self._outputs.publish_event(event)
+        if events:
+            self._diagnose()
+
+    def _clocks(self) -> tuple[int, int]:
+        return self._steady.now().nanoseconds, self.get_clock().now().nanoseconds
+
+    def _watch(self) -> None:
+        """Tell the monitor of the time that passes without samples."""
+        steady, now = self._clocks()
+        events = []
+        for name, bearing in self._monitor.bearings.items():
+            elapsed = self._flows[name].tick(steady, now)
+            if self._bases[name] == 0 and now != 0:
+                # Inputs are waited for from the first instant that ROS time knows.
+                self._bases[name] = now - elapsed if bearing.now_ns is None else bearing.now_ns
+            if self._bases[name]:
+                events += bearing.advance(self._bases[name] + elapsed)
+        self._announce(events)
+
+    def _diagnose(self) -> None:
+        assert self._outputs is not None
+        self._outputs.publish_diagnostics(list(self._monitor.bearings.values()))
+
+    def _on_parameters(self, changes: list[Parameter[Any]]) -> SetParametersResult:
+        try:
+            config, rebuilt = parameters.changed_config(self, changes, self._active)
+            check_inputs(config)
+        except StickslipError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        self._config = config
+        if rebuilt:
+            self._rebuild()
+        else:
+            self._monitor.retune(config)
+        return SetParametersResult(successful=True)
+
+    def _rebuild(self) -> None:
+        """Other bearings or inputs: only ever between activations."""
+        self._monitor = Monitor(self._config)
+        if self._outputs is not None:
+            self._outputs.destroy()
+            self._outputs = Outputs(self, self._config)
+
+
+def _spin(node: MonitorNode) -> None:
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    while rclpy.ok():
+        try:
+            executor.spin()
+        except rclpy_implementation.RCLError as error:
+            # Up to ROS 2 Jazzy an invalid lifecycle request raises out of spin.
+            if not rclpy.ok():
+                return
+            node.get_logger().error(f'request refused: {error}')
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until it is told to stop.
+
+    Returns:
+        0 after Ctrl-C or a termination signal, 2 for a bad configuration.
+    """
+    node = None
+    try:
+        rclpy.init(args=None if args is None else list(args))
+        node = MonitorNode()
+        if node.config.autostart:
+            node.trigger_configure()
+            node.trigger_activate()
+        _spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except StickslipError as error:
+        print(f'ERROR: {error}', file=sys.stderr)  # noqa: T201
+        return 2
+    finally:
+        # A second Ctrl-C (a launch system sends one too) must not break the way out.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

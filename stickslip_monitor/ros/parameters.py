@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ROS parameters from the parameter table: declared with descriptors, read back as a configuration."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.monitor.config import (
+    MonitorConfig,
+    bearing_names,
+    build_config,
+    parameters_of,
+)
+from stickslip_monitor.monitor.config_file import is_ros_parameter
+from stickslip_monitor.monitor.table import REQUIRED, Parameter
+
+
+def descriptor(row: Parameter) -> ParameterDescriptor:
+    """The ROS descriptor of a row of the table; its rule is enforced by the configuration too."""
+    ranges = []
+    if row.kind == 'float' and (row.minimum > -math.inf or row.maximum < math.inf):
+        ranges = [FloatingPointRange(from_value=row.minimum, to_value=row.maximum, step=0.0)]
+    unit = f' [{row.unit}]' if row.unit else ''
+    live = '' if row.live else ' Read-only while the node is active.'
+    return ParameterDescriptor(
+        description=f'{row.text}{unit}{live}',
+        additional_constraints=f'must be {row.rule()}',
+        floating_point_range=ranges,
+        # A number may be written 50 or 50.0: the configuration takes both.
+        dynamic_typing=True,
+    )
+
+
+def declare(node: Node) -> None:
+    """Give every parameter its descriptor, and those without a value their default.
+
+    The node has declared what the parameter file and the command line gave.
+
+    Raises:
+        ConfigurationError: The list of bearings breaks its rule.
+    """
+    for name, row in parameters_of(bearing_names(values(node))).items():
+        if node.has_parameter(name):
+            value = _as_written(name, node.get_parameter(name).value)
+            node.undeclare_parameter(name)
+            node.declare_parameter(name, value, descriptor(row), ignore_override=True)
+            continue
+        missing = row.default is REQUIRED or row.default == () or _is_nan(row.default)
+        node.declare_parameter(
+            name, None if missing else row.default, descriptor(row), ignore_override=True
+        )
+
+
+def _is_nan(value: Any) -> bool:
+    return isinstance(value, float) and math.isnan(value)
+
+
+def _as_written(name: str, value: Any) -> Any:
+    # ROS reads the bare word N of a parameter file as the YAML 1.1 boolean 'no'.
+    return 'N' if name.endswith('load.unit') and value is False else value
+
+
+def values(node: Node) -> dict[str, Any]:
+    """The values of the node's own parameters, without those not set and those of ROS itself."""
+    return {
+        name: _as_written(name, parameter.value)
+        for name, parameter in node.get_parameters_by_prefix('').items()
+        if parameter.value is not None and not is_ros_parameter(name)
+    }
+
+
+def changed_config(
+    node: Node, changes: Iterable[RosParameter], active: bool
+) -> tuple[MonitorConfig, bool]:
+    """The configuration that a set of changes would make.
+
+    Returns:
+        The configuration, and whether more than live parameters changed.
+
+    Raises:
+        ConfigurationError: A value breaks its rule, or may not change while the node is active.
+    """
+    proposed = values(node)
+    rows = parameters_of(bearing_names(proposed))
+    rebuilt = False
+    for change in changes:
+        if is_ros_parameter(change.name):
+            continue
+        row = rows.get(change.name)
+        if row is not None and not row.live and change.value != proposed.get(change.name):
+            rebuilt = True
+            if active:
+                raise ConfigurationError(
+                    f'{change.name} = {change.value!r} cannot be set: it is read-only while the'
+                    ' node is active; deactivate it first'
+                )
+        proposed[change.name] = _as_written(change.name, change.value)
+    return build_config({k: v for k, v in proposed.items() if v is not None}), rebuilt

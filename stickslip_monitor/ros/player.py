@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Publishes recorded messages with their timing, and /clock, where rosbag2 is not installed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from typing import Any, Protocol
+
+import rclpy
+from rclpy.duration import Duration
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+
+from stickslip_monitor.errors import RosError
+from stickslip_monitor.ros.messages import message_type
+
+CLOCK_PERIOD = 0.02
+_SETTLE = 0.5
+_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+_CLOCK_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+class Recorded(Protocol):
+    """A recorded message, still encoded."""
+
+    @property
+    def topic(self) -> str:
+        """Its topic."""
+
+    @property
+    def log_time_ns(self) -> int:
+        """When it was recorded [ns]."""
+
+    @property
+    def data(self) -> bytes:
+        """The CDR-encoded message."""
+
+
+class Player:
+    """A node that publishes encoded messages on their topics.
+
+    Args:
+        types: Message type of each topic.
+
+    Attributes:
+        skipped: Topics that cannot be played, with the reason.
+    """
+
+    def __init__(self, types: dict[str, str]) -> None:
+        self.node = Node('stickslip_player')
+        self.skipped: dict[str, str] = {}
+        self._publishers: dict[str, Any] = {}
+        self._clock = self.node.create_publisher(Clock, '/clock', _CLOCK_QOS)
+        for topic, kind in types.items():
+            try:
+                self._publishers[topic] = self.node.create_publisher(
+                    message_type(kind), topic, _QOS
+                )
+            except RosError as error:
+                self.skipped[topic] = str(error)
+
+    def wait_for_subscribers(self, seconds: float) -> bool:
+        """Wait until somebody listens and no further listener appears for a moment.
+
+        Returns:
+            Whether there is a subscriber.
+        """
+        end = time.monotonic() + seconds
+        count, since = 0, time.monotonic()
+        while time.monotonic() < end:
+            listeners = sum(p.get_subscription_count() for p in self._publishers.values())
+            if listeners != count:
+                count, since = listeners, time.monotonic()
+            if count and time.monotonic() - since > _SETTLE:
+                return True
+            time.sleep(0.05)
+        return count > 0
+
+    def play(
+        self,
+        messages: Iterable[Recorded],
+        rate: float,
+        progress: Callable[[int], None] | None = None,
+    ) -> int:
+        """Publish messages at their recorded times divided by the rate.
+
+        Args:
+            messages: In order of time.
+            rate: How much faster than recorded, > 0.
+            progress: Called with the recorded time reached [ns].
+
+        Returns:
+            The number of messages published.
+        """
+        begin, first, now, played = time.monotonic(), None, None, 0
+        for message in messages:
+            if message.topic not in self._publishers:
+                continue
+            if first is None:
+                first = now = message.log_time_ns
+            self._run_clock(begin, first, message.log_time_ns, rate)
+            if message.log_time_ns != now or not played:
+                now = message.log_time_ns
+                self._publish_clock(now)
+                if progress is not None:
+                    progress(now)
+            self._publish(self._publishers[message.topic], message.data)
+            played += 1
+        for publisher in self._publishers.values():
+            publisher.wait_for_all_acked(Duration(seconds=1.0))
+        return played
+
+    def _run_clock(self, begin: float, first: int, target: int, rate: float) -> None:
+        """Sleep until it is time for a message, with /clock running on meanwhile."""
+        due = begin + (target - first) * 1e-9 / rate
+        while (left := due - time.monotonic()) > 0.0:
+            if not rclpy.ok():
+                raise KeyboardInterrupt
+            time.sleep(min(left, CLOCK_PERIOD))
+            if left > CLOCK_PERIOD:
+                self._publish_clock(first + int((time.monotonic() - begin) * rate * 1e9))
+
+    def _publish_clock(self, time_ns: int) -> None:
+        message = Clock()
+        message.clock.sec, message.clock.nanosec = divmod(time_ns, 10**9)
+        self._publish(self._clock, message)
+
+    def _publish(self, publisher: Any, message: Any) -> None:
+        for _ in range(200):
+            try:
+                publisher.publish(message)
+                return
+            except rclpy_implementation.RCLError:
+                # The reliable queue is full: give the readers a moment.
+                time.sleep(0.005)
+        raise RosError(f'a subscriber of {publisher.topic_name} does not keep up: play slower')
+
+    def destroy(self) -> None:
+        """Take the node down."""
+        self.node.destroy_node()
