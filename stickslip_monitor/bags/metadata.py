@@ -104,7 +104,7 @@ def render_metadata(file_name: str, start_ns: int, end_ns: int, topics: list[Top
     information = {
         'version': 9,
         'storage_identifier': 'mcap',
-        **_copy(span),
+        **span,
         'topics_with_message_count': [_topic(topic) for topic in topics],
         'compression_format': '',
         'compression_mode': '',

@@ -171,8 +171,6 @@ def _field(line: str, package: str) -> Field:
     base, array = match['base'], match['array']
     if base not in NUMBERS and base not in TEXTS and '/' not in base:
         base = f'{package}/{base}'
-    if '/' in base:
-        base = short_name(base)
     if array is None:
         return Field(rest[0], base)
     limit = array[1:-1].removeprefix('<=')

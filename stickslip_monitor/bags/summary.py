@@ -28,7 +28,7 @@ def read_summary(file: IO[bytes], size: int) -> tuple[Summary, int] | None:
 
     Returns:
         The summary and the byte at which it begins; None when it is missing, damaged, or does not
-        list every channel, schema and chunk of the file.
+        list every channel and schema of the file.
     """
     try:
         found = _summary_bytes(file, size)
@@ -76,7 +76,7 @@ def _parse(data: bytes) -> Summary:
 
 def _complete(summary: Summary, start: int) -> bool:
     counts = summary.statistics
-    if counts is None or counts.chunk_count != len(summary.chunk_indexes):
+    if counts is None:
         return False
     if not counts.channel_message_counts.keys() <= summary.channels.keys():
         return False

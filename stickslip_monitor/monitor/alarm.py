@@ -49,7 +49,7 @@ class Condition(str, Enum):
     INPUT_STALE = 'input_stale', Level.ERROR, 'An input is lost: nothing can be predicted.'
 
     def __str__(self) -> str:
-        return self.value
+        return str(self.value)
 
 
 LADDER = (
@@ -77,11 +77,20 @@ class Alarm:
         self.config = config
         self.rung = 0
         self._asked = 0
+        self._seen_ns: int | None = None
         self._since: list[int | None] = [None] * len(LADDER)
 
     def restart(self) -> None:
         """Forget how long anything has lasted; the rung stays."""
         self._since = [None] * len(LADDER)
+        self._seen_ns = None
+
+    def not_past(self, time_ns: int) -> int:
+        """An instant that fell due, but never before the latest time seen.
+
+        A delay or timeout that is made shorter while it runs may have ended by then.
+        """
+        return time_ns if self._seen_ns is None else max(time_ns, self._seen_ns)
 
     def step(self, rung: int, time_ns: int) -> list[Step]:
         """Report the rung the operating point is on; return the changes up to and at that time."""
@@ -104,6 +113,7 @@ class Alarm:
             due < time_ns or (at_end and due == time_ns)
         ):
             steps.append(self._change(due))
+        self._seen_ns = time_ns
         return steps
 
     def _due(self, k: int) -> int | None:
@@ -111,7 +121,8 @@ class Alarm:
         if since is None:
             return None
         rising = self._asked >= k
-        return since + (self.config.on_delay_ns if rising else self.config.off_delay_ns)
+        delay = self.config.on_delay_ns if rising else self.config.off_delay_ns
+        return self.not_past(since + delay)
 
     def _next_due(self) -> int | None:
         dues = [due for k in range(1, len(LADDER)) if (due := self._due(k)) is not None]

@@ -22,7 +22,7 @@ from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, T
 from stickslip_monitor.physics.oscillator import Bearing
 
 _NAME = re.compile(r'[a-z][a-z0-9_]*')
-_TOPIC = re.compile(r'[~/A-Za-z][A-Za-z0-9_/]*')
+_TOPIC = re.compile(r'(?:~?/)?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z_][A-Za-z0-9_]*)*')
 _TYPE = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*')
 _NEWTONS = {'N': 1.0, 'kN': 1000.0}
 _LAW_NEEDS = {
@@ -196,7 +196,11 @@ def _fits_one(parameter: Parameter, kind: str, value: Any) -> bool:
         return isinstance(value, bool)
     if kind == 'str':
         return isinstance(value, str) and (not parameter.choices or value in parameter.choices)
-    if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        value = float(value)
+    except OverflowError:
         return False
     low = value > parameter.minimum if parameter.above_minimum else value >= parameter.minimum
     bounded = math.isfinite(value) or parameter.default == math.inf
@@ -262,10 +266,10 @@ def _input(
 ) -> InputConfig:
     topic, type_name = own[f'{quantity}.topic'], own[f'{quantity}.type']
     if not _TOPIC.fullmatch(topic):
-        raise ConfigurationError(f"{name}.{quantity}.topic = '{topic}' must be a ROS topic name")
+        raise ConfigurationError(f'{name}.{quantity}.topic = {topic!r} must be a ROS topic name')
     if not _TYPE.fullmatch(type_name):
         raise ConfigurationError(
-            f"{name}.{quantity}.type = '{type_name}' must be written package/msg/Type, e.g."
+            f'{name}.{quantity}.type = {type_name!r} must be written package/msg/Type, e.g.'
             ' std_msgs/msg/Float64'
         )
     text = own[f'{quantity}.field']

@@ -14,16 +14,29 @@ from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.config import MonitorConfig, build_config
 
 NODE_NAME = 'stickslip_monitor'
-_ROS_OWN = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
+_ROS_OWN = ('use_sim_time', 'start_type_description_service')
+_ROS_OWN_SECTION = 'qos_overrides.'
 
 
 class _Loader(yaml.SafeLoader):
     """YAML as ROS 2 reads it: ``2.0e6`` is a number, and a key given twice is an error."""
 
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """Refuse an alias, as ROS 2 does."""
+        if self.check_event(yaml.AliasEvent):
+            event = self.peek_event()  # type: ignore[no-untyped-call]
+            raise yaml.MarkedYAMLError(
+                problem=f"alias '*{event.anchor}' must be written out: ROS 2 reads no aliases",
+                problem_mark=event.start_mark,
+            )
+        return super().compose_node(parent, index)
+
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         seen: set[Any] = set()
         for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=True)  # type: ignore[no-untyped-call]
+            key = self.construct_object(key_node, deep=True)
+            if not isinstance(key, Hashable):
+                break
             if key in seen:
                 raise yaml.MarkedYAMLError(
                     problem=f"key '{key}' is given twice", problem_mark=key_node.start_mark
@@ -58,7 +71,11 @@ def load_yaml(path: str | Path) -> Any:
         line = f', line {mark.line + 1}' if mark else ''
         raise ConfigurationError(f'{path}{line}: {error.problem}') from error
     except yaml.YAMLError as error:
-        raise ConfigurationError(f'{path} is not YAML: {error}') from error
+        raise ConfigurationError(f'{path} is not YAML: {" ".join(str(error).split())}') from error
+    except (ValueError, AttributeError) as error:
+        raise ConfigurationError(f'{path} holds a value that cannot be read: {error}') from error
+    except RecursionError as error:
+        raise ConfigurationError(f'{path} is nested too deeply') from error
 
 
 def load_config(path: str | Path) -> MonitorConfig:
@@ -99,7 +116,7 @@ def _node_parameters(path: str | Path, document: Any) -> dict[str, Any]:
 
 def is_ros_parameter(name: str) -> bool:
     """Whether a parameter is one that every ROS 2 node has."""
-    return name.startswith(_ROS_OWN)
+    return name in _ROS_OWN or name.startswith(_ROS_OWN_SECTION)
 
 
 def _flattened(prefix: str, content: Mapping[Any, Any]) -> Iterator[tuple[str, Any]]:

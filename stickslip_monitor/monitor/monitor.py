@@ -17,7 +17,7 @@ import numpy as np
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.alarm import Condition
 from stickslip_monitor.monitor.assessment import assess
-from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.points import at_index
 from stickslip_monitor.monitor.rungs import Bands
 from stickslip_monitor.monitor.scan import Scan, scan_bearing
@@ -70,6 +70,15 @@ class BearingMonitor:
         self.gate.timeouts = (config.speed.timeout_ns, config.load.timeout_ns)
         self.bands.config = config.alarm
         self.track.retune(config)
+        self._heard = [
+            None if heard is None else self._counting(heard.time_ns, settings)
+            for heard, settings in zip(self._heard, self._inputs, strict=True)
+        ]
+
+    def _counting(self, time_ns: int, config: InputConfig) -> Heard:
+        """A sample believed: it counts for its input's timeout, and at least until now."""
+        assert self.now_ns is not None
+        return Heard(time_ns, max(time_ns + config.timeout_ns, self.now_ns))
 
     def lost(self) -> dict[str, float]:
         """The inputs that do not count at the latest time, with their ages [s]."""
@@ -98,8 +107,7 @@ class BearingMonitor:
             return Update(status)
         events = self._move_to(time_ns, status is Status.CLOCK_JUMP)
         assert self.now_ns is not None
-        until = max(time_ns + config.timeout_ns, self.now_ns)
-        self._heard[is_load] = Heard(time_ns, until)
+        self._heard[is_load] = self._counting(time_ns, config)
         self._values[is_load] = float(si[0])
         if not self._paired(self.now_ns):
             return Update(status, None, events)
@@ -185,6 +193,12 @@ class Monitor:
         Raises:
             ConfigurationError: The new configuration has other bearings.
         """
+        names = [new.name for new in config.bearings]
+        if sorted(names) != sorted(self.bearings):
+            raise ConfigurationError(
+                f'bearings = [{", ".join(names)}] must stay [{", ".join(self.bearings)}]:'
+                ' another set of bearings needs a new monitor'
+            )
         for new in config.bearings:
             self._bearing(new.name).retune(new)
         self.config = config

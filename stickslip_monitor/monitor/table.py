@@ -49,10 +49,10 @@ class Parameter:
     def rule(self) -> str:
         """The rule a value must keep, in words that follow 'must be'."""
         kinds = {
-            'float': 'a number',
+            'float': 'a number' if self.default == math.inf else 'a finite number',
             'bool': 'true or false',
             'str': 'a text',
-            'float[]': 'a list of numbers',
+            'float[]': 'a list of finite numbers',
             'str[]': 'a list of texts',
         }
         if self.choices:
@@ -115,6 +115,7 @@ def _input(
             'Age at which the last value no longer counts and the input is reported lost.',
             unit='s',
             minimum=0.0,
+            maximum=1e9,  # with a stamp of today it must fit into 64 bits of nanoseconds
             above_minimum=True,
             live=True,
         ),

@@ -91,7 +91,7 @@ class AlarmTrack:
         if self.stale:
             return []
         passed = [deadline for deadline in self._deadlines(inputs) if deadline < time_ns]
-        until = min(passed, default=time_ns)
+        until = self.alarm.not_past(min(passed, default=time_ns))
         changes = _changes(self.alarm.advance(until))
         if passed:
             before = self.condition

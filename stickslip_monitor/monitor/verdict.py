@@ -91,7 +91,7 @@ def describe(
     """One or two sentences: what, where, how bad, and what would leave the condition."""
     if lost:
         return f'{config.name}: {_lost_text(config, lost)}'
-    if point is None:
+    if point is None or condition is Condition.INPUT_STALE:
         return f'{config.name}: {condition.sentence}'
     eased = before in LADDER[2:] and condition in LADDER[1 : LADDER.index(before)]
     what = f'Eased from {before} to {condition}.' if eased else condition.sentence
@@ -120,11 +120,12 @@ def _point_text(config: BearingConfig, point: Assessment) -> str:
 def _way_out(config: BearingConfig, condition: Condition, point: Assessment) -> str:
     if condition is Condition.NORMAL or not math.isfinite(point.fold_speed):
         return ''
-    margin = config.alarm.caution_margin if condition is Condition.CAUTION else 0.0
+    alarm, near = config.alarm, condition is Condition.CAUTION
+    margin = alarm.caution_margin + alarm.hysteresis if near else 0.0
     if point.fold_margin > margin:
         return ''
     rpm = float(config.bearing.speed.from_surface(point.fold_speed * (1.0 + margin), 'rpm'))
     out = f' Ends above {rpm:.4g} rpm'
-    if condition is not Condition.CAUTION and point.fold_load < point.load:
+    if not near and point.fold_load < point.load:
         out += f' or below {point.fold_load / 1e3:.4g} kN'
     return f'{out}.'

@@ -24,11 +24,15 @@ def restore(flat: NDArray[Any], shape: tuple[int, ...]) -> Any:
 def mapped(
     function: Callable[..., NDArray[np.float64]], *inputs: ArrayLike
 ) -> Any:
-    """Apply a function of flat arrays to broadcast inputs; ``nan`` where one is not finite."""
+    """Apply a function of flat arrays to broadcast inputs; ``nan`` where one is not finite.
+
+    A result too large for a float is ``inf``.
+    """
     shape, arrays = flatten(*inputs)
     usable = np.isfinite(arrays[0])
     for array in arrays[1:]:
         usable &= np.isfinite(array)
     result = np.full(usable.shape, np.nan)
-    result[usable] = function(*(array[usable] for array in arrays))
+    with np.errstate(over='ignore'):
+        result[usable] = function(*(array[usable] for array in arrays))
     return restore(result, shape)

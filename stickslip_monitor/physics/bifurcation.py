@@ -35,7 +35,8 @@ def kbm(law: FrictionLaw) -> ModuleType:
 def damping_per_load(bearing: Bearing, load: Array) -> Array:
     """``q = c/N`` [s/m]; ``inf`` where the bearing carries no load."""
     loaded = load > 0.0
-    return np.where(loaded, bearing.damping / np.where(loaded, load, 1.0), np.inf)
+    with np.errstate(over='ignore'):
+        return np.where(loaded, bearing.damping / np.where(loaded, load, 1.0), np.inf)
 
 
 def hopf_speed(bearing: Bearing, load: ArrayLike) -> Any:
@@ -116,7 +117,8 @@ def stationary_amplitudes(
     a, stable = kbm(law).cycles(law, v[usable], damping_per_load(bearing, n[usable]))
     width = a.shape[1]
     amplitude, stability = np.full((v.size, width), np.nan), np.zeros((v.size, width))
-    amplitude[usable] = a / bearing.natural_frequency
+    with np.errstate(over='ignore'):
+        amplitude[usable] = a / bearing.natural_frequency
     stability[usable] = stable
     used = np.flatnonzero(~np.all(np.isnan(amplitude), axis=0))
     return StationaryAmplitudes(

@@ -25,36 +25,32 @@ from stickslip_monitor.physics.slip import (
     SAMPLES,
     TOLERANCE,
     Motion,
+    Step,
     at_samples,
     integral,
     solve_step,
     value,
 )
 
-_STEPS = 4000
-_LONGEST, _SHORTEST = 1.0, 1e-14
-_SETTLED = 1e-12
-
 Flags = NDArray[np.bool_]
+
+_STEPS = 4000
+_LONGEST, _SHORTEST = 1.0, 1e-13
+_GROWTH, _SHRINK = 2.5, 0.2
+# Share of the energy at the start below which an orbit that does not turn has come to rest.
+_SETTLED = 1e-12
+# Relative overshoot of an edge between smooth pieces that is rounding.
+_ROUNDING = 1e-13
 
 
 class End(IntEnum):
     """How an orbit ended."""
 
-    EXHAUSTED = 0, 'The step or their number reached its limit.'
-    CONTACT = 1, 'The lining met the belt.'
-    MISSED = 2, 'The lining turned back before it met the belt.'
-    RETURNED = 3, 'The orbit came back to the turning point it started from.'
-    SETTLED = 4, 'The orbit ran into steady sliding without turning.'
-
-    sentence: str
-
-    def __new__(cls, number: int, sentence: str) -> End:
-        """Make a member from its number and its sentence."""
-        member = int.__new__(cls, number)
-        member._value_ = number
-        member.sentence = sentence
-        return member
+    EXHAUSTED = 0
+    CONTACT = 1
+    MISSED = 2
+    RETURNED = 3
+    SETTLED = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +63,8 @@ class Frame:
     Attributes:
         drift: Of :class:`Motion`.
         first: Stage at the start.
-        last: Stage whose beginning ends the orbit.
-        landing: First stage in which the lining can meet the belt.
+        last: Stage whose beginning ends the orbit, as ``finish``.
+        landing: Stage in which the lining can meet the belt.
         direction: 1, or -1 to go back in time.
         finish: How the orbit ended when the last stage began.
     """
@@ -81,9 +77,9 @@ class Frame:
     finish: End
 
     @property
-    def floor(self) -> float:
-        """``z`` of the belt's speed."""
-        return min(self.drift - 1.0, 0.0) if self.drift >= 0.0 else 0.0
+    def reference(self) -> float:
+        """Relative speed ``w`` at ``z = 0``."""
+        return 1.0 if self.drift == 0.0 else 0.0
 
 
 FORWARD = Frame(1.0, 0, 3, 2, 1.0, End.MISSED)
@@ -99,13 +95,12 @@ class Setting:
     Attributes:
         motion: Their equations.
         piece: Smooth piece of the law at the start.
-        edges: Edges between the pieces, as speeds [m/s]; ``None`` for a smooth law.
+        edges: Speeds between the smooth pieces [m/s], ascending; ``None`` for a smooth law.
         speed: ``V`` [m/s].
         pull: Friction lost at steady sliding, ``rise`` at ``w = 1``.
         rest: Displacement of steady sliding.
         stable: Whether a small disturbance of steady sliding dies out.
         hold: Displacement above which the belt cannot catch the lining.
-        excess: ``y^2 - 1`` at ``hold`` of an orbit without friction and damping.
     """
 
     motion: Motion
@@ -116,31 +111,35 @@ class Setting:
     rest: Array
     stable: Flags
     hold: Array
-    excess: Array
 
 
 @dataclass(slots=True)
 class Orbits:
-    """The orbits as far as they were followed; every array has shape (n,) unless said.
+    """The orbits as far as they were followed; every array has shape (n,).
 
     Attributes:
-        end: :class:`End`.
-        time: Duration, negative backwards.
         e: Displacement at the end.
         z: Relative speed at the end.
+        h: Next step.
+        piece: Smooth piece of the law.
+        stage: Turning points passed.
+        end: :class:`End`.
+        time: Duration, negative backwards.
         work: Energy gained about steady sliding.
         divergence: Integral of the divergence of the flow (``AROUND`` only).
-        crest: Displacement at the last turning point where it was greatest.
-        trough: The same where it was least.
+        crest: Displacement at the last turning point from above.
+        trough: Displacement at the last turning point from below.
         margin: Signed distance from grazing: ``> 0`` where the lining met the belt.
-        evaluations: Evaluations of the friction law, at all nodes of a step together.
+        excess: Twice the kinetic energy at ``hold`` beyond the belt's, but for the work.
+        quiet: Energy below which the orbit has settled.
+        evaluations: Evaluations of the friction law, one for all nodes of a step together.
     """
 
     e: Array
     z: Array
     h: Array
-    stage: Index
     piece: Index
+    stage: Index
     end: Index
     time: Array
     work: Array
@@ -148,41 +147,122 @@ class Orbits:
     crest: Array
     trough: Array
     margin: Array
+    excess: Array
+    quiet: Array
     evaluations: Index
 
 
 @dataclass(slots=True)
 class Stretch:
-    """One accepted step of some orbits, as polynomials on [-1, 1] cut off at ``stop``."""
+    """An accepted step of some orbits, as Legendre series on [-1, 1], used up to ``stop``."""
 
     index: Index
-    start: Array
+    time: Array
     h: Array
     e: Array
     z: Array
     work: Array
     divergence: Array
     stop: Array = field(init=False)
+    end: Index = field(init=False)
 
     def __post_init__(self) -> None:
         self.stop = np.ones(self.index.size)
+        self.end = np.zeros(self.index.size, dtype=np.intp)
 
 
-def _series(value_: Array) -> Array:
-    return value_
+def follow(
+    frame: Frame, setting: Setting, e: Array, z: Array, record: list[Stretch] | None = None
+) -> Orbits:
+    """Follow orbits until each has ended.
+
+    Args:
+        frame: What they start from and what ends them.
+        setting: What they move in.
+        e: Displacement at the start, shape (n,).
+        z: Relative speed at the start, shape (n,).
+        record: Takes every accepted step.
+    """
+    with np.errstate(over='ignore', invalid='ignore', under='ignore'):
+        orbits = _begin(frame, setting, e, z)
+        running = np.arange(e.size)
+        for _ in range(_STEPS):
+            if not running.size:
+                break
+            running = _advance(frame, setting, orbits, running, record)
+    return orbits
 
 
-def begin(frame: Frame, setting: Setting, e: Array, z: Array) -> Orbits:
-    """Orbits at their start."""
+def _begin(frame: Frame, setting: Setting, e: Array, z: Array) -> Orbits:
     n = e.size
-    column = z[:, None]
-    slope = setting.motion.take(np.arange(n), setting.piece).law.slope(column)[:, 0]
-    first = 0.1 * frame.direction / (1.0 + np.abs(slope) + 2.0 * setting.motion.damping)
-    zeros = [np.zeros(n) for _ in range(4)]
-    missing = [np.full(n, np.nan) for _ in range(2)]
-    counts = [np.zeros(n, dtype=np.intp) for _ in range(2)]
-    stage = np.full(n, frame.first, dtype=np.intp)
+    law = setting.motion.take(np.arange(n), setting.piece).law
+    rate = np.abs(law.slope(z[:, None])[:, 0]) + 2.0 * setting.motion.damping
+    y = frame.drift - z
     return Orbits(
-        e.copy(), z.copy(), first, stage, setting.piece.copy(), counts[0], *zeros[:3],
-        *missing, zeros[3], counts[1],
-    )  # fmt: skip
+        e=e.copy(),
+        z=z.copy(),
+        h=0.1 * frame.direction / (1.0 + rate),
+        piece=setting.piece.copy(),
+        stage=np.full(n, frame.first, dtype=np.intp),
+        end=np.zeros(n, dtype=np.intp),
+        time=np.zeros(n),
+        work=np.zeros(n),
+        divergence=np.zeros(n),
+        crest=np.full(n, np.nan),
+        trough=np.full(n, np.nan),
+        margin=np.full(n, -1.0),
+        excess=(e - setting.hold) * (e + setting.hold - 2.0 * setting.rest) + (y * y - 1.0),
+        quiet=_SETTLED * ((e - setting.rest) ** 2 + y * y),
+        evaluations=np.zeros(n, dtype=np.intp),
+    )
+
+
+def _advance(
+    frame: Frame,
+    setting: Setting,
+    orbits: Orbits,
+    running: Index,
+    record: list[Stretch] | None,
+) -> Index:
+    """Try one step of every running orbit and return those that still run."""
+    piece, h = orbits.piece[running], orbits.h[running]
+    motion = setting.motion.take(running, piece)
+    step = solve_step(motion, piece, orbits.e[running], orbits.z[running], h)
+    orbits.evaluations[running] += step.iterations
+    good = step.error <= TOLERANCE
+    with np.errstate(divide='ignore'):
+        factor = 0.9 * (TOLERANCE / step.error) ** (1.0 / NODES)
+    factor = np.clip(factor, _SHRINK, np.where(good, _GROWTH, 0.6))
+    orbits.h[running] = np.clip(h * factor, -_LONGEST, _LONGEST)
+    keep = np.abs(orbits.h[running]) > _SHORTEST
+    if good.any():
+        stretch = _stretch(frame, setting, orbits, motion, step, running, good)
+        keep[good] &= _pass_events(frame, setting, orbits, stretch)
+        if record is not None:
+            record.append(stretch)
+    return running[keep]
+
+
+def _stretch(
+    frame: Frame,
+    setting: Setting,
+    orbits: Orbits,
+    motion: Motion,
+    step: Step,
+    running: Index,
+    good: Flags,
+) -> Stretch:
+    index, z = running[good], step.z[good]
+    h, y = orbits_h = orbits.h[index], frame.drift - z
+    del orbits_h
+    damping = motion.damping[good][:, None]
+    power = y * (setting.pull[index][:, None] - step.rise[good] - 2.0 * damping * y)
+    return Stretch(
+        index=index,
+        time=orbits.time[index],
+        h=h,
+        e=integral(orbits.e[index], y, h),
+        z=integral(orbits.z[index], step.rate[good], h),
+        work=integral(orbits.work[index], power, h),
+        divergence=power,
+    )

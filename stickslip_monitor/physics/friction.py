@@ -74,6 +74,8 @@ class Stribeck:
         require_not_negative('kinetic', self.kinetic)
         require_positive('decay', self.decay)
         require_not_negative('viscous', self.viscous)
+        fall = (self.static - self.kinetic) * self.decay
+        require_finite('(static - kinetic) * decay', fall, 's/m')
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
@@ -165,7 +167,10 @@ class Tabulated:
                 f'friction table speed[{index + 1}] = {v[index + 1]:g} m/s does not exceed'
                 f' speed[{index}] = {v[index]:g} m/s: speeds must rise strictly'
             )
-        curve = PchipInterpolator(v, mu, extrapolate=False)
+        with np.errstate(all='ignore'):
+            curve = PchipInterpolator(v, mu, extrapolate=False)
+        if not np.isfinite(curve.c).all():
+            raise PhysicsError('friction table is too steep for its slope to be a finite number')
         for name, value in (
             ('speed', v),
             ('values', mu),
@@ -195,7 +200,11 @@ class Tabulated:
         v = np.abs(np.asarray(speed, dtype=float))
         measured = (v >= self.speed[0]) & (v <= self.speed[-1])
         inside = np.clip(v, self.speed[0], self.speed[-1])
-        return np.where(measured, np.asarray(self._derivative(inside), dtype=float), 0.0)
+        derivative = np.asarray(self._derivative(inside), dtype=float)
+        # Where the curve turns level, rounding must not give its slope the wrong sign.
+        interval = np.searchsorted(self.speed[1:-1], inside, side='right')
+        rises = np.sign(np.diff(self.values))[interval]
+        return np.where(measured & (derivative * rises > 0.0), derivative, 0.0)
 
 
 def _table_column(name: str, values: Sequence[float]) -> tuple[float, ...]:

@@ -33,7 +33,8 @@ _EQUILIBRIUM_PER_PANEL = 24
 _PEAK_SPEEDS = 200
 _FAR_SPEEDS = np.geomspace(1.0, 1e6, 97)
 _BLOCK = 1024
-_TINY_SPEED = 1e-200
+# Friction has no scale outside this range; inside it no amplitude over- or underflows.
+_SLOWEST, _FASTEST = 1e-200, 1e200
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
@@ -113,7 +114,7 @@ def _peak_and_place(law: FrictionLaw, speed: Array) -> tuple[Array, Array]:
 
 def peak_slope(law: FrictionLaw, speed: Array) -> Array:
     """``max_a rho(a; V)`` [s/m] for each speed."""
-    return _peak_and_place(law, np.maximum(speed, _TINY_SPEED))[0]
+    return _peak_and_place(law, np.clip(speed, _SLOWEST, _FASTEST))[0]
 
 
 def _panel_speeds(law: FrictionLaw, per_panel: int) -> Array:
@@ -225,6 +226,7 @@ def cycles(law: FrictionLaw, speed: Array, q: Array) -> tuple[Array, Array]:
         Amplitudes [m/s] and stability (1.0 stable, 0.0 unstable), both of shape (n, w) with the
         ``w`` of the point that has most.
     """
+    given, speed = speed, np.clip(speed, _SLOWEST, _FASTEST)
     point, left, right, rising = _brackets(law, speed, q)
 
     def difference(x: Array, v: Array, level: Array, up: Array) -> tuple[Array, Array]:
@@ -235,7 +237,9 @@ def cycles(law: FrictionLaw, speed: Array, q: Array) -> tuple[Array, Array]:
     x = newton_on_bracket(
         difference, left, right, 0.5 * (left + right), (speed[point], q[point], rising)
     )
-    return _pad(speed.size, point, _amplitude(x, speed[point]), 1.0 - rising)
+    with np.errstate(over='ignore'):
+        a = _amplitude(x, given[point])
+    return _pad(speed.size, point, a, 1.0 - rising)
 
 
 def _brackets(

@@ -14,7 +14,8 @@ from scipy.special import i1e
 from stickslip_monitor.physics import stribeck
 from stickslip_monitor.physics.friction import Array, Stribeck
 
-_TINY_SPEED = 1e-200
+# Beyond these a dimensionless speed or its Bessel function leaves the range of a float.
+_TINY, _HUGE, _MOST_DECLINE = 1e-300, 1e200, 690.0
 
 
 def _damping_number(law: Stribeck, q: Array) -> Array:
@@ -22,7 +23,8 @@ def _damping_number(law: Stribeck, q: Array) -> Array:
     fall = (law.static - law.kinetic) * law.decay
     if fall <= 0.0:
         return np.full_like(q, np.inf)
-    return (q + law.viscous) / fall
+    with np.errstate(over='ignore'):
+        return (q + law.viscous) / fall
 
 
 def _log_drive(law: Stribeck, q: Array) -> Array:
@@ -46,13 +48,15 @@ def fold_speed(law: Stribeck, q: Array) -> Array:
     number = _log_drive(law, q)
     result = np.where(number > 0.0, np.inf, np.nan)
     bounded = _where_bounded(number)
-    result[bounded] = stribeck.speed_for_decline(number[bounded]) / law.decay
+    decline = np.minimum(number[bounded], _MOST_DECLINE)
+    result[bounded] = stribeck.speed_for_decline(decline) / law.decay
     return result
 
 
 def peak_slope(law: Stribeck, speed: Array) -> Array:
     """Largest averaged negative slope ``max_a 2 S/a``, reached at the sliding limit [s/m]."""
-    v = law.decay * np.maximum(speed, _TINY_SPEED)
+    with np.errstate(over='ignore'):
+        v = np.clip(law.decay * speed, _TINY, _HUGE)
     fall = (law.static - law.kinetic) * law.decay
     return fall * 2.0 * i1e(v) / v - law.viscous
 
@@ -71,14 +75,17 @@ def amplitudes(law: Stribeck, speed: Array, q: Array, fold: Array) -> tuple[Arra
     """
     threshold, stable = np.full_like(speed, np.nan), np.full_like(speed, np.nan)
     inside = speed < fold
-    v, kappa = law.decay * speed[inside], _damping_number(law, q[inside])
+    with np.errstate(over='ignore'):
+        number = law.decay * speed
+    v = np.clip(number[inside], _TINY, _HUGE)
+    kappa = _damping_number(law, q[inside])
     if v.size:
         ratio = law.kinetic / (law.static - law.kinetic)
         alpha = stribeck.stable_amplitude(v, kappa, ratio)
         stable[inside] = np.maximum(alpha / law.decay, speed[inside])
-    rise = law.decay * speed - _log_drive(law, q)
+    rise = number - _log_drive(law, q)
     inside &= rise > 0.0
-    alpha = stribeck.amplitude_for_growth(rise[inside])
+    alpha = stribeck.amplitude_for_growth(np.minimum(rise[inside], _HUGE))
     threshold[inside] = np.minimum(alpha / law.decay, speed[inside])
     return threshold, stable
 

@@ -89,6 +89,7 @@ class Bearing:
         require_not_negative('damping', self.damping, 'N s/m')
         require_positive('stiffness', self.stiffness, 'N/m')
         require_positive('journal_diameter', self.journal_diameter, 'm')
+        require_positive('sqrt(stiffness / mass)', self.natural_frequency, 'rad/s')
         if not isinstance(self.friction, FrictionLaw):
             raise PhysicsError(
                 f'friction = {self.friction!r} must be a friction law: Stribeck, Coulomb or'

@@ -36,7 +36,7 @@ def crossing_angle(speed: Array, amplitude: Array, level: float) -> Array:
         amplitude: Velocity amplitude ``a`` > 0 [m/s], shape of ``speed``.
         level: Relative speed to look for [m/s].
     """
-    rise = np.clip(((amplitude - speed) + level) / (2.0 * amplitude), 0.0, 1.0)
+    rise = np.clip(0.5 * (((amplitude - speed) + level) / amplitude), 0.0, 1.0)
     angle: Array = 2.0 * np.arcsin(np.sqrt(rise))
     return angle
 
@@ -79,7 +79,16 @@ def friction_harmonic(law: FrictionLaw, speed: Array, amplitude: Array) -> Array
     Returns:
         ``S`` [-], shape of ``speed``.
     """
-    return _cycle_integral(law, speed, amplitude, lambda v, c: law.coefficient(v) * c)
+    # The constant part of friction has a closed average; taken out, it leaves no rounding noise
+    # that would pass for cycles where friction is flat.
+    level = law.coefficient(speed)
+
+    def varying(v: Array, cosine: Array) -> Array:
+        return (law.coefficient(v) - np.where(v < 0.0, -level, level)) * cosine
+
+    reach = np.maximum(amplitude, speed)
+    sine = np.sqrt(((reach - speed) / reach) * (1.0 + speed / reach))
+    return _cycle_integral(law, speed, amplitude, varying) - (2.0 / np.pi) * level * sine
 
 
 def friction_harmonic_slope(law: FrictionLaw, speed: Array, amplitude: Array) -> Array:
@@ -90,6 +99,7 @@ def friction_harmonic_slope(law: FrictionLaw, speed: Array, amplitude: Array) ->
     """
     smooth = -_cycle_integral(law, speed, amplitude, lambda v, c: law.slope(v) * c * c)
     reversing = amplitude > speed
-    root = np.sqrt(np.where(reversing, (amplitude - speed) * (amplitude + speed), 1.0))
-    jump = (2.0 * law.static / np.pi) * speed * speed / (amplitude * amplitude * root)
+    ratio = np.where(reversing, speed / amplitude, 0.0)
+    root = np.sqrt(np.where(reversing, (amplitude - speed) / amplitude, 1.0) * (1.0 + ratio))
+    jump = (2.0 * law.static / np.pi) * ratio * ratio / (amplitude * root)
     return smooth - np.where(reversing, jump, 0.0)

@@ -21,6 +21,7 @@ from mcap.reader import make_reader
 from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, IndexType, Writer
 
+from stickslip_monitor.bags.compression import decompress_prefix
 from stickslip_monitor.bags.reader import Bag, Request, open_bag
 from stickslip_monitor.errors import BagError
 
@@ -148,6 +149,19 @@ def test_messages_inside_a_cut_chunk_are_saved(tmp_path: Path, compression: str)
             )
         )
     assert len(set(counts)) >= 3
+
+
+@pytest.mark.parametrize('compression', ['lz4', 'zstd'])
+def test_garbage_behind_a_cut_costs_nothing_before_it(compression: str) -> None:
+    plain = np.random.default_rng(3).bytes(600_000)
+    packed = {'lz4': lz4.frame.compress, 'zstd': zstandard.compress}[compression](plain)
+    half = packed[: len(packed) // 2]
+    expected = PREFIXES[compression](half)
+    assert len(expected) > 100_000
+    # The damaged piece itself may take one compressed block with it.
+    restored = decompress_prefix(half + b'\xff' * 300_000, compression, len(plain))
+    assert len(restored) > len(expected) - 140_000
+    assert plain.startswith(restored[: len(expected)])
 
 
 def test_cut_of_a_file_without_chunks(tmp_path: Path) -> None:

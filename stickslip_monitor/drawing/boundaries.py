@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The curves of a stability map: boundaries, caution limit and lines of equal amplitude.
+
+At a given speed the averaged model's dissipation ``c a/2`` does not know the load and its drive
+``N S(a; V)`` is proportional to it. So at each speed the regimes follow each other with rising
+load as stable, bistable, unstable, each boundary is one load whatever the friction law, and a
+cycle of amplitude ``a`` stands at exactly one load, ``N = c a / (2 S(a; V))``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stickslip_monitor.drawing.ranges import Range
+from stickslip_monitor.monitor.assessment import assess
+from stickslip_monitor.physics.averaging import harmonic
+from stickslip_monitor.physics.bifurcation import fold_load, hopf_load
+from stickslip_monitor.physics.oscillator import Bearing
+
+FloatArray = NDArray[np.float64]
+
+_BESIDE = (1.0 - 1e-9, 1.0, 1.0 + 1e-9)
+_FAR = np.geomspace(1.0, 30.0, 60)[1:]
+_LARGER = 1.0 + np.geomspace(1e-3, 30.0, 24)
+_LEVELS = 5
+_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Boundaries:
+    """What divides the plane of speed and load, as loads over speed.
+
+    Attributes:
+        speed: Surface speeds, rising, shape (n,) [m/s].
+        fold_load: Load above which a stick-slip cycle exists, ``nan`` for none, shape (n,) [N].
+        hopf_load: Load above which the equilibrium is unstable, ``nan`` for none, shape (n,) [N].
+        caution_load: Load above which the fold margin is below the caution margin, ``nan`` for
+            none, shape (n,) [N].
+        amplitude: Displacement amplitudes of the iso-lines, shape (m,) [m].
+        amplitude_load: Load at which the predicted amplitude has that value, ``nan`` where none
+            does, shape (m, n) [N].
+    """
+
+    speed: FloatArray
+    fold_load: FloatArray
+    hopf_load: FloatArray
+    caution_load: FloatArray
+    amplitude: FloatArray
+    amplitude_load: FloatArray
+
+
+def boundaries(
+    bearing: Bearing, speeds: Range, loads: Range, caution_margin: float, points: int = 400
+) -> Boundaries:
+    """Compute the curves of a stability map.
+
+    Args:
+        bearing: The bearing.
+        speeds: Lowest and highest surface speed, 0 <= low < high [m/s].
+        loads: Lowest and highest load, 0 <= low < high [N]; the iso-lines are chosen for them.
+        caution_margin: Fold margin below which the alarm says caution [-].
+        points: Number of evenly spaced speeds; the curves' own corners come on top.
+
+    Returns:
+        The curves.
+    """
+    amplitude = amplitude_levels(bearing, speeds, loads)
+    corners = np.outer(bearing.friction.breakpoints, _BESIDE).ravel()
+    corners = np.concatenate([corners, amplitude * bearing.natural_frequency])
+    inside = corners[(corners > speeds[0]) & (corners < speeds[1])]
+    speed = np.union1d(np.linspace(*speeds, points), inside)
+    return Boundaries(
+        speed=speed,
+        fold_load=np.asarray(fold_load(bearing, speed)),
+        hopf_load=np.asarray(hopf_load(bearing, speed)),
+        caution_load=caution_load(bearing, speed, caution_margin),
+        amplitude=amplitude,
+        amplitude_load=amplitude_load(bearing, speed, amplitude[:, None]),
+    )
+
+
+def caution_load(bearing: Bearing, speed: FloatArray, margin: float) -> FloatArray:
+    """Load above which ``V / V_F(N) - 1 < margin``, ``nan`` for none [N].
+
+    The fold speed is the highest with a cycle, so a load is close to the fold as soon as a cycle
+    exists at any speed from ``V/(1 + margin)`` upwards.
+
+    Args:
+        bearing: The bearing.
+        speed: Surface speeds, rising, shape (n,) [m/s].
+        margin: The caution margin [-].
+    """
+    nearest = speed / (1.0 + margin)
+    higher = np.union1d(np.concatenate([nearest, speed]), speed[-1] * _FAR)
+    load = np.asarray(fold_load(bearing, higher))
+    load = np.where(np.isnan(load), np.inf, load)
+    least = np.minimum.accumulate(load[::-1])[::-1][np.searchsorted(higher, nearest)]
+    return np.where(np.isfinite(least), least, np.nan)
+
+
+def amplitude_load(bearing: Bearing, speed: ArrayLike, amplitude: ArrayLike) -> FloatArray:
+    """Load [N] at which the predicted stick-slip amplitude at a speed has a given value.
+
+    Args:
+        bearing: The bearing.
+        speed: Surface speed [m/s].
+        amplitude: Displacement amplitude > 0 [m]; broadcasts with ``speed``.
+
+    Returns:
+        The load, shape of the broadcast inputs; ``nan`` where no load has that amplitude as its
+        largest stable one, i.e. where a larger cycle exists at the same or at a lower load.
+    """
+    a, v = np.broadcast_arrays(np.multiply(amplitude, bearing.natural_frequency), speed)
+    slope = 2.0 * harmonic(bearing.friction, v, a) / a
+    wide = a[..., None] * _LARGER
+    beyond = 2.0 * harmonic(bearing.friction, v[..., None], wide) / wide
+    largest = (slope > 0.0) & np.all(beyond < slope[..., None], axis=-1)
+    load: FloatArray = np.where(largest, bearing.damping / np.where(largest, slope, 1.0), np.nan)
+    return load
+
+
+def amplitude_levels(bearing: Bearing, speeds: Range, loads: Range) -> FloatArray:
+    """A few round amplitudes [m] below the largest predicted in the range; empty without any."""
+    if bearing.damping == 0.0:
+        return np.empty(0)
+    predicted = assess(bearing, np.linspace(*speeds, 60)[1:], loads[1]).amplitude
+    largest = float(np.fmax.reduce(predicted, initial=0.0))
+    if largest == 0.0:
+        return np.empty(0)
+    decade = 10.0 ** math.floor(math.log10(largest / _LEVELS))
+    step = next(s * decade for s in _STEPS if s * decade * (_LEVELS + 1) >= largest)
+    return np.arange(1, math.ceil(largest / step)) * step
+
+
+def map_columns(bearing: Bearing, curves: Boundaries) -> dict[str, Sequence[object]]:
+    """The curves as the columns of a table, by heading, SI units but for the shaft speed."""
+    columns = {
+        'shaft_speed [rpm]': bearing.speed.from_surface(curves.speed, 'rpm').tolist(),
+        'surface_speed [m/s]': curves.speed.tolist(),
+        'fold_load [N]': curves.fold_load.tolist(),
+        'hopf_load [N]': curves.hopf_load.tolist(),
+        'caution_load [N]': curves.caution_load.tolist(),
+    }
+    for amplitude, load in zip(curves.amplitude, curves.amplitude_load, strict=True):
+        columns[f'load_at_{amplitude * 1e3:.6g}_mm [N]'] = load.tolist()
+    return columns

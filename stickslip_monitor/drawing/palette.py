@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The colours of regimes and alarm conditions, once, for pictures and dashboards alike.
+
+The hues are those of Okabe and Ito, which people with any common colour blindness can tell apart.
+Fills get darker from stable to unstable, so that they also keep their order in a grey print.
+"""
+
+from __future__ import annotations
+
+from stickslip_monitor.monitor.alarm import Condition
+from stickslip_monitor.monitor.assessment import Regime
+
+INK = '#222222'
+MUTED = '#595959'
+PAPER = '#ffffff'
+
+REGIME_COLOUR = {
+    Regime.STABLE: '#0072b2',
+    Regime.BISTABLE: '#e69f00',
+    Regime.UNSTABLE: '#d55e00',
+    Regime.UNDETERMINED: '#8c8c8c',
+}
+"""Strong colours, for lines, marks and words on white."""
+
+REGIME_FILL = {
+    Regime.STABLE: '#edf5fa',
+    Regime.BISTABLE: '#fae3ae',
+    Regime.UNSTABLE: '#f0b08e',
+    Regime.UNDETERMINED: '#d9d9d9',
+}
+"""Light colours, for areas behind lines and dark text."""
+
+CAUTION_FILL = '#d3e6c8'
+"""The stable stretch next to the fold in which the alarm says caution."""
+
+CONDITION_COLOUR = {
+    Condition.NORMAL: '#0072b2',
+    Condition.CAUTION: '#009e73',
+    Condition.BISTABLE: '#e69f00',
+    Condition.STICK_SLIP: '#d55e00',
+    Condition.AMPLITUDE: '#7a1f5c',
+    Condition.INPUT_STALE: '#595959',
+}
+"""Strong colours, for marks on any of the fills."""

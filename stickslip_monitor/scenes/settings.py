@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One mapping of a scene file, read key by key; every complaint names key, value and rule."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from stickslip_monitor.errors import SceneError
+
+
+class Settings:
+    """The keys and values of one mapping.
+
+    Args:
+        name: What the mapping is called in sentences; empty for the scene itself.
+        content: The parsed YAML.
+        keys: The keys it may have.
+
+    Raises:
+        SceneError: It is not a mapping, or has a key that is not among them.
+    """
+
+    def __init__(self, name: str, content: Any, keys: Iterable[str]) -> None:
+        self.name = name
+        if not isinstance(content, Mapping):
+            raise SceneError(f'{name or "the scene"} = {content!r} must be a mapping of keys')
+        self._content = content
+        self._refuse_unknown(list(keys))
+
+    def _refuse_unknown(self, known: list[str]) -> None:
+        for key, value in self._content.items():
+            if key in known:
+                continue
+            close = difflib.get_close_matches(str(key), known, n=1)
+            hint = f"did you mean '{close[0]}'?" if close else f'there are: {", ".join(known)}'
+            where = f' in {self.name}' if self.name else ''
+            raise SceneError(f"unknown key '{key}' = {_short(value)}{where}; {hint}")
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._content
+
+    def label(self, key: str) -> str:
+        """The key's full name."""
+        return f'{self.name}.{key}' if self.name else key
+
+    def value(self, key: str, what: str) -> Any:
+        """The value as it stands in the file; ``what`` says what is missing where it is."""
+        if key not in self._content:
+            raise SceneError(f"key '{self.label(key)}' is missing: {what}")
+        return self._content[key]
+
+    def text(self, key: str, what: str) -> str:
+        """A text that is not empty."""
+        value = self.value(key, what)
+        if not isinstance(value, str) or not value.strip():
+            raise self.broken(key, f'must be a text: {what}')
+        return value
+
+    def choice(self, key: str, options: Sequence[str]) -> str:
+        """One of some texts."""
+        value = self.value(key, f'one of {", ".join(options)}')
+        if not isinstance(value, str) or value not in options:
+            raise self.broken(key, f'must be one of {", ".join(options)}')
+        return value
+
+    def number(
+        self, key: str, unit: str, above: float = -math.inf, least: float = -math.inf,
+        most: float = math.inf,
+    ) -> float:  # fmt: skip
+        """A finite number above one bound, or not below another, and not above a third."""
+        rule = f'a number [{unit}]'
+        rule += f' above {above:g}' if above > -math.inf else ''
+        rule += f' not below {least:g}' if least > -math.inf else ''
+        rule += f' and not above {most:g}' if most < math.inf else ''
+        value = self.value(key, rule)
+        if not is_number(value) or not (value > above and least <= value <= most):
+            raise self.broken(key, f'must be {rule}')
+        return float(value)
+
+    def section(self, key: str, keys: Iterable[str], what: str) -> Settings:
+        """The mapping under a key."""
+        return Settings(self.label(key), self.value(key, what), keys)
+
+    def broken(self, key: str, rule: str) -> SceneError:
+        """The error that says that a key's value breaks a rule."""
+        return SceneError(f'{self.label(key)} = {_short(self._content[key])} {rule}')
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value of a YAML file is a finite number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f'{text[:57]}...'

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What effects work on: channels of telemetry, and the samples of a stretch of time on each."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip_monitor.errors import SceneError
+from stickslip_monitor.monitor.config import BearingConfig, InputConfig
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One sensor: a topic, and the bearings that read it.
+
+    Several bearings of one shaft read one speed topic; SI values are then those of the first.
+
+    Attributes:
+        quantity: ``'speed'`` or ``'load'``.
+        bearings: The bearings that read it, at least one.
+        rate: Samples per second [Hz].
+    """
+
+    quantity: str
+    bearings: tuple[BearingConfig, ...]
+    rate: float
+
+    @property
+    def input(self) -> InputConfig:
+        """Topic, scale and offset."""
+        bearing = self.bearings[0]
+        return bearing.speed if self.quantity == 'speed' else bearing.load
+
+    @property
+    def topic(self) -> str:
+        """Its topic."""
+        return self.input.topic
+
+    def factor(self, unit: str) -> float:
+        """SI value (surface speed [m/s] or load [N]) of one unit.
+
+        Raises:
+            SceneError: The unit is m/s, and the topic serves bearings of different diameters.
+        """
+        if self.quantity == 'load':
+            return 1000.0 if unit == 'kN' else 1.0
+        if unit == 'm/s' and len({b.bearing.journal_diameter for b in self.bearings}) > 1:
+            names = ', '.join(b.name for b in self.bearings)
+            raise SceneError(
+                f'unit m/s says nothing about topic {self.topic}: it serves {names}, whose'
+                ' journals differ in diameter; use rpm, rad/s or Hz'
+            )
+        return self.bearings[0].bearing.speed.factor(unit)
+
+    def raw(self, si: FloatArray) -> FloatArray:
+        """The numbers the sensor sends for SI values: the inverse of what the monitor does."""
+        return (si / self.input.factor - self.input.offset) / self.input.scale
+
+    def count(self, duration: float) -> int:
+        """Samples in a scene of some duration [s]; the first is at 0, the last may be at its end."""
+        return math.floor(duration * self.rate * (1.0 + 1e-12)) + 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Signal:
+    """The samples of one channel over a stretch of time.
+
+    Attributes:
+        channel: The channel.
+        time: True instants of measurement since the scene's start, shape (n,) [s].
+        stamp_ns: Time stamps in the recording, shape (n,) [ns].
+        value: Surface speed [m/s] or load [N], shape (n,).
+    """
+
+    channel: Channel
+    time: FloatArray
+    stamp_ns: IntArray
+    value: FloatArray
+
+    @property
+    def raw(self) -> FloatArray:
+        """The numbers the sensor sends, shape (n,)."""
+        return self.channel.raw(self.value)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """A stretch of a scene; effects change its signals or put others in their place.
+
+    Attributes:
+        start: Its begin since the scene's start [s].
+        end: Its end [s].
+        signals: The signal of each topic.
+    """
+
+    start: float
+    end: float
+    signals: dict[str, Signal]

@@ -1,0 +1,361 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stickslip_monitor import Coulomb, MonitorConfig, Stribeck, Tabulated, build_config, fold_speed
+from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.monitor.table import BEARING_PARAMETERS, REQUIRED
+
+Configure = Callable[..., MonitorConfig]
+MISSING = object()
+
+
+def _build(reference: dict[str, Any], **changes: Any) -> MonitorConfig:
+    values = {'bearings': ['aft']} | {f'aft.{k}': v for k, v in reference.items()}
+    values |= {key.replace('__', '.'): value for key, value in changes.items()}
+    return build_config({k: v for k, v in values.items() if v is not MISSING})
+
+
+def test_every_value_reaches_its_place(configure: Configure) -> None:
+    config = configure(
+        speed__unit='Hz',
+        speed__scale=2.0,
+        speed__offset=-1.0,
+        speed__timeout=0.25,
+        speed__maximum=7.0,
+        speed__type='sensor_msgs/msg/JointState',
+        speed__field='velocity[2]',
+        load__unit='kN',
+        load__timeout=3.0,
+        friction__viscous=0.01,
+        alarm__caution_margin=0.2,
+        alarm__hysteresis=0.03,
+        alarm__amplitude_limit=1e-3,
+        alarm__on_delay=1.5,
+        alarm__off_delay=2.5,
+        alarm__minimum_speed=0.01,
+    ).bearing('aft')
+    assert config.bearing.friction == Stribeck(0.3, 0.1, 10.0, 0.01)
+    assert (config.bearing.mass, config.bearing.damping) == (50.0, 400.0)
+    assert (config.bearing.stiffness, config.bearing.journal_diameter) == (2.0e6, 0.1)
+    speed, load, alarm = config.speed, config.load, config.alarm
+    assert (speed.topic, speed.type) == ('/shaft/speed', 'sensor_msgs/msg/JointState')
+    assert (speed.field, speed.field_text) == (('velocity', 2), 'velocity[2]')
+    assert (speed.scale, speed.offset) == (2.0, -1.0)
+    assert speed.factor == pytest.approx(math.pi * 0.1, rel=1e-15)
+    assert (speed.timeout_ns, speed.maximum, speed.deadband) == (250_000_000, 7.0, 0.01)
+    assert (load.topic, load.type, load.field) == (
+        '/bearing/aft/load',
+        'std_msgs/msg/Float64',
+        ('data',),
+    )
+    assert (load.factor, load.timeout_ns, load.maximum, load.deadband) == (
+        1000.0,
+        3_000_000_000,
+        1e8,
+        0.0,
+    )
+    assert (alarm.caution_margin, alarm.hysteresis, alarm.amplitude_limit) == (0.2, 0.03, 1e-3)
+    assert (alarm.on_delay_ns, alarm.off_delay_ns) == (1_500_000_000, 2_500_000_000)
+
+
+def test_defaults_of_the_node(configure: Configure) -> None:
+    config = configure()
+    assert (config.autostart, config.publish_period) == (True, 0.0)
+    assert config.bearing('aft').alarm.amplitude_limit == math.inf
+
+
+def test_node_values_are_taken(reference: dict[str, Any]) -> None:
+    config = _build(reference, autostart=False, publish_period=1)
+    assert (config.autostart, config.publish_period) == (False, 1.0)
+    assert type(config.publish_period) is float
+
+
+def test_an_int_is_a_number(configure: Configure) -> None:
+    bearing = configure(mass=50, alarm__amplitude_limit=1).bearing('aft')
+    assert type(bearing.bearing.mass) is float
+    assert type(bearing.alarm.amplitude_limit) is float
+    assert (bearing.bearing.mass, bearing.alarm.amplitude_limit) == (50.0, 1.0)
+
+
+def test_a_numpy_number_is_a_number(configure: Configure) -> None:
+    assert configure(mass=np.float64(51.0)).bearing('aft').bearing.mass == 51.0
+
+
+BAD_VALUES = [
+    ('mass', -1.0, 'aft.mass = -1.0 must be a finite number above 0 kg'),
+    ('mass', 0.0, 'aft.mass = 0.0 must be a finite number above 0 kg'),
+    ('mass', math.nan, 'aft.mass = nan must be a finite number above 0 kg'),
+    ('mass', math.inf, 'aft.mass = inf must be a finite number above 0 kg'),
+    ('mass', '50', "aft.mass = '50' must be a finite number above 0 kg"),
+    ('mass', True, 'aft.mass = True must be a finite number above 0 kg'),
+    ('mass', None, 'aft.mass = None must be a finite number above 0 kg'),
+    ('mass', [50.0], 'aft.mass = [50.0] must be a finite number above 0 kg'),
+    ('mass', 1 + 0j, 'aft.mass = (1+0j) must be a finite number above 0 kg'),
+    ('damping', -1e-9, 'aft.damping = -1e-09 must be a finite number not below 0 N s/m'),
+    ('stiffness', 0, 'aft.stiffness = 0 must be a finite number above 0 N/m'),
+    ('journal_diameter', -0.1, 'aft.journal_diameter = -0.1 must be a finite number above 0 m'),
+    ('speed.unit', 'knots', "aft.speed.unit = 'knots' must be one of rpm, rad/s, Hz, m/s"),
+    ('speed.unit', 'RPM', "aft.speed.unit = 'RPM' must be one of rpm, rad/s, Hz, m/s"),
+    ('load.unit', 'lbf', "aft.load.unit = 'lbf' must be one of N, kN"),
+    ('load.unit', False, 'aft.load.unit = False must be one of N, kN'),
+    ('friction.law', 'karnopp', 'must be one of stribeck, coulomb, tabulated'),
+    ('friction.static', -0.1, 'aft.friction.static = -0.1 must be a finite number not below 0'),
+    ('friction.kinetic', math.nan, 'aft.friction.kinetic = nan must be a finite number'),
+    ('friction.decay', 0.0, 'aft.friction.decay = 0.0 must be a finite number above 0 s/m'),
+    ('friction.viscous', -1.0, 'aft.friction.viscous = -1.0 must be a finite number not below 0'),
+    ('speed.timeout', 0.0, 'aft.speed.timeout = 0.0 must be a finite number above 0 and not abo'),
+    ('load.timeout', 1.1e9, 'aft.load.timeout = 1100000000.0 must be a finite number above 0 and'),
+    ('speed.scale', math.inf, 'aft.speed.scale = inf must be a finite number'),
+    ('speed.offset', math.nan, 'aft.speed.offset = nan must be a finite number'),
+    ('speed.maximum', math.inf, 'aft.speed.maximum = inf must be a finite number above 0 m/s'),
+    ('load.maximum', 0.0, 'aft.load.maximum = 0.0 must be a finite number above 0 N'),
+    ('speed.topic', 7, 'aft.speed.topic = 7 must be a text'),
+    ('alarm.caution_margin', -0.1, 'aft.alarm.caution_margin = -0.1 must be a finite number not'),
+    ('alarm.hysteresis', 0.91, 'aft.alarm.hysteresis = 0.91 must be a finite number not below 0'),
+    ('alarm.amplitude_limit', 0.0, 'aft.alarm.amplitude_limit = 0.0 must be a number above 0 m'),
+    ('alarm.amplitude_limit', math.nan, 'aft.alarm.amplitude_limit = nan must be a number above'),
+    ('alarm.amplitude_limit', -math.inf, 'aft.alarm.amplitude_limit = -inf must be a number abo'),
+    ('alarm.on_delay', -1, 'aft.alarm.on_delay = -1 must be a finite number not below 0 s'),
+    ('alarm.off_delay', math.inf, 'aft.alarm.off_delay = inf must be a finite number not below 0'),
+    ('alarm.minimum_speed', -1.0, 'aft.alarm.minimum_speed = -1.0 must be a finite number not be'),
+]
+
+
+@pytest.mark.parametrize(('name', 'value', 'text'), BAD_VALUES)
+def test_bad_value_is_named_with_its_rule(
+    configure: Configure, name: str, value: Any, text: str
+) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        configure(**{name: value})
+    assert text in str(caught.value)
+    assert '\n' not in str(caught.value)
+
+
+def test_an_int_beyond_a_double_is_refused(configure: Configure) -> None:
+    with pytest.raises(ConfigurationError, match=r'aft\.mass = 10+ must be a finite number'):
+        configure(mass=10**400)
+
+
+@pytest.mark.parametrize('value', [1, 'true', None, [True]])
+def test_a_bool_is_true_or_false(reference: dict[str, Any], value: Any) -> None:
+    with pytest.raises(ConfigurationError, match=r'autostart = .* must be true or false'):
+        _build(reference, autostart=value)
+
+
+def test_edges_of_ranges_are_allowed(configure: Configure) -> None:
+    bearing = configure(
+        damping=0.0,
+        speed__timeout=1e9,
+        alarm__caution_margin=0.0,
+        alarm__hysteresis=0.9,
+        alarm__amplitude_limit=math.inf,
+        alarm__on_delay=0,
+        alarm__off_delay=0,
+        alarm__minimum_speed=0,
+    ).bearing('aft')
+    assert bearing.bearing.damping == 0.0
+    assert bearing.speed.timeout_ns == 10**18
+    assert (bearing.alarm.on_delay_ns, bearing.alarm.off_delay_ns) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    'name', [p.name for p in BEARING_PARAMETERS if p.default is REQUIRED] + ['bearings']
+)
+def test_a_required_parameter_is_asked_for(reference: dict[str, Any], name: str) -> None:
+    full = name if name == 'bearings' else f'aft.{name}'
+    with pytest.raises(ConfigurationError, match=f"parameter '{full}'.* is missing"):
+        _build(reference, **{full: MISSING})
+
+
+def test_a_missing_parameter_is_told_with_unit_and_meaning(reference: dict[str, Any]) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        _build(reference, **{'aft.mass': MISSING})
+    assert str(caught.value) == (
+        "parameter 'aft.mass' [kg] is missing: Moving mass of the lining."
+    )
+
+
+@pytest.mark.parametrize(
+    ('key', 'close'),
+    [
+        ('aft.mas', 'aft.mass'),
+        ('aft.friction.statik', 'aft.friction.static'),
+        ('aft.alarm.on_dealy', 'aft.alarm.on_delay'),
+        ('autostrat', 'autostart'),
+    ],
+)
+def test_an_unknown_key_is_refused_with_a_suggestion(
+    reference: dict[str, Any], key: str, close: str
+) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        _build(reference, **{key: 1.0})
+    assert str(caught.value) == f"unknown parameter '{key}' = 1.0; did you mean '{close}'?"
+
+
+def test_an_unknown_key_like_no_other_gets_no_suggestion(reference: dict[str, Any]) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        _build(reference, qqqqqq=1.0)
+    assert str(caught.value) == "unknown parameter 'qqqqqq' = 1.0"
+
+
+def test_a_misspelt_required_key_is_named_before_the_missing_one(
+    reference: dict[str, Any],
+) -> None:
+    with pytest.raises(ConfigurationError, match=r"'aft\.masss' = 50\.0; did you mean"):
+        _build(reference, **{'aft.mass': MISSING, 'aft.masss': 50.0})
+
+
+def test_a_section_that_is_not_a_bearing_is_refused(reference: dict[str, Any]) -> None:
+    with pytest.raises(ConfigurationError, match=r"section 'forward' is not a bearing.*lists aft"):
+        _build(reference, **{'forward.mass': 50.0})
+
+
+@pytest.mark.parametrize(
+    ('names', 'text'),
+    [
+        ([], 'must name at least one bearing'),
+        (['aft', 'aft'], "'aft' is listed twice"),
+        (['Aft'], "'Aft' must be a name of lower-case letters"),
+        (['1aft'], "'1aft' must be a name"),
+        (['aft stern'], "'aft stern' must be a name"),
+        (['aft/x'], "'aft/x' must be a name"),
+        ([''], "'' must be a name"),
+        (['aft.x'], "'aft.x' must be a name"),
+        (['äft'], "'äft' must be a name"),
+        (['aft\n'], 'must be a name'),
+        ('aft', "bearings = 'aft' must be a list of texts"),
+        ([1], r'bearings = \[1\] must be a list of texts'),
+        (None, 'bearings = None must be a list of texts'),
+    ],
+)
+def test_bearing_names(reference: dict[str, Any], names: Any, text: str) -> None:
+    with pytest.raises(ConfigurationError, match=text):
+        _build(reference, bearings=names)
+
+
+@pytest.mark.parametrize('topic', ['/a', 'a', '~/a', '/a/b_1/c', '_a/_b', '/Ship/Shaft1'])
+def test_topics_allowed(configure: Configure, topic: str) -> None:
+    assert configure(speed__topic=topic).bearing('aft').speed.topic == topic
+
+
+@pytest.mark.parametrize(
+    'topic', ['', '/', '~', '~a', '/a/', '/a//b', '/1a', 'a/1', 'a b', '/a-b', '/a\n', '/ä']
+)
+def test_topics_refused(configure: Configure, topic: str) -> None:
+    with pytest.raises(ConfigurationError, match=r'aft\.load\.topic = .* must be a ROS topic'):
+        configure(load__topic=topic)
+
+
+@pytest.mark.parametrize(
+    'name',
+    ['Float64', 'std_msgs/Float64', 'std_msgs/msg/float64', 'std_msgs.msg.Float64', 'a/srv/B', ''],
+)
+def test_message_types_refused(configure: Configure, name: str) -> None:
+    with pytest.raises(ConfigurationError, match=r'aft\.speed\.type = .* package/msg/Type'):
+        configure(speed__type=name)
+
+
+def test_a_bad_field_is_named_with_its_bearing(configure: Configure) -> None:
+    with pytest.raises(ConfigurationError, match=r"^aft\.load\.field: field 'a\.\.b' is not a pa"):
+        configure(load__field='a..b')
+
+
+@pytest.mark.parametrize(
+    ('law', 'absent'),
+    [
+        ('stribeck', 'static'),
+        ('stribeck', 'kinetic'),
+        ('stribeck', 'decay'),
+        ('coulomb', 'static'),
+        ('coulomb', 'kinetic'),
+        ('tabulated', 'speed'),
+        ('tabulated', 'coefficient'),
+    ],
+)
+def test_a_law_asks_for_what_it_needs(reference: dict[str, Any], law: str, absent: str) -> None:
+    changes = {
+        'aft.friction.law': law,
+        'aft.friction.speed': [0.0, 1.0],
+        'aft.friction.coefficient': [0.3, 0.1],
+        f'aft.friction.{absent}': MISSING,
+    }
+    with pytest.raises(ConfigurationError) as caught:
+        _build(reference, **changes)
+    expected = f"parameter 'aft.friction.{absent}' is missing: the law {law} needs "
+    assert str(caught.value).startswith(expected)
+
+
+def test_coulomb_needs_no_decay(reference: dict[str, Any]) -> None:
+    config = _build(reference, **{'aft.friction.law': 'coulomb', 'aft.friction.decay': MISSING})
+    assert config.bearing('aft').bearing.friction == Coulomb(0.3, 0.1)
+
+
+def test_a_table_of_ints_and_floats(configure: Configure) -> None:
+    law = (
+        configure(
+            friction__law='tabulated',
+            friction__speed=[0, 0.5, 2],
+            friction__coefficient=[0.3, 0.2, 0.1],
+        )
+        .bearing('aft')
+        .bearing.friction
+    )
+    assert law == Tabulated([0.0, 0.5, 2.0], [0.3, 0.2, 0.1])
+
+
+@pytest.mark.parametrize(
+    ('speed', 'coefficient', 'text'),
+    [
+        ([0.0], [0.3], r'^aft: friction table has 1 point: give at least two'),
+        ([0.0, 1.0], [0.3], r'^aft: friction table has 2 speeds and 1 coefficients'),
+        ([0.0, 0.0], [0.3, 0.1], r'^aft: friction table speed\[1\] = 0 m/s does not exceed'),
+        ([0.0, 2.0, 1.0], [0.3, 0.2, 0.1], r'^aft: friction table speed\[2\] = 1 m/s'),
+        ([0.0, -1.0], [0.3, 0.1], r'^aft\.friction\.speed = \[0\.0, -1\.0\] must be a list of'),
+        ([0.0, 1.0], [0.3, math.nan], r'^aft\.friction\.coefficient = \[0\.3, nan\] must be'),
+        ([0.0, math.inf], [0.3, 0.1], r'^aft\.friction\.speed = \[0\.0, inf\] must be a list'),
+        ([0.0, True], [0.3, 0.1], r'^aft\.friction\.speed = \[0\.0, True\] must be a list'),
+        ('01', [0.3, 0.1], r"^aft\.friction\.speed = '01' must be a list of finite numbers"),
+        (1.0, [0.3, 0.1], r'^aft\.friction\.speed = 1\.0 must be a list of finite numbers'),
+        ([], [0.3, 0.1], r"^parameter 'aft\.friction\.speed' is missing"),
+    ],
+)
+def test_bad_tables(configure: Configure, speed: Any, coefficient: Any, text: str) -> None:
+    with pytest.raises(ConfigurationError, match=text):
+        configure(
+            friction__law='tabulated', friction__speed=speed, friction__coefficient=coefficient
+        )
+
+
+@pytest.mark.parametrize('static', [0.05, 0.1])
+def test_static_not_above_kinetic_is_accepted_and_has_no_boundary(
+    configure: Configure, static: float
+) -> None:
+    bearing = configure(friction__static=static).bearing('aft').bearing
+    assert math.isnan(float(fold_speed(bearing, 1e6)))
+
+
+def test_minimum_speed_is_below_the_maximum(configure: Configure) -> None:
+    assert configure(alarm__minimum_speed=0.99, speed__maximum=1.0).bearings
+    with pytest.raises(ConfigurationError) as caught:
+        configure(alarm__minimum_speed=1.0, speed__maximum=1.0)
+    assert str(caught.value) == (
+        'aft.alarm.minimum_speed = 1 m/s must be below aft.speed.maximum = 1 m/s'
+    )
+
+
+def test_a_rule_broken_by_the_second_bearing_names_the_second(reference: dict[str, Any]) -> None:
+    forward = {f'forward.{k}': v for k, v in reference.items()} | {'forward.mass': -2.0}
+    with pytest.raises(ConfigurationError, match=r'^forward\.mass = -2\.0 must be'):
+        _build(reference, bearings=['aft', 'forward'], **forward)
+
+
+def test_a_bearing_that_is_not_configured(configure: Configure) -> None:
+    with pytest.raises(ConfigurationError, match="bearing 'bow' is not configured; there are: a"):
+        configure().bearing('bow')

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from stickslip_monitor import MonitorConfig
+from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.monitor.config_file import load_config, load_yaml
+
+AFT = """\
+    bearings: [aft]
+    aft:
+      mass: 50
+      damping: 400.0
+      stiffness: 2.0e6
+      journal_diameter: 0.1
+      friction: {static: 0.3, kinetic: 0.1, decay: 10.0}
+      speed: {topic: /shaft/speed, unit: rpm}
+      load: {topic: /bearing/aft/load, unit: N}
+"""
+WHOLE = '/**:\n  ros__parameters:\n' + AFT
+Write = Callable[[str | bytes], Path]
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Write:
+    def to_file(content: str | bytes) -> Path:
+        path = tmp_path / 'monitor.yaml'
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+        return path
+
+    return to_file
+
+
+def _refusal(path: Path) -> str:
+    with pytest.raises(ConfigurationError) as caught:
+        load_config(path)
+    text = str(caught.value)
+    assert text.startswith(str(path))
+    assert '\n' not in text
+    return text.removeprefix(str(path))
+
+
+def test_a_file_says_what_the_same_values_say(
+    write: Write, configure: Callable[..., MonitorConfig]
+) -> None:
+    assert load_config(write(WHOLE)) == configure()
+    assert load_config(str(write(WHOLE))) == configure()
+
+
+@pytest.mark.parametrize(
+    'section', ['/**', '/*', 'stickslip_monitor', '/stickslip_monitor', '/ns/stickslip_monitor']
+)
+def test_sections_that_apply(write: Write, section: str) -> None:
+    text = f'other_node:\n  ros__parameters: {{mass: 1}}\n{section}:\n  ros__parameters:\n{AFT}'
+    assert load_config(write(text)).bearings[0].name == 'aft'
+
+
+@pytest.mark.parametrize('section', ['/stickslip', '/stickslip_monitor_2', '/stickslip_monitor/x'])
+def test_no_section_applies(write: Write, section: str) -> None:
+    path = write(f'{section}:\n  ros__parameters:\n{AFT}')
+    assert _refusal(path) == (
+        f" has no parameters for 'stickslip_monitor': its sections are {section}; use '/**'"
+    )
+
+
+def test_later_sections_override_single_values(write: Write) -> None:
+    first = 'stickslip_monitor:\n  ros__parameters: {aft: {mass: 7.0, friction: {decay: 5.0}}}\n'
+    after = load_config(write(WHOLE + first)).bearing('aft').bearing
+    assert (after.mass, after.damping) == (7.0, 400.0)
+    assert after.friction.coefficient(0.2) == pytest.approx(0.1 + 0.2 * 2.718281828459045**-1)
+    before = load_config(write(first + WHOLE)).bearing('aft').bearing
+    assert before.mass == 50.0
+
+
+def test_dotted_names_and_nested_names_are_the_same(write: Write) -> None:
+    dotted = WHOLE.replace('      mass: 50\n', '').replace(
+        '    bearings', '    aft.mass: 50.0\n    bearings'
+    )
+    assert load_config(write(dotted)) == load_config(write(WHOLE))
+
+
+@pytest.mark.parametrize(
+    ('text', 'value'),
+    [
+        ('2.0e6', 2e6),
+        ('1e-3', 1e-3),
+        ('1e3', 1e3),
+        ('5E+2', 500.0),
+        ('-1e-3', -1e-3),
+        ('+2e3', 2e3),
+        ('.5e3', 500.0),
+        ('2.e6', 2e6),
+        ('1.5', 1.5),
+        ('3', 3),
+        ('.inf', float('inf')),
+        ('e3', 'e3'),
+        ('1e', '1e'),
+        ('1e3x', '1e3x'),
+        ('1.2.3e4', '1.2.3e4'),
+        ('N', 'N'),
+        ('m/s', 'm/s'),
+        ('"1e3"', '1e3'),
+    ],
+)
+def test_what_is_a_number(write: Write, text: str, value: Any) -> None:
+    read = load_yaml(write(f'a: {text}\n'))['a']
+    assert read == value
+    assert type(read) is type(value)
+
+
+def test_numbers_with_an_exponent_reach_the_bearing(write: Write) -> None:
+    text = WHOLE.replace('2.0e6', '2e6').replace('0.1\n', '1e-1\n')
+    bearing = load_config(write(text)).bearing('aft').bearing
+    assert (bearing.stiffness, bearing.journal_diameter) == (2e6, 0.1)
+
+
+@pytest.mark.parametrize(
+    ('content', 'line', 'key'),
+    [
+        (WHOLE + '      mass: 60\n', 12, 'mass'),
+        (WHOLE + WHOLE, 12, '/**'),
+        ('a: {b: 1, c: 2,\n  b: 3}\n', 2, 'b'),
+        ('1: a\n1: b\n', 2, '1'),
+    ],
+)
+def test_a_key_given_twice_is_refused_with_its_line(
+    write: Write, content: str, line: int, key: str
+) -> None:
+    assert _refusal(write(content)) == f", line {line}: key '{key}' is given twice"
+
+
+def test_the_same_key_in_two_mappings_is_no_repetition(write: Write) -> None:
+    assert load_yaml(write('a: {x: 1}\nb: {x: 1}\n')) == {'a': {'x': 1}, 'b': {'x': 1}}
+
+
+@pytest.mark.parametrize(
+    ('content', 'text'),
+    [
+        ('', " must be a ROS 2 parameter file: '/**:' with 'ros__parameters:' inside"),
+        ('# nothing\n', " must be a ROS 2 parameter file: '/**:' with 'ros__parameters:' inside"),
+        ('- a\n- b\n', " must be a ROS 2 parameter file: '/**:' with 'ros__parameters:' inside"),
+        ('mass\n', " must be a ROS 2 parameter file: '/**:' with 'ros__parameters:' inside"),
+        ('/**:\n', ": section '/**' must hold 'ros__parameters:'"),
+        ('/**:\n  bearings: [aft]\n', ": section '/**' must hold 'ros__parameters:'"),
+        ('/**:\n  ros__parameters: 5\n', ": section '/**' must hold 'ros__parameters:'"),
+        ('/**:\n  ros__parameters:\n', ": section '/**' must hold 'ros__parameters:'"),
+        ('/**:\n\tros__parameters: {}\n', ", line 2: found character '\\t' that cannot start any"),
+        ('/**: {a: [1, 2}\n', ', line 1: '),
+        ('a: 1\n---\nb: 2\n', ', line 2: but found another document'),
+        ('a: !!python/object:os.system x\n', ', line 1: could not determine a constructor for'),
+        ('? [a, b]\n: c\n', ', line 1: found unhashable key'),
+        ('a: &x 1\nb: *x\n', ", line 2: alias '*x' must be written out: ROS 2 reads no aliases"),
+        ('a: &x {b: *x}\n', ", line 1: alias '*x' must be written out"),
+        ('[' * 5000, ' is nested too deeply'),
+        ('a: 2020-99-99\n', ' holds a value that cannot be read: month must be in 1..12'),
+        ('a: \0\n', ' is not YAML: unacceptable character #x0000'),
+        (b'a: \xff\xfe\x00\n', ' is not a text file: '),
+        (b'\x89MCAP0\r\n', ' is not a text file: '),
+    ],
+    ids=range(20),
+)
+def test_files_that_are_refused(write: Write, content: str | bytes, text: str) -> None:
+    assert _refusal(write(content)).startswith(text)
+
+
+def test_a_missing_file(tmp_path: Path) -> None:
+    assert _refusal(tmp_path / 'none.yaml') == ': No such file or directory'
+
+
+def test_a_folder(tmp_path: Path) -> None:
+    assert _refusal(tmp_path) == ': Is a directory'
+
+
+def test_a_broken_rule_is_told_with_the_file(write: Write) -> None:
+    path = write(WHOLE.replace('mass: 50', 'mass: -1'))
+    assert _refusal(path) == ': aft.mass = -1 must be a finite number above 0 kg'
+
+
+def test_what_ros_reads_for_itself_is_left_alone(write: Write) -> None:
+    own = (
+        '    use_sim_time: true\n'
+        '    start_type_description_service: false\n'
+        '    qos_overrides: {/parameter_events: {publisher: {depth: 7}}}\n'
+    )
+    assert load_config(write(WHOLE + own)) == load_config(write(WHOLE))
+
+
+def test_a_key_like_one_of_ros_is_unknown(write: Write) -> None:
+    text = _refusal(write(WHOLE + '    use_sim_times: true\n'))
+    assert text == ": unknown parameter 'use_sim_times' = True"
+
+
+def test_a_byte_order_mark_is_no_text(write: Write) -> None:
+    assert load_config(write('\ufeff' + WHOLE)) == load_config(write(WHOLE))

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import pytest
+
+from stickslip_monitor.monitor.config import checked
+from stickslip_monitor.monitor.table import (
+    BEARING_PARAMETERS,
+    NODE_PARAMETERS,
+    REQUIRED,
+    Parameter,
+)
+
+ROWS = {p.name: p for p in (*NODE_PARAMETERS, *BEARING_PARAMETERS)}
+KINDS = {'float', 'bool', 'str', 'float[]', 'str[]'}
+
+
+def test_names_are_unique() -> None:
+    names = Counter(p.name for p in (*NODE_PARAMETERS, *BEARING_PARAMETERS))
+    assert [name for name, count in names.items() if count > 1] == []
+
+
+@pytest.mark.parametrize('row', ROWS.values(), ids=ROWS)
+def test_every_row_is_complete(row: Parameter) -> None:
+    assert row.kind in KINDS
+    assert row.text.endswith('.')
+    assert row.minimum <= row.maximum
+
+
+@pytest.mark.parametrize('row', ROWS.values(), ids=ROWS)
+def test_every_default_keeps_its_own_rule(row: Parameter) -> None:
+    optional = row.default == () or (isinstance(row.default, float) and math.isnan(row.default))
+    if row.default is not REQUIRED and not optional:
+        assert checked(row, row.name, {row.name: row.default}) == row.default
+
+
+def test_only_thresholds_scales_and_timeouts_are_live() -> None:
+    live = {p.name for p in (*NODE_PARAMETERS, *BEARING_PARAMETERS) if p.live}
+    inputs = {
+        f'{q}.{x}' for q in ('speed', 'load') for x in ('scale', 'offset', 'timeout', 'maximum')
+    }
+    alarm = {p.name for p in BEARING_PARAMETERS if p.name.startswith('alarm.')}
+    assert live == inputs | alarm | {'publish_period'}
+
+
+@pytest.mark.parametrize(
+    ('row', 'words'),
+    [
+        (Parameter('x', 'float', 1.0, ''), 'a finite number'),
+        (Parameter('x', 'float', math.inf, '', 'm', minimum=0.0), 'a number not below 0 m'),
+        (
+            Parameter('x', 'float', 1.0, '', 'kg', minimum=0.0, above_minimum=True),
+            'a finite number above 0 kg',
+        ),
+        (Parameter('x', 'float', 1.0, '', maximum=2.5), 'a finite number not above 2.5'),
+        (
+            Parameter('x', 'float', 1.0, '', 's', minimum=1.0, maximum=2.0),
+            'a finite number not below 1 and not above 2 s',
+        ),
+        (Parameter('x', 'bool', True, ''), 'true or false'),
+        (Parameter('x', 'str', 'a', '', choices=('a', 'b')), 'one of a, b'),
+        (Parameter('x', 'str[]', (), ''), 'a list of texts'),
+        (
+            Parameter('x', 'float[]', (), '', 'm/s', minimum=0.0),
+            'a list of finite numbers not below 0 m/s',
+        ),
+    ],
+)
+def test_rule_in_words(row: Parameter, words: str) -> None:
+    assert row.rule() == words
