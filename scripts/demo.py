@@ -18,14 +18,14 @@ from typing import Any
 
 # Before ROS 2 loads: nothing leaves this machine, and no other demo is overheard.
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-os.environ.setdefault('ROS_DOMAIN_ID', str(random.randint(1, 101)))  # noqa: S311
+os.environ.setdefault('ROS_DOMAIN_ID', str(random.randint(1, 101)))
 
-import rclpy  # noqa: E402
-from rclpy.node import Node  # noqa: E402
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.table import Table  # noqa: E402
-from std_msgs.msg import String  # noqa: E402
+import rclpy
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rich.console import Console
+from rich.table import Table
+from std_msgs.msg import String
 
 ROOT = Path(__file__).resolve().parent.parent
 BAG = ROOT / 'bags' / 'coast_down'
@@ -99,7 +99,9 @@ def check_offline() -> list[dict[str, Any]]:
     if answer.returncode == 2:
         raise SystemExit(answer.stderr)
     report = json.loads(answer.stdout)
-    console.print(f'   {report["duration"]:.0f} s of telemetry in {time.monotonic() - begin:.1f} s')
+    console.print(
+        f'   {report["duration"]:.0f} s of telemetry in {time.monotonic() - begin:.1f} s'
+    )
     return [event for item in report['bearings'].values() for event in item['events']]
 
 

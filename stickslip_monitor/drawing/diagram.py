@@ -3,13 +3,16 @@
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stickslip_monitor.drawing.branches import Diagram, Mark, MarkKind, bifurcation_diagram
 from stickslip_monitor.drawing.canvas import new_figure, style
-from stickslip_monitor.drawing.labels import Labeller, around
+from stickslip_monitor.drawing.labels import Labeller, Place, around
 from stickslip_monitor.drawing.palette import INK, MUTED, PAPER, REGIME_COLOUR, REGIME_FILL
 from stickslip_monitor.drawing.ranges import Range, diagram_speeds
 from stickslip_monitor.monitor.assessment import Regime, assess
@@ -21,11 +24,21 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _DASHES = (0, (4.5, 2.2))
-_HEADROOM = 1.16
+_HEADROOM = 1.3
 _BELOW_ZERO = 0.07
 _STICK_SLIP = REGIME_COLOUR[Regime.UNSTABLE]
 _SLIDING = REGIME_COLOUR[Regime.STABLE]
 _SMALL = 9.5
+_NARROWEST = 75.0
+_NAMES = (
+    ('stable', 'stick-slip', (0.45, 0.55, 0.35, 0.25, 0.65, 0.75)),
+    ('threshold', 'threshold (unstable)', (0.5, 0.4, 0.6, 0.7, 0.3)),
+    ('sliding', 'steady sliding', (0.9, 0.8, 0.1, 0.2, 0.5, 0.3)),
+    ('limit', 'sliding limit a = V', (0.91, 0.85, 0.78, 0.2, 0.3, 0.4, 0.5)),
+)
+"""Each family of curves: its name, its label, and where along the curve that is tried."""
+
+Curve = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 def draw_diagram(
@@ -82,8 +95,8 @@ def _frame(axes: Axes, bearing: Bearing, speeds: Range, top: float) -> None:
     metres.set_xlabel('surface speed [m/s]', labelpad=6.0)
 
 
-def _curves(axes: Axes, bearing: Bearing, diagram: Diagram) -> dict[str, tuple[Any, Any]]:
-    """Draw everything but words; return the named curves [rpm, mm]."""
+def _curves(axes: Axes, bearing: Bearing, diagram: Diagram) -> dict[str, list[Curve]]:
+    """Draw everything but words; return the curves of each name [rpm, mm]."""
     rpm = bearing.speed.factor('rpm')
     x = diagram.speed / rpm
     for span in diagram.spans:
@@ -93,12 +106,13 @@ def _curves(axes: Axes, bearing: Bearing, diagram: Diagram) -> dict[str, tuple[A
     limit = diagram.sliding_limit * 1e3
     axes.plot(x, limit, color=MUTED, lw=1.0, ls=':', zorder=2)
     _equilibrium(axes, x, diagram)
-    named = {'limit': (x, limit), 'sliding': (x, np.zeros_like(x))}
+    named: dict[str, list[Curve]] = {name: [] for name, _, _ in _NAMES}
+    named |= {'limit': [(x, limit)], 'sliding': [(x, np.zeros_like(x))]}
     for branch in diagram.branches:
         line = '-' if branch.stable else _DASHES
         y = branch.amplitude * 1e3
         axes.plot(x, y, color=_STICK_SLIP, ls=line, lw=2.4 if branch.stable else 2.0, zorder=4)
-        named.setdefault('stable' if branch.stable else 'threshold', (x, y))
+        named['stable' if branch.stable else 'threshold'].append((x, y))
     for mark in diagram.marks:
         hollow = mark.kind is MarkKind.HOPF
         axes.plot(
@@ -121,29 +135,29 @@ def _equilibrium(axes: Axes, x: Any, diagram: Diagram) -> None:
 
 
 def _words(
-    axes: Axes, bearing: Bearing, diagram: Diagram, curves: dict[str, tuple[Any, Any]]
+    axes: Axes, bearing: Bearing, diagram: Diagram, curves: dict[str, list[Curve]]
 ) -> None:
     labels = Labeller(axes)
-    x = diagram.speed / bearing.speed.factor('rpm')
-    for y in (b.amplitude * 1e3 for b in diagram.branches):
+    for x, y in (curve for family in curves.values() for curve in family):
         labels.avoid(x, y)
-    labels.avoid(*curves['sliding'])
-    labels.avoid(*curves['limit'])
     _regimes(labels, bearing, diagram)
-    for mark in sorted(diagram.marks, key=lambda m: -m.amplitude):
-        _mark(labels, bearing, mark)
-    words = (
-        ('stable', 'stick-slip', _STICK_SLIP, (0.45, 0.55, 0.35, 0.25, 0.65, 0.75)),
-        ('threshold', 'threshold (unstable)', _STICK_SLIP, (0.5, 0.4, 0.6, 0.7)),
-        ('sliding', 'steady sliding', _SLIDING, (0.9, 0.8, 0.1, 0.2, 0.5, 0.3)),
-        ('limit', 'sliding limit a = V', MUTED, (0.92, 0.85, 0.78, 0.2, 0.3, 0.4, 0.5)),
-    )
-    for name, text, colour, where in words:
-        if name in curves:
+    _marks(labels, bearing, diagram.marks)
+    for name, text, where in _NAMES:
+        if curves[name]:
             size = _SMALL if name == 'limit' else 11.0
-            labels.along(text, *curves[name], fractions=where, color=colour, size=size)
+            labels.along(text, *_longest(axes, curves[name]), fractions=where, size=size)
     if not diagram.branches:
         _nothing(labels, bearing, diagram)
+
+
+def _longest(axes: Axes, curves: list[Curve]) -> Curve:
+    """The curve that is longest on paper."""
+
+    def length(curve: Curve) -> float:
+        steps = np.diff(axes.transData.transform(np.column_stack(curve)), axis=0)
+        return float(np.nansum(np.hypot(*steps.T)))
+
+    return max(curves, key=length)
 
 
 def _regimes(labels: Labeller, bearing: Bearing, diagram: Diagram) -> None:
@@ -153,32 +167,34 @@ def _regimes(labels: Labeller, bearing: Bearing, diagram: Diagram) -> None:
     for span in diagram.spans:
         low, high = span.low / rpm, span.high / rpm
         left, right = labels.axes.transData.transform([(low, 0.0), (high, 0.0)])[:, 0]
-        if right - left > 75.0:
+        if right - left > _NARROWEST:
+            middle = (0.5 * (low + high), top)
             labels.point(
-                span.regime.value, (0.5 * (low + high), top), ((0.0, -6.0, 'center', 'top'),),
-                color=INK, style='italic',
-            )  # fmt: skip
+                span.regime.value, middle, (Place(0.0, -6.0, 'center', 'top'),), style='italic'
+            )
 
 
-def _mark(labels: Labeller, bearing: Bearing, mark: Mark) -> None:
-    rpm = mark.speed / bearing.speed.factor('rpm')
-    name = 'Hopf' if mark.kind is MarkKind.HOPF else 'fold'
-    near, far = around(9.0), around(26.0)
-    if mark.kind is MarkKind.HOPF:
-        near = (near[1], near[4], near[0], *near[2:4])
-    labels.point(
-        f'{name} {rpm:.4g} rpm', (rpm, mark.amplitude * 1e3), (*near, *far, *around(44.0)),
-        weight='bold', size=10.0,
-    )  # fmt: skip
+def _marks(labels: Labeller, bearing: Bearing, marks: Sequence[Mark]) -> None:
+    """Label the bifurcations, the outermost of each kind first: where it is crowded they stay."""
+    rpm = bearing.speed.factor('rpm')
+    for mark in marks:
+        labels.reserve(mark.speed / rpm, mark.amplitude * 1e3)
+    last = {mark.kind: mark for mark in marks}
+    for mark in (*last.values(), *(m for m in marks if m is not last[m.kind])):
+        at = (mark.speed / rpm, mark.amplitude * 1e3)
+        order = (1, 4, 0) if mark.kind is MarkKind.HOPF else (2, 6, 1, 0, 3, 4, 5, 7)
+        places = [around(d)[k] for d in (9.0, 30.0, 48.0, 66.0) for k in order]
+        name = mark.kind.value.replace('hopf', 'Hopf')
+        labels.point(f'{name} {at[0]:.4g} rpm', at, places, weight='bold', size=10.0)
 
 
 def _nothing(labels: Labeller, bearing: Bearing, diagram: Diagram) -> None:
     """Say why the picture is empty."""
     middle = 0.5 * (diagram.speed[0] + diagram.speed[-1])
-    point = assess(bearing, middle, diagram.load)
+    sentence = assess(bearing, middle, diagram.load).outcome.sentence
     low, high = labels.axes.get_xlim()
-    sentence = point.outcome.sentence.replace(' at this load:', ' at this load:\n')
+    top = labels.axes.get_ylim()[1]
     labels.point(
-        sentence, (0.5 * (low + high), 0.6 * labels.axes.get_ylim()[1]),
-        ((0.0, 0.0, 'center', 'center'),), linespacing=1.5, multialignment='center',
+        textwrap.fill(sentence, 46), (low + 0.04 * (high - low), 0.88 * top),
+        (Place(0.0, 0.0, 'left', 'top'),), linespacing=1.5,
     )  # fmt: skip

@@ -1,50 +1,94 @@
 # SPDX-License-Identifier: Apache-2.0
 """Words next to what they name, where they hide neither a curve nor each other.
 
-Every label tries its places in turn and takes the one that costs least: overlapping another label
-or leaving the axes costs most, lying on a curve a little. For this the axes must have their final
-limits and position, and the curves must be drawn, before the first label is placed.
+Every label tries its places in turn and takes the one that costs least: leaving the axes costs
+most, lying on a curve a little. One that would lie on another label is left out. For this the axes
+must have their final limits and position before the first label is placed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.drawing.palette import INK
+from stickslip_monitor.drawing.palette import INK, MUTED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.text import Text
-    from matplotlib.transforms import Bbox
+    from matplotlib.text import Annotation
 
 FloatArray = NDArray[np.float64]
-Place = tuple[float, float, str, str]
-"""Offset from a point in x and y [points], horizontal and vertical alignment."""
 
-_COST_OVERLAP, _COST_OUTSIDE, _COST_CURVE = 1000.0, 500.0, 1.0
-_FREE = 0.5
+_OUTSIDE, _NOT_FITTING = 1e4, 1e6
 _PAD = 2.0
-_PER_CURVE = 600
+_PER_CURVE = 800
 _ALONG = (0.5, 0.4, 0.6, 0.3, 0.7, 0.2, 0.8, 0.12, 0.88)
+_LEADER_FROM = 20.0
+_SHARE = {'left': 0.0, 'bottom': 0.0, 'center': 0.5, 'right': 1.0, 'top': 1.0}
+
+
+class Place(NamedTuple):
+    """Where a label may stand: offset from its point [points of type], alignment, turn [rad]."""
+
+    right: float
+    up: float
+    ha: str = 'center'
+    va: str = 'center'
+    angle: float = 0.0
 
 
 def around(distance: float) -> tuple[Place, ...]:
-    """The places around a point at a distance [points], best first."""
+    """The places around a point at a distance [points of type], best first."""
     d, s = distance, 0.75 * distance
     return (
-        (s, s, 'left', 'bottom'),
-        (-s, s, 'right', 'bottom'),
-        (s, -s, 'left', 'top'),
-        (-s, -s, 'right', 'top'),
-        (0.0, d, 'center', 'bottom'),
-        (0.0, -d, 'center', 'top'),
-        (d, 0.0, 'left', 'center'),
-        (-d, 0.0, 'right', 'center'),
+        Place(s, s, 'left', 'bottom'),
+        Place(-s, s, 'right', 'bottom'),
+        Place(s, -s, 'left', 'top'),
+        Place(-s, -s, 'right', 'top'),
+        Place(0.0, d, 'center', 'bottom'),
+        Place(0.0, -d, 'center', 'top'),
+        Place(d, 0.0, 'left', 'center'),
+        Place(-d, 0.0, 'right', 'center'),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A turned rectangle on paper [pixels]: centre, half its sides, unit vectors along them."""
+
+    centre: FloatArray
+    half: FloatArray
+    along: FloatArray
+
+    @classmethod
+    def upright(cls, centre: FloatArray, width: float, height: float) -> Box:
+        """A rectangle that is not turned."""
+        return cls(centre, 0.5 * np.array([width, height]), np.eye(2))
+
+    @property
+    def corners(self) -> FloatArray:
+        """Shape (4, 2)."""
+        signs = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], dtype=float)
+        corners: FloatArray = self.centre + (signs * self.half) @ self.along
+        return corners
+
+    def overlaps(self, other: Box) -> bool:
+        """Whether two rectangles share an area: no axis of either separates them."""
+        for axis in (*self.along, *other.along):
+            mine, others = self.corners @ axis, other.corners @ axis
+            if mine.max() <= others.min() or others.max() <= mine.min():
+                return False
+        return True
+
+    def covers(self, points: FloatArray) -> NDArray[np.bool_]:
+        """Which points, of shape (n, 2), lie inside; shape (n,)."""
+        local = (points - self.centre) @ self.along.T
+        inside: NDArray[np.bool_] = np.all(np.abs(local) < self.half, axis=1)
+        return inside
 
 
 class Labeller:
@@ -52,54 +96,54 @@ class Labeller:
 
     def __init__(self, axes: Axes) -> None:
         self.axes = axes
-        self._boxes: list[Bbox] = []
-        self._curves = [np.empty((0, 2))]
+        frame = axes.get_window_extent()
+        self._low, self._high = np.array(frame.min), np.array(frame.max)
+        self._pixels = axes.get_figure(root=True).dpi / 72.0
+        self.boxes: list[Box] = []
+        self._curves = np.empty((0, 2))
 
     def avoid(self, x: Any, y: Any) -> None:
         """Keep labels off a curve given in data coordinates; ``nan`` interrupts it."""
         shown = self._on_paper(x, y)
         known = np.all(np.isfinite(shown), axis=1)
         if known.any():
-            self._curves.append(_dense(shown, known))
+            self._curves = np.concatenate([self._curves, _dense(shown, known)])
+
+    def reserve(self, x: float, y: float, size: float = 9.0) -> None:
+        """Keep labels off a mark at a point; its size in points of type."""
+        side = size * self._pixels
+        self.boxes.append(Box.upright(self._on_paper(x, y)[0], side, side))
 
     def point(
         self, text: str, xy: tuple[float, float], places: Sequence[Place], **style: Any
-    ) -> Text:
-        """Label a point [data coordinates] from one of the places around it."""
-        candidates = [
-            {'xytext': (dx, dy), 'ha': ha, 'va': va, 'rotation': 0.0}
-            for dx, dy, ha, va in places
-        ]
-        return self._best(text, [(xy, c) for c in candidates], style)
+    ) -> Annotation | None:
+        """Label a point in data coordinates; a far label is tied to it by a thin line."""
+        return self._best(text, [(xy, place) for place in places], style)
 
     def along(
         self,
         text: str,
         x: Any,
         y: Any,
-        distance: float = 4.0,
+        distance: float = 3.0,
         fractions: Sequence[float] = _ALONG,
         **style: Any,
-    ) -> Text | None:
-        """Label a curve, turned along it, on one of its two sides; distance in points.
-
-        ``None``, and no label, where no part of the curve is in sight.
-        """
+    ) -> Annotation | None:
+        """Label a curve, turned along it, beside it (or on it, at distance 0)."""
         shown = self._on_paper(x, y)
-        seen = np.flatnonzero(self._inside(shown))
-        if seen.size < 2:
+        with np.errstate(invalid='ignore'):
+            seen = np.all((shown >= self._low - 1.0) & (shown <= self._high + 1.0), axis=1)
+        if np.count_nonzero(seen) < 2:
             return None
-        shown = shown[seen]
         candidates = []
         for where in fractions:
-            at, angle = _tangent(shown, where)
+            at, angle = _tangent(shown[seen], where)
             for side in (1.0, -1.0) if distance else (0.0,):
-                normal = side * distance * np.array([-np.sin(angle), np.cos(angle)])
-                candidates.append((self._data(at), _turned(normal, side, angle)))
+                candidates.append((self._data(at), _beside(side, distance, angle)))
         return self._best(text, candidates, style)
 
-    def area(self, text: str, inside: NDArray[np.bool_], **style: Any) -> Text | None:
-        """Label an area in its widest part; no label where the text would not fit.
+    def area(self, text: str, inside: NDArray[np.bool_], **style: Any) -> Annotation | None:
+        """Label an area in a wide part of it; no label where the text does not fit in.
 
         Args:
             text: The label.
@@ -109,65 +153,70 @@ class Labeller:
         """
         from scipy.ndimage import distance_transform_edt
 
-        box = self.axes.get_window_extent()
-        cell = (box.height / inside.shape[0], box.width / inside.shape[1])
-        # Text is wide, so room to the left and right counts for less than room above and below.
-        room = distance_transform_edt(np.pad(inside, 1), sampling=(cell[0] * 2.5, cell[1]))
+        shape = np.array(inside.shape[::-1])
+        cell = (self._high - self._low) / shape
+        # Text is wide, so room above and below counts for more than room to its sides.
+        room = distance_transform_edt(np.pad(inside, 1), sampling=(3.0 * cell[1], cell[0]))
         room = room[1:-1, 1:-1]
-        order = np.argsort(room, axis=None)[::-1][:: max(1, room.size // 400)]
-        rows, columns = np.unravel_index(order[room.ravel()[order] > 0.0], room.shape)
-        centre = {'xytext': (0.0, 0.0), 'ha': 'center', 'va': 'center', 'rotation': 0.0}
-        candidates = [
-            (self._data(np.array([box.x0 + (j + 0.5) * cell[1], box.y0 + (i + 0.5) * cell[0]])),
-             centre)
-            for i, j in zip(rows.tolist(), columns.tolist(), strict=True)
-        ]  # fmt: skip
-        label = self._best(text, candidates[:60], style) if candidates else None
-        if label is not None and not self._fits(label, inside, cell):
-            self._boxes.pop()
-            label.remove()
-            return None
-        return label
-
-    def _fits(self, label: Text, inside: NDArray[np.bool_], cell: tuple[float, float]) -> bool:
-        box, frame = label.get_window_extent(), self.axes.get_window_extent()
-        rows = np.arange((box.y0 - frame.y0) // cell[0], (box.y1 - frame.y0) // cell[0] + 1)
-        columns = np.arange((box.x0 - frame.x0) // cell[1], (box.x1 - frame.x0) // cell[1] + 1)
-        i = np.clip(rows.astype(int), 0, inside.shape[0] - 1)
-        j = np.clip(columns.astype(int), 0, inside.shape[1] - 1)
-        return bool(inside[np.ix_(i, j)].all())
+        best = np.argsort(room, axis=None)[::-1][: max(1, room.size // 4) : 8]
+        rows, columns = np.unravel_index(best, room.shape)
+        centres = self._low + (np.stack([columns, rows], axis=1) + 0.5) * cell
+        candidates = [(self._data(centre), Place(0.0, 0.0)) for centre in centres]
+        i, j = np.nonzero(~inside)
+        outside = self._low + (np.stack([j, i], axis=1) + 0.5) * cell
+        return self._best(text, candidates, style, outside)
 
     def _best(
-        self, text: str, candidates: Iterable[tuple[Any, dict[str, Any]]], style: dict[str, Any]
-    ) -> Text:
-        label = self.axes.annotate(text, (0.0, 0.0), textcoords='offset points')
-        label.update({'color': INK, 'rotation_mode': 'anchor'} | style)
-        lowest, chosen = np.inf, None
+        self,
+        text: str,
+        candidates: Sequence[tuple[tuple[float, float], Place]],
+        style: dict[str, Any],
+        forbidden: FloatArray | None = None,
+    ) -> Annotation | None:
+        style = {'color': INK, 'rotation_mode': 'anchor'} | style
+        width, height = self._size(text, style)
+        lowest, chosen = _NOT_FITTING, None
         for xy, place in candidates:
-            self._move(label, xy, place)
-            cost = self._cost(label.get_window_extent().padded(_PAD))
+            box = self._box(xy, place, width, height)
+            cost = self._cost(box)
+            if forbidden is not None and cost < lowest and box.covers(forbidden).any():
+                continue
             if cost < lowest:
-                lowest, chosen = cost, (xy, place)
-            if cost < _FREE:
+                lowest, chosen = cost, (xy, place, box)
+            if cost == 0.0:
                 break
-        assert chosen is not None
-        self._move(label, *chosen)
-        self._boxes.append(label.get_window_extent().padded(_PAD))
-        return label
+        if chosen is None:
+            return None
+        xy, place, box = chosen
+        self.boxes.append(box)
+        far = max(abs(place.right), abs(place.up)) > _LEADER_FROM
+        leader = {'arrowstyle': '-', 'color': MUTED, 'lw': 0.8, 'shrinkA': 1.0, 'shrinkB': 4.0}
+        return self.axes.annotate(
+            text, xy, xytext=place[:2], textcoords='offset points', ha=place.ha, va=place.va,
+            rotation=float(np.degrees(place.angle)), arrowprops=leader if far else None, **style,
+        )  # fmt: skip
 
-    def _move(self, label: Any, xy: Any, place: dict[str, Any]) -> None:
-        label.xy = xy
-        label.set_position(place['xytext'])
-        label.update({key: place[key] for key in ('ha', 'va', 'rotation')})
+    def _size(self, text: str, style: dict[str, Any]) -> tuple[float, float]:
+        """Width and height on paper [pixels]."""
+        trial = self.axes.text(0.0, 0.0, text, **style)
+        extent = trial.get_window_extent()
+        trial.remove()
+        return float(extent.width), float(extent.height)
 
-    def _cost(self, box: Bbox) -> float:
-        cost = _COST_OVERLAP * sum(box.overlaps(other) for other in self._boxes)
-        frame = self.axes.get_window_extent()
-        inside = frame.x0 <= box.x0 and box.x1 <= frame.x1 and box.y1 <= frame.y1
-        cost += _COST_OUTSIDE * (not (inside and frame.y0 <= box.y0))
-        points = np.concatenate(self._curves)
-        covered = np.all((points > (box.x0, box.y0)) & (points < (box.x1, box.y1)), axis=1)
-        return float(cost + _COST_CURVE * np.count_nonzero(covered))
+    def _box(self, xy: tuple[float, float], place: Place, width: float, height: float) -> Box:
+        cosine, sine = np.cos(place.angle), np.sin(place.angle)
+        along = np.array([(cosine, sine), (-sine, cosine)])
+        anchor = self._on_paper(*xy)[0] + self._pixels * np.array(place[:2])
+        share = np.array([0.5 - _SHARE[place.ha], 0.5 - _SHARE[place.va]])
+        size = np.array([width, height])
+        return Box(anchor + (share * size) @ along, 0.5 * size + _PAD, along)
+
+    def _cost(self, box: Box) -> float:
+        if any(box.overlaps(other) for other in self.boxes):
+            return _NOT_FITTING
+        corners = box.corners
+        leaves = bool(np.any(corners < self._low) or np.any(corners > self._high))
+        return _OUTSIDE * leaves + float(np.count_nonzero(box.covers(self._curves)))
 
     def _on_paper(self, x: Any, y: Any) -> FloatArray:
         pairs = np.column_stack(np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float)))
@@ -177,13 +226,6 @@ class Labeller:
     def _data(self, shown: FloatArray) -> tuple[float, float]:
         x, y = self.axes.transData.inverted().transform(shown)
         return float(x), float(y)
-
-    def _inside(self, shown: FloatArray) -> NDArray[np.bool_]:
-        frame = self.axes.get_window_extent()
-        low, high = (frame.x0 - 1.0, frame.y0 - 1.0), (frame.x1 + 1.0, frame.y1 + 1.0)
-        with np.errstate(invalid='ignore'):
-            within: NDArray[np.bool_] = np.all((shown >= low) & (shown <= high), axis=1)
-        return within
 
 
 def _dense(shown: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
@@ -207,11 +249,7 @@ def _tangent(shown: FloatArray, where: float) -> tuple[FloatArray, float]:
     return np.array([x[1], y[1]]), angle
 
 
-def _turned(normal: FloatArray, side: float, angle: float) -> dict[str, Any]:
+def _beside(side: float, distance: float, angle: float) -> Place:
+    right, up = side * distance * np.array([-np.sin(angle), np.cos(angle)])
     vertical = {1.0: 'bottom', -1.0: 'top', 0.0: 'center'}[side]
-    return {
-        'xytext': (float(normal[0]), float(normal[1])),
-        'ha': 'center',
-        'va': vertical,
-        'rotation': float(np.degrees(angle)),
-    }
+    return Place(float(right), float(up), 'center', vertical, angle)

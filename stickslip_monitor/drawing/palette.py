@@ -23,14 +23,14 @@ REGIME_COLOUR = {
 """Strong colours, for lines, marks and words on white."""
 
 REGIME_FILL = {
-    Regime.STABLE: '#edf5fa',
-    Regime.BISTABLE: '#fae3ae',
-    Regime.UNSTABLE: '#f0b08e',
+    Regime.STABLE: '#eff6fb',
+    Regime.BISTABLE: '#fcedc4',
+    Regime.UNSTABLE: '#f6cdb8',
     Regime.UNDETERMINED: '#d9d9d9',
 }
 """Light colours, for areas behind lines and dark text."""
 
-CAUTION_FILL = '#d3e6c8'
+CAUTION_FILL = '#dcecd2'
 """The stable stretch next to the fold in which the alarm says caution."""
 
 CONDITION_COLOUR = {

@@ -140,8 +140,8 @@ def _admit(
     if in_order:
         np.add.at(gate.counts, (stream.is_load.astype(np.intp), status), 1)
     else:
-        rows = zip(stream.is_load.tolist(), stream.time_ns.tolist(), status.tolist(), strict=True)
-        status[:] = [gate.admit(int(is_load), t, fault) for is_load, t, fault in rows]
+        rows = np.column_stack([stream.is_load, stream.time_ns, status]).tolist()
+        status[:] = [gate.admit(is_load, time_ns, fault) for is_load, time_ns, fault in rows]
     return si, status
 
 
@@ -273,8 +273,9 @@ class _Walk:
         """Record changes that fell due by the passing of time, after the points that precede."""
         for change in changes:
             stale = change.after is Condition.INPUT_STALE
-            side = 'right' if stale else 'left'
-            k = low + int(np.searchsorted(self.times[low:high], change.time_ns, side))
+            # The loss of an input follows all points of its instant, a delay the first of them.
+            bound = change.time_ns + 1 if stale else change.time_ns
+            k = low + int(np.searchsorted(self.times[low:high], bound))
             at_point = not stale and k < high and self.times[k] == change.time_ns
             self._record(change, k if at_point else k - 1, k)
 

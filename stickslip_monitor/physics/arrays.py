@@ -21,9 +21,7 @@ def restore(flat: NDArray[Any], shape: tuple[int, ...]) -> Any:
     return flat.reshape(shape) if shape else flat[0].item()
 
 
-def mapped(
-    function: Callable[..., NDArray[np.float64]], *inputs: ArrayLike
-) -> Any:
+def mapped(function: Callable[..., NDArray[np.float64]], *inputs: ArrayLike) -> Any:
     """Apply a function of flat arrays to broadcast inputs; ``nan`` where one is not finite.
 
     A result too large for a float is ``inf``.

@@ -3,7 +3,8 @@
 
 With ``x - x_e = A cos psi`` and the velocity amplitude ``a = omega A``,
 
-    ``dA/dt = (N S(a; V) - c a/2) / (m omega)``,   ``S = (1/pi) integral_0^pi mu(V - a cos t) cos t dt``
+    ``dA/dt = (N S(a; V) - c a/2) / (m omega)``
+    ``S(a; V) = (1/pi) integral_0^pi mu(V - a cos t) cos t dt``
 
 (Krylov, Bogoliubov and Mitropolsky's first approximation; the phase average vanishes by
 symmetry). The functions here serve every friction law, in closed form where there is one.

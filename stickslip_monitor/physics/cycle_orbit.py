@@ -236,7 +236,7 @@ def _advance(
     orbits.h[running] = np.clip(h * factor, -_LONGEST, _LONGEST)
     keep = np.abs(orbits.h[running]) > _SHORTEST
     if good.any():
-        stretch = _stretch(frame, setting, orbits, motion, step, running, good)
+        stretch = _stretch(frame, setting, orbits, step, running, h, good)
         keep[good] &= _pass_events(frame, setting, orbits, stretch)
         if record is not None:
             record.append(stretch)
@@ -247,16 +247,19 @@ def _stretch(
     frame: Frame,
     setting: Setting,
     orbits: Orbits,
-    motion: Motion,
     step: Step,
     running: Index,
+    length: Array,
     good: Flags,
 ) -> Stretch:
-    index, z = running[good], step.z[good]
-    h, y = orbits_h = orbits.h[index], frame.drift - z
-    del orbits_h
-    damping = motion.damping[good][:, None]
-    power = y * (setting.pull[index][:, None] - step.rise[good] - 2.0 * damping * y)
+    index, h, nodes = running[good], length[good], step.z[good]
+    y = frame.drift - nodes
+    damping = 2.0 * setting.motion.damping[index][:, None]
+    power = y * (setting.pull[index][:, None] - step.rise[good] - damping * y)
+    divergence = np.zeros((index.size, 0))
+    if frame.drift == 0.0:
+        law = setting.motion.law.take(index, orbits.piece[index])
+        divergence = integral(orbits.divergence[index], law.slope(nodes) - damping, h)
     return Stretch(
         index=index,
         time=orbits.time[index],
@@ -264,5 +267,179 @@ def _stretch(
         e=integral(orbits.e[index], y, h),
         z=integral(orbits.z[index], step.rate[good], h),
         work=integral(orbits.work[index], power, h),
-        divergence=power,
+        divergence=divergence,
     )
+
+
+def _pass_events(frame: Frame, setting: Setting, orbits: Orbits, stretch: Stretch) -> Flags:
+    """Cut the stretch at its events, move the orbits to its end, return which still run."""
+    edge = np.full(stretch.index.size, np.nan)
+    if setting.edges is not None:
+        edge = _leave_piece(frame, setting, orbits, stretch)
+    start = np.full(stretch.index.size, -1.0)
+    if frame.drift >= 0.0:
+        start = _turn(frame, orbits, stretch)
+        _settle(frame, setting, orbits, stretch)
+    _land(frame, setting, orbits, stretch, start)
+    _move(frame, orbits, stretch, edge)
+    return stretch.end == 0
+
+
+def _root(series: Array, level: Array, low: Array, high: Array) -> Array:
+    """Where series pass a level between two points; the lower one without a change of sign."""
+    root = low.copy()
+    change = (value(low, series) - level) * (value(high, series) - level) < 0.0
+    if change.any():
+        root[change] = secant_on_bracket(
+            lambda x, rows, aim: value(x, rows) - aim,
+            low[change],
+            high[change],
+            (series[change], level[change]),
+        )
+    return root
+
+
+def _leave_piece(frame: Frame, setting: Setting, orbits: Orbits, stretch: Stretch) -> Array:
+    """Stop where an orbit leaves its smooth piece; return ``z`` of that edge, or ``nan``."""
+    assert setting.edges is not None
+    piece, n = orbits.piece[stretch.index], stretch.index.size
+    edges = np.concatenate([[-np.inf], setting.edges, [np.inf]])
+    speed = setting.speed[stretch.index]
+    low = edges[piece] / speed - frame.reference
+    high = edges[piece + 1] / speed - frame.reference
+    z = at_samples(stretch.z)
+    slack = _ROUNDING * np.max(np.abs(z), axis=1)
+    above = z > (high + slack)[:, None]
+    outside = above | (z < (low - slack)[:, None])
+    left = outside.any(axis=1)
+    first = np.argmax(outside, axis=1)
+    upward = above[np.arange(n), first]
+    edge = np.where(left, np.where(upward, high, low), np.nan)
+    before = np.where(first > 0, SAMPLES[first - 1], -1.0)
+    where = np.flatnonzero(left)
+    stretch.stop[where] = _root(
+        stretch.z[where], edge[where], before[where], SAMPLES[first[where]]
+    )
+    orbits.piece[stretch.index[where]] += np.where(upward[where], 1, -1)
+    return edge
+
+
+def _turn(frame: Frame, orbits: Orbits, stretch: Stretch) -> Array:
+    """Note turning points; return where the stage at the end of the stretch begins."""
+    start, index = np.full(stretch.index.size, -1.0), stretch.index
+    beyond = value(stretch.stop, stretch.z) - frame.drift
+    odd = orbits.stage[index] % 2 == 1
+    turned = np.where(odd, beyond <= 0.0, beyond >= 0.0) & (stretch.stop > -1.0)
+    where = np.flatnonzero(turned)
+    if not where.size:
+        return start
+    level = np.full(where.size, frame.drift)
+    start[where] = _root(stretch.z[where], level, start[where], stretch.stop[where])
+    e = value(start[where], stretch.e[where])
+    orbits.crest[index[where[~odd[where]]]] = e[~odd[where]]
+    orbits.trough[index[where[odd[where]]]] = e[odd[where]]
+    orbits.stage[index[where]] += 1
+    last = where[orbits.stage[index[where]] >= frame.last]
+    stretch.stop[last], stretch.end[last] = start[last], frame.finish
+    return start
+
+
+def _settle(frame: Frame, setting: Setting, orbits: Orbits, stretch: Stretch) -> None:
+    if frame.direction < 0.0:
+        return
+    index = stretch.index
+    u = value(stretch.stop, stretch.e) - setting.rest[index]
+    y = frame.drift - value(stretch.stop, stretch.z)
+    settled = (u * u + y * y <= orbits.quiet[index]) & setting.stable[index]
+    stretch.end[settled & (stretch.end == 0)] = End.SETTLED
+
+
+def _land(
+    frame: Frame, setting: Setting, orbits: Orbits, stretch: Stretch, start: Array
+) -> None:
+    """Look for the contact in the part of the stretch where there can be one."""
+    landing = (orbits.stage[stretch.index] == frame.landing) & (stretch.end == 0)
+    if frame.drift < 0.0:
+        _land_behind(orbits, stretch, landing)
+        return
+    hold = setting.hold[stretch.index]
+    late = landing & (value(stretch.stop, stretch.e) > hold)
+    if late.any():
+        _decide(frame, orbits, stretch, np.flatnonzero(late), start, hold)
+    below = value(stretch.stop, stretch.z) < frame.drift - 1.0
+    where = np.flatnonzero(landing & ~late & below)
+    if where.size:
+        _touch(frame, orbits, stretch, where, start, hold, np.zeros(where.size))
+
+
+def _decide(
+    frame: Frame, orbits: Orbits, stretch: Stretch, where: Index, start: Array, hold: Array
+) -> None:
+    """Hit or miss, where an orbit passes the level at which the belt could just hold it."""
+    caught = value(start[where], stretch.e[where]) <= hold[where]
+    index = stretch.index
+    stretch.stop[where[~caught]], stretch.end[where[~caught]] = start[where[~caught]], End.MISSED
+    where = where[caught]
+    if not where.size:
+        return
+    level = _root(stretch.e[where], hold[where], start[where], stretch.stop[where])
+    stretch.stop[where] = level
+    margin = orbits.excess[index[where]] + 2.0 * value(level, stretch.work[where])
+    hit = margin >= 0.0
+    missed = where[~hit]
+    orbits.margin[index[missed]], stretch.end[missed] = margin[~hit], End.MISSED
+    if hit.any():
+        where, margin = where[hit], margin[hit]
+        exact = frame.drift - np.sqrt(1.0 + margin)
+        shift = exact - value(stretch.stop[where], stretch.z[where])
+        _touch(frame, orbits, stretch, where, start, hold, shift)
+
+
+def _touch(
+    frame: Frame,
+    orbits: Orbits,
+    stretch: Stretch,
+    where: Index,
+    start: Array,
+    hold: Array,
+    shift: Array,
+) -> None:
+    """End orbits at the contact; ``shift`` corrects the relative speed by the energy."""
+    series = stretch.z[where]
+    belt = np.full(where.size, frame.drift - 1.0)
+    contact = _root(series, belt - shift, start[where], stretch.stop[where])
+    # A grazing contact within rounding has no change of sign: it is where it was decided.
+    flat = (contact <= start[where]) & (shift != 0.0)
+    stretch.stop[where] = np.where(flat, stretch.stop[where], contact)
+    stretch.end[where] = End.CONTACT
+    e = value(stretch.stop[where], stretch.e[where])
+    orbits.margin[stretch.index[where]] = (e - hold[where]) ** 2
+
+
+def _land_behind(orbits: Orbits, stretch: Stretch, landing: Flags) -> None:
+    """The contact of a lining that overtook the belt: always there, and never grazing."""
+    where = np.flatnonzero(landing & (value(stretch.stop, stretch.z) < 0.0))
+    if not where.size:
+        return
+    z = at_samples(stretch.z[where])
+    # The orbit starts in contact: look beyond the sample where it is farthest from it.
+    start = SAMPLES[np.argmax(np.where(SAMPLES <= stretch.stop[where][:, None], z, -np.inf), 1)]
+    stretch.stop[where] = _root(
+        stretch.z[where], np.zeros(where.size), start, stretch.stop[where]
+    )
+    stretch.end[where] = End.CONTACT
+    orbits.margin[stretch.index[where]] = 1.0
+
+
+def _move(frame: Frame, orbits: Orbits, stretch: Stretch, edge: Array) -> None:
+    index, stop = stretch.index, stretch.stop
+    orbits.time[index] += 0.5 * stretch.h * (stop + 1.0)
+    orbits.e[index] = value(stop, stretch.e)
+    orbits.work[index] = value(stop, stretch.work)
+    if stretch.divergence.shape[1]:
+        orbits.divergence[index] = value(stop, stretch.divergence)
+    crossing = (stretch.end == 0) & np.isfinite(edge)
+    z = np.where(crossing, edge, value(stop, stretch.z))
+    floor = 0.0 - frame.reference
+    orbits.z[index] = np.where(stretch.end == End.CONTACT, floor, z)
+    orbits.end[index] = stretch.end

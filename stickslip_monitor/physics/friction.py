@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 class FrictionLaw(Protocol):
     """What the dynamics asks of a friction law."""
 
+    def __hash__(self) -> int: ...
+
     @property
     def static(self) -> float:
         """Largest coefficient that sticking can carry [-]."""
@@ -91,9 +93,7 @@ class Stribeck:
     def slope(self, speed: ArrayLike) -> Array:
         """See :class:`FrictionLaw`."""
         v = np.abs(np.asarray(speed, dtype=float))
-        return (
-            self.viscous - (self.static - self.kinetic) * self.decay * np.exp(-self.decay * v)
-        )
+        return self.viscous - (self.static - self.kinetic) * self.decay * np.exp(-self.decay * v)
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.physics.friction import Array, FrictionLaw
-from stickslip_monitor.physics.rootfinding import newton_on_bracket, secant_on_bracket
 from stickslip_monitor.physics.quadrature import friction_harmonic, friction_harmonic_slope
+from stickslip_monitor.physics.rootfinding import newton_on_bracket, secant_on_bracket
 
 _QUARTER = 0.5 * np.pi
 _BELOW = np.linspace(0.0, 1.0, 49)
@@ -90,9 +90,9 @@ def _surface_rows(law: FrictionLaw, speed: Array) -> Array:
     for start in range(0, speed.size, _BLOCK):
         part = speed[start : start + _BLOCK]
         grid, wide = np.broadcast_arrays(_GRID, part[:, None])
-        rows[start : start + _BLOCK] = _slope_surface(
-            law, grid.ravel(), wide.ravel()
-        ).reshape(grid.shape)
+        rows[start : start + _BLOCK] = _slope_surface(law, grid.ravel(), wide.ravel()).reshape(
+            grid.shape
+        )
     return rows
 
 

@@ -33,7 +33,7 @@ def _log_drive(law: Stribeck, q: Array) -> Array:
         return -np.log(_damping_number(law, q))
 
 
-def _where_bounded(number: Array) -> Array:
+def _where_bounded(number: Array) -> NDArray[np.bool_]:
     return np.isfinite(number) & (number > 0.0)
 
 
@@ -102,6 +102,8 @@ def cycles(law: Stribeck, speed: Array, q: Array) -> tuple[Array, Array]:
     return np.take_along_axis(pair, order, 1), np.take_along_axis(stable, order, 1)
 
 
-def equilibrium_is_unstable(law: Stribeck, speed: Array, q: Array, hopf: Array) -> NDArray[np.bool_]:
+def equilibrium_is_unstable(
+    law: Stribeck, speed: Array, q: Array, hopf: Array
+) -> NDArray[np.bool_]:
     """Where a small disturbance grows; told by the Hopf speed, which cannot underflow."""
     return speed < hopf

@@ -16,7 +16,6 @@ import numpy as np
 from stickslip_monitor.physics.friction import Array, FrictionLaw
 
 
-
 def unit_gauss(order: int) -> list[tuple[float, float]]:
     """Gauss-Legendre nodes and weights on [0, 1] as ``(node, weight)`` pairs."""
     nodes, weights = np.polynomial.legendre.leggauss(order)

@@ -22,8 +22,8 @@ import numpy as np
 from scipy.special import i0e, i1e
 
 from stickslip_monitor.physics.friction import Array
-from stickslip_monitor.physics.rootfinding import newton_on_bracket
 from stickslip_monitor.physics.quadrature import unit_gauss
+from stickslip_monitor.physics.rootfinding import newton_on_bracket
 
 _SERIES_LIMIT = 0.5
 _FAR = 1e6
@@ -98,7 +98,9 @@ def amplitude_for_growth(d: Array) -> Array:
     log_d = np.log(d)
     alpha = np.exp(np.interp(log_d, growths, logs))
     alpha = np.where(log_d < growths[0], np.sqrt(8.0 * d), alpha)
-    alpha = np.where(log_d > growths[-1], d + 1.5 * log_d + math.log(math.sqrt(math.pi / 2)), alpha)
+    alpha = np.where(
+        log_d > growths[-1], d + 1.5 * log_d + math.log(math.sqrt(math.pi / 2)), alpha
+    )
     for _ in range(2):
         alpha = alpha - (growth(alpha) - d) / _growth_slope(alpha)
     return alpha
@@ -144,9 +146,9 @@ def _beyond_limit(theta: Array, v: Array, kappa: Array, r: float) -> tuple[Array
     drag = 0.5 * kappa * alpha
     balance = i1 - drag - (2.0 * r * sin_theta + theta * loss) / np.pi
     feed = alpha * i0e(alpha) * scale - i1 - drag
-    slope = (
-        sin_theta * feed - alpha * sin_theta * theta * loss_slope / np.pi
-    ) / cos_theta - (2.0 / np.pi) * (r + 1.0) * cos_theta
+    slope = (sin_theta * feed - alpha * sin_theta * theta * loss_slope / np.pi) / cos_theta - (
+        2.0 / np.pi
+    ) * (r + 1.0) * cos_theta
     return balance, slope
 
 

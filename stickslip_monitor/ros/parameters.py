@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ROS parameters from the parameter table: declared with descriptors, read back as a configuration."""
+"""ROS parameters from the parameter table: declared with descriptors, read back as a whole."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def values(node: Node) -> dict[str, Any]:
 
 
 def changed_config(
-    node: Node, changes: Iterable[RosParameter], active: bool
+    node: Node, changes: Iterable[RosParameter[Any]], active: bool
 ) -> tuple[MonitorConfig, bool]:
     """The configuration that a set of changes would make.
 
