@@ -98,10 +98,9 @@ def check_offline() -> list[dict[str, Any]]:
     answer = subprocess.run(command, capture_output=True, check=False, text=True)
     if answer.returncode == 2:
         raise SystemExit(answer.stderr)
+    took = time.monotonic() - begin
     report = json.loads(answer.stdout)
-    console.print(
-        f'   {report["duration"]:.0f} s of telemetry in {time.monotonic() - begin:.1f} s'
-    )
+    console.print(f'   {report["duration"]:.0f} s of telemetry in {took:.1f} s')
     return [event for item in report['bearings'].values() for event in item['events']]
 
 

@@ -171,7 +171,9 @@ def _worst(scan: Scan) -> dict[str, Extreme]:
 
 def _complaints(config: BearingConfig, scan: Scan, series: list[Series]) -> list[str]:
     complaints = []
-    for row, (quantity, source) in enumerate(zip(QUANTITIES, (config.speed, config.load))):
+    for row, (quantity, source) in enumerate(
+        zip(QUANTITIES, (config.speed, config.load), strict=True)
+    ):
         place = f'{quantity} on {source.topic}'
         complaints += [f'{place}: {fault.count} x {fault.text}' for fault in series[row].faults]
         complaints += [

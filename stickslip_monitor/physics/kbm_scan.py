@@ -35,6 +35,7 @@ _FAR_SPEEDS = np.geomspace(1.0, 1e6, 97)
 _BLOCK = 1024
 # Friction has no scale outside this range; inside it no amplitude over- or underflows.
 _SLOWEST, _FASTEST = 1e-200, 1e200
+_ROUNDING = 4e-16
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
@@ -109,6 +110,8 @@ def _peak_and_place(law: FrictionLaw, speed: Array) -> tuple[Array, Array]:
     higher = refined > peak[smooth]
     peak[smooth] = np.where(higher, refined, peak[smooth])
     place[smooth] = np.where(higher, x, place[smooth])
+    # A fall in the last digit of the coefficient is rounding, not friction.
+    peak[np.abs(peak) * speed < _ROUNDING * law.coefficient(speed)] = 0.0
     return peak, place
 
 
