@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -21,20 +22,27 @@ if TYPE_CHECKING:
     from stickslip_monitor.ros.player import Player
 
 
-def _rate(text: str) -> float:
-    try:
-        rate = float(text)
-    except ValueError:
-        rate = math.nan
-    if not (math.isfinite(rate) and rate > 0.0):
-        raise ConfigurationError(f"--rate '{text}' must be a number above 0")
-    return rate
+@dataclass(frozen=True, slots=True)
+class _Options:
+    rate: float
+    loop: int
+    wait: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.rate) and self.rate > 0.0):
+            raise ConfigurationError(f'--rate {self.rate:g} must be a number above 0')
+        if self.loop < 1:
+            raise ConfigurationError(f'--loop {self.loop} must be at least 1')
+        if not self.wait >= 0.0:
+            raise ConfigurationError(f'--wait {self.wait:g} must not be below 0')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('bag', metavar='BAG', help='rosbag2 folder or .mcap file')
-    parser.add_argument('--rate', default='1.0', help='times faster than recorded (default 1)')
+    parser.add_argument(
+        '--rate', type=float, default=1.0, help='times faster than recorded (default 1)'
+    )
     parser.add_argument('--loop', type=int, default=1, metavar='N', help='play it N times')
     parser.add_argument(
         '--wait',
@@ -47,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    rate = _rate(args.rate)
+    options = _Options(args.rate, args.loop, args.wait)
     bag = open_bag(args.bag)
     if bag.start_ns is None or bag.end_ns is None:
         raise BagError(f"bag '{args.bag}' has no messages to play")
@@ -64,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     player = None
     try:
         player = Player({t.name: t.type for t in bag.topics.values() if t.encoding == 'cdr'})
-        _play(player, bag, rate, args)
+        _play(player, bag, options)
     finally:
         if player is not None:
             player.destroy()
@@ -72,21 +80,28 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _play(player: Player, bag: Bag, rate: float, args: argparse.Namespace) -> None:
-    err = Console(stderr=True)
-    for topic, reason in player.skipped.items():
+def _play(player: Player, bag: Bag, options: _Options) -> None:
+    err = Console(stderr=True, markup=False, soft_wrap=True)
+    skipped = player.skipped | {
+        t.name: f"its messages are '{t.encoding}', not CDR"
+        for t in bag.topics.values()
+        if t.encoding != 'cdr'
+    }
+    for topic, reason in skipped.items():
         err.print(f'not played: {topic}: {reason}')
-    for text in (*(cut.text for cut in bag.cuts), *bag.warnings):
-        err.print(f'data: {text}')
-    if args.wait > 0.0 and not player.wait_for_subscribers(args.wait):
+    if not set(bag.topics) - set(skipped):
+        raise RosError(f"bag '{bag.path}' has no topic that can be played")
+    if options.wait > 0.0 and not player.wait_for_subscribers(options.wait):
         err.print('nobody listens yet; playing all the same')
     start = bag.start_ns or 0
     with Progress(console=err, transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task(str(bag.path), total=((bag.end_ns or 0) - start) * 1e-9)
-        for _ in range(args.loop):
+        for _ in range(options.loop):
             count = player.play(
                 bag.messages(),
-                rate,
+                options.rate,
                 lambda now: bar.update(task, completed=(now - start) * 1e-9),
             )
             err.print(f'played {count} messages')
+    for text in (*(cut.text for cut in bag.cuts), *bag.warnings):
+        err.print(f'data: {text}')

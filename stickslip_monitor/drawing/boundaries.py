@@ -27,6 +27,7 @@ FloatArray = NDArray[np.float64]
 _BESIDE = (1.0 - 1e-9, 1.0, 1.0 + 1e-9)
 _FAR = np.geomspace(1.0, 30.0, 60)[1:]
 _LARGER = 1.0 + np.geomspace(1e-3, 30.0, 24)
+_BELOW_LIMIT = 1.0 - np.concatenate([[0.0], np.geomspace(1e-5, 0.5, 36)])
 _LEVELS = 5
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 
@@ -71,7 +72,9 @@ def boundaries(
     """
     amplitude = amplitude_levels(bearing, speeds, loads)
     corners = np.outer(bearing.friction.breakpoints, _BESIDE).ravel()
-    corners = np.concatenate([corners, amplitude * bearing.natural_frequency])
+    # A cycle's amplitude hardly changes with load: its iso-line is steep, just below a = V.
+    steep = np.outer(amplitude * bearing.natural_frequency, _BELOW_LIMIT).ravel()
+    corners = np.concatenate([corners, steep])
     inside = corners[(corners > speeds[0]) & (corners < speeds[1])]
     speed = np.union1d(np.linspace(*speeds, points), inside)
     return Boundaries(
@@ -115,9 +118,12 @@ def amplitude_load(bearing: Bearing, speed: ArrayLike, amplitude: ArrayLike) -> 
         The load, shape of the broadcast inputs; ``nan`` where no load has that amplitude as its
         largest stable one, i.e. where a larger cycle exists at the same or at a lower load.
     """
-    a, v = np.broadcast_arrays(np.multiply(amplitude, bearing.natural_frequency), speed)
+    velocity = np.asarray(amplitude, dtype=float) * bearing.natural_frequency
+    a, v = np.broadcast_arrays(velocity, np.asarray(speed, dtype=float))
     slope = 2.0 * harmonic(bearing.friction, v, a) / a
-    wide = a[..., None] * _LARGER
+    # The slope has its peak, a cusp, at the sliding limit: larger cycles hide there first.
+    limit = np.maximum(v, a * _LARGER[0])[..., None]
+    wide = np.concatenate([a[..., None] * _LARGER, limit], axis=-1)
     beyond = 2.0 * harmonic(bearing.friction, v[..., None], wide) / wide
     largest = (slope > 0.0) & np.all(beyond < slope[..., None], axis=-1)
     load: FloatArray = np.where(largest, bearing.damping / np.where(largest, slope, 1.0), np.nan)
@@ -134,7 +140,8 @@ def amplitude_levels(bearing: Bearing, speeds: Range, loads: Range) -> FloatArra
         return np.empty(0)
     decade = 10.0 ** math.floor(math.log10(largest / _LEVELS))
     step = next(s * decade for s in _STEPS if s * decade * (_LEVELS + 1) >= largest)
-    return np.arange(1, math.ceil(largest / step)) * step
+    levels: FloatArray = np.arange(1.0, math.ceil(largest / step)) * step
+    return levels
 
 
 def map_columns(bearing: Bearing, curves: Boundaries) -> dict[str, Sequence[object]]:

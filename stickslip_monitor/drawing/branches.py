@@ -148,7 +148,7 @@ def bifurcation_diagram(
 
 
 def _grid(bearing: Bearing, speeds: Range, points: int) -> FloatArray:
-    """Even speeds and the law's own break points; the first is above rest, where nothing slides."""
+    """Even speeds and the law's break points, all above rest: at rest nothing slides."""
     low, high = speeds
     grid = np.linspace(low, high, points)
     if low == 0.0:

@@ -59,7 +59,7 @@ def style() -> Iterator[None]:
         import matplotlib as mpl
     except ImportError as error:
         raise DrawingError(
-            f"drawing needs matplotlib, which cannot be imported ({error}): install the extra"
+            f'drawing needs matplotlib, which cannot be imported ({error}): install the extra'
             " 'report', e.g. pip install 'stickslip_monitor[report]', or write a .csv"
         ) from error
     with mpl.rc_context():

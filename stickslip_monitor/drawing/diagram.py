@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -63,7 +64,7 @@ def draw_diagram(
         speeds = speeds or diagram_speeds(bearing, load)
         diagram = bifurcation_diagram(bearing, load, speeds, points)
         figure = new_figure()
-        axes = figure.add_axes((0.085, 0.125, 0.89, 0.755))
+        axes = figure.add_axes((0.095, 0.125, 0.88, 0.755))
         _frame(axes, bearing, speeds, _top(diagram))
         curves = _curves(axes, bearing, diagram)
         _words(axes, bearing, diagram, curves)
@@ -91,7 +92,8 @@ def _frame(axes: Axes, bearing: Bearing, speeds: Range, top: float) -> None:
     axes.set_ylim(-_BELOW_ZERO * top, _HEADROOM * top)
     axes.set_xlabel('shaft speed [rpm]')
     axes.set_ylabel('displacement amplitude [mm]')
-    metres = axes.secondary_xaxis('top', functions=(lambda x: x * rpm, lambda x: x / rpm))
+    both_ways = (lambda x: np.multiply(x, rpm), lambda x: np.divide(x, rpm))
+    metres = axes.secondary_xaxis('top', functions=both_ways)
     metres.set_xlabel('surface speed [m/s]', labelpad=6.0)
 
 
@@ -127,16 +129,14 @@ def _equilibrium(axes: Axes, x: Any, diagram: Diagram) -> None:
     hopf = [mark.speed for mark in diagram.marks if mark.kind is MarkKind.HOPF]
     edges = [diagram.speed[0], *hopf, diagram.speed[-1]]
     to_x = x[-1] / diagram.speed[-1]
-    for low, high in zip(edges, edges[1:], strict=False):
+    for low, high in pairwise(edges):
         middle = np.interp(0.5 * (low + high), diagram.speed, diagram.growth_rate)
         line = _DASHES if middle > 0.0 else '-'
         ends = (low * to_x, high * to_x)
         axes.plot(ends, (0.0, 0.0), color=_SLIDING, ls=line, lw=2.4, zorder=3)
 
 
-def _words(
-    axes: Axes, bearing: Bearing, diagram: Diagram, curves: dict[str, list[Curve]]
-) -> None:
+def _words(axes: Axes, bearing: Bearing, diagram: Diagram, curves: dict[str, list[Curve]]) -> None:
     labels = Labeller(axes)
     for x, y in (curve for family in curves.values() for curve in family):
         labels.avoid(x, y)
@@ -183,7 +183,7 @@ def _marks(labels: Labeller, bearing: Bearing, marks: Sequence[Mark]) -> None:
     for mark in (*last.values(), *(m for m in marks if m is not last[m.kind])):
         at = (mark.speed / rpm, mark.amplitude * 1e3)
         order = (1, 4, 0) if mark.kind is MarkKind.HOPF else (2, 6, 1, 0, 3, 4, 5, 7)
-        places = [around(d)[k] for d in (9.0, 30.0, 48.0, 66.0) for k in order]
+        places = [around(d)[k] for d in (9.0, 30.0, 48.0, 66.0, 90.0, 120.0) for k in order]
         name = mark.kind.value.replace('hopf', 'Hopf')
         labels.point(f'{name} {at[0]:.4g} rpm', at, places, weight='bold', size=10.0)
 

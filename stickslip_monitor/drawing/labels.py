@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Words next to what they name, where they hide neither a curve nor each other.
 
-Every label tries its places in turn and takes the one that costs least: leaving the axes costs
-most, lying on a curve a little. One that would lie on another label is left out. For this the axes
-must have their final limits and position before the first label is placed.
+Every label tries its places in turn and takes the one that hides least of the curves. One that
+would lie on another label, or leave the axes, everywhere it could stand is left out. For this the
+axes must have their final limits and position before the first label is placed.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-_OUTSIDE, _NOT_FITTING = 1e4, 1e6
+_NOT_FITTING = 1e6
 _PAD = 2.0
-_PER_CURVE = 800
+_APART = 3.0
+_STEEPEST = 1.8
 _ALONG = (0.5, 0.4, 0.6, 0.3, 0.7, 0.2, 0.8, 0.12, 0.88)
 _LEADER_FROM = 20.0
 _SHARE = {'left': 0.0, 'bottom': 0.0, 'center': 0.5, 'right': 1.0, 'top': 1.0}
@@ -98,7 +99,9 @@ class Labeller:
         self.axes = axes
         frame = axes.get_window_extent()
         self._low, self._high = np.array(frame.min), np.array(frame.max)
-        self._pixels = axes.get_figure(root=True).dpi / 72.0
+        figure = axes.get_figure(root=True)
+        assert figure is not None
+        self._pixels = figure.dpi / 72.0
         self.boxes: list[Box] = []
         self._curves = np.empty((0, 2))
 
@@ -130,14 +133,12 @@ class Labeller:
         **style: Any,
     ) -> Annotation | None:
         """Label a curve, turned along it, beside it (or on it, at distance 0)."""
-        shown = self._on_paper(x, y)
-        with np.errstate(invalid='ignore'):
-            seen = np.all((shown >= self._low - 1.0) & (shown <= self._high + 1.0), axis=1)
-        if np.count_nonzero(seen) < 2:
+        shown = self._longest_in_sight(self._on_paper(x, y))
+        if shown.shape[0] < 2:
             return None
         candidates = []
         for where in fractions:
-            at, angle = _tangent(shown[seen], where)
+            at, angle = _tangent(shown, where)
             for side in (1.0, -1.0) if distance else (0.0,):
                 candidates.append((self._data(at), _beside(side, distance, angle)))
         return self._best(text, candidates, style)
@@ -212,16 +213,25 @@ class Labeller:
         return Box(anchor + (share * size) @ along, 0.5 * size + _PAD, along)
 
     def _cost(self, box: Box) -> float:
+        corners = box.corners
+        if np.any(corners < self._low) or np.any(corners > self._high):
+            return _NOT_FITTING
         if any(box.overlaps(other) for other in self.boxes):
             return _NOT_FITTING
-        corners = box.corners
-        leaves = bool(np.any(corners < self._low) or np.any(corners > self._high))
-        return _OUTSIDE * leaves + float(np.count_nonzero(box.covers(self._curves)))
+        return float(np.count_nonzero(box.covers(self._curves)))
 
     def _on_paper(self, x: Any, y: Any) -> FloatArray:
         pairs = np.column_stack(np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float)))
         shown: FloatArray = np.asarray(self.axes.transData.transform(pairs))
         return shown
+
+    def _longest_in_sight(self, shown: FloatArray) -> FloatArray:
+        """The longest stretch of a curve on paper that lies inside the axes."""
+        with np.errstate(invalid='ignore'):
+            seen = np.all((shown >= self._low - 1.0) & (shown <= self._high + 1.0), axis=1)
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], seen, [0]])))
+        stretches = [shown[i:j] for i, j in zip(edges[::2], edges[1::2], strict=True)]
+        return max(stretches, key=lambda s: _lengths(s)[-1], default=shown[:0])
 
     def _data(self, shown: FloatArray) -> tuple[float, float]:
         x, y = self.axes.transData.inverted().transform(shown)
@@ -230,22 +240,33 @@ class Labeller:
 
 def _dense(shown: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
     """Points close to each other along the known stretches of a curve on paper [pixels]."""
-    place = np.arange(shown.shape[0])
-    fine = np.linspace(0, shown.shape[0] - 1, max(_PER_CURVE, shown.shape[0]))
-    gap = ~known[np.floor(fine).astype(int)] | ~known[np.ceil(fine).astype(int)]
-    columns = [np.interp(fine, place[known], shown[known, k]) for k in (0, 1)]
-    return np.column_stack(columns)[~gap]
+    pair = np.flatnonzero(known[:-1] & known[1:])
+    step = np.clip(shown[pair + 1] - shown[pair], -1e4, 1e4)
+    count = np.ceil(np.hypot(*step.T) / _APART).astype(int)
+    pair, step = np.repeat(pair, count), np.repeat(step, count, axis=0)
+    rank = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    share = rank / np.repeat(count, count)
+    points: FloatArray = shown[pair] + share[:, None] * step
+    return points
+
+
+def _lengths(shown: FloatArray) -> FloatArray:
+    """Length of a path on paper up to each of its points [pixels]."""
+    steps = np.hypot(*np.diff(shown, axis=0).T)
+    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def _tangent(shown: FloatArray, where: float) -> tuple[FloatArray, float]:
     """The point at a fraction of a curve's length on paper, and the curve's angle there."""
-    steps = np.hypot(*np.diff(shown, axis=0).T)
-    length = np.concatenate([[0.0], np.cumsum(steps)])
+    length = _lengths(shown)
     reach = np.clip(where + np.array([-0.04, 0.0, 0.04]), 0.0, 1.0) * length[-1]
     x, y = (np.interp(reach, length, shown[:, k]) for k in (0, 1))
     angle = float(np.arctan2(y[2] - y[0], x[2] - x[0]))
-    if abs(angle) > 0.5 * np.pi:
-        angle -= np.copysign(np.pi, angle)
+    # Left to right, and where the curve is steep from below.
+    if angle > _STEEPEST:
+        angle -= np.pi
+    elif angle < _STEEPEST - np.pi:
+        angle += np.pi
     return np.array([x[1], y[1]]), angle
 
 

@@ -77,7 +77,7 @@ class AlarmTrack:
         if self.start_ns is None:
             return {}
         return {
-            name: math.inf if heard is None else (time_ns - heard.time_ns) * 1e-9
+            name: math.inf if heard is None else (time_ns - heard.time_ns) / 1e9
             for name, heard, deadline in zip(
                 QUANTITIES, inputs, self._deadlines(inputs), strict=True
             )

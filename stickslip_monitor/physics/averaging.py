@@ -21,7 +21,7 @@ from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.quadrature import crossing_angle, friction_harmonic
 from stickslip_monitor.physics.stribeck import harmonic_beyond_limit
 
-_CLOSED_FORM_REACH = 2.0
+_CLOSED_FORM_REACH, _CLOSED_FORM_RATIO = 2.0, 8.0
 
 
 def harmonic(law: FrictionLaw, speed: ArrayLike, amplitude: ArrayLike) -> Array:
@@ -56,7 +56,9 @@ def _stribeck(law: FrictionLaw, speed: Array, amplitude: Array) -> Array:
     result = np.empty_like(v)
     near = alpha <= v
     result[near] = delta * i1e(alpha[near]) * np.exp(alpha[near] - v[near])
-    beyond = ~near & (alpha <= v + _CLOSED_FORM_REACH) & (delta != 0.0)
+    # An angle close to pi/2 no longer tells the amplitude to the last digit.
+    close = (alpha <= v + _CLOSED_FORM_REACH) & (amplitude <= _CLOSED_FORM_RATIO * speed)
+    beyond = ~near & close & (delta != 0.0)
     if beyond.any():
         theta = crossing_angle(speed[beyond], amplitude[beyond], 0.0)
         ratio = law.kinetic / delta

@@ -32,8 +32,8 @@ from stickslip_monitor.physics.friction import (
 
 Index = NDArray[np.intp]
 
-# Far below the contact a continued exponential only has to stay finite.
-_HIGHEST_EXPONENT = 30.0
+# Size, against the friction itself, below which differences of it are mostly rounding.
+_GRAIN = 1e-7
 # The one-sided limit of a law at v = 0+ is taken here: v = 0 itself is set-valued.
 _ALMOST_REST = 1e-300
 
@@ -49,6 +49,10 @@ class ScaledLaw(Protocol):
     def jump(self) -> Array:
         """Friction lost in the instant of breakaway, ``rise(0+)`` at reference 0, shape (n,)."""
 
+    @property
+    def grain(self) -> Array:
+        """Size of ``rise`` up to which it is not known to many digits, shape (n,)."""
+
     def take(self, index: Index, piece: Index) -> ScaledLaw:
         """The law of some of the elements, each on the given smooth piece."""
 
@@ -57,6 +61,12 @@ class ScaledLaw(Protocol):
 
     def slope(self, z: Array) -> Array:
         """``d rise / dz``, shape (n, nodes)."""
+
+
+def _continued(exponent: Array) -> Array:
+    """``exp(x) - 1``, along its tangent above 1: a continuation must not run away."""
+    continued: Array = np.expm1(np.minimum(exponent, 1.0))
+    return continued + np.e * np.maximum(exponent - 1.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +88,11 @@ class ScaledStribeck:
         """None: the law is continuous at breakaway."""
         return np.zeros(self.gap.shape[0])
 
+    @property
+    def grain(self) -> Array:
+        """None: differences are formed analytically."""
+        return np.zeros(self.gap.shape[0])
+
     def take(self, index: Index, piece: Index) -> ScaledStribeck:
         """See :class:`ScaledLaw`."""
         return ScaledStribeck(
@@ -87,17 +102,17 @@ class ScaledStribeck:
     def rise(self, z: Array) -> Array:
         """See :class:`ScaledLaw`."""
         if self.reference == 0.0:
-            falling = -np.expm1(np.minimum(-self.decay * z, _HIGHEST_EXPONENT))
-        else:
-            # exp(-b) (1 - exp(-b z)) without 0 * inf for a large decay.
-            nearer = self.reference + np.minimum(z, 0.0)
-            envelope = np.exp(np.minimum(-self.decay * nearer, _HIGHEST_EXPONENT))
-            falling = envelope * np.sign(z) * -np.expm1(-self.decay * np.abs(z))
-        return self.gap * falling - self.viscous * z
+            return -self.gap * _continued(-self.decay * z) - self.viscous * z
+        exponent = -self.decay * (self.reference + z)
+        # exp(-b) (1 - exp(-b z)) without 0 * inf for a large decay, nor cancellation at small z.
+        nearer = np.minimum(np.maximum(-self.decay * self.reference, exponent), 0.0)
+        nearby = np.sign(z) * np.exp(nearer) * -np.expm1(-self.decay * np.abs(z))
+        beyond = np.expm1(-self.decay * self.reference) - _continued(exponent)
+        return self.gap * np.where(exponent > 0.0, beyond, nearby) - self.viscous * z
 
     def slope(self, z: Array) -> Array:
         """See :class:`ScaledLaw`."""
-        exponent = np.minimum(-self.decay * (self.reference + z), _HIGHEST_EXPONENT)
+        exponent = np.minimum(-self.decay * (self.reference + z), 1.0)
         return self.gap * self.decay * np.exp(exponent) - self.viscous
 
 
@@ -123,6 +138,12 @@ class ScaledTable:
         """None: the table's first value is the static coefficient."""
         return np.zeros(self.force.shape[0])
 
+    @property
+    def grain(self) -> Array:
+        """See :class:`ScaledLaw`."""
+        grain: Array = _GRAIN * (self.force * self.top)[:, 0]
+        return grain
+
     def take(self, index: Index, piece: Index) -> ScaledTable:
         """See :class:`ScaledLaw`."""
         return ScaledTable(
@@ -142,12 +163,14 @@ class ScaledTable:
     def rise(self, z: Array) -> Array:
         """See :class:`ScaledLaw`."""
         t, c = self._local(z)
-        return self.force * ((self.top - c[3]) - t * (c[2] + t * (c[1] + t * c[0])))
+        rise: Array = self.force * ((self.top - c[3]) - t * (c[2] + t * (c[1] + t * c[0])))
+        return rise
 
     def slope(self, z: Array) -> Array:
         """See :class:`ScaledLaw`."""
         t, c = self._local(z)
-        return -self.force * self.speed * (c[2] + t * (2.0 * c[1] + t * 3.0 * c[0]))
+        slope: Array = -self.force * self.speed * (c[2] + t * (2.0 * c[1] + t * 3.0 * c[0]))
+        return slope
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,6 +193,12 @@ class ScaledGeneral:
         """See :class:`ScaledLaw`."""
         moving = float(self.law.coefficient(_ALMOST_REST))
         return self.force[:, 0] * (_breakaway(self.law) - moving)
+
+    @property
+    def grain(self) -> Array:
+        """See :class:`ScaledLaw`."""
+        grain: Array = _GRAIN * (self.force * self.top)[:, 0]
+        return grain
 
     def take(self, index: Index, piece: Index) -> ScaledGeneral:
         """See :class:`ScaledLaw`."""
@@ -201,13 +230,13 @@ def _stribeck(law: Stribeck, force: Array, speed: Array, reference: float) -> Sc
 
 def _table(law: Tabulated, force: Array, speed: Array, reference: float) -> ScaledLaw:
     curve = PchipInterpolator(law.speed, law.values)
-    constant = [[0.0], [0.0], [0.0]]
-    first, last = [*constant, [law.values[0]]], [*constant, [law.values[-1]]]
-    left, parts = np.array(law.speed), [curve.c, last]
+    first = np.array([[0.0], [0.0], [0.0], [law.values[0]]])
+    last = np.array([[0.0], [0.0], [0.0], [law.values[-1]]])
+    left, parts = np.array(law.speed), [np.asarray(curve.c), last]
     if law.speed[0] > 0.0:
         left, parts = np.append(0.0, left), [first, *parts]
     top = law.coefficient(speed) if reference else np.full_like(speed, law.static)
-    piece = np.searchsorted(left[1:], reference * speed[:, 0])
+    piece = np.searchsorted(left[1:], reference * speed[:, 0], side='right')
     return ScaledTable(force, speed, reference, top, left, np.hstack(parts), piece)
 
 
@@ -235,11 +264,11 @@ def scaled(law: FrictionLaw, force: Array, speed: Array, reference: float) -> Sc
 
 
 def starting_piece(law: ScaledLaw, speed: Array, reference: float) -> Index:
-    """The smooth piece just below the reference speed, shape (n,)."""
+    """The smooth piece just above the reference speed, shape (n,)."""
     pieces = law.pieces
     if pieces is None:
         return np.zeros(speed.size, dtype=np.intp)
-    return np.searchsorted(pieces, reference * speed)
+    return np.searchsorted(pieces, reference * speed, side='right')
 
 
 def static_force(law: FrictionLaw, force: Array) -> Array:

@@ -11,7 +11,7 @@ cancellation of two nearly equal velocities.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import IntEnum
 
 import numpy as np
@@ -35,10 +35,17 @@ from stickslip_monitor.physics.slip import (
 Flags = NDArray[np.bool_]
 
 _STEPS = 4000
+# Orbits followed together: arrays that stay in the cache, and products of matrices too small for
+# a linear algebra library to start its threads, which costs more than it gains.
+_BLOCK = 512
 _LONGEST, _SHORTEST = 1.0, 1e-13
 _GROWTH, _SHRINK = 2.5, 0.2
 # Share of the energy at the start below which an orbit that does not turn has come to rest.
 _SETTLED = 1e-12
+# Growth of energy, back in time, from which no orbit comes back; way beyond the belt, likewise.
+_ESCAPED, _THROUGH = 1e12, 1e-3
+# Displacement about steady sliding, in units of V/omega, to which energies count as well known.
+_SMALL = 2.0
 # Relative overshoot of an edge between smooth pieces that is rounding.
 _ROUNDING = 1e-13
 
@@ -46,11 +53,12 @@ _ROUNDING = 1e-13
 class End(IntEnum):
     """How an orbit ended."""
 
-    EXHAUSTED = 0
-    CONTACT = 1
-    MISSED = 2
-    RETURNED = 3
-    SETTLED = 4
+    EXHAUSTED = 0  # the steps became too short or too many
+    CONTACT = 1  # the lining met the belt
+    MISSED = 2  # it turned back before
+    RETURNED = 3  # it came back to the kind of turning point it started from
+    SETTLED = 4  # it ran into steady sliding without turning
+    ESCAPED = 5  # going back in time, it has left for good
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +72,7 @@ class Frame:
         drift: Of :class:`Motion`.
         first: Stage at the start.
         last: Stage whose beginning ends the orbit, as ``finish``.
-        landing: Stage in which the lining can meet the belt.
+        landing: Stage in which the lining can meet the belt; -1 if that is not looked for.
         direction: 1, or -1 to go back in time.
         finish: How the orbit ended when the last stage began.
     """
@@ -84,8 +92,9 @@ class Frame:
 
 FORWARD = Frame(1.0, 0, 3, 2, 1.0, End.MISSED)
 REVERSE = Frame(-1.0, 0, 9, 0, 1.0, End.MISSED)
-AROUND = Frame(0.0, 2, 4, 2, 1.0, End.RETURNED)
-BACKWARD = Frame(1.0, 0, 1, 9, -1.0, End.RETURNED)
+# Back in time an unstable cycle attracts, however fast it repels on the way forward.
+AROUND = Frame(0.0, 1, 3, -1, -1.0, End.RETURNED)
+BACKWARD = Frame(1.0, 0, 1, -1, -1.0, End.RETURNED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +121,20 @@ class Setting:
     stable: Flags
     hold: Array
 
+    def take(self, index: Index | slice) -> Setting:
+        """The setting of some of the orbits."""
+        every = np.arange(self.speed.size)[index]
+        return Setting(
+            motion=self.motion.take(every, self.piece[every]),
+            piece=self.piece[every],
+            edges=self.edges,
+            speed=self.speed[every],
+            pull=self.pull[every],
+            rest=self.rest[every],
+            stable=self.stable[every],
+            hold=self.hold[every],
+        )
+
 
 @dataclass(slots=True)
 class Orbits:
@@ -126,12 +149,12 @@ class Orbits:
         end: :class:`End`.
         time: Duration, negative backwards.
         work: Energy gained about steady sliding.
-        divergence: Integral of the divergence of the flow (``AROUND`` only).
+        divergence: Integral of the divergence of the flow.
         crest: Displacement at the last turning point from above.
         trough: Displacement at the last turning point from below.
         margin: Signed distance from grazing: ``> 0`` where the lining met the belt.
         excess: Twice the kinetic energy at ``hold`` beyond the belt's, but for the work.
-        quiet: Energy below which the orbit has settled.
+        energy: Energy about steady sliding at the start, twice.
         evaluations: Evaluations of the friction law, one for all nodes of a step together.
     """
 
@@ -148,7 +171,7 @@ class Orbits:
     trough: Array
     margin: Array
     excess: Array
-    quiet: Array
+    energy: Array
     evaluations: Index
 
 
@@ -183,6 +206,17 @@ def follow(
         z: Relative speed at the start, shape (n,).
         record: Takes every accepted step.
     """
+    if e.size <= _BLOCK:
+        return _follow(frame, setting, e, z, record)
+    cuts = [slice(start, start + _BLOCK) for start in range(0, e.size, _BLOCK)]
+    parts = [_follow(frame, setting.take(cut), e[cut], z[cut], record) for cut in cuts]
+    names = [column.name for column in fields(Orbits)]
+    return Orbits(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def _follow(
+    frame: Frame, setting: Setting, e: Array, z: Array, record: list[Stretch] | None
+) -> Orbits:
     with np.errstate(over='ignore', invalid='ignore', under='ignore'):
         orbits = _begin(frame, setting, e, z)
         running = np.arange(e.size)
@@ -212,7 +246,7 @@ def _begin(frame: Frame, setting: Setting, e: Array, z: Array) -> Orbits:
         trough=np.full(n, np.nan),
         margin=np.full(n, -1.0),
         excess=(e - setting.hold) * (e + setting.hold - 2.0 * setting.rest) + (y * y - 1.0),
-        quiet=_SETTLED * ((e - setting.rest) ** 2 + y * y),
+        energy=(e - setting.rest) ** 2 + y * y,
         evaluations=np.zeros(n, dtype=np.intp),
     )
 
@@ -256,10 +290,7 @@ def _stretch(
     y = frame.drift - nodes
     damping = 2.0 * setting.motion.damping[index][:, None]
     power = y * (setting.pull[index][:, None] - step.rise[good] - damping * y)
-    divergence = np.zeros((index.size, 0))
-    if frame.drift == 0.0:
-        law = setting.motion.law.take(index, orbits.piece[index])
-        divergence = integral(orbits.divergence[index], law.slope(nodes) - damping, h)
+    law = setting.motion.law.take(index, orbits.piece[index])
     return Stretch(
         index=index,
         time=orbits.time[index],
@@ -267,7 +298,7 @@ def _stretch(
         e=integral(orbits.e[index], y, h),
         z=integral(orbits.z[index], step.rate[good], h),
         work=integral(orbits.work[index], power, h),
-        divergence=divergence,
+        divergence=integral(orbits.divergence[index], law.slope(nodes) - damping, h),
     )
 
 
@@ -282,7 +313,8 @@ def _pass_events(frame: Frame, setting: Setting, orbits: Orbits, stretch: Stretc
         _settle(frame, setting, orbits, stretch)
     _land(frame, setting, orbits, stretch, start)
     _move(frame, orbits, stretch, edge)
-    return stretch.end == 0
+    running: Flags = stretch.end == 0
+    return running
 
 
 def _root(series: Array, level: Array, low: Array, high: Array) -> Array:
@@ -290,12 +322,14 @@ def _root(series: Array, level: Array, low: Array, high: Array) -> Array:
     root = low.copy()
     change = (value(low, series) - level) * (value(high, series) - level) < 0.0
     if change.any():
-        root[change] = secant_on_bracket(
-            lambda x, rows, aim: value(x, rows) - aim,
-            low[change],
-            high[change],
+        # Shifted away from zero, where a relative tolerance would ask for digits nobody needs.
+        shifted = secant_on_bracket(
+            lambda x, rows, aim: value(x - 2.0, rows) - aim,
+            low[change] + 2.0,
+            high[change] + 2.0,
             (series[change], level[change]),
         )
+        root[change] = shifted - 2.0
     return root
 
 
@@ -311,7 +345,7 @@ def _leave_piece(frame: Frame, setting: Setting, orbits: Orbits, stretch: Stretc
     slack = _ROUNDING * np.max(np.abs(z), axis=1)
     above = z > (high + slack)[:, None]
     outside = above | (z < (low - slack)[:, None])
-    left = outside.any(axis=1)
+    left: Flags = outside.any(axis=1)
     first = np.argmax(outside, axis=1)
     upward = above[np.arange(n), first]
     edge = np.where(left, np.where(upward, high, low), np.nan)
@@ -336,8 +370,9 @@ def _turn(frame: Frame, orbits: Orbits, stretch: Stretch) -> Array:
     level = np.full(where.size, frame.drift)
     start[where] = _root(stretch.z[where], level, start[where], stretch.stop[where])
     e = value(start[where], stretch.e[where])
-    orbits.crest[index[where[~odd[where]]]] = e[~odd[where]]
-    orbits.trough[index[where[odd[where]]]] = e[odd[where]]
+    top = odd[where] == (frame.direction < 0.0)
+    orbits.crest[index[where[top]]] = e[top]
+    orbits.trough[index[where[~top]]] = e[~top]
     orbits.stage[index[where]] += 1
     last = where[orbits.stage[index[where]] >= frame.last]
     stretch.stop[last], stretch.end[last] = start[last], frame.finish
@@ -345,69 +380,69 @@ def _turn(frame: Frame, orbits: Orbits, stretch: Stretch) -> Array:
 
 
 def _settle(frame: Frame, setting: Setting, orbits: Orbits, stretch: Stretch) -> None:
-    if frame.direction < 0.0:
-        return
-    index = stretch.index
+    """End orbits that will not turn any more."""
+    index, running = stretch.index, stretch.end == 0
     u = value(stretch.stop, stretch.e) - setting.rest[index]
-    y = frame.drift - value(stretch.stop, stretch.z)
-    settled = (u * u + y * y <= orbits.quiet[index]) & setting.stable[index]
-    stretch.end[settled & (stretch.end == 0)] = End.SETTLED
+    z = value(stretch.stop, stretch.z)
+    energy = u * u + (frame.drift - z) ** 2
+    if frame.direction > 0.0:
+        quiet = (energy <= _SETTLED * orbits.energy[index]) & setting.stable[index]
+        stretch.end[running & quiet] = End.SETTLED
+        return
+    # A little beyond the belt the law's smooth continuation still tells the sign of the gain.
+    through = z + frame.reference < -_THROUGH
+    far = energy > _ESCAPED * (1.0 + orbits.energy[index])
+    stretch.end[running & (through | far)] = End.ESCAPED
 
 
-def _land(
-    frame: Frame, setting: Setting, orbits: Orbits, stretch: Stretch, start: Array
-) -> None:
+def _land(frame: Frame, setting: Setting, orbits: Orbits, stretch: Stretch, start: Array) -> None:
     """Look for the contact in the part of the stretch where there can be one."""
     landing = (orbits.stage[stretch.index] == frame.landing) & (stretch.end == 0)
     if frame.drift < 0.0:
         _land_behind(orbits, stretch, landing)
         return
+    if not landing.any():
+        return
     hold = setting.hold[stretch.index]
     late = landing & (value(stretch.stop, stretch.e) > hold)
     if late.any():
-        _decide(frame, orbits, stretch, np.flatnonzero(late), start, hold)
-    below = value(stretch.stop, stretch.z) < frame.drift - 1.0
+        _decide(setting, orbits, stretch, np.flatnonzero(late), start, hold)
+    below = value(stretch.stop, stretch.z) < 0.0
     where = np.flatnonzero(landing & ~late & below)
     if where.size:
-        _touch(frame, orbits, stretch, where, start, hold, np.zeros(where.size))
+        _touch(orbits, stretch, where, start, hold, np.zeros(where.size))
 
 
 def _decide(
-    frame: Frame, orbits: Orbits, stretch: Stretch, where: Index, start: Array, hold: Array
+    setting: Setting, orbits: Orbits, stretch: Stretch, where: Index, start: Array, hold: Array
 ) -> None:
     """Hit or miss, where an orbit passes the level at which the belt could just hold it."""
-    caught = value(start[where], stretch.e[where]) <= hold[where]
     index = stretch.index
-    stretch.stop[where[~caught]], stretch.end[where[~caught]] = start[where[~caught]], End.MISSED
-    where = where[caught]
+    rising = value(start[where], stretch.e[where]) <= hold[where]
+    stretch.end[where[~rising]] = End.MISSED
+    where = where[rising]
     if not where.size:
         return
     level = _root(stretch.e[where], hold[where], start[where], stretch.stop[where])
+    z = value(level, stretch.z[where])
+    gained = orbits.excess[index[where]] + 2.0 * value(level, stretch.work[where])
+    # The energy of a motion far larger than the belt's is not known to the belt's digits.
+    small = np.abs(orbits.trough[index[where]] - setting.rest[index[where]]) < _SMALL
+    exact = np.where(small, 1.0 - np.sqrt(np.maximum(1.0 + gained, 0.0)), z)
+    margin = np.where(small, gained, z * (z - 2.0))
+    hit = exact < 0.0
     stretch.stop[where] = level
-    margin = orbits.excess[index[where]] + 2.0 * value(level, stretch.work[where])
-    hit = margin >= 0.0
-    missed = where[~hit]
-    orbits.margin[index[missed]], stretch.end[missed] = margin[~hit], End.MISSED
+    stretch.end[where[~hit]] = End.MISSED
+    orbits.margin[index[where[~hit]]] = np.maximum(margin[~hit], -1.0)
     if hit.any():
-        where, margin = where[hit], margin[hit]
-        exact = frame.drift - np.sqrt(1.0 + margin)
-        shift = exact - value(stretch.stop[where], stretch.z[where])
-        _touch(frame, orbits, stretch, where, start, hold, shift)
+        _touch(orbits, stretch, where[hit], start, hold, (exact - z)[hit])
 
 
 def _touch(
-    frame: Frame,
-    orbits: Orbits,
-    stretch: Stretch,
-    where: Index,
-    start: Array,
-    hold: Array,
-    shift: Array,
+    orbits: Orbits, stretch: Stretch, where: Index, start: Array, hold: Array, shift: Array
 ) -> None:
     """End orbits at the contact; ``shift`` corrects the relative speed by the energy."""
-    series = stretch.z[where]
-    belt = np.full(where.size, frame.drift - 1.0)
-    contact = _root(series, belt - shift, start[where], stretch.stop[where])
+    contact = _root(stretch.z[where], -shift, start[where], stretch.stop[where])
     # A grazing contact within rounding has no change of sign: it is where it was decided.
     flat = (contact <= start[where]) & (shift != 0.0)
     stretch.stop[where] = np.where(flat, stretch.stop[where], contact)
@@ -423,7 +458,7 @@ def _land_behind(orbits: Orbits, stretch: Stretch, landing: Flags) -> None:
         return
     z = at_samples(stretch.z[where])
     # The orbit starts in contact: look beyond the sample where it is farthest from it.
-    start = SAMPLES[np.argmax(np.where(SAMPLES <= stretch.stop[where][:, None], z, -np.inf), 1)]
+    start = SAMPLES[np.argmax(np.where(stretch.stop[where][:, None] >= SAMPLES, z, -np.inf), 1)]
     stretch.stop[where] = _root(
         stretch.z[where], np.zeros(where.size), start, stretch.stop[where]
     )
@@ -436,10 +471,8 @@ def _move(frame: Frame, orbits: Orbits, stretch: Stretch, edge: Array) -> None:
     orbits.time[index] += 0.5 * stretch.h * (stop + 1.0)
     orbits.e[index] = value(stop, stretch.e)
     orbits.work[index] = value(stop, stretch.work)
-    if stretch.divergence.shape[1]:
-        orbits.divergence[index] = value(stop, stretch.divergence)
+    orbits.divergence[index] = value(stop, stretch.divergence)
     crossing = (stretch.end == 0) & np.isfinite(edge)
     z = np.where(crossing, edge, value(stop, stretch.z))
-    floor = 0.0 - frame.reference
-    orbits.z[index] = np.where(stretch.end == End.CONTACT, floor, z)
+    orbits.z[index] = np.where(stretch.end == End.CONTACT, 0.0, z)
     orbits.end[index] = stretch.end

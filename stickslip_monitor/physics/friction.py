@@ -167,10 +167,7 @@ class Tabulated:
                 f'friction table speed[{index + 1}] = {v[index + 1]:g} m/s does not exceed'
                 f' speed[{index}] = {v[index]:g} m/s: speeds must rise strictly'
             )
-        with np.errstate(all='ignore'):
-            curve = PchipInterpolator(v, mu, extrapolate=False)
-        if not np.isfinite(curve.c).all():
-            raise PhysicsError('friction table is too steep for its slope to be a finite number')
+        curve = _monotone_cubic(v, mu)
         for name, value in (
             ('speed', v),
             ('values', mu),
@@ -205,6 +202,18 @@ class Tabulated:
         interval = np.searchsorted(self.speed[1:-1], inside, side='right')
         rises = np.sign(np.diff(self.values))[interval]
         return np.where(measured & (derivative * rises > 0.0), derivative, 0.0)
+
+
+def _monotone_cubic(v: tuple[float, ...], mu: tuple[float, ...]) -> PchipInterpolator:
+    rule = 'friction table is too steep for its slope to be a finite number'
+    try:
+        with np.errstate(all='ignore'):
+            curve = PchipInterpolator(v, mu, extrapolate=False)
+    except ValueError as error:
+        raise PhysicsError(rule) from error
+    if not np.isfinite(curve.c).all():
+        raise PhysicsError(rule)
+    return curve
 
 
 def _table_column(name: str, values: Sequence[float]) -> tuple[float, ...]:

@@ -36,6 +36,7 @@ _BLOCK = 1024
 # Friction has no scale outside this range; inside it no amplitude over- or underflows.
 _SLOWEST, _FASTEST = 1e-200, 1e200
 _ROUNDING = 4e-16
+_SMALLEST = 1e-3
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
@@ -104,14 +105,16 @@ def _peak_and_place(law: FrictionLaw, speed: Array) -> tuple[Array, Array]:
     peak, place = rows[np.arange(speed.size), best], _GRID[best]
     # The surface has a cusp at the sliding limit: there, and only there, a grid point is exact.
     smooth = np.flatnonzero(place != 1.0)
-    left = _GRID[np.maximum(best[smooth] - 1, 0)]
+    # Towards a = 0 the quotient S/a loses its digits; there the slope itself stands on the grid.
+    left = np.maximum(_GRID[np.maximum(best[smooth] - 1, 0)], _SMALLEST)
     right = _GRID[np.minimum(best[smooth] + 1, _GRID.size - 1)]
     x, refined = _peaks(law, speed[smooth], left, right, np.ones(smooth.size))
     higher = refined > peak[smooth]
     peak[smooth] = np.where(higher, refined, peak[smooth])
     place[smooth] = np.where(higher, x, place[smooth])
     # A fall in the last digit of the coefficient is rounding, not friction.
-    peak[np.abs(peak) * speed < _ROUNDING * law.coefficient(speed)] = 0.0
+    reach = np.abs(peak) * _amplitude(place, speed)
+    peak[(place > 0.0) & (reach < _ROUNDING * law.coefficient(speed))] = 0.0
     return peak, place
 
 

@@ -76,8 +76,8 @@ def amplitudes(law: Stribeck, speed: Array, q: Array, fold: Array) -> tuple[Arra
     threshold, stable = np.full_like(speed, np.nan), np.full_like(speed, np.nan)
     inside = speed < fold
     with np.errstate(over='ignore'):
-        number = law.decay * speed
-    v = np.clip(number[inside], _TINY, _HUGE)
+        number = np.minimum(law.decay * speed, _HUGE)
+    v = np.maximum(number[inside], _TINY)
     kappa = _damping_number(law, q[inside])
     if v.size:
         ratio = law.kinetic / (law.static - law.kinetic)

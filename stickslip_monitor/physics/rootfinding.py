@@ -53,6 +53,7 @@ def newton_on_bracket(
         with np.errstate(divide='ignore', invalid='ignore'):
             newton = x - value / slope
         good = (newton >= low) & (newton <= high) & (np.abs(newton - x) < 0.5 * before_last)
+        good &= np.isfinite(slope)
         following = np.where(value == 0.0, x, np.where(good, newton, 0.5 * (low + high)))
         step = np.abs(following - x)
         root[running] = following

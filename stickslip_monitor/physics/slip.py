@@ -26,8 +26,11 @@ from stickslip_monitor.physics.friction import Array
 NODES = 16
 # Relative size of the last coefficients of the polynomial at which a step is accepted.
 TOLERANCE = 1e-12
+# The same of the friction alone: a thin layer moves little, but it feeds the whole cycle.
+_FRICTION_TOLERANCE = 1e-9
 _PICARD, _LIMIT = 18, 30
 _CONVERGED = 1e-15
+_NOTHING = 1e-300
 
 
 def _tables() -> tuple[Array, Array, Array]:
@@ -104,8 +107,9 @@ def _guess(motion: Motion, e: Array, z: Array, h: Array) -> Array:
     start = e[:, None] - 2.0 * damping * column + motion.law.rise(column)
     slope = motion.law.slope(column) - 2.0 * damping
     time = 0.5 * h[:, None] * (_NODES + 1.0)
-    turn: Array = motion.drift - column + slope * start
-    return column + time * (start + 0.5 * time * turn)
+    turn = motion.drift - column + slope * start
+    guess: Array = column + time * (start + 0.5 * time * turn)
+    return guess
 
 
 def _newton(motion: Motion, z: Array, half: Array, residual: Array) -> Array:
@@ -130,8 +134,9 @@ def solve_step(motion: Motion, piece: Index, e: Array, z: Array, h: Array) -> St
         z: Relative speed at the start, shape (n,).
         h: Length of the step, positive or negative, shape (n,).
     """
-    shape = (z.size, NODES)
-    out = Step(*(np.empty(shape) for _ in range(4)), np.full(z.size, np.inf), np.zeros(z.size, int))
+    table = np.empty((4, z.size, NODES))
+    unsolved, none = np.full(z.size, np.inf), np.zeros(z.size, dtype=np.intp)
+    out = Step(table[0], table[1], table[2], table[3], unsolved, none)
     half, e0, z0 = 0.5 * h[:, None], e[:, None], z[:, None]
     with np.errstate(over='ignore', invalid='ignore'):
         guess = _guess(motion, e, z, h)
@@ -154,12 +159,17 @@ def solve_step(motion: Motion, piece: Index, e: Array, z: Array, h: Array) -> St
                 out.e[where], out.z[where] = offset[done], nodes[done]
                 out.rise[where], out.rate[where] = rise[done], rate[done]
                 tail = np.max(np.abs(rate[done] @ _TAIL), axis=1)
-                out.error[where] = 2.0 * np.abs(half[done, 0]) * tail / scale[done]
+                layer = np.max(np.abs(rise[done] @ _TAIL), axis=1)
+                size = np.max(np.abs(rise[done]), axis=1) + motion.law.grain[done] + _NOTHING
+                out.error[where] = np.maximum(
+                    2.0 * np.abs(half[done, 0]) * tail / scale[done],
+                    TOLERANCE / _FRICTION_TOLERANCE * layer / size,
+                )
                 out.iterations[where] = count + 1
                 if not moving.any():
                     break
-                index, nodes, piece = index[moving], nodes[moving], piece[moving]
                 motion = motion.kept(moving, piece)
+                index, nodes, piece = index[moving], nodes[moving], piece[moving]
                 half, e0, z0 = half[moving], e0[moving], z0[moving]
             if count == _PICARD - 1:
                 nodes = guess[index]
@@ -177,6 +187,9 @@ def integral(start: Array | float, values: Array, h: Array) -> Array:
 
 def value(x: Array, series: Array) -> Array:
     """A Legendre series of each row at its own ``x`` in [-1, 1] (Clenshaw), shape (n,)."""
+    if (x == 1.0).all():
+        whole: Array = series.sum(axis=1)
+        return whole
     c0, c1 = series[:, -2], series[:, -1]
     for k in range(series.shape[1] - 1, 1, -1):
         c0, c1 = series[:, k - 2] - c1 * ((k - 1) / k), c0 + c1 * x * ((2 * k - 1) / k)
@@ -185,4 +198,5 @@ def value(x: Array, series: Array) -> Array:
 
 def at_samples(series: Array) -> Array:
     """A Legendre series at the ``SAMPLES``, shape (n, samples)."""
-    return series @ _AT_SAMPLES
+    values: Array = np.einsum('nk,ks->ns', series, _AT_SAMPLES)
+    return values

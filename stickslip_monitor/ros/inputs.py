@@ -10,6 +10,7 @@ from typing import Any
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
+from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.ros.messages import (
     check_field,
@@ -40,11 +41,19 @@ def check_inputs(config: MonitorConfig) -> None:
     """Check that every input's message type exists and its field leads to a number.
 
     Raises:
-        RosError: One does not.
+        RosError: One does not, or two inputs give one topic different types.
     """
+    users: dict[str, tuple[str, str]] = {}
     for bearing in config.bearings:
-        check_field(f'{bearing.name}.speed', bearing.speed)
-        check_field(f'{bearing.name}.load', bearing.load)
+        for quantity, source in (('speed', bearing.speed), ('load', bearing.load)):
+            name = f'{bearing.name}.{quantity}'
+            check_field(name, source)
+            user, kind = users.setdefault(source.topic, (name, source.type))
+            if kind != source.type:
+                raise RosError(
+                    f"{name}.type = '{source.type}' must be the same as {user}.type = '{kind}':"
+                    f' both are read from {source.topic}'
+                )
 
 
 class Inputs:
@@ -69,12 +78,17 @@ class Inputs:
             for is_load, source in enumerate((bearing.speed, bearing.load)):
                 reading = Reading(bearing.name, is_load, number_reader(source.field))
                 readings.setdefault((source.topic, source.type), []).append(reading)
-        self._subscriptions = [
-            node.create_subscription(
-                message_type(kind), topic, self._callback(kind, readers), _TELEMETRY
-            )
-            for (topic, kind), readers in readings.items()
-        ]
+        self._subscriptions: list[Any] = []
+        try:
+            for (topic, kind), readers in readings.items():
+                self._subscriptions.append(
+                    node.create_subscription(
+                        message_type(kind), topic, self._callback(kind, readers), _TELEMETRY
+                    )
+                )
+        except (RuntimeError, ValueError):
+            self.destroy()
+            raise
 
     def destroy(self) -> None:
         """Take the subscriptions down."""
@@ -88,6 +102,9 @@ class Inputs:
         def receive(message: Any) -> None:
             # The time of measurement where the message carries it, else that of its arrival.
             time_ns = (stamp(message) if stamp else 0) or clock.now().nanoseconds
+            if time_ns == 0:
+                # use_sim_time is set and /clock has said nothing yet: there is no time.
+                return
             for reading in readers:
                 self._receive(reading.bearing, reading.is_load, time_ns, reading.number(message))
 

@@ -22,7 +22,7 @@ def message_type(name: str) -> Any:
     Raises:
         RosError: Its package is not installed or has no such message.
     """
-    package, _, message = name.split('/')
+    package, _, message = name.partition('/msg/')
     try:
         return getattr(importlib.import_module(f'{package}.msg'), message)
     except ImportError as error:

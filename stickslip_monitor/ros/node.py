@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import sys
 from collections.abc import Sequence
@@ -17,7 +18,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 
-from stickslip_monitor.errors import StickslipError
+from stickslip_monitor.errors import RosError, StickslipError
 from stickslip_monitor.monitor.config import MonitorConfig, build_config
 from stickslip_monitor.monitor.config_file import NODE_NAME
 from stickslip_monitor.monitor.monitor import Monitor
@@ -29,6 +30,9 @@ from stickslip_monitor.ros.outputs import Outputs
 
 WATCHDOG_PERIOD = 0.1
 DIAGNOSTICS_PERIOD = 1.0
+# The watchdog stays so far behind that a sample delivered late keeps the time of its own stamp.
+WATCHDOG_LAG_NS = 500_000_000
+_ROS_FAULTS = (RuntimeError, ValueError)
 
 
 class MonitorNode(LifecycleNode):
@@ -43,12 +47,14 @@ class MonitorNode(LifecycleNode):
         super().__init__(
             NODE_NAME, automatically_declare_parameters_from_overrides=True, **options
         )
+        parameters.check_time_source(self.get_parameter(parameters.USE_SIM_TIME).value)
         self._config = build_config(parameters.values(self))
         check_inputs(self._config)
         parameters.declare(self)
         self.add_on_set_parameters_callback(self._on_parameters)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._active = False
+        self._failure = ''
         self._monitor = Monitor(self._config)
         self._outputs: Outputs | None = None
         self._inputs: Inputs | None = None
@@ -62,20 +68,39 @@ class MonitorNode(LifecycleNode):
         """The configuration in force."""
         return self._config
 
+    def start(self) -> None:
+        """Configure and activate the node.
+
+        Raises:
+            RosError: A transition failed.
+        """
+        for name, trigger in (
+            ('configure', self.trigger_configure),
+            ('activate', self.trigger_activate),
+        ):
+            if trigger() != TransitionCallbackReturn.SUCCESS:
+                raise RosError(f'the node cannot {name}: {self._failure}')
+
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Build the monitor from the parameters and create the publishers."""
         self._monitor = Monitor(self._config)
-        self._outputs = Outputs(self, self._config)
+        try:
+            self._outputs = Outputs(self, self._config)
+        except _ROS_FAULTS as error:
+            return self._failed(f'its topics cannot be published: {error}')
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start listening; inputs are waited for from now on."""
+        try:
+            self._inputs = Inputs(self, self._config, self._receive)
+        except _ROS_FAULTS as error:
+            return self._failed(f'its inputs cannot be subscribed to: {error}')
         result = super().on_activate(state)
-        simulated = self.get_parameter('use_sim_time').value is True
+        simulated = self.get_parameter(parameters.USE_SIM_TIME).value is True
         self._flows = {name: Flow(simulated, *self._clocks()) for name in self._monitor.bearings}
         self._bases = dict.fromkeys(self._monitor.bearings, 0)
         self._watch()
-        self._inputs = Inputs(self, self._config, self._receive)
         # Timers of the steady clock: those of ROS time stall when a replay steps back.
         self._timers = [
             self.create_timer(WATCHDOG_PERIOD, self._watch, clock=self._steady),
@@ -99,6 +124,12 @@ class MonitorNode(LifecycleNode):
         self._stop_listening()
         self._take_down()
         return super().on_shutdown(state)
+
+    def _failed(self, text: str) -> TransitionCallbackReturn:
+        # Told here because rclpy says nothing of an exception in a transition.
+        self._failure = text
+        self.get_logger().error(text)
+        return TransitionCallbackReturn.FAILURE
 
     def _stop_listening(self) -> None:
         self._active = False
@@ -148,7 +179,7 @@ class MonitorNode(LifecycleNode):
         steady, now = self._clocks()
         events = []
         for name, bearing in self._monitor.bearings.items():
-            elapsed = self._flows[name].tick(steady, now)
+            elapsed = max(self._flows[name].tick(steady, now) - WATCHDOG_LAG_NS, 0)
             if self._bases[name] == 0 and now != 0:
                 # Inputs are waited for from the first instant that ROS time knows.
                 self._bases[name] = now - elapsed if bearing.now_ns is None else bearing.now_ns
@@ -194,31 +225,55 @@ def _spin(node: MonitorNode) -> None:
             node.get_logger().error(f'request refused: {error}')
 
 
+def _initialise(args: Sequence[str] | None) -> None:
+    try:
+        rclpy.init(args=None if args is None else list(args))
+    except (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError) as error:
+        # Without the places in the sources of ROS.
+        text = re.sub(r', at /\S+', '', str(error))
+        raise RosError(f'the ROS arguments cannot be used: {text}') from error
+
+
+def _run(args: Sequence[str] | None) -> None:
+    """Run the node until it is told to stop."""
+    _initialise(args)
+    node = None
+    try:
+        node = MonitorNode()
+        if node.config.autostart:
+            node.start()
+        _spin(node)
+    except (StickslipError, RuntimeError):
+        # Told to stop while it starts: what ROS still does then fails in ways of its own.
+        if rclpy.ok():
+            raise
+    finally:
+        # A second Ctrl-C (a launch system sends one too) must not break the way out.
+        _ignore_signals()
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+        _ignore_signals()
+
+
+def _ignore_signals() -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node until it is told to stop.
 
     Returns:
         0 after Ctrl-C or a termination signal, 2 for a bad configuration.
     """
-    node = None
     try:
-        rclpy.init(args=None if args is None else list(args))
-        node = MonitorNode()
-        if node.config.autostart:
-            node.trigger_configure()
-            node.trigger_activate()
-        _spin(node)
+        _run(args)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except StickslipError as error:
         print(f'ERROR: {error}', file=sys.stderr)  # noqa: T201
         return 2
-    finally:
-        # A second Ctrl-C (a launch system sends one too) must not break the way out.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
     return 0
 
 

@@ -13,6 +13,7 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64, String
 
+from stickslip_monitor.monitor.alarm import Level
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.records import event_record
@@ -20,6 +21,7 @@ from stickslip_monitor.monitor.signals import QUANTITIES, Status
 from stickslip_monitor.monitor.verdict import Event, Verdict
 
 WARNINGS_KEPT = 100
+WAITING = 'Waiting for the first speed and load.'
 _RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 _LATCHED = QoSProfile(
     depth=WARNINGS_KEPT,
@@ -81,12 +83,13 @@ class Outputs:
         self._send(self._diagnostics, message)
 
     def _status(self, bearing: BearingMonitor) -> DiagnosticStatus:
-        condition = bearing.track.condition
+        waiting = is_waiting(bearing)
+        level = Level.WARN if waiting else bearing.track.condition.level
         return DiagnosticStatus(
-            level=bytes([condition.level]),
+            level=bytes([level]),
             name=f'{self._node.get_name()}: {bearing.config.name}',
             hardware_id=bearing.config.name,
-            message=bearing.text(),
+            message=f'{bearing.config.name}: {WAITING}' if waiting else bearing.text(),
             values=[
                 KeyValue(key=key, value=value if isinstance(value, str) else f'{value:.9g}')
                 for key, value in diagnostic_values(bearing).items()
@@ -103,9 +106,15 @@ class Outputs:
             )
 
 
+def is_waiting(bearing: BearingMonitor) -> bool:
+    """Whether nothing is known yet: neither an operating point, nor that an input is lost."""
+    return bearing.verdict is None and not bearing.track.stale
+
+
 def diagnostic_values(bearing: BearingMonitor) -> dict[str, str | float]:
     """The key-value pairs of a bearing's diagnostic status: one number a key, unit in the key."""
-    result: dict[str, str | float] = {'reason': bearing.track.condition.value}
+    reason = 'waiting' if is_waiting(bearing) else bearing.track.condition.value
+    result: dict[str, str | float] = {'reason': reason}
     if bearing.verdict is not None:
         point = bearing.verdict.assessment
         rpm = bearing.config.bearing.speed.from_surface(point.speed, 'rpm')

@@ -21,6 +21,8 @@ from stickslip_monitor.monitor.config import (
 from stickslip_monitor.monitor.config_file import is_ros_parameter
 from stickslip_monitor.monitor.table import REQUIRED, Parameter
 
+USE_SIM_TIME = 'use_sim_time'
+
 
 def descriptor(row: Parameter) -> ParameterDescriptor:
     """The ROS descriptor of a row of the table; its rule is enforced by the configuration too."""
@@ -36,6 +38,16 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
         # A number may be written 50 or 50.0: the configuration takes both.
         dynamic_typing=True,
     )
+
+
+def check_time_source(value: Any) -> None:
+    """Check use_sim_time, of which ROS itself only logs that it is wrong.
+
+    Raises:
+        ConfigurationError: It is not a boolean.
+    """
+    if not isinstance(value, bool):
+        raise ConfigurationError(f'{USE_SIM_TIME} = {value!r} must be true or false')
 
 
 def declare(node: Node) -> None:
@@ -91,15 +103,34 @@ def changed_config(
     rows = parameters_of(bearing_names(proposed))
     rebuilt = False
     for change in changes:
-        if is_ros_parameter(change.name):
+        name, value = change.name, _as_written(change.name, change.value)
+        if name == USE_SIM_TIME:
+            _check_time_change(node, value, active)
+        if is_ros_parameter(name):
             continue
-        row = rows.get(change.name)
-        if row is not None and not row.live and change.value != proposed.get(change.name):
+        if value is None:
+            raise ConfigurationError(f'{name} cannot be deleted: set it to a value')
+        row = rows.get(name)
+        if row is not None and not row.live and _plain(value) != _plain(proposed.get(name)):
             rebuilt = True
             if active:
-                raise ConfigurationError(
-                    f'{change.name} = {change.value!r} cannot be set: it is read-only while the'
-                    ' node is active; deactivate it first'
-                )
-        proposed[change.name] = _as_written(change.name, change.value)
-    return build_config({k: v for k, v in proposed.items() if v is not None}), rebuilt
+                raise _read_only(name, value)
+        proposed[name] = value
+    return build_config(proposed), rebuilt
+
+
+def _plain(value: Any) -> Any:
+    return tuple(value) if hasattr(value, '__iter__') and not isinstance(value, str) else value
+
+
+def _check_time_change(node: Node, value: Any, active: bool) -> None:
+    check_time_source(value)
+    if active and value != node.get_parameter(USE_SIM_TIME).value:
+        raise _read_only(USE_SIM_TIME, value)
+
+
+def _read_only(name: str, value: Any) -> ConfigurationError:
+    return ConfigurationError(
+        f'{name} = {value!r} cannot be set: it is read-only while the node is active;'
+        ' deactivate it first'
+    )

@@ -19,6 +19,7 @@ from stickslip_monitor.ros.messages import message_type
 
 CLOCK_PERIOD = 0.02
 _SETTLE = 0.5
+_CLOCK_TOPIC = '/clock'
 _QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 _CLOCK_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -53,14 +54,17 @@ class Player:
         self.node = Node('stickslip_player')
         self.skipped: dict[str, str] = {}
         self._publishers: dict[str, Any] = {}
-        self._clock = self.node.create_publisher(Clock, '/clock', _CLOCK_QOS)
+        self._clock = self.node.create_publisher(Clock, _CLOCK_TOPIC, _CLOCK_QOS)
         for topic, kind in types.items():
+            if topic == _CLOCK_TOPIC:
+                self.skipped[topic] = 'the player publishes a clock of its own'
+                continue
             try:
                 self._publishers[topic] = self.node.create_publisher(
                     message_type(kind), topic, _QOS
                 )
-            except RosError as error:
-                self.skipped[topic] = str(error)
+            except (RosError, RuntimeError, ValueError) as error:
+                self.skipped[topic] = ' '.join(str(error).split())
 
     def wait_for_subscribers(self, seconds: float) -> bool:
         """Wait until somebody listens and no further listener appears for a moment.
@@ -134,6 +138,8 @@ class Player:
                 publisher.publish(message)
                 return
             except rclpy_implementation.RCLError:
+                if not rclpy.ok():
+                    raise KeyboardInterrupt from None
                 # The reliable queue is full: give the readers a moment.
                 time.sleep(0.005)
         raise RosError(f'a subscriber of {publisher.topic_name} does not keep up: play slower')

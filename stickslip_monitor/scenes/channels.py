@@ -50,8 +50,9 @@ def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
 
 def _section(telemetry: Any, bearing: str, bearings: Sequence[str]) -> Settings:
     """The telemetry of one bearing: its own, or what is said for all."""
-    for_all = isinstance(telemetry, dict) and not set(telemetry).isdisjoint(QUANTITIES)
-    if for_all or len(bearings) == 1 and (not isinstance(telemetry, dict) or bearing not in telemetry):
+    names = set(telemetry) if isinstance(telemetry, dict) else set()
+    for_each = not names.isdisjoint(bearings) and names.isdisjoint(QUANTITIES)
+    if not for_each:
         return Settings('telemetry', telemetry, QUANTITIES)
     rates = 'the rates of its speed and load'
     return Settings('telemetry', telemetry, bearings).section(bearing, QUANTITIES, rates)
@@ -74,9 +75,7 @@ def _shared(known: Channel, other: Channel) -> Channel:
     if known.quantity != other.quantity:
         raise SceneError(f'{where}, as {known.quantity} and as {other.quantity}: use two topics')
     if known.rate != other.rate:
-        raise SceneError(
-            f'{where}: its rate cannot be both {known.rate:g} and {other.rate:g} Hz'
-        )
+        raise SceneError(f'{where}: its rate cannot be both {known.rate:g} and {other.rate:g} Hz')
     if not all(map(math.isclose, _meaning(known, first), _meaning(other, second))):
         raise SceneError(f'{where} with different units, scales or offsets: they must agree')
     return replace(known, bearings=(*known.bearings, second))

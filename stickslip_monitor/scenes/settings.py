@@ -32,12 +32,10 @@ class Settings:
 
     def _refuse_unknown(self, known: list[str]) -> None:
         for key, value in self._content.items():
-            if key in known:
-                continue
-            close = difflib.get_close_matches(str(key), known, n=1)
-            hint = f"did you mean '{close[0]}'?" if close else f'there are: {", ".join(known)}'
-            where = f' in {self.name}' if self.name else ''
-            raise SceneError(f"unknown key '{key}' = {_short(value)}{where}; {hint}")
+            if key not in known:
+                where = f' in {self.name}' if self.name else ''
+                hint = suggestion(key, known)
+                raise SceneError(f"unknown key '{key}' = {_short(value)}{where}; {hint}")
 
     def __contains__(self, key: str) -> bool:
         return key in self._content
@@ -87,6 +85,12 @@ class Settings:
     def broken(self, key: str, rule: str) -> SceneError:
         """The error that says that a key's value breaks a rule."""
         return SceneError(f'{self.label(key)} = {_short(self._content[key])} {rule}')
+
+
+def suggestion(key: Any, known: Sequence[str]) -> str:
+    """What to say about a name that is not among the known ones."""
+    close = difflib.get_close_matches(str(key), known, n=1)
+    return f"did you mean '{close[0]}'?" if close else f'there are: {", ".join(known)}'
 
 
 def is_number(value: Any) -> bool:

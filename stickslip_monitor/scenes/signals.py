@@ -64,7 +64,7 @@ class Channel:
         return (si / self.input.factor - self.input.offset) / self.input.scale
 
     def count(self, duration: float) -> int:
-        """Samples in a scene of some duration [s]; the first is at 0, the last may be at its end."""
+        """Samples in a scene of some duration [s], from 0 to its end inclusive."""
         return math.floor(duration * self.rate * (1.0 + 1e-12)) + 1
 
 

@@ -114,6 +114,16 @@ def test_amplitude_counts_only_while_sticking(configure: Configure) -> None:
     ]
 
 
+@pytest.mark.parametrize('quiet', [[35.0], [30.0, 60.0]])
+def test_deadband_of_the_amplitude_starts_anew_with_the_sticking(
+    configure: Configure, quiet: list[float]
+) -> None:
+    # 20 rpm lies between clearing and limit: what an earlier or unreached cycle had is no matter.
+    config = configure(alarm__amplitude_limit=0.6e-3, alarm__hysteresis=0.5).bearing('aft')
+    conditions, _ = _course(config, [math.pi * 0.1 * n / 60.0 for n in [*quiet, 20.0]])
+    assert conditions[-1] is Condition.STICK_SLIP
+
+
 def test_a_new_limit_applies_to_the_next_point(configure: Configure) -> None:
     config = configure().bearing('aft')
     point = assess(config.bearing, np.array([UNSTABLE]), LOAD)

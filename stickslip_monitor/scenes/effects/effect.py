@@ -37,23 +37,25 @@ class Frame:
     channels: tuple[Channel, ...]
     _claimed: set[tuple[str, str]] = field(default_factory=set)
 
-    def pick(self, effect: str, settings: Settings, quantity: str) -> list[Channel]:
+    def pick(self, settings: Settings, quantity: str) -> list[Channel]:
         """The channels of a quantity that an effect is for: of its ``bearing``, else of all.
+
+        Args:
+            settings: The effect's settings, named as the effect.
+            quantity: ``'speed'`` or ``'load'``.
 
         Raises:
             SceneError: There is no such bearing, or the effect is listed twice for a channel.
         """
         picked = [
-            channel
-            for channel in self._of_bearing(settings)
-            if channel.quantity == quantity
+            channel for channel in self._of_bearing(settings) if channel.quantity == quantity
         ]
         for channel in picked:
-            if (effect, channel.topic) in self._claimed:
+            if (settings.name, channel.topic) in self._claimed:
                 raise SceneError(
-                    f"effect '{effect}' is listed twice for topic {channel.topic}: list it once"
+                    f"effect '{settings.name}' is listed twice for topic {channel.topic}"
                 )
-            self._claimed.add((effect, channel.topic))
+            self._claimed.add((settings.name, channel.topic))
         return picked
 
     def _of_bearing(self, settings: Settings) -> list[Channel]:
@@ -63,9 +65,9 @@ class Frame:
         asked = settings.choice('bearing', list(names))
         return [c for c in self.channels if asked in [b.name for b in c.bearings]]
 
-    def random(self, effect: str, channel: Channel) -> np.random.Generator:
+    def random(self, settings: Settings, channel: Channel) -> np.random.Generator:
         """The random stream of an effect on a channel, its own whatever else the scene lists."""
-        return random_stream(self.seed, effect, channel.topic)
+        return random_stream(self.seed, settings.name, channel.topic)
 
 
 Builder = Callable[[Settings, Frame], Effect]

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Make the recordings of bags/ and their manifest from the scenes of launch_configs/scenes/.
+
+The same scenes give the same bytes, as long as the zstd library is the same.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import zstandard
+from expected_events import expected_events
+from rich.console import Console
+
+from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.commands.simulate import write_bag
+from stickslip_monitor.errors import StickslipError
+from stickslip_monitor.scenes.scene_file import load_scene
+
+ROOT = Path(__file__).resolve().parents[1]
+SCENES = ROOT / 'launch_configs' / 'scenes'
+SCHEMA = 'stickslip_monitor/bags/1'
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Make every bag; return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--output', type=Path, default=ROOT / 'bags', help='default: bags/')
+    output = parser.parse_args(argv).output
+    console = Console(highlight=False, soft_wrap=True)
+    output.mkdir(parents=True, exist_ok=True)
+    bags = {}
+    try:
+        for scene in sorted(SCENES.glob('*.yaml')):
+            begin = time.perf_counter()
+            bags[scene.stem] = made = make(scene, output)
+            console.print(
+                f'{scene.stem}: {made["messages"]} messages, {made["bytes"]} bytes,'
+                f' {len(made["events"])} expected events, {time.perf_counter() - begin:.1f} s'
+            )
+    except StickslipError as error:
+        console.print(f'ERROR: {error}', markup=False)
+        return 2
+    manifest = {'schema': SCHEMA, 'zstd': zstd_version(), 'bags': bags}
+    text = json.dumps(manifest, indent=2, ensure_ascii=False)
+    (output / 'manifest.json').write_text(text + '\n', 'utf-8')
+    return 0
+
+
+def make(scene_path: Path, output: Path) -> dict[str, Any]:
+    """Make one bag in place of the old one; return its entry in the manifest."""
+    scene = load_scene(scene_path)
+    events = [event.record() for event in expected_events(scene)]
+    with tempfile.TemporaryDirectory(dir=output, prefix='.') as folder:
+        fresh = Path(folder) / scene_path.stem
+        write_bag(scene, fresh)
+        target = output / scene_path.stem
+        shutil.rmtree(target, ignore_errors=True)
+        fresh.rename(target)
+    (recording,) = target.glob('*.mcap')
+    data = recording.read_bytes()
+    return {
+        'description': scene.description,
+        'scene': scene_path.relative_to(ROOT).as_posix(),
+        'seed': scene.seed,
+        'file': recording.relative_to(output).as_posix(),
+        'bytes': len(data),
+        'sha256': hashlib.sha256(data).hexdigest(),
+        'content_sha256': content_digest(target),
+        'messages': scene.message_count,
+        'duration': scene.duration,
+        'start_ns': scene.start_ns,
+        'events': events,
+    }
+
+
+def content_digest(bag: Path) -> str:
+    """Digest of topics, types, times and data of all messages, whatever their compression."""
+    digest = hashlib.sha256()
+    for message in open_bag(bag).messages():
+        head = f'{message.topic}\0{message.type}\0{message.log_time_ns}\0{len(message.data)}\0'
+        digest.update(head.encode())
+        digest.update(message.data)
+    return digest.hexdigest()
+
+
+def zstd_version() -> str:
+    """Version of the library that compresses the recordings."""
+    return '.'.join(map(str, zstandard.ZSTD_VERSION))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

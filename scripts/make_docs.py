@@ -1,0 +1,205 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Writes docs/configuration.md from the table of parameters."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+from stickslip_monitor.monitor.table import (
+    BEARING_PARAMETERS,
+    NODE_PARAMETERS,
+    REQUIRED,
+    Parameter,
+)
+
+PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'configuration.md'
+COMMAND = 'python scripts/make_docs.py'
+KINDS = {
+    'float': 'number',
+    'bool': 'true/false',
+    'str': 'text',
+    'float[]': 'numbers',
+    'str[]': 'texts',
+}
+GROUPS = (
+    ('', 'The bearing', 'The mass-spring model of the lining, see [physics.md](physics.md).'),
+    (
+        'friction',
+        'Friction',
+        'A law takes the parameters that it needs: `stribeck` static, kinetic and decay (and'
+        ' viscous if wanted); `coulomb` static and kinetic; `tabulated` speed and coefficient.',
+    ),
+    ('speed', 'Input: speed', ''),
+    ('load', 'Input: load', ''),
+    ('alarm', 'Alarm', ''),
+)
+
+INTRO = f"""\
+<!-- Made by `{COMMAND}` from stickslip_monitor/monitor/table.py: edit that, or the script. -->
+# Configuration
+
+One ROS 2 parameter file configures everything: the node reads it with `--params-file` (or the
+launch file's `config:=`), every command with `--config`.
+
+```yaml
+/**:
+  ros__parameters:
+    bearings: [aft_stern, forward_stern]  # each has a section of that name below
+
+    aft_stern:
+      mass: 50.0                  # kg
+      damping: 400.0              # N s/m
+      stiffness: 2.0e6            # N/m
+      journal_diameter: 0.100     # m
+      friction: {{law: stribeck, static: 0.30, kinetic: 0.10, decay: 10.0}}
+      speed: {{topic: /shaft/speed, unit: rpm}}
+      load: {{topic: /bearing/aft_stern/load, unit: kN}}
+      alarm: {{caution_margin: 0.15, amplitude_limit: 0.9e-3, minimum_speed: 0.003}}
+
+    forward_stern:
+      mass: 40.0
+      damping: 350.0
+      stiffness: 1.8e6
+      journal_diameter: 0.100
+      friction:
+        law: tabulated            # as measured
+        speed: [0.0, 0.05, 0.1, 0.2, 0.4, 0.8]               # m/s
+        coefficient: [0.31, 0.22, 0.17, 0.13, 0.11, 0.105]
+      speed:                      # both bearings listen to the same shaft
+        topic: /shaft/joint_states
+        type: sensor_msgs/msg/JointState
+        field: velocity[0]
+        unit: rad/s
+      load:
+        topic: /bearing/forward_stern/wrench
+        type: geometry_msgs/msg/WrenchStamped
+        field: wrench.force.z
+        unit: N
+        scale: -1.0               # the sensor counts upwards
+        offset: 120.0             # N, its reading unloaded
+```
+
+## How the file is read
+
+- The sections that apply are `/**`, `/*`, and those whose last part is the node's name:
+  `stickslip_monitor`, `/stickslip_monitor`, `/any/namespace/stickslip_monitor`. Several are merged
+  in the order of the file, parameter by parameter; the later one counts. Other nodes' sections are
+  left alone, and so are the parameters of every ROS 2 node (`use_sim_time`, `qos_overrides`, ...).
+- `friction: {{law: coulomb}}` and `friction.law: coulomb` are the same.
+- Numbers are written `50`, `50.0` or `5e1`. A key given twice in one place, an alias (`*name`)
+  and a parameter that does not exist are refused.
+- Whatever breaks a rule is refused before anything starts, in one sentence with the parameter, its
+  value and the rule, and exit code 2:
+
+      ERROR: ship.yaml: aft_stern.mass = -50.0 must be a finite number above 0 kg
+
+## Units
+
+Everything is SI unless the parameter's own unit says otherwise. An input becomes SI by
+
+    number in the message -> scale * number + offset, in `unit` -> SI
+
+so `offset` is in `unit`. Shaft speed in rpm, rad/s or Hz (revolutions a second) becomes the
+journal's surface speed by `journal_diameter`; m/s is taken to be the surface speed itself. Speeds
+astern are negative and mean the same as ahead. A load that is not positive is a bearing without
+contact.
+
+## Rules that span parameters
+
+- Names in `bearings` are lower-case letters, digits and underscores, start with a letter, and
+  differ.
+- A friction table has at least two points, as many coefficients as speeds, and its speeds rise.
+- `friction.static` may lie below `friction.kinetic`: friction then rises with speed and there is
+  no stick-slip.
+- `alarm.minimum_speed` lies below `speed.maximum`.
+- Caution is raised while the fold margin is below `caution_margin` and ends above
+  `caution_margin + hysteresis`. The amplitude alarm is raised above `amplitude_limit` and ends
+  below `amplitude_limit * (1 - hysteresis)`.
+- Speed and load make an operating point while neither is older than its `timeout`. Sensors whose
+  clocks differ need a `timeout` above that difference plus the time between messages.
+- A time stamp that steps back by more than the input's `timeout` is a jump of the clock.
+
+## Live and read-only
+
+Parameters marked *live* can be set at any time (`ros2 param set`) and take effect at once; the
+alarm, its running delays and the memory of the bistable range go on. A delay or timeout that is
+made shorter than what has already passed ends now. The others are read-only while the node is
+active: deactivate it, set them, and activate it again, and the monitor starts afresh. A change
+that breaks a rule is refused with the same sentence as in a file.
+"""
+
+
+def _number(value: float) -> str:
+    return '.inf' if math.isinf(value) else f'{value:g}'.replace('e+0', 'e')
+
+
+def _default(row: Parameter) -> str:
+    if row.default is REQUIRED:
+        return '*required*'
+    if row.default == () or (isinstance(row.default, float) and math.isnan(row.default)):
+        return '*by law*'
+    if isinstance(row.default, bool):
+        return f'`{str(row.default).lower()}`'
+    return f'`{row.default if isinstance(row.default, str) else _number(row.default)}`'
+
+
+def _range(row: Parameter) -> str:
+    if row.choices:
+        return ', '.join(f'`{choice}`' for choice in row.choices)
+    bounds = []
+    if row.minimum > -math.inf:
+        bounds.append(f'{">" if row.above_minimum else "≥"} {_number(row.minimum)}')
+    if row.maximum < math.inf:
+        bounds.append(f'≤ {_number(row.maximum)}')
+    return ', '.join(bounds)
+
+
+def _table(rows: Iterable[Parameter]) -> str:
+    lines = [
+        '| name | type | default | range | unit | live | meaning |',
+        '|---|---|---|---|---|---|---|',
+    ]
+    for row in rows:
+        live = 'live' if row.live else ''
+        text = row.text.replace('|', '\\|')
+        cells = (
+            f'`{row.name}`',
+            KINDS[row.kind],
+            _default(row),
+            _range(row),
+            row.unit,
+            live,
+            text,
+        )
+        lines.append(f'| {" | ".join(cells)} |'.replace('|  |', '| |').replace('|  |', '| |'))
+    return '\n'.join(lines)
+
+
+def _group(row: Parameter) -> str:
+    return row.name.rpartition('.')[0]
+
+
+def render() -> str:
+    """The whole page."""
+    parts = [INTRO, '## The node\n', _table(NODE_PARAMETERS)]
+    parts.append('\n## A bearing\n\nEach name stands in the section of its bearing.')
+    for group, title, text in GROUPS:
+        parts.append(f'\n### {title}\n')
+        if text:
+            parts.append(f'{text}\n')
+        parts.append(_table(row for row in BEARING_PARAMETERS if _group(row) == group))
+    return '\n'.join(parts) + '\n'
+
+
+def main() -> int:
+    """Write the page."""
+    PAGE.write_text(render(), encoding='utf-8')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

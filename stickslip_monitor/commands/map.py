@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Draw the stability map: which regime at which shaft speed and bearing load.
+
+The ending of the output file chooses what is written: a picture (.png, .svg) or the boundaries
+themselves as loads over speed (.csv, SI units). With --track the operating points of a recorded
+bag are drawn on the map, and marks where the alarm changed.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from stickslip_monitor.commands.diagram import (
+    add_output,
+    parse_range,
+    speed_range,
+    the_bearing,
+)
+from stickslip_monitor.commands.quantities import parse_load
+from stickslip_monitor.drawing.boundaries import boundaries, map_columns
+from stickslip_monitor.drawing.canvas import checked_suffix, save_figure, write_csv
+from stickslip_monitor.drawing.map import draw_map, map_ranges
+from stickslip_monitor.drawing.track import Track, track_of_scan
+from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.config_file import load_config
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add_output(parser)
+    parser.add_argument('--speeds', metavar='A:B', help='shaft speeds, e.g. 0rpm:60rpm')
+    parser.add_argument('--loads', metavar='A:B', help='bearing loads, e.g. 0N:2kN')
+    parser.add_argument('--track', metavar='BAG', help='draw the operating points of this bag')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command."""
+    suffix = checked_suffix(args.output)
+    if suffix == '.csv' and args.track:
+        raise ConfigurationError(
+            f"track '{args.track}' is for pictures: write a .png or .svg, not '{args.output}'"
+        )
+    config = load_config(args.config)
+    own = the_bearing(config, args.bearing)
+    speeds = speed_range(args.speeds, own)
+    loads = parse_range(args.loads, 'loads', lambda part: parse_load(part, 'loads'))
+    if suffix == '.csv':
+        speeds, loads = map_ranges(own.bearing, speeds, loads)
+        curves = boundaries(own.bearing, speeds, loads, own.alarm.caution_margin)
+        write_csv(map_columns(own.bearing, curves), args.output)
+    else:
+        track = _track(args.track, config, own) if args.track else None
+        save_figure(draw_map(own, speeds, loads, track), args.output)
+    return 0
+
+
+def _track(path: str, config: MonitorConfig, own: BearingConfig) -> Track:
+    # Reading bags is not needed for a map as such, and costs time to import.
+    from stickslip_monitor.bags.check import check_bag
+
+    return track_of_scan(check_bag(path, config).bearings[own.name].scan)

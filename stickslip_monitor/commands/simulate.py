@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Make a bag from a scene file: the telemetry that a ship in that scene would record.
+
+The same scene file always gives the same bag. Nothing is overwritten.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import Progress
+
+from stickslip_monitor.bags.writer import BagWriter
+from stickslip_monitor.commands.output import console
+from stickslip_monitor.scenes.channels import MESSAGE_TYPE
+from stickslip_monitor.scenes.scene import Scene
+from stickslip_monitor.scenes.scene_file import load_scene
+from stickslip_monitor.scenes.simulator import simulate
+
+# Messages above which it takes seconds.
+_LONG = 200_000
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument('scene', metavar='SCENE', help='scene file')
+    parser.add_argument(
+        '--output',
+        '-o',
+        required=True,
+        metavar='BAG',
+        help='the bag to write: a rosbag2 folder, or one file if the name ends in .mcap',
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command."""
+    scene = load_scene(args.scene)
+    shown = sys.stderr.isatty() and scene.message_count > _LONG
+    with Progress(console=Console(stderr=True), transient=True, disable=not shown) as progress:
+        task = progress.add_task('simulating', total=scene.duration)
+        write_bag(scene, args.output, lambda done: progress.update(task, completed=done))
+    topics = ', '.join(channel.topic for channel in scene.channels)
+    console().print(
+        f'{args.output}: {scene.message_count} messages on {topics}, {scene.duration:g} s'
+    )
+    return 0
+
+
+def write_bag(
+    scene: Scene, path: str | Path, progress: Callable[[float], None] | None = None
+) -> None:
+    """Write a scene's telemetry; the bag appears under its name when it is complete.
+
+    Args:
+        scene: The scene.
+        path: The bag: a rosbag2 folder, or one file if the name ends in ``.mcap``.
+        progress: Told the seconds simulated so far after each block.
+
+    Raises:
+        BagError: The bag exists already or cannot be written.
+    """
+    with BagWriter(path) as writer:
+        for channel in scene.channels:
+            writer.add_topic(channel.topic, MESSAGE_TYPE)
+        for block in simulate(scene):
+            writer.write_float64s(
+                {topic: (signal.stamp_ns, signal.raw) for topic, signal in block.signals.items()}
+            )
+            if progress:
+                progress(block.end)

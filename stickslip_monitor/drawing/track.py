@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The way of an operating point over the stability map, and where the alarm changed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip_monitor.drawing.labels import Labeller, around
+from stickslip_monitor.drawing.palette import CONDITION_COLOUR, INK, PAPER
+from stickslip_monitor.monitor.alarm import Condition
+from stickslip_monitor.monitor.scan import Scan
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+FloatArray = NDArray[np.float64]
+
+_ARROWS = 5
+_STRIDE_FRACTION = 0.02
+_MOST_POINTS = 5000
+_MOST_DRAWN = 20000
+_CELL = 1.0
+_MARKER = {
+    Condition.NORMAL: 'o',
+    Condition.CAUTION: 's',
+    Condition.BISTABLE: 'D',
+    Condition.STICK_SLIP: '^',
+    Condition.AMPLITUDE: 'p',
+    Condition.INPUT_STALE: 'X',
+}
+
+
+@dataclass(frozen=True, slots=True)
+class TrackEvent:
+    """A change of the alarm: its time, on the track's clock [s], and the condition from then."""
+
+    time: float
+    condition: Condition
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """The operating points of a recording.
+
+    Attributes:
+        time: Shape (n,) [s]; any zero.
+        speed: Surface speeds, shape (n,), ``nan`` where the track is interrupted [m/s]; astern is
+            drawn as ahead, which the model does not tell apart.
+        load: Loads, shape (n,) [N].
+        events: The alarm's changes.
+    """
+
+    time: FloatArray
+    speed: FloatArray
+    load: FloatArray
+    events: Sequence[TrackEvent] = ()
+
+
+def track_of_scan(scan: Scan) -> Track:
+    """The track of a bearing's scanned recording, interrupted where an input was lost."""
+    start = int(scan.time_ns[0]) if scan.time_ns.size else 0
+    lost = np.flatnonzero(scan.until_ns[:-1] < scan.time_ns[1:]) + 1
+    columns = [
+        (scan.time_ns - start) * 1e-9,
+        np.asarray(scan.assessment.speed, dtype=float),
+        np.asarray(scan.assessment.load, dtype=float),
+    ]
+    time, speed, load = (np.insert(column, lost, np.nan) for column in columns)
+    events = [TrackEvent((e.time_ns - start) * 1e-9, e.after) for e in scan.events]
+    return Track(time, speed, load, events)
+
+
+def draw_track(axes: Axes, labels: Labeller, track: Track, x_unit: float, y_unit: float) -> None:
+    """Draw a track on a map.
+
+    Args:
+        axes: The axes, with their final limits.
+        labels: The axes' labeller.
+        track: The track.
+        x_unit: Surface speed of one unit of the x axis [m/s].
+        y_unit: Load of one unit of the y axis [N].
+    """
+    x, y = np.abs(track.speed) / x_unit, track.load / y_unit
+    known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    if not known.size:
+        return
+    _line(axes, labels, x, y)
+    _arrows(axes, x[known], y[known])
+    _events(axes, labels, track, x, y, known)
+    for name, i, size in (('start', known[0], 10.5), ('end', known[-1], 8.0)):
+        face, edge = (PAPER, INK) if name == 'start' else (INK, PAPER)
+        axes.plot(x[i], y[i], 'o', ms=size, mec=edge, mew=1.5, mfc=face, zorder=11)
+        labels.reserve(x[i], y[i])
+        places = [*around(8.0), *around(24.0), *around(44.0)]
+        labels.point(name, (x[i], y[i]), places, weight='bold', size=10.0, zorder=12)
+
+
+def _line(axes: Axes, labels: Labeller, x: FloatArray, y: FloatArray) -> None:
+    """The track itself. Of a long one, a line through some points and a dot for every place."""
+    stride = -(-x.size // _MOST_DRAWN)
+    gaps = np.flatnonzero(~np.isfinite(x) | ~np.isfinite(y))
+    drawn = np.union1d(np.arange(0, x.size, stride), gaps)
+    axes.plot(x[drawn], y[drawn], color=PAPER, lw=2.6, zorder=7, alpha=0.8)
+    axes.plot(x[drawn], y[drawn], color=INK, lw=1.0, zorder=8)
+    labels.avoid(x[drawn], y[drawn])
+    if stride > 1:
+        places = _places(axes, x, y)
+        axes.plot(*places.T, ls='', marker='s', ms=1.0, mew=0.0, color=INK, rasterized=True)
+
+
+def _places(axes: Axes, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Where a long track has been, each small cell of the paper once [data], shape (n, 2)."""
+    shown = axes.transData.transform(np.column_stack([x, y]))
+    known = shown[np.all(np.isfinite(shown), axis=1)]
+    cells = np.unique(np.round(known / _CELL), axis=0)
+    places: FloatArray = np.asarray(axes.transData.inverted().transform(cells * _CELL))
+    return places
+
+
+def _events(
+    axes: Axes,
+    labels: Labeller,
+    track: Track,
+    x: FloatArray,
+    y: FloatArray,
+    known: NDArray[np.intp],
+) -> None:
+    """Mark where the alarm changed, and tell the marks apart in a row above the map."""
+    used = [c for c in Condition if any(event.condition is c for event in track.events)]
+    for condition in used:
+        times = [event.time for event in track.events if event.condition is condition]
+        at = [known[_latest(track.time[known], time)] for time in times]
+        colour = CONDITION_COLOUR[condition]
+        axes.plot(
+            x[at], y[at], ls='', marker=_MARKER[condition], ms=8.5, mfc=colour, mec=PAPER,
+            mew=1.0, zorder=10, label=condition.value.replace('_', ' '),
+        )  # fmt: skip
+        for i in at:
+            labels.reserve(x[i], y[i])
+    if used:
+        axes.legend(
+            loc='lower left', bbox_to_anchor=(0.0, 1.0), ncols=len(used), frameon=False,
+            title='alarm becomes', title_fontsize=9.5, alignment='left', fontsize=9.5,
+            handletextpad=0.2, columnspacing=1.4, borderaxespad=0.1, borderpad=0.1,
+        )  # fmt: skip
+
+
+def _latest(times: FloatArray, time: float) -> int:
+    """Index of the last point up to a time; after a jump of the clock the nearest one."""
+    earlier = np.flatnonzero(times <= time)
+    if earlier.size and np.all(np.diff(times) >= 0.0):
+        return int(earlier[-1])
+    return int(np.argmin(np.abs(times - time)))
+
+
+def _arrows(axes: Axes, x: FloatArray, y: FloatArray) -> None:
+    """Arrow heads at even distances along the track, blind to the noise on it."""
+    stride = -(-x.size // _MOST_POINTS)
+    shown = axes.transData.transform(np.column_stack([x, y])[::stride])
+    box = axes.get_window_extent()
+    path = _strides(shown, _STRIDE_FRACTION * float(np.hypot(box.width, box.height)))
+    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    if length[-1] == 0.0:
+        return
+    back = axes.transData.inverted()
+    for where in (np.arange(_ARROWS) + 0.5) / _ARROWS * length[-1]:
+        i = min(int(np.searchsorted(length, where, 'right')), path.shape[0] - 1)
+        tail, head = back.transform(path[i - 1 : i + 1])
+        axes.annotate(
+            '', xy=head, xytext=tail, zorder=9, annotation_clip=True,
+            arrowprops={
+                'arrowstyle': '-|>,head_length=0.7,head_width=0.32', 'mutation_scale': 15.0,
+                'facecolor': INK, 'edgecolor': PAPER, 'linewidth': 0.6,
+                'shrinkA': 0.0, 'shrinkB': 0.0,
+            },
+        )  # fmt: skip
+
+
+def _strides(shown: FloatArray, least: float) -> FloatArray:
+    """The points of a path that lie at least a distance from the one kept before."""
+    kept = [shown[0]]
+    for point in shown[1:]:
+        if np.hypot(*(point - kept[-1])) >= least:
+            kept.append(point)
+    return np.array(kept)

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The inner loops as plain Python, or compiled by numba where it is installed (extra ``sim``)."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from importlib import import_module
+from importlib.util import find_spec
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+
+from stickslip_monitor.errors import PhysicsError
+
+from . import integrator_kernel, integrator_roots
+
+March = Callable[..., int]
+
+
+def is_compiled(compiled: bool | None) -> bool:
+    """Whether to compile: as asked for, or where numba is installed.
+
+    Raises:
+        PhysicsError: It was asked for and numba is not installed.
+    """
+    installed = find_spec('numba') is not None
+    if compiled and not installed:
+        raise PhysicsError(
+            'compiled = True needs numba, which is not installed: pip install'
+            " 'stickslip_monitor[sim]', or leave compiled out"
+        )
+    return installed if compiled is None else compiled
+
+
+@functools.cache
+def march_function(compiled: bool) -> March:
+    """:func:`integrator_kernel.march`, plain or compiled; compiling takes seconds, once."""
+    if not compiled:
+        return integrator_kernel.march
+    try:
+        return _compile(cache=True)
+    except RuntimeError:  # numba has no folder that it may write to
+        return _compile(cache=False)
+
+
+def _compile(cache: bool) -> March:
+    """Compile copies of the functions that call each other, so that the plain ones stay."""
+    jit = import_module('numba').njit(cache=cache)
+    space: dict[str, Any] = {**vars(integrator_roots), **vars(integrator_kernel)}
+    for name, function in list(space.items()):
+        if isinstance(function, FunctionType):
+            space[name] = jit(FunctionType(function.__code__, space, name))
+    return space['march']
+
+
+def vector(values: Any, compiled: bool, kind: type = float) -> Any:
+    """What the inner loops take for an array: an array if compiled, else lists, which are fast."""
+    array = np.ascontiguousarray(values, dtype=kind)
+    return array if compiled else array.tolist()

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A scene: what happens to one ship's shaft, and what its sensors make of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from stickslip_monitor.monitor.config import MonitorConfig
+
+from .effects.effect import Effect, Frame
+from .effects.registry import build_effects
+from .settings import Settings
+from .signals import Channel
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A validated scene.
+
+    Attributes:
+        description: What it shows.
+        duration: Its duration, > 0 [s].
+        start_ns: Time stamp of its start [ns since 1970].
+        seed: Seed of all random streams.
+        config_path: File of the configuration.
+        config: The configuration of the bearings.
+        channels: The channels of telemetry.
+        effects: The settings of each effect, in the order in which they act.
+    """
+
+    description: str
+    duration: float
+    start_ns: int
+    seed: int
+    config_path: Path
+    config: MonitorConfig
+    channels: tuple[Channel, ...]
+    effects: tuple[Settings, ...]
+
+    def build_effects(self) -> list[Effect]:
+        """The effects for one run, in the order in which they act.
+
+        Raises:
+            SceneError: A setting breaks its rule.
+        """
+        return build_effects(self.effects, Frame(self.duration, self.seed, self.channels))
+
+    @property
+    def message_count(self) -> int:
+        """Samples on all channels."""
+        return sum(channel.count(self.duration) for channel in self.channels)

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``stickslip simulate``: the bag as another reader sees it, and no bag where there is none."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+
+from stickslip_monitor.bags.writer import BagWriter
+from stickslip_monitor.cli import main
+from stickslip_monitor.commands.simulate import write_bag
+from stickslip_monitor.errors import BagError
+from stickslip_monitor.scenes.scene_file import load_scene
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+CONFIG = """
+/**:
+  ros__parameters:
+    bearings: [aft]
+    aft:
+      mass: 50.0
+      damping: 400.0
+      stiffness: 2.0e6
+      journal_diameter: 0.1
+      friction: {law: stribeck, static: 0.3, kinetic: 0.1, decay: 10.0}
+      speed: {topic: /shaft/speed, unit: rpm, scale: 0.5}
+      load: {topic: /bearing/aft/load, unit: kN, offset: -2.0}
+"""
+SCENE = """
+scene: stickslip_monitor/scene/1
+description: A test.
+duration: 150.0
+start: 2026-05-04T12:00:00Z
+seed: 7
+config: config.yaml
+telemetry: {speed: {rate: 2.0}, load: {rate: 0.5}}
+effects:
+  - speed_profile: {unit: rpm, points: [[0, 60], [150, 30]]}
+  - load_profile: {unit: N, points: [[0, 1000]]}
+"""
+START = 1_777_896_000 * 10**9
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> str:
+    (tmp_path / 'config.yaml').write_text(CONFIG, 'utf-8')
+    (tmp_path / 'scene.yaml').write_text(SCENE, 'utf-8')
+    return str(tmp_path / 'scene.yaml')
+
+
+@pytest.mark.parametrize('name', ['bag', 'bag.mcap', 'new/folder/bag'])
+def test_rosbags_reads_the_bag(
+    tmp_path: Path, scene: str, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    target = tmp_path / name
+    assert main(['simulate', scene, '-o', str(target)]) == 0
+    out, error = capsys.readouterr()
+    assert out == f'{target}: 377 messages on /shaft/speed, /bearing/aft/load, 150 s\n'
+    assert error == ''
+    rows: dict[str, list[tuple[int, float]]] = {}
+    order = []
+    with Reader(target) as reader:
+        assert {c.msgtype for c in reader.connections} == {'std_msgs/msg/Float64'}
+        for connection, time, data in reader.messages():
+            message: Any = STORE.deserialize_cdr(data, connection.msgtype)
+            rows.setdefault(connection.topic, []).append((time, message.data))
+            order.append(time)
+    assert order == sorted(order)
+    stamps, speed = zip(*rows['/shaft/speed'], strict=True)
+    assert list(stamps) == [START + k * 500_000_000 for k in range(301)]
+    np.testing.assert_allclose(speed, 2.0 * np.linspace(60.0, 30.0, 301), rtol=1e-13)
+    stamps, load = zip(*rows['/bearing/aft/load'], strict=True)
+    assert list(stamps) == [START + k * 2_000_000_000 for k in range(76)]
+    np.testing.assert_allclose(load, 3.0, rtol=1e-13)
+
+
+def test_same_scene_gives_the_same_bytes(tmp_path: Path, scene: str) -> None:
+    for name in ('one', 'two'):
+        assert main(['simulate', scene, '--output', str(tmp_path / name / 'bag.mcap')]) == 0
+    one, two = ((tmp_path / name / 'bag.mcap').read_bytes() for name in ('one', 'two'))
+    assert one == two
+
+
+@pytest.mark.parametrize('name', ['bag', 'bag.mcap'])
+def test_what_exists_is_not_overwritten(
+    tmp_path: Path, scene: str, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    target = tmp_path / name
+    target.write_text('dear', 'utf-8')
+    assert main(['simulate', scene, '-o', str(target)]) == 2
+    assert capsys.readouterr().err == (
+        f"ERROR: bag '{target}' exists already and is not overwritten\n"
+    )
+    assert target.read_text('utf-8') == 'dear'
+    assert {p.name for p in tmp_path.iterdir()} == {'config.yaml', 'scene.yaml', name}
+
+
+@pytest.mark.parametrize('name', ['bag', 'bag.mcap'])
+def test_full_disk_leaves_no_bag(
+    tmp_path: Path,
+    scene: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    name: str,
+) -> None:
+    begin = BagWriter._begin_draft
+
+    class Full:
+        def __init__(self, file: IO[bytes]) -> None:
+            self.file = file
+
+        def write(self, data: bytes) -> int:
+            if self.file.tell() > 1000:
+                raise OSError(errno.ENOSPC, 'No space left on device')
+            return self.file.write(data)
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self.file, name)
+
+    def full(writer: BagWriter) -> Any:
+        draft, file = begin(writer)
+        return draft, Full(file)
+
+    monkeypatch.setattr(BagWriter, '_begin_draft', full)
+    assert main(['simulate', scene, '-o', str(tmp_path / name)]) == 2
+    assert capsys.readouterr().err == (
+        f"ERROR: bag '{tmp_path / name}' cannot be written: No space left on device\n"
+    )
+    assert {p.name for p in tmp_path.iterdir()} == {'config.yaml', 'scene.yaml'}
+
+
+def test_stopping_in_the_middle_leaves_no_bag(
+    tmp_path: Path, scene: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = BagWriter.write_float64s
+    blocks: list[Any] = []
+
+    def stop(writer: BagWriter, columns: Any) -> None:
+        if blocks:
+            raise KeyboardInterrupt
+        blocks.append(columns)
+        write(writer, columns)
+
+    monkeypatch.setattr(BagWriter, 'write_float64s', stop)
+    assert main(['simulate', scene, '-o', str(tmp_path / 'bag')]) == 130
+    assert blocks
+    assert {p.name for p in tmp_path.iterdir()} == {'config.yaml', 'scene.yaml'}
+
+
+def test_missing_arguments_are_bad_input(scene: str) -> None:
+    with pytest.raises(SystemExit, match='2'):
+        main(['simulate', scene])
+
+
+def test_folder_that_cannot_be_made_is_named(tmp_path: Path, scene: str) -> None:
+    with pytest.raises(BagError, match=r"bag '.*' cannot be written: "):
+        write_bag(load_scene(scene), tmp_path / 'scene.yaml' / 'bag')

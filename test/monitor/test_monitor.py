@@ -1,0 +1,420 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_config
+from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.monitor.alarm import Condition
+from stickslip_monitor.monitor.monitor import Update
+from stickslip_monitor.monitor.signals import QUANTITIES, Status
+
+SECOND = 10**9
+Configure = Callable[..., MonitorConfig]
+# Reference bearing at 1000 N (PHYSICS.md): Hopf 30.738 rpm, fold 40.723 rpm.
+UNSTABLE, INSIDE, CAUTION, QUIET = 20.0, 35.0, 43.0, 60.0
+
+
+def _feed(
+    monitor: Monitor, time: float, quantity: str, value: float, bearing: str = 'aft'
+) -> Update:
+    return monitor.update(Sample(bearing, quantity, round(time * SECOND), value))
+
+
+def _point(monitor: Monitor, time: float, rpm: float, bearing: str = 'aft') -> list[Any]:
+    """Both inputs at one instant; returns the events as (seconds, before, after)."""
+    updates = [
+        _feed(monitor, time, 'speed', rpm, bearing),
+        _feed(monitor, time, 'load', 1000.0, bearing),
+    ]
+    return [_brief(event) for update in updates for event in update.events]
+
+
+def _brief(event: Any) -> tuple[float, str, str]:
+    return event.time_ns / SECOND, str(event.before), str(event.after)
+
+
+def _two(reference: dict[str, Any], **changes: Any) -> MonitorConfig:
+    values: dict[str, Any] = {'bearings': ['aft', 'forward']}
+    for name in values['bearings']:
+        values |= {f'{name}.{k}': v for k, v in reference.items()}
+    return build_config(values | changes)
+
+
+def test_a_point_needs_both_inputs(configure: Configure) -> None:
+    monitor = Monitor(configure())
+    assert _feed(monitor, 0.0, 'speed', UNSTABLE).verdict is None
+    update = _feed(monitor, 1.0, 'load', 1000.0)
+    assert update.status is Status.ACCEPTED
+    assert update.verdict is not None
+    assert update.verdict.bearing == 'aft'
+    assert update.verdict.time_ns == SECOND
+    assert update.verdict.sticking
+    assert update.verdict.assessment.speed == pytest.approx(20.0 * math.pi * 0.1 / 60.0)
+    assert update.verdict.assessment.load == 1000.0
+    assert update.verdict.assessment.amplitude == pytest.approx(0.52688e-3, rel=1e-4)
+
+
+def test_a_rejected_sample_changes_nothing(configure: Configure) -> None:
+    monitor = Monitor(configure())
+    _point(monitor, 0.0, QUIET)
+    for time, value, status in (
+        (1.0, math.nan, Status.NOT_FINITE),
+        (1.0, 1e9, Status.IMPLAUSIBLE),
+        (0.0, UNSTABLE, Status.REPEATED),
+        (-1.0, UNSTABLE, Status.OUT_OF_ORDER),
+    ):
+        update = _feed(monitor, time, 'speed', value)
+        assert (update.status, update.verdict, update.events) == (status, None, [])
+    assert monitor.bearings['aft'].now_ns == 0
+    assert monitor.bearings['aft'].verdict is not None
+    assert not monitor.bearings['aft'].verdict.sticking
+
+
+def test_coast_down_and_recovery(configure: Configure) -> None:
+    monitor = Monitor(configure(alarm__on_delay=2.0, alarm__off_delay=3.0))
+    speeds = [QUIET] * 5 + [CAUTION] * 5 + [INSIDE] * 5 + [UNSTABLE] * 5 + [INSIDE] * 5
+    speeds += [CAUTION] * 5 + [QUIET] * 8
+    events = [e for time, rpm in enumerate(speeds) for e in _point(monitor, time, rpm)]
+    assert events == [
+        (7.0, 'normal', 'caution'),
+        (12.0, 'caution', 'bistable'),
+        (17.0, 'bistable', 'stick_slip'),
+        # Coming up it sticks until the fold, so it is left only with the caution of 25 s.
+        (28.0, 'stick_slip', 'caution'),
+        (33.0, 'caution', 'normal'),
+    ]
+
+
+def test_lost_and_returned(configure: Configure) -> None:
+    monitor = Monitor(configure(speed__timeout=3.0, load__timeout=4.0))
+    monitor.advance(0)
+    _point(monitor, 1.0, QUIET)
+    assert monitor.advance(4 * SECOND) == []
+    (lost,) = monitor.advance(10 * SECOND)
+    assert _brief(lost) == (4.0, 'normal', 'input_stale')
+    assert lost.lost == {'speed': 3.0}
+    assert lost.text == 'aft: Input speed lost: nothing believable on /shaft/speed for 3 s.'
+    assert monitor.condition('aft') is Condition.INPUT_STALE
+    assert monitor.bearings['aft'].lost() == {'speed': 9.0, 'load': 9.0}
+    assert monitor.bearings['aft'].text() == (
+        'aft: Input speed lost: nothing believable on /shaft/speed for 9 s.'
+        ' Input load lost: nothing believable on /bearing/aft/load for 9 s.'
+    )
+    assert _feed(monitor, 11.0, 'speed', QUIET).events == []
+    (back,) = _feed(monitor, 12.0, 'load', 1000.0).events
+    assert _brief(back) == (12.0, 'input_stale', 'normal')
+    assert monitor.bearings['aft'].lost() == {}
+
+
+def test_rejected_samples_do_not_keep_an_input_alive(configure: Configure) -> None:
+    monitor = Monitor(configure(speed__timeout=3.0))
+    _point(monitor, 0.0, QUIET)
+    events = []
+    for time in range(1, 8):
+        assert _feed(monitor, time, 'speed', math.nan).status is Status.NOT_FINITE
+        events += [_brief(e) for e in _feed(monitor, time, 'load', 1000.0).events]
+    assert events == [(3.0, 'normal', 'input_stale')]
+
+
+def test_bearings_are_independent(reference: dict[str, Any]) -> None:
+    changes = {'aft.alarm.on_delay': 0.0, 'forward.alarm.on_delay': 0.0}
+    monitor = Monitor(_two(reference, **changes))
+    assert _point(monitor, 100.0, QUIET, 'aft') == []
+    # The other bearing's clock runs by its own samples.
+    assert _point(monitor, 0.0, UNSTABLE, 'forward') == [(0.0, 'normal', 'stick_slip')]
+    assert monitor.condition('aft') is Condition.NORMAL
+    assert monitor.condition('forward') is Condition.STICK_SLIP
+    assert [_brief(e) for e in _feed(monitor, 200.0, 'speed', QUIET, 'aft').events] == [
+        (105.0, 'normal', 'input_stale')
+    ]
+    assert monitor.condition('forward') is Condition.STICK_SLIP
+
+
+def test_one_shaft_speed_for_two_bearings(reference: dict[str, Any]) -> None:
+    heavy = {'forward.load.topic': '/bearing/forward/load', 'forward.journal_diameter': 0.2}
+    config = _two(reference, **heavy)
+    assert config.bearing('aft').speed.topic == config.bearing('forward').speed.topic
+    monitor = Monitor(config)
+    verdicts = []
+    for name in ('aft', 'forward'):
+        _feed(monitor, 0.0, 'speed', 30.0, name)
+        verdicts.append(_feed(monitor, 0.0, 'load', 1000.0, name).verdict)
+    aft, forward = (v.assessment.speed for v in verdicts if v is not None)
+    assert forward == pytest.approx(2.0 * aft, rel=1e-15)
+
+
+def test_advance_starts_the_waiting_for_every_bearing(reference: dict[str, Any]) -> None:
+    monitor = Monitor(_two(reference, **{'forward.load.timeout': 2.0}))
+    assert monitor.advance(0) == []
+    events = monitor.advance(60 * SECOND)
+    assert [(e.bearing, *_brief(e)) for e in events] == [
+        ('aft', 5.0, 'normal', 'input_stale'),
+        ('forward', 2.0, 'normal', 'input_stale'),
+    ]
+
+
+def test_an_earlier_time_changes_nothing(configure: Configure) -> None:
+    monitor = Monitor(configure())
+    monitor.advance(10 * SECOND)
+    assert monitor.advance(3 * SECOND) == []
+    assert monitor.bearings['aft'].now_ns == 10 * SECOND
+
+
+def test_a_first_sample_before_the_start_moves_the_start(configure: Configure) -> None:
+    # A recording is played whose stamps are long past.
+    monitor = Monitor(configure(alarm__on_delay=0.0, load__timeout=4.0))
+    monitor.advance(1000 * SECOND)
+    assert _feed(monitor, 10.0, 'speed', UNSTABLE).events == []
+    assert monitor.bearings['aft'].now_ns == 10 * SECOND
+    assert [_brief(e) for e in monitor.advance(15 * SECOND)] == [(14.0, 'normal', 'input_stale')]
+
+
+def test_the_clock_jumps_back(configure: Configure) -> None:
+    monitor = Monitor(configure(alarm__on_delay=2.0, alarm__off_delay=2.0))
+    for time in (100.0, 101.0, 102.0):
+        events = _point(monitor, time, UNSTABLE)
+    assert events == [(102.0, 'normal', 'stick_slip')]
+    _point(monitor, 103.0, QUIET)
+    update = _feed(monitor, 0.0, 'speed', QUIET)
+    assert (update.status, update.verdict, update.events) == (Status.CLOCK_JUMP, None, [])
+    assert monitor.condition('aft') is Condition.STICK_SLIP
+    assert _feed(monitor, 0.0, 'load', 1000.0).status is Status.ACCEPTED
+    # The off-delay runs from the jump, not from the time before it.
+    assert _point(monitor, 1.0, QUIET) == []
+    assert _point(monitor, 2.0, QUIET) == [(2.0, 'stick_slip', 'normal')]
+
+
+def test_after_a_jump_the_other_input_must_speak_again(configure: Configure) -> None:
+    monitor = Monitor(configure(load__timeout=4.0))
+    _point(monitor, 100.0, QUIET)
+    assert _feed(monitor, 0.0, 'speed', QUIET).verdict is None
+    assert _feed(monitor, 1.0, 'speed', QUIET).verdict is None
+    events = monitor.advance(4 * SECOND + 1)
+    assert [(_brief(e), e.lost) for e in events] == [
+        ((4.0, 'normal', 'input_stale'), {'load': math.inf})
+    ]
+
+
+def test_lost_across_a_jump_says_so_without_the_old_point(configure: Configure) -> None:
+    monitor = Monitor(configure())
+    _point(monitor, 100.0, UNSTABLE)
+    monitor.advance(200 * SECOND)
+    _feed(monitor, 0.0, 'speed', QUIET)
+    assert monitor.condition('aft') is Condition.INPUT_STALE
+    text = monitor.bearings['aft'].text()
+    assert text == 'aft: An input is lost: nothing can be predicted.'
+
+
+def test_a_small_step_back_is_out_of_order_and_passes(configure: Configure) -> None:
+    monitor = Monitor(configure(speed__timeout=5.0))
+    _point(monitor, 100.0, QUIET)
+    assert _feed(monitor, 95.0, 'speed', UNSTABLE).status is Status.OUT_OF_ORDER
+    assert _feed(monitor, 100.5, 'speed', QUIET).status is Status.ACCEPTED
+
+
+@pytest.mark.parametrize('offset', [-2.9, -1.0, 1.0, 2.9])
+def test_sensors_whose_clocks_differ_by_less_than_the_timeout_less_a_period_are_paired(
+    configure: Configure, offset: float
+) -> None:
+    monitor = Monitor(configure(speed__timeout=4.0, load__timeout=4.0))
+    events, verdicts = [], []
+    for time in range(20):
+        for quantity, shift, value in (('speed', 0.0, UNSTABLE), ('load', offset, 1000.0)):
+            update = _feed(monitor, time + shift, quantity, value)
+            events += [_brief(e) for e in update.events]
+            verdicts.append(update.verdict)
+    assert [(before, after) for _, before, after in events] == [('normal', 'stick_slip')]
+    assert all(verdict is not None for verdict in verdicts[1:])
+    times = [v.time_ns for v in verdicts if v is not None]
+    assert times == sorted(times)
+    # The monitor's time is that of the clock that is ahead.
+    assert times[-1] == round((19 + max(offset, 0.0)) * SECOND)
+
+
+def test_sensors_whose_clocks_differ_by_more_are_never_paired(configure: Configure) -> None:
+    monitor = Monitor(configure(speed__timeout=4.0, load__timeout=4.0))
+    events = []
+    for time in range(20):
+        _feed(monitor, time, 'speed', UNSTABLE)
+        update = _feed(monitor, time - 4.5, 'load', 1000.0)
+        assert update.verdict is None
+        events += update.events
+    assert monitor.condition('aft') is Condition.INPUT_STALE
+    assert 'Input load lost' in monitor.bearings['aft'].text()
+
+
+def test_event_text_names_speed_load_amplitude_and_way_out(configure: Configure) -> None:
+    monitor = Monitor(configure(alarm__on_delay=0.0))
+    _feed(monitor, 0.0, 'speed', UNSTABLE)
+    (event,) = _feed(monitor, 0.0, 'load', 1000.0).events
+    assert event.text.startswith(
+        'aft: Stick-slip predicted. At 20 rpm and 1 kN, predicted amplitude 0.527 mm'
+    )
+    # The load is the 498 N of PHYSICS.md.
+    assert re.search(r'Ends above 40\.72 rpm or below 0\.498\d kN\.$', event.text)
+    assert event.assessment is not None
+    assert event.assessment.amplitude == pytest.approx(0.52688e-3, rel=1e-4)
+
+
+def test_a_delayed_event_rests_on_the_point_before_it(configure: Configure) -> None:
+    monitor = Monitor(configure(alarm__on_delay=2.0, speed__timeout=60.0, load__timeout=60.0))
+    _point(monitor, 0.0, UNSTABLE)
+    (event,) = _feed(monitor, 5.0, 'speed', QUIET).events
+    assert _brief(event) == (2.0, 'normal', 'stick_slip')
+    assert 'At 20 rpm' in event.text
+    assert event.sticking
+
+
+def test_retune_keeps_the_state(configure: Configure) -> None:
+    monitor = Monitor(configure(alarm__on_delay=10.0))
+    _point(monitor, 0.0, UNSTABLE)
+    _point(monitor, 4.0, INSIDE)
+    monitor.retune(configure(alarm__on_delay=6.0))
+    # Still sticking, and the delay has run since 0 s.
+    update = _feed(monitor, 8.0, 'speed', INSIDE)
+    assert [_brief(e) for e in update.events] == [(6.0, 'normal', 'stick_slip')]
+    assert update.verdict is not None
+    assert update.verdict.sticking
+    assert monitor.bearings['aft'].gate.counts.sum() == 5
+
+
+def test_retune_takes_over_scale_deadband_and_limit(configure: Configure) -> None:
+    monitor = Monitor(configure(alarm__on_delay=0.0))
+    _point(monitor, 0.0, UNSTABLE)
+    changed = configure(
+        alarm__on_delay=0.0, load__scale=2.0, alarm__amplitude_limit=1e-6, speed__maximum=0.11
+    )
+    monitor.retune(changed)
+    update = _feed(monitor, 1.0, 'load', 600.0)
+    assert update.verdict is not None
+    assert update.verdict.assessment.load == 1200.0
+    assert update.verdict.condition is Condition.AMPLITUDE
+    assert _feed(monitor, 2.0, 'speed', 22.0).status is Status.IMPLAUSIBLE
+    monitor.retune(configure(alarm__minimum_speed=0.2))
+    _feed(monitor, 3.0, 'speed', INSIDE)
+    verdict = monitor.bearings['aft'].verdict
+    assert verdict is not None
+    assert verdict.assessment.speed == 0.0
+
+
+def test_a_shorter_timeout_reaches_an_input_already_silent(configure: Configure) -> None:
+    monitor = Monitor(configure(speed__timeout=3600.0, load__timeout=3600.0))
+    _point(monitor, 0.0, QUIET)
+    assert monitor.advance(60 * SECOND) == []
+    monitor.retune(configure(speed__timeout=5.0, load__timeout=3600.0))
+    # It would have been lost at 5 s; it is told when it is known, at 60 s.
+    assert [(_brief(e), e.lost) for e in monitor.advance(61 * SECOND)] == [
+        ((60.0, 'normal', 'input_stale'), {'speed': 60.0})
+    ]
+
+
+def test_a_new_timeout_is_that_of_the_clock_jump_too(configure: Configure) -> None:
+    monitor = Monitor(configure(speed__timeout=5.0))
+    _point(monitor, 10.0, QUIET)
+    assert _feed(monitor, 8.0, 'speed', QUIET).status is Status.OUT_OF_ORDER
+    monitor.retune(configure(speed__timeout=1.0))
+    assert _feed(monitor, 8.0, 'speed', QUIET).status is Status.CLOCK_JUMP
+
+
+def test_a_longer_timeout_reaches_an_input_already_heard(configure: Configure) -> None:
+    monitor = Monitor(configure(speed__timeout=5.0, load__timeout=5.0))
+    _point(monitor, 0.0, QUIET)
+    monitor.retune(configure(speed__timeout=50.0, load__timeout=40.0))
+    assert monitor.advance(40 * SECOND) == []
+    assert [_brief(e) for e in monitor.advance(41 * SECOND)] == [(40.0, 'normal', 'input_stale')]
+
+
+def test_retune_before_the_first_sample(configure: Configure) -> None:
+    monitor = Monitor(configure())
+    monitor.retune(configure(alarm__on_delay=0.0))
+    assert _point(monitor, 0.0, UNSTABLE) == [(0.0, 'normal', 'stick_slip')]
+
+
+def test_retune_with_other_bearings_is_refused_whole(reference: dict[str, Any]) -> None:
+    one = build_config({'bearings': ['aft']} | {f'aft.{k}': v for k, v in reference.items()})
+    two = _two(reference, **{'aft.alarm.on_delay': 0.0})
+    for before, after in ((one, two), (two, one)):
+        monitor = Monitor(before)
+        with pytest.raises(ConfigurationError, match=r'bearings = \[aft.*must stay \[aft'):
+            monitor.retune(after)
+        assert monitor.config is before
+        assert monitor.bearings['aft'].config is before.bearing('aft')
+
+
+def test_unknown_names(configure: Configure) -> None:
+    monitor = Monitor(configure())
+    with pytest.raises(ConfigurationError, match="bearing 'bow' is not configured"):
+        monitor.update(Sample('bow', 'speed', 0, 1.0))
+    with pytest.raises(ConfigurationError, match="quantity 'torque' is not one of speed, load"):
+        monitor.update(Sample('aft', 'torque', 0, 1.0))
+    with pytest.raises(ConfigurationError, match="bearing 'bow' is not configured"):
+        monitor.condition('bow')
+
+
+S, L = 0, 1
+NAN = math.nan
+RECORDINGS = {
+    # A lost input returns at a point with the rung of before: no change of rung, yet an event.
+    'returned': [(0, L, 1000), (0, S, 0), (7, S, 0), (1, L, 1000), (7, L, 1000), (8, S, 0)],
+    # A delay ends exactly at the last point.
+    'last': [(0, S, 20), (0, L, 1000), (1, S, 20), (2, S, 20), (2, L, 1000)],
+    # A delay ends at an instant of two points, at the second of which the condition is gone.
+    'twice': [(0, S, 20), (0, L, 1000), (1, S, 20), (2, L, 1000), (2, S, 60), (3, S, 60)],
+    # A delay ends at the very deadline of an input, which is then lost.
+    'deadline': [(0, S, 20), (0, L, 1000), (2, S, 20), (3, S, 60), (4, S, 60), (9, S, 60)],
+    # The same, and the input that was lost is the next to speak.
+    'back': [(0, S, 20), (0, L, 1000), (2, S, 20), (4, L, 0), (5, L, 0), (7, S, 20), (8, L, 0)],
+    'silent jump': [(0, S, 20), (0, L, 1000), (2, S, 20), (2, L, NAN), (-50, S, 60), (-50, L, 9)],
+}
+
+
+@pytest.mark.parametrize('rows', RECORDINGS.values(), ids=RECORDINGS)
+@pytest.mark.parametrize('off', [1.0, 3.0])
+def test_scan_tells_what_update_tells(
+    configure: Configure, rows: list[tuple[int, int, float]], off: float
+) -> None:
+    config = configure(
+        alarm__on_delay=2.0, alarm__off_delay=off, speed__timeout=3.0, load__timeout=4.0
+    )
+    live = Monitor(config)
+    events, conditions = [], []
+    for time, is_load, value in rows:
+        update = _feed(live, time, QUANTITIES[is_load], value)
+        events += update.events
+        if update.verdict is not None:
+            conditions.append(update.verdict.condition)
+    now = live.bearings['aft'].now_ns
+    assert now is not None
+    events += live.advance(now)
+    times, loads, values = (np.array(column) for column in zip(*rows, strict=True))
+    stream = Stream(times * SECOND, loads == L, values.astype(float))
+    scan = live.scan({'aft': stream}, None, now)['aft']
+    assert [(e.time_ns, e.before, e.after, e.text) for e in scan.events] == [
+        (e.time_ns, e.before, e.after, e.text) for e in events
+    ]
+    assert scan.condition == conditions
+
+
+def test_scan_leaves_the_monitor_alone(configure: Configure) -> None:
+    monitor = Monitor(configure())
+    _point(monitor, 0.0, QUIET)
+    stream = Stream(np.array([5, 5]) * SECOND, np.array([False, True]), np.array([20.0, 1e3]))
+    assert monitor.scan({'aft': stream})['aft'].sticking.tolist() == [True]
+    assert monitor.bearings['aft'].now_ns == 0
+    with pytest.raises(ConfigurationError, match="bearing 'bow' is not configured"):
+        monitor.scan({'bow': stream})
+
+
+def test_scan_of_nothing(configure: Configure) -> None:
+    empty = Stream(np.empty(0, np.int64), np.empty(0, bool), np.empty(0))
+    scan = Monitor(configure()).scan({'aft': empty}, 0, 60 * SECOND)['aft']
+    assert scan.time_ns.size == 0
+    assert [_brief(e) for e in scan.events] == [(5.0, 'normal', 'input_stale')]
+    assert Monitor(configure()).scan({'aft': empty})['aft'].events == []

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the monitor says in words; the numbers come from the closed forms of PHYSICS.md."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import pytest
+from scipy.optimize import brentq
+from scipy.special import i1e
+
+from stickslip_monitor import MonitorConfig, assess
+from stickslip_monitor.monitor.alarm import Condition
+from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.track import Change
+from stickslip_monitor.monitor.verdict import describe, event_of
+
+Configure = Callable[..., MonitorConfig]
+# Fold: 2 I1e(v)/v = kappa with kappa = 0.2 at 1000 N, v = beta V, beta = 10 s/m, D = 0.1 m.
+FOLD = brentq(lambda v: 2.0 * i1e(v) / v - 0.2, 0.1, 10.0, xtol=1e-14) / 10.0
+PER_RPM = math.pi * 0.1 / 60.0
+
+
+@pytest.fixture
+def aft(configure: Configure) -> BearingConfig:
+    return configure().bearing('aft')
+
+
+def _text(
+    config: BearingConfig, condition: Condition, rpm: float, load: float, sticking: bool = False
+) -> str:
+    point = assess(config.bearing, rpm * PER_RPM, load)
+    return describe(config, condition, point, sticking, {})
+
+
+def _fold_kilonewton(rpm: float) -> float:
+    v = 10.0 * rpm * PER_RPM
+    return 400.0 / (0.2 * 10.0 * 2.0 * i1e(v) / v) / 1e3
+
+
+def test_stick_slip(aft: BearingConfig) -> None:
+    assert _text(aft, Condition.STICK_SLIP, 20.0, 1000.0, sticking=True) == (
+        'aft: Stick-slip predicted. At 20 rpm and 1 kN, predicted amplitude 0.527 mm, fold margin'
+        f' {20.0 * PER_RPM / FOLD - 1.0:+.1%}. Ends above {FOLD / PER_RPM:.4g} rpm or below'
+        f' {_fold_kilonewton(20.0):.4g} kN.'
+    )
+    # The two numbers PHYSICS.md prints.
+    assert f'{FOLD / PER_RPM:.4f}' == '40.7231'
+    assert f'{_fold_kilonewton(20.0) * 1e3:.0f}' == '498'
+
+
+def test_bistable_and_quiet(aft: BearingConfig) -> None:
+    assert _text(aft, Condition.BISTABLE, 35.0, 1000.0) == (
+        'aft: Inside the bistable range: quiet now, but a disturbance can start stick-slip.'
+        f' At 35 rpm and 1 kN, fold margin {35.0 * PER_RPM / FOLD - 1.0:+.1%}.'
+        f' Ends above 40.72 rpm or below {_fold_kilonewton(35.0):.4g} kN.'
+    )
+
+
+def test_caution_ends_beyond_its_deadband(configure: Configure) -> None:
+    aft = configure(alarm__caution_margin=0.1, alarm__hysteresis=0.05).bearing('aft')
+    assert _text(aft, Condition.CAUTION, 42.0, 1000.0) == (
+        'aft: Close to the stick-slip region. At 42 rpm and 1 kN, fold margin'
+        f' {42.0 * PER_RPM / FOLD - 1.0:+.1%}. Ends above {1.15 * FOLD / PER_RPM:.4g} rpm.'
+    )
+
+
+def test_caution_names_the_speed_only(aft: BearingConfig) -> None:
+    # A lower load ends the bistable range, but at which one the caution ends is not known.
+    text = _text(aft, Condition.CAUTION, 35.0, 1000.0)
+    assert f'Ends above {1.12 * FOLD / PER_RPM:.4g} rpm.' in text
+    assert 'below' not in text
+
+
+def test_normal_has_no_way_out(aft: BearingConfig) -> None:
+    assert _text(aft, Condition.NORMAL, 60.0, 1000.0) == (
+        'aft: No stick-slip predicted. At 60 rpm and 1 kN, fold margin'
+        f' {60.0 * PER_RPM / FOLD - 1.0:+.1%}.'
+    )
+
+
+def test_a_condition_that_is_only_held_by_its_delay_names_no_way_out(aft: BearingConfig) -> None:
+    assert 'Ends' not in _text(aft, Condition.STICK_SLIP, 60.0, 1000.0)
+
+
+@pytest.mark.parametrize(
+    ('rpm', 'load', 'sentence'),
+    [
+        (0.0, 1000.0, 'The shaft is at rest: nothing slides.'),
+        (20.0, 0.0, 'The bearing carries no load: there is no friction.'),
+        (20.0, 100.0, 'Friction does not fall fast enough'),  # below c / (Delta beta) = 200 N
+    ],
+)
+def test_points_without_a_boundary(
+    aft: BearingConfig, rpm: float, load: float, sentence: str
+) -> None:
+    text = _text(aft, Condition.NORMAL, rpm, load)
+    start = f'aft: No stick-slip predicted. At {rpm:.4g} rpm and {load / 1e3:.4g} kN. {sentence}'
+    assert text.startswith(start)
+    assert 'nan' not in text
+    assert 'inf' not in text
+
+
+def test_a_law_that_always_sticks_names_no_endless_speed(configure: Configure) -> None:
+    aft = configure(friction__law='coulomb').bearing('aft')
+    text = _text(aft, Condition.NORMAL, 300.0, 1000.0)
+    assert 'inf' not in text
+    assert 'nan' not in text
+
+
+def test_lost_inputs_name_their_topics_and_ages(aft: BearingConfig) -> None:
+    lost = {'speed': 5.0, 'load': math.inf}
+    point = assess(aft.bearing, 0.1, 1000.0)
+    assert describe(aft, Condition.INPUT_STALE, point, True, lost) == (
+        'aft: Input speed lost: nothing believable on /shaft/speed for 5 s.'
+        ' Input load lost: nothing believable on /bearing/aft/load so far.'
+    )
+
+
+def test_lost_without_an_age_does_not_speak_of_an_old_point(aft: BearingConfig) -> None:
+    point = assess(aft.bearing, 0.1, 1000.0)
+    assert describe(aft, Condition.INPUT_STALE, point, True, {}) == (
+        'aft: An input is lost: nothing can be predicted.'
+    )
+
+
+def test_before_any_point(aft: BearingConfig) -> None:
+    assert describe(aft, Condition.NORMAL, None, False, {}) == 'aft: No stick-slip predicted.'
+
+
+def test_event_carries_the_change_and_the_assessment(aft: BearingConfig) -> None:
+    point = assess(aft.bearing, 20.0 * PER_RPM, 1000.0)
+    change = Change(7, Condition.NORMAL, Condition.STICK_SLIP)
+    event = event_of(aft, change, point, True)
+    assert (event.bearing, event.time_ns, event.before, event.after) == (
+        'aft',
+        7,
+        Condition.NORMAL,
+        Condition.STICK_SLIP,
+    )
+    assert event.assessment is point
+    assert (event.sticking, event.lost) == (True, {})
+    assert event.text == _text(aft, Condition.STICK_SLIP, 20.0, 1000.0, sticking=True)

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from stickslip_monitor.errors import PhysicsError
+from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.physics.oscillator import SPEED_UNITS, Bearing, BearingSpeed
+
+LAW = Stribeck(0.30, 0.10, 10.0)
+GOOD = {'mass': 50.0, 'damping': 400.0, 'stiffness': 2.0e6, 'journal_diameter': 0.1}
+
+
+def test_reference_bearing_has_the_stated_groups(reference: Bearing) -> None:
+    """PHYSICS.md: omega = 200 rad/s, zeta = 0.02."""
+    assert reference.natural_frequency == pytest.approx(200.0, rel=1e-15)
+    assert reference.damping_ratio == pytest.approx(0.02, rel=1e-15)
+
+
+def test_free_vibration_has_that_frequency_and_damping() -> None:
+    """``m x'' + c x' + k x = 0`` integrated by scipy: one damped period shrinks as zeta says."""
+    bearing = Bearing(3.0, 7.0, 500.0, LAW, 0.1)
+    omega, zeta = bearing.natural_frequency, bearing.damping_ratio
+    period = 2.0 * np.pi / (omega * np.sqrt(1.0 - zeta * zeta))
+    run = solve_ivp(
+        lambda _, y: [y[1], -(7.0 * y[1] + 500.0 * y[0]) / 3.0],
+        (0.0, period),
+        [1.0, 0.0],
+        rtol=1e-11,
+        atol=1e-12,
+    )
+    assert run.y[0, -1] == pytest.approx(np.exp(-zeta * omega * period), rel=1e-8)
+    assert abs(run.y[1, -1]) < 1e-8 * omega
+
+
+def test_equilibrium_balances_the_forces(reference: Bearing) -> None:
+    """PHYSICS.md: ``x_e = N mu(V)/k``; the spring carries the friction, odd in the speed."""
+    speed, load = np.array([[0.05], [0.2], [-0.2]]), np.array([300.0, 2000.0])
+    x = reference.equilibrium(speed, load)
+    assert x.shape == (3, 2)
+    mu = np.sign(speed) * (0.1 + 0.2 * np.exp(-10.0 * np.abs(speed)))
+    np.testing.assert_allclose(reference.stiffness * x, load * mu, rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ('unit', 'value'), [('rpm', 60.0), ('Hz', 1.0), ('rad/s', 2.0 * np.pi), ('m/s', np.pi * 0.25)]
+)
+def test_one_turn_a_second_in_every_unit(unit: str, value: float) -> None:
+    """PHYSICS.md: ``V = pi D n`` with n in revolutions per second."""
+    speed = BearingSpeed(0.25)
+    assert float(speed.to_surface(value, unit)) == pytest.approx(np.pi * 0.25, rel=1e-15)
+    assert float(speed.from_surface(np.pi * 0.25, unit)) == pytest.approx(value, rel=1e-15)
+
+
+@pytest.mark.parametrize('unit', SPEED_UNITS)
+def test_conversion_round_trip_keeps_shape_and_sign(unit: str, reference: Bearing) -> None:
+    value = np.array([[-31.0, 0.0, 5e-3], [1.0, 40.7, 1e9]])
+    back = reference.speed.from_surface(reference.speed.to_surface(value, unit), unit)
+    assert back.shape == value.shape
+    np.testing.assert_allclose(back, value, rtol=4e-16)
+
+
+def test_unknown_unit_is_refused_by_name() -> None:
+    with pytest.raises(PhysicsError) as caught:
+        BearingSpeed(0.1).factor('knots')
+    assert str(caught.value) == "speed unit 'knots' is not one of rpm, rad/s, Hz, m/s"
+
+
+def test_torsional_bearing_moves_like_the_translational_one() -> None:
+    """The moment balance ``J phi'' + c_t phi' + k_t phi = N mu(V - R phi') R`` by scipy.
+
+    Its surface displacement ``R phi`` must follow ``m x'' + c x' + k x = N mu(V - x')`` with the
+    converted quantities, integrated independently.
+    """
+    inertia, torsional_damping, torsional_stiffness, radius = 0.8, 1.5, 3000.0, 0.2
+    bearing = Bearing.from_torsional(
+        inertia, torsional_damping, torsional_stiffness, LAW, radius
+    )
+    assert bearing.journal_diameter == pytest.approx(0.4)
+    load, speed, end = 40.0, 2.0, 0.15
+
+    def turning(_: float, y: np.ndarray) -> list[float]:
+        moment = load * float(LAW.coefficient(speed - radius * y[1])) * radius
+        force = moment - torsional_damping * y[1] - torsional_stiffness * y[0]
+        return [y[1], force / inertia]
+
+    def sliding(_: float, y: np.ndarray) -> list[float]:
+        force = load * float(LAW.coefficient(speed - y[1]))
+        return [y[1], (force - bearing.damping * y[1] - bearing.stiffness * y[0]) / bearing.mass]
+
+    options = {'rtol': 1e-10, 'atol': 1e-14}
+    angle = solve_ivp(turning, (0.0, end), [1e-3, 0.0], **options).y[:, -1]
+    place = solve_ivp(sliding, (0.0, end), [1e-3 * radius, 0.0], **options).y[:, -1]
+    np.testing.assert_allclose(radius * angle, place, rtol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'sentence'),
+    [
+        ('mass', -50.0, 'mass = -50 kg must be greater than 0'),
+        ('mass', 0.0, 'mass = 0 kg must be greater than 0'),
+        ('mass', np.nan, 'mass = nan kg must be a finite number'),
+        ('damping', -1.0, 'damping = -1 N s/m must not be negative'),
+        ('damping', np.inf, 'damping = inf N s/m must be a finite number'),
+        ('stiffness', 0.0, 'stiffness = 0 N/m must be greater than 0'),
+        ('journal_diameter', -0.1, 'journal_diameter = -0.1 m must be greater than 0'),
+    ],
+)
+def test_bearing_refuses_by_name_value_and_rule(name: str, value: float, sentence: str) -> None:
+    with pytest.raises(PhysicsError) as caught:
+        Bearing(friction=LAW, **(GOOD | {name: value}))
+    assert str(caught.value) == sentence
+
+
+@pytest.mark.parametrize(
+    ('mass', 'stiffness', 'shown'), [(1e300, 1e-300, '0 rad/s'), (1e-300, 1e300, 'inf rad/s')]
+)
+def test_bearing_refuses_a_frequency_beyond_floats(
+    mass: float, stiffness: float, shown: str
+) -> None:
+    with pytest.raises(PhysicsError) as caught:
+        Bearing(mass, 1.0, stiffness, LAW, 0.1)
+    assert str(caught.value).startswith(f'sqrt(stiffness / mass) = {shown} must be ')
+
+
+def test_bearing_refuses_what_is_no_friction_law() -> None:
+    with pytest.raises(PhysicsError, match=r'friction = 0\.3 must be a friction law: Stribeck, C'):
+        Bearing(friction=0.3, **GOOD)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'sentence'),
+    [
+        ('inertia', -1.0, 'inertia = -1 kg m^2 must be greater than 0'),
+        ('torsional_damping', -1.0, 'torsional_damping = -1 N m s/rad must not be negative'),
+        ('torsional_stiffness', 0.0, 'torsional_stiffness = 0 N m/rad must be greater than 0'),
+        ('journal_radius', 0.0, 'journal_radius = 0 m must be greater than 0'),
+    ],
+)
+def test_torsional_quantities_are_refused_by_their_own_names(
+    name: str, value: float, sentence: str
+) -> None:
+    good = {
+        'inertia': 1.0,
+        'torsional_damping': 1.0,
+        'torsional_stiffness': 1.0,
+        'journal_radius': 0.1,
+    }
+    with pytest.raises(PhysicsError) as caught:
+        Bearing.from_torsional(friction=LAW, **(good | {name: value}))
+    assert str(caught.value) == sentence

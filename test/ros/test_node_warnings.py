@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from stickslip_monitor import assess, build_config
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+# Reference bearing, 1000 N: Hopf speed 30.738 rpm, fold speed 40.7231 rpm (PHYSICS: closed forms);
+# caution below 1.1 * 40.7231 = 44.795 rpm, until above 1.12 * 40.7231 = 45.610 rpm.
+COAST = [(60.0 - 2.0 * t, float(t)) for t in range(20)] + [
+    (20.0 + 2.0 * t, 20.0 + t) for t in range(20)
+]
+# First speed beyond each boundary, then the delay: 0.5 s on, 1.5 s off.
+EXPECTED = [
+    (8.5, 'normal', 'caution', 'WARN', 44.0),
+    (10.5, 'caution', 'bistable', 'WARN', 40.0),
+    (15.5, 'bistable', 'stick_slip', 'ERROR', 30.0),
+    (32.5, 'stick_slip', 'caution', 'WARN', 44.0),
+    (34.5, 'caution', 'normal', 'OK', 48.0),
+]
+
+
+def test_warnings_arrive_clear_and_are_kept_for_late_joiners(start: Any, kit: Any) -> None:
+    monitor = start(kit.parameters(kit.STAMPED))
+    warnings = monitor.warnings()
+    telemetry = kit.Telemetry(monitor)
+    for rpm, seconds in COAST:
+        telemetry.step(rpm, 1000.0, seconds)
+    monitor.peer.until(lambda: len(warnings) >= len(EXPECTED), 'all events')
+    heard = kit.events(warnings)
+    assert [((e['time'] - kit.T0) / kit.SECOND, e['from'], e['to'], e['level']) for e in heard] == [
+        expected[:4] for expected in EXPECTED
+    ]
+    for event, (_, _, to, _, rpm) in zip(heard, EXPECTED, strict=True):
+        assert event['schema'] == 'stickslip_monitor/warning/1'
+        assert event['bearing'] == 'aft'
+        assert event['reason'] == to
+        assert event['speed'] == pytest.approx(math.pi * 0.1 * rpm / 60.0, rel=1e-12)
+        assert event['load'] == 1000.0
+        assert event['input_age'] == {}
+        assert event['sticking'] is (to == 'stick_slip')
+        assert event['fold_margin'] == pytest.approx(rpm / 40.7231 - 1.0, abs=2e-6)
+        assert event['text'].startswith('aft: ')
+
+    late = monitor.warnings()
+    monitor.peer.until(lambda: len(late) >= len(warnings), 'latched warnings')
+    assert [message.data for message in late] == [message.data for message in warnings]
+
+
+def test_published_numbers_equal_the_assessment(start: Any, kit: Any) -> None:
+    values = kit.parameters(kit.STAMPED)
+    bearing = build_config(values).bearing('aft').bearing
+    monitor = start(values)
+    telemetry = kit.Telemetry(monitor)
+    points = [(60, 1000), (35, 1000), (20, 1000), (20, 100), (0, 1000), (-20, 1000), (20, 0)]
+    answers = {}
+    for second, (rpm, load) in enumerate(points):
+        answer = answers[rpm, load] = telemetry.step(rpm, load, second)
+        expected = assess(bearing, bearing.speed.to_surface(float(rpm), 'rpm'), float(load))
+        amplitude = 0.0 if math.isnan(expected.amplitude) else expected.amplitude
+        assert answer == {
+            'amplitude': amplitude,
+            'hopf_margin': expected.hopf_margin,
+            'fold_margin': expected.fold_margin,
+            'regime': expected.regime.value,
+        }
+    assert answers[20, 1000]['amplitude'] == pytest.approx(0.52688e-3, abs=5e-9)
+    assert answers[60, 1000]['amplitude'] == 0.0
+    assert answers[20, 100] == {
+        'amplitude': 0.0,
+        'hopf_margin': math.inf,
+        'fold_margin': math.inf,
+        'regime': 'stable',
+    }
+    assert [answers[key]['regime'] for key in ((60, 1000), (35, 1000), (0, 1000))] == [
+        'stable',
+        'bistable',
+        'undetermined',
+    ]
+    assert answers[-20, 1000] == answers[20, 1000]

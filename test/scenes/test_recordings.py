@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The recordings of bags/: as the manifest says, and the monitor's alarms when they are due."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zstandard
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+
+from stickslip_monitor.bags.reader import Request, open_bag
+from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.monitor import Monitor
+from stickslip_monitor.monitor.scan import Scan
+from stickslip_monitor.monitor.signals import Stream
+from stickslip_monitor.scenes.scene_file import load_scene
+
+ROOT = Path(__file__).resolve().parents[2]
+BAGS = ROOT / 'bags'
+MANIFEST: dict[str, Any] = json.loads((BAGS / 'manifest.json').read_text('utf-8'))
+ENTRIES: dict[str, dict[str, Any]] = MANIFEST['bags']
+STORE = get_typestore(Stores.ROS2_JAZZY)
+LADDER = ['normal', 'caution', 'bistable', 'stick_slip', 'amplitude_limit']
+
+
+def test_manifest_lists_every_scene_and_every_bag() -> None:
+    assert set(ENTRIES) == {p.stem for p in (ROOT / 'launch_configs' / 'scenes').glob('*.yaml')}
+    assert set(ENTRIES) == {p.name for p in BAGS.iterdir() if p.is_dir()}
+    assert sum(p.stat().st_size for p in BAGS.rglob('*') if p.is_file()) < 2_000_000
+
+
+@pytest.mark.parametrize('name', ENTRIES)
+def test_bag_is_as_the_manifest_says(name: str) -> None:
+    entry = ENTRIES[name]
+    data = (BAGS / entry['file']).read_bytes()
+    assert len(data) == entry['bytes']
+    assert hashlib.sha256(data).hexdigest() == entry['sha256']
+    assert load_scene(ROOT / entry['scene']).seed == entry['seed']
+    with Reader(BAGS / name) as reader:
+        assert reader.message_count == entry['messages']
+        assert reader.start_time == entry['start_ns']
+        # rosbags takes the end of a recording to be just after its last message.
+        assert reader.duration == entry['duration'] * 1e9 + 1
+
+
+def test_bags_can_be_made_again_bit_for_bit(tmp_path: Path) -> None:
+    script = ROOT / 'scripts' / 'make_bags.py'
+    environment = os.environ | {'PYTHONPATH': str(ROOT)}
+    command = [sys.executable, str(script), '--output', str(tmp_path)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert [line.split(':')[0] for line in done.stdout.splitlines()] == sorted(ENTRIES)
+    made = json.loads((tmp_path / 'manifest.json').read_text('utf-8'))
+    same_zstd = MANIFEST['zstd'] == '.'.join(map(str, zstandard.ZSTD_VERSION))
+    for name, entry in ENTRIES.items():
+        # Another zstd may pack the same messages into other bytes.
+        packed = () if same_zstd else ('bytes', 'sha256')
+        assert {k: v for k, v in made['bags'][name].items() if k not in packed} == {
+            k: v for k, v in entry.items() if k not in packed
+        }
+    assert {p.name for p in tmp_path.iterdir()} == {*ENTRIES, 'manifest.json'}
+
+
+@pytest.mark.parametrize('name', ENTRIES)
+def test_rosbags_reads_the_noise_around_the_profiles(name: str) -> None:
+    """Against the scene file's own points, by another reader."""
+    scene = load_scene(ROOT / ENTRIES[name]['scene'])
+    speed_points, load_points, noise = (
+        settings.value(key, '')
+        for settings, key in zip(scene.effects, ('points', 'points', 'speed'), strict=True)
+    )
+    points = {'/shaft/speed': speed_points, '/bearing/aft_stern/load': load_points}
+    deviations = {
+        '/shaft/speed': noise['standard_deviation'],
+        '/bearing/aft_stern/load': scene.effects[2].value('load', '')['standard_deviation'],
+    }
+    rows: dict[str, list[tuple[int, float]]] = {topic: [] for topic in points}
+    with Reader(BAGS / name) as reader:
+        for connection, time, data in reader.messages():
+            message: Any = STORE.deserialize_cdr(data, connection.msgtype)
+            rows[connection.topic].append((time, message.data))
+    for topic, table in points.items():
+        stamps, values = (np.array(column) for column in zip(*rows[topic], strict=True))
+        clean = np.interp((stamps - scene.start_ns) * 1e-9, *np.transpose(table))
+        off = (values - clean) / deviations[topic]
+        assert abs(off.mean()) < 5.0 / np.sqrt(off.size)
+        assert abs(off.std() - 1.0) < 5.0 / np.sqrt(2 * off.size)
+
+
+def scan(name: str) -> tuple[BearingConfig, int, Scan]:
+    """The monitor over a recording: the bearing, when it starts [ns], the scan."""
+    config = load_scene(ROOT / ENTRIES[name]['scene']).config
+    (bearing,) = config.bearings
+    bag = open_bag(BAGS / name)
+    inputs = [Request(i.topic, 'data', i.type) for i in (bearing.speed, bearing.load)]
+    read = bag.read(inputs)
+    series = [read[request] for request in inputs]
+    order = np.argsort(np.concatenate([s.sequence for s in series]))
+    stream = Stream(
+        time_ns=np.concatenate([s.stamp_ns for s in series])[order],
+        is_load=np.repeat([False, True], [s.value.size for s in series])[order],
+        value=np.concatenate([s.value for s in series])[order],
+    )
+    assert bag.start_ns is not None
+    scans = Monitor(config).scan({bearing.name: stream}, bag.start_ns, bag.end_ns)
+    return bearing, bag.start_ns, scans[bearing.name]
+
+
+def rungs(before: str, after: str) -> list[tuple[str, bool]]:
+    """The rungs of the alarm's ladder that a change raises (True) or clears."""
+    low, high = sorted((LADDER.index(before), LADDER.index(after)))
+    return [(name, after == LADDER[high]) for name in LADDER[low + 1 : high + 1]]
+
+
+@pytest.mark.parametrize('name', ENTRIES)
+def test_monitor_gives_every_alarm_when_it_is_due_and_no_other(name: str) -> None:
+    """Rung by rung: on its way down the alarm may rest for a moment where noise holds it."""
+    _, start_ns, found = scan(name)
+    due = [
+        (*rung, event['earliest'], event['latest'])
+        for event in ENTRIES[name]['events']
+        for rung in rungs(event['before'], event['after'])
+    ]
+    given = [
+        (*rung, (event.time_ns - start_ns) * 1e-9)
+        for event in found.events
+        for rung in rungs(str(event.before), str(event.after))
+    ]
+    for condition in LADDER[1:]:
+        expected = [row for row in due if row[0] == condition]
+        actual = [row for row in given if row[0] == condition]
+        assert [row[1] for row in actual] == [row[1] for row in expected]
+        for (_, _, time), (_, _, earliest, latest) in zip(actual, expected, strict=True):
+            assert earliest <= time <= latest
+
+
+def test_conditions_come_in_the_order_of_the_scene() -> None:
+    """Without what noise adds on the way down: a rest on a rung for less than two seconds."""
+    expected = {
+        'coast_down': [
+            'caution',
+            'bistable',
+            'stick_slip',
+            'amplitude_limit',
+            'caution',
+            'normal',
+        ],
+        'load_excursion': ['caution', 'bistable', 'stick_slip', 'caution', 'normal'],
+        'voyage': [],
+    }
+    for name, conditions in expected.items():
+        assert [event['after'] for event in ENTRIES[name]['events']] == conditions
+        events = scan(name)[2].events
+        ends = [event.time_ns for event in events[1:]] + [np.inf] * bool(events)
+        lasting = [
+            str(event.after)
+            for event, end in zip(events, ends, strict=True)
+            if end - event.time_ns > 2e9
+        ]
+        assert lasting == conditions
+
+
+def test_stick_slip_shows_hysteresis() -> None:
+    """At 1000 N and between 31 and 40 rpm: quiet on the way down, sticking on the way up."""
+    bearing, start_ns, found = scan('coast_down')
+    rpm = bearing.bearing.speed.from_surface(found.assessment.speed, 'rpm')
+    between = (rpm > 32.0) & (rpm < 39.5)
+    down = (found.time_ns - start_ns) < 135e9
+    assert not found.sticking[between & down].any()
+    assert found.sticking[between & ~down].all()
+
+
+# Speeds and loads of the boundaries from PHYSICS: Hopf 30.7380 rpm and fold 40.7231 rpm at
+# 1000 N; fold about 498 N and Hopf about 570 N at 20 rpm. Caution begins at 1.1 times the fold
+# speed and ends at 1.12 times. The ramps are 0.45 rpm/s from 20 s and from 150 s, 5 N/s from 20 s
+# and from 160 s.
+CROSSINGS = [
+    ('coast_down', 0, 20.0 + (60.0 - 1.1 * 40.7231) / 0.45, 1e-3),
+    ('coast_down', 1, 20.0 + (60.0 - 40.7231) / 0.45, 1e-3),
+    ('coast_down', 2, 20.0 + (60.0 - 30.7380) / 0.45, 1e-3),
+    ('coast_down', 4, 150.0 + (40.7231 - 15.0) / 0.45, 1e-3),
+    ('coast_down', 5, 150.0 + (1.12 * 40.7231 - 15.0) / 0.45, 1e-3),
+    ('load_excursion', 1, 20.0 + (498.0 - 300.0) / 5.0, 0.5),
+    ('load_excursion', 2, 20.0 + (570.0 - 300.0) / 5.0, 0.1),
+    ('load_excursion', 3, 160.0 + (900.0 - 498.0) / 5.0, 0.5),
+]
+
+
+@pytest.mark.parametrize(('name', 'number', 'seconds', 'tolerance'), CROSSINGS)
+def test_expected_crossings_follow_from_the_reference_numbers(
+    name: str, number: int, seconds: float, tolerance: float
+) -> None:
+    assert ENTRIES[name]['events'][number]['crossing'] == pytest.approx(seconds, abs=tolerance)
