@@ -26,3 +26,7 @@ class SceneError(StickslipError, ValueError):
 
 class RosError(StickslipError):
     """The ROS 2 side cannot do what was asked (missing installation, unknown message type)."""
+
+
+class DrawingError(StickslipError):
+    """A picture or table cannot be drawn or written."""

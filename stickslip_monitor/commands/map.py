@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 
-from stickslip_monitor.commands.diagram import (
+from stickslip_monitor.commands.picture import (
     add_output,
     parse_range,
     speed_range,

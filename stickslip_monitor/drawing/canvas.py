@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stickslip_monitor.drawing.palette import INK, MUTED, PAPER
-from stickslip_monitor.errors import StickslipError
+from stickslip_monitor.errors import DrawingError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,10 +42,6 @@ _STYLE = {
     'svg.fonttype': 'path',
     'svg.hashsalt': 'stickslip_monitor',
 }
-
-
-class DrawingError(StickslipError):
-    """A picture or table cannot be drawn or written."""
 
 
 @contextmanager

@@ -90,7 +90,7 @@ class StationaryAmplitudes:
     Attributes:
         amplitude: Ascending along the last axis and padded with ``nan``, shape of the broadcast
             inputs plus one axis [m].
-        stable: Whether a disturbance of that cycle dies out; same shape.
+        stable: Whether a disturbance of that cycle dies out; same shape, ``False`` as padding.
     """
 
     amplitude: Array
@@ -120,8 +120,9 @@ def stationary_amplitudes(
     with np.errstate(over='ignore'):
         amplitude[usable] = a / bearing.natural_frequency
     stability[usable] = stable
-    used = np.flatnonzero(~np.all(np.isnan(amplitude), axis=0))
+    exists = ~np.isnan(amplitude)
+    used = np.flatnonzero(exists.any(axis=0))
     return StationaryAmplitudes(
         amplitude[:, used].reshape(*shape, used.size),
-        (stability[:, used] > 0.0).reshape(*shape, used.size),
+        ((stability > 0.0) & exists)[:, used].reshape(*shape, used.size),
     )

@@ -17,12 +17,13 @@ import pytest
 
 from stickslip_monitor import Coulomb, FrictionLaw, Monitor, Stream, Stribeck, Tabulated
 from stickslip_monitor.drawing import labels as labels_module
-from stickslip_monitor.drawing.canvas import DrawingError, save_figure
+from stickslip_monitor.drawing.canvas import save_figure
 from stickslip_monitor.drawing.diagram import draw_diagram, load_text
 from stickslip_monitor.drawing.labels import Box
 from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.drawing.palette import CONDITION_COLOUR, REGIME_COLOUR, REGIME_FILL
 from stickslip_monitor.drawing.track import Track, TrackEvent, track_of_scan
+from stickslip_monitor.errors import DrawingError
 from stickslip_monitor.monitor.alarm import Condition
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
