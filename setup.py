@@ -61,12 +61,15 @@ setup(
     extras_require={
         'ros': ROS,
         'report': ['matplotlib>=3.5'],
+        # Compiles the inner loops of the time integrator; without it they run in Python.
+        'sim': ['numba>=0.57'],
         # colcon runs tests only where it finds pytest here.
         'test': [
             'colcon-ros',
             'colcon-test-result',
             'hypothesis>=6.60',
             'mpmath>=1.2',
+            'numba>=0.57',
             'pytest>=7',
             'ros-kilted-geometry-msgs==5.5.1' + WHERE_ROS_HAS_WHEELS,
             'ros-kilted-sensor-msgs==5.5.1' + WHERE_ROS_HAS_WHEELS,

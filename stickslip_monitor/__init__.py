@@ -16,6 +16,13 @@ from stickslip_monitor.physics.bifurcation import (
     hopf_speed,
     stationary_amplitudes,
 )
+from stickslip_monitor.physics.cycle import (
+    Cycle,
+    CycleKind,
+    exact_cycle,
+    exact_fold_speed,
+    exact_unstable_cycle,
+)
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
 from stickslip_monitor.physics.oscillator import Bearing, BearingSpeed
 
@@ -24,6 +31,8 @@ __all__ = [
     'Bearing',
     'BearingSpeed',
     'Coulomb',
+    'Cycle',
+    'CycleKind',
     'FrictionLaw',
     'Monitor',
     'MonitorConfig',
@@ -38,6 +47,9 @@ __all__ = [
     'amplitude_rate',
     'assess',
     'build_config',
+    'exact_cycle',
+    'exact_fold_speed',
+    'exact_unstable_cycle',
     'fold_load',
     'fold_speed',
     'growth_rate',

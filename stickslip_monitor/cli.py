@@ -16,9 +16,12 @@ from stickslip_monitor import __version__
 from stickslip_monitor.errors import StickslipError
 
 COMMANDS = {
+    'accuracy': 'show what accuracy costs in time',
     'assess': 'assess one operating point',
     'check': 'run the monitor over recorded bags',
     'diagram': 'draw the bifurcation diagram over speed',
+    'figures': 'draw the published findings on stick-slip',
+    'fit': 'fit the Stribeck law to a measured friction curve',
     'map': 'draw the stability map over speed and load',
     'play': 'publish a bag to ROS 2, with /clock',
     'simulate': 'make a bag from a scene file',

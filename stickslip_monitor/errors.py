@@ -24,6 +24,10 @@ class SceneError(StickslipError, ValueError):
     """A scene file breaks its rule, or cannot be read."""
 
 
+class FitError(StickslipError, ValueError):
+    """A measured friction curve cannot be read, breaks its rule, or cannot identify the law."""
+
+
 class RosError(StickslipError):
     """The ROS 2 side cannot do what was asked (missing installation, unknown message type)."""
 

@@ -35,15 +35,11 @@ from stickslip_monitor.monitor.records import number
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import SPEED_UNITS
 from stickslip_monitor.study.curve_file import Columns, FrictionCurve, read_curve
-from stickslip_monitor.study.fit import (
-    UNITS,
-    VISCOUS_LEVEL,
-    BoundarySpread,
-    Spread,
-    StribeckFit,
-    boundary_spread,
-    fit_stribeck,
-)
+from stickslip_monitor.study.fit import fit_stribeck
+from stickslip_monitor.study.fit_result import StribeckFit
+from stickslip_monitor.study.fit_solution import UNITS
+from stickslip_monitor.study.fit_spread import BoundarySpread, Spread, boundary_spread
+from stickslip_monitor.study.fit_viscous import VISCOUS_LEVEL
 
 SCHEMA = 'stickslip_monitor/fit/1'
 _FEWEST_DRAWS, _MOST_DRAWS = 100, 1_000_000
@@ -147,7 +143,7 @@ def fragment(source: str, fit: StribeckFit) -> str:
     entries = [('static', law.static), ('kinetic', law.kinetic), ('decay', law.decay)]
     if 'viscous' in fit.names:
         entries.append(('viscous', law.viscous))
-    values = ', '.join(f'{name}: {value:.9g}' for name, value in entries)
+    values = ', '.join(f'{name}: {value:.6g}' for name, value in entries)
     errors = ', '.join(
         f'{name} {error:.2g}' for name, error in zip(fit.names, fit.standard_error, strict=True)
     )

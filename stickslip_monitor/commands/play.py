@@ -60,23 +60,15 @@ def run(args: argparse.Namespace) -> int:
     if bag.start_ns is None or bag.end_ns is None:
         raise BagError(f"bag '{args.bag}' has no messages to play")
     try:
-        import rclpy
-
-        from stickslip_monitor.ros.player import Player
+        from stickslip_monitor.ros.player import open_player
     except ImportError as error:
         raise RosError(
             f'ROS 2 is not available ({error}): source its setup file, or install this package'
             " with the extra 'ros'"
         ) from error
-    rclpy.init()
-    player = None
-    try:
-        player = Player({t.name: t.type for t in bag.topics.values() if t.encoding == 'cdr'})
+    types = {t.name: t.type for t in bag.topics.values() if t.encoding == 'cdr'}
+    with open_player(types) as player:
         _play(player, bag, options)
-    finally:
-        if player is not None:
-            player.destroy()
-        rclpy.try_shutdown()
     return 0
 
 

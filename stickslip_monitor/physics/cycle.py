@@ -18,6 +18,7 @@ that there is no such cycle, and the kind says why. Speeds astern mirror speeds 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
@@ -25,7 +26,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stickslip_monitor.physics import bifurcation, cycle_branches, cycle_waveform
+from stickslip_monitor.physics import (
+    bifurcation,
+    cycle_branches,
+    cycle_fold,
+    cycle_pure_slip,
+    cycle_waveform,
+)
 from stickslip_monitor.physics.arrays import flatten, mapped, restore
 from stickslip_monitor.physics.friction import Array
 from stickslip_monitor.physics.oscillator import Bearing
@@ -54,6 +61,10 @@ class CycleKind(IntEnum):
 
     def __str__(self) -> str:
         return self.name.lower()
+
+
+_Motion = Callable[[Bearing, float, float, float, Array], tuple[Array, Array]]
+_MOTIONS: dict[CycleKind, _Motion] = {CycleKind.PURE_SLIP: cycle_waveform.pure_slip}
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,10 +110,7 @@ class Cycle:
         for i in np.flatnonzero(kind <= CycleKind.PURE_SLIP):
             speed, load = self._points[0][i], self._points[1][i]
             time = np.linspace(0.0, period[i], count)
-            if kind[i] == CycleKind.PURE_SLIP:
-                motion = cycle_waveform.pure_slip
-            else:
-                motion = cycle_waveform.through_belt
+            motion = _MOTIONS.get(tuple(CycleKind)[int(kind[i])], cycle_waveform.through_belt)
             x, v = motion(self._bearing, speed, load, self._start[i], time)
             out[:, i] = time, x, v
         time, x, v = out.reshape(3, *np.shape(self.kind), count)
@@ -135,13 +143,14 @@ class _Table:
     evaluations: NDArray[np.intp]
 
     def cycle(self) -> Cycle:
+        """The finished result, in the shape of the inputs."""
         kind = restore(self.kind, self.shape)
         return Cycle(
             amplitude=restore(self.amplitude, self.shape),
             period=restore(self.period, self.shape),
             stick_fraction=restore(self.stick_fraction, self.shape),
             multiplier=restore(self.multiplier, self.shape),
-            kind=kind if self.shape else tuple(CycleKind)[kind],
+            kind=kind if self.shape else tuple(CycleKind)[int(kind)],
             evaluations=restore(self.evaluations, self.shape),
             _bearing=self.bearing,
             _points=(self.speed, self.load),
@@ -151,8 +160,20 @@ class _Table:
 
 def _table(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> _Table:
     shape, (v, n) = flatten(speed, load)
-    empty = np.full((5, v.size), np.nan)
-    return _Table(bearing, shape, v, n, _kinds(v, n), *empty, np.zeros(v.size, dtype=np.intp))
+    blank = np.full((5, v.size), np.nan)
+    return _Table(
+        bearing=bearing,
+        shape=shape,
+        speed=v,
+        load=n,
+        kind=_kinds(v, n),
+        amplitude=blank[0],
+        period=blank[1],
+        stick_fraction=blank[2],
+        multiplier=blank[3],
+        start=blank[4],
+        evaluations=np.zeros(v.size, dtype=np.intp),
+    )
 
 
 def exact_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Cycle:
@@ -199,7 +220,7 @@ def exact_unstable_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) ->
     table = _table(bearing, speed, load)
     usable = np.flatnonzero(table.kind == CycleKind.UNRESOLVED)
     speeds = np.abs(table.speed[usable])
-    found = cycle_branches.pure_slip(bearing, speeds, table.load[usable])
+    found = cycle_pure_slip.pure_slip(bearing, speeds, table.load[usable])
     omega = bearing.natural_frequency
     table.kind[usable] = np.where(found.exists, CycleKind.PURE_SLIP, CycleKind.NONE)
     table.amplitude[usable] = 0.5 * (found.trough + found.crest) * (speeds / omega)
@@ -235,7 +256,7 @@ def exact_fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
         loaded = n > 0.0
         averaged = np.asarray(bifurcation.fold_speed(bearing, n[loaded]), dtype=float)
         guess = _scale(bearing, n[loaded], averaged)
-        exact = cycle_branches.fold(bearing, n[loaded], guess)
+        exact = cycle_fold.fold(bearing, n[loaded], guess)
         # Without damping a cycle gains energy at every speed, and averaging says so exactly.
         out[loaded] = np.where(np.isposinf(averaged), np.inf, exact)
         return out

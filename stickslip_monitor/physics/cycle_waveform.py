@@ -8,9 +8,11 @@ import math
 import numpy as np
 from numpy.polynomial import legendre
 
-from stickslip_monitor.physics.cycle_branches import go_round, setting
+from stickslip_monitor.physics.cycle_branches import go_round
 from stickslip_monitor.physics.cycle_laws import static_force
-from stickslip_monitor.physics.cycle_orbit import AROUND, Stretch, follow
+from stickslip_monitor.physics.cycle_orbit import follow
+from stickslip_monitor.physics.cycle_setting import setting
+from stickslip_monitor.physics.cycle_states import AROUND, Stretch
 from stickslip_monitor.physics.friction import Array
 from stickslip_monitor.physics.oscillator import Bearing
 
@@ -69,13 +71,14 @@ def pure_slip(
         speed: ``V``, not 0 [m/s].
         load: ``N`` > 0 [N].
         turning: Distance of the turning point below steady sliding [V/omega].
-        time: Instants within one period [s], shape (n,).
+        time: Instants over one period, the last one closing it [s], shape (n,).
     """
     record: list[Stretch] = []
     belt, omega = np.array([abs(speed)]), bearing.natural_frequency
     local = setting(bearing, belt, np.array([load]), AROUND)
     follow(AROUND, local, np.array([-turning]), np.zeros(1), record)
-    u, z = _sampled(record, time * omega)
+    # An unstable cycle is followed back in time, from the end of the period.
+    u, z = _sampled(record, (time - time[-1]) * omega)
     sign = math.copysign(1.0, speed)
     centre = bearing.equilibrium(belt, load)
     return sign * (centre + u * (belt / omega)), -sign * belt * z

@@ -16,6 +16,7 @@ Arguments are as in :mod:`stickslip_monitor.physics.kbm_stribeck`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -61,19 +62,14 @@ def _slope_surface_with_derivative(
     return rho, per_a * stretch
 
 
-def _peaks(
-    law: FrictionLaw, speed: Array, left: Array, right: Array, sign: Array
+def _golden_maximum(
+    height: Callable[[Array], Array], left: Array, right: Array
 ) -> tuple[Array, Array]:
-    """Golden-section maximum of ``sign * rho`` on each ``[left, right]``: place and value."""
-
-    def height(x: Array) -> Array:
-        return sign * _slope_surface(law, x, speed)
-
+    """Golden-section maximum on each ``[left, right]``: place and height."""
     low, high = left.copy(), right.copy()
     inner, outer = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
     f_inner, f_outer = height(inner), height(outer)
-    # At a maximum the value is off by the square of this: 24 steps leave 1e-14.
-    for _ in range(24):
+    for _ in range(40):
         left_wins = f_inner > f_outer
         low, high = np.where(left_wins, low, inner), np.where(left_wins, outer, high)
         fresh = np.where(left_wins, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
@@ -83,8 +79,15 @@ def _peaks(
             np.where(left_wins, f_fresh, f_outer),
             np.where(left_wins, f_inner, f_fresh),
         )
-    best = np.where(f_inner > f_outer, inner, outer)
-    return best, sign * np.maximum(f_inner, f_outer)
+    return np.where(f_inner > f_outer, inner, outer), np.maximum(f_inner, f_outer)
+
+
+def _peaks(
+    law: FrictionLaw, speed: Array, left: Array, right: Array, sign: Array
+) -> tuple[Array, Array]:
+    """Maximum of ``sign * rho`` on each ``[left, right]``: place and ``rho`` there."""
+    place, height = _golden_maximum(lambda x: sign * _slope_surface(law, x, speed), left, right)
+    return place, sign * height
 
 
 def _surface_rows(law: FrictionLaw, speed: Array) -> Array:
@@ -134,8 +137,12 @@ def _panel_speeds(law: FrictionLaw, per_panel: int) -> Array:
 
 @lru_cache(maxsize=32)
 def _equilibrium_table(law: FrictionLaw) -> tuple[Array, Array]:
-    """Speeds up to the last breakpoint, and ``rho(0)`` there."""
+    """Speeds up to the last breakpoint, the steepest falls among them, and ``rho(0)`` there."""
     speeds = _panel_speeds(law, _EQUILIBRIUM_PER_PANEL)
+    heights = -law.slope(speeds)
+    top = np.flatnonzero((heights[1:-1] > heights[:-2]) & (heights[1:-1] >= heights[2:]))
+    steepest, _ = _golden_maximum(lambda v: -law.slope(v), speeds[top], speeds[top + 2])
+    speeds = np.unique(np.concatenate([speeds, steepest]))
     return speeds, -law.slope(speeds)
 
 
@@ -144,7 +151,10 @@ def _peak_table(law: FrictionLaw) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Speeds far past the last breakpoint, ``max rho`` there, and whether the cusp is the peak."""
     per_panel = max(1, _PEAK_SPEEDS // len(law.breakpoints))
     far = law.breakpoints[-1] * _FAR_SPEEDS[1:]
-    speeds = np.concatenate([_panel_speeds(law, per_panel), far])
+    steady, heights = _equilibrium_table(law)
+    # No speed at which even steady sliding is unstable may fall between two of the table.
+    steepest = steady[np.argmax(heights)]
+    speeds = np.unique(np.concatenate([_panel_speeds(law, per_panel), [steepest], far]))
     peak, place = _peak_and_place(law, speeds)
     return speeds, peak, place == 1.0
 

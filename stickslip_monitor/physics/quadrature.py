@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from stickslip_monitor.physics.friction import Array, FrictionLaw
 
@@ -27,7 +27,7 @@ _BLOCK = 8192
 _NODES, _WEIGHTS = (np.array(column)[:, None] for column in zip(*unit_gauss(16), strict=True))
 
 
-def crossing_angle(speed: Array, amplitude: Array, level: ArrayLike) -> Array:
+def crossing_angle(speed: Array, amplitude: Array, level: Array | float) -> Array:
     """Phase ``t`` in [0, pi] at which ``V - a cos t`` passes a level; clipped to the ends.
 
     The half-angle form keeps full precision at grazing, where ``arccos`` loses half its digits.

@@ -35,7 +35,8 @@ _NOTHING = 1e-300
 
 def _tables() -> tuple[Array, Array, Array]:
     """Nodes on [-1, 1], their values to Legendre coefficients, coefficients to the integral's."""
-    nodes, weights = legendre.leggauss(NODES)
+    gauss = legendre.leggauss(NODES)
+    nodes, weights = np.asarray(gauss[0], dtype=float), np.asarray(gauss[1], dtype=float)
     orders = np.arange(NODES)
     modal = (legendre.legvander(nodes, NODES - 1) * weights[:, None]).T * (orders + 0.5)[:, None]
     integral = np.zeros((NODES + 1, NODES))
@@ -105,7 +106,7 @@ def _guess(motion: Motion, e: Array, z: Array, h: Array) -> Array:
     column = z[:, None]
     damping = motion.damping[:, None]
     start = e[:, None] - 2.0 * damping * column + motion.law.rise(column)
-    slope = motion.law.slope(column) - 2.0 * damping
+    slope: Array = motion.law.slope(column) - 2.0 * damping
     time = 0.5 * h[:, None] * (_NODES + 1.0)
     turn = motion.drift - column + slope * start
     guess: Array = column + time * (start + 0.5 * time * turn)
@@ -114,14 +115,15 @@ def _guess(motion: Motion, e: Array, z: Array, h: Array) -> Array:
 
 def _newton(motion: Motion, z: Array, half: Array, residual: Array) -> Array:
     """The correction ``J^-1 residual``; ``nan`` where the matrices cannot be solved."""
-    slope = motion.law.slope(z) - 2.0 * motion.damping[:, None]
-    half = half[:, :, None]
-    matrix = np.eye(NODES) + half * half * _SQUARE - half * _LINEAR * slope[:, None, :]
+    slope: Array = motion.law.slope(z) - 2.0 * motion.damping[:, None]
+    deep = half[:, :, None]
+    matrix = np.eye(NODES) + deep * deep * _SQUARE - deep * _LINEAR * slope[:, None, :]
     try:
-        solved: Array = np.linalg.solve(matrix, residual[:, :, None])[:, :, 0]
+        solved = np.asarray(np.linalg.solve(matrix, residual[:, :, None]), dtype=float)
     except np.linalg.LinAlgError:
         return np.full_like(residual, np.nan)
-    return solved
+    correction: Array = solved[:, :, 0]
+    return correction
 
 
 def solve_step(motion: Motion, piece: Index, e: Array, z: Array, h: Array) -> Step:

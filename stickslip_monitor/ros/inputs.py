@@ -13,6 +13,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.ros.messages import (
+    ROS_FAULTS,
     check_field,
     message_type,
     number_reader,
@@ -86,7 +87,7 @@ class Inputs:
                         message_type(kind), topic, self._callback(kind, readers), _TELEMETRY
                     )
                 )
-        except (RuntimeError, ValueError):
+        except ROS_FAULTS:
             self.destroy()
             raise
 

@@ -8,10 +8,14 @@ import re
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.exceptions import NameValidationException
+
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.config import InputConfig
 from stickslip_monitor.monitor.fields import FieldPath
 
+# What rclpy raises where a publisher or subscription cannot be made.
+ROS_FAULTS = (NameValidationException, RuntimeError, ValueError)
 _NUMBERS = re.compile(r'(boolean|octet|byte|char|float|double|long double|u?int(8|16|32|64))')
 _ARRAY = re.compile(r'sequence<(?P<seq>[^,>]+)(,\s*\d+)?>|(?P<arr>[^\[<]+)\[(?P<size>\d+)\]')
 

@@ -26,13 +26,13 @@ from stickslip_monitor.monitor.verdict import Event, Verdict
 from stickslip_monitor.ros import parameters
 from stickslip_monitor.ros.flow import Flow
 from stickslip_monitor.ros.inputs import Inputs, check_inputs
+from stickslip_monitor.ros.messages import ROS_FAULTS
 from stickslip_monitor.ros.outputs import Outputs
 
 WATCHDOG_PERIOD = 0.1
 DIAGNOSTICS_PERIOD = 1.0
 # The watchdog stays so far behind that a sample delivered late keeps the time of its own stamp.
 WATCHDOG_LAG_NS = 500_000_000
-_ROS_FAULTS = (RuntimeError, ValueError)
 
 
 class MonitorNode(LifecycleNode):
@@ -86,7 +86,7 @@ class MonitorNode(LifecycleNode):
         self._monitor = Monitor(self._config)
         try:
             self._outputs = Outputs(self, self._config)
-        except _ROS_FAULTS as error:
+        except ROS_FAULTS as error:
             return self._failed(f'its topics cannot be published: {error}')
         return super().on_configure(state)
 
@@ -94,7 +94,7 @@ class MonitorNode(LifecycleNode):
         """Start listening; inputs are waited for from now on."""
         try:
             self._inputs = Inputs(self, self._config, self._receive)
-        except _ROS_FAULTS as error:
+        except ROS_FAULTS as error:
             return self._failed(f'its inputs cannot be subscribed to: {error}')
         result = super().on_activate(state)
         simulated = self.get_parameter(parameters.USE_SIM_TIME).value is True
@@ -236,6 +236,8 @@ def _initialise(args: Sequence[str] | None) -> None:
 
 def _run(args: Sequence[str] | None) -> None:
     """Run the node until it is told to stop."""
+    # Until ROS has installed its handlers, termination ends the program as Ctrl-C does.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     _initialise(args)
     node = None
     try:

@@ -104,8 +104,8 @@ def changed_config(
     rebuilt = False
     for change in changes:
         name, value = change.name, _as_written(change.name, change.value)
-        if name == USE_SIM_TIME:
-            _check_time_change(node, value, active)
+        if name == USE_SIM_TIME and active and value != node.get_parameter(name).value:
+            raise _read_only(name, value)
         if is_ros_parameter(name):
             continue
         if value is None:
@@ -121,12 +121,6 @@ def changed_config(
 
 def _plain(value: Any) -> Any:
     return tuple(value) if hasattr(value, '__iter__') and not isinstance(value, str) else value
-
-
-def _check_time_change(node: Node, value: Any, active: bool) -> None:
-    check_time_source(value)
-    if active and value != node.get_parameter(USE_SIM_TIME).value:
-        raise _read_only(USE_SIM_TIME, value)
 
 
 def _read_only(name: str, value: Any) -> ConfigurationError:

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any, Protocol
 
 import rclpy
@@ -15,7 +16,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
 from stickslip_monitor.errors import RosError
-from stickslip_monitor.ros.messages import message_type
+from stickslip_monitor.ros.messages import ROS_FAULTS, message_type
 
 CLOCK_PERIOD = 0.02
 _SETTLE = 0.5
@@ -63,7 +64,7 @@ class Player:
                 self._publishers[topic] = self.node.create_publisher(
                     message_type(kind), topic, _QOS
                 )
-            except (RosError, RuntimeError, ValueError) as error:
+            except (RosError, *ROS_FAULTS) as error:
                 self.skipped[topic] = ' '.join(str(error).split())
 
     def wait_for_subscribers(self, seconds: float) -> bool:
@@ -147,3 +148,21 @@ class Player:
     def destroy(self) -> None:
         """Take the node down."""
         self.node.destroy_node()
+
+
+@contextmanager
+def open_player(types: dict[str, str]) -> Iterator[Player]:
+    """A player, with ROS running for as long.
+
+    Args:
+        types: Message type of each topic.
+    """
+    rclpy.init()
+    try:
+        player = Player(types)
+        try:
+            yield player
+        finally:
+            player.destroy()
+    finally:
+        rclpy.try_shutdown()

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 
@@ -39,11 +40,16 @@ class Energy:
 
     @property
     def closure(self) -> float:
-        """What the balance misses, relative to what was exchanged and stored [-]."""
-        missing = self.friction_work - self.damping_loss - self.stored_change
+        """What the balance misses, relative to what was exchanged and stored [-].
+
+        It says nothing where that is rounding, as for a lining at rest without load.
+        """
+        missing = abs(self.friction_work - self.damping_loss - self.stored_change)
         turned = abs(self.friction_work) + self.damping_loss
         scale = turned + self.stored_before + self.stored_after
-        return abs(missing) / scale if scale > 0.0 else 0.0
+        if not scale < math.inf:
+            return math.inf
+        return missing / scale if scale > 0.0 else 0.0
 
 
 def stored_energy(mass: float, stiffness: float, displacement: float, velocity: float) -> float:

@@ -4,19 +4,23 @@
 from __future__ import annotations
 
 import functools
+import zlib
 from collections.abc import Callable
 from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
 from types import FunctionType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stickslip_monitor.errors import PhysicsError
 
 from . import integrator_kernel, integrator_roots
 
 March = Callable[..., int]
+_MODULES = {module.__name__: module for module in (integrator_roots, integrator_kernel)}
 
 
 def is_compiled(compiled: bool | None) -> bool:
@@ -49,13 +53,22 @@ def _compile(cache: bool) -> March:
     """Compile copies of the functions that call each other, so that the plain ones stay."""
     jit = import_module('numba').njit(cache=cache)
     space: dict[str, Any] = {**vars(integrator_roots), **vars(integrator_kernel)}
+    digest = _digest()
     for name, function in list(space.items()):
-        if isinstance(function, FunctionType):
-            space[name] = jit(FunctionType(function.__code__, space, name))
+        if isinstance(function, FunctionType) and function.__module__ in _MODULES:
+            copy = FunctionType(function.__code__, space, name)
+            copy.__qualname__ = f'{name}_{digest}'
+            space[name] = jit(copy)
     return space['march']
+
+
+def _digest() -> str:
+    """Names the cached functions: numba does not see when a function they call has changed."""
+    sources = (Path(str(module.__file__)).read_bytes() for module in _MODULES.values())
+    return f'{zlib.crc32(b"".join(sources)):08x}'
 
 
 def vector(values: Any, compiled: bool, kind: type = float) -> Any:
     """What the inner loops take for an array: an array if compiled, else lists, which are fast."""
-    array = np.ascontiguousarray(values, dtype=kind)
+    array: NDArray[Any] = np.ascontiguousarray(values, dtype=kind)
     return array if compiled else array.tolist()

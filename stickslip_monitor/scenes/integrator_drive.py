@@ -25,7 +25,8 @@ class Drive:
     Attributes:
         time: Ends of the pieces, shape (n + 1,) [s].
         speed: Coefficients of ``V``, which is continuous, shape (n, 4) [m/s, m/s^2, ...].
-        load: Coefficients of ``N`` >= 0, which may jump between pieces, shape (n, 4) [N, N/s, ...].
+        load: Coefficients of ``N`` >= 0, which may jump between pieces, shape (n, 4)
+            [N, N/s, ...].
     """
 
     time: Array
@@ -89,6 +90,11 @@ class Drive:
     def end(self) -> float:
         """Its last instant [s]."""
         return float(self.time[-1])
+
+    def speed_at(self, time: float) -> float:
+        """``V`` [m/s] at a time [s] within the drive."""
+        piece = int(np.searchsorted(self.time[1:-1], time, side='left'))
+        return float(np.polyval(self.speed[piece, ::-1], time - self.time[piece]))
 
     @property
     def largest_load(self) -> float:

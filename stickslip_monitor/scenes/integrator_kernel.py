@@ -21,14 +21,17 @@ import math
 from collections.abc import MutableSequence
 from typing import TypeAlias
 
+from numpy.polynomial.legendre import leggauss
+
 from .integrator_roots import Vector, first_positive
 
 Counts: TypeAlias = MutableSequence[int]
+Rows: TypeAlias = MutableSequence[Vector]
 
 # body: the oscillator and the accuracy asked for
 MASS, DAMPING, STIFFNESS, OMEGA, HOLD, TOLERANCE, LONGEST = range(7)
 BODY = 7
-# law: an exponential, or (CUBIC) pieces in `edges` and `cubics`
+# law: an exponential, or (CUBIC) cubics; both on the pieces between `edges`
 KINETIC, GAP, DECAY, VISCOUS = range(4)
 LAW = 4
 # state: relative speed, and the time since the piece began in two parts
@@ -54,6 +57,13 @@ STICK_DEGREE = 8
 _ROUNDING = 2e-15
 # Events in a row, at one instant, after which sticking is let live for a while.
 _STALLED, _LET_LIVE = 8, 1e-6
+# Speed [m/s] below which the accuracy of a step is not worth a number's last digits.
+_UNDERFLOW = 1e-280
+
+# Gauss quadrature on [0, 1]; exact in a stick phase.
+_GAUSS = leggauss(12)
+_NODES = tuple((0.5 + 0.5 * _GAUSS[0]).tolist())
+_WEIGHTS = tuple((0.5 * _GAUSS[1]).tolist())
 
 
 def horner(a: Vector, degree: int, t: float) -> float:
@@ -83,20 +93,20 @@ def shift_cubic(coefficients: Vector, piece: int, s: float, out: Vector) -> None
 
 
 def _mu_exponential(
-    n: int, sign: float, law: Vector, v: Vector, w: Vector, rate: Vector
+    n: int, sign: float, gap: float, law: Vector, v: Vector, w: Vector, rate: Vector
 ) -> float:
     """Coefficient ``n`` of ``s (mu_k + gap exp(-beta |v|)) + nu v``; ``w`` is the exponential."""
     if n == 0:
         w[0] = math.exp(-law[DECAY] * sign * v[0])
-        return sign * (law[KINETIC] + law[GAP] * w[0]) + law[VISCOUS] * v[0]
-    if law[GAP] == 0.0:
+        return sign * (law[KINETIC] + gap * w[0]) + law[VISCOUS] * v[0]
+    if gap == 0.0:
         return law[VISCOUS] * v[n]
     rate[n] = n * v[n]
     total = 0.0
     for j in range(1, n + 1):
         total += rate[j] * w[n - j]
     w[n] = -law[DECAY] * sign * total / n
-    return sign * law[GAP] * w[n] + law[VISCOUS] * v[n]
+    return sign * gap * w[n] + law[VISCOUS] * v[n]
 
 
 def _mu_cubic(
@@ -130,7 +140,7 @@ def expand_slip(
     law: Vector,
     edges: Vector,
     cubics: Vector,
-    work: MutableSequence[Vector],
+    work: Rows,
 ) -> None:
     """Write the series of displacement, relative speed and friction of a slip phase."""
     x, v, f, mu = work[XS], work[VS], work[FS], work[MU]
@@ -138,13 +148,15 @@ def expand_slip(
     order, piece = options[ORDER], where[LAW_PIECE]
     sign = 1.0 if where[PHASE] > 0 else -1.0
     c, k, m = body[DAMPING], body[STIFFNESS], body[MASS]
+    # Beyond the last edge the exponential is nothing, and must not be continued from there.
+    gap = law[GAP] if edges[piece + 1] < math.inf else 0.0
     varies = load[1] != 0.0 or load[2] != 0.0 or load[3] != 0.0
     x[0], v[0] = state[X], state[V]
     for n in range(order):
         if options[CUBIC]:
             mu[n] = _mu_cubic(n, sign, edges[piece], cubics, piece, v, aux, square)
         else:
-            mu[n] = _mu_exponential(n, sign, law, v, aux, square)
+            mu[n] = _mu_exponential(n, sign, gap, law, v, aux, square)
         force = load[0] * mu[n]
         if varies:
             for j in range(1, min(n, 3) + 1):
@@ -159,9 +171,7 @@ def expand_slip(
     f[order] = 0.0
 
 
-def expand_stick(
-    state: Vector, options: Counts, body: Vector, work: MutableSequence[Vector]
-) -> None:
+def expand_stick(state: Vector, options: Counts, body: Vector, work: Rows) -> None:
     """Write the series of a stick phase: ``x' = V``, and the friction that this needs."""
     x, v, f, belt = work[XS], work[VS], work[FS], work[BELT_SPEED]
     for n in range(STICK_DEGREE + 1):
@@ -174,19 +184,14 @@ def expand_stick(
         f[n] = own + body[MASS] * (n + 1.0) * belt[n + 1]
 
 
-def step_length(
-    state: Vector, options: Counts, body: Vector, work: MutableSequence[Vector]
-) -> float:
+def step_length(options: Counts, body: Vector, work: Rows) -> float:
     """Longest step at which the last two terms of the series meet the tolerance."""
-    v, order, omega = work[VS], options[ORDER], body[OMEGA]
-    reach = body[HOLD] * max(work[LOAD][0], 0.0) / body[STIFFNESS]
-    scale = omega * (abs(state[X]) + reach) + abs(work[BELT_SPEED][0])
-    share = 1.0
-    for n in range(4):
-        scale += abs(v[n]) * share
-        share /= omega
-    allowed = body[TOLERANCE] * scale
-    h = body[LONGEST] / omega
+    v, order, longest = work[VS], options[ORDER], body[LONGEST] / body[OMEGA]
+    scale, h, n = abs(work[BELT_SPEED][0]) + abs(v[0]), longest, 0
+    while scale == 0.0 and n < 3:  # all is at rest: what it gathers in the step
+        n += 1
+        scale = abs(v[n]) * longest ** (1.0 * n)
+    allowed = max(body[TOLERANCE] * scale, _UNDERFLOW)
     for n in range(order - 1, order + 1):
         last = abs(v[n])
         if last > 0.0:
@@ -200,7 +205,7 @@ def _earlier(
     degree: int,
     h: float,
     source: Vector,
-    work: MutableSequence[Vector],
+    work: Rows,
 ) -> float:
     """Time in [0, h] at which ``sign * source - level`` becomes positive; -1 without one."""
     scaled, power = work[SCALED], 1.0
@@ -213,7 +218,7 @@ def _earlier(
 
 
 def slip_event(
-    where: Counts, options: Counts, edges: Vector, h: float, work: MutableSequence[Vector]
+    where: Counts, options: Counts, edges: Vector, h: float, work: Rows
 ) -> tuple[float, int]:
     """Length and event of a slip step that may be ``h`` long."""
     v, order, piece = work[VS], options[ORDER], where[LAW_PIECE]
@@ -229,7 +234,7 @@ def slip_event(
     return h, event
 
 
-def _slack(body: Vector, work: MutableSequence[Vector]) -> float:
+def _slack(body: Vector, work: Rows) -> float:
     """Rounding of the force that sticking needs."""
     belt = work[BELT_SPEED]
     inner = abs(body[MASS] * belt[1]) + abs(body[DAMPING] * belt[0])
@@ -237,9 +242,7 @@ def _slack(body: Vector, work: MutableSequence[Vector]) -> float:
     return _ROUNDING * (inner + abs(body[STIFFNESS] * work[XS][0]) + limit)
 
 
-def stick_event(
-    where: Counts, body: Vector, h: float, work: MutableSequence[Vector]
-) -> tuple[float, int]:
+def stick_event(where: Counts, body: Vector, h: float, work: Rows) -> tuple[float, int]:
     """Length and event of a stick step that may be ``h`` long."""
     if where[STALLED] > _STALLED:
         return min(h, _LET_LIVE / body[OMEGA]), NOTHING
@@ -258,7 +261,7 @@ def stick_event(
     return h, event
 
 
-def phase_at_rest(sign: int, body: Vector, work: MutableSequence[Vector]) -> int:
+def phase_at_rest(sign: int, body: Vector, work: Rows) -> int:
     """Phase after the relative speed vanished, coming from a slip with a sign (0: from none).
 
     ``work`` must hold the displacement in ``XS[0]`` and the inputs as series about the instant.
@@ -284,29 +287,20 @@ def _add(sums: Vector, which: int, value: float) -> None:
     sums[which] = after
 
 
-def add_energy(
-    sums: Vector, degree: int, body: Vector, h: float, work: MutableSequence[Vector]
-) -> None:
+def add_energy(sums: Vector, degree: int, body: Vector, h: float, work: Rows) -> None:
     """Add the work of a step: of the belt, of friction on the lining, and the damper's loss."""
-    f, v, belt, own = work[FS], work[VS], work[BELT_SPEED], work[SCALED]
-    for i in range(degree + 1):
-        own[i] = belt[i] - v[i]
-    given, taken, lost, power = 0.0, 0.0, 0.0, h
-    for n in range(degree + 1):
-        a, b, c = 0.0, 0.0, 0.0
-        for j in range(n + 1):
-            b += f[j] * own[n - j]
-            c += own[j] * own[n - j]
-        for j in range(min(n, 3) + 1):
-            a += belt[j] * f[n - j]
-        share = power / (n + 1.0)
-        given += share * a
-        taken += share * b
-        lost += share * c
-        power *= h
-    _add(sums, BELT, given)
-    _add(sums, FRICTION, taken)
-    _add(sums, LOSS, body[DAMPING] * lost)
+    given, taken, lost = 0.0, 0.0, 0.0
+    for i in range(len(_NODES)):
+        t = _NODES[i] * h
+        belt = horner(work[BELT_SPEED], 3, t)
+        own = belt - horner(work[VS], degree, t)
+        pull = _WEIGHTS[i] * horner(work[FS], degree, t)
+        given += pull * belt
+        taken += pull * own
+        lost += _WEIGHTS[i] * own * own
+    _add(sums, BELT, given * h)
+    _add(sums, FRICTION, taken * h)
+    _add(sums, LOSS, body[DAMPING] * lost * h)
 
 
 def emit(
@@ -317,9 +311,9 @@ def emit(
     h: float,
     end: float,
     times: Vector,
-    out: MutableSequence[Vector],
+    out: Rows,
     phases: Counts,
-    work: MutableSequence[Vector],
+    work: Rows,
 ) -> None:
     """Write the samples up to ``h`` after the step's begin, or up to the time ``end``."""
     i, n = where[CURSOR], len(times)
@@ -364,12 +358,12 @@ def change(
     edges: Vector,
     log: Vector,
     kinds: Counts,
-    work: MutableSequence[Vector],
+    work: Rows,
 ) -> None:
     """Do what an event does; ``work`` must hold the inputs about its instant."""
     time = base + (state[TIME] + state[TIME_REST])
     sign = where[PHASE]
-    if event == UPPER_EDGE or event == LOWER_EDGE:
+    if event in (UPPER_EDGE, LOWER_EDGE):
         up = event == UPPER_EDGE
         state[V] = sign * edges[where[LAW_PIECE] + (1 if up else 0)]
         where[LAW_PIECE] += 1 if up else -1
@@ -394,12 +388,12 @@ def march(
     state: Vector,
     where: Counts,
     times: Vector,
-    out: MutableSequence[Vector],
+    out: Rows,
     phases: Counts,
     log: Vector,
     kinds: Counts,
     sums: Vector,
-    work: MutableSequence[Vector],
+    work: Rows,
 ) -> int:
     """Follow the motion to the end of the inputs; may be called again when events are full."""
     pieces = len(grid) - 1
@@ -426,7 +420,7 @@ def march(
             degree = options[ORDER]
             where[EXPANSIONS] += 1
             expand_slip(state, where, options, body, law, edges, cubics, work)
-            h = min(step_length(state, options, body, work), left)
+            h = min(step_length(options, body, work), left)
             h, event = slip_event(where, options, edges, h, work)
         x = horner(work[XS], degree, h)
         v = horner(work[VS], degree, h)

@@ -11,6 +11,10 @@ from scipy.interpolate import PchipInterpolator
 from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.physics.friction import Array, Coulomb, FrictionLaw, Stribeck, Tabulated
 
+# In units of 1/beta: a series sees from above that the exponential rises below such a speed, and
+# above the last one it is less than the rounding of one.
+_EXPONENTIAL_EDGES = (0.0, 12.0, 40.0, np.inf)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KernelLaw:
@@ -47,7 +51,8 @@ def kernel_law(law: FrictionLaw) -> KernelLaw:
     if isinstance(law, Stribeck):
         gap = law.static - law.kinetic
         numbers = (law.kinetic, gap, law.decay, law.viscous)
-        return KernelLaw(law.static, abs(gap) * law.decay + law.viscous, numbers)
+        edges = np.array(_EXPONENTIAL_EDGES) / law.decay
+        return KernelLaw(law.static, abs(gap) * law.decay + law.viscous, numbers, edges)
     if isinstance(law, Coulomb):
         return KernelLaw(max(law.static, law.kinetic), 0.0, (law.kinetic, 0.0, 0.0, 0.0))
     if isinstance(law, Tabulated):

@@ -5,14 +5,14 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stickslip_monitor.errors import StickslipError
+from stickslip_monitor.errors import FitError
 from stickslip_monitor.physics.oscillator import SPEED_UNITS, BearingSpeed
 
 Array = NDArray[np.float64]
@@ -41,10 +41,6 @@ _NO_UNIT = ('', '-', '1')
 _HEADING = re.compile(r'(.*?)\s*[\[(]([^\])]*)[\])]\s*')
 _DELIMITERS = ',;\t'
 _TOO_LARGE = 1e100
-
-
-class CurveError(StickslipError, ValueError):
-    """A friction curve cannot be read, or a value of it breaks its rule."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,7 +107,7 @@ def read_curve(
         journal_diameter: ``D`` > 0 [m], for speeds in a unit of turning.
 
     Raises:
-        CurveError: The file breaks a rule; the text names file, line, column, value and rule.
+        FitError: The file breaks a rule; the text names file, line, column, value and rule.
     """
     rows, delimiter = _rows(path)
     chosen = _choose(path, rows[0], columns or Columns())
@@ -126,7 +122,7 @@ def read_curve(
     factor = 1.0
     if unit != 'm/s':
         if journal_diameter is None:
-            raise CurveError(
+            raise FitError(
                 f"{path}: speeds in {unit} need the journal's diameter: give --journal-diameter in"
                 ' m (or --config)'
             )
@@ -143,20 +139,20 @@ def _rows(path: str | Path) -> tuple[list[_Row], str]:
     try:
         text = Path(path).read_text(encoding='utf-8-sig')
     except OSError as error:
-        raise CurveError(f'{path}: {error.strerror or error}') from error
+        raise FitError(f'{path}: {error.strerror or error}') from error
     except UnicodeDecodeError as error:
-        raise CurveError(f'{path} is not a text file in UTF-8: {error.reason}') from error
+        raise FitError(f'{path} is not a text file in UTF-8: {error.reason}') from error
     lines = [
         (number, line)
         for number, line in enumerate(text.splitlines(), start=1)
         if line.strip() and not line.lstrip().startswith('#')
     ]
     if not lines:
-        raise CurveError(f'{path} is empty: it must have a line of headings and the points')
+        raise FitError(f'{path} is empty: it must have a line of headings and the points')
     delimiter = max(_DELIMITERS, key=lines[0][1].count)
     rows = [_Row(number, _cells(path, number, line, delimiter)) for number, line in lines]
     if len(rows) == 1:
-        raise CurveError(f'{path} has headings (line {rows[0].line}) but no points')
+        raise FitError(f'{path} has headings (line {rows[0].line}) but no points')
     return rows, delimiter
 
 
@@ -164,7 +160,7 @@ def _cells(path: str | Path, number: int, line: str, delimiter: str) -> list[str
     try:
         (row,) = csv.reader([line], delimiter=delimiter, strict=True)
     except (csv.Error, ValueError) as error:
-        raise CurveError(f'{path}, line {number}: {error}') from error
+        raise FitError(f'{path}, line {number}: {error}') from error
     return [cell.strip() for cell in row]
 
 
@@ -183,12 +179,12 @@ def _choose(path: str | Path, headings: _Row, columns: Columns) -> dict[str, int
     """The index of each quantity's column; std and weight only where there is one."""
     asked = {quantity: getattr(columns, quantity) for quantity in NAMES}
     if asked['std'] is not None and asked['weight'] is not None:
-        raise CurveError('give --std-column or --weight-column, not both')
+        raise FitError('give --std-column or --weight-column, not both')
     found = {q: _index(path, headings, q, asked[q]) for q in NAMES}
     chosen = {quantity: index for quantity, index in found.items() if index is not None}
     for quantity in ('speed', 'coefficient'):
         if quantity not in chosen:
-            raise CurveError(
+            raise FitError(
                 f'{path}, line {headings.line}: no column for the {quantity} among'
                 f' {_listed(headings)}: name it with --{quantity}-column'
             )
@@ -202,33 +198,24 @@ def _listed(headings: _Row) -> str:
 
 
 def _index(path: str | Path, headings: _Row, quantity: str, asked: str | None) -> int | None:
-    matches: Callable[[str], bool]
-    if asked is None:
-        matches = _recognises(quantity)
-    elif asked in headings.cells:
-        matches = asked.__eq__
-    else:
-        wanted = _split(asked)[0]
-        matches = lambda cell: _split(cell)[0] == wanted  # noqa: E731
-    found = [k for k, cell in enumerate(headings.cells) if matches(cell)]
+    cells = headings.cells
+    wanted = NAMES[quantity] if asked is None else (_split(asked)[0],)
+    found = [k for k, cell in enumerate(cells) if cell == asked]
+    found = found or [k for k, cell in enumerate(cells) if _split(cell)[0] in wanted]
     if len(found) == 1:
         return found[0]
     if found:
-        several = ', '.join(repr(headings.cells[k]) for k in found)
-        raise CurveError(
+        several = ', '.join(repr(cells[k]) for k in found)
+        raise FitError(
             f'{path}, line {headings.line}: several columns may be the {quantity}: {several}; name'
             f' one with --{quantity}-column'
         )
     if asked is None:
         return None
-    raise CurveError(
+    raise FitError(
         f"{path}, line {headings.line}: --{quantity}-column '{asked}' is none of the columns"
         f' {_listed(headings)}'
     )
-
-
-def _recognises(quantity: str) -> Callable[[str], bool]:
-    return lambda cell: _split(cell)[0] in NAMES[quantity]
 
 
 def _unit(path: str | Path, line: int, heading: str, asked: str | None) -> tuple[str, str]:
@@ -236,12 +223,12 @@ def _unit(path: str | Path, line: int, heading: str, asked: str | None) -> tuple
     written = _split(heading)[1]
     unit = _UNITS.get(' '.join(written.lower().split()))
     if written and unit is None:
-        raise CurveError(
+        raise FitError(
             f"{path}, line {line}, column '{heading}': unit '{written}' must be one of"
             f' {", ".join(SPEED_UNITS)}'
         )
     if asked is not None and unit is not None and asked != unit:
-        raise CurveError(
+        raise FitError(
             f"{path}, line {line}, column '{heading}' is in {unit}, and --speed-unit says {asked}:"
             ' they must agree'
         )
@@ -256,7 +243,7 @@ def _number(
     """One cell as a number that keeps the rule of its quantity."""
     where = f"{path}, line {row.line}, column '{headings.cells[index]}'"
     if index >= len(row.cells):
-        raise CurveError(
+        raise FitError(
             f'{where}: the line has {_count(row.cells, "cell")} and the headings'
             f' {len(headings.cells)}: no value is there'
         )
@@ -265,13 +252,13 @@ def _number(
     try:
         value = float(plain)
     except ValueError:
-        raise CurveError(f"{where}: '{text}' must be a number") from None
+        raise FitError(f"{where}: '{text}' must be a number") from None
     if not abs(value) < _TOO_LARGE:
-        raise CurveError(f"{where}: '{text}' must be a finite number below {_TOO_LARGE:g}")
+        raise FitError(f"{where}: '{text}' must be a finite number below {_TOO_LARGE:g}")
     if quantity == 'speed' and value < 0.0:
-        raise CurveError(f"{where}: '{text}' must not be negative: give the amount of the speed")
+        raise FitError(f"{where}: '{text}' must not be negative: give the amount of the speed")
     if quantity in ('std', 'weight') and not value > 1.0 / _TOO_LARGE:
-        raise CurveError(f"{where}: '{text}' must be greater than 0")
+        raise FitError(f"{where}: '{text}' must be greater than 0")
     return value
 
 

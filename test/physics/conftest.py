@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import mpmath as mp
 import numpy as np
@@ -76,7 +77,7 @@ class Oracle:
 
 
 class BruteForce:
-    """KBM of any law: a fine scan of the balance by the midpoint rule, roots told by scipy quad."""
+    """KBM of any law: a fine scan of the balance by the midpoint rule, and scipy quad."""
 
     def __init__(self, angles: int = 6000, amplitudes: int = 3000) -> None:
         self._cosine = np.cos((np.arange(angles) + 0.5) * np.pi / angles)
@@ -115,7 +116,7 @@ class BruteForce:
             return float(law.coefficient(speed - amplitude * np.cos(t))) * float(np.cos(t))
 
         total = 0.0
-        for left, right in zip(cuts[:-1], cuts[1:], strict=True):
+        for left, right in pairwise(cuts):
             total += quad(integrand, left, right, epsabs=1e-13, epsrel=1e-13, limit=200)[0]
         return total / np.pi
 
@@ -145,6 +146,7 @@ def rpm(reference: Bearing) -> float:
 @pytest.fixture(scope='session')
 def make_bearing() -> Callable[..., tuple[Bearing, float]]:
     """Build a Stribeck bearing from groups: returns it and the load that gives ``kappa``."""
+
     def build(
         mass: float, omega: float, kappa: float, r: float, decay: float, zeta: float = 0.02
     ) -> tuple[Bearing, float]:

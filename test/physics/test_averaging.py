@@ -51,7 +51,7 @@ def test_closed_form_and_split_quadrature_agree(law: FrictionLaw) -> None:
 @pytest.mark.parametrize('beta_v', [1e-4, 0.02, 0.5, 2.1, 20.0, 300.0, 1e4])
 @pytest.mark.parametrize('ratio', [0.01, 0.8, 1.0 - 1e-14, 1.0 + 1e-14, 1.0 + 1e-6, 1.02, 1.6])
 def test_harmonic_is_the_averaging_integral(beta_v: float, ratio: float, oracle: Any) -> None:
-    """PHYSICS.md's integral by mpmath at 40 digits, piece by piece, for closed form and quadrature.
+    """PHYSICS.md's integral by mpmath at 40 digits, for the closed form and the quadrature.
 
     Near the sliding limit and below it the relative error stays at rounding, too.
     """
@@ -80,7 +80,9 @@ def test_coulomb_average_is_elementary() -> None:
     law = Coulomb(0.3, 0.1)
     a = np.array([0.1, 0.2, 0.2 * (1 + 1e-13), 0.25, 4.0])
     v = mp.mpf(0.2)
-    exact = [float(-2 * mp.mpf(0.1) / mp.pi * mp.sqrt(max(0, 1 - (v / mp.mpf(x)) ** 2))) for x in a]
+    exact = [
+        float(-2 * mp.mpf(0.1) / mp.pi * mp.sqrt(max(0, 1 - (v / mp.mpf(x)) ** 2))) for x in a
+    ]
     np.testing.assert_allclose(harmonic(law, 0.2, a), exact, rtol=1e-14)
     np.testing.assert_allclose(friction_harmonic(law, np.full(5, 0.2), a), exact, rtol=1e-14)
 

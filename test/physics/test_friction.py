@@ -73,7 +73,9 @@ def test_stribeck_is_the_law_of_the_specification(v: float) -> None:
 def test_coulomb_has_two_values_and_no_slope() -> None:
     """PHYSICS.md: mu_s for v = 0, mu_k for v != 0."""
     law = Coulomb(0.3, 0.1)
-    np.testing.assert_array_equal(law.coefficient([0.0, 5e-324, -5e-324, 9.0]), [0.3, 0.1, -0.1, 0.1])
+    np.testing.assert_array_equal(
+        law.coefficient([0.0, 5e-324, -5e-324, 9.0]), [0.3, 0.1, -0.1, 0.1]
+    )
     np.testing.assert_array_equal(law.slope([0.0, 1.0]), [0.0, 0.0])
 
 
@@ -97,11 +99,7 @@ def test_table_claims_nothing_beyond_its_ends() -> None:
     np.testing.assert_array_equal(law.slope([0.0, 0.05, 0.6, 1e300]), np.zeros(4))
 
 
-@given(
-    st.lists(
-        st.tuples(st.floats(1e-3, 1.0), st.floats(0.0, 1.0)), min_size=2, max_size=12
-    )
-)
+@given(st.lists(st.tuples(st.floats(1e-3, 1.0), st.floats(0.0, 1.0)), min_size=2, max_size=12))
 def test_table_is_monotone_between_its_points(points: list[tuple[float, float]]) -> None:
     """Fritsch and Carlson's property; the slope has the sign of the rise, never a rounding's."""
     speed = np.cumsum([step for step, _ in points])
@@ -146,7 +144,9 @@ def test_stribeck_refuses_by_name_value_and_rule(name: str, value: float, rule: 
 
 
 def test_stribeck_refuses_a_slope_beyond_floats() -> None:
-    with pytest.raises(PhysicsError, match=r'\(static - kinetic\) \* decay = inf s/m must be a fin'):
+    with pytest.raises(
+        PhysicsError, match=r'\(static - kinetic\) \* decay = inf s/m must be a fin'
+    ):
         Stribeck(1e200, 0.0, 1e200)
 
 
@@ -168,7 +168,11 @@ def test_coulomb_refuses_by_name_value_and_rule(name: str) -> None:
         ((0.0, 0.1), (0.3,), ('2 speeds', '1 coefficients', 'one coefficient for each speed')),
         ((0.1,), (0.3,), ('1 point', 'at least two')),
         ((), (), ('0 point', 'at least two')),
-        ((0.0, 0.2, 0.1), (0.3, 0.2, 0.1), ('speed[2] = 0.1 m/s', 'speed[1] = 0.2 m/s', 'strictly')),
+        (
+            (0.0, 0.2, 0.1),
+            (0.3, 0.2, 0.1),
+            ('speed[2] = 0.1 m/s', 'speed[1] = 0.2 m/s', 'strictly'),
+        ),
         ((0.0, 0.1, 0.1), (0.3, 0.2, 0.1), ('speed[2] = 0.1 m/s', 'rise strictly')),
         ((-0.1, 0.1), (0.3, 0.2), ('speed[0] = -0.1', 'must not be negative')),
         ((0.0, np.nan), (0.3, 0.2), ('speed[1] = nan', 'must be a finite number')),

@@ -75,9 +75,7 @@ def test_torsional_bearing_moves_like_the_translational_one() -> None:
     converted quantities, integrated independently.
     """
     inertia, torsional_damping, torsional_stiffness, radius = 0.8, 1.5, 3000.0, 0.2
-    bearing = Bearing.from_torsional(
-        inertia, torsional_damping, torsional_stiffness, LAW, radius
-    )
+    bearing = Bearing.from_torsional(inertia, torsional_damping, torsional_stiffness, LAW, radius)
     assert bearing.journal_diameter == pytest.approx(0.4)
     load, speed, end = 40.0, 2.0, 0.15
 

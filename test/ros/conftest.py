@@ -157,7 +157,13 @@ class Monitor(Program):
     """The monitor's node, in a namespace of its own."""
 
     def __init__(
-        self, peer: Peer, space: str, folder: Path, values: dict[str, Any], *arguments: str
+        self,
+        peer: Peer,
+        space: str,
+        folder: Path,
+        values: dict[str, Any],
+        *arguments: str,
+        clock: str | None = None,
     ) -> None:
         self.peer, self.space = peer, space
         self.values = values
@@ -165,7 +171,12 @@ class Monitor(Program):
         file.write_text(yaml.safe_dump({'/**': {'ros__parameters': values}}))
         command = [sys.executable, '-m', 'stickslip_monitor.ros.node', '--ros-args']
         command += ['--params-file', str(file), '-r', f'__ns:=/{space}']
-        command += ['-r', f'/diagnostics:=/{space}/diagnostics', '-r', f'/clock:=/{space}/clock']
+        command += [
+            '-r',
+            f'/diagnostics:=/{space}/diagnostics',
+            '-r',
+            f'/clock:={clock or f"/{space}/clock"}',
+        ]
         super().__init__([*command, *arguments], folder / f'{space}.log')
 
     def name(self, topic: str) -> str:
@@ -263,13 +274,17 @@ class Telemetry:
         message.effort = [] if load is None else [float(load)]
         self._publisher.publish(message)
 
-    def step(self, rpm: float, load: float, seconds: float) -> dict[str, Any]:
-        """Publish one operating point and return the answer to its load, which comes second."""
+    def step(self, rpm: float, load: float, seconds: float, answers: int = 2) -> dict[str, Any]:
+        """Publish one operating point and return the answer to its load, which comes second.
+
+        The first answer is to the new speed with the load before, unless that is too old.
+        """
         counts = {name: len(heard) for name, heard in self.heard.items()}
         self.send(rpm, load, seconds)
-        # The first answer is to the new speed with the load before.
         self.peer.until(
-            lambda: all(len(heard) >= counts[name] + 2 for name, heard in self.heard.items()),
+            lambda: all(
+                len(heard) >= counts[name] + answers for name, heard in self.heard.items()
+            ),
             f'answer to {rpm} rpm, {load} N at {seconds} s',
         )
         return {name: heard[-1].data for name, heard in self.heard.items()}
@@ -332,8 +347,9 @@ def run(peer: Peer, tmp_path: Path) -> Callable[..., Program]:
 def start(peer: Peer, tmp_path: Path) -> Callable[..., Monitor]:
     """Starts a monitor from its parameters; it is stopped when the test ends."""
 
-    def start(values: dict[str, Any], *arguments: str) -> Monitor:
-        monitor = Monitor(peer, f't{next(_numbers)}', tmp_path, values, *arguments)
+    def start(values: dict[str, Any], *arguments: str, clock: str | None = None) -> Monitor:
+        space = f't{next(_numbers)}'
+        monitor = Monitor(peer, space, tmp_path, values, *arguments, clock=clock)
         peer.watched.append(monitor)
         return monitor
 

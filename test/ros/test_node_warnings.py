@@ -33,9 +33,9 @@ def test_warnings_arrive_clear_and_are_kept_for_late_joiners(start: Any, kit: An
         telemetry.step(rpm, 1000.0, seconds)
     monitor.peer.until(lambda: len(warnings) >= len(EXPECTED), 'all events')
     heard = kit.events(warnings)
-    assert [((e['time'] - kit.T0) / kit.SECOND, e['from'], e['to'], e['level']) for e in heard] == [
-        expected[:4] for expected in EXPECTED
-    ]
+    assert [
+        ((e['time'] - kit.T0) / kit.SECOND, e['from'], e['to'], e['level']) for e in heard
+    ] == [expected[:4] for expected in EXPECTED]
     for event, (_, _, to, _, rpm) in zip(heard, EXPECTED, strict=True):
         assert event['schema'] == 'stickslip_monitor/warning/1'
         assert event['bearing'] == 'aft'

@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Show what accuracy costs in time: every method for the stick-slip amplitude on a set of cases.
+
+Each method, from averaging to the exact cycle, solves operating points from easy to hard. Its
+error is that against references of 40 digits; its time is the median of repeated, warm calls.
+For steady times keep the machine quiet and set OMP_NUM_THREADS=1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from stickslip_monitor.commands.output import add_json, console, print_json
+from stickslip_monitor.drawing.canvas import checked_suffix, save_figure, write_csv
+from stickslip_monitor.drawing.pareto import Mark, Panel, draw_pareto
+from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.monitor.records import number
+from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.scenes import integrator
+from stickslip_monitor.study.accuracy import (
+    QUICK,
+    Effort,
+    Row,
+    Summary,
+    columns,
+    measure_all,
+    pareto,
+    read_rows,
+    summarise,
+)
+from stickslip_monitor.study.cases import CASES, TYPICAL, Case
+from stickslip_monitor.study.ladder import BASE, ladder
+from stickslip_monitor.study.methods.event_driven import Samples
+from stickslip_monitor.study.methods.method import Method
+
+SCHEMA = 'stickslip_monitor/accuracy/1'
+_WIDEST = 220
+_WORDS = {'refused': '-', 'no_cycle': 'none', 'not_converged': 'fails'}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument('--quick', action='store_true', help='few cases, short samples: seconds')
+    parser.add_argument('--csv', metavar='FILE', help='write every method at every case')
+    parser.add_argument(
+        '--from', dest='source', metavar='FILE', help='show that CSV: no measuring'
+    )
+    parser.add_argument('--output', '-o', metavar='FILE', help='picture: .png or .svg')
+    parser.add_argument('--markdown', action='store_true', help='print the table in Markdown')
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command."""
+    if args.output and checked_suffix(args.output) == '.csv':
+        raise ConfigurationError(f"output '{args.output}' is a picture: use --csv for the numbers")
+    if args.source and args.quick:
+        raise ConfigurationError('--from shows what was measured: it does not go with --quick')
+    rows = read_rows(args.source) if args.source else measured(args.quick)
+    if args.csv:
+        write_csv(columns(rows), args.csv)
+    if args.output:
+        save_figure(draw_pareto(panels(rows), footnote(rows)), args.output)
+    if args.json:
+        print_json(to_json(rows))
+    elif args.markdown:
+        sys.stdout.write(markdown(rows))
+    else:
+        _print(console(), rows)
+    return 0
+
+
+def follow(
+    bearing: Bearing, speed: float, load: float, state: object, duration: float, count: int
+) -> Samples:
+    """A stretch of motion at constant speed and load; see :class:`~.event_driven.EventDriven`."""
+    drive = integrator.Drive.constant(speed, load, duration)
+    if not isinstance(state, integrator.State):
+        assert isinstance(state, float)
+        state = integrator.State(state, 0.0, integrator.Phase.STICK)
+    times = np.linspace(0.0, duration, count + 1)
+    motion = integrator.integrate(bearing, drive, state, times)
+    return Samples(
+        step=duration / count,
+        displacement=motion.displacement,
+        velocity=motion.velocity,
+        acceleration=motion.acceleration,
+        sticks=bool(np.any(motion.transitions.after == integrator.Phase.STICK)),
+        complete=motion.outcome is integrator.Outcome.COMPLETE,
+        evaluations=motion.expansions,
+        state=motion.final,
+    )
+
+
+def measured(quick: bool) -> list[Row]:
+    """Measure, with a progress bar on the error stream."""
+    methods: Sequence[Method] = ladder(follow)
+    cases: Sequence[Case] = CASES
+    if quick:
+        methods = [method for method in methods if not method.slow]
+        cases = [case for case in CASES if case.quick]
+    rows = []
+    bar = (TextColumn('{task.description:36}'), BarColumn(), MofNCompleteColumn())
+    out = Console(stderr=True)
+    with Progress(*bar, TimeElapsedColumn(), console=out, transient=True) as progress:
+        task = progress.add_task('', total=len(methods) * len(cases))
+        for row in measure_all(methods, cases, QUICK if quick else Effort()):
+            rows.append(row)
+            progress.update(task, advance=1, description=row.method)
+    return rows
+
+
+def to_json(rows: Sequence[Row]) -> dict[str, Any]:
+    """The measurement as the documented JSON object."""
+    table = columns(rows)
+    return {
+        'schema': SCHEMA,
+        'base': BASE.name,
+        'rows': [
+            {name: _plain(values[i]) for name, values in table.items()} for i in range(len(rows))
+        ],
+        'methods': [
+            {name: _plain(getattr(summary, name)) for name in Summary.__slots__}
+            for summary in summarise(rows, BASE.name)
+        ],
+    }
+
+
+def _plain(value: object) -> object:
+    return number(value) if isinstance(value, float) else value
+
+
+def panels(rows: Sequence[Row]) -> tuple[Panel, ...]:
+    """The typical case, and the worst of all cases."""
+    typical = [row for row in rows if row.case == TYPICAL and row.outcome != 'refused']
+    one = [(row.method, row.family, row.points, row.seconds, abs(row.error)) for row in typical]
+    every = [
+        (s.method, s.family, s.points, s.seconds, s.worst)
+        for s in summarise(rows, BASE.name)
+        if s.answered and s.refused <= 1
+    ]
+    count = len({row.case for row in rows if row.method == BASE.name})
+    return (
+        Panel(f'{TYPICAL}: the middle of the unstable range', _panel_marks(one)),
+        Panel(f'worst of {count} cases, median time', _panel_marks(every)),
+    )
+
+
+def _panel_marks(points: list[tuple[str, str, int, float, float]]) -> tuple[Mark, ...]:
+    errors = [e if math.isfinite(e) else math.inf for *_, e in points]
+    alone = [seconds if count == 1 else math.nan for _, _, count, seconds, _ in points]
+    front = pareto(alone, errors)
+    return tuple(
+        Mark(_short(name), family, seconds, errors[i], i in front, count > 1)
+        for i, (name, family, count, seconds, _) in enumerate(points)
+    )
+
+
+def _short(name: str) -> str:
+    """The part of a method's name that its family's colour does not tell."""
+    for head in ('harmonic balance, ', 'KBM, polynomial of ', 'switching, ', 'tanh '):
+        if name.startswith(head):
+            return name.removeprefix(head).replace(' m/s', '')
+    return name
+
+
+def footnote(rows: Sequence[Row]) -> str:
+    """What the picture should be read with."""
+    disturbed = sum(row.disturbed for row in rows)
+    text = 'median of warm calls; errors against 40-digit references, drawn at 1e-16 if below'
+    return text + (f'; {disturbed} of {len(rows)} times disturbed' if disturbed else '')
+
+
+def error_text(row: Row | None) -> str:
+    """An error in a table's cell."""
+    if row is None:
+        return ''
+    return _WORDS.get(row.outcome) or f'{abs(row.error):.0e}'.replace('e-0', 'e-')
+
+
+def time_text(seconds: float) -> str:
+    """A time in a table's cell."""
+    for unit, factor in (('s', 1.0), ('ms', 1e3)):
+        if seconds * factor >= 1.0:
+            return f'{seconds * factor:.3g} {unit}'
+    return f'{seconds * 1e6:.3g} us' if math.isfinite(seconds) else '-'
+
+
+def table_cells(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
+    """Headings and cells of the table method x case."""
+    cases = list(dict.fromkeys(row.case for row in rows))
+    at = {(row.method, row.case): row for row in rows}
+    lines = [
+        [
+            s.method,
+            *(error_text(at.get((s.method, case))) for case in cases),
+            time_text(s.seconds),
+            f'{s.ratio:.3g}' if math.isfinite(s.ratio) else '-',
+        ]
+        for s in summarise(rows, BASE.name)
+    ]
+    return ['method', *cases, 'time', '/ KBM'], lines
+
+
+def markdown(rows: Sequence[Row]) -> str:
+    """The table in Markdown."""
+    headings, lines = table_cells(rows)
+    rule = ['---', *['--:'] * (len(headings) - 1)]
+    return ''.join(f'| {" | ".join(line)} |\n' for line in [headings, rule, *lines])
+
+
+def _print(out: Console, rows: Sequence[Row]) -> None:
+    headings, lines = table_cells(rows)
+    table = Table(
+        title='Relative error of the stick-slip amplitude',
+        title_justify='left',
+        caption='-: does not apply; none: finds no cycle; fails: does not converge.'
+        ' time: median per operating point.',
+    )
+    for i, heading in enumerate(headings):
+        table.add_column(heading, justify='right' if i else 'left', overflow='fold')
+    for line in lines:
+        table.add_row(*line)
+    if not out.is_terminal:
+        out.width = _WIDEST
+    out.print(table)
+    disturbed = sum(row.disturbed for row in rows)
+    if disturbed:
+        out.print(f'[yellow]warning:[/] {disturbed} of {len(rows)} times were disturbed by other'
+                  ' processes; process time is given for them')  # fmt: skip

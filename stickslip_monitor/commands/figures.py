@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Draw the published findings on stick-slip of a water-lubricated rubber bearing.
+
+Five pictures, each with the statement it reproduces and with a CSV file of its data beside it:
+amplitude against belt speed, against normal force and against the kinetic friction coefficient,
+stick-slip in time and in the phase plane, and the two friction curves. Without a configuration
+they are those of the reference bearing of the docs; another bearing needs a Stribeck law.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import Progress
+
+from stickslip_monitor.commands.output import console
+from stickslip_monitor.commands.picture import the_bearing
+from stickslip_monitor.commands.quantities import parse_load, parse_speed
+from stickslip_monitor.drawing.canvas import save_figure, write_csv
+from stickslip_monitor.drawing.findings import AmplitudePicture, draw_amplitudes
+from stickslip_monitor.drawing.findings_friction import FrictionPicture, draw_friction_laws
+from stickslip_monitor.drawing.findings_motion import MotionPicture, draw_motion
+from stickslip_monitor.errors import ConfigurationError, DrawingError
+from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.scenes.integrator import Drive, State, integrate
+from stickslip_monitor.study.findings import (
+    REFERENCE,
+    REFERENCE_LOAD,
+    REFERENCE_RPM,
+    Sweep,
+    check_point,
+    friction_curves,
+    over_kinetic,
+    over_load,
+    over_speed,
+    stick_slip_history,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FloatArray = NDArray[np.float64]
+FORMATS = ('png', 'svg')
+
+
+@dataclass(frozen=True, slots=True)
+class _Point:
+    """The bearing and the operating point the findings are drawn for; SI units."""
+
+    name: str
+    bearing: Bearing
+    speed: float
+    load: float
+
+    @property
+    def rpm(self) -> float:
+        """Surface speed of one rpm [m/s]."""
+        return self.bearing.speed.factor('rpm')
+
+    @property
+    def at_speed(self) -> str:
+        """The shaft speed for a person."""
+        return f'{self.speed / self.rpm:.6g} rpm'
+
+    @property
+    def at_load(self) -> str:
+        """The load for a person."""
+        return f'{self.load:.6g} N'
+
+
+@dataclass(frozen=True, slots=True)
+class _Finding:
+    """One finding: its data as columns, its picture, and what it says in one line."""
+
+    columns: Mapping[str, FloatArray]
+    draw: Callable[[], Figure]
+    summary: str
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        '--output', '-o', default='figures', metavar='DIR',
+        help='folder to write to, made if there is none (default: figures)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--config', '-c', metavar='FILE',
+        help='ROS 2 parameter file (default: the reference bearing of the docs)',
+    )  # fmt: skip
+    parser.add_argument('--bearing', help='which bearing, where several are configured')
+    parser.add_argument('--speed', default=f'{REFERENCE_RPM:g}rpm', help='default 20rpm')
+    parser.add_argument('--load', default=f'{REFERENCE_LOAD:g}N', help='default 1000N')
+    parser.add_argument('--format', choices=FORMATS, default='png', help='default png')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command."""
+    point = _the_point(args)
+    check_point(point.bearing, point.speed, point.load)
+    folder = _made(Path(args.output))
+    out = console()
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task('findings', total=len(FINDINGS))
+        for name, find in FINDINGS.items():
+            bar.update(task, description=name)
+            finding = find(point)
+            write_csv(finding.columns, folder / f'{name}.csv')
+            save_figure(finding.draw(), folder / f'{name}.{args.format}')
+            bar.advance(task)
+            out.print(escape(f'{folder / name}.{args.format}: {finding.summary}'))
+    return 0
+
+
+def _the_point(args: argparse.Namespace) -> _Point:
+    name, bearing = 'reference bearing', REFERENCE
+    if args.config is not None:
+        config = the_bearing(load_config(args.config), args.bearing)
+        name, bearing = config.name, config.bearing
+    elif args.bearing is not None:
+        raise ConfigurationError(f"bearing '{args.bearing}' needs a --config that has it")
+    load = parse_load(args.load)
+    if load <= 0.0:
+        raise ConfigurationError(f"load '{args.load}' must be above 0: without load, no friction")
+    return _Point(name, bearing, parse_speed(args.speed, bearing.speed), load)
+
+
+def _made(folder: Path) -> Path:
+    """The folder, made with its parents if it is not there."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DrawingError(f'{folder}: {error.strerror or error}') from error
+    return folder
+
+
+def follow(
+    bearing: Bearing, speed: float, load: float, displacement: float, time: FloatArray
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """The motion at the given times [s], from event to event; see ``study.findings.Follow``."""
+    drive = Drive.constant(speed, load, float(time[-1]))
+    motion = integrate(
+        bearing, drive, State.moving(displacement, 0.0, drive), time, compiled=False
+    )
+    return motion.displacement, motion.velocity, motion.sticking
+
+
+def _amplitudes(
+    sweep: Sweep, unit: float, statement: str, footnote: str, x_label: str, suffix: str
+) -> Callable[[], Figure]:
+    return lambda: draw_amplitudes(
+        AmplitudePicture(
+            statement=statement,
+            footnote=footnote,
+            x_label=x_label,
+            unit=suffix,
+            x=sweep.value / unit,
+            exact=sweep.exact,
+            exact_unstable=sweep.exact_unstable,
+            averaged=sweep.averaged,
+            averaged_unstable=sweep.averaged_unstable,
+            hopf=sweep.hopf / unit,
+            exact_fold=sweep.exact_fold / unit,
+            averaged_fold=sweep.averaged_fold / unit,
+            fold_amplitude=sweep.fold_amplitude,
+            reverse_x=sweep.reverse_value / unit,
+            reverse=sweep.reverse,
+        )
+    )
+
+
+def _ends(sweep: Sweep, unit: float, suffix: str) -> str:
+    return (
+        f'Hopf {sweep.hopf / unit:.6g}{suffix}, fold {sweep.exact_fold / unit:.6g}{suffix}'
+        f' (KBM {sweep.averaged_fold / unit:.6g}{suffix})'
+    )
+
+
+def _speed(point: _Point) -> _Finding:
+    sweep = over_speed(point.bearing, point.load)
+    columns = {
+        'shaft_speed [rpm]': np.sort(np.append(sweep.value, sweep.reverse_value)) / point.rpm
+    } | sweep.columns('surface_speed [m/s]')
+    draw = _amplitudes(
+        sweep, point.rpm,
+        'The amplitude of stick-slip grows with the belt speed up to a fold, where it meets an'
+        ' unstable cycle; steady sliding is lost in a subcritical Hopf bifurcation.',
+        f'{point.name}, load {point.at_load}', 'shaft speed [rpm]', ' rpm',
+    )  # fmt: skip
+    return _Finding(columns, draw, _ends(sweep, point.rpm, ' rpm'))
+
+
+def _load(point: _Point) -> _Finding:
+    sweep = over_load(point.bearing, point.speed, point.load)
+    draw = _amplitudes(
+        sweep, 1.0,
+        'The amplitude of stick-slip rises slowly with the normal force; at a low force there is'
+        ' only the equilibrium.',
+        f'{point.name}, {point.at_speed}', 'normal force [N]', ' N',
+    )  # fmt: skip
+    return _Finding(sweep.columns('load [N]'), draw, _ends(sweep, 1.0, ' N'))
+
+
+def _kinetic(point: _Point) -> _Finding:
+    sweep = over_kinetic(point.bearing, point.speed, point.load)
+    draw = _amplitudes(
+        sweep, 1.0,
+        'The amplitude of stick-slip falls as the kinetic friction coefficient rises; beyond a'
+        f' coefficient of about {sweep.averaged_fold:.2g} there is only the equilibrium.',
+        f'{point.name}, {point.at_speed}, load {point.at_load}',
+        'kinetic friction coefficient $\\mu_k$ [-]', '',
+    )  # fmt: skip
+    return _Finding(sweep.columns('kinetic_coefficient [-]'), draw, _ends(sweep, 1.0, ''))
+
+
+def _motion(point: _Point) -> _Finding:
+    history = stick_slip_history(point.bearing, point.speed, point.load, follow)
+    picture = MotionPicture(
+        statement='A small disturbance of steady sliding grows into stick-slip: in the phase plane'
+        ' the motion runs onto a limit cycle with a straight piece, the stick phase.',
+        footnote=f'{point.name}, {point.at_speed}, load {point.at_load}',
+        time=history.time,
+        displacement=history.displacement - history.equilibrium,
+        velocity=history.velocity,
+        sticking=history.sticking,
+        envelope=history.envelope,
+        belt_speed=point.speed,
+        cycle_displacement=history.cycle_displacement - history.equilibrium,
+        cycle_velocity=history.cycle_velocity,
+        averaged_amplitude=history.averaged_amplitude,
+        natural_frequency=point.bearing.natural_frequency,
+        period=history.period,
+    )
+    summary = (
+        f'amplitude {history.exact_amplitude * 1e3:.6g} mm'
+        f' (KBM {history.averaged_amplitude * 1e3:.6g} mm), period {history.period * 1e3:.6g} ms,'
+        f' sticking {history.stick_fraction * 100:.3g} % of it'
+    )
+    return _Finding(history.columns(), lambda: draw_motion(picture), summary)
+
+
+def _friction(point: _Point) -> _Finding:
+    curves = friction_curves(point.bearing, point.load)
+    picture = FrictionPicture(
+        statement='The two friction curves of the study: with Coulomb’s law friction in motion is'
+        ' constant; with the Stribeck law it falls with speed and feeds the vibration.',
+        footnote=f'{point.name}, load {point.at_load}',
+        speed=curves.speed,
+        stribeck=curves.stribeck,
+        coulomb=curves.coulomb,
+        static=curves.static,
+        kinetic=curves.kinetic,
+        hopf=(curves.hopf_speed, curves.hopf_coefficient, curves.hopf_slope),
+    )
+    summary = (
+        f'static {curves.static:g}, kinetic {curves.kinetic:g}, slope at the Hopf speed'
+        f' {curves.hopf_slope:.6g} s/m'
+    )
+    return _Finding(curves.columns(), lambda: draw_friction_laws(picture), summary)
+
+
+FINDINGS: Mapping[str, Callable[[_Point], _Finding]] = {
+    'finding_1_speed': _speed,
+    'finding_2_load': _load,
+    'finding_3_kinetic': _kinetic,
+    'finding_4_motion': _motion,
+    'finding_5_friction': _friction,
+}

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Stick and slip as separate phases, switched by the event location of ``solve_ivp``.
+
+The trap: events are looked for at the ends of steps. Near grazing the lining touches the belt's
+speed for a moment in the middle of one, the contact is missed, and a cycle of twice the period
+is returned without a word.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from stickslip_monitor.physics.friction import Array
+from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.study.methods.method import (
+    MethodResult,
+    Outcome,
+    breakaway,
+    found,
+    scalar_law,
+    typical_period,
+)
+from stickslip_monitor.study.methods.regularised import half_range
+from stickslip_monitor.study.methods.solver import Event, run
+
+_CYCLES = 10.0
+_WATCHED = 0.6
+_MOST_PHASES = 200
+
+
+@dataclass(slots=True)
+class _Journey:
+    """What has been seen on the way."""
+
+    time: float
+    x: float
+    side: float
+    evaluations: int
+    turn_times: list[float]
+    turns: list[float]
+    failed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Switching:
+    """Switching between stick and slip by ``scipy.integrate.solve_ivp``.
+
+    Args:
+        tight: DOP853 with tolerances 1e-12 and 1e-15, instead of RK45 with scipy's own.
+        longest: Longest step in units of ``1/omega``, > 0; ``inf`` as users leave it.
+    """
+
+    tight: bool
+    longest: float = math.inf
+    points: int = 1
+    slow: bool = False
+    family: str = 'switching, solve_ivp'
+    practice: str = (
+        "A slip phase is integrated in SI units until the event x' = V, sticking is a straight"
+        ' line; ten cycles from breakaway, the last four of which are measured.'
+    )
+    source: str = (
+        'common practice; Leine, van Campen, de Kraker and van den Steen, Nonlinear Dyn. 16'
+        ' (1998) 41-54; scipy.integrate.solve_ivp'
+    )
+
+    @property
+    def name(self) -> str:
+        """See :class:`~.method.Method`."""
+        tolerance = 'tight' if self.tight else 'default'
+        bound = '' if math.isinf(self.longest) else ', bounded step'
+        return f'switching, {tolerance}{bound}'
+
+    def refusal(self, bearing: Bearing, speed: float, load: float) -> str:
+        """It applies everywhere."""
+        return ''
+
+    def amplitude(self, bearing: Bearing, speed: float, load: float) -> MethodResult:
+        """See :class:`~.method.Method`."""
+        span = _CYCLES * typical_period(bearing, speed, load)
+        way = _Journey(0.0, breakaway(bearing, speed, load), 1.0, 0, [], [])
+        for _ in range(_MOST_PHASES):
+            self._slip(bearing, speed, load, way, span)
+            if way.failed:
+                return MethodResult(math.nan, Outcome.NOT_CONVERGED, way.evaluations)
+            if way.time >= span:
+                break
+            _stick_or_cross(bearing, speed, load, way)
+        late = np.array(way.turn_times) > _WATCHED * span
+        turns = np.array(way.turns)[late]
+        return found(half_range(turns, speed, bearing.natural_frequency), way.evaluations)
+
+    def _slip(
+        self, bearing: Bearing, speed: float, load: float, way: _Journey, span: float
+    ) -> None:
+        """A slip phase behind (side 1) or ahead (-1) of the belt, to contact or to the end."""
+        mass, damping, stiffness = bearing.mass, bearing.damping, bearing.stiffness
+        law, side = scalar_law(bearing.friction), way.side
+
+        def flow(_: float, y: Array) -> tuple[float, float]:
+            x, v = float(y[0]), float(y[1])
+            friction = load * side * law(side * (speed - v))
+            return v, (friction - damping * v - stiffness * x) / mass
+
+        method, rtol, atol = ('DOP853', 1e-12, 1e-15) if self.tight else ('RK45', 1e-3, 1e-6)
+        seen = run(
+            flow, (way.time, span), (way.x, speed), [_contact(speed, side)], method=method,
+            rtol=rtol, atol=atol, max_step=self.longest / bearing.natural_frequency,
+        )  # fmt: skip
+        way.evaluations += seen.evaluations
+        way.failed = not seen.good
+        way.turn_times.extend(seen.turn_times.tolist())
+        way.turns.extend(seen.turns.tolist())
+        way.time, way.x = seen.time, seen.x
+
+
+def _contact(speed: float, side: float) -> Event:
+    """Terminal where the lining reaches the belt's speed from its side."""
+
+    def contact(_: float, y: Array) -> float:
+        return side * (speed - float(y[1]))
+
+    contact.terminal = True  # type: ignore[attr-defined]
+    contact.direction = -1.0  # type: ignore[attr-defined]
+    return contact
+
+
+def _stick_or_cross(bearing: Bearing, speed: float, load: float, way: _Journey) -> None:
+    """What the set-valued law says at contact: hold the lining until breakaway, or let it by."""
+    needed = bearing.stiffness * way.x + bearing.damping * speed
+    limit = bearing.friction.static * load
+    if abs(needed) > limit * (1.0 + 1e-12):
+        way.side = math.copysign(1.0, needed)
+        return
+    start = breakaway(bearing, speed, load)
+    way.time += max(start - way.x, 0.0) / speed
+    way.x, way.side = start, 1.0

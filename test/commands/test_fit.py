@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import csv
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stickslip_monitor import Stribeck
+from stickslip_monitor.cli import main
+from stickslip_monitor.monitor.config_file import load_config, load_yaml
+
+ROOT = Path(__file__).resolve().parents[2]
+CONFIG = str(ROOT / 'launch_configs' / 'reference_bearing.yaml')
+CURVE = str(ROOT / 'launch_configs' / 'examples' / 'friction_curve.csv')
+LOAD = ('--config', CONFIG, '--load', '1000N')
+LAW = Stribeck(0.3, 0.1, 10.0)
+PAGE = ROOT / 'docs' / 'fit.md'
+
+
+def _write(path: Path, speed: Any, coefficient: Any, heading: str = 'speed [m/s],mu') -> str:
+    rows = [f'{float(v)!r},{float(mu)!r}' for v, mu in zip(speed, coefficient, strict=True)]
+    path.write_text('\n'.join([heading, *rows]) + '\n', encoding='utf-8')
+    return str(path)
+
+
+@pytest.fixture
+def exact(tmp_path: Path) -> str:
+    speed = np.linspace(0.0, 0.5, 21)
+    return _write(tmp_path / 'exact.csv', speed, LAW.coefficient(speed))
+
+
+def _json(capsys: pytest.CaptureFixture[str], *arguments: str) -> Any:
+    assert main(['fit', *arguments, '--json']) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_json_of_an_exact_curve(exact: str, capsys: pytest.CaptureFixture[str]) -> None:
+    document = _json(capsys, exact)
+    assert document['schema'] == 'stickslip_monitor/fit/1'
+    assert document['friction'] == pytest.approx(
+        {'law': 'stribeck', 'static': 0.3, 'kinetic': 0.1, 'decay': 10.0, 'viscous': 0.0}
+    )
+    assert document['estimated'] == ['static', 'kinetic', 'decay']
+    assert np.shape(document['correlation']) == (3, 3)
+    assert document['outliers'] == document['bearings'] == document['warnings'] == []
+    assert document['viscous']['used'] is False
+
+
+def test_json_of_the_example(capsys: pytest.CaptureFixture[str]) -> None:
+    document = _json(capsys, CURVE, *LOAD, '--speed', '38rpm')
+    assert [item['line'] for item in document['outliers'] if not item['weight']] == [12, 21, 26]
+    for name in ('static', 'kinetic', 'decay'):
+        low, high = document['interval'][name]
+        assert low < getattr(LAW, name) < high
+        assert low < document['friction'][name] < high
+    (bearing,) = document['bearings']
+    assert bearing['bearing'] == 'aft_stern'
+    assert bearing['load'] == 1000.0
+    # PHYSICS: Hopf 0.1609 m/s and fold 0.2132 m/s for the law that the example was made with.
+    assert bearing['hopf_speed']['low'] < 0.1609438 < bearing['hopf_speed']['high']
+    assert bearing['fold_speed']['low'] < 0.2132256 < bearing['fold_speed']['high']
+    assert sum(bearing['regimes'].values()) == pytest.approx(1.0)
+    assert bearing['regimes']['bistable'] > 0.9
+
+
+def test_the_same_call_prints_the_same(capsys: pytest.CaptureFixture[str]) -> None:
+    first, second = (_json(capsys, CURVE, *LOAD) for _ in range(2))
+    assert first == second
+    assert first['bearings'] != _json(capsys, CURVE, *LOAD, '--seed', '1')['bearings']
+
+
+def test_tables_for_a_person(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['fit', CURVE, *LOAD, '--speed', '45rpm']) == 0
+    text = capsys.readouterr().out
+    for words in (
+        '26 points, speeds in rpm (the heading)',
+        'correlation: static-kinetic',
+        'no viscous slope (slope',
+        'rule: slope > 0 and p < 0.01',
+        'line 12: 0.2444 at 0.0733 m/s',
+        'aft_stern with this law at 1000N',
+        'Hopf margin',
+        'of the laws drawn, at this speed: unstable 0.0%',
+        'friction: {law: stribeck, static: 0.29',
+    ):
+        assert words in text
+
+
+@pytest.mark.parametrize('viscous', ['no', 'yes'])
+def test_the_fragment_is_a_configuration(
+    viscous: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Pasted in place of the bearing's law, it configures the law that was fitted."""
+    speed = np.linspace(0.0, 0.5, 41)
+    law = Stribeck(0.3, 0.1, 10.0, 0.1 if viscous == 'yes' else 0.0)
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(41)
+    mu = law.coefficient(speed) + noise
+    path = tmp_path / 'part.yaml'
+    arguments = [_write(tmp_path / 'c.csv', speed, mu, 'v,mu'), '--viscous', viscous]
+    assert main(['fit', *arguments, '--fragment', str(path), '--json']) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert path.read_text(encoding='utf-8') == document['fragment']
+    assert load_yaml(path)['friction']['law'] == 'stribeck'
+    config = Path(CONFIG).read_text(encoding='utf-8')
+    part = path.read_text(encoding='utf-8').replace('\n', '\n      ')
+    merged = re.sub(r'friction: .*', lambda _: part, config)
+    ship = tmp_path / 'ship.yaml'
+    ship.write_text(merged, encoding='utf-8')
+    fitted = load_config(ship).bearings[0].bearing.friction
+    assert isinstance(fitted, Stribeck)
+    for name in ('static', 'kinetic', 'decay', 'viscous'):
+        assert getattr(fitted, name) == pytest.approx(document['friction'][name], rel=1e-5)
+
+
+@pytest.mark.parametrize('suffix', ['.png', '.svg'])
+def test_pictures(suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    paths = [tmp_path / f'{name}{suffix}' for name in 'ab']
+    for path in paths:
+        assert main(['fit', CURVE, *LOAD, '-o', str(path)]) == 0
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    assert paths[0].stat().st_size > 10_000
+    assert main(['fit', CURVE, '--journal-diameter', '0.1', '-o', str(paths[1])]) == 0
+    assert paths[0].read_bytes() != paths[1].read_bytes()
+
+
+def test_points_as_csv(tmp_path: Path) -> None:
+    path = tmp_path / 'points.csv'
+    assert main(['fit', CURVE, '--journal-diameter', '0.1', '-o', str(path)]) == 0
+    with path.open(encoding='utf-8', newline='') as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 26
+    for row in rows:
+        total = float(row['fitted']) + float(row['residual'])
+        assert total == pytest.approx(float(row['coefficient']), abs=1e-12)
+    assert [row['line'] for row in rows if float(row['weight']) == 0.0] == ['12', '21', '26']
+
+
+def test_a_warning_is_exit_code_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    speed = np.linspace(0.2, 0.8, 30)
+    path = _write(tmp_path / 'late.csv', speed, LAW.coefficient(speed))
+    assert main(['fit', path]) == 1
+    assert 'warning: static is extrapolated' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        ((CURVE,), "speeds in rpm need the journal's diameter: give --journal-diameter"),
+        ((CURVE, '--journal-diameter', '0'), 'journal_diameter = 0 m must be greater than 0'),
+        ((CURVE, '--config', CONFIG), '--config needs --load'),
+        ((CURVE, '--load', '1kN'), '--load needs --config'),
+        ((CURVE, '--speed', '1rpm'), '--speed needs --config and --load'),
+        ((CURVE, *LOAD, '--bearing', 'bow'), "bearing 'bow' is not configured"),
+        ((CURVE, *LOAD, '--draws', '3'), 'draws = 3 must be from 100 to 1000000'),
+        ((CURVE, *LOAD, '--seed', '-3'), 'seed = -3 must not be negative'),
+        ((CURVE, '--config', CONFIG, '--load', '0N'), 'load = 0 N must be greater than 0'),
+        ((CURVE, *LOAD, '-o', 'plot.pdf'), "output file 'plot.pdf' must end in one of"),
+        ((CURVE, *LOAD, '--fragment', '/nowhere/a.yaml'), '/nowhere/a.yaml: No such file'),
+        (('none.csv',), 'none.csv: No such file'),
+    ],
+)
+def test_bad_input_is_exit_code_2(
+    arguments: tuple[str, ...], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['fit', *arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith('ERROR: ')
+    assert words in error
+    assert error.count('\n') == 1
+
+
+def test_a_curve_that_does_not_fall_is_exit_code_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    speed = np.linspace(0.0, 0.5, 12)
+    for values, words in (
+        (0.1 + speed, 'must be above 0: the curve has no falling part'),
+        (0.3 - 0.2 * speed, 'decay has no lower limit'),
+    ):
+        picture = tmp_path / 'plot.png'
+        path = _write(tmp_path / 'c.csv', speed, values)
+        assert main(['fit', path, '--viscous', 'no', '-o', str(picture)]) == 2
+        captured = capsys.readouterr()
+        assert words in captured.err
+        assert captured.out == ''
+        assert not picture.exists()
+
+
+def test_the_page_shows_what_the_command_prints(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The fragment and the spread in docs/fit.md are those of today's program."""
+    monkeypatch.chdir(ROOT)
+    page = PAGE.read_text(encoding='utf-8')
+    document = _json(capsys, 'launch_configs/examples/friction_curve.csv', *LOAD)
+    assert document['fragment'] in page
+    for name, value in document['friction'].items():
+        if name in document['estimated']:
+            assert f'{value:.5g}' in page

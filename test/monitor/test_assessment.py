@@ -1,0 +1,374 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stickslip_monitor.monitor.assessment import (
+    OUTCOMES,
+    REGIMES,
+    Assessment,
+    Outcome,
+    Regime,
+    assess,
+)
+from stickslip_monitor.physics.bifurcation import (
+    fold_load,
+    fold_speed,
+    growth_rate,
+    hopf_load,
+    hopf_speed,
+    stationary_amplitudes,
+)
+from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
+from stickslip_monitor.physics.oscillator import Bearing
+
+BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
+RPM = np.pi * 0.100 / 60.0
+LAWS = {
+    'stribeck': Stribeck(0.30, 0.10, 10.0),
+    'viscous': Stribeck(0.30, 0.10, 10.0, 0.05),
+    'rising': Stribeck(0.10, 0.30, 10.0),
+    'level': Stribeck(0.2, 0.2, 10.0),
+    'coulomb': Coulomb(0.3, 0.1),
+    'table': Tabulated([0.0, 0.1, 0.2, 0.5], [0.3, 0.2, 0.15, 0.1]),
+    'two falls': Tabulated(
+        [0.0, 0.02, 0.06, 0.2, 0.22, 0.3, 0.9], [0.4, 0.2, 0.2, 0.26, 0.16, 0.15, 0.15]
+    ),
+}
+FIELDS = [field.name for field in dataclasses.fields(Assessment)]
+
+
+def _with_law(law: FrictionLaw, damping: float = 400.0) -> Bearing:
+    return Bearing(50.0, damping, 2.0e6, law, 0.100)
+
+
+# The numbers below are PHYSICS.md's table (KBM column), to the digits printed there.
+@pytest.mark.parametrize(
+    ('revolutions', 'millimetres'), [(10, 0.26352), (20, 0.52688), (30, 0.78708), (38, 0.99499)]
+)
+def test_published_stick_slip_amplitudes(revolutions: float, millimetres: float) -> None:
+    verdict = assess(BEARING, revolutions * RPM, 1000.0)
+    assert 1e3 * verdict.amplitude == pytest.approx(millimetres, abs=0.5e-5)
+
+
+def test_published_boundaries_and_threshold() -> None:
+    verdict = assess(BEARING, 34 * RPM, 1000.0)
+    assert verdict.hopf_speed == pytest.approx(0.1609438, abs=0.5e-7)
+    assert verdict.hopf_speed / RPM == pytest.approx(30.7380, abs=0.5e-4)
+    assert verdict.fold_speed == pytest.approx(0.2132256, abs=0.5e-7)
+    assert verdict.fold_speed / RPM == pytest.approx(40.7231, abs=0.5e-4)
+    assert 1e3 * verdict.threshold_amplitude == pytest.approx(0.59272, abs=0.5e-5)
+
+
+def test_published_load_and_kinetic_coefficient_at_which_the_cycle_dies() -> None:
+    """At 20 rpm: 498 N with mu_k = 0.1, and mu_k = 0.2003 at 1000 N."""
+    speed = 20 * RPM
+    assert assess(BEARING, speed, 1000.0).fold_load == pytest.approx(498.0, abs=0.5)
+    assert assess(BEARING, speed, 497.5).outcome is Outcome.NO_CYCLE
+    assert assess(BEARING, speed, 498.5).outcome is Outcome.BISTABLE
+    alive = _with_law(Stribeck(0.30, 0.20025, 10.0))
+    dead = _with_law(Stribeck(0.30, 0.20035, 10.0))
+    assert assess(alive, speed, 1000.0).amplitude > 0.0
+    assert np.isnan(assess(dead, speed, 1000.0).amplitude)
+
+
+@pytest.mark.parametrize(
+    ('revolutions', 'regime', 'hopf_inside', 'fold_inside'),
+    [
+        (20, Regime.UNSTABLE, True, True),
+        (30.7, Regime.UNSTABLE, True, True),
+        (30.8, Regime.BISTABLE, False, True),
+        (40.7, Regime.BISTABLE, False, True),
+        (40.8, Regime.STABLE, False, False),
+        (-20, Regime.UNSTABLE, True, True),
+        (-40.8, Regime.STABLE, False, False),
+    ],
+)
+def test_regimes_and_signs_of_the_margins(
+    revolutions: float, regime: Regime, hopf_inside: bool, fold_inside: bool
+) -> None:
+    """PHYSICS.md: unstable | bistable | stable with rising speed; negative means inside."""
+    verdict = assess(BEARING, revolutions * RPM, 1000.0)
+    assert verdict.regime is regime
+    assert (verdict.hopf_margin < 0.0) is hopf_inside
+    assert (verdict.fold_margin < 0.0) is fold_inside
+    assert (verdict.growth_rate > 0.0) is hopf_inside
+    assert verdict.hopf_margin == pytest.approx(abs(revolutions) / 30.7380 - 1.0, abs=2e-6)
+    assert verdict.fold_margin == pytest.approx(abs(revolutions) / 40.7231 - 1.0, abs=2e-6)
+    assert (verdict.threshold_amplitude > 0.0) is (regime is Regime.BISTABLE)
+    assert (verdict.amplitude > 0.0) is (regime is not Regime.STABLE)
+
+
+def _around(boundary: float) -> list[float]:
+    """1 ulp, a few ulps and 1e-12 relative on both sides, and the boundary itself."""
+    up, down = np.nextafter(boundary, np.inf), np.nextafter(boundary, 0.0)
+    shares = 1.0 + np.array([-1e-12, -1e-14, -1e-15, 1e-15, 1e-14, 1e-12])
+    return sorted([boundary, float(up), float(down), *(boundary * shares).tolist()])
+
+
+@pytest.mark.parametrize('load', [200.5, 1000.0, 1e6])
+@pytest.mark.parametrize('law', ['stribeck', 'viscous'])
+def test_regime_agrees_with_the_margin_to_the_last_bit(law: str, load: float) -> None:
+    bearing = _with_law(LAWS[law])
+    load = 1.2 * load if law == 'viscous' else load
+    for speed in _around(hopf_speed(bearing, load)):
+        verdict = assess(bearing, speed, load)
+        assert (verdict.hopf_margin < 0.0) is (verdict.regime is Regime.UNSTABLE)
+        assert verdict.amplitude > 0.0
+    for speed in _around(fold_speed(bearing, load)):
+        verdict = assess(bearing, speed, load)
+        assert (verdict.fold_margin < 0.0) is (verdict.regime is Regime.BISTABLE)
+        assert (verdict.fold_margin < 0.0) is (verdict.amplitude > 0.0)
+
+
+def test_amplitudes_are_continuous_at_the_hopf_speed() -> None:
+    """The stable one does not notice; the unstable one starts as ``sqrt(8 (beta V + ln kappa))``.
+
+    (Two terms of I1's series.)
+    """
+    hopf = hopf_speed(BEARING, 1000.0)
+    verdict = assess(BEARING, np.array(_around(hopf)), 1000.0)
+    assert np.ptp(verdict.amplitude) / verdict.amplitude[0] < 1e-11
+    outside = verdict.speed > hopf * (1.0 + 1e-16)
+    rise = 10.0 * (verdict.speed[outside] - hopf)
+    alpha = 10.0 * 200.0 * verdict.threshold_amplitude[outside]
+    assert np.all(alpha >= 0.0)
+    np.testing.assert_allclose(alpha, np.sqrt(8.0 * rise), atol=np.sqrt(8.0 * 1e-15))
+
+
+def test_both_amplitudes_meet_the_sliding_limit_at_the_fold() -> None:
+    """PHYSICS.md: the unstable branch meets ``a = V`` there, and the stable one with it."""
+    fold = fold_speed(BEARING, 1000.0)
+    speed = np.array([s for s in _around(fold) if s < fold])
+    verdict = assess(BEARING, speed, 1000.0)
+    assert np.all(200.0 * verdict.amplitude >= speed * (1.0 - 1e-15))
+    assert np.all(200.0 * verdict.threshold_amplitude <= speed * (1.0 + 1e-15))
+    np.testing.assert_allclose(200.0 * verdict.amplitude, speed, rtol=1e-11)
+    np.testing.assert_allclose(200.0 * verdict.threshold_amplitude, speed, rtol=1e-11)
+    assert np.all(verdict.threshold_amplitude <= verdict.amplitude)
+
+
+@pytest.mark.parametrize('name', LAWS)
+def test_assessment_repeats_the_physics(name: str) -> None:
+    """Its columns are the functions of the physics, at the same points."""
+    bearing = _with_law(LAWS[name])
+    speed, load = np.meshgrid([0.01, 0.1, 0.2, 0.25, 0.5], [300.0, 1600.0])
+    verdict = assess(bearing, speed, load)
+    np.testing.assert_array_equal(verdict.hopf_speed, hopf_speed(bearing, load))
+    np.testing.assert_array_equal(verdict.fold_speed, fold_speed(bearing, load))
+    np.testing.assert_array_equal(verdict.hopf_load, hopf_load(bearing, speed))
+    np.testing.assert_array_equal(verdict.fold_load, fold_load(bearing, speed))
+    np.testing.assert_array_equal(verdict.growth_rate, growth_rate(bearing, speed, load))
+    cycles = stationary_amplitudes(bearing, speed, load)
+    stable = np.where(cycles.stable, cycles.amplitude, -np.inf).max(axis=-1, initial=-np.inf)
+    np.testing.assert_array_equal(verdict.amplitude, np.where(np.isfinite(stable), stable, np.nan))
+    inside = ~np.isnan(verdict.amplitude)
+    np.testing.assert_array_equal(
+        verdict.regime == 'unstable', growth_rate(bearing, speed, load) > 0.0
+    )
+    np.testing.assert_array_equal(verdict.regime == 'stable', ~inside)
+
+
+def test_table_that_is_unstable_again_at_a_higher_speed() -> None:
+    """Between its two falls it is quiet or bistable; the Hopf speed is the highest one.
+
+    The regimes are those of the brute-force scan in test_bifurcation.
+    """
+    bearing = _with_law(LAWS['two falls'])
+    verdict = assess(bearing, [0.01, 0.1, 0.175, 0.21, 0.25, 0.4], 1600.0)
+    expected = ['unstable', 'stable', 'bistable', 'unstable', 'bistable', 'stable']
+    assert verdict.regime.tolist() == expected
+    assert np.ptp(verdict.hopf_speed) == 0.0
+    assert 0.21 < verdict.hopf_speed[0] < 0.25
+
+
+@pytest.mark.parametrize('damping', [0.0, 400.0])
+@pytest.mark.parametrize('name', ['rising', 'level', 'coulomb'])
+def test_friction_that_does_not_fall_has_no_boundary(name: str, damping: float) -> None:
+    verdict = assess(_with_law(LAWS[name], damping), 0.1, 1e5)
+    assert verdict.outcome is Outcome.NO_BOUNDARY
+    assert verdict.regime is Regime.STABLE
+    assert verdict.hopf_margin == verdict.fold_margin == np.inf
+    assert np.isnan([verdict.hopf_speed, verdict.fold_speed, verdict.amplitude]).all()
+    assert np.isnan([verdict.hopf_load, verdict.fold_load]).all()
+
+
+def test_load_without_a_hopf_speed() -> None:
+    """kappa = 400/(N Delta beta) >= 1 below 200 N."""
+    assert assess(BEARING, 0.001, 199.9).outcome is Outcome.NO_BOUNDARY
+    assert assess(BEARING, 1e-5, 200.1).outcome is Outcome.STICK_SLIP
+
+
+def test_without_damping_every_speed_is_inside() -> None:
+    """c = 0: PHYSICS.md's Hopf speed goes to infinity; both margins to -1."""
+    verdict = assess(_with_law(LAWS['stribeck'], 0.0), [1e-3, 0.1, 5.0, 1e3], 1000.0)
+    assert set(verdict.regime) == {'unstable'}
+    assert set(verdict.hopf_margin) == set(verdict.fold_margin) == {-1.0}
+    np.testing.assert_allclose(200.0 * verdict.amplitude[2:], [5.0, 1e3], rtol=1e-2)
+
+
+@pytest.mark.parametrize('name', LAWS)
+@pytest.mark.parametrize('load', [0.0, -0.0, -1000.0])
+def test_no_load_is_no_contact(name: str, load: float) -> None:
+    verdict = assess(_with_law(LAWS[name]), 0.1, load)
+    assert verdict.outcome is Outcome.NO_CONTACT
+    assert verdict.regime is Regime.STABLE
+    assert verdict.growth_rate == -4.0  # -c/(2 m)
+    assert verdict.hopf_margin == np.inf
+
+
+@pytest.mark.parametrize('name', LAWS)
+@pytest.mark.parametrize('speed', [0.0, -0.0])
+def test_rest_is_undetermined(name: str, speed: float) -> None:
+    verdict = assess(_with_law(LAWS[name]), speed, 1000.0)
+    assert verdict.outcome is Outcome.AT_REST
+    assert verdict.regime is Regime.UNDETERMINED
+    assert np.isnan([verdict.amplitude, verdict.threshold_amplitude]).all()
+
+
+@pytest.mark.parametrize('name', LAWS)
+@pytest.mark.parametrize(
+    ('speed', 'load'),
+    [(np.nan, 1e3), (np.inf, 1e3), (-np.inf, 1e3), (0.1, np.nan), (0.1, np.inf), (np.nan, np.nan)],
+)
+def test_what_is_not_finite_is_named(name: str, speed: float, load: float) -> None:
+    verdict = assess(_with_law(LAWS[name]), speed, load)
+    assert verdict.outcome is Outcome.NOT_FINITE
+    assert verdict.regime is Regime.UNDETERMINED
+    for field in FIELDS[3:]:
+        assert np.isnan(getattr(verdict, field)), field
+
+
+EXTREMES = (5e-324, 1e-300, 1e-100, 1e-9, 0.1, 1e9, 1e100, 1e300)
+
+
+@pytest.mark.parametrize('damping', [0.0, 400.0])
+@pytest.mark.parametrize('name', LAWS)
+def test_no_number_raises_or_warns(name: str, damping: float) -> None:
+    """Inputs over the whole range of floats (warnings are errors in this suite)."""
+    speed, load = (np.array(EXTREMES) for _ in range(2))
+    bearing = _with_law(LAWS[name], damping)
+    verdict = assess(bearing, speed[:, None], load)
+    assert set(verdict.regime.ravel()) <= {'stable', 'bistable', 'unstable'}
+    inside = np.isin(verdict.regime, ['bistable', 'unstable'])
+    np.testing.assert_array_equal(np.isnan(verdict.amplitude), ~inside)
+    assert not np.isnan([verdict.hopf_margin, verdict.fold_margin, verdict.growth_rate]).any()
+    if damping:
+        assert not inside[:, load < 100.0].any()
+    one = assess(bearing, 1e300, 5e-324)
+    assert one.regime is Regime(str(verdict.regime[-1, 0]))
+
+
+@pytest.mark.parametrize(
+    ('mass', 'damping', 'stiffness', 'law'),
+    [
+        (1e-300, 1e-300, 1e-300, LAWS['stribeck']),
+        (1e300, 1.0, 1e300, LAWS['stribeck']),
+        (1.0, 1e300, 1.0, LAWS['stribeck']),
+        (1.0, 5e-324, 1.0, LAWS['stribeck']),
+        (50.0, 400.0, 2e6, Stribeck(0.3, 0.1, 1e-300)),
+        (50.0, 400.0, 2e6, Stribeck(0.3, 0.1, 1e150)),
+        (50.0, 400.0, 2e6, Stribeck(1e300, 0.1, 10.0)),
+        (50.0, 400.0, 2e6, Stribeck(0.3, 0.1, 10.0, 1e300)),
+        (50.0, 400.0, 2e6, Stribeck(1e-300, 0.0, 10.0)),
+        (50.0, 400.0, 2e6, Tabulated([0.0, 1.0], [1e200, 0.0])),
+        (50.0, 400.0, 2e6, Tabulated([0.0, 1e300], [0.3, 0.1])),
+    ],
+)
+def test_no_bearing_raises_or_warns(
+    mass: float, damping: float, stiffness: float, law: FrictionLaw
+) -> None:
+    speed = np.array([1e-100, 1e-9, 0.1, 1e9, 1e100])[:, None]
+    verdict = assess(Bearing(mass, damping, stiffness, law, 0.1), speed, [1e-3, 1.0, 1e6, 1e30])
+    assert set(verdict.regime.ravel()) <= {'stable', 'bistable', 'unstable'}
+    inside = np.isin(verdict.regime, ['bistable', 'unstable'])
+    np.testing.assert_array_equal(np.isnan(verdict.amplitude), ~inside)
+
+
+def test_scalars_in_numbers_out() -> None:
+    verdict = assess(BEARING, 0.1, 1000)
+    for field in FIELDS:
+        assert type(getattr(verdict, field)) is (int if field == 'outcome_code' else float), field
+    assert type(verdict.regime_code) is int
+
+
+@pytest.mark.parametrize(
+    ('speed', 'load', 'shape'),
+    [
+        (np.zeros(0), 1.0, (0,)),
+        (np.full((3, 1), 0.1), np.full(4, 1e3), (3, 4)),
+        (0.1, [1e3], (1,)),
+        (np.full((2, 1, 2), 0.1), 1e3, (2, 1, 2)),
+    ],
+)
+def test_arrays_broadcast(speed: np.ndarray, load: np.ndarray, shape: tuple[int, ...]) -> None:
+    for law in LAWS.values():
+        verdict = assess(_with_law(law), speed, load)
+        for field in (*FIELDS, 'regime', 'outcome', 'regime_code'):
+            assert getattr(verdict, field).shape == shape, field
+
+
+def test_every_outcome_has_a_regime_and_a_sentence() -> None:
+    assert [str(regime) for regime in REGIMES] == [
+        'stable',
+        'bistable',
+        'unstable',
+        'undetermined',
+    ]
+    expected = {
+        Outcome.NO_CYCLE: Regime.STABLE,
+        Outcome.BISTABLE: Regime.BISTABLE,
+        Outcome.STICK_SLIP: Regime.UNSTABLE,
+        Outcome.NO_BOUNDARY: Regime.STABLE,
+        Outcome.NO_CONTACT: Regime.STABLE,
+        Outcome.AT_REST: Regime.UNDETERMINED,
+        Outcome.NOT_FINITE: Regime.UNDETERMINED,
+    }
+    assert set(expected) == set(OUTCOMES)
+    blank = dict.fromkeys(FIELDS, 0.0)
+    for code, outcome in enumerate(OUTCOMES):
+        verdict = Assessment(**(blank | {'outcome_code': code}))
+        assert verdict.outcome is outcome
+        assert verdict.regime is expected[outcome]
+        assert outcome.sentence.endswith('.')
+        assert outcome.sentence[0].isupper()
+
+
+NUMBERS = st.one_of(
+    st.floats(-0.3, 0.3),
+    st.sampled_from([0.0, -0.0, np.nan, np.inf, 1e300, 5e-324, 0.16094379124341002]),
+)
+POINTS = st.lists(st.tuples(NUMBERS, st.floats(-10.0, 5e3)), min_size=1, max_size=10)
+
+
+def _same_bits(bearing: Bearing, points: list[tuple[float, float]]) -> None:
+    speed, load = (np.array(column) for column in zip(*points, strict=True))
+    batch = assess(bearing, speed, load)
+    for i, (v, n) in enumerate(points):
+        one = assess(bearing, v, n)
+        for field in FIELDS:
+            a, b = np.float64(getattr(batch, field)[i]), np.float64(getattr(one, field))
+            assert a.tobytes() == b.tobytes() or (np.isnan(a) and np.isnan(b)), (field, v, n)
+        assert batch.outcome[i] == one.outcome
+        assert batch.regime[i] == one.regime
+
+
+@settings(max_examples=80, deadline=None)
+@given(name=st.sampled_from(['stribeck', 'viscous', 'rising']), points=POINTS)
+def test_batch_is_bit_identical_to_single_points(
+    name: str, points: list[tuple[float, float]]
+) -> None:
+    _same_bits(_with_law(LAWS[name]), points)
+
+
+@settings(max_examples=6, deadline=None)
+@given(points=POINTS.map(lambda points: points[:4]))
+def test_batch_of_a_table_is_bit_identical_to_single_points(
+    points: list[tuple[float, float]],
+) -> None:
+    _same_bits(_with_law(LAWS['two falls']), points)

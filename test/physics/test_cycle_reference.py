@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The exact cycle once more, independently: Taylor series in 40 digits, in the lab frame.
+
+``x'' + 2 zeta x' + x = force (mu_k + (mu_s - mu_k) exp(-decay (V - x')))`` with omega = m = k = 1.
+"""
+
+from __future__ import annotations
+
+import mpmath as mp
+
+mp.mp.dps = 40
+ORDER = 40
+
+
+class Slip:
+    """A motion slipping behind (``side`` 1) or ahead (``side`` -1) of a belt of speed 1."""
+
+    def __init__(self, zeta, static, kinetic, decay, side=1, refine=4):
+        self.zeta, self.static, self.kinetic = mp.mpf(zeta), mp.mpf(static), mp.mpf(kinetic)
+        self.decay, self.side, self.refine = mp.mpf(decay), side, refine
+
+    def series(self, x, v):
+        """Taylor coefficients of displacement and velocity."""
+        xs, vs = [x], [v]
+        fall = [mp.exp(-self.decay * self.side * (1 - v))]
+        for k in range(ORDER):
+            force = self.side * (self.static - self.kinetic) * fall[k]
+            if k == 0:
+                force += self.side * self.kinetic
+            xs.append(vs[k] / (k + 1))
+            vs.append((force - xs[k] - 2 * self.zeta * vs[k]) / (k + 1))
+            grow = sum((j + 1) * vs[j + 1] * fall[k - j] for j in range(k + 1))
+            fall.append(self.decay * self.side * grow / (k + 1))
+        return xs, vs
+
+    def step(self, xs, vs):
+        """A fraction of the length within which the last terms are below the precision."""
+        size = max(abs(xs[0]), abs(vs[0]), abs(xs[1]), abs(vs[1]))
+        last = max(abs(c[-1 - i]) ** (mp.mpf(1) / (ORDER - i)) for c in (xs, vs) for i in range(8))
+        return (
+            min(mp.mpf(1), (size * mp.mpf(10) ** -36) ** (mp.mpf(1) / ORDER) / last) / self.refine
+        )
+
+
+def at(series, t):
+    value = mp.mpf(0)
+    for coefficient in reversed(series):
+        value = value * t + coefficient
+    return value
+
+
+def crossing(series, level, low, high):
+    """Where a Taylor series passes a level between two times, by bisection and Newton."""
+    sign = mp.sign(at(series, high) - level)
+    for _ in range(40):
+        middle = (low + high) / 2
+        if mp.sign(at(series, middle) - level) == sign:
+            high = middle
+        else:
+            low = middle
+    t = (low + high) / 2
+    slope = [k * series[k] for k in range(1, len(series))]
+    for _ in range(3):
+        t -= (at(series, t) - level) / at(slope, t)
+    return t
+
+
+def summit(motion, vs, low, high):
+    """Where a step comes nearest the belt: its end, or where the acceleration vanishes."""
+    rate = [k * vs[k] for k in range(1, len(vs))]
+    if motion.side * at(rate, low) > 0 > motion.side * at(rate, high):
+        return crossing(rate, 0, low, high)
+    return high
+
+
+def slip_phase(motion, x, turns=2):
+    """From ``x`` at the belt's speed to the next contact.
+
+    Returns ``(time, x, turning points)``; the contact is looked for after the last turn.
+    """
+    time, v, extremes = mp.mpf(0), mp.mpf(1), []
+    for _ in range(100000):
+        xs, vs = motion.series(x, v)
+        h, low = motion.step(xs, vs), mp.mpf(0)
+        if len(extremes) < turns and at(vs, h) * (-1) ** len(extremes) < 0:
+            low = crossing(vs, 0, low, h)
+            extremes.append(at(xs, low))
+        if len(extremes) == turns:
+            high = summit(motion, vs, low, h)
+            if motion.side * (at(vs, high) - 1) > 0:
+                t = crossing(vs, 1, low, high)
+                return time + t, at(xs, t), extremes
+        x, v, time = at(xs, h), at(vs, h), time + h
+    raise AssertionError('no contact')
+
+
+def stick_slip(zeta, static, kinetic, decay, refine=4):
+    """Amplitude, period and stick fraction in units of ``V/omega`` and ``1/omega``."""
+    motion = Slip(zeta, static, kinetic, decay, refine=refine)
+    start = motion.static - 2 * motion.zeta
+    time, x, (top, bottom) = slip_phase(motion, start)
+    stick = start - x
+    return (top - bottom) / 2, time + stick, stick / (time + stick)
+
+
+def return_map(zeta, static, kinetic, decay, x):
+    """From a turning point below to the next one, and the time."""
+    motion, v, time, turns = Slip(zeta, static, kinetic, decay), mp.mpf(0), mp.mpf(0), []
+    for _ in range(100000):
+        xs, vs = motion.series(x, v)
+        h = motion.step(xs, vs)
+        # An even count moves up until the velocity falls through zero.
+        if time > 0 and at(vs, h) * (-1) ** len(turns) < 0:
+            t = crossing(vs, 0, mp.mpf(0), h)
+            turns.append(at(xs, t))
+            if len(turns) == 2:
+                return turns, time + t
+        x, v, time = at(xs, h), at(vs, h), time + h
+    raise AssertionError('no return')
+
+
+def test_the_reference_gives_the_numbers_of_physics_md():
+    # The bench at 20 rpm: eta = 0.2, zeta = 0.02, beta V = 10 pi 0.1 / 3.
+    speed = mp.pi / 30
+    force = 1000 / (50 * 200 * speed)
+    amplitude, period, _ = stick_slip(
+        mp.mpf(1) / 50, force * mp.mpf(3) / 10, force / 10, 10 * speed
+    )
+    assert abs(amplitude * speed / 200 - 0.556755e-3) < 6e-10
+    assert abs(period / 200 - 31.5903e-3) < 6e-8
+
+
+def test_the_reference_does_not_depend_on_its_step():
+    law = (mp.mpf('0.02'), mp.mpf('0.6'), mp.mpf('0.2'), mp.mpf(1))
+    for coarse, fine in zip(stick_slip(*law), stick_slip(*law, refine=9), strict=True):
+        assert abs(coarse / fine - 1) < mp.mpf(10) ** -25

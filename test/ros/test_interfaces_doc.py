@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""docs/interfaces.md names the fields and keys that there are."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from stickslip_monitor import Monitor, Sample, build_config
+from stickslip_monitor.commands import assess as assess_command
+from stickslip_monitor.monitor.records import event_record
+
+PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'interfaces.md'
+
+
+def section(title: str) -> str:
+    (found,) = [part for part in PAGE.read_text().split('\n## ') if part.startswith(title)]
+    return found
+
+
+def fields(text: str) -> list[str]:
+    """The names in the first column of a section's table."""
+    rows = re.findall(r'^\| (`.*?`) \|', text, flags=re.MULTILINE)
+    return [name for row in rows for name in re.findall(r'`([^`]+)`', row)]
+
+
+def example(text: str) -> dict[str, Any]:
+    (found,) = re.findall(r'```json\n(.*?)```', text, flags=re.DOTALL)
+    return dict(json.loads(found))
+
+
+@pytest.fixture
+def monitor(kit: Any) -> Monitor:
+    """A monitor that has warned."""
+    monitor = Monitor(build_config(kit.parameters({'alarm.on_delay': 0.0})))
+    monitor.update(Sample('aft', 'speed', 1, 20.0))
+    return monitor
+
+
+def test_fields_of_a_warning(monitor: Monitor) -> None:
+    (event,) = monitor.update(Sample('aft', 'load', 2, 1000.0)).events
+    text = section('Warnings')
+    assert fields(text) == list(event_record(event))
+    assert list(example(text)) == list(event_record(event))
+
+
+def test_fields_of_an_assessment(monitor: Monitor) -> None:
+    verdict = monitor.update(Sample('aft', 'load', 2, 1000.0)).verdict
+    assert verdict is not None
+    text = section('`stickslip assess')
+    document = assess_command.to_json('aft', verdict.assessment)
+    assert set(fields(text)) == set(document)
+    assert set(example(text)) == set(document)
+    assert example(text)['amplitude'] == document['amplitude']
+
+
+def test_keys_of_diagnostics(monitor: Monitor) -> None:
+    pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+    from stickslip_monitor.ros.outputs import diagnostic_values
+
+    monitor.update(Sample('aft', 'load', 2, 1000.0))
+    monitor.advance(10**12)
+    keys = diagnostic_values(monitor.bearings['aft'])
+    named = fields(section('Diagnostics'))
+    faults = [name.removeprefix('...') for name in named if name.startswith('...')]
+    named = [name for name in named if not name.startswith('...')]
+    named += [f'{quantity}{fault}' for quantity in ('speed', 'load') for fault in faults]
+    assert set(named) == set(keys)

@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import signal
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stickslip_monitor.bags.writer import BagWriter
+from stickslip_monitor.cli import main
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+BEGIN = 1_700_000_000 * 10**9
+FLOAT64 = 'std_msgs/msg/Float64'
+
+
+def float64(value: float) -> bytes:
+    return b'\x00\x01\x00\x00' + np.float64(value).tobytes()
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    """Two topics at 10 Hz for 2 s, the second 20 ms after the first."""
+    path = tmp_path / 'bag'
+    times = BEGIN + np.arange(20, dtype=np.int64) * 10**8
+    with BagWriter(path) as writer:
+        writer.add_topic('/a', FLOAT64)
+        writer.add_topic('/b', FLOAT64)
+        values = np.arange(20.0)
+        writer.write_float64s({'/a': (times, values), '/b': (times + 2 * 10**7, -values)})
+    return path
+
+
+@pytest.fixture
+def play(run: Any) -> Callable[..., Any]:
+    return lambda *arguments: run(
+        sys.executable, '-m', 'stickslip_monitor.cli', 'play', *map(str, arguments)
+    )
+
+
+class Heard:
+    """What a topic brought, and when."""
+
+    def __init__(self, peer: Any, kind: Any, topic: str, raw: bool = False) -> None:
+        self.messages: list[Any] = []
+        self.times: list[float] = []
+        peer.node.create_subscription(kind, topic, self._hear, 2000, raw=raw)
+
+    def _hear(self, message: Any) -> None:
+        self.messages.append(message)
+        self.times.append(time.monotonic())
+
+
+def clock_ns(message: Any) -> int:
+    return int(message.clock.sec) * 10**9 + int(message.clock.nanosec)
+
+
+def test_timing_clock_and_bytes(peer: Any, bag: Path, play: Any) -> None:
+    from rosgraph_msgs.msg import Clock
+    from std_msgs.msg import Float64
+
+    a, b = Heard(peer, Float64, '/a', raw=True), Heard(peer, Float64, '/b')
+    clock = peer.listen(Clock, '/clock', reliable=False)
+    player = play(bag, '--rate', '2', '--wait', '20')
+    peer.until(lambda: len(a.messages) >= 20 and len(b.messages) >= 20, 'all messages')
+    peer.until(lambda: not player.alive, 'the end')
+    assert player.wait() == 0
+    assert player.output == 'played 40 messages\n'
+    assert [bytes(message) for message in a.messages] == [float64(k) for k in range(20)]
+    assert [message.data for message in b.messages] == [-float(k) for k in range(20)]
+    assert a.times[-1] - a.times[0] == pytest.approx(0.95, abs=0.3)
+    assert statistics.median(y - x for x, y in pairwise(a.times)) == pytest.approx(0.05, abs=0.02)
+    times = [clock_ns(message) for message in clock]
+    assert times == sorted(times)
+    # It runs on between messages, and the time of a message is its log time.
+    assert len(set(times)) > 45
+    assert len(set(times) & {BEGIN + k * 10**8 for k in range(20)}) >= 15
+    assert times[0] >= BEGIN
+    assert times[-1] <= BEGIN + 192 * 10**7
+
+
+def test_loop_takes_the_clock_back(peer: Any, bag: Path, play: Any) -> None:
+    from rosgraph_msgs.msg import Clock
+    from std_msgs.msg import Float64
+
+    a = Heard(peer, Float64, '/a')
+    clock = peer.listen(Clock, '/clock', reliable=False)
+    player = play(bag, '--rate', '20', '--loop', '3', '--wait', '20')
+    peer.until(lambda: len(a.messages) >= 60, 'all messages')
+    assert player.wait() == 0
+    assert player.output == 'played 40 messages\n' * 3
+    assert [message.data for message in a.messages] == [*map(float, range(20))] * 3
+    times = [clock_ns(message) for message in clock]
+    assert sum(y < x for x, y in pairwise(times)) == 2
+
+
+def test_wait_starts_when_somebody_listens(peer: Any, bag: Path, play: Any) -> None:
+    from std_msgs.msg import Float64
+
+    player = play(bag, '--rate', '20', '--wait', '20')
+    peer.until(lambda: peer.node.count_publishers('/a'), 'the player')
+    peer.spin(0.5)
+    assert player.alive
+    a = Heard(peer, Float64, '/a')
+    peer.until(lambda: len(a.messages) >= 20, 'all messages')
+    assert player.wait() == 0
+
+
+def test_nobody_listens(bag: Path, play: Any) -> None:
+    player = play(bag, '--rate', '100', '--wait', '0.3')
+    assert player.wait() == 0
+    assert player.output == 'nobody listens yet; playing all the same\nplayed 40 messages\n'
+
+
+def test_what_cannot_be_played_is_skipped_and_named(
+    peer: Any, tmp_path: Path, play: Any, run: Any
+) -> None:
+    from std_msgs.msg import Float64
+
+    path = tmp_path / 'odd'
+    unknown = {'/speed': 'nowhere_msgs/msg/Speed', '/level': 'std_msgs/msg/Level', '/x': 'Old'}
+    with BagWriter(path) as writer:
+        writer.add_topic('/a', FLOAT64)
+        writer.add_topic('/not a topic', FLOAT64)
+        writer.add_topic('/clock', 'rosgraph_msgs/msg/Clock', 'builtin_interfaces/Time clock')
+        for topic, kind in unknown.items():
+            writer.add_topic(topic, kind, 'float64 data')
+        for k in range(10):
+            for topic in ('/a', '/clock', '/not a topic', *unknown):
+                writer.write(topic, BEGIN + k * 10**7, float64(k))
+    a = Heard(peer, Float64, '/a')
+    player = play(path, '--wait', '20')
+    peer.until(lambda: len(a.messages) >= 10, 'all messages')
+    assert player.wait() == 0
+    lines = player.output.splitlines()
+    assert lines[-1] == 'played 10 messages'
+    skipped = {line.split(': ')[1]: line for line in lines if line.startswith('not played: ')}
+    assert set(skipped) == {'/clock', '/not a topic', *unknown}
+    assert skipped['/speed'].endswith('package nowhere_msgs is not installed')
+    assert skipped['/level'].endswith("package std_msgs has no message type 'Level'")
+    assert 'Traceback' not in player.output
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'text'),
+    [
+        (('bag', '--rate', '0'), 'ERROR: --rate 0 must be a number above 0'),
+        (('bag', '--rate', '-2'), 'ERROR: --rate -2 must be a number above 0'),
+        (('bag', '--rate', 'nan'), 'ERROR: --rate nan must be a number above 0'),
+        (('bag', '--rate', 'inf'), 'ERROR: --rate inf must be a number above 0'),
+        (('bag', '--loop', '0'), 'ERROR: --loop 0 must be at least 1'),
+        (('bag', '--wait', '-1'), 'ERROR: --wait -1 must not be below 0'),
+        (('none',), "ERROR: bag 'none' does not exist"),
+        (('empty',), "ERROR: bag 'empty' has no messages to play"),
+    ],
+)
+def test_bad_input_is_refused(
+    bag: Path,
+    arguments: tuple[str, ...],
+    text: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with BagWriter(bag.parent / 'empty') as writer:
+        writer.add_topic('/a', FLOAT64)
+    monkeypatch.chdir(bag.parent)
+    assert main(['play', *arguments]) == 2
+    assert capsys.readouterr().err == f'{text}\n'
+
+
+def test_a_bag_with_nothing_to_play_is_refused(tmp_path: Path, play: Any) -> None:
+    path = tmp_path / 'alien'
+    with BagWriter(path) as writer:
+        writer.add_topic('/speed', 'nowhere_msgs/msg/Speed', 'float64 data')
+        writer.write('/speed', BEGIN, float64(1.0))
+    player = play(path)
+    assert player.wait() == 2
+    assert f"ERROR: bag '{path}' has no topic that can be played" in player.output
+    assert 'Traceback' not in player.output
+
+
+LISTENER = """
+import sys, time, rclpy
+from std_msgs.msg import Float64
+rclpy.init()
+node = rclpy.create_node('listener')
+heard = []
+node.create_subscription(Float64, '/a', lambda m: (heard.append(m.data), time.sleep(0.002)), 5000)
+try:
+    while not heard or heard[-1] != 999.0:
+        rclpy.spin_once(node, timeout_sec=0.1)
+except BaseException:
+    pass
+print(len(heard), heard == sorted(heard))
+"""
+
+
+def test_a_subscriber_slower_than_the_player(
+    peer: Any, tmp_path: Path, play: Any, run: Any
+) -> None:
+    path = tmp_path / 'long'
+    times = BEGIN + np.arange(1000, dtype=np.int64) * 10**6
+    with BagWriter(path) as writer:
+        writer.add_topic('/a', FLOAT64)
+        writer.write_float64('/a', times, np.arange(1000.0))
+    listener = run(sys.executable, '-c', LISTENER)
+    player = play(path, '--rate', '50', '--wait', '20')
+    peer.until(lambda: not player.alive, 'the end', 60.0)
+    assert player.wait() == 0, player.output
+    peer.until(lambda: not listener.alive, 'all messages', 60.0)
+    # Reliable, and a queue as long as the bag: none is lost.
+    assert listener.output == '1000 True\n'
+
+
+@pytest.mark.parametrize(('number', 'code'), [(signal.SIGINT, 130), (signal.SIGTERM, 130)])
+def test_signals_end_the_player(peer: Any, bag: Path, play: Any, number: int, code: int) -> None:
+    from std_msgs.msg import Float64
+
+    a = Heard(peer, Float64, '/a')
+    player = play(bag, '--rate', '0.1', '--wait', '20')
+    peer.until(lambda: a.messages, 'a message')
+    player.process.send_signal(number)
+    assert player.wait() == code
+    assert player.output == ''
