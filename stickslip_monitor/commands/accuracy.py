@@ -167,7 +167,7 @@ def _panel_marks(points: list[tuple[str, str, int, float, float]]) -> tuple[Mark
 
 def _short(name: str) -> str:
     """The part of a method's name that its family's colour does not tell."""
-    for head in ('harmonic balance, ', 'KBM, polynomial of ', 'switching, ', 'tanh '):
+    for head in ('harmonic balance, ', 'KBM, polynomial of ', 'tanh '):
         if name.startswith(head):
             return name.removeprefix(head).replace(' m/s', '')
     return name
@@ -184,7 +184,10 @@ def error_text(row: Row | None) -> str:
     """An error in a table's cell."""
     if row is None:
         return ''
-    return _WORDS.get(row.outcome) or f'{abs(row.error):.0e}'.replace('e-0', 'e-')
+    if row.outcome in _WORDS:
+        return _WORDS[row.outcome]
+    text = f'{abs(row.error):.0e}'.replace('e-0', 'e-').replace('e+0', 'e')
+    return text if row.error else '0'
 
 
 def time_text(seconds: float) -> str:

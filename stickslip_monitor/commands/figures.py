@@ -13,7 +13,7 @@ import argparse
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,9 +44,6 @@ from stickslip_monitor.study.findings import (
     over_speed,
     stick_slip_history,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 FloatArray = NDArray[np.float64]
 FORMATS = ('png', 'svg')
@@ -82,7 +79,7 @@ class _Finding:
     """One finding: its data as columns, its picture, and what it says in one line."""
 
     columns: Mapping[str, FloatArray]
-    draw: Callable[[], Figure]
+    draw: Callable[[], Any]
     summary: str
 
 
@@ -155,7 +152,7 @@ def follow(
 
 def _amplitudes(
     sweep: Sweep, unit: float, statement: str, footnote: str, x_label: str, suffix: str
-) -> Callable[[], Figure]:
+) -> Callable[[], Any]:
     return lambda: draw_amplitudes(
         AmplitudePicture(
             statement=statement,

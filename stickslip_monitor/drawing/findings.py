@@ -24,12 +24,14 @@ FloatArray = NDArray[np.float64]
 EXACT = REGIME_COLOUR[Regime.UNSTABLE]
 SLIDING = REGIME_COLOUR[Regime.STABLE]
 DASHES = (0, (4.5, 2.2))
+VEIL = {'fc': PAPER, 'ec': 'none', 'alpha': 0.8, 'pad': 0.8}
 _TALL = 6.6
 _LETTERS = 86
 _HEADROOM, _BELOW_ZERO = 1.32, 0.06
 _FROM_ZERO = 0.02
-_WORST_SHOWN = -40.0
+_WORST_SHOWN = -100.0
 _NARROWEST = 75.0
+_SLIDING_AT = (0.93, 0.88, 0.1, 0.2, 0.3, 0.7)
 _REGIMES = (Regime.UNSTABLE, Regime.BISTABLE, Regime.STABLE)
 
 
@@ -104,8 +106,8 @@ def draw_amplitudes(picture: AmplitudePicture) -> Figure:
         _words(axes, picture)
         _errors(below, picture)
         axes.legend(
-            loc='lower left', bbox_to_anchor=(-0.008, 1.0), ncols=5, frameon=False, fontsize=10.0,
-            handlelength=2.3, columnspacing=1.3, handletextpad=0.5, borderaxespad=0.2,
+            loc='lower left', bbox_to_anchor=(-0.008, 1.0), ncols=5, frameon=False, fontsize=9.5,
+            handlelength=2.2, columnspacing=1.1, handletextpad=0.5, borderaxespad=0.2,
         )  # fmt: skip
         return figure
 
@@ -149,7 +151,7 @@ def _bands(axes: Axes, below: Axes, picture: AmplitudePicture) -> None:
 
 
 def _branches(axes: Axes, picture: AmplitudePicture) -> None:
-    for y, name, look in (
+    looks: tuple[tuple[FloatArray, str, dict[str, Any]], ...] = (
         (picture.exact, 'exact, stable', {'color': EXACT, 'lw': 3.0, 'zorder': 4}),
         (
             picture.exact_unstable,
@@ -162,12 +164,13 @@ def _branches(axes: Axes, picture: AmplitudePicture) -> None:
             'KBM, unstable',
             {'color': INK, 'lw': 1.3, 'ls': DASHES, 'zorder': 5},
         ),
-    ):
+    )
+    for y, name, look in looks:
         axes.plot(picture.x, np.asarray(y) * 1e3, label=name, **look)
     if picture.reverse.size:
         axes.plot(
             picture.reverse_x, picture.reverse * 1e3, 's', ms=6.5, mfc=PAPER, mec=SLIDING,
-            mew=1.6, zorder=6, label='reverse time',
+            mew=1.6, zorder=6, label='unstable, reverse time',
         )  # fmt: skip
 
 
@@ -203,10 +206,9 @@ def _words(axes: Axes, picture: AmplitudePicture) -> None:
     for text, at, order in marks:
         places = [around(d)[k] for d in (9.0, 30.0, 48.0, 66.0, 90.0) for k in order]
         labels.point(text, at, places, weight='bold', size=10.5, zorder=13)
-    labels.along('steady sliding', picture.x, np.zeros_like(picture.x), fractions=_SLIDING_AT)
-
-
-_SLIDING_AT = (0.93, 0.88, 0.1, 0.2, 0.3, 0.7)
+    labels.along(
+        'steady sliding', picture.x, np.zeros_like(picture.x), fractions=_SLIDING_AT, size=10.0
+    )
 
 
 def _fold_words(picture: AmplitudePicture) -> str:

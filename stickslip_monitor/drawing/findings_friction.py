@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.drawing.canvas import style
-from stickslip_monitor.drawing.findings import DASHES, EXACT, SLIDING, stated_figure
+from stickslip_monitor.drawing.findings import DASHES, EXACT, SLIDING, VEIL, stated_figure
 from stickslip_monitor.drawing.labels import Labeller, Place, around
 from stickslip_monitor.drawing.palette import INK, MUTED, PAPER
 
@@ -90,7 +90,7 @@ def _laws(axes: Axes, picture: FrictionPicture) -> None:
         for side, label in ((ahead, name), (~ahead, None)):
             axes.plot(picture.speed[side], mu[side], color=colour, ls=line, lw=2.6, label=label)
     ends = (-picture.static, picture.static)
-    axes.plot((0.0, 0.0), ends, color=INK, lw=2.6, label='at rest: between the two')
+    axes.plot((0.0, 0.0), ends, color=INK, lw=2.6, label='at rest: −$\\mu_s$ to $\\mu_s$')
 
 
 def _tangent(axes: Axes, picture: FrictionPicture) -> tuple[FloatArray, FloatArray]:
@@ -133,5 +133,6 @@ def _coefficient_words(labels: Labeller, picture: FrictionPicture, sign: float) 
     end = float(picture.speed[-1 if ahead else 0])
     labels.point(
         f'{minus}$\\mu_k$ = {minus}{picture.kinetic:g}', (end, sign * picture.kinetic),
-        [Place(-8.0 * sign, -6.0 * sign, align, 'top' if ahead else 'bottom')], size=10.5,
+        [Place(-8.0 * sign, -6.0 * sign, align, 'top' if ahead else 'bottom')],
+        size=10.5, bbox=VEIL,
     )  # fmt: skip

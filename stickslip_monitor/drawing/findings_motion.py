@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.drawing.canvas import style
-from stickslip_monitor.drawing.findings import DASHES, EXACT, SLIDING, stated_figure
+from stickslip_monitor.drawing.findings import DASHES, EXACT, SLIDING, VEIL, stated_figure
 from stickslip_monitor.drawing.labels import Labeller, around
-from stickslip_monitor.drawing.palette import INK, MUTED, PAPER, REGIME_FILL
+from stickslip_monitor.drawing.palette import INK, MUTED, REGIME_FILL
 from stickslip_monitor.monitor.assessment import Regime
 
 if TYPE_CHECKING:
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 _PERIODS_SHOWN = 3.0
+_AT_BELT = 1e-9
 _ROOM, _ABOVE = 1.25, 0.2
-_VEIL = {'fc': PAPER, 'ec': 'none', 'alpha': 0.8, 'pad': 0.8}
 _STICK = INK
 
 
@@ -115,7 +115,7 @@ def _last_periods(axes: Axes, picture: MotionPicture) -> None:
     labels.avoid(t, v)
     middle = _middle_of_stick(t, picture.sticking[shown])
     if middle is not None:
-        places = [around(d)[k] for d in (6.0, 9.0, 24.0) for k in (4, 0, 1)]
+        places = [around(d)[k] for d in (10.0, 24.0) for k in (0, 1, 4)]
         labels.point("stick, $x' = V$", (middle, belt), places, size=10.0)
 
 
@@ -146,7 +146,7 @@ def _portrait(axes: Axes, picture: MotionPicture) -> None:
     axes.axhline(belt, color=MUTED, lw=1.0, ls=':')
     axes.plot(picture.displacement * 1e3, picture.velocity * 1e3, color=EXACT, lw=0.5, alpha=0.45)
     axes.plot(x, v, color=EXACT, lw=2.4, zorder=4)
-    stuck = np.where(v >= belt * (1.0 - 1e-12), v, np.nan)
+    stuck = np.where(np.abs(v - belt) <= _AT_BELT * belt, v, np.nan)
     axes.plot(x, stuck, color=_STICK, lw=4.5, zorder=5, solid_capstyle='butt')
     turn = np.linspace(0.0, 2.0 * np.pi, 181)
     a = picture.averaged_amplitude * 1e3
@@ -165,5 +165,5 @@ def _portrait_words(axes: Axes, x: FloatArray, v: FloatArray, stuck: FloatArray)
         middle = 0.5 * float(x[held].min() + x[held].max())
         labels.point("stick, $x' = V$", (middle, float(v[held[0]])), above, size=10.0)
     labels.point(
-        'steady sliding', (0.0, 0.0), [around(8.0)[k] for k in (5, 2)], size=10.0, bbox=_VEIL
+        'steady sliding', (0.0, 0.0), [around(8.0)[k] for k in (5, 2)], size=10.0, bbox=VEIL
     )

@@ -21,14 +21,15 @@ if TYPE_CHECKING:
 _LOOKS = (
     ('#0072b2', 'o'),
     ('#56b4e9', 'v'),
-    ('#8c8c8c', 'P'),
+    ('#d55e00', 'P'),
     ('#e69f00', 's'),
     ('#cc79a7', 'X'),
-    ('#d55e00', '^'),
+    ('#8c8c8c', '^'),
     ('#009e73', 'D'),
     ('#000000', '*'),
     ('#7a1f5c', 'h'),
 )
+_NEAR, _FAR = (9.0, 14.0), (9.0, 14.0, 19.0, 30.0)
 _FLOOR, _FAILED = 1e-16, 30.0
 _LEAST, _MOST = 3e-17, 100.0
 _FRONT = '#444444'
@@ -118,23 +119,30 @@ def _marks(axes: Axes, panel: Panel, looks: dict[str, tuple[str, str]]) -> None:
     for mark in panel.marks:
         colour, shape = looks[mark.family]
         axes.plot(
-            mark.seconds, _height(mark.error), shape, ms=13.0 if shape == "*" else 8.5,
+            mark.seconds, _height(mark.error), shape, ms=_size(shape),
             mfc=PAPER if mark.together else colour, mec=_edge(mark, colour),
             mew=1.4 if mark.front or mark.together else 0.8, zorder=4,
         )  # fmt: skip
         labeller.reserve(mark.seconds, _height(mark.error), 7.0)
     if len(x) > 1:
         labeller.avoid(np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1])
-    for mark in sorted(panel.marks, key=lambda m: not m.front):
-        at = (mark.seconds, _height(mark.error))
-        places = tuple(place for far in (9.0, 16.0, 24.0, 36.0, 52.0) for place in around(far))
-        weight = 'bold' if mark.front else 'normal'
-        labeller.point(mark.label, at, places, size=8.0, weight=weight)
+    # In a crowd the colour tells the family and the table the rest: no forest of leaders.
+    for mark in sorted(panel.marks, key=lambda m: (not m.front, not m.together)):
+        if math.isfinite(mark.error):
+            near = not (mark.front or mark.together)
+            places = tuple(p for far in (_NEAR if near else _FAR) for p in around(far))
+            weight = 'bold' if mark.front else 'normal'
+            at = (mark.seconds, _height(mark.error))
+            labeller.point(mark.label, at, places, size=8.0, weight=weight)
     if any(math.isinf(mark.error) for mark in panel.marks):
         axes.text(
             0.012, 0.988, 'fails at some case', transform=axes.transAxes, va='top', size=8.5,
             color=MUTED,
         )  # fmt: skip
+
+
+def _size(shape: str) -> float:
+    return 13.0 if shape == '*' else 8.5
 
 
 def _edge(mark: Mark, colour: str) -> str:
@@ -145,9 +153,23 @@ def _legend(figure: Figure, looks: dict[str, tuple[str, str]]) -> None:
     from matplotlib.lines import Line2D
 
     handles = [
-        Line2D([], [], marker=shape, ls='none', ms=8.0, mfc=colour, mec=PAPER, label=family)
+        Line2D(
+            [],
+            [],
+            marker=shape,
+            ls='none',
+            ms=_size(shape),
+            mfc=colour,
+            mec=PAPER,
+            label=family,
+        )
         for family, (colour, shape) in looks.items()
     ]
+    handles.append(
+        Line2D(
+            [], [], marker='o', ls='none', ms=8.0, mfc=PAPER, mec=INK, label='many points at once'
+        )
+    )
     handles.append(
         Line2D(
             [],

@@ -87,7 +87,7 @@ class MonitorNode(LifecycleNode):
         try:
             self._outputs = Outputs(self, self._config)
         except ROS_FAULTS as error:
-            return self._failed(f'its topics cannot be published: {error}')
+            return self._failed(f'its topics cannot be published: {_sentence(error)}')
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -95,7 +95,7 @@ class MonitorNode(LifecycleNode):
         try:
             self._inputs = Inputs(self, self._config, self._receive)
         except ROS_FAULTS as error:
-            return self._failed(f'its inputs cannot be subscribed to: {error}')
+            return self._failed(f'its inputs cannot be subscribed to: {_sentence(error)}')
         result = super().on_activate(state)
         simulated = self.get_parameter(parameters.USE_SIM_TIME).value is True
         self._flows = {name: Flow(simulated, *self._clocks()) for name in self._monitor.bearings}
@@ -225,13 +225,16 @@ def _spin(node: MonitorNode) -> None:
             node.get_logger().error(f'request refused: {error}')
 
 
+def _sentence(error: Exception) -> str:
+    """What ROS says, without the places in its sources."""
+    return re.sub(r', at /\S+', '', str(error))
+
+
 def _initialise(args: Sequence[str] | None) -> None:
     try:
         rclpy.init(args=None if args is None else list(args))
     except (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError) as error:
-        # Without the places in the sources of ROS.
-        text = re.sub(r', at /\S+', '', str(error))
-        raise RosError(f'the ROS arguments cannot be used: {text}') from error
+        raise RosError(f'the ROS arguments cannot be used: {_sentence(error)}') from error
 
 
 def _run(args: Sequence[str] | None) -> None:

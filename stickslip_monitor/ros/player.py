@@ -122,8 +122,6 @@ class Player:
         """Sleep until it is time for a message, with /clock running on meanwhile."""
         due = begin + (target - first) * 1e-9 / rate
         while (left := due - time.monotonic()) > 0.0:
-            if not rclpy.ok():
-                raise KeyboardInterrupt
             time.sleep(min(left, CLOCK_PERIOD))
             if left > CLOCK_PERIOD:
                 self._publish_clock(first + int((time.monotonic() - begin) * rate * 1e9))

@@ -257,12 +257,13 @@ def read_rows(path: str | Path) -> list[Row]:
     """
     try:
         with Path(path).open(encoding='utf-8', newline='') as file:
-            reader = csv.DictReader(file)
-            if list(reader.fieldnames or ()) != [field.name for field in fields(Row)]:
-                raise ConfigurationError(f"{path} is no measurement of 'stickslip accuracy'")
-            return [_parsed(line) for line in reader]
+            lines = list(csv.DictReader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ConfigurationError(f'{path} cannot be read: {error}') from error
+    if not lines or list(lines[0]) != [field.name for field in fields(Row)]:
+        raise ConfigurationError(f"{path} is no measurement of 'stickslip accuracy'")
+    try:
+        return [_parsed(line) for line in lines]
     except (ValueError, TypeError) as error:
         raise ConfigurationError(f'{path} has a cell that is no number: {error}') from error
 

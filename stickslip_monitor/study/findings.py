@@ -46,6 +46,14 @@ REFERENCE_RPM, REFERENCE_LOAD = 20.0, 1000.0
 _NEAR_AN_END = np.geomspace(1e-9, 0.05, 8)
 _WIDTHS, _HALVINGS = (1e-4, 1e-3, 1e-2, 0.1, 0.5), 40
 _SPEED_ROOM, _LOAD_ROOM, _FALL_ROOM = 1.12, 6.0, 0.55
+_START = 0.5
+_TURNS, _LAST_TURN, _MOST_CHUNKS = 40.0, 1.25, 200
+_TOLERANCE = 1e-10
+_SAMPLES = 64
+_DISTURBANCE, _ARRIVED = 0.05, 0.995
+_MOST_PERIODS, _PERIODS_AFTER, _PER_PERIOD = 250, 8, 120
+_CYCLE_POINTS = 721
+_CURVE_POINTS, _CURVE_ROOM = 400, 1.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -243,7 +251,7 @@ def over_speed(bearing: Bearing, load: float, points: int = 120, reverse: int = 
     """
     hopf, averaged_fold = float(hopf_speed(bearing, load)), float(fold_speed(bearing, load))
     fold = float(exact_fold_speed(bearing, load))
-    highest = _SPEED_ROOM * max(fold, averaged_fold)
+    highest = _SPEED_ROOM * float(np.fmax(fold, averaged_fold))
     speed = _grid(highest / points, highest, (hopf, fold, averaged_fold), points)
     between = hopf + (fold - hopf) * np.linspace(0.2, 0.97, reverse)
     averaged = assess(bearing, speed, load)
@@ -326,11 +334,11 @@ def _sweep(
 ) -> Sweep:
     hopf, fold, averaged_fold = ends
     exists = np.flatnonzero(np.isfinite(exact))
-    last = exists[np.argmin(np.abs(value[exists] - fold))]
+    nearest = exists[np.argsort(np.abs(value[exists] - fold))[:1]]
     found, amplitude = reverse or (np.empty(0), np.empty(0))
     return Sweep(
         value, exact, unstable, np.asarray(averaged[0]), np.asarray(averaged[1]),
-        hopf, fold, averaged_fold, float(exact[last]), found, amplitude,
+        hopf, fold, averaged_fold, float(np.max(exact[nearest], initial=0.0)), found, amplitude,
     )  # fmt: skip
 
 
@@ -378,12 +386,6 @@ def _amplitudes(bearing: Bearing, speed: float, load: float) -> tuple[float, flo
     )
 
 
-_START = 0.5
-_TURNS, _MOST_CHUNKS = 40, 200
-_TOLERANCE = 1e-10
-_SAMPLES = 64
-
-
 def reverse_time_amplitudes(
     bearing: Bearing, speed: ArrayLike, load: float, accuracy: float = 1e-8
 ) -> Array:
@@ -408,23 +410,33 @@ def reverse_time_amplitudes(
     """
     v = np.atleast_1d(np.asarray(speed, dtype=float))
     threshold = np.asarray(assess(bearing, v, load).threshold_amplitude)
-    omega = bearing.natural_frequency
-    state = np.concatenate([_START * threshold * omega / v, np.zeros(v.size)])
-    flow = _reversed_flow(bearing, v, load)
-    amplitude, change = np.full((2, v.size), np.inf)
+    bistable = np.isfinite(threshold)
     found = np.full(v.size, np.nan)
+    if bistable.any():
+        scale = v[bistable] / bearing.natural_frequency
+        start = _START * threshold[bistable] / scale
+        flow = _reversed_flow(bearing, v[bistable], load)
+        found[bistable] = _settled(flow, start, accuracy) * scale
+    return found
+
+
+def _settled(flow: Callable[[float, Array], Array], start: Array, accuracy: float) -> Array:
+    """The amplitudes at which motions from turning points at ``start`` settle [V/omega]."""
+    state = np.concatenate([start, np.zeros(start.size)])
+    amplitude, change = np.full((2, start.size), np.inf)
+    found = np.full(start.size, np.nan)
     for _ in range(_MOST_CHUNKS):
-        state = _followed(flow, 2.0 * np.pi * (_TURNS - 1.25), state).y[:, -1]
-        turn = _followed(flow, 2.0 * np.pi * 1.25, state, dense_output=True)
+        state = _followed(flow, 2.0 * np.pi * (_TURNS - _LAST_TURN), state).y[:, -1]
+        turn = _followed(flow, 2.0 * np.pi * _LAST_TURN, state, dense_output=True)
         state, before, last = turn.y[:, -1], amplitude, change
-        amplitude = np.array([_half_stroke(turn.sol, i, v.size) for i in range(v.size)])
+        amplitude = np.array([_half_stroke(turn.sol, i, start.size) for i in range(start.size)])
         change = np.abs(amplitude - before)
         # The changes fall as a geometric series, whose rest is what is still to come.
         known = np.isfinite(last) & (change < last)
-        rest = np.full(v.size, np.inf)
+        rest = np.full(start.size, np.inf)
         rest[known] = change[known] ** 2 / (last[known] - change[known])
-        settled = np.isnan(found) & (rest <= accuracy * amplitude)
-        found[settled] = (amplitude * v / omega)[settled]
+        done = np.isnan(found) & (rest <= accuracy * amplitude)
+        found[done] = amplitude[done]
         if np.isfinite(found).all():
             break
     return found
@@ -453,20 +465,17 @@ def _followed(
 
 
 def _half_stroke(solution: Any, index: int, count: int) -> float:
-    """Half the way between two successive turning points of one motion [V/omega]."""
-    tau = np.linspace(0.0, 2.0 * np.pi * 1.25, _SAMPLES)
+    """Half the way between two successive turning points, ``nan`` if it has none [V/omega]."""
+    tau = np.linspace(0.0, 2.0 * np.pi * _LAST_TURN, _SAMPLES)
     w = solution(tau)[count + index]
     turns = np.flatnonzero(w[:-1] * w[1:] <= 0.0)[:2]
+    if turns.size < 2:
+        return math.nan
     ends = [
         solution(brentq(lambda t: solution(t)[count + index], tau[i], tau[i + 1], xtol=1e-13))
         for i in turns
     ]
     return 0.5 * abs(float(ends[1][index] - ends[0][index]))
-
-
-_DISTURBANCE, _ARRIVED = 0.05, 0.995
-_MOST_PERIODS, _PERIODS_AFTER, _PER_PERIOD = 250, 8, 120
-_CYCLE_POINTS = 721
 
 
 def stick_slip_history(bearing: Bearing, speed: float, load: float, follow: Follow) -> History:
@@ -528,9 +537,6 @@ def _averaged_growth(
     time = np.linspace(0.0, periods * period, periods * _PER_PERIOD + 1)
     envelope = grown.sol(np.minimum(time, grown.t[-1]))[0]
     return time, np.asarray(envelope, dtype=float)
-
-
-_CURVE_POINTS, _CURVE_ROOM = 400, 1.3
 
 
 def friction_curves(bearing: Bearing, load: float) -> FrictionCurves:

@@ -79,7 +79,7 @@ class Oracle:
 class BruteForce:
     """KBM of any law: a fine scan of the balance by the midpoint rule, and scipy quad."""
 
-    def __init__(self, angles: int = 6000, amplitudes: int = 3000) -> None:
+    def __init__(self, angles: int = 4000, amplitudes: int = 2000) -> None:
         self._cosine = np.cos((np.arange(angles) + 0.5) * np.pi / angles)
         self._x = np.linspace(0.0, 2.0, amplitudes + 2)[1:-1]
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import minimize_scalar
 
 from stickslip_monitor.physics.averaging import amplitude_rate
 from stickslip_monitor.physics.bifurcation import (
@@ -264,7 +265,7 @@ def test_cycles_are_zeros_of_the_amplitude_rate(name: str, damping: float) -> No
 def test_every_cycle_of_a_table_with_two_falls_is_found(
     speed: float, load: float, brute_force: Any
 ) -> None:
-    """A scan of 3000 amplitudes by the midpoint rule; up to four cycles (none may be lost)."""
+    """A scan of 2000 amplitudes by the midpoint rule; up to four cycles (none may be lost)."""
     bearing = _bearing(TWO_FALLS)
     expected, stable = brute_force.cycles(TWO_FALLS, speed, 400.0 / load)
     cycles = stationary_amplitudes(bearing, speed, load)
@@ -277,6 +278,29 @@ def test_every_cycle_of_a_table_with_two_falls_is_found(
             for sign in (-1.0, 1.0)
         ]
         assert balance[0] * balance[1] < 0.0 or min(map(abs, balance)) < 1e-12
+
+
+@pytest.mark.parametrize('share', [1e-3, 1e-5, 1e-7])
+def test_a_close_pair_of_cycles_is_not_lost(share: float, brute_force: Any) -> None:
+    """Just below the top of ``2 S/a`` over the amplitude two cycles lie close together.
+
+    The top by scipy's minimiser over scipy's quadrature, the pair from its parabola.
+    """
+    speed = 0.28
+
+    def slope(a: float) -> float:
+        return 2.0 * brute_force.harmonic(TWO_FALLS, speed, a) / a
+
+    top = minimize_scalar(lambda a: -slope(a), (0.085, 0.095, 0.105), tol=1e-9).x
+    height, h = slope(top), 2e-4
+    curvature = (slope(top + h) - 2.0 * height + slope(top - h)) / (h * h)
+    half_width = np.sqrt(2.0 * height * share / -curvature)
+    cycles = stationary_amplitudes(_bearing(TWO_FALLS), speed, 400.0 / (height * (1.0 - share)))
+    pair = 200.0 * cycles.amplitude[:2]
+    assert cycles.stable[:2].tolist() == [False, True]
+    np.testing.assert_allclose(pair, [top - half_width, top + half_width], atol=0.2 * half_width)
+    fewer = stationary_amplitudes(_bearing(TWO_FALLS), speed, 400.0 / (height * (1.0 + share)))
+    assert fewer.amplitude.size == cycles.amplitude.size - 2
 
 
 def test_table_with_two_falls_has_four_cycles() -> None:
@@ -324,6 +348,26 @@ def test_highest_hopf_speed_of_a_table_with_several(load: float) -> None:
         assert (growth_rate(_bearing(TWO_FALLS), v, load) > 0.0) == unstable[
             np.searchsorted(speed, v)
         ]
+
+
+@pytest.mark.parametrize('share', [1e-2, 1e-4, 1e-6, 1e-8])
+def test_hopf_speed_is_found_however_narrow_the_unstable_range(share: float) -> None:
+    """The slope of a monotone cubic is a parabola between two points; its top by three samples.
+
+    At a load that falls short of the top by ``share`` the range about it is ``2 w`` wide.
+    """
+    law = Tabulated([0.0, 0.1, 0.23, 0.3, 0.6], [0.3, 0.28, 0.2, 0.18, 0.18])
+    v = np.array([0.11, 0.16, 0.22])
+    curvature, tilt, level = np.polyfit(v, -law.slope(v), 2)
+    top = -tilt / (2.0 * curvature)
+    height = level + 0.5 * tilt * top
+    load = 400.0 / (height * (1.0 - share))
+    width = np.sqrt(height * share / -curvature)
+    bearing = _bearing(law)
+    assert hopf_speed(bearing, load) == pytest.approx(top + width, rel=1e-7)
+    # About the top of a concave slope every motion averages less than the slope itself.
+    assert fold_speed(bearing, load) == pytest.approx(hopf_speed(bearing, load), rel=1e-12)
+    assert np.isnan(hopf_speed(bearing, 400.0 / (height * (1.0 + share))))
 
 
 @pytest.mark.parametrize('load', [400.0, 1600.0])

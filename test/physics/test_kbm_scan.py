@@ -63,7 +63,7 @@ def test_peak_slope_is_the_average_at_the_sliding_limit() -> None:
 
 
 def test_peak_slope_of_a_table_is_the_maximum(brute_force: Any) -> None:
-    """The highest of a scan of 3000 amplitudes, of its cusp at ``a = V`` and of ``a = 0``."""
+    """The highest of a scan of 2000 amplitudes, of its cusp at ``a = V`` and of ``a = 0``."""
     law = Tabulated(
         [0.0, 0.02, 0.06, 0.2, 0.22, 0.3, 0.9], [0.4, 0.2, 0.2, 0.26, 0.16, 0.15, 0.15]
     )

@@ -81,9 +81,9 @@ def test_harmonic_beyond_limit_is_the_integral(v: float, excess: float, oracle: 
         assert abs(got - exact) < 2e-15 * (1.0 + r)
 
 
-@pytest.mark.parametrize('v', [1e-300, 1e-12, 1e-5, 1e-3, 0.02, 0.5, 2.0, 9.0, 80.0, 1e3, 1e4])
-@pytest.mark.parametrize('share', [0.0, 0.3, 0.9, 0.9999])
-@pytest.mark.parametrize('r', [0.0, 0.5, 1e3])
+@pytest.mark.parametrize('v', [1e-300, 1e-12, 1e-5, 1e-3, 0.02, 0.5, 2.0, 9.0, 80.0, 1e4])
+@pytest.mark.parametrize('share', [0.0, 0.6, 0.9999])
+@pytest.mark.parametrize('r', [0.0, 50.0])
 def test_stable_amplitude_is_bracketed(v: float, share: float, r: float, oracle: Any) -> None:
     """The directly integrated balance changes its sign within 1e-12 of the amplitude.
 

@@ -84,6 +84,14 @@ class Program:
             self.process.send_signal(number)
         return self.wait()
 
+    def end(self) -> None:
+        """Stop it whatever it takes; a killed program leaves shared memory behind."""
+        try:
+            self.stop()
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.wait()
+
 
 class Peer:
     """The test's own node: what it waits for, it spins for."""
@@ -255,7 +263,7 @@ class Telemetry:
             name: self.peer.listen(kind, monitor.name(f'{bearing}/{name}'))
             for name, kind in (kinds | {'regime': String}).items()
         }
-        for second in range(-900, 0):
+        for second in range(-900, -700):
             self.send(60.0, 1000.0, second)
             self.peer.spin(0.1)
             if all(self.heard.values()):
@@ -326,8 +334,7 @@ def peer(_ros: None) -> Iterator[Peer]:
     peer = Peer(f'peer{next(_numbers)}')
     yield peer
     for program in peer.watched:
-        if program.alive:
-            program.stop()
+        program.end()
     peer.close()
 
 

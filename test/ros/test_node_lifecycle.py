@@ -44,6 +44,19 @@ def test_every_transition_and_every_invalid_request(start: Any, kit: Any) -> Non
     assert 'Traceback' not in monitor.output
 
 
+def test_an_activation_that_fails_can_be_repeated(start: Any, kit: Any) -> None:
+    topics = {'speed.topic': '/diagnostics'}
+    monitor = start(kit.parameters(topics, autostart=False))
+    assert monitor.change_state(CONFIGURE)
+    for _ in range(2):
+        assert not monitor.change_state(ACTIVATE)
+        assert monitor.state() == 'inactive'
+    assert 'its inputs cannot be subscribed to' in monitor.output
+    assert monitor.set(aft__speed__topic='/elsewhere') == [(True, '')]
+    assert monitor.change_state(ACTIVATE)
+    assert monitor.state() == 'active'
+
+
 @pytest.mark.parametrize('state', ['unconfigured', 'inactive'])
 def test_shutdown_from_a_state_that_is_not_active(start: Any, kit: Any, state: str) -> None:
     monitor = start(kit.parameters(kit.STAMPED, autostart=False))

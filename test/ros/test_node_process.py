@@ -60,6 +60,12 @@ def test_what_ros_cannot_read_is_refused(run: Any, tmp_path: Path) -> None:
     refused(programs[3], "parameter 'bearings' is missing")
 
 
+def test_a_start_that_fails(start: Any, kit: Any) -> None:
+    # The node publishes this topic itself, with another type.
+    monitor = start(kit.parameters({'speed.topic': '/diagnostics'}))
+    refused(monitor, 'the node cannot activate: its inputs cannot be subscribed to: ')
+
+
 def test_time_source_that_is_no_boolean(start: Any, kit: Any) -> None:
     monitor = start(kit.parameters(), '-p', 'use_sim_time:=banana')
     refused(monitor, "use_sim_time = 'banana' must be true or false")

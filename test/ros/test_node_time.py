@@ -176,15 +176,17 @@ def test_clock_starts_late_and_jumps(start: Any, kit: Any) -> None:
 
     clock = Clock(monitor)
 
-    def run(begin: float, rpm: float, condition: Any, what: str) -> float:
-        """Run the clock in steps of 0.2 s until a condition holds."""
+    def run(
+        begin: float, rpm: float | None, condition: Any, what: str, step: float = 0.2
+    ) -> float:
+        """Run the clock in steps until a condition holds."""
         now = begin
 
         def check() -> Any:
             nonlocal now
-            now += 0.2
+            now += step
             clock.set(now)
-            sensors.send(rpm, 1000.0)
+            sensors.send(rpm, None if rpm is None else 1000.0)
             return condition()
 
         peer.until(check, what)
@@ -211,6 +213,12 @@ def test_clock_starts_late_and_jumps(start: Any, kit: Any) -> None:
     kinds = [e['to'] for e in kit.events(warnings)]
     assert kinds == ['input_stale', 'normal', 'stick_slip']
     assert kit.events(warnings)[-1]['time'] * 1e-9 > 3700.0
+
+    # No samples while the clock runs on, some twenty times faster than real time.
+    warnings.clear()
+    begin = run(now + 0.2, 20.0, lambda: True, 'a sample')
+    assert run(begin, None, heard('input_stale'), 'the loss', step=1.0) - begin < 25.0
+    run(now + 100.0, 20.0, lambda: 'input_stale' not in kit.events(warnings)[-1]['to'], 'return')
 
     # The player has gone: a clock that stands still says nothing, the steady clock does.
     warnings.clear()

@@ -41,13 +41,8 @@ class Slip:
     def __init__(self, case: Case, side: int) -> None:
         b = case.bearing
         self.m, self.c, self.k = mp.mpf(b.mass), mp.mpf(b.damping), mp.mpf(b.stiffness)
-        self.belt, self.load, self.law, self.side = (
-            mp.mpf(case.speed),
-            mp.mpf(case.load),
-            None,
-            side,
-        )
-        self.law = b.friction
+        self.belt, self.load = mp.mpf(case.speed), mp.mpf(case.load)
+        self.law, self.side = b.friction, side
 
     def series(self, x, v):
         """Taylor coefficients in time of displacement and velocity."""

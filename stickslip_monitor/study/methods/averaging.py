@@ -27,7 +27,7 @@ class Averaging:
     slow: bool = False
     practice: str = (
         'First-order averaging of a harmonic motion; the amplitude balance is solved from its'
-        ' closed form (Bessel and Struve functions), by quadrature for laws without one.'
+        ' closed form for the Stribeck law, by quadrature for laws without one.'
     )
     source: str = 'Bogoliubov and Mitropolsky, Asymptotic Methods (1961), ch. 1; PHYSICS.md'
 

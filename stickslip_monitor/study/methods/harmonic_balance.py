@@ -27,7 +27,7 @@ from stickslip_monitor.study.methods.method import MethodResult, Outcome, found
 _NEWTON, _HALVINGS, _INNER = 80, 12, 40
 _CONVERGED = 1e-11
 _SAMPLES_PER_HARMONIC, _FEWEST = 32, 256
-_STIFFNESS, _FLOOR = 2.0, 10.0
+_LINEAR, _ROOT = 2.0, 4.0
 _FINE = 4096
 
 
@@ -45,7 +45,8 @@ class _Law:
         self.static = self.force * self.law.static
         panels = speed * np.linspace(0.0, 4.0, 401)
         fall = -self.force * speed * float(np.min(self.law.slope(panels)))
-        self.penalty = _STIFFNESS * (max(fall, 0.0) + self.static) + _FLOOR
+        scale = max(fall, 0.0) + self.static
+        self.penalty = _LINEAR * scale + _ROOT * math.sqrt(scale)
         self.evaluations = 0
 
     def resolvent(self, y: Array) -> tuple[Array, Array]:

@@ -14,6 +14,8 @@ import numpy as np
 from stickslip_monitor.physics.friction import FrictionLaw, Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
 
+_STEEPEST = 50.0  # a solver's wild trial step must not overflow
+
 
 class Outcome(Enum):
     """How a method ended, each with its sentence."""
@@ -102,11 +104,14 @@ def found(amplitude: float, evaluations: int | None) -> MethodResult:
 
 
 def scalar_law(law: FrictionLaw) -> Callable[[float], float]:
-    """The coefficient at one positive relative speed [m/s], without the cost of an array."""
+    """The coefficient at one relative speed [m/s], without the cost of an array.
+
+    Below zero the forward branch goes on smoothly, for trial steps that overshoot a contact.
+    """
     if isinstance(law, Stribeck):
         kinetic, gap = law.kinetic, law.static - law.kinetic
         decay, viscous = law.decay, law.viscous
-        return lambda v: kinetic + gap * math.exp(-decay * v) + viscous * v
+        return lambda v: kinetic + gap * math.exp(min(-decay * v, _STEEPEST)) + viscous * v
     return lambda v: float(law.coefficient(v))
 
 

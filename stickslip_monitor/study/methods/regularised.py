@@ -22,12 +22,12 @@ from stickslip_monitor.study.methods.solver import Flow, run
 
 _CYCLES = 10.0
 _WATCHED = 0.6
-_QUIET = 0.5
+_QUIET, _DECAYS = 0.5, 0.8
 
 
 def half_range(turns: Array, speed: float, omega: float) -> float:
-    """Half the range of the turning points [m]; ``nan`` for a motion that has settled."""
-    if turns.size < 2:
+    """Half the range of the turning points [m]; ``nan`` for a motion that settles."""
+    if turns.size < 2 or abs(turns[-1] - turns[-2]) < _DECAYS * abs(turns[1] - turns[0]):
         return math.nan
     amplitude = 0.5 * float(np.ptp(turns))
     return amplitude if amplitude * omega > _QUIET * speed else math.nan

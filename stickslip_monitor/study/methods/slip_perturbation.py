@@ -2,7 +2,7 @@
 """First-order perturbation of the slip phase from breakaway, for any friction law.
 
 A lining that sticks leaves the belt with the velocity ``V`` close to steady sliding, whatever
-came before. In one slip phase its velocity amplitude grows by ``pi (2 N S(V; V) - c V)/(m omega)``,
+came before. One slip phase makes its velocity amplitude grow by ``pi (2 N S - c V)/(m omega)``,
 the growth of a cycle at the sliding limit; crest and trough see half of that on the average:
 
     omega A = V + (pi/(m omega)) (N S(V; V) - c V/2),    S(V; V) = Delta I1e(beta V) for Stribeck

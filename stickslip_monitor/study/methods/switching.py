@@ -29,6 +29,7 @@ from stickslip_monitor.study.methods.solver import Event, run
 _CYCLES = 10.0
 _WATCHED = 0.6
 _MOST_PHASES = 200
+_DEAF = 1e-6
 
 
 @dataclass(slots=True)
@@ -106,8 +107,9 @@ class Switching:
             return v, (friction - damping * v - stiffness * x) / mass
 
         method, rtol, atol = ('DOP853', 1e-12, 1e-15) if self.tight else ('RK45', 1e-3, 1e-6)
+        deaf = way.time + _DEAF / bearing.natural_frequency
         seen = run(
-            flow, (way.time, span), (way.x, speed), [_contact(speed, side)], method=method,
+            flow, (way.time, span), (way.x, speed), [_contact(speed, side, deaf)], method=method,
             rtol=rtol, atol=atol, max_step=self.longest / bearing.natural_frequency,
         )  # fmt: skip
         way.evaluations += seen.evaluations
@@ -117,11 +119,14 @@ class Switching:
         way.time, way.x = seen.time, seen.x
 
 
-def _contact(speed: float, side: float) -> Event:
-    """Terminal where the lining reaches the belt's speed from its side."""
+def _contact(speed: float, side: float, earliest: float) -> Event:
+    """Terminal where the lining reaches the belt's speed from its side.
 
-    def contact(_: float, y: Array) -> float:
-        return side * (speed - float(y[1]))
+    A phase begins at contact: a first step too small to change the speed would end it at once.
+    """
+
+    def contact(time: float, y: Array) -> float:
+        return side * (speed - float(y[1])) if time > earliest else speed
 
     contact.terminal = True  # type: ignore[attr-defined]
     contact.direction = -1.0  # type: ignore[attr-defined]

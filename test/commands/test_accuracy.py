@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``stickslip accuracy``: its files, its table, its JSON, and what it says about bad input."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+
+import pytest
+
+from stickslip_monitor.cli import main
+from stickslip_monitor.commands import accuracy
+from stickslip_monitor.study.accuracy import Effort, read_rows
+
+STORED = str(Path(__file__).parents[2] / 'docs' / 'accuracy.csv')
+
+
+@pytest.fixture
+def fast(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(accuracy, 'QUICK', Effort(budget=0.0, sample=1e-9, fewest=1, most=1))
+    chosen = ('KBM', 'exact cycle', 'Thomsen and Fidlin', 'harmonic balance, H = 1')
+    whole = accuracy.ladder
+    monkeypatch.setattr(accuracy, 'ladder', lambda *a: [m for m in whole(*a) if m.name in chosen])
+
+
+@pytest.mark.usefixtures('fast')
+def test_quick_measures_writes_and_prints(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    out = tmp_path / 'a.csv'
+    assert main(['accuracy', '--quick', '--csv', str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert 'exact cycle' in printed
+    assert '20 rpm' in printed
+    rows = read_rows(out)
+    assert {row.case for row in rows} == {'38 rpm', '20 rpm', '10 rpm', '40 rpm'}
+    assert all(abs(row.error) < 1e-13 for row in rows if row.method == 'exact cycle')
+    assert {row.outcome for row in rows if row.method == 'Thomsen and Fidlin'} == {'refused'}
+
+
+def test_json_of_a_stored_measurement(capsys: pytest.CaptureFixture) -> None:
+    assert main(['accuracy', '--from', STORED, '--json']) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document['schema'] == 'stickslip_monitor/accuracy/1'
+    assert document['base'] == 'KBM'
+    (kbm,) = (s for s in document['methods'] if s['method'] == 'KBM')
+    assert kbm['ratio'] == 1.0
+    assert len(document['rows']) == len(read_rows(STORED))
+    refused = [row for row in document['rows'] if row['outcome'] == 'refused']
+    assert refused
+    assert all(row['seconds'] is None and row['error'] is None for row in refused)
+
+
+def test_markdown_of_a_stored_measurement(capsys: pytest.CaptureFixture) -> None:
+    assert main(['accuracy', '--from', STORED, '--markdown']) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith('| method | weak friction |')
+    assert len({line.count('|') for line in lines}) == 1
+
+
+def test_the_picture(tmp_path: Path) -> None:
+    pytest.importorskip('matplotlib')
+    out = tmp_path / 'a.png'
+    assert main(['accuracy', '--from', STORED, '-o', str(out)]) == 0
+    data = out.read_bytes()
+    assert struct.unpack('>II', data[16:24]) == (2400, 1440)
+    again = tmp_path / 'b.png'
+    assert main(['accuracy', '--from', STORED, '-o', str(again)]) == 0
+    assert again.read_bytes() == data
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        (['--output', 'a.csv'], 'use --csv for the numbers'),
+        (['--output', 'a.pdf'], 'must end in'),
+        (['--from', STORED, '--quick'], 'does not go with --quick'),
+        (['--from', 'missing.csv'], 'cannot be read'),
+    ],
+)
+def test_bad_input(arguments: list[str], words: str, capsys: pytest.CaptureFixture) -> None:
+    assert main(['accuracy', *arguments]) == 2
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('seconds', 'text'),
+    [(2.5, '2.5 s'), (0.0025, '2.5 ms'), (2.5e-6, '2.5 us'), (float('nan'), '-')],
+)
+def test_times_in_words(seconds: float, text: str) -> None:
+    assert accuracy.time_text(seconds) == text
