@@ -209,4 +209,5 @@ def _margin(speed: FloatArray, boundary: FloatArray) -> FloatArray:
     bounded = np.isfinite(boundary)
     safe = np.where(bounded, boundary, 1.0)
     unbounded = np.where(np.isnan(boundary), np.inf, -1.0)
-    return np.where(bounded, (speed - safe) / safe, unbounded)
+    with np.errstate(over='ignore'):
+        return np.where(bounded, (speed - safe) / safe, unbounded)

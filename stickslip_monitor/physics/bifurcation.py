@@ -32,11 +32,12 @@ def kbm(law: FrictionLaw) -> ModuleType:
     return _CLOSED_FORMS.get(type(law), kbm_scan)
 
 
-def damping_per_load(bearing: Bearing, load: Array) -> Array:
-    """``q = c/N`` [s/m]; ``inf`` where the bearing carries no load."""
+def damping_per_load(bearing: Bearing, load: Array) -> NDArray[Any]:
+    """``q = c/N`` [s/m] as its law's solver wants it; ``inf`` where there is no load."""
     loaded = load > 0.0
+    pressing = np.where(loaded, load, 1.0).astype(kbm(bearing.friction).PRECISION)
     with np.errstate(over='ignore'):
-        return np.where(loaded, bearing.damping / np.where(loaded, load, 1.0), np.inf)
+        return np.where(loaded, bearing.damping / pressing, np.inf)
 
 
 def hopf_speed(bearing: Bearing, load: ArrayLike) -> Any:

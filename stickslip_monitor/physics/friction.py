@@ -20,6 +20,7 @@ from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.physics.rules import require_finite, require_not_negative, require_positive
 
 Array = NDArray[np.float64]
+LongArray = NDArray[np.longdouble]
 
 
 @runtime_checkable

@@ -26,6 +26,8 @@ from stickslip_monitor.physics.friction import Array, FrictionLaw
 from stickslip_monitor.physics.quadrature import friction_harmonic, friction_harmonic_slope
 from stickslip_monitor.physics.rootfinding import newton_on_bracket, secant_on_bracket
 
+PRECISION = np.float64
+
 _QUARTER = 0.5 * np.pi
 _BELOW = np.linspace(0.0, 1.0, 49)
 _ABOVE = 1.0 + np.concatenate([np.geomspace(1e-9, 1e-2, 15), np.linspace(0.02, 0.98, 25)])

@@ -94,7 +94,7 @@ def test_scan_equals_update(
     if start is not None:
         live.advance(start)
     verdicts, events = [], []
-    for time_ns, is_load, value in zip(stream.time_ns, stream.is_load, stream.value):
+    for time_ns, is_load, value in zip(stream.time_ns, stream.is_load, stream.value, strict=False):
         sample = Sample('b', QUANTITIES[int(is_load)], int(time_ns), float(value))
         update = live.update(sample)
         events += update.events
@@ -117,7 +117,7 @@ def test_scan_equals_update(
     assert [(e.time_ns, e.before, e.after, e.lost, e.sticking, e.text) for e in scan.events] == [
         (e.time_ns, e.before, e.after, e.lost, e.sticking, e.text) for e in events
     ]
-    for batch, single in zip(scan.events, events):
+    for batch, single in zip(scan.events, events, strict=False):
         assert (batch.assessment is None) == (single.assessment is None)
         if batch.assessment is not None and single.assessment is not None:
             assert _same_point(batch.assessment, single.assessment)
