@@ -62,6 +62,8 @@ class BearingMonitor:
         self._inputs = (config.speed, config.load)
         self._values = [math.nan, math.nan]
         self._heard: list[Heard | None] = [None, None]
+        # Builds the tables of the friction law now, not when the first sample waits for them.
+        assess(config.bearing, 1.0, 1.0)
 
     def retune(self, config: BearingConfig) -> None:
         """Take over new thresholds, delays, scales and timeouts without losing any state."""
