@@ -239,11 +239,16 @@ def _initialise(args: Sequence[str] | None) -> None:
 
 def _run(args: Sequence[str] | None) -> None:
     """Run the node until it is told to stop."""
-    # Until ROS has installed its handlers, termination ends the program as Ctrl-C does.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # Noted, not raised: an interrupt in the middle of an import prints a traceback of its own.
+    # From rclpy.init on, ROS's handlers take the context down first, which ends the spinning.
+    told: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: told.append(number))
     _initialise(args)
     node = None
     try:
+        if told:
+            return
         node = MonitorNode()
         if node.config.autostart:
             node.start()
