@@ -151,6 +151,10 @@ class Peer:
         """The answer of a service."""
         client = self.node.create_client(kind, name)
         self.until(client.service_is_ready, f'service {name}')
+        # Ready is this side's view: a server that has not yet matched the reader of its answers
+        # gives up on sending one (rclpy: 'client will not receive response').
+        settled = time.monotonic() + 0.5
+        self.until(lambda: time.monotonic() > settled, 'a moment')
         future = client.call_async(request)
         self.until(future.done, f'answer of {name}')
         self.node.destroy_client(client)
