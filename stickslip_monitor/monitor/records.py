@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Events and assessments as plain records for JSON, the same live and offline."""
+"""Events and verdicts as what is published and written, the same live and offline."""
 
 from __future__ import annotations
 
+import json
 import math
 from typing import Any
+
+import numpy as np
 
 from stickslip_monitor.monitor.assessment import Assessment
 from stickslip_monitor.monitor.verdict import Event
@@ -21,6 +24,23 @@ _POINT_FIELDS = (
     'amplitude',
     'threshold_amplitude',
 )
+VERDICT_NUMBERS = ('amplitude', 'hopf_margin', 'fold_margin')
+"""The numbers of a verdict that have a topic of their own, by the topic's last part."""
+
+
+def verdict_numbers(point: Assessment) -> dict[str, Any]:
+    """What the topics of :data:`VERDICT_NUMBERS` say, in their order.
+
+    Args:
+        point: An assessment of scalars, or of arrays.
+
+    Returns:
+        Numbers of the assessment's shape by topic; an amplitude is 0 where no cycle exists.
+    """
+    amplitude = np.where(np.isnan(point.amplitude), 0.0, point.amplitude)
+    return dict(
+        zip(VERDICT_NUMBERS, (amplitude, point.hopf_margin, point.fold_margin), strict=True)
+    )
 
 
 def number(value: float) -> float | None:
@@ -54,3 +74,8 @@ def event_record(event: Event) -> dict[str, Any]:
         'input_age': {name: number(age) for name, age in event.lost.items()},
         'text': event.text,
     }
+
+
+def event_json(event: Event) -> str:
+    """One event as the text of a message."""
+    return json.dumps(event_record(event), allow_nan=False)

@@ -12,6 +12,7 @@ import pytest
 
 from stickslip_monitor import Monitor, Sample, build_config
 from stickslip_monitor.commands import assess as assess_command
+from stickslip_monitor.monitor.diagnostics import diagnostic_values, state_of
 from stickslip_monitor.monitor.records import event_record
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'interfaces.md'
@@ -59,12 +60,9 @@ def test_fields_of_an_assessment(monitor: Monitor) -> None:
 
 
 def test_keys_of_diagnostics(monitor: Monitor) -> None:
-    pytest.importorskip('rclpy', reason='ROS 2 is not installed')
-    from stickslip_monitor.ros.outputs import diagnostic_values
-
     monitor.update(Sample('aft', 'load', 2, 1000.0))
     monitor.advance(10**12)
-    keys = diagnostic_values(monitor.bearings['aft'])
+    keys = diagnostic_values(state_of(monitor.bearings['aft']))
     named = fields(section('Diagnostics'))
     faults = [name.removeprefix('...') for name in named if name.startswith('...')]
     named = [name for name in named if not name.startswith('...')]
