@@ -26,10 +26,7 @@ from scipy.special import ive
 
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.friction import Stribeck
-from stickslip_monitor.scenes.effects.effect import Frame
-from stickslip_monitor.scenes.effects.registry import build_effects
 from stickslip_monitor.scenes.scene import Scene
-from stickslip_monitor.scenes.signals import Block, Signal
 
 # Noise of this many standard deviations, on both signals at once, is allowed for.
 SIGMAS = 4.0
@@ -127,20 +124,12 @@ def _work(law: Stribeck, a: float, speed: float) -> float:
 
 
 def noise_free(scene: Scene, bearing: str) -> Point:
-    """Speed [m/s] and load [N] of a bearing as a function of time [s], by the profiles alone."""
-    profiles = [settings for settings in scene.effects if settings.name.endswith('_profile')]
-    effects = build_effects(profiles, Frame(scene.duration, scene.seed, scene.channels))
-    own = [c for c in scene.channels if bearing in [b.name for b in c.bearings]]
+    """Speed [m/s] and load [N] of a bearing as a function of time [s], before any sensor."""
+    shaft = scene.build().shaft
 
     def at(time: float) -> tuple[float, float]:
         instant = np.array([time])
-        signals = {
-            c.topic: Signal(c, instant, np.zeros(1, np.int64), np.zeros(1)) for c in scene.channels
-        }
-        for effect in effects:
-            effect.apply(Block(time, time, signals))
-        speed, load = (float(signals[c.topic].value[0]) for c in own)
-        return speed, load
+        return float(shaft.speed(bearing, instant)[0]), float(shaft.load(bearing, instant)[0])
 
     return at
 

@@ -8,9 +8,10 @@ from pathlib import Path
 
 from stickslip_monitor.monitor.config import MonitorConfig
 
-from .effects.effect import Effect, Frame
-from .effects.registry import build_effects
+from .effects.effect import Frame
+from .effects.registry import Run, build_run
 from .settings import Settings
+from .shaft import Shaft
 from .signals import Channel
 
 
@@ -23,6 +24,7 @@ class Scene:
         duration: Its duration, > 0 [s].
         start_ns: Time stamp of its start [ns since 1970].
         seed: Seed of all random streams.
+        folder: Folder of the scene file.
         config_path: File of the configuration.
         config: The configuration of the bearings.
         channels: The channels of telemetry.
@@ -33,18 +35,20 @@ class Scene:
     duration: float
     start_ns: int
     seed: int
+    folder: Path
     config_path: Path
     config: MonitorConfig
     channels: tuple[Channel, ...]
     effects: tuple[Settings, ...]
 
-    def build_effects(self) -> list[Effect]:
-        """The effects for one run, in the order in which they act.
+    def build(self) -> Run:
+        """Build one run of the scene.
 
         Raises:
             SceneError: A setting breaks its rule.
         """
-        return build_effects(self.effects, Frame(self.duration, self.seed, self.channels))
+        frame = Frame(self.duration, self.seed, self.channels, Shaft(self.channels), self.folder)
+        return build_run(self.effects, frame)
 
     @property
     def message_count(self) -> int:

@@ -61,13 +61,14 @@ def _build(path: Path, document: Any) -> Scene:
         duration=duration,
         start_ns=start_ns,
         seed=seed,
+        folder=path.parent,
         config_path=config_path,
         config=config,
         channels=read_channels(config, telemetry),
         effects=read_effects(settings.value('effects', 'the list of what happens')),
     )
     # Built here only to hear of wrong settings before anything is written.
-    scene.build_effects()
+    scene.build()
     return scene
 
 

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What effects work on: channels of telemetry, and the samples of a stretch of time on each."""
+"""Channels of telemetry, and the samples of a stretch of time on each."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +10,8 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig
+
+from . import sampling
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -65,7 +66,7 @@ class Channel:
 
     def count(self, duration: float) -> int:
         """Samples in a scene of some duration [s], from 0 to its end inclusive."""
-        return math.floor(duration * self.rate * (1.0 + 1e-12)) + 1
+        return sampling.count(self.rate, duration)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,18 +89,3 @@ class Signal:
     def raw(self) -> FloatArray:
         """The numbers the sensor sends, shape (n,)."""
         return self.channel.raw(self.value)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Block:
-    """A stretch of a scene; effects change its signals or put others in their place.
-
-    Attributes:
-        start: Its begin since the scene's start [s].
-        end: Its end [s].
-        signals: The signal of each topic.
-    """
-
-    start: float
-    end: float
-    signals: dict[str, Signal]

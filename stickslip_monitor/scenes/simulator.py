@@ -8,8 +8,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from . import sampling
+from .block import Block
+from .effects.registry import Run
 from .scene import Scene
-from .signals import Block, Channel, Signal
+from .signals import Channel, Signal
 
 BLOCK_LENGTH = 60.0
 
@@ -17,8 +20,8 @@ BLOCK_LENGTH = 60.0
 def simulate(scene: Scene, block_length: float = BLOCK_LENGTH) -> Iterator[Block]:
     """Run a scene.
 
-    Signals start at zero (a shaft at rest, no load), and each effect adds its own. The outcome
-    does not depend on the length of the blocks.
+    Speeds and loads start at zero (a shaft at rest, no load), and each effect adds its own. The
+    outcome does not depend on the length of the blocks.
 
     Args:
         scene: The scene.
@@ -27,23 +30,24 @@ def simulate(scene: Scene, block_length: float = BLOCK_LENGTH) -> Iterator[Block
     Yields:
         Its blocks, in order of time.
     """
-    effects = scene.build_effects()
+    run = scene.build()
     last = math.ceil(scene.duration / block_length) - 1
     for number in range(last + 1):
         start = number * block_length
         end = scene.duration if number == last else (number + 1) * block_length
-        signals = {c.topic: _blank(scene, c, start, end) for c in scene.channels}
-        block = Block(start, end, signals)
-        for effect in effects:
+        signals = {c.topic: _measured(scene, run, c, start, end) for c in scene.channels}
+        block = Block(start, end, scene.duration, run.shaft, signals)
+        for effect in run.effects:
             effect.apply(block)
         yield block
 
 
-def _blank(scene: Scene, channel: Channel, start: float, end: float) -> Signal:
-    """The instants of a channel from ``start`` to before ``end``, to the scene's end inclusive."""
-    at_end = end == scene.duration
-    stop = channel.count(scene.duration) if at_end else math.ceil(end * channel.rate)
-    numbers = np.arange(math.ceil(start * channel.rate), stop)
-    since_start_ns = np.rint(numbers * (1e9 / channel.rate)).astype(np.int64)
+def _measured(scene: Scene, run: Run, channel: Channel, start: float, end: float) -> Signal:
+    """What a channel's sensor makes of the shaft from ``start`` to before ``end``."""
+    span = sampling.numbers(channel.rate, start, end, scene.duration)
+    numbers = np.array(span, np.int64)
     time = numbers / channel.rate
-    return Signal(channel, time, scene.start_ns + since_start_ns, np.zeros(numbers.size))
+    stamp_ns = scene.start_ns + np.rint(numbers * (1e9 / channel.rate)).astype(np.int64)
+    sensor = run.sensors.get(channel.topic)
+    value = sensor.read(span) if sensor else run.shaft.value(channel.topic, time)
+    return Signal(channel, time, stamp_ns, value)

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from stickslip_monitor.cli import main
@@ -212,4 +213,7 @@ def test_start_is_a_time_or_nanoseconds(make_scene: Callable[..., Scene], start:
 
 def test_both_ways_to_list_an_effect_are_one(make_scene: Callable[..., Scene]) -> None:
     flat = [{'effect': 'speed_profile'} | SPEED['speed_profile']]
-    assert make_scene(effects=flat).build_effects() == make_scene(effects=[SPEED]).build_effects()
+    time = np.linspace(0.0, 100.0, 7)
+    same, nested = (make_scene(effects=e).build().shaft for e in (flat, [SPEED]))
+    assert same.speed('aft', time).tolist() == nested.speed('aft', time).tolist()
+    assert same.speed('aft', time).any()

@@ -1,22 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an effect is, and what it may know of its scene."""
+"""What an effect is at each stage, and what it may know of its scene."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
 from stickslip_monitor.errors import SceneError
+from stickslip_monitor.monitor.signals import QUANTITIES
+from stickslip_monitor.monitor.table import LOAD_UNITS
+from stickslip_monitor.physics.oscillator import SPEED_UNITS
+from stickslip_monitor.scenes.block import Block
 from stickslip_monitor.scenes.randomness import random_stream
+from stickslip_monitor.scenes.sensing import Memory, Sensor
 from stickslip_monitor.scenes.settings import Settings
-from stickslip_monitor.scenes.signals import Block, Channel
+from stickslip_monitor.scenes.shaft import Shaft
+from stickslip_monitor.scenes.signals import Channel
+
+UNITS: Mapping[str, Sequence[str]] = {'speed': SPEED_UNITS, 'load': LOAD_UNITS}
 
 
 class Effect(Protocol):
-    """One thing that happens in a scene."""
+    """An effect on what the sensors send and on what is recorded of it."""
 
     def apply(self, block: Block) -> None:
         """Change the signals of the next block; blocks come in order of time, each once."""
@@ -30,11 +39,17 @@ class Frame:
         duration: The scene's duration [s].
         seed: The scene's seed.
         channels: Its channels.
+        shaft: Speed and load, with what the effects of earlier stages add to them.
+        sensors: By topic, the sensors with a memory.
+        folder: The folder of the scene file, from which the paths in it count.
     """
 
     duration: float
     seed: int
     channels: tuple[Channel, ...]
+    shaft: Shaft
+    folder: Path = Path()
+    sensors: dict[str, Sensor] = field(default_factory=dict)
     _claimed: set[tuple[str, str]] = field(default_factory=set)
 
     def pick(self, settings: Settings, quantity: str) -> list[Channel]:
@@ -58,6 +73,27 @@ class Frame:
             self._claimed.add((settings.name, channel.topic))
         return picked
 
+    def sensors_of(
+        self, settings: Settings, keys: Sequence[str], what: str
+    ) -> Iterator[tuple[Channel, Settings]]:
+        """The channels an effect on sensors is for, each with its settings.
+
+        Args:
+            settings: The effect's settings, which has a section for speed, for load or for both.
+            keys: The keys of such a section.
+            what: What it says, for the sentence where it is wrong.
+
+        Raises:
+            SceneError: There is neither section, or :meth:`pick` refuses.
+        """
+        named = [quantity for quantity in QUANTITIES if quantity in settings]
+        if not named:
+            raise SceneError(f'{settings.name} must name speed, load or both')
+        for quantity in named:
+            own = settings.section(quantity, keys, what)
+            for channel in self.pick(settings, quantity):
+                yield channel, own
+
     def _of_bearing(self, settings: Settings) -> list[Channel]:
         if 'bearing' not in settings:
             return list(self.channels)
@@ -65,9 +101,15 @@ class Frame:
         asked = settings.choice('bearing', list(names))
         return [c for c in self.channels if asked in [b.name for b in c.bearings]]
 
+    def sense(self, channel: Channel, memory: Memory) -> None:
+        """Give the sensor of a channel a memory, behind those it has already."""
+        blank = Sensor(self.shaft, channel)
+        self.sensors.setdefault(channel.topic, blank).memories.append(memory)
+
     def random(self, settings: Settings, channel: Channel) -> np.random.Generator:
         """The random stream of an effect on a channel, its own whatever else the scene lists."""
         return random_stream(self.seed, settings.name, channel.topic)
 
 
-Builder = Callable[[Settings, Frame], Effect]
+# The effect, or None where the shaft or the sensors of the frame have got all there is of it.
+Builder = Callable[[Settings, Frame], Effect | None]

@@ -3,14 +3,15 @@
 
 from __future__ import annotations
 
-from stickslip_monitor.monitor.table import LOAD_UNITS
+from stickslip_monitor.scenes.profile import KEYS as KEYS
+from stickslip_monitor.scenes.profile import read_profile
 from stickslip_monitor.scenes.settings import Settings
 
-from .effect import Effect, Frame
-from .profiles import KEYS as KEYS
-from .profiles import build_profile
+from .effect import UNITS, Frame
+from .profiles import add_profile
 
 
-def build(settings: Settings, frame: Frame) -> Effect:
-    """Build the effect."""
-    return build_profile(settings, frame, 'load', LOAD_UNITS)
+def build(settings: Settings, frame: Frame) -> None:
+    """Add the profile to the load."""
+    profile = read_profile(settings, UNITS['load'], frame.duration, frame.folder)
+    add_profile(settings, frame, 'load', profile)

@@ -1,43 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Adds a profile to the signals of one quantity: what speed and load profile have in common."""
+"""Adds a profile to a speed or a load: what the effects that follow a table have in common."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-from stickslip_monitor.scenes.profile import Profile, read_profile
+from stickslip_monitor.scenes.profile import Profile
 from stickslip_monitor.scenes.settings import Settings
-from stickslip_monitor.scenes.signals import Block
+from stickslip_monitor.scenes.signals import FloatArray
 
 from .effect import Frame
 
-KEYS = ('bearing', 'unit', 'points')
-
 
 @dataclass(frozen=True, slots=True)
-class ProfileEffect:
-    """Adds a profile to some signals.
+class ProfileTerm:
+    """A profile in SI units.
 
     Attributes:
         profile: The profile.
-        factors: By topic, the SI value of one of the profile's units.
+        factor: The SI value of one of its units.
     """
 
     profile: Profile
-    factors: dict[str, float]
+    factor: float
 
-    def apply(self, block: Block) -> None:
-        """Add the profile's values."""
-        for topic, factor in self.factors.items():
-            signal = block.signals[topic]
-            signal.value[:] += self.profile.at(signal.time) * factor
+    def at(self, time: FloatArray) -> FloatArray:
+        """Values at some times, shape (n,)."""
+        return self.profile.at(time) * self.factor
+
+    def integral(self, time: FloatArray) -> FloatArray:
+        """Integral from 0 to some times, shape (n,)."""
+        return self.profile.integral(time) * self.factor
 
 
-def build_profile(
-    settings: Settings, frame: Frame, quantity: str, units: Sequence[str]
-) -> ProfileEffect:
-    """Build the profile of a quantity from an effect's settings."""
-    profile = read_profile(settings, units, frame.duration)
-    channels = frame.pick(settings, quantity)
-    return ProfileEffect(profile, {c.topic: c.factor(profile.unit) for c in channels})
+def add_profile(settings: Settings, frame: Frame, quantity: str, profile: Profile) -> None:
+    """Add a profile to the channels of a quantity that an effect is for."""
+    for channel in frame.pick(settings, quantity):
+        term = ProfileTerm(profile, channel.factor(profile.unit))
+        if quantity == 'speed':
+            frame.shaft.add_speed(channel.topic, term)
+        else:
+            frame.shaft.add_load(channel.topic, term)

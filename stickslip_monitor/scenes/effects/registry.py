@@ -1,29 +1,60 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The effects a scene may list; one that is not listed is not even imported."""
+"""The effects a scene may list, in the order in which they act.
+
+One that is not listed is not even imported.
+"""
 
 from __future__ import annotations
 
 import importlib
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from types import ModuleType
 from typing import Any
 
 from stickslip_monitor.errors import SceneError
+from stickslip_monitor.scenes.sensing import Sensor
 from stickslip_monitor.scenes.settings import Settings, suggestion
+from stickslip_monitor.scenes.shaft import Shaft
 
 from .effect import Builder, Effect, Frame
 
 _HERE = 'stickslip_monitor.scenes.effects'
 
-# Each module has KEYS, the settings it takes, and build(settings, frame).
-EFFECTS = {
-    'load_profile': f'{_HERE}.load_profile',
-    'sensor_noise': f'{_HERE}.sensor_noise',
-    'speed_profile': f'{_HERE}.speed_profile',
+# By stage; stages act in this order, and so do the effects of a stage, whatever the order in the
+# file. Each effect is a module of its name, with KEYS, the settings it takes, and build(settings,
+# frame). What 'shaft' and 'turning' add is a function of time; 'sensing' follows it between the
+# samples; the others change block after block.
+STAGES: Mapping[str, tuple[str, ...]] = {
+    'shaft': ('speed_profile', 'load_profile'),
+    'turning': (),
+    'lining': (),
+    'sensing': (),
+    'sensor': ('sensor_noise',),
+    'recording': (),
+    'file': (),
 }
+# Each effect's module; its place is its place in the order of action.
+EFFECTS = {name: f'{_HERE}.{name}' for names in STAGES.values() for name in names}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """What one run of a scene consists of.
+
+    Attributes:
+        shaft: The operating point over time.
+        sensors: By topic, the sensors that remember more than the instant of a sample.
+        effects: The effects that act block by block, in their order.
+    """
+
+    shaft: Shaft
+    sensors: dict[str, Sensor]
+    effects: list[Effect]
 
 
 def read_effects(listed: Any) -> tuple[Settings, ...]:
-    """The settings of the listed effects, in their order, each named as its effect.
+    """The settings of the listed effects, in the order in which they act.
 
     Args:
         listed: The scene's list ``effects``: of mappings ``{name: {settings}}`` or
@@ -34,7 +65,9 @@ def read_effects(listed: Any) -> tuple[Settings, ...]:
     """
     if not isinstance(listed, list):
         raise SceneError(f'effects = {listed!r} must be a list')
-    return tuple(_settings(number, entry) for number, entry in enumerate(listed, 1))
+    found = [_settings(number, entry) for number, entry in enumerate(listed, 1)]
+    order = list(EFFECTS)
+    return tuple(sorted(found, key=lambda settings: order.index(settings.name)))
 
 
 def _settings(number: int, entry: Any) -> Settings:
@@ -50,17 +83,23 @@ def _settings(number: int, entry: Any) -> Settings:
     if not isinstance(name, str) or name not in EFFECTS:
         hint = suggestion(name, list(EFFECTS))
         raise SceneError(f"effects: entry {number} is unknown effect '{name}'; {hint}")
-    return Settings(name, content, importlib.import_module(EFFECTS[name]).KEYS)
+    return Settings(name, content, _module(name).KEYS)
 
 
-def build_effects(effects: Iterable[Settings], frame: Frame) -> list[Effect]:
-    """Build effects for one run of a scene.
+def _module(name: str) -> ModuleType:
+    return importlib.import_module(EFFECTS[name])
+
+
+def build_run(effects: Iterable[Settings], frame: Frame) -> Run:
+    """Build effects for one run of a scene, in the order given.
 
     Raises:
         SceneError: A setting breaks its rule, or an effect is listed twice for a channel.
     """
-    built = []
+    acting = []
     for settings in effects:
-        build: Builder = importlib.import_module(EFFECTS[settings.name]).build
-        built.append(build(settings, frame))
-    return built
+        build: Builder = _module(settings.name).build
+        effect = build(settings, frame)
+        if effect is not None:
+            acting.append(effect)
+    return Run(frame.shaft, frame.sensors, acting)

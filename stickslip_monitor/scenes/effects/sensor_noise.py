@@ -10,17 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.signals import QUANTITIES
-from stickslip_monitor.monitor.table import LOAD_UNITS
-from stickslip_monitor.physics.oscillator import SPEED_UNITS
+from stickslip_monitor.scenes.block import Block
 from stickslip_monitor.scenes.settings import Settings
-from stickslip_monitor.scenes.signals import Block
 
-from .effect import Effect, Frame
+from .effect import UNITS, Effect, Frame
 
 KEYS = ('bearing', *QUANTITIES)
-_UNITS = {'speed': SPEED_UNITS, 'load': LOAD_UNITS}
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,15 +42,9 @@ class SensorNoise:
 
 def build(settings: Settings, frame: Frame) -> Effect:
     """Build the effect."""
-    named = [quantity for quantity in QUANTITIES if quantity in settings]
-    if not named:
-        raise SceneError(f'{settings.name} must name speed, load or both')
     sources = {}
-    for quantity in named:
-        own = settings.section(quantity, ['standard_deviation', 'unit'], 'the noise')
-        unit = own.choice('unit', _UNITS[quantity])
-        deviation = own.number('standard_deviation', unit, least=0.0)
-        for channel in frame.pick(settings, quantity):
-            random = frame.random(settings, channel)
-            sources[channel.topic] = _Source(deviation * channel.factor(unit), random)
+    for channel, own in frame.sensors_of(settings, ['standard_deviation', 'unit'], 'the noise'):
+        unit = own.choice('unit', UNITS[channel.quantity])
+        deviation = own.number('standard_deviation', unit, least=0.0) * channel.factor(unit)
+        sources[channel.topic] = _Source(deviation, frame.random(settings, channel))
     return SensorNoise(sources)

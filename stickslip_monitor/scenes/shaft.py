@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The operating point as it is: speed and load as functions of time, for whoever asks.
+
+Nothing is sampled here. A channel of telemetry, a sensor that averages between its samples, the
+lining's integrator and the truth in the recording each ask at instants of their own, and get the
+same bits at the same instant, in whatever blocks they ask.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from .signals import Channel, FloatArray
+
+
+class Term(Protocol):
+    """One contribution to a speed [m/s] or a load [N]."""
+
+    def at(self, time: FloatArray) -> FloatArray:
+        """Its values at some times since the scene's start, shape (n,) [s].
+
+        An element must not depend on its neighbours; times may lie before the start.
+        """
+
+
+class SpeedTerm(Term, Protocol):
+    """A contribution to a speed that turns the shaft."""
+
+    def integral(self, time: FloatArray) -> FloatArray:
+        """Its integral from the scene's start to some times, shape (n,) [m]."""
+
+
+class Shaft:
+    """Speed and load of every bearing, the sum of the terms that effects have added.
+
+    Args:
+        channels: The channels of the scene. Speeds are those of a channel's first bearing.
+    """
+
+    def __init__(self, channels: Sequence[Channel]) -> None:
+        self._channels = {channel.topic: channel for channel in channels}
+        self._means: dict[str, list[Term]] = {topic: [] for topic in self._channels}
+        self._ripples: dict[str, list[Term]] = {topic: [] for topic in self._channels}
+        self._speeds: dict[str, list[SpeedTerm]] = {topic: [] for topic in self._channels}
+
+    def add_speed(self, topic: str, term: SpeedTerm) -> None:
+        """Add to the speed of a channel."""
+        self._means[topic].append(term)
+        self._speeds[topic].append(term)
+
+    def add_load(self, topic: str, term: Term) -> None:
+        """Add to the load of a channel."""
+        self._means[topic].append(term)
+
+    def add_ripple(self, topic: str, term: Term) -> None:
+        """Add what follows from the turning of the shaft and does not turn it."""
+        self._ripples[topic].append(term)
+
+    def mean(self, topic: str, time: FloatArray) -> FloatArray:
+        """Speed [m/s] or load [N] of a channel without ripple, shape (n,)."""
+        return _sum(self._means[topic], time)
+
+    def value(self, topic: str, time: FloatArray) -> FloatArray:
+        """Speed [m/s] or load [N] of a channel at some times [s], both of shape (n,).
+
+        A load is never negative: a journal that lifts off presses with nothing.
+        """
+        total = _sum([*self._means[topic], *self._ripples[topic]], time)
+        return total if self._channels[topic].quantity == 'speed' else np.maximum(total, 0.0)
+
+    def angle(self, bearing: str, time: FloatArray) -> FloatArray:
+        """Angle by which a bearing's journal has turned since the start, shape (n,) [rad]."""
+        channel = self.channel(bearing, 'speed')
+        way = np.zeros_like(time)
+        for term in self._speeds[channel.topic]:
+            way += term.integral(time)
+        return way * (2.0 / channel.bearings[0].bearing.journal_diameter)
+
+    def speed(self, bearing: str, time: FloatArray) -> FloatArray:
+        """Surface speed of a bearing's journal, shape (n,) [m/s]."""
+        channel = self.channel(bearing, 'speed')
+        value = self.value(channel.topic, time)
+        diameter = {b.name: b.bearing.journal_diameter for b in channel.bearings}
+        ratio = diameter[bearing] / channel.bearings[0].bearing.journal_diameter
+        return value if ratio == 1.0 else value * ratio
+
+    def load(self, bearing: str, time: FloatArray) -> FloatArray:
+        """Load of a bearing, shape (n,) [N]."""
+        return self.value(self.channel(bearing, 'load').topic, time)
+
+    def channel(self, bearing: str, quantity: str) -> Channel:
+        """The channel of a bearing's speed or load."""
+        for channel in self._channels.values():
+            if channel.quantity == quantity and bearing in [b.name for b in channel.bearings]:
+                return channel
+        raise KeyError(f'{bearing}.{quantity}')
+
+
+def _sum(terms: Sequence[Term], time: FloatArray) -> FloatArray:
+    total = np.zeros_like(time)
+    for term in terms:
+        total += term.at(time)
+    return total
