@@ -157,18 +157,30 @@ class BagWriter:
         Raises:
             BagError: As for :meth:`write`, or the two arrays differ in length.
         """
+        for name, (time, value) in columns.items():
+            if np.ndim(time) != 1 or np.shape(time) != np.shape(value):
+                raise BagError(
+                    f"topic '{name}' has {np.size(time)} log times for {np.size(value)} values:"
+                    ' write one value for each time'
+                )
+        self.write_merged(
+            {name: (time, encode_float64s(value)) for name, (time, value) in columns.items()}
+        )
+
+    def write_merged(self, columns: Mapping[str, tuple[ArrayLike, list[bytes]]]) -> None:
+        """Write encoded messages of several topics, merged by their log times.
+
+        Args:
+            columns: Log times, shape (n,) [ns], and n messages in CDR of each topic.
+
+        Raises:
+            BagError: As for :meth:`write`.
+        """
         names = list(columns)
         times = [np.asarray(log_time, np.int64) for log_time, _ in columns.values()]
-        values = [np.asarray(value, np.float64) for _, value in columns.values()]
-        for name, time, value in zip(names, times, values, strict=True):
-            if time.ndim != 1 or time.shape != value.shape:
-                raise BagError(
-                    f"topic '{name}' has {time.size} log times for {value.size} values: write one"
-                    ' value for each time'
-                )
         owner = np.repeat(np.arange(len(names)), [len(time) for time in times])
         merged = np.concatenate([np.empty(0, np.int64), *times])
-        data = encode_float64s(np.concatenate([np.empty(0), *values]))
+        data = [message for _, messages in columns.values() for message in messages]
         for row in np.argsort(merged, kind='stable').tolist():
             self.write(names[owner[row]], int(merged[row]), data[row])
 
