@@ -8,19 +8,27 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.progress import Progress
 
+from stickslip_monitor.bags.cdr import encode_bool, encode_float64s, encode_string
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.commands.output import console
 from stickslip_monitor.scenes.channels import MESSAGE_TYPE
 from stickslip_monitor.scenes.scene import Scene
 from stickslip_monitor.scenes.scene_file import load_scene
 from stickslip_monitor.scenes.simulator import simulate
+from stickslip_monitor.scenes.truth import BOOL, FLOAT64, STRING
 
+_ENCODERS: Mapping[str, Callable[[Any], list[bytes]]] = {
+    BOOL: lambda values: [encode_bool(value) for value in values],
+    FLOAT64: encode_float64s,
+    STRING: lambda values: [encode_string(value) for value in values],
+}
 # Messages above which it takes seconds.
 _LONG = 200_000
 
@@ -68,8 +76,12 @@ def write_bag(
         for channel in scene.channels:
             writer.add_topic(channel.topic, MESSAGE_TYPE)
         for block in simulate(scene):
-            writer.write_float64s(
-                {topic: (signal.stamp_ns, signal.raw) for topic, signal in block.signals.items()}
-            )
+            messages = {t: (s.stamp_ns, encode_float64s(s.raw)) for t, s in block.signals.items()}
+            for column in block.truth:
+                if block.start == 0.0:
+                    writer.add_topic(column.topic, column.type)
+                data = _ENCODERS[column.type](column.values)
+                messages[column.topic] = (column.stamps(scene.start_ns), data)
+            writer.write_merged(messages)
             if progress:
                 progress(block.end)

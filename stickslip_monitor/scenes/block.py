@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from . import sampling
 from .shaft import Shaft
 from .signals import FloatArray, Signal
+from .truth import Column
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,6 +23,7 @@ class Block:
         duration: Duration of the scene [s].
         shaft: The operating point as it is, at any instant.
         signals: What the sensor of each topic sends.
+        truth: What no sensor tells; a topic that may have messages is there even without any.
     """
 
     start: float
@@ -29,6 +31,7 @@ class Block:
     duration: float
     shaft: Shaft
     signals: dict[str, Signal]
+    truth: list[Column] = field(default_factory=list)
 
     def instants(self, rate: float) -> FloatArray:
         """The regular instants of this block at a rate [Hz], shape (n,) [s].

@@ -71,6 +71,11 @@ def read_profile(
             the table cannot be read.
     """
     unit = settings.choice('unit', units)
+    return read_values(settings, unit, duration, folder)
+
+
+def read_values(settings: Settings, unit: str, duration: float, folder: Path) -> Profile:
+    """Read ``points`` or ``table`` of an effect as numbers in a unit; see :func:`read_profile`."""
     if 'table' in settings and 'points' in settings:
         raise SceneError(f'{settings.name} has points and a table: give one of them')
     if 'table' in settings:

@@ -47,7 +47,14 @@ class Scene:
         Raises:
             SceneError: A setting breaks its rule.
         """
-        frame = Frame(self.duration, self.seed, self.channels, Shaft(self.channels), self.folder)
+        frame = Frame(
+            self.duration,
+            self.seed,
+            self.channels,
+            Shaft(self.channels),
+            self.folder,
+            self.start_ns,
+        )
         return build_run(self.effects, frame)
 
     @property

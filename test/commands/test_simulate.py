@@ -138,7 +138,7 @@ def test_full_disk_leaves_no_bag(
 def test_stopping_in_the_middle_leaves_no_bag(
     tmp_path: Path, scene: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write = BagWriter.write_float64s
+    write = BagWriter.write_merged
     blocks: list[Any] = []
 
     def stop(writer: BagWriter, columns: Any) -> None:
@@ -147,7 +147,7 @@ def test_stopping_in_the_middle_leaves_no_bag(
         blocks.append(columns)
         write(writer, columns)
 
-    monkeypatch.setattr(BagWriter, 'write_float64s', stop)
+    monkeypatch.setattr(BagWriter, 'write_merged', stop)
     assert main(['simulate', scene, '-o', str(tmp_path / 'bag')]) == 130
     assert blocks
     assert {p.name for p in tmp_path.iterdir()} == {'config.yaml', 'scene.yaml'}

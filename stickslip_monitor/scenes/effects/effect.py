@@ -11,10 +11,12 @@ from typing import Protocol
 import numpy as np
 
 from stickslip_monitor.errors import SceneError
+from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.signals import QUANTITIES
 from stickslip_monitor.monitor.table import LOAD_UNITS
 from stickslip_monitor.physics.oscillator import SPEED_UNITS
 from stickslip_monitor.scenes.block import Block
+from stickslip_monitor.scenes.friction_course import FrictionCourse
 from stickslip_monitor.scenes.randomness import random_stream
 from stickslip_monitor.scenes.sensing import Memory, Sensor
 from stickslip_monitor.scenes.settings import Settings
@@ -42,6 +44,8 @@ class Frame:
         shaft: Speed and load, with what the effects of earlier stages add to them.
         sensors: By topic, the sensors with a memory.
         folder: The folder of the scene file, from which the paths in it count.
+        start_ns: Time stamp of the scene's start [ns since 1970].
+        courses: By bearing, the friction that moves in time.
     """
 
     duration: float
@@ -49,6 +53,8 @@ class Frame:
     channels: tuple[Channel, ...]
     shaft: Shaft
     folder: Path = Path()
+    start_ns: int = 0
+    courses: dict[str, FrictionCourse] = field(default_factory=dict)
     sensors: dict[str, Sensor] = field(default_factory=dict)
     _claimed: set[tuple[str, str]] = field(default_factory=set)
 
@@ -93,6 +99,35 @@ class Frame:
             own = settings.section(quantity, keys, what)
             for channel in self.pick(settings, quantity):
                 yield channel, own
+
+    def bearings(self, settings: Settings, part: str = '') -> list[BearingConfig]:
+        """The bearings that an effect on the lining is for: its ``bearing``, else all.
+
+        Args:
+            settings: The effect's settings, named as the effect.
+            part: What of the bearing it is for, where it may be listed once for each part.
+
+        Raises:
+            SceneError: There is no such bearing, or the effect is listed twice for one.
+        """
+        picked = {b.name: b for channel in self._of_bearing(settings) for b in channel.bearings}
+        if 'bearing' in settings:
+            picked = {
+                name: b for name, b in picked.items() if name == settings.value('bearing', '')
+            }
+        for name in picked:
+            claim = (f'{settings.name} {part}'.rstrip(), name)
+            if claim in self._claimed:
+                what = f' with {part}' if part else ''
+                raise SceneError(
+                    f"effect '{settings.name}'{what} is listed twice for bearing {name}"
+                )
+            self._claimed.add(claim)
+        return list(picked.values())
+
+    def course(self, config: BearingConfig) -> FrictionCourse:
+        """The friction of a bearing over time."""
+        return self.courses.get(config.name, FrictionCourse(config.bearing.friction))
 
     def _of_bearing(self, settings: Settings) -> list[Channel]:
         if 'bearing' not in settings:

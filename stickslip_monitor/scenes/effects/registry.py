@@ -28,7 +28,7 @@ _HERE = 'stickslip_monitor.scenes.effects'
 STAGES: Mapping[str, tuple[str, ...]] = {
     'shaft': ('speed_profile', 'load_profile'),
     'turning': (),
-    'lining': (),
+    'lining': ('friction_drift', 'operating_point', 'lining_motion'),
     'sensing': (),
     'sensor': ('sensor_noise',),
     'recording': (),

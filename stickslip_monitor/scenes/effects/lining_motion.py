@@ -1,0 +1,240 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The motion of the lining, by the event-driven integrator, and the truth about its sticking.
+
+``{disturbance: {standard_deviation, unit}, knocks: [[time in s, impulse in N s], ...],
+amplitude: {rate}, motion: {rate}, bearing}``
+
+The disturbance is a fluctuation of the contact force, white on the grid of the integrator's
+drive, that no sensor sees: without any, steady sliding would go on for ever below the Hopf speed.
+Intervals of sticking and events are always told; the amplitude and the motion itself, sampled at
+a rate of their own, on request.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from stickslip_monitor.errors import SceneError
+from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.table import LOAD_UNITS
+from stickslip_monitor.scenes.block import Block
+from stickslip_monitor.scenes.episodes import EpisodeEvent, Episodes
+from stickslip_monitor.scenes.lining import Knock, Lining, Walk
+from stickslip_monitor.scenes.profile import check_points
+from stickslip_monitor.scenes.randomness import random_stream
+from stickslip_monitor.scenes.sampler import Regular, Windows
+from stickslip_monitor.scenes.settings import Settings
+from stickslip_monitor.scenes.signals import FloatArray
+from stickslip_monitor.scenes.truth import BOOL, FLOAT64, STRING, Column, event_text, topic
+
+from .effect import Frame
+
+KEYS = ('bearing', 'disturbance', 'knocks', 'amplitude', 'motion')
+_HIGHEST_RATE = 100_000.0
+# Natural periods without a stick after which an episode is over.
+_GAP = 5.0
+_MOTION = ('displacement', 'velocity', 'acceleration')
+
+
+class _Pending:
+    """Messages of one topic that were found and are not yet due; times do not fall."""
+
+    def __init__(self, name: str, kind: str) -> None:
+        self._name, self._kind = name, kind
+        self._time: FloatArray = np.empty(0)
+        self._values: Any = np.empty(0) if kind == FLOAT64 else []
+
+    def add(self, time: Any, values: Any) -> None:
+        self._time = np.append(self._time, time)
+        if self._kind == FLOAT64:
+            self._values = np.append(self._values, values)
+        else:
+            self._values = [*self._values, *values]
+
+    def due(self, end: float, last: bool) -> Column:
+        """Take what falls before ``end``, or all that there is."""
+        count = self._time.size if last else int(np.searchsorted(self._time, end, 'left'))
+        column = Column(self._name, self._kind, self._time[:count], self._values[:count])
+        self._time, self._values = self._time[count:], self._values[count:]
+        return column
+
+
+class _Watch:
+    """Turns what the lining does into intervals and events."""
+
+    def __init__(self, period: float) -> None:
+        self.episodes = Episodes(_GAP * period)
+        self.resting = False
+        self.since: float | None = None
+
+    def see(self, walk: Walk) -> tuple[list[tuple[float, float]], list[EpisodeEvent]]:
+        """Ends and durations of the sticks that ended in a stretch, and its events."""
+        ended: list[tuple[float, float]] = []
+        events: list[EpisodeEvent] = []
+        rests = ((time, 0, now) for time, now in walk.rests)
+        sticks = ((time, 1, now) for time, now in walk.sticks)
+        for time, is_stick, now in heapq.merge(rests, sticks):
+            if is_stick and now:
+                self.since = time
+                events += [] if self.resting else self.episodes.stick(time)
+            elif is_stick:
+                ended.append((time, time - (time if self.since is None else self.since)))
+                self.since = None
+                self.episodes.release(time)
+            else:
+                self.resting = now
+                if now:
+                    self.episodes.release(time)
+        return ended, events + self.episodes.passed(walk.end)
+
+
+@dataclass(slots=True)
+class _Told:
+    """One bearing: its lining and what is told of it."""
+
+    lining: Lining
+    watch: _Watch
+    start_ns: int
+    duration: float
+    amplitude: Windows | None
+    motion: Regular | None
+    pending: dict[str, _Pending] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        kinds = {'stick': FLOAT64, 'events': STRING}
+        if self.amplitude is not None:
+            kinds['amplitude'] = FLOAT64
+        if self.motion is not None:
+            kinds |= dict.fromkeys(_MOTION, FLOAT64) | {'sticking': BOOL}
+        name = self.lining.config.name
+        self.pending = {k: _Pending(topic(name, k), kind) for k, kind in kinds.items()}
+        self._event(0.0, 'start', 0.0)
+
+    def columns(self, end: float) -> Iterator[Column]:
+        """What is to be told before ``end`` [s], and at the scene's end all."""
+        last = end == self.duration
+        if self.lining.reached < end:
+            self._follow(self.lining.next_end(end))
+        if last:
+            self._finish(end)
+        return (pending.due(end, last) for pending in self.pending.values())
+
+    def _follow(self, end: float) -> None:
+        none = np.empty(0)
+        windows = none if self.amplitude is None else self.amplitude.until(end)
+        regular = none if self.motion is None else self.motion.until(end)
+        times = np.concatenate([windows, regular])
+        order = np.argsort(times, kind='stable')
+        walk = self.lining.follow(end, times[order])
+        place = np.argsort(order, kind='stable')
+        if self.amplitude is not None:
+            own = place[: windows.size]
+            found = self.amplitude.amplitudes(walk.displacement[own], walk.velocity[own])
+            self.pending['amplitude'].add(*found)
+        if self.motion is not None:
+            self._tell_motion(walk, place[windows.size :])
+        ended, events = self.watch.see(walk)
+        if ended:
+            self.pending['stick'].add(*zip(*ended, strict=True))
+        for event in events:
+            more = {'sticks': event.sticks, 'sticking': event.sticking}
+            only = more if event.name == 'last_stick' else {}
+            self._event(event.known, event.name, event.time, **only)
+
+    def _tell_motion(self, walk: Walk, own: Any) -> None:
+        for name in _MOTION:
+            self.pending[name].add(walk.time[own], getattr(walk, name)[own])
+        self.pending['sticking'].add(walk.time[own], walk.sticking[own].tolist())
+
+    def _finish(self, end: float) -> None:
+        if self.watch.since is not None:
+            self.pending['stick'].add([end], [end - self.watch.since])
+        self._event(end, 'end', end)
+
+    def _event(self, known: float, name: str, time: float, **more: float) -> None:
+        stamp = self.start_ns + round(time * 1e9)
+        text = event_text(self.lining.config.name, name, stamp, **more)
+        self.pending['events'].add([known], [text])
+
+
+@dataclass(frozen=True, slots=True)
+class LiningMotion:
+    """Follows the linings of some bearings."""
+
+    told: list[_Told]
+
+    def apply(self, block: Block) -> None:
+        """Follow them through a block."""
+        for told in self.told:
+            block.truth.extend(told.columns(block.end))
+
+
+def build(settings: Settings, frame: Frame) -> LiningMotion:
+    """Build the effect."""
+    own = settings.section(
+        'disturbance',
+        ['standard_deviation', 'unit'],
+        'the fluctuation of the load that the lining feels, {standard_deviation, unit}',
+    )
+    unit = own.choice('unit', LOAD_UNITS)
+    factor = 1000.0 if unit == 'kN' else 1.0
+    deviation = factor * own.number('standard_deviation', unit, least=0.0)
+    knocks = _knocks(settings, frame.duration)
+    return LiningMotion(
+        [_told(settings, frame, c, deviation, knocks) for c in frame.bearings(settings)]
+    )
+
+
+def _told(
+    settings: Settings, frame: Frame, config: BearingConfig, deviation: float, knocks: list[Knock]
+) -> _Told:
+    period = 2.0 * math.pi / config.bearing.natural_frequency
+    random = random_stream(frame.seed, settings.name, config.name)
+    course = frame.course(config)
+    return _Told(
+        lining=Lining(config, frame.shaft, course, deviation, knocks, random, frame.duration),
+        watch=_Watch(period),
+        start_ns=frame.start_ns,
+        duration=frame.duration,
+        amplitude=_amplitude(settings, period, frame.duration),
+        motion=_motion(settings, frame.duration),
+    )
+
+
+def _rate(settings: Settings, key: str, most: float) -> float | None:
+    if key not in settings:
+        return None
+    return settings.section(key, ['rate'], 'its sampling, {rate: Hz}').number(
+        'rate', 'Hz', above=0.0, most=most
+    )
+
+
+def _amplitude(settings: Settings, period: float, duration: float) -> Windows | None:
+    rate = _rate(settings, 'amplitude', Windows.highest_rate(period))
+    return None if rate is None else Windows(rate, period, duration)
+
+
+def _motion(settings: Settings, duration: float) -> Regular | None:
+    rate = _rate(settings, 'motion', _HIGHEST_RATE)
+    return None if rate is None else Regular(rate, duration)
+
+
+def _knocks(settings: Settings, duration: float) -> list[Knock]:
+    if 'knocks' not in settings:
+        return []
+    what = 'a list of blows [time in s, impulse in N s]'
+    listed = settings.value('knocks', what)
+    if not isinstance(listed, list) or not listed:
+        raise settings.broken('knocks', f'must be {what}')
+    label = settings.label('knocks')
+    rows = [(f'{label}: blow {number}', blow) for number, blow in enumerate(listed, 1)]
+    knocks = [Knock(*point) for point in check_points(rows, duration)]
+    if any(knock.time == duration for knock in knocks):
+        raise SceneError(f'{label}: no blow can follow at {duration:g} s, where the scene ends')
+    return knocks

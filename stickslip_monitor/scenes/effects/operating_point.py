@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The truth about the operating point: speed, load and margins without any sensor.
+
+``{rate, bearing}``
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from stickslip_monitor.monitor.assessment import assess
+from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.scenes.block import Block
+from stickslip_monitor.scenes.friction_course import STEP, FrictionCourse
+from stickslip_monitor.scenes.settings import Settings
+from stickslip_monitor.scenes.signals import FloatArray
+from stickslip_monitor.scenes.truth import FLOAT64, Column, topic
+
+from .effect import Frame
+
+KEYS = ('bearing', 'rate')
+_HIGHEST_RATE = 1000.0
+
+
+@dataclass(frozen=True, slots=True)
+class OperatingPoint:
+    """Tells the operating points of some bearings, each with the course of its friction."""
+
+    rate: float
+    bearings: list[tuple[BearingConfig, FrictionCourse]]
+
+    def apply(self, block: Block) -> None:
+        """Tell those of a block."""
+        time = block.instants(self.rate)
+        for config, course in self.bearings:
+            speed, load = block.shaft.speed(config.name, time), block.shaft.load(config.name, time)
+            hopf, fold = _margins(config, course, time, speed, load)
+            values = {'speed': speed, 'load': load, 'hopf_margin': hopf, 'fold_margin': fold}
+            block.truth.extend(
+                Column(topic(config.name, name), FLOAT64, time, value)
+                for name, value in values.items()
+            )
+
+
+def _margins(
+    config: BearingConfig,
+    course: FrictionCourse,
+    time: FloatArray,
+    speed: FloatArray,
+    load: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Hopf and fold margin by the friction that there really is, each shape (n,)."""
+    step = np.floor(time / STEP) if course.drifts else np.zeros(time.size)
+    edges = [0, *(np.flatnonzero(np.diff(step)) + 1).tolist(), time.size]
+    hopf, fold = np.empty(time.size), np.empty(time.size)
+    for low, high in pairwise(edges):
+        if low < high:
+            law = course.at(float(time[low]))
+            point = assess(replace(config.bearing, friction=law), speed[low:high], load[low:high])
+            hopf[low:high], fold[low:high] = point.hopf_margin, point.fold_margin
+    return hopf, fold
+
+
+def build(settings: Settings, frame: Frame) -> OperatingPoint:
+    """Build the effect."""
+    rate = settings.number('rate', 'Hz', above=0.0, most=_HIGHEST_RATE)
+    bearings = frame.bearings(settings)
+    return OperatingPoint(rate, [(config, frame.course(config)) for config in bearings])

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A friction law whose parameters move in time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import numpy as np
+
+from stickslip_monitor.physics.friction import FrictionLaw, Tabulated
+
+from .profile import Profile
+
+FACTOR = 'factor'
+# Of the parameters of all laws, those that a common factor multiplies.
+_COEFFICIENTS = ('static', 'kinetic', 'viscous')
+STEP = 1.0
+
+
+def parameters_of(law: FrictionLaw) -> tuple[str, ...]:
+    """What may move: the law's own numbers, and a factor on the whole coefficient."""
+    own = () if isinstance(law, Tabulated) else tuple(f.name for f in fields(law))  # type: ignore[arg-type]
+    return (*own, FACTOR)
+
+
+def with_parameters(law: FrictionLaw, values: dict[str, float]) -> FrictionLaw:
+    """A law with some parameters replaced, and then multiplied by the factor.
+
+    Raises:
+        PhysicsError: A parameter breaks its rule.
+    """
+    own = {name: value for name, value in values.items() if name != FACTOR}
+    changed: Any = replace(law, **own) if own else law  # type: ignore[type-var]
+    factor = values.get(FACTOR, 1.0)
+    if isinstance(changed, Tabulated):
+        return Tabulated(changed.speed, [factor * value for value in changed.values])
+    names = [f.name for f in fields(changed) if f.name in _COEFFICIENTS]
+    scaled: FrictionLaw = replace(changed, **{n: factor * getattr(changed, n) for n in names})
+    return scaled
+
+
+@dataclass(slots=True)
+class FrictionCourse:
+    """The friction law of one bearing over time.
+
+    It moves in steps of one second, each with the values at its begin: so slowly that the lining
+    cannot tell, and the integrator has one law at a time.
+
+    Attributes:
+        law: The law of the configuration.
+        drifts: By parameter, how it moves.
+    """
+
+    law: FrictionLaw
+    drifts: dict[str, Profile] = field(default_factory=dict)
+
+    def at(self, time: float) -> FrictionLaw:
+        """The law at a time since the scene's start [s]."""
+        if not self.drifts:
+            return self.law
+        step = time // STEP * STEP
+        return with_parameters(
+            self.law, {name: _value(drift, step) for name, drift in self.drifts.items()}
+        )
+
+
+def _value(drift: Profile, time: float) -> float:
+    return float(drift.at(np.array([time]))[0])
