@@ -33,7 +33,7 @@ LAYER = {
 }
 ADAPTERS = {part for part, layer in LAYER.items() if layer == 4}
 # The only arrows from one adapter to another.
-ACROSS = {('scenes', 'bags.writer')}
+ACROSS = {('scenes', 'bags.writer'), ('scenes', 'bags.cdr')}
 # Of the core, bags may know how a field is named; only the bag check knows the monitor.
 BAGS_OF_MONITOR = 'monitor.fields'
 BAG_CHECK = 'bags/check.py'

@@ -4,10 +4,28 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from stickslip_monitor.errors import BagError
+
+# Message types that are a header and some numbers, with the paths of those.
+STAMPED_FIELDS: Mapping[str, tuple[str, ...]] = {
+    'geometry_msgs/msg/TwistStamped': tuple(
+        f'twist.{part}.{axis}' for part in ('linear', 'angular') for axis in 'xyz'
+    ),
+    'geometry_msgs/msg/WrenchStamped': tuple(
+        f'wrench.{part}.{axis}' for part in ('force', 'torque') for axis in 'xyz'
+    ),
+}
+# All types of which numbers can be written by the column.
+NUMBER_FIELDS: Mapping[str, tuple[str, ...]] = {
+    'std_msgs/msg/Float64': ('data',),
+    **STAMPED_FIELDS,
+}
+_STAMP_END = (1 << 31) * 1_000_000_000
 _HEAD = b'\x00\x01\x00\x00'
 
 
@@ -22,6 +40,39 @@ def encode_float64s(values: ArrayLike) -> list[bytes]:
     """
     raw = np.asarray(values, '<f8').tobytes()
     return [_HEAD + raw[start : start + 8] for start in range(0, len(raw), 8)]
+
+
+def encode_stamped(
+    type_name: str, field: str, stamp_ns: ArrayLike, values: ArrayLike
+) -> list[bytes]:
+    """Encode messages that are a header, with an empty frame, and some numbers.
+
+    Args:
+        type_name: The type, one of ``STAMPED_FIELDS``.
+        field: Path of the number that is written; the others are zero.
+        stamp_ns: Stamps from 1970 to 2038, shape (n,) [ns].
+        values: The numbers, shape (n,).
+
+    Returns:
+        n messages.
+
+    Raises:
+        BagError: A stamp is out of range.
+    """
+    fields = STAMPED_FIELDS[type_name]
+    stamp = np.asarray(stamp_ns, np.int64)
+    for beyond in stamp[(stamp < 0) | (stamp >= _STAMP_END)][:1].tolist():
+        raise BagError(
+            f"stamp {beyond} ns is not between 0 and {_STAMP_END} ns, the range of a ROS header's"
+        )
+    # The empty frame is a length of one and a zero, then comes padding to a multiple of eight.
+    layout = [('head', 'V4'), ('sec', '<i4'), ('nanosec', '<u4'), ('frame', '<u8')]
+    rows = np.zeros(stamp.size, np.dtype([*layout, ('numbers', '<f8', len(fields))]))
+    rows['head'], rows['frame'] = np.void(_HEAD), 1
+    rows['sec'], rows['nanosec'] = stamp // 1_000_000_000, stamp % 1_000_000_000
+    rows['numbers'][:, fields.index(field)] = values
+    raw, size = rows.tobytes(), rows.dtype.itemsize
+    return [raw[start : start + size] for start in range(0, len(raw), size)]
 
 
 def encode_float64(value: float) -> bytes:

@@ -15,7 +15,42 @@ class MessageType:
     type_hash: str = ''
 
 
+_RULE = '=' * 80
+_HEADER = f"""{_RULE}
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+{_RULE}
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+_VECTOR3 = f"""{_RULE}
+MSG: geometry_msgs/Vector3
+float64 x
+float64 y
+float64 z
+"""
+
+
+def _stamped(name: str, first: str, second: str) -> str:
+    """Definition of a header and a pair of vectors."""
+    return (
+        f'std_msgs/Header header\ngeometry_msgs/{name} {name.lower()}\n{_HEADER}'
+        f'{_RULE}\nMSG: geometry_msgs/{name}\n'
+        f'geometry_msgs/Vector3 {first}\ngeometry_msgs/Vector3 {second}\n{_VECTOR3}'
+    )
+
+
 MESSAGE_TYPES: Mapping[str, MessageType] = {
+    'geometry_msgs/msg/TwistStamped': MessageType(
+        _stamped('Twist', 'linear', 'angular'),
+        'RIHS01_5f0fcd4f81d5d06ad9b4c4c63e3ea51b82d6ae4d0558f1d475229b1121db6f64',
+    ),
+    'geometry_msgs/msg/WrenchStamped': MessageType(
+        _stamped('Wrench', 'force', 'torque'),
+        'RIHS01_8dc3deaf06b2ab281f9f9a742a8961c328ca7cec16e3fd6586d3a5c83fa78f77',
+    ),
     'std_msgs/msg/Bool': MessageType(
         'bool data\n',
         'RIHS01_feb91e995ff9ebd09c0cb3d2aed18b11077585839fb5db80193b62d74528f6c9',

@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import shutil
+import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +27,8 @@ from .metadata import FILE_NAME, TopicEntry, render_metadata
 # Fixed, so that equal recordings are equal files whatever version wrote them.
 _LIBRARY = 'stickslip_monitor'
 
+# Opcode and length of a record.
+_RECORD_HEAD = struct.Struct('<BQ')
 _LATEST = (1 << 63) - 1
 _SUFFIX = '.mcap'
 _COMPRESSIONS = {
@@ -70,6 +73,7 @@ class BagWriter:
         self._compression = _COMPRESSIONS[compression]
         self._chunk_size = chunk_size
         self._is_file = self.path.suffix == _SUFFIX
+        self._is_broken = False
         self._topics: dict[str, _Topic] = {}
         self._schemas: dict[str, tuple[int, MessageType]] = {}
         self._start_ns = _LATEST
@@ -79,7 +83,7 @@ class BagWriter:
     def __enter__(self) -> BagWriter:
         """Begin to write beside the target."""
         with self._trouble():
-            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._make_parent()
             self._draft, self._file = self._begin_draft()
             self._writer = Writer(
                 self._file, chunk_size=self._chunk_size, compression=self._compression
@@ -184,6 +188,20 @@ class BagWriter:
         for row in np.argsort(merged, kind='stable').tolist():
             self.write(names[owner[row]], int(merged[row]), data[row])
 
+    def break_off(self) -> None:
+        """Leave the recording as one that lost power in mid-write; nothing more can be written.
+
+        The record that was being written, as a rule the last chunk, ends half-way; what comes at a
+        recording's end is missing.
+        """
+        with self._trouble():
+            begin = self._file.tell()
+            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._file.seek(begin)
+            head = self._file.read(_RECORD_HEAD.size)
+            self._file.truncate(begin + (_RECORD_HEAD.size + _RECORD_HEAD.unpack(head)[1]) // 2)
+        self._is_broken = True
+
     def _entry(self, topic: str) -> _Topic:
         if topic not in self._topics:
             raise BagError(f"topic '{topic}' was not added to bag '{self.path}'")
@@ -202,6 +220,14 @@ class BagWriter:
             )
         return schema, known
 
+    def _make_parent(self) -> None:
+        for folder in self.path.parents:
+            if folder.exists() and not folder.is_dir():
+                raise BagError(
+                    f"bag '{self.path}' cannot be written: '{folder}' is a file, not a folder"
+                )
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+
     def _refuse_existing(self) -> None:
         if self.path.exists():
             raise BagError(f"bag '{self.path}' exists already and is not overwritten")
@@ -211,19 +237,25 @@ class BagWriter:
             draft = self.path.with_name(f'.{self.path.name}.{number}.draft')
             with contextlib.suppress(FileExistsError):
                 if self._is_file:
-                    return draft, draft.open('xb')
+                    return draft, draft.open('x+b')
                 draft.mkdir()
-                return draft, (draft / self._file_name).open('xb')
+                return draft, (draft / self._file_name).open('x+b')
         raise AssertionError('unreachable: the numbers do not end')
+
+    @property
+    def message_count(self) -> int:
+        """Messages written so far."""
+        return sum(topic.count for topic in self._topics.values())
 
     @property
     def _file_name(self) -> str:
         return f'{self.path.name}_0{_SUFFIX}'
 
     def _finish(self) -> None:
-        self._writer.finish()  # type: ignore[no-untyped-call]
+        if not self._is_broken:
+            self._writer.finish()  # type: ignore[no-untyped-call]
         self._file.close()
-        if not self._is_file:
+        if not (self._is_file or self._is_broken):
             topics = [
                 TopicEntry(name, topic.type, topic.type_hash, topic.count)
                 for name, topic in self._topics.items()

@@ -15,12 +15,17 @@ from typing import Any
 from rich.console import Console
 from rich.progress import Progress
 
-from stickslip_monitor.bags.cdr import encode_bool, encode_float64s, encode_string
+from stickslip_monitor.bags.cdr import (
+    encode_bool,
+    encode_float64s,
+    encode_stamped,
+    encode_string,
+)
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.commands.output import console
-from stickslip_monitor.scenes.channels import MESSAGE_TYPE
 from stickslip_monitor.scenes.scene import Scene
 from stickslip_monitor.scenes.scene_file import load_scene
+from stickslip_monitor.scenes.signals import IntArray, Signal
 from stickslip_monitor.scenes.simulator import simulate
 from stickslip_monitor.scenes.truth import BOOL, FLOAT64, STRING
 
@@ -51,17 +56,15 @@ def run(args: argparse.Namespace) -> int:
     shown = sys.stderr.isatty() and scene.message_count > _LONG
     with Progress(console=Console(stderr=True), transient=True, disable=not shown) as progress:
         task = progress.add_task('simulating', total=scene.duration)
-        write_bag(scene, args.output, lambda done: progress.update(task, completed=done))
+        count = write_bag(scene, args.output, lambda done: progress.update(task, completed=done))
     topics = ', '.join(channel.topic for channel in scene.channels)
-    console().print(
-        f'{args.output}: {scene.message_count} messages on {topics}, {scene.duration:g} s'
-    )
+    console().print(f'{args.output}: {count} messages on {topics}, {scene.duration:g} s')
     return 0
 
 
 def write_bag(
     scene: Scene, path: str | Path, progress: Callable[[float], None] | None = None
-) -> None:
+) -> int:
     """Write a scene's telemetry; the bag appears under its name when it is complete.
 
     Args:
@@ -69,14 +72,19 @@ def write_bag(
         path: The bag: a rosbag2 folder, or one file if the name ends in ``.mcap``.
         progress: Told the seconds simulated so far after each block.
 
+    Returns:
+        The messages written.
+
     Raises:
         BagError: The bag exists already or cannot be written.
+        SceneError: A speed or load leaves what the telemetry can carry.
     """
+    run = scene.build()
     with BagWriter(path) as writer:
         for channel in scene.channels:
-            writer.add_topic(channel.topic, MESSAGE_TYPE)
-        for block in simulate(scene):
-            messages = {t: (s.stamp_ns, encode_float64s(s.raw)) for t, s in block.signals.items()}
+            writer.add_topic(channel.topic, channel.input.type)
+        for block in simulate(scene, run=run):
+            messages = {topic: _encoded(signal) for topic, signal in block.signals.items()}
             for column in block.truth:
                 if block.start == 0.0:
                     writer.add_topic(column.topic, column.type)
@@ -85,3 +93,15 @@ def write_bag(
             writer.write_merged(messages)
             if progress:
                 progress(block.end)
+        if run.cut:
+            writer.break_off()
+        return writer.message_count
+
+
+def _encoded(signal: Signal) -> tuple[IntArray, list[bytes]]:
+    """Log times and messages of a signal."""
+    sent, source = signal.messages(), signal.channel.input
+    if sent.stamp_ns is None:
+        return sent.log_time_ns, encode_float64s(sent.raw)
+    field = '.'.join(map(str, source.field))
+    return sent.log_time_ns, encode_stamped(source.type, field, sent.stamp_ns, sent.raw)

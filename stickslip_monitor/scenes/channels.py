@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from stickslip_monitor.bags.cdr import NUMBER_FIELDS
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.signals import QUANTITIES
@@ -15,8 +16,6 @@ from stickslip_monitor.monitor.signals import QUANTITIES
 from .settings import Settings
 from .signals import Channel
 
-MESSAGE_TYPE = 'std_msgs/msg/Float64'
-_FIELD = ('data',)
 _HIGHEST_RATE = 1000.0
 
 
@@ -59,10 +58,16 @@ def _section(telemetry: Any, bearing: str, bearings: Sequence[str]) -> Settings:
 
 
 def _check_input(name: str, settings: InputConfig) -> None:
-    if settings.type != MESSAGE_TYPE or settings.field != _FIELD:
+    fields = NUMBER_FIELDS.get(settings.type)
+    if fields is None:
         raise SceneError(
-            f"{name} is field '{settings.field_text}' of {settings.type} in the configuration:"
-            f" a scene can write field 'data' of {MESSAGE_TYPE} only"
+            f'{name} is of type {settings.type} in the configuration: a scene can write'
+            f' {", ".join(NUMBER_FIELDS)} only'
+        )
+    if '.'.join(map(str, settings.field)) not in fields:
+        raise SceneError(
+            f"{name} is field '{settings.field_text}' of {settings.type} in the configuration: a"
+            f' scene can write {", ".join(fields)} only'
         )
     if settings.scale == 0.0:
         raise SceneError(f'{name}.scale = 0 in the configuration: no number stands for a value')
@@ -74,6 +79,8 @@ def _shared(known: Channel, other: Channel) -> Channel:
     where = f'topic {known.topic} serves {first.name} and {second.name}'
     if known.quantity != other.quantity:
         raise SceneError(f'{where}, as {known.quantity} and as {other.quantity}: use two topics')
+    if (known.input.type, known.input.field) != (other.input.type, other.input.field):
+        raise SceneError(f'{where} with different types or fields: they must agree')
     if known.rate != other.rate:
         raise SceneError(f'{where}: its rate cannot be both {known.rate:g} and {other.rate:g} Hz')
     if not all(map(math.isclose, _meaning(known, first), _meaning(other, second))):

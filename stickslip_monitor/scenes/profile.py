@@ -83,18 +83,33 @@ def read_values(settings: Settings, unit: str, duration: float, folder: Path) ->
         from .table_file import read_table
 
         rows = read_table(folder / settings.text('table', 'the path of a CSV file'))
-    else:
-        rows = _points(settings, unit)
-    return Profile.of(check_points(rows, duration), unit)
+        return Profile.of(check_points(rows, duration), unit)
+    return Profile.of(read_rows(settings, 'points', 'point', unit, duration), unit)
 
 
-def _points(settings: Settings, unit: str) -> list[tuple[str, Any]]:
-    what = f'a list of points [time in s, value in {unit}]'
-    points = settings.value('points', what)
-    if not isinstance(points, list) or not points:
-        raise settings.broken('points', f'must be {what}')
-    label = settings.label('points')
-    return [(f'{label}: point {number}', point) for number, point in enumerate(points, 1)]
+def read_rows(
+    settings: Settings, key: str, name: str, unit: str, duration: float
+) -> list[tuple[float, float]]:
+    """Read a list of points (time, value).
+
+    Args:
+        settings: The effect's settings.
+        key: The list's key.
+        name: What one of them is called.
+        unit: The unit of their values.
+        duration: The scene's duration [s].
+
+    Raises:
+        SceneError: It is no list, or :func:`check_points` refuses.
+    """
+    what = f'a list of {key} [time in s, value in {unit}]'
+    listed = settings.value(key, what)
+    if not isinstance(listed, list) or not listed:
+        raise settings.broken(key, f'must be {what}')
+    label = settings.label(key)
+    return check_points(
+        [(f'{label}: {name} {k}', row) for k, row in enumerate(listed, 1)], duration
+    )
 
 
 def check_points(rows: Sequence[tuple[str, Any]], duration: float) -> list[tuple[float, float]]:
@@ -108,20 +123,32 @@ def check_points(rows: Sequence[tuple[str, Any]], duration: float) -> list[tuple
         SceneError: A point is no pair of numbers, or its time breaks a rule.
     """
     for name, point in rows:
-        _check_point(name, point, duration)
-    for (_, (before, _)), (name, (after, _)) in pairwise(rows):
-        if after <= before:
-            raise SceneError(
-                f'{name} is at {after:g} s, but times must rise and the point before it is at'
-                f' {before:g} s'
-            )
+        if not isinstance(point, list) or len(point) != 2 or not all(map(is_number, point)):
+            raise SceneError(f'{name} = {point!r} must be a pair of numbers, [time in s, value]')
+    check_times([(name, time) for name, (time, _) in rows], duration)
     return [(float(time), float(value)) for _, (time, value) in rows]
 
 
-def _check_point(name: str, point: Any, duration: float) -> None:
-    if not isinstance(point, list) or len(point) != 2 or not all(map(is_number, point)):
-        raise SceneError(f'{name} = {point!r} must be a pair of numbers, [time in s, value]')
-    if not 0.0 <= point[0] <= duration:
-        raise SceneError(
-            f'{name} is at {point[0]:g} s, outside the scene, which lasts from 0 to {duration:g} s'
-        )
+def check_times(rows: Sequence[tuple[str, Any]], duration: float) -> None:
+    """Check that times rise and lie within the scene.
+
+    Args:
+        rows: What each is called in sentences, and the time [s].
+        duration: The scene's duration [s].
+
+    Raises:
+        SceneError: They do not.
+    """
+    for name, time in rows:
+        if not is_number(time) or not 0.0 <= time <= duration:
+            raise SceneError(
+                f'{name} is at {time:g} s, outside the scene, which lasts from 0 to {duration:g} s'
+                if is_number(time)
+                else f'{name} is at {time!r}, which is no time in s'
+            )
+    for (_, before), (name, after) in pairwise(rows):
+        if after <= before:
+            raise SceneError(
+                f'{name} is at {after:g} s, but times must rise and the one before is at'
+                f' {before:g} s'
+            )

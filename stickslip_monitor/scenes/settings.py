@@ -61,7 +61,7 @@ class Settings:
         """One of some texts."""
         value = self.value(key, f'one of {", ".join(options)}')
         if not isinstance(value, str) or value not in options:
-            raise self.broken(key, f'must be one of {", ".join(options)}')
+            raise self.broken(key, f'must be one of {", ".join(options)}{_hint(value, options)}')
         return value
 
     def number(
@@ -91,6 +91,11 @@ def suggestion(key: Any, known: Sequence[str]) -> str:
     """What to say about a name that is not among the known ones."""
     close = difflib.get_close_matches(str(key), known, n=1)
     return f"did you mean '{close[0]}'?" if close else f'there are: {", ".join(known)}'
+
+
+def _hint(value: Any, options: Sequence[str]) -> str:
+    close = difflib.get_close_matches(str(value), options, n=1)
+    return f"; did you mean '{close[0]}'?" if close else ''
 
 
 def is_number(value: Any) -> bool:

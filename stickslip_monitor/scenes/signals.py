@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip_monitor.bags.cdr import STAMPED_FIELDS
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig
 
@@ -15,6 +16,7 @@ from . import sampling
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +45,11 @@ class Channel:
     def topic(self) -> str:
         """Its topic."""
         return self.input.topic
+
+    @property
+    def is_stamped(self) -> bool:
+        """Whether its messages have a header with a time stamp."""
+        return self.input.type in STAMPED_FIELDS
 
     def factor(self, unit: str) -> float:
         """SI value (surface speed [m/s] or load [N]) of one unit.
@@ -76,16 +83,56 @@ class Signal:
     Attributes:
         channel: The channel.
         time: True instants of measurement since the scene's start, shape (n,) [s].
-        stamp_ns: Time stamps in the recording, shape (n,) [ns].
+        stamp_ns: Time stamps by the sensor's clock, shape (n,) [ns].
         value: Surface speed [m/s] or load [N], shape (n,).
+        arrival_ns: When the recorder gets each message, by its own clock, shape (n,) [ns]; None
+            where messages have no stamp of their own, and the recorder's is all there is.
+        copies: How often each is recorded, shape (n,); None: once.
     """
 
     channel: Channel
     time: FloatArray
     stamp_ns: IntArray
     value: FloatArray
+    arrival_ns: IntArray | None = None
+    copies: IntArray | None = None
 
     @property
     def raw(self) -> FloatArray:
         """The numbers the sensor sends, shape (n,)."""
         return self.channel.raw(self.value)
+
+    def lost(self, which: BoolArray) -> Signal:
+        """The signal without some messages, shape (n,)."""
+        return replace(self, copies=np.where(which, 0, self._counted()))
+
+    def repeated(self, which: BoolArray) -> Signal:
+        """The signal with some messages twice, shape (n,)."""
+        return replace(self, copies=np.where(which, 2, 1) * self._counted())
+
+    def _counted(self) -> IntArray:
+        return np.ones(self.time.size, np.int64) if self.copies is None else self.copies
+
+    def messages(self) -> Messages:
+        """What the recorder writes."""
+        log_time = self.stamp_ns if self.arrival_ns is None else self.arrival_ns
+        stamp = None if self.arrival_ns is None else self.stamp_ns
+        if self.copies is None:
+            return Messages(log_time, stamp, self.raw)
+        log_time, raw = np.repeat(log_time, self.copies), np.repeat(self.raw, self.copies)
+        return Messages(log_time, None if stamp is None else np.repeat(stamp, self.copies), raw)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Messages:
+    """The messages of one channel over a stretch of time.
+
+    Attributes:
+        log_time_ns: When each was recorded, shape (n,) [ns].
+        stamp_ns: The stamps in their headers, shape (n,) [ns]; None: they have none.
+        raw: The numbers in them, shape (n,).
+    """
+
+    log_time_ns: IntArray
+    stamp_ns: IntArray | None
+    raw: FloatArray

@@ -8,16 +8,20 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from stickslip_monitor.errors import SceneError
+
 from . import sampling
 from .block import Block
 from .effects.registry import Run
 from .scene import Scene
-from .signals import Channel, Signal
+from .signals import Channel, FloatArray, Signal
 
 BLOCK_LENGTH = 60.0
 
 
-def simulate(scene: Scene, block_length: float = BLOCK_LENGTH) -> Iterator[Block]:
+def simulate(
+    scene: Scene, block_length: float = BLOCK_LENGTH, run: Run | None = None
+) -> Iterator[Block]:
     """Run a scene.
 
     Speeds and loads start at zero (a shaft at rest, no load), and each effect adds its own. The
@@ -26,15 +30,20 @@ def simulate(scene: Scene, block_length: float = BLOCK_LENGTH) -> Iterator[Block
     Args:
         scene: The scene.
         block_length: Length of the blocks, > 0 [s].
+        run: A fresh run of it; by default one is built.
 
     Yields:
-        Its blocks, in order of time.
+        Its blocks, in order of time, up to its end or to where its recording is cut off.
+
+    Raises:
+        SceneError: A speed or load leaves what the telemetry can carry.
     """
-    run = scene.build()
-    last = math.ceil(scene.duration / block_length) - 1
+    run = scene.build() if run is None else run
+    finish = scene.duration if run.cut is None else run.cut.time
+    last = math.ceil(finish / block_length) - 1
     for number in range(last + 1):
         start = number * block_length
-        end = scene.duration if number == last else (number + 1) * block_length
+        end = finish if number == last else (number + 1) * block_length
         signals = {c.topic: _measured(scene, run, c, start, end) for c in scene.channels}
         block = Block(start, end, scene.duration, run.shaft, signals)
         for effect in run.effects:
@@ -50,4 +59,18 @@ def _measured(scene: Scene, run: Run, channel: Channel, start: float, end: float
     stamp_ns = scene.start_ns + np.rint(numbers * (1e9 / channel.rate)).astype(np.int64)
     sensor = run.sensors.get(channel.topic)
     value = sensor.read(span) if sensor else run.shaft.value(channel.topic, time)
-    return Signal(channel, time, stamp_ns, value)
+    _check_range(channel, time, value)
+    return Signal(channel, time, stamp_ns, value, stamp_ns.copy() if channel.is_stamped else None)
+
+
+def _check_range(channel: Channel, time: FloatArray, value: FloatArray) -> None:
+    """Refuse an operating point that the monitor would not believe."""
+    beyond = np.flatnonzero(np.abs(value) > channel.input.maximum)
+    if beyond.size:
+        unit = 'm/s' if channel.quantity == 'speed' else 'N'
+        first = beyond[0]
+        raise SceneError(
+            f'{channel.quantity} = {value[first]:g} {unit} at {time[first]:g} s is more than topic'
+            f' {channel.topic} can carry: {channel.bearings[0].name}.{channel.quantity}.maximum ='
+            f' {channel.input.maximum:g} {unit} in the configuration'
+        )

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import errno
 import math
 from pathlib import Path
@@ -16,7 +17,13 @@ from rosbags.rosbag2 import Reader, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
-from stickslip_monitor.bags.cdr import encode_bool, encode_float64, encode_string
+from stickslip_monitor.bags.cdr import (
+    STAMPED_FIELDS,
+    encode_bool,
+    encode_float64,
+    encode_stamped,
+    encode_string,
+)
 from stickslip_monitor.bags.definitions import MESSAGE_TYPES
 from stickslip_monitor.bags.reader import Request, open_bag
 from stickslip_monitor.bags.writer import BagWriter
@@ -138,6 +145,46 @@ def test_encoders_agree_with_rosbags(value: float) -> None:
         again = STORE.serialize_cdr(message, f'std_msgs/msg/{name}')
         # rosbags pads the end to four bytes, which no reader needs.
         assert bytes(again).rstrip(b'\0') == data.rstrip(b'\0')
+
+
+@pytest.mark.parametrize('name', STAMPED_FIELDS)
+def test_stamped_numbers_agree_with_rosbags(name: str) -> None:
+    stamps = [0, 1_700_000_000_987_654_321, 2**31 * 10**9 - 1]
+    for field in STAMPED_FIELDS[name]:
+        messages = encode_stamped(name, field, stamps, [1.5, -2.5, math.inf])
+        for data, stamp, value in zip(messages, stamps, (1.5, -2.5, math.inf), strict=True):
+            message: Any = STORE.deserialize_cdr(data, name)
+            assert bytes(STORE.serialize_cdr(message, name)) == data
+            assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == stamp
+            assert message.header.frame_id == ''
+            whole, part, axis = field.split('.')
+            pair = getattr(message, whole)
+            assert getattr(getattr(pair, part), axis) == value
+            vectors = [v for v in dataclasses.asdict(pair).values() if isinstance(v, dict)]
+            assert sum(vector[a] for vector in vectors for a in 'xyz') == value
+
+
+@pytest.mark.parametrize('stamp', [-1, 2**31 * 10**9])
+def test_stamp_that_a_header_cannot_hold_is_refused(stamp: int) -> None:
+    with pytest.raises(BagError, match=f'stamp {stamp} ns is not between 0 and 2147483648'):
+        encode_stamped('geometry_msgs/msg/WrenchStamped', 'wrench.force.z', [stamp], [1.0])
+
+
+@pytest.mark.parametrize('name', ['voyage', 'voyage.mcap'])
+def test_recording_that_breaks_off_is_read_to_the_cut(tmp_path: Path, name: str) -> None:
+    values = np.random.default_rng(1).random(115_000)
+    with BagWriter(tmp_path / name) as writer:
+        writer.add_topic('/x', FLOAT64)
+        writer.write_float64('/x', TIMES[0] + np.arange(115_000), values)
+        assert writer.message_count == 115_000
+        writer.break_off()
+    bag = open_bag(tmp_path / name)
+    assert len(bag.cuts) == 1
+    read = bag.read([Request('/x', 'data')])[Request('/x', 'data')].value
+    # A message takes 43 bytes: four whole chunks of a megabyte, and some of the fifth.
+    assert 4 * (1 << 20) // 43 + 1_000 < read.size < 115_000
+    assert read.tolist() == values[: read.size].tolist()
+    assert not (tmp_path / name / 'metadata.yaml').exists()
 
 
 def test_equal_input_gives_equal_bytes(tmp_path: Path) -> None:
@@ -263,10 +310,9 @@ def test_wrong_use_is_named(tmp_path: Path) -> None:
             f"log time -1 ns of topic '/x' is not between 0 and {2**63 - 1}": (
                 lambda: writer.write('/x', -1, b'')
             ),
-            "type 'a/msg/B' needs a definition: built in are only std_msgs/msg/Bool,"
-            ' std_msgs/msg/Float64, std_msgs/msg/String': lambda: writer.add_topic(
-                '/b', 'a/msg/B'
-            ),
+            "type 'a/msg/B' needs a definition: built in are only geometry_msgs/msg/TwistStamped,"
+            ' geometry_msgs/msg/WrenchStamped, std_msgs/msg/Bool, std_msgs/msg/Float64,'
+            ' std_msgs/msg/String': lambda: writer.add_topic('/b', 'a/msg/B'),
             "topic '/x' has 2 log times for 3 values: write one value for each time": (
                 lambda: writer.write_float64('/x', [1, 2], [1, 2, 3])
             ),

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import errno
+import re
 from pathlib import Path
 from typing import IO, Any
 
@@ -159,5 +160,7 @@ def test_missing_arguments_are_bad_input(scene: str) -> None:
 
 
 def test_folder_that_cannot_be_made_is_named(tmp_path: Path, scene: str) -> None:
-    with pytest.raises(BagError, match=r"bag '.*' cannot be written: "):
+    file = re.escape(str(tmp_path / 'scene.yaml'))
+    text = rf"bag '{file}/bag' cannot be written: '{file}' is a file, not a folder"
+    with pytest.raises(BagError, match=text):
         write_bag(load_scene(scene), tmp_path / 'scene.yaml' / 'bag')

@@ -5,11 +5,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
 from stickslip_monitor.scenes.scene import Scene
 from stickslip_monitor.scenes.scene_file import load_scene
+from stickslip_monitor.scenes.signals import Messages
+from stickslip_monitor.scenes.simulator import simulate
 
 BEARING: dict[str, Any] = {
     'mass': 50.0,
@@ -73,3 +76,23 @@ def _dump(document: Any) -> str:
 def make_scene(scene_path: Callable[..., Path]) -> Callable[..., Scene]:
     """The scene with some keys replaced."""
     return lambda *args, **changes: load_scene(scene_path(*args, **changes))
+
+
+@pytest.fixture
+def messages_of() -> Callable[..., dict[str, Messages]]:
+    """What the recorder gets on each topic of a scene."""
+
+    def collect(scene: Scene, *block_length: float) -> dict[str, Messages]:
+        blocks = list(simulate(scene, *block_length))
+        found = {}
+        for topic in blocks[0].signals:
+            parts = [block.signals[topic].messages() for block in blocks]
+            stamps = [p.stamp_ns for p in parts if p.stamp_ns is not None]
+            found[topic] = Messages(
+                np.concatenate([part.log_time_ns for part in parts]),
+                np.concatenate(stamps) if stamps else None,
+                np.concatenate([part.raw for part in parts]),
+            )
+        return found
+
+    return collect

@@ -75,14 +75,18 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     (speed(unit='N'), "speed_profile.unit = 'N' must be one of rpm, rad/s, Hz, m/s"),
     (speed(pionts=[]), "unknown key 'pionts' = [] in speed_profile; did you mean 'points'?"),
     (speed(bearing='fwd'), "speed_profile.bearing = 'fwd' must be one of aft"),
+    (
+        speed(bearing='atf'),
+        "speed_profile.bearing = 'atf' must be one of aft; did you mean 'aft'?",
+    ),
     (speed(points=[]), 'speed_profile.points = [] must be a list of points'),
     (speed(points=[[0, 1, 2]]), 'speed_profile.points: point 1 = [0, 1, 2] must be a pair'),
     (speed(points=[[0, 'fast']]), "speed_profile.points: point 1 = [0, 'fast'] must be a pair"),
     (speed(points=[[0, float('nan')]]), 'point 1 = [0, nan] must be a pair of numbers'),
     (
         speed(points=[[0, 1], [9, 2], [9, 3]]),
-        'speed_profile.points: point 3 is at 9 s, but times must rise and the point before it is'
-        ' at 9 s',
+        'speed_profile.points: point 3 is at 9 s, but times must rise and the one before is at'
+        ' 9 s',
     ),
     (
         speed(points=[[0, 1], [101, 2]]),
@@ -130,8 +134,23 @@ def test_what_is_wrong_is_said_in_one_sentence(
 INPUTS: list[tuple[dict[str, Any], str]] = [
     (
         {'aft': {'speed': {'type': 'sensor_msgs/msg/JointState', 'field': 'velocity[0]'}}},
-        "aft.speed is field 'velocity[0]' of sensor_msgs/msg/JointState in the configuration: a"
-        " scene can write field 'data' of std_msgs/msg/Float64 only",
+        'aft.speed is of type sensor_msgs/msg/JointState in the configuration: a scene can write'
+        ' std_msgs/msg/Float64, geometry_msgs/msg/TwistStamped, geometry_msgs/msg/WrenchStamped'
+        ' only',
+    ),
+    (
+        {'aft': {'load': {'type': 'geometry_msgs/msg/WrenchStamped', 'field': 'header.seq'}}},
+        "aft.load is field 'header.seq' of geometry_msgs/msg/WrenchStamped in the configuration: a"
+        ' scene can write wrench.force.x, wrench.force.y,',
+    ),
+    (
+        {
+            'aft': {
+                'load': {'type': 'geometry_msgs/msg/WrenchStamped', 'field': 'wrench.force.z'}
+            },
+            'fwd': {'speed': {'topic': '/fwd'}},
+        },
+        'topic /bearing/aft/load serves aft and fwd with different types or fields: they must',
     ),
     (
         {'aft': {'load': {'scale': 0.0}}},

@@ -10,6 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
+from stickslip_monitor.bags.cdr import STAMPED_FIELDS
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.signals import QUANTITIES
@@ -31,6 +32,13 @@ class Effect(Protocol):
 
     def apply(self, block: Block) -> None:
         """Change the signals of the next block; blocks come in order of time, each once."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """The end of a recorder in mid-write, at a time since the scene's start [s]."""
+
+    time: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,10 +149,33 @@ class Frame:
         blank = Sensor(self.shaft, channel)
         self.sensors.setdefault(channel.topic, blank).memories.append(memory)
 
-    def random(self, settings: Settings, channel: Channel) -> np.random.Generator:
-        """The random stream of an effect on a channel, its own whatever else the scene lists."""
-        return random_stream(self.seed, settings.name, channel.topic)
+    def random(
+        self, settings: Settings, channel: Channel | None = None, *purpose: str
+    ) -> np.random.Generator:
+        """The random stream of an effect, its own whatever else the scene lists.
+
+        Args:
+            settings: The effect's settings, named as the effect.
+            channel: The channel it is for; None where it is one for the whole ship.
+            purpose: What it is for, where an effect needs several.
+        """
+        topic = () if channel is None else (channel.topic,)
+        return random_stream(self.seed, settings.name, *topic, *purpose)
 
 
-# The effect, or None where the shaft or the sensors of the frame have got all there is of it.
-Builder = Callable[[Settings, Frame], Effect | None]
+def require_header(channel: Channel, otherwise: str) -> None:
+    """Refuse a channel whose messages have no time stamp of their own.
+
+    Raises:
+        SceneError: They have none; the sentence says what cannot be ``otherwise``.
+    """
+    if not channel.is_stamped:
+        known = ' or '.join(STAMPED_FIELDS)
+        raise SceneError(
+            f'topic {channel.topic} is {channel.input.type}, without a time stamp: {otherwise};'
+            f' use {known} in the configuration'
+        )
+
+
+# None where the shaft or the sensors of the frame have got all there is of the effect.
+Builder = Callable[[Settings, Frame], Effect | Cut | None]

@@ -17,7 +17,7 @@ from stickslip_monitor.scenes.sensing import Sensor
 from stickslip_monitor.scenes.settings import Settings, suggestion
 from stickslip_monitor.scenes.shaft import Shaft
 
-from .effect import Builder, Effect, Frame
+from .effect import Builder, Cut, Effect, Frame
 
 _HERE = 'stickslip_monitor.scenes.effects'
 
@@ -26,14 +26,16 @@ _HERE = 'stickslip_monitor.scenes.effects'
 # frame). What 'shaft' and 'turning' add is a function of time; 'sensing' follows it between the
 # samples; the others change block after block.
 STAGES: Mapping[str, tuple[str, ...]] = {
-    'shaft': ('speed_profile', 'load_profile'),
-    'turning': (),
+    'shaft': (
+        'speed_profile', 'speed_steps', 'manoeuvre', 'load_profile', 'load_steps', 'load_in_waves',
+    ),
+    'turning': ('blade_ripple', 'misalignment'),
     'lining': ('friction_drift', 'operating_point', 'lining_motion'),
-    'sensing': (),
-    'sensor': ('sensor_noise',),
-    'recording': (),
-    'file': (),
-}
+    'sensing': ('filtering', 'averaging'),
+    'sensor': ('bias', 'sensor_noise', 'spikes', 'quantisation', 'stuck', 'not_a_number'),
+    'recording': ('clock_jitter', 'clock_jump', 'out_of_order', 'repeated_stamps', 'dropout'),
+    'file': ('cut_off',),
+}  # fmt: skip
 # Each effect's module; its place is its place in the order of action.
 EFFECTS = {name: f'{_HERE}.{name}' for names in STAGES.values() for name in names}
 
@@ -46,11 +48,13 @@ class Run:
         shaft: The operating point over time.
         sensors: By topic, the sensors that remember more than the instant of a sample.
         effects: The effects that act block by block, in their order.
+        cut: Where the recording breaks off, if it does.
     """
 
     shaft: Shaft
     sensors: dict[str, Sensor]
     effects: list[Effect]
+    cut: Cut | None = None
 
 
 def read_effects(listed: Any) -> tuple[Settings, ...]:
@@ -96,10 +100,13 @@ def build_run(effects: Iterable[Settings], frame: Frame) -> Run:
     Raises:
         SceneError: A setting breaks its rule, or an effect is listed twice for a channel.
     """
-    acting = []
+    acting: list[Effect] = []
+    cut = None
     for settings in effects:
         build: Builder = _module(settings.name).build
-        effect = build(settings, frame)
-        if effect is not None:
-            acting.append(effect)
-    return Run(frame.shaft, frame.sensors, acting)
+        built = build(settings, frame)
+        if isinstance(built, Cut):
+            cut = built
+        elif built is not None:
+            acting.append(built)
+    return Run(frame.shaft, frame.sensors, acting, cut)

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Load on a bearing of a ship in waves: proportional to the elevation of a random sea.
+
+``{significant_height in m, peak_period in s, gamma, load_per_metre, unit, bearing}``
+
+The sea has the JONSWAP spectrum (Hasselmann et al. 1973; DNV-RP-C205, 3.5.5): with
+``x = omega / omega_p``,
+
+    S ~ x^-5 exp(-1.25 x^-4) gamma^exp(-(x - 1)^2 / (2 s^2)),   s = 0.07 for x <= 1, else 0.09
+
+scaled to the variance ``Hs^2/16``. It is a sum of cosines of one amplitude, each for an equal part
+of that variance, at a random frequency within its part and with a random phase: so there are most
+where the sea has most energy, and the record does not repeat.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from stickslip_monitor.scenes.settings import Settings
+from stickslip_monitor.scenes.signals import FloatArray
+
+from .effect import UNITS, Frame
+
+KEYS = ('bearing', 'unit', 'significant_height', 'peak_period', 'gamma', 'load_per_metre')
+COMPONENTS = 200
+# The sea ends at five times the peak frequency, beyond which lies 0.2 % of the variance.
+_RANGE = np.linspace(0.25, 5.0, 20_000)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sea:
+    """A sum of cosines.
+
+    Attributes:
+        amplitude: Amplitude of each [m].
+        omega: Frequencies, shape (n,) [rad/s].
+        phase: Phases at the scene's start, shape (n,) [rad].
+    """
+
+    amplitude: float
+    omega: FloatArray
+    phase: FloatArray
+
+    @classmethod
+    def of(cls, height: float, period: float, gamma: float, random: np.random.Generator) -> Sea:
+        """A sea of a significant height [m], peak period [s] and peakedness [-]."""
+        part = (np.arange(COMPONENTS) + random.random(COMPONENTS)) / COMPONENTS
+        omega = np.interp(part, _energy_below(gamma), _RANGE) * (2.0 * math.pi / period)
+        phase = random.random(COMPONENTS) * (2.0 * math.pi)
+        return cls(height / 4.0 * math.sqrt(2.0 / COMPONENTS), omega, phase)
+
+    def elevation(self, time: FloatArray) -> FloatArray:
+        """Elevation at some times [s], shape (n,) [m]; added up one by one, in one order."""
+        total, part = np.zeros_like(time), np.empty_like(time)
+        for omega, phase in zip(self.omega.tolist(), self.phase.tolist(), strict=True):
+            np.multiply(time, omega, out=part)
+            np.add(part, phase, out=part)
+            np.cos(part, out=part)
+            total += part
+        return total * self.amplitude
+
+
+def _energy_below(gamma: float) -> FloatArray:
+    """The share of the variance below each frequency of the range."""
+    x = _RANGE
+    width = np.where(x <= 1.0, 0.07, 0.09)
+    peak = gamma ** np.exp(-(((x - 1.0) / width) ** 2) / 2.0)
+    density = x**-5 * np.exp(-1.25 * x**-4) * peak
+    below = np.concatenate([[0.0], np.cumsum(density[1:] + density[:-1])])
+    return below / below[-1]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WaveLoad:
+    """The load of a sea; ``per_metre`` in N/m."""
+
+    sea: Sea
+    per_metre: float
+
+    def at(self, time: FloatArray) -> FloatArray:
+        """Loads at some times, shape (n,) [N]."""
+        return self.sea.elevation(time) * self.per_metre
+
+
+def build(settings: Settings, frame: Frame) -> None:
+    """Add the waves to the load: for all bearings the same sea."""
+    unit = settings.choice('unit', UNITS['load'])
+    per_metre = settings.number('load_per_metre', f'{unit}/m')
+    sea = Sea.of(
+        settings.number('significant_height', 'm', least=0.0),
+        settings.number('peak_period', 's', above=0.0),
+        settings.number('gamma', '-', least=1.0, most=10.0),
+        frame.random(settings),
+    )
+    for channel in frame.pick(settings, 'load'):
+        frame.shaft.add_load(channel.topic, WaveLoad(sea, per_metre * channel.factor(unit)))
