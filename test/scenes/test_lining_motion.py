@@ -303,7 +303,7 @@ BAD: dict[str, list[dict[str, Any]]] = {
     "effect 'lining_motion' is listed twice for bearing aft": [{}, {}],
     "key 'lining_motion.disturbance' is missing": [{'disturbance': None}],
     "lining_motion.knocks = []": [{'knocks': []}],
-    'lining_motion.knocks: blow 2 is at 3 s, but times must rise and the point before':
+    'lining_motion.knocks: blow 2 is at 3 s, but times must rise and the one before':
         [{'knocks': [[4, 1.0], [3, 1.0]]}],
     'lining_motion.knocks: no blow can follow at 100 s, where the scene ends':
         [{'knocks': [[100, 1.0]]}],
