@@ -10,22 +10,42 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.bags.reader import Bag, Request, Series, open_bag
-from stickslip_monitor.monitor.assessment import REGIMES, Assessment, Regime
+from stickslip_monitor.bags.gaps import Gaps, find_gaps
+from stickslip_monitor.bags.reader import Bag, Fault, Request, Series, open_bag
+from stickslip_monitor.monitor.assessment import REGIMES, Regime
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
+from stickslip_monitor.monitor.extremes import Extreme, worst
 from stickslip_monitor.monitor.monitor import Monitor
-from stickslip_monitor.monitor.points import at_index
 from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.monitor.signals import QUANTITIES, STATUS_SENTENCES, Status, Stream
 
 
 @dataclass(frozen=True, slots=True)
-class Extreme:
-    """The worst value of a quantity in a recording, and the operating point it came from."""
+class InputReport:
+    """What came of one input of a bearing.
 
-    time_ns: int
-    value: float
-    point: Assessment
+    Attributes:
+        quantity: ``'speed'`` or ``'load'``.
+        topic: Where it was read.
+        messages: Messages on the topic.
+        used: Samples that were believed.
+        faults: What was wrong with the others, and jumps of the clock.
+        gaps: How regularly they came; a gap is longer than the input's timeout.
+    """
+
+    quantity: str
+    topic: str
+    messages: int
+    used: int
+    faults: tuple[Fault, ...]
+    gaps: Gaps
+
+    @property
+    def complaints(self) -> list[str]:
+        """What was wrong, one clause for each kind."""
+        place = f'{self.quantity} on {self.topic}'
+        found = [f'{place}: {fault.count} x {fault.text}' for fault in self.faults]
+        return found if self.used else [*found, f'{place}: no usable sample']
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,14 +59,19 @@ class BearingReport:
             undetermined.
         worst: The least Hopf and fold margin and the greatest predicted amplitude, by name;
             a quantity that never had a value is absent.
-        complaints: What was wrong with the samples, one clause for each kind.
+        inputs: What came of speed and load.
     """
 
     name: str
     scan: Scan
     seconds: dict[Regime, float]
     worst: dict[str, Extreme]
-    complaints: list[str]
+    inputs: tuple[InputReport, ...]
+
+    @property
+    def complaints(self) -> list[str]:
+        """What was wrong with the samples, one clause for each kind."""
+        return [text for item in self.inputs for text in item.complaints]
 
     @property
     def has_warnings(self) -> bool:
@@ -56,10 +81,19 @@ class BearingReport:
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """The result of checking one bag."""
+    """The result of checking one bag.
+
+    Attributes:
+        bag: The bag.
+        bearings: What the monitor says of each bearing, by name.
+        start_ns: When the recording begins, on the clock of the samples [ns].
+        end_ns: When it ends; both are ``None`` in a recording without messages.
+    """
 
     bag: Bag
     bearings: dict[str, BearingReport]
+    start_ns: int | None
+    end_ns: int | None
 
     @property
     def has_warnings(self) -> bool:
@@ -95,7 +129,7 @@ def check_bag(
     for bearing in config.bearings:
         own = [series[request] for request in requests[bearing.name]]
         reports[bearing.name] = _report(bearing, scans[bearing.name], own, start, end)
-    return CheckReport(bag, reports)
+    return CheckReport(bag, reports, start, end)
 
 
 def _request(source: InputConfig) -> Request:
@@ -138,7 +172,7 @@ def _report(
 ) -> BearingReport:
     span = (end_ns - start_ns) * 1e-9 if start_ns is not None and end_ns is not None else 0.0
     return BearingReport(
-        config.name, scan, _seconds(scan, span), _worst(scan), _complaints(config, scan, series)
+        config.name, scan, _seconds(scan, span), worst(scan), _inputs(config, scan, series)
     )
 
 
@@ -152,35 +186,26 @@ def _seconds(scan: Scan, span: float) -> dict[Regime, float]:
     return seconds
 
 
-def _worst(scan: Scan) -> dict[str, Extreme]:
-    point = scan.assessment
-    sticking_amplitude = np.where(scan.sticking, point.amplitude, np.nan)
-    columns: dict[str, NDArray[np.float64]] = {
-        'hopf_margin': np.where(np.isfinite(point.hopf_margin), point.hopf_margin, np.nan),
-        'fold_margin': np.where(np.isfinite(point.fold_margin), point.fold_margin, np.nan),
-        'amplitude': -sticking_amplitude,
-    }
-    worst = {}
-    for name, column in columns.items():
-        if not np.all(np.isnan(column)):
-            i = int(np.nanargmin(column))
-            value = float(abs(column[i]) if name == 'amplitude' else column[i])
-            worst[name] = Extreme(int(scan.time_ns[i]), value, at_index(point, i))
-    return worst
+def _inputs(config: BearingConfig, scan: Scan, series: list[Series]) -> tuple[InputReport, ...]:
+    sources = (config.speed, config.load)
+    return tuple(
+        InputReport(
+            quantity,
+            source.topic,
+            int(own.value.size),
+            int(counts[: Status.CLOCK_JUMP + 1].sum()),
+            (*own.faults, *_faults(counts)),
+            find_gaps(own.stamp_ns, source.timeout_ns),
+        )
+        for quantity, source, own, counts in zip(
+            QUANTITIES, sources, series, scan.counts, strict=True
+        )
+    )
 
 
-def _complaints(config: BearingConfig, scan: Scan, series: list[Series]) -> list[str]:
-    complaints = []
-    for row, (quantity, source) in enumerate(
-        zip(QUANTITIES, (config.speed, config.load), strict=True)
-    ):
-        place = f'{quantity} on {source.topic}'
-        complaints += [f'{place}: {fault.count} x {fault.text}' for fault in series[row].faults]
-        complaints += [
-            f'{place}: {int(scan.counts[row, status])} x {sentence}'
-            for status, sentence in STATUS_SENTENCES.items()
-            if scan.counts[row, status]
-        ]
-        if not scan.counts[row, : Status.CLOCK_JUMP + 1].any():
-            complaints.append(f'{place}: no usable sample')
-    return complaints
+def _faults(counts: NDArray[np.int64]) -> list[Fault]:
+    return [
+        Fault(int(counts[status]), sentence)
+        for status, sentence in STATUS_SENTENCES.items()
+        if counts[status]
+    ]

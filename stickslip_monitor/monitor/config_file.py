@@ -78,13 +78,22 @@ def load_yaml(path: str | Path) -> Any:
         raise ConfigurationError(f'{path} is nested too deeply') from error
 
 
+def load_parameters(path: str | Path) -> dict[str, Any]:
+    """The parameters that a file gives the node, by their dotted names.
+
+    Raises:
+        ConfigurationError: The file cannot be read; the text names it.
+    """
+    return _node_parameters(path, load_yaml(path))
+
+
 def load_config(path: str | Path) -> MonitorConfig:
     """Read and validate a parameter file.
 
     Raises:
         ConfigurationError: The file cannot be read or breaks a rule; the text names the file.
     """
-    parameters = _node_parameters(path, load_yaml(path))
+    parameters = load_parameters(path)
     try:
         return build_config(parameters)
     except ConfigurationError as error:

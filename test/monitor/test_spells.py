@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The stretches between changes of the alarm."""
+
+from __future__ import annotations
+
+from stickslip_monitor.monitor.alarm import Condition
+from stickslip_monitor.monitor.spells import Spell, spells, together
+from stickslip_monitor.monitor.verdict import Event
+
+NORMAL, CAUTION, STICK, AMPLITUDE = (
+    Condition.NORMAL,
+    Condition.CAUTION,
+    Condition.STICK_SLIP,
+    Condition.AMPLITUDE,
+)
+
+
+def event(time_ns: int, before: Condition, after: Condition) -> Event:
+    return Event('aft', time_ns, before, after, None, False, {}, '')
+
+
+COURSE = [
+    event(10, NORMAL, STICK),
+    event(20, STICK, AMPLITUDE),
+    event(30, AMPLITUDE, CAUTION),
+    event(40, CAUTION, STICK),
+]
+
+
+def test_spells_fill_the_recording() -> None:
+    found = spells(COURSE, 0, 50)
+    assert [s.start_ns for s in found] == [0, 10, 20, 30, 40]
+    assert [s.end_ns for s in found] == [10, 20, 30, 40, 50]
+    assert [s.condition for s in found] == [NORMAL, STICK, AMPLITUDE, CAUTION, STICK]
+    assert spells([], 0, 50) == [Spell(0, 50, NORMAL)]
+
+
+def test_neighbours_of_the_same_kind_are_one() -> None:
+    found = together(spells(COURSE, 0, 50), (STICK, AMPLITUDE))
+    assert [(s.start_ns, s.end_ns) for s in found] == [(10, 30), (40, 50)]
+
+
+def test_a_spell_in_which_the_clock_jumped_back_has_no_length() -> None:
+    assert Spell(100, 20, STICK).seconds == 0.0
+    assert Spell(0, 2 * 10**9, STICK).seconds == 2.0
