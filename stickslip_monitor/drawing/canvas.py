@@ -64,12 +64,17 @@ def style() -> Iterator[None]:
         yield
 
 
-def new_figure() -> Figure:
-    """An empty figure that belongs to nobody else; to be called inside :func:`style`."""
+def new_figure(width: float = WIDTH, height: float = HEIGHT) -> Figure:
+    """An empty figure that belongs to nobody else; to be called inside :func:`style`.
+
+    Args:
+        width: Its width [inch].
+        height: Its height [inch].
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(WIDTH, HEIGHT), dpi=100)
+    figure = Figure(figsize=(width, height), dpi=100)
     FigureCanvasAgg(figure)
     return figure
 

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.drawing.boundaries import Boundaries, boundaries
-from stickslip_monitor.drawing.canvas import new_figure, style
+from stickslip_monitor.drawing.canvas import HEIGHT, WIDTH, new_figure, style
 from stickslip_monitor.drawing.labels import Labeller
 from stickslip_monitor.drawing.palette import CAUTION_FILL, INK, MUTED, REGIME_FILL
 from stickslip_monitor.drawing.ranges import Range, map_loads, map_speeds
-from stickslip_monitor.drawing.track import Track, draw_track
+from stickslip_monitor.drawing.track import Track, draw_track, legend_height
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.oscillator import Bearing
@@ -27,6 +27,8 @@ FloatArray = NDArray[np.float64]
 _CELLS = (110, 160)
 _KILO_FROM = 5000.0
 _BEYOND = 2.0
+# Room around the axes [inch], whatever the size of the figure.
+_MARGIN_LEFT, _MARGINS_BESIDE, _MARGIN_BELOW, _MARGIN_ABOVE = 0.855, 1.08, 0.7, 0.196
 
 
 def map_ranges(
@@ -54,6 +56,7 @@ def draw_map(
     speeds: Range | None = None,
     loads: Range | None = None,
     track: Track | None = None,
+    size: tuple[float, float] = (WIDTH, HEIGHT),
 ) -> Figure:
     """Draw the stability map of a bearing.
 
@@ -62,6 +65,7 @@ def draw_map(
         speeds: Lowest and highest surface speed [m/s]; chosen if ``None``.
         loads: Lowest and highest load [N]; chosen if ``None``.
         track: Operating points to draw on it.
+        size: Width and height [inch].
 
     Returns:
         A figure that pyplot does not know of; :func:`~.canvas.save_figure` writes it.
@@ -73,9 +77,9 @@ def draw_map(
         bearing, margin = bearing_config.bearing, bearing_config.alarm.caution_margin
         speeds, loads = map_ranges(bearing, speeds, loads, track)
         curves = boundaries(bearing, speeds, loads, margin)
-        figure = new_figure()
-        top = 0.88 if track is not None and track.events else 0.965
-        axes = figure.add_axes((0.095, 0.125, 0.88, top - 0.125))
+        figure = new_figure(*size)
+        above = legend_height(track, size[0]) if track is not None else 0.0
+        axes = figure.add_axes(_frame(size, above))
         x_unit = bearing.speed.factor('rpm')
         y_unit = 1000.0 if loads[1] >= _KILO_FROM else 1.0
         axes.set_xlim(speeds[0] / x_unit, speeds[1] / x_unit)
@@ -86,7 +90,7 @@ def draw_map(
         _regions(axes, curves, loads, x_unit, y_unit)
         _lines(axes, labels, curves, x_unit, y_unit)
         if track is not None:
-            draw_track(axes, labels, track, x_unit, y_unit)
+            draw_track(axes, labels, track, x_unit, y_unit, size[0])
         _line_names(labels, curves, margin, x_unit, y_unit)
         _region_names(labels, curves, speeds, loads)
         figure.text(
@@ -94,6 +98,14 @@ def draw_map(
             ha='right', va='bottom', size=9.0, color=MUTED,
         )  # fmt: skip
         return figure
+
+
+def _frame(size: tuple[float, float], above: float) -> tuple[float, float, float, float]:
+    """Where the axes stand: left, bottom, width and height as parts of the figure."""
+    width, height = size
+    bottom = _MARGIN_BELOW / height
+    top = 1.0 - max(_MARGIN_ABOVE, above) / height
+    return _MARGIN_LEFT / width, bottom, 1.0 - _MARGINS_BESIDE / width, top - bottom
 
 
 def _regions(axes: Axes, curves: Boundaries, loads: Range, x_unit: float, y_unit: float) -> None:

@@ -42,3 +42,21 @@ CONDITION_COLOUR = {
     Condition.INPUT_STALE: '#595959',
 }
 """Strong colours, for marks on any of the fills."""
+
+ON_DARK = {
+    PAPER: '#16191d',
+    INK: '#e8eaed',
+    MUTED: '#a9b0b8',
+    '#0072b2': '#56b4e9',
+    '#009e73': '#3fcf9f',
+    '#e69f00': '#f0b429',
+    '#d55e00': '#ff8f4d',
+    '#7a1f5c': '#e58fc6',
+    '#8c8c8c': '#9aa0a6',
+    '#eff6fb': '#16212b',
+    CAUTION_FILL: '#1d3328',
+    '#fcedc4': '#4a3b12',
+    '#f6cdb8': '#5a2a17',
+    '#d9d9d9': '#33373c',
+}
+"""What each colour above becomes on a dark page; there the fills get lighter with trouble."""

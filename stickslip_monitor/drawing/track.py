@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip_monitor.drawing.canvas import WIDTH
+from stickslip_monitor.drawing.envelope import envelope
 from stickslip_monitor.drawing.labels import Labeller, around
 from stickslip_monitor.drawing.palette import CONDITION_COLOUR, INK, PAPER
 from stickslip_monitor.monitor.alarm import Condition
@@ -25,6 +27,8 @@ _STRIDE_FRACTION = 0.02
 _MOST_POINTS = 5000
 _MOST_DRAWN = 20000
 _CELL = 1.0
+# The names of the marks above the map [inch].
+_LEGEND_COLUMN, _LEGEND_ROW, _LEGEND_TITLE = 1.3, 0.2, 0.3
 _MARKER = {
     Condition.NORMAL: 'o',
     Condition.CAUTION: 's',
@@ -75,7 +79,32 @@ def track_of_scan(scan: Scan) -> Track:
     return Track(time, speed, load, events)
 
 
-def draw_track(axes: Axes, labels: Labeller, track: Track, x_unit: float, y_unit: float) -> None:
+def thinned(track: Track, most: int) -> Track:
+    """The track with fewer points, nearly ``most``, and the same extremes of speed and load."""
+    kept = envelope(most, np.abs(track.speed), track.load)
+    return Track(track.time[kept], track.speed[kept], track.load[kept], track.events)
+
+
+def legend_height(track: Track, width: float) -> float:
+    """Room that the names of the marks take above a map of a width [both inch]."""
+    if not track.events:
+        return 0.0
+    rows = -(-len(_conditions(track)) // _columns(width))
+    return _LEGEND_TITLE + rows * _LEGEND_ROW
+
+
+def _conditions(track: Track) -> list[Condition]:
+    """The conditions that the events of a track lead to."""
+    return [c for c in Condition if any(event.condition is c for event in track.events)]
+
+
+def _columns(width: float) -> int:
+    return max(1, int((width - 1.08) / _LEGEND_COLUMN))
+
+
+def draw_track(
+    axes: Axes, labels: Labeller, track: Track, x_unit: float, y_unit: float, width: float = WIDTH
+) -> None:
     """Draw a track on a map.
 
     Args:
@@ -84,6 +113,7 @@ def draw_track(axes: Axes, labels: Labeller, track: Track, x_unit: float, y_unit
         track: The track.
         x_unit: Surface speed of one unit of the x axis [m/s].
         y_unit: Load of one unit of the y axis [N].
+        width: Width of the figure [inch].
     """
     x, y = np.abs(track.speed) / x_unit, track.load / y_unit
     known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
@@ -91,7 +121,7 @@ def draw_track(axes: Axes, labels: Labeller, track: Track, x_unit: float, y_unit
         return
     _line(axes, labels, x, y)
     _arrows(axes, x[known], y[known])
-    _events(axes, labels, track, x, y, known)
+    _events(axes, labels, track, x, y, known, _columns(width))
     for name, i, size in (('start', known[0], 10.5), ('end', known[-1], 8.0)):
         face, edge = (PAPER, INK) if name == 'start' else (INK, PAPER)
         axes.plot(x[i], y[i], 'o', ms=size, mec=edge, mew=1.5, mfc=face, zorder=11)
@@ -129,9 +159,10 @@ def _events(
     x: FloatArray,
     y: FloatArray,
     known: NDArray[np.intp],
+    columns: int,
 ) -> None:
-    """Mark where the alarm changed, and tell the marks apart in a row above the map."""
-    used = [c for c in Condition if any(event.condition is c for event in track.events)]
+    """Mark where the alarm changed, and tell the marks apart in rows above the map."""
+    used = _conditions(track)
     for condition in used:
         times = [event.time for event in track.events if event.condition is condition]
         at = [known[_latest(track.time[known], time)] for time in times]
@@ -144,9 +175,10 @@ def _events(
             labels.reserve(x[i], y[i])
     if used:
         axes.legend(
-            loc='lower left', bbox_to_anchor=(0.0, 1.0), ncols=len(used), frameon=False,
-            title='alarm becomes', title_fontsize=9.5, alignment='left', fontsize=9.5,
-            handletextpad=0.2, columnspacing=1.4, borderaxespad=0.1, borderpad=0.1,
+            loc='lower left', bbox_to_anchor=(0.0, 1.0), frameon=False,
+            ncols=min(columns, len(used)), title='alarm becomes', title_fontsize=9.5,
+            alignment='left', fontsize=9.5, handletextpad=0.2, columnspacing=1.4,
+            borderaxespad=0.1, borderpad=0.1,
         )  # fmt: skip
 
 

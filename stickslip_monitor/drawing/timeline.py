@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Draws a recording over time: speed between its boundaries, load, margins, amplitude, alarm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip_monitor.drawing.canvas import new_figure, style
+from stickslip_monitor.drawing.envelope import envelope
+from stickslip_monitor.drawing.palette import (
+    CAUTION_FILL,
+    CONDITION_COLOUR,
+    INK,
+    MUTED,
+    PAPER,
+    REGIME_COLOUR,
+    REGIME_FILL,
+)
+from stickslip_monitor.monitor.assessment import Regime
+from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.scan import Scan
+from stickslip_monitor.monitor.spells import Spell
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FloatArray = NDArray[np.float64]
+
+_POINTS_PER_INCH = 100
+_MOST_LINES = 120
+_MOST_NUMBERED = 60
+_NUMBER_ROWS = 3
+_KILO_FROM = 5000.0
+_HIGHEST_MARGIN = 1.5
+_LOWEST_TOP = 0.3
+_PIXELS_PER_LETTER = 7.0
+_DATED_FROM = 10 * 365 * 86_400 * 10**9
+_ROWS = (('speed', 1.9), ('load', 0.9), ('margin', 1.5), ('amplitude', 1.2), ('alarm', 0.26))
+# Room around and between the panels [inch].
+_LEFT, _RIGHT, _ABOVE, _BELOW, _BETWEEN = 0.82, 0.28, 0.5, 0.62, 0.27
+
+
+@dataclass(frozen=True, slots=True)
+class Timeline:
+    """What a timeline shows of one bearing.
+
+    Attributes:
+        config: The bearing.
+        scan: Its verdicts and events.
+        spells: The alarm's conditions, from the recording's start to its end.
+    """
+
+    config: BearingConfig
+    scan: Scan
+    spells: Sequence[Spell]
+
+    @property
+    def has_cycle(self) -> bool:
+        """Whether a stick-slip cycle existed at any point."""
+        return bool(np.any(np.isfinite(self.scan.assessment.amplitude)))
+
+
+def draw_timeline(timeline: Timeline, width: float = 9.0) -> Figure:
+    """Draw a recording over time.
+
+    Args:
+        timeline: What to show; long recordings are thinned to their envelope.
+        width: Width of the figure [inch]; the height follows from the panels.
+
+    Returns:
+        A figure that pyplot does not know of.
+
+    Raises:
+        DrawingError: matplotlib is not installed.
+    """
+    with style():
+        rows = [row for row in _ROWS if row[0] != 'amplitude' or timeline.has_cycle]
+        height = sum(size + _BETWEEN for _, size in rows) - _BETWEEN + _ABOVE + _BELOW
+        figure = new_figure(width, height)
+        top = height - _ABOVE
+        panels: dict[str, Axes] = {}
+        for name, size in rows:
+            frame = (_LEFT, top - size, width - _LEFT - _RIGHT, size)
+            parts = [side / whole for side, whole in zip(frame, (width, height) * 2, strict=True)]
+            panels[name] = figure.add_axes((parts[0], parts[1], parts[2], parts[3]))
+            top -= size + _BETWEEN
+        lines = _Lines(timeline, int(width * _POINTS_PER_INCH))
+        _speed(panels['speed'], lines)
+        _load(panels['load'], lines)
+        _margins(panels['margin'], lines)
+        if 'amplitude' in panels:
+            _amplitude(panels['amplitude'], lines)
+        _alarm(panels['alarm'], lines)
+        _time_axis(panels, lines, width)
+        _event_lines(panels, lines)
+        return figure
+
+
+class _Lines:
+    """The columns of a timeline over time, thinned one by one."""
+
+    def __init__(self, timeline: Timeline, most: int) -> None:
+        self._most = most
+        self.timeline, scan, point = timeline, timeline.scan, timeline.scan.assessment
+        self.spells = timeline.spells
+        self.start_ns = self.spells[0].start_ns
+        self.end_ns = max(spell.end_ns for spell in self.spells)
+        self.dated = self.start_ns >= _DATED_FROM
+        # Interrupted where an input was lost, and where the clock jumped back.
+        lost = scan.until_ns[:-1] < scan.time_ns[1:]
+        back = np.diff(scan.time_ns) < 0
+        self._breaks = np.flatnonzero(lost | back) + 1
+        self._time = np.insert(self.at(scan.time_ns), self._breaks, np.nan)
+        rpm = timeline.config.bearing.speed.factor('rpm')
+        self.columns = {
+            'speed': np.abs(point.speed) / rpm,
+            'hopf_speed': point.hopf_speed / rpm,
+            'fold_speed': point.fold_speed / rpm,
+            'load': np.asarray(point.load),
+            'hopf_margin': np.where(np.isfinite(point.hopf_margin), point.hopf_margin, np.nan),
+            'fold_margin': np.where(np.isfinite(point.fold_margin), point.fold_margin, np.nan),
+            'possible': point.amplitude * 1e3,
+            'predicted': np.where(scan.sticking, point.amplitude * 1e3, 0.0),
+        }
+
+    def at(self, time_ns: object) -> FloatArray:
+        """Times on the axis: days since 1970 for dates, else seconds from the start."""
+        since = np.asarray(time_ns, dtype=np.int64)
+        if self.dated:
+            return np.asarray(since / 86_400e9, dtype=float)
+        return np.asarray((since - self.start_ns) * 1e-9, dtype=float)
+
+    def line(self, name: str) -> tuple[FloatArray, FloatArray]:
+        """Time and value of a column, thinned to its envelope."""
+        value = np.insert(np.asarray(self.columns[name], dtype=float), self._breaks, np.nan)
+        kept = envelope(self._most, value)
+        time = self._time[kept]
+        # A break has no time of its own: it is nan in value already, and drawn nowhere.
+        return time, value[kept]
+
+
+def _speed(axes: Axes, lines: _Lines) -> None:
+    """Speed, over the regions that its boundaries at the load of each instant make."""
+    time, speed = lines.line('speed')
+    margin = 1.0 + lines.timeline.config.alarm.caution_margin
+    for name, factor, colour in (
+        ('fold_speed', margin, CAUTION_FILL),
+        ('fold_speed', 1.0, REGIME_FILL[Regime.BISTABLE]),
+        ('hopf_speed', 1.0, REGIME_FILL[Regime.UNSTABLE]),
+    ):
+        when, boundary = lines.line(name)
+        axes.fill_between(when, 0.0, boundary * factor, color=colour, lw=0.0, zorder=1)
+    for name, dashes in (('hopf_speed', '-'), ('fold_speed', (0, (4.5, 2.2)))):
+        axes.plot(*lines.line(name), color=MUTED, lw=1.0, ls=dashes, zorder=2)
+    axes.plot(time, speed, color=INK, lw=1.4, zorder=4)
+    axes.set_facecolor(REGIME_FILL[Regime.STABLE])
+    top = float(np.nanmax(speed, initial=0.0))
+    edge = float(np.nanmax(lines.columns['fold_speed'], initial=0.0))
+    axes.set_ylim(0.0, 1.08 * max(top, 1.15 * edge) or 1.0)
+    axes.set_ylabel('speed [rpm]')
+    _boundary_names(axes, lines)
+
+
+def _boundary_names(axes: Axes, lines: _Lines) -> None:
+    """Name the boundaries where they are far from each other and from the speed."""
+    speed, hopf, fold = (lines.columns[name] for name in ('speed', 'hopf_speed', 'fold_speed'))
+    room = np.fmin.reduce([fold - hopf, np.abs(fold - speed), np.abs(hopf - speed)])
+    inner = slice(room.size // 50, room.size - room.size // 10)
+    if not np.isfinite(room[inner]).any():
+        return
+    i = inner.start + int(np.nanargmax(room[inner]))
+    when = float(lines.at(lines.timeline.scan.time_ns[i]))
+    for value, word, up in ((hopf[i], 'Hopf', -2.0), (fold[i], 'fold', 2.0)):
+        axes.annotate(
+            word, (when, value), (0.0, up), textcoords='offset points', size=9.0, color=INK,
+            ha='center', va='top' if up < 0.0 else 'bottom', zorder=5,
+        )  # fmt: skip
+
+
+def _load(axes: Axes, lines: _Lines) -> None:
+    time, load = lines.line('load')
+    heavy = float(np.nanmax(np.abs(load), initial=0.0)) >= _KILO_FROM
+    axes.plot(time, load / (1000.0 if heavy else 1.0), color=INK, lw=1.2)
+    axes.set_ylabel('load [kN]' if heavy else 'load [N]')
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(low, 0.0), max(high, 0.0) * 1.05 or 1.0)
+
+
+def _margins(axes: Axes, lines: _Lines) -> None:
+    highest, lowest = -np.inf, -0.1
+    for name, colour, word in (
+        ('hopf_margin', REGIME_COLOUR[Regime.UNSTABLE], 'Hopf'),
+        ('fold_margin', REGIME_COLOUR[Regime.STABLE], 'fold'),
+    ):
+        time, margin = lines.line(name)
+        axes.plot(time, 100.0 * margin, color=colour, lw=1.4, label=f'{word} margin', zorder=4)
+        highest = max(highest, float(np.nanmax(margin, initial=-np.inf)))
+        lowest = min(lowest, float(np.nanmin(margin, initial=0.0)))
+    caution = lines.timeline.config.alarm.caution_margin
+    axes.axhspan(0.0, 100.0 * caution, color=CAUTION_FILL, lw=0.0, zorder=1)
+    axes.axhspan(-1e4, 0.0, color=REGIME_FILL[Regime.BISTABLE], lw=0.0, zorder=1)
+    axes.axhline(0.0, color=MUTED, lw=0.8, zorder=2)
+    room = 0.06 * (min(max(highest, _LOWEST_TOP), _HIGHEST_MARGIN) - lowest)
+    top = min(max(highest + room, _LOWEST_TOP), _HIGHEST_MARGIN)
+    axes.set_ylim(100.0 * (lowest - room), 100.0 * top)
+    axes.set_ylabel('margin [%]')
+    _legend(axes)
+
+
+def _amplitude(axes: Axes, lines: _Lines) -> None:
+    colour = REGIME_COLOUR[Regime.UNSTABLE]
+    time, possible = lines.line('possible')
+    axes.plot(time, possible, color=MUTED, lw=1.0, ls=(0, (1.5, 1.5)), label='if it ran', zorder=3)
+    time, predicted = lines.line('predicted')
+    axes.fill_between(time, 0.0, predicted, color=REGIME_FILL[Regime.UNSTABLE], lw=0.0, zorder=1)
+    axes.plot(time, predicted, color=colour, lw=1.4, label='predicted', zorder=4)
+    limit = lines.timeline.config.alarm.amplitude_limit * 1e3
+    greatest = max(float(np.nanmax(line, initial=0.0)) for line in (possible, predicted))
+    if np.isfinite(limit) and limit < 3.0 * greatest:
+        axes.axhline(limit, color=INK, lw=1.0, ls=(0, (4.5, 2.2)), label='limit', zorder=3)
+        greatest = max(greatest, limit)
+    axes.set_ylim(0.0, 1.12 * greatest or 1.0)
+    axes.set_ylabel('ampl. [mm]')
+    _legend(axes)
+
+
+def _legend(axes: Axes) -> None:
+    axes.legend(
+        loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=8.5, frameon=False,
+        borderpad=0.1, borderaxespad=0.0, handlelength=1.4, columnspacing=1.0, handletextpad=0.4,
+    )  # fmt: skip
+
+
+def _alarm(axes: Axes, lines: _Lines) -> None:
+    """The alarm's condition as a band of colours; its names stand where they fit."""
+    low, high = float(lines.at(lines.start_ns)), float(lines.at(lines.end_ns))
+    pixels = axes.get_window_extent().width / max(high - low, 1e-12)
+    for spell in lines.spells:
+        left = float(lines.at(spell.start_ns))
+        right = float(lines.at(max(spell.end_ns, spell.start_ns)))
+        axes.axvspan(left, right, color=CONDITION_COLOUR[spell.condition], lw=0.0, zorder=2)
+        name = spell.condition.value.replace('_', ' ')
+        if (right - left) * pixels > _PIXELS_PER_LETTER * (len(name) + 1):
+            axes.text(
+                0.5 * (left + right), 0.46, name, ha='center', va='center', size=8.5,
+                color=PAPER, zorder=3,
+            )  # fmt: skip
+    axes.set_ylim(0.0, 1.0)
+    axes.set_yticks([])
+    axes.set_ylabel('alarm', rotation=0.0, ha='right', va='center')
+
+
+def _time_axis(panels: dict[str, Axes], lines: _Lines, width: float) -> None:
+    low, high = float(lines.at(lines.start_ns)), float(lines.at(lines.end_ns))
+    for name, axes in panels.items():
+        axes.set_xlim(low, high if high > low else low + 1e-6)
+        axes.tick_params(labelsize=9.5)
+        axes.yaxis.label.set_fontsize(9.5)
+        axes.xaxis.get_offset_text().set_fontsize(9.5)
+        if name != 'alarm':
+            axes.tick_params(labelbottom=False)
+            axes.grid(color=MUTED, alpha=0.18, lw=0.6)
+        if lines.dated:
+            _clock_ticks(axes, most=6 if width < 6.0 else 10)
+        axes.spines[['top', 'right']].set_visible(False)
+        axes.yaxis.set_label_coords(-0.6 / (width - _LEFT - _RIGHT), 0.5)
+    last = panels['alarm']
+    last.yaxis.set_label_coords(-0.08 / (width - _LEFT - _RIGHT), 0.5)
+    last.set_xlabel('time [UTC]' if lines.dated else 'time from the start [s]', size=9.5)
+
+
+def _clock_ticks(axes: Axes, most: int) -> None:
+    from datetime import timezone
+
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+
+    locator = AutoDateLocator(minticks=3, maxticks=most, tz=timezone.utc)  # type: ignore[no-untyped-call]
+    axes.xaxis.set_major_locator(locator)
+    formatter = ConciseDateFormatter(locator, tz=timezone.utc)  # type: ignore[no-untyped-call]
+    # Months as numbers: their names would follow the language of the machine.
+    formatter.zero_formats = ['', '%Y', '%m-%d', '%m-%d', '%H:%M', '%H:%M']
+    formatter.offset_formats = ['', '%Y', '%Y-%m', '%Y-%m-%d', '%Y-%m-%d', '%Y-%m-%d %H:%M']
+    formatter.formats[1:3] = ['%Y-%m', '%m-%d']
+    axes.xaxis.set_major_formatter(formatter)
+
+
+def _event_lines(panels: dict[str, Axes], lines: _Lines) -> None:
+    """A line through all panels at each event; numbers above, as far as they do not collide."""
+    events = lines.timeline.scan.events[:_MOST_LINES]
+    first = next(iter(panels.values()))
+    free = [-np.inf] * _NUMBER_ROWS
+    for number, event in enumerate(events, 1):
+        when = float(lines.at(event.time_ns))
+        colour = CONDITION_COLOUR[event.after]
+        for name, axes in panels.items():
+            if name != 'alarm':
+                axes.axvline(when, color=colour, lw=0.9, alpha=0.8, zorder=3)
+        spot = float(first.transData.transform((when, 0.0))[0])
+        row = next((row for row, taken in enumerate(free) if spot >= taken), None)
+        if row is not None and len(events) <= _MOST_NUMBERED:
+            first.annotate(
+                str(number), (when, 1.0), (0.0, 2.0 + 10.0 * row),
+                xycoords=('data', 'axes fraction'), textcoords='offset points', ha='center',
+                va='bottom', size=8.5, color=INK,
+            )  # fmt: skip
+            free[row] = spot + 7.0 * len(str(number)) + 6.0
