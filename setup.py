@@ -40,7 +40,7 @@ setup(
     maintainer_email='maintainers@stickslip-monitor.invalid',
     python_requires='>=3.10',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed']},
+    package_data={NAME: ['py.typed', 'report/page.html', 'report/page.css']},
     # The recordings of bags/ stay in the repository: nothing that is installed reads them.
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
@@ -60,7 +60,7 @@ setup(
     ],
     extras_require={
         'ros': ROS,
-        'report': ['matplotlib>=3.5'],
+        'report': ['jinja2>=3.0', 'matplotlib>=3.5'],
         # Compiles the inner loops of the time integrator; without it they run in Python.
         'sim': ['numba>=0.57'],
         # colcon runs tests only where it finds pytest here.

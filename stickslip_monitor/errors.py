@@ -34,3 +34,7 @@ class RosError(StickslipError):
 
 class DrawingError(StickslipError):
     """A picture or table cannot be drawn or written."""
+
+
+class ReportError(StickslipError):
+    """A report cannot be made or written."""

@@ -26,6 +26,7 @@ LAYER = {
     'bags': 4,
     'ros': 4,
     'drawing': 4,
+    'report': 4,
     'scenes': 4,
     'study': 4,
     'commands': 5,
@@ -42,6 +43,7 @@ YAML_READER = 'monitor/config_file.py'
 EVERYWHERE = {'numpy', 'scipy'}
 # Where anything else from outside may be imported: prefixes of paths inside the package.
 ONLY_IN = {
+    'jinja2': ('report/',),
     'lz4': ('bags/',),
     'matplotlib': ('drawing/',),
     'mcap': ('bags/',),
@@ -171,6 +173,9 @@ def test_no_module_imports_itself_in_a_circle() -> None:
         ('ros/a.py', 'from mcap.reader import make_reader', 'belongs in bags/'),
         ('ros/a.py', f'from {NAME}.cli import main', 'ros lies below cli'),
         ('drawing/a.py', f'from {NAME}.scenes import x', 'adapters do not know each other'),
+        ('report/a.py', f'from {NAME}.bags.check import x', 'adapters do not know each other'),
+        ('report/a.py', f'from {NAME}.drawing.svg import x', 'adapters do not know each other'),
+        ('commands/a.py', 'import jinja2', 'belongs in report/'),
         ('drawing/a.py', 'from rich.table import Table', 'belongs in commands/ or cli.py'),
         ('commands/a.py', 'import rclpy', 'belongs in ros/'),
         ('commands/a.py', 'import matplotlib', 'belongs in drawing/'),

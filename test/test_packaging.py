@@ -106,6 +106,7 @@ def imported() -> set[str]:
 
 def test_every_import_is_a_declared_dependency() -> None:
     in_manifest = {
+        'jinja2': 'python3-jinja2',
         'lz4': 'mcap-ros2-support',
         'matplotlib': 'python3-matplotlib',
         'mcap': 'mcap-ros2-support',
@@ -155,7 +156,8 @@ def wheel(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_wheel_holds_the_package_and_its_share_and_no_more(wheel: Path) -> None:
     inside = {Path(name) for name in zipfile.ZipFile(wheel).namelist()}
     modules = {path.relative_to(ROOT) for path in (ROOT / NAME).rglob('*.py')}
-    assert modules | {Path(NAME, 'py.typed')} == {p for p in inside if p.parts[0] == NAME}
+    page = {Path(NAME, 'report', name) for name in ('page.html', 'page.css')}
+    assert modules | page | {Path(NAME, 'py.typed')} == {p for p in inside if p.parts[0] == NAME}
     shared = {Path(*p.parts[2:]) for p in inside if p.parts[0].endswith('.data')}
     assert shared == {MARKER, SHARE / 'package.xml'} | {SHARE / p for p in launch_configs()}
     assert any(path.name == 'LICENSE' for path in inside)

@@ -1,24 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run the monitor over recorded bags: events, time in each regime, worst margins, bad data.
 
-A bag is a rosbag2 folder or an .mcap file. A file that was cut off is read up to the cut. The exit
-code is 1 where the monitor warned.
+A bag is a rosbag2 folder or an .mcap file. A file that was cut off is read up to the cut. With
+--report everything is also written into one file that opens anywhere, without a network: .html to
+be read, .png to be shown, .json for programs. The exit code is 1 where the monitor warned.
 """
 
 from __future__ import annotations
 
 import argparse
-from typing import Any
+from datetime import datetime, timezone
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from stickslip_monitor.bags.check import BearingReport, CheckReport, check_bag
+from stickslip_monitor.bags.check import BearingReport, CheckReport, InputReport, check_bag
 from stickslip_monitor.commands.output import add_config, add_json, console, print_json
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.records import event_record, number, point_record
+
+if TYPE_CHECKING:
+    from stickslip_monitor.commands.report import ReportFile
 
 SCHEMA = 'stickslip_monitor/check/1'
 
@@ -28,19 +33,39 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('bags', nargs='+', metavar='BAG', help='rosbag2 folder or .mcap file')
     add_config(parser)
     add_json(parser)
+    parser.add_argument(
+        '--report', metavar='FILE', help='write a report: .html, .png or .json (needs matplotlib)'
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     config = load_config(args.config)
-    reports = [_check(path, config) for path in args.bags]
-    if args.json:
-        documents = [to_json(report) for report in reports]
-        print_json(documents if len(documents) > 1 else documents[0])
-    else:
-        for report in reports:
+    file = _report_file(args, config)
+    documents, warned = [], False
+    for path in args.bags:
+        report = _check(path, config)
+        warned = warned or report.has_warnings
+        if args.json or file is not None:
+            documents.append(to_json(report))
+        if file is not None:
+            file.add(report, documents[-1])
+        if not args.json:
             _print(console(), report)
-    return int(any(report.has_warnings for report in reports))
+    if file is not None:
+        file.write(datetime.now(timezone.utc))
+    if args.json:
+        print_json(documents if len(documents) > 1 else documents[0])
+    return int(warned)
+
+
+def _report_file(args: argparse.Namespace, config: MonitorConfig) -> ReportFile | None:
+    if args.report is None:
+        return None
+    # Drawing is not needed for a check as such, and costs time to import.
+    from stickslip_monitor.commands.report import ReportFile
+
+    return ReportFile(args.report, config, args.config)
 
 
 def _check(path: str, config: MonitorConfig) -> CheckReport:
@@ -86,6 +111,20 @@ def _bearing_json(item: BearingReport) -> dict[str, Any]:
         },
         'evaluations': int(item.scan.time_ns.size),
         'data': item.complaints,
+        'inputs': {each.quantity: _input_json(each) for each in item.inputs},
+    }
+
+
+def _input_json(item: InputReport) -> dict[str, Any]:
+    return {
+        'topic': item.topic,
+        'messages': item.messages,
+        'used': item.used,
+        'rate': number(item.gaps.rate),
+        'gaps': item.gaps.count,
+        'longest_gaps': [
+            {'time': gap.start_ns, 'seconds': gap.seconds} for gap in item.gaps.longest
+        ],
     }
 
 

@@ -4,11 +4,17 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
+import os
 import sys
+import tempfile
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+
+from stickslip_monitor.errors import ReportError
 
 
 def add_config(parser: argparse.ArgumentParser) -> None:
@@ -23,10 +29,38 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true', help='print JSON, SI units, null for none')
 
 
+def json_text(document: Any) -> str:
+    """One JSON document as text that ends its last line."""
+    return json.dumps(document, indent=2, allow_nan=False) + '\n'
+
+
 def print_json(document: Any) -> None:
     """Print one JSON document."""
-    json.dump(document, sys.stdout, indent=2, allow_nan=False)
-    sys.stdout.write('\n')
+    sys.stdout.write(json_text(document))
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file under its name only when all of it is written; one that is there is replaced.
+
+    Raises:
+        ReportError: It cannot be written; what was there stays.
+    """
+    draft = None
+    try:
+        number, draft = tempfile.mkstemp(prefix=f'.{path.name}.', dir=path.parent)
+        with os.fdopen(number, 'wb') as file:
+            file.write(data)
+        # mkstemp lets nobody else read; a report is a file as any other.
+        mask = os.umask(0)
+        os.umask(mask)
+        Path(draft).chmod(0o666 & ~mask)
+        Path(draft).replace(path)
+    except OSError as error:
+        raise ReportError(f"'{path}' cannot be written: {error.strerror or error}") from error
+    finally:
+        if draft is not None:
+            with contextlib.suppress(OSError):
+                Path(draft).unlink(missing_ok=True)
 
 
 def console() -> Console:

@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The report of ``stickslip check``: what the bag check found and what is drawn, in one file."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from stickslip_monitor import __version__
+from stickslip_monitor.bags.check import BearingReport, CheckReport, InputReport
+from stickslip_monitor.commands.output import json_text, write_whole
+from stickslip_monitor.drawing.map import draw_map
+from stickslip_monitor.drawing.palette import ON_DARK
+from stickslip_monitor.drawing.sheet import heading, sheet
+from stickslip_monitor.drawing.svg import inline_svg, variable
+from stickslip_monitor.drawing.timeline import Timeline, draw_timeline
+from stickslip_monitor.drawing.track import Track, thinned, track_of_scan
+from stickslip_monitor.errors import ReportError
+from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
+from stickslip_monitor.monitor.config_file import load_parameters
+from stickslip_monitor.monitor.spells import spells
+from stickslip_monitor.report import words
+from stickslip_monitor.report.document import (
+    BagPart,
+    BearingPart,
+    Finding,
+    InputRow,
+    Picture,
+    Report,
+    TopicRow,
+)
+from stickslip_monitor.report.findings import Course, finding_of, overall
+from stickslip_monitor.report.page import render
+from stickslip_monitor.report.parts import event_rows, facts, parameter_groups, shares
+
+SUFFIXES = ('.html', '.png', '.json')
+_WIDE, _NARROW = 9.0, 4.4
+_MAP_WIDE, _MAP_NARROW = (9.0, 5.6), (4.4, 4.8)
+_TRACK_WIDE, _TRACK_NARROW = 1500, 750
+_MARKS = 60
+_MOST_TOPICS = 100
+_MOST_ON_SHEET = 12
+
+
+@dataclass(frozen=True, slots=True)
+class _Case:
+    """One bearing in one recording, with what is to be drawn of it."""
+
+    bag: str
+    config: BearingConfig
+    course: Course
+    finding: Finding
+
+
+class ReportFile:
+    """A report that grows by one recording after the other and is written at the end.
+
+    Of a recording only the report's part is kept: text and pictures, not the samples.
+
+    Args:
+        path: Where to; its ending chooses the format.
+        config: The configuration.
+        config_path: The file it was read from.
+
+    Raises:
+        ReportError: The ending is none of those that can be written.
+    """
+
+    def __init__(self, path: str, config: MonitorConfig, config_path: str) -> None:
+        self.path = Path(path)
+        self.suffix = self.path.suffix.lower()
+        if self.suffix not in SUFFIXES:
+            raise ReportError(
+                f"report '{path}' must end in one of {', '.join(SUFFIXES)}: the ending chooses"
+                ' the format'
+            )
+        self._config, self._config_path = config, config_path
+        self._bags: list[BagPart] = []
+        self._documents: list[dict[str, Any]] = []
+        self._figures: list[Any] = []
+        self._findings: list[tuple[str, Finding]] = []
+
+    def add(self, checked: CheckReport, document: dict[str, Any]) -> None:
+        """Take up one recording.
+
+        Args:
+            checked: What the check found.
+            document: The same as JSON.
+
+        Raises:
+            ReportError: It is more than fits on one picture.
+        """
+        self._documents.append(document)
+        if self.suffix == '.json':
+            return
+        name = bag_name(checked)
+        cases = [self._case(name, checked, item) for item in checked.bearings.values()]
+        self._findings += [(name, case.finding) for case in cases]
+        if self.suffix == '.png':
+            self._draw(cases)
+        else:
+            number = len(self._bags) + 1
+            self._bags.append(_bag_part(f'bag-{number}', checked, cases))
+
+    def write(self, made: datetime) -> None:
+        """Write the report, all of it or nothing.
+
+        Args:
+            made: The time to be named as that of its making.
+
+        Raises:
+            ReportError: It cannot be written.
+        """
+        if self.suffix == '.json':
+            many = len(self._documents) > 1
+            text = json_text(self._documents if many else self._documents[0])
+            data = text.encode()
+        elif self.suffix == '.png':
+            verdict = overall(self._findings)
+            words_above = heading(f'{verdict.word}: {verdict.sentences[0]}', verdict.sentences[1:])
+            data = sheet([words_above, *self._figures])
+        else:
+            data = render(self._report(made)).encode()
+        write_whole(self.path, data)
+
+    def _case(self, bag: str, checked: CheckReport, item: BearingReport) -> _Case:
+        start, end = checked.start_ns or 0, checked.end_ns or 0
+        config = self._config.bearing(item.name)
+        parts = spells(item.scan.events, start, end)
+        course = Course(config, item.scan, parts, item.seconds, item.worst)
+        return _Case(bag, config, course, finding_of(course))
+
+    def _draw(self, cases: Sequence[_Case]) -> None:
+        for case in cases:
+            if len(self._figures) >= 3 * _MOST_ON_SHEET:
+                raise ReportError(
+                    f"report '{self.path}': a picture holds {_MOST_ON_SHEET} bearings at most;"
+                    ' write a .html instead, or fewer bags'
+                )
+            title = f'{case.bag}, {case.config.name}'
+            self._figures += [heading(title, case.finding.sentences), *_figures(case)]
+
+    def _report(self, made: datetime) -> Report:
+        raw = Path(self._config_path).read_bytes()
+        names = [bearing.name for bearing in self._config.bearings]
+        return Report(
+            finding=overall(self._findings),
+            made=f'{made.astimezone(timezone.utc):%Y-%m-%d %H:%M} UTC',
+            version=__version__,
+            bags=tuple(self._bags),
+            config_path=self._config_path,
+            config_digest=hashlib.sha256(raw).hexdigest(),
+            parameters=parameter_groups(load_parameters(self._config_path), names),
+            colours={variable(light): (light, dark) for light, dark in ON_DARK.items()},
+        )
+
+
+def bag_name(checked: CheckReport) -> str:
+    """The last part of a recording's path."""
+    return checked.bag.path.resolve().name
+
+
+def _track(case: _Case, most: int) -> Track:
+    track = thinned(track_of_scan(case.course.scan), most)
+    return Track(track.time, track.speed, track.load, track.events[:_MARKS])
+
+
+def _timeline(case: _Case) -> Timeline:
+    return Timeline(case.config, case.course.scan, case.course.spells)
+
+
+def _figures(case: _Case) -> Iterator[Any]:
+    if case.course.scan.time_ns.size:
+        yield draw_map(case.config, track=_track(case, _TRACK_WIDE))
+        yield draw_timeline(_timeline(case), _WIDE)
+
+
+def _bag_part(anchor: str, checked: CheckReport, cases: Sequence[_Case]) -> BagPart:
+    bag = checked.bag
+    troubles = [cut.text for cut in bag.cuts] + list(bag.warnings)
+    topics = sorted(bag.topics.values(), key=lambda topic: topic.name)
+    left = len(topics) - _MOST_TOPICS
+    return BagPart(
+        anchor=anchor,
+        name=bag_name(checked),
+        path=str(bag.path),
+        span=_span(checked),
+        duration=_lasting(checked),
+        messages=words.count(bag.message_count, 'message') + ' on all topics',
+        troubles=tuple(troubles),
+        topics=tuple(
+            TopicRow(topic.name, topic.type, words.grouped(topic.count), topic.problem)
+            for topic in topics[:_MOST_TOPICS]
+        ),
+        topics_note=f'{words.count(left, "topic")} more are not listed.' if left > 0 else '',
+        bearings=tuple(
+            _bearing_part(f'{anchor}-{case.config.name}', checked.bearings[case.config.name], case)
+            for case in cases
+        ),
+    )
+
+
+def _span(checked: CheckReport) -> str:
+    start, end = checked.start_ns, checked.end_ns
+    if start is None or end is None:
+        return 'No messages'
+    if not words.is_dated(start):
+        return f'From {words.clock(start)} to {words.clock(end)} on a clock without dates'
+    return (
+        f'From {words.date(start)} {words.clock(start)} to {words.date(end)}'
+        f' {words.clock(end)} UTC'
+    )
+
+
+def _lasting(checked: CheckReport) -> str:
+    if checked.start_ns is None or checked.end_ns is None:
+        return 'no time'
+    return words.duration((checked.end_ns - checked.start_ns) * 1e-9)
+
+
+def _bearing_part(anchor: str, item: BearingReport, case: _Case) -> BearingPart:
+    rows, note = event_rows(item.scan.events)
+    known = item.scan.time_ns.size > 0
+    return BearingPart(
+        anchor=anchor,
+        name=item.name,
+        finding=case.finding,
+        facts=facts(case.course) if known else (),
+        shares=shares(case.course) if known else (),
+        map=_map_picture(anchor, case) if known else None,
+        timeline=_timeline_picture(anchor, case) if known else None,
+        events=rows,
+        events_note=note,
+        inputs=_input_rows(item, case.config),
+    )
+
+
+def _input_rows(item: BearingReport, config: BearingConfig) -> tuple[InputRow, ...]:
+    return tuple(
+        _input_row(report, source)
+        for report, source in zip(item.inputs, (config.speed, config.load), strict=True)
+    )
+
+
+def _map_picture(anchor: str, case: _Case) -> Picture:
+    name = case.config.name
+    text = (
+        f'Stability map of {name} over shaft speed and bearing load, with the recorded operating'
+        f' points on it. {case.finding.sentences[0]}'
+    )
+    wide, narrow = (
+        inline_svg(
+            draw_map(case.config, track=_track(case, most), size=size), f'{anchor}-{k}', text
+        )
+        for k, size, most in (('m', _MAP_WIDE, _TRACK_WIDE), ('n', _MAP_NARROW, _TRACK_NARROW))
+    )
+    caption = (
+        'Operating points from start to end over the regions of the averaged model; marks show'
+        ' where the alarm changed. Lines with a number are stick-slip amplitudes.'
+    )
+    return Picture(wide, narrow, caption)
+
+
+def _timeline_picture(anchor: str, case: _Case) -> Picture:
+    timeline = _timeline(case)
+    events = words.count(len(case.course.scan.events), 'event')
+    text = (
+        f'Shaft speed between its stability boundaries, bearing load, margins, predicted'
+        f' amplitude and alarm of {case.config.name} over time, with {events} marked. The table'
+        ' of events has the numbers.'
+    )
+    wide, narrow = (
+        inline_svg(draw_timeline(timeline, width), f'{anchor}-{key}', text)
+        for key, width in (('t', _WIDE), ('u', _NARROW))
+    )
+    caption = (
+        'Speed lies in the red region where stick-slip starts by itself, in the yellow one where'
+        ' a disturbance can start it, in the green one within the caution margin.'
+        ' Long recordings are drawn by their envelope: every extreme is there.'
+    )
+    if not timeline.has_cycle:
+        caption += ' No amplitude is drawn, because no stick-slip cycle existed at any time.'
+    return Picture(wide, narrow, caption)
+
+
+def _input_row(item: InputReport, source: InputConfig) -> InputRow:
+    gaps, limit = item.gaps, source.timeout_ns * 1e-9
+    if gaps.count:
+        longest = ', '.join(
+            f'{words.duration(gap.seconds)} from {words.minute(gap.start_ns)}'
+            for gap in gaps.longest
+        )
+        shown = f'{gaps.count} longer than {words.duration(limit)}; longest: {longest}'
+    else:
+        shown = f'none longer than {words.duration(limit)}'
+    return InputRow(
+        what=item.quantity.capitalize(),
+        topic=item.topic,
+        field=source.field_text,
+        type=source.type,
+        messages=words.grouped(item.messages),
+        used=f'{words.grouped(item.used)} ({words.share(item.used, item.messages)})',
+        rate=f'{gaps.rate:.3g} a second' if gaps.rate == gaps.rate else 'unknown',
+        gaps=shown,
+        faults=tuple(
+            f'{words.grouped(f.count)} \N{MULTIPLICATION SIGN} {f.text}' for f in item.faults
+        ),
+    )

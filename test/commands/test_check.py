@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`stickslip check` and its report, over real recordings and over hostile ones."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import shutil
+import subprocess
+from datetime import datetime, timezone
+from html import escape, unescape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stickslip_monitor import Monitor, Stream
+from stickslip_monitor.bags.bag import Bag
+from stickslip_monitor.bags.check import BearingReport, CheckReport, InputReport
+from stickslip_monitor.bags.gaps import find_gaps
+from stickslip_monitor.bags.writer import BagWriter
+from stickslip_monitor.cli import main
+from stickslip_monitor.monitor.assessment import Regime
+from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.extremes import worst
+
+ROOT = Path(__file__).parents[2]
+BAG = ROOT / 'bags' / 'coast_down'
+CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
+START = 1_777_874_400 * 10**9
+
+
+def check(*arguments: object) -> int:
+    return main(['check', *map(str, arguments), '--config', str(CONFIG)])
+
+
+@pytest.fixture(scope='module')
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The report on two recordings, one with and one without alarms."""
+    pytest.importorskip('matplotlib')
+    pytest.importorskip('jinja2')
+    path = tmp_path_factory.mktemp('report') / 'out.html'
+    assert check(BAG, ROOT / 'bags' / 'voyage', '--report', path) == 1
+    return path
+
+
+def text_of(page: Path) -> str:
+    """What a reader sees, without tags and pictures."""
+    text = re.sub(r'<(svg|style).*?</\1>', '', page.read_text('utf-8'), flags=re.DOTALL)
+    return ' '.join(unescape(re.sub(r'<[^>]+>', ' ', text)).split())
+
+
+def test_json_says_what_came_of_each_input(capsys: pytest.CaptureFixture[str]) -> None:
+    assert check(BAG, '--json') == 1
+    document = json.loads(capsys.readouterr().out)
+    inputs = document['bearings']['aft_stern']['inputs']
+    counts = {name: topic['messages'] for name, topic in document['topics'].items()}
+    for quantity, topic in (('speed', '/shaft/speed'), ('load', '/bearing/aft_stern/load')):
+        own = inputs[quantity]
+        assert own['topic'] == topic
+        assert own['messages'] == own['used'] == counts[topic]
+        # The scene samples at 10 Hz without a gap.
+        assert own['rate'] == pytest.approx(10.0, rel=1e-3)
+        assert (own['gaps'], own['longest_gaps']) == (0, [])
+
+
+def test_the_report_has_every_event_of_the_check(
+    page: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    check(BAG, '--json')
+    events = json.loads(capsys.readouterr().out)['bearings']['aft_stern']['events']
+    text = text_of(page)
+    assert len(events) > 5
+    for event in events:
+        assert event['text'].partition(': ')[2] in text
+        assert event['to'].replace('_', ' ') in text
+    assert page.read_text('utf-8').count('<time datetime="2026-05-04T06:0') == len(events)
+
+
+def test_the_verdict_comes_first(page: Path) -> None:
+    text = text_of(page)
+    assert 'Stick-slip was predicted in 1 of 2 recordings.' in text[:200]
+    assert 'coast_down, aft_stern: stick-slip was predicted for' in text
+    assert 'All times are UTC.' in text
+    assert 'no stick-slip was predicted, and the bearing kept clear of it' in text
+
+
+def test_the_configuration_used_is_in_the_report(page: Path) -> None:
+    text = text_of(page)
+    assert hashlib.sha256(CONFIG.read_bytes()).hexdigest() in text
+    assert re.search(r'stiffness 2000000 N/m', text)
+    assert re.search(r'alarm.off_delay 5 s', text)
+
+
+def test_no_id_is_there_twice_and_nothing_is_fetched(page: Path) -> None:
+    source = page.read_text('utf-8')
+    ids = re.findall(r'\bid="([^"]+)"', source)
+    assert len(ids) == len(set(ids))
+    assert not re.search(r'https?:|<script|<link|<img|@import|url\((?!#)', source)
+
+
+def hostile_bag(folder: Path) -> Path:
+    """A recording whose folder and topics have names that would break a page."""
+    path = folder / '<b>&"\'$x$ {{ 1 }}'
+    with BagWriter(path) as writer:
+        for topic in ('/shaft/speed', '/bearing/aft_stern/load', '/<script>alert(1)</script>'):
+            writer.add_topic(topic, 'std_msgs/msg/Float64')
+        times = START + np.arange(60, dtype=np.int64) * 10**9
+        writer.write_float64s(
+            {
+                '/shaft/speed': (times, np.full(60, 20.0)),
+                '/bearing/aft_stern/load': (times, np.full(60, 1000.0)),
+                '/<script>alert(1)</script>': (times, np.zeros(60)),
+            }
+        )
+    return path
+
+
+def test_hostile_names_stay_text(tmp_path: Path) -> None:
+    pytest.importorskip('jinja2')
+    bag, out = hostile_bag(tmp_path), tmp_path / 'out.html'
+    assert check(bag, '--report', out) == 1
+    source = out.read_text('utf-8')
+    assert '<script' not in source
+    assert '<b>' not in source
+    assert escape(bag.name, quote=False).split('"')[0] in source
+    assert '/<script>alert(1)</script>' in text_of(out).replace(' ', '')
+
+
+def test_png_and_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip('matplotlib')
+    from matplotlib.image import imread
+
+    # A name with dollar signs would be a formula to matplotlib.
+    assert check(hostile_bag(tmp_path), '--report', tmp_path / 'out.png') == 1
+    picture = imread(tmp_path / 'out.png')
+    assert picture.shape[1] == 1350
+    assert picture.shape[0] > 1500
+    assert picture.std() > 0.05
+    capsys.readouterr()
+    assert check(BAG, '--json', '--report', tmp_path / 'out.json') == 1
+    assert (tmp_path / 'out.json').read_text('utf-8') == capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ('name', 'words'),
+    [
+        ('out.pdf', r"must end in one of \.html, \.png, \.json"),
+        ('nowhere/out.json', r"nowhere/out\.json' cannot be written: No such file or directory"),
+        ('folder.json', r"folder\.json' cannot be written: Is a directory"),
+    ],
+)  # fmt: skip
+def test_a_report_that_cannot_be_written_is_named(
+    name: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'folder.json').mkdir()
+    assert check(BAG, '--report', tmp_path / name) == 2
+    (line,) = [row for row in capsys.readouterr().err.splitlines() if row.startswith('ERROR')]
+    assert re.search(words, line)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['folder.json']
+
+
+def test_a_full_disk_leaves_the_old_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'out.json'
+    path.write_text('old')
+
+    def full(number: int, *_: Any) -> Any:
+        os.close(number)
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(os, 'fdopen', full)
+    assert check(BAG, '--report', path) == 2
+    assert 'cannot be written: No space left on device' in capsys.readouterr().err
+    assert path.read_text() == 'old'
+    assert [p.name for p in tmp_path.iterdir()] == ['out.json']
+
+
+def test_a_report_is_as_readable_as_any_file(tmp_path: Path) -> None:
+    check(BAG, '--report', tmp_path / 'out.json')
+    (tmp_path / 'other').touch()
+    assert (tmp_path / 'out.json').stat().st_mode == (tmp_path / 'other').stat().st_mode
+
+
+def checked_day() -> CheckReport:
+    """A day at 10 Hz with noise and one bad second, as if it had been read from a bag."""
+    size, config = 864_000, load_config(CONFIG)
+    speeds = 60.0 + np.random.default_rng(1).normal(0.0, 0.5, size)
+    speeds[500_000:500_010] = 20.0
+    times = START + np.repeat(np.arange(size, dtype=np.int64), 2) * 10**8
+    values = np.column_stack([speeds, np.full(size, 1000.0)]).ravel()
+    stream = Stream(times, np.tile([False, True], size), values)
+    end = int(times[-1])
+    scan = Monitor(config).scan({'aft_stern': stream}, START, end)['aft_stern']
+    seconds = dict.fromkeys(Regime, 0.0) | {Regime.STABLE: 86_400.0}
+    inputs = tuple(
+        InputReport(name, f'/{name}', size, size, (), find_gaps(times[::2], 5 * 10**9))
+        for name in ('speed', 'load')
+    )
+    report = BearingReport('aft_stern', scan, seconds, worst(scan), inputs)
+    return CheckReport(Bag(Path('day'), [], []), {'aft_stern': report}, START, end)
+
+
+def test_a_day_is_no_larger_than_a_minute_and_loses_no_excursion(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip('jinja2')
+    from stickslip_monitor.commands import report as report_command
+
+    drawn: list[Any] = []
+    draw_map = report_command.draw_map
+
+    def remember(*args: Any, **kwargs: Any) -> Any:
+        drawn.append(kwargs['track'])
+        return draw_map(*args, **kwargs)
+
+    monkeypatch.setattr(report_command, 'draw_map', remember)
+    config, path = load_config(CONFIG), tmp_path / 'day.html'
+    file = report_command.ReportFile(str(path), config, str(CONFIG))
+    file.add(checked_day(), {})
+    file.write(datetime(2026, 5, 5, tzinfo=timezone.utc))
+    assert path.stat().st_size < 1_000_000
+    assert 'Made 2026-05-05 00:00 UTC' in text_of(path)
+    rpm = config.bearings[0].bearing.speed.factor('rpm')
+    assert len(drawn) == 2
+    for track in drawn:
+        assert track.speed.size < 2_000
+        assert np.nanmin(track.speed) / rpm == pytest.approx(20.0)
+
+
+# --- in a real browser -------------------------------------------------------------------------
+
+CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser')
+HARNESS = """<!doctype html><body>
+<iframe id="frame" src="{page}" style="border:0;width:{width}px;height:900px"></iframe>
+<script>
+addEventListener('load', () => {{
+  const inside = document.getElementById('frame').contentDocument;
+  const shown = [...inside.querySelectorAll('figure svg')]
+    .filter(e => e.getBoundingClientRect().width);
+  document.title = JSON.stringify({{
+    width: inside.documentElement.scrollWidth, shown: shown.length,
+    tall: shown.every(e => e.getBoundingClientRect().height > 200),
+    back: getComputedStyle(inside.body).backgroundColor,
+  }});
+}});
+</script>"""
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason='Chromium is not installed')
+@pytest.mark.parametrize(('width', 'dark'), [(360, False), (1200, True)])
+def test_in_a_browser_it_fits_a_phone_and_follows_the_night(
+    width: int, dark: bool, page: Path, tmp_path: Path
+) -> None:
+    assert CHROMIUM is not None
+    harness = tmp_path / 'harness.html'
+    harness.write_text(HARNESS.format(page=page.as_uri(), width=width))
+    done = subprocess.run(
+        [
+            CHROMIUM, '--headless', '--no-sandbox', '--disable-gpu', '--hide-scrollbars',
+            '--dump-dom', '--allow-file-access-from-files',
+            f'--user-data-dir={tmp_path / "profile"}',
+            f'--blink-settings=preferredColorScheme={int(not dark)}', harness.as_uri(),
+        ],
+        capture_output=True, text=True, check=True, timeout=60,
+    )  # fmt: skip
+    (title,) = re.findall(r'<title>(.*?)</title>', done.stdout)
+    seen = json.loads(unescape(title))
+    assert seen['width'] == width
+    # A map and a timeline for each recording, each in one of its two widths.
+    assert (seen['shown'], seen['tall']) == (4, True)
+    assert seen['back'] == ('rgb(22, 25, 29)' if dark else 'rgb(255, 255, 255)')

@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Courses of a bearing for the tests of what a report says of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stickslip_monitor import Monitor, Stream
+from stickslip_monitor.monitor.assessment import REGIMES
+from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.extremes import worst
+from stickslip_monitor.monitor.spells import spells
+from stickslip_monitor.report.findings import Course
+
+CONFIG = load_config(Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml')
+START = 1_777_874_400 * 10**9
+
+
+@pytest.fixture
+def course() -> Callable[..., Course]:
+    """Makes the course of shaft speeds [rpm] at one sample a second and 1000 N."""
+
+    def make(speeds: Sequence[float], seconds: int | None = None) -> Course:
+        times = START + np.repeat(np.arange(len(speeds)), 2).astype(np.int64) * 10**9
+        values = np.column_stack([speeds, np.full(len(speeds), 1000.0)]).ravel()
+        stream = Stream(times, np.tile([False, True], len(speeds)), values)
+        end = START + (len(speeds) if seconds is None else seconds) * 10**9
+        scan = Monitor(CONFIG).scan({'aft_stern': stream}, START, end)['aft_stern']
+        lasting = (scan.until_ns - scan.time_ns) * 1e-9
+        codes = np.asarray(scan.assessment.regime_code)
+        totals = {r: float(lasting[codes == i].sum()) for i, r in enumerate(REGIMES)}
+        parts = spells(scan.events, START, end)
+        return Course(CONFIG.bearings[0], scan, parts, totals, worst(scan))
+
+    return make
