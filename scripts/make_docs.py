@@ -1,14 +1,16 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Writes docs/configuration.md from the table of parameters."""
+"""Writes docs/configuration.md from the table of parameters, and the life of an alarm."""
 
 from __future__ import annotations
 
 import math
+import re
 import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+from stickslip_monitor.monitor.lifecycle import ALWAYS, TABLE, Choice, State, Trigger
 from stickslip_monitor.monitor.table import (
     BEARING_PARAMETERS,
     NODE_PARAMETERS,
@@ -17,6 +19,7 @@ from stickslip_monitor.monitor.table import (
 )
 
 PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'configuration.md'
+ALARMS = PAGE.with_name('alarms.md')
 COMMAND = 'python scripts/make_docs.py'
 KINDS = {
     'float': 'number',
@@ -133,6 +136,15 @@ that breaks a rule is refused with the same sentence as in a file.
 """
 
 
+LIFE = re.compile(r'(?<=-->\n).*?(?=<!-- /lifecycle -->)', re.DOTALL)
+FACTS = {
+    'suppressed': 'a reason for suppression holds',
+    'covered': 'a worse alarm covers it',
+    'active': 'the cause is there',
+    'held': 'it latches and its cause has been there',
+}
+
+
 def _number(value: float) -> str:
     return '.inf' if math.isinf(value) else f'{value:g}'.replace('e+0', 'e')
 
@@ -144,6 +156,8 @@ def _default(row: Parameter) -> str:
         return '*by law*'
     if isinstance(row.default, bool):
         return f'`{str(row.default).lower()}`'
+    if row.default == '':
+        return '*none*'
     return f'`{row.default if isinstance(row.default, str) else _number(row.default)}`'
 
 
@@ -195,9 +209,37 @@ def render() -> str:
     return '\n'.join(parts) + '\n'
 
 
+def _targets(choices: tuple[Choice, ...]) -> str:
+    parts = [f'{state}{f" if {FACTS[fact]}" if fact != ALWAYS else ""}' for fact, state in choices]
+    if len(parts) > 1 and choices[-1][0] == ALWAYS:
+        parts[-1] = f'else {parts[-1]}'
+    return ', '.join(parts)
+
+
+def render_life() -> str:
+    """The states and transitions of an alarm."""
+    lines = ['', '| state | ISA-18.2 | meaning |', '|---|---|---|']
+    lines += [f'| `{state}` | {state.letter} | {state.sentence} |' for state in State]
+    lines += ['', '| what happens | |', '|---|---|']
+    lines += [f'| `{trigger}` | {trigger.sentence} |' for trigger in Trigger]
+    lines += ['', '| in state | when | it becomes |', '|---|---|---|']
+    lines += [
+        f'| {state} | {trigger} | {_targets(choices)} |'
+        for (state, trigger), choices in TABLE.items()
+    ]
+    lines += ['', 'Whatever is not in the table changes nothing, and a person is told so.', '']
+    return '\n'.join(lines) + '\n'
+
+
+def with_life(page: str) -> str:
+    """The page on alarms with its tables made anew."""
+    return LIFE.sub(lambda _: render_life(), page, count=1)
+
+
 def main() -> int:
-    """Write the page."""
+    """Write the page, and the tables of the other."""
     PAGE.write_text(render(), encoding='utf-8')
+    ALARMS.write_text(with_life(ALARMS.read_text(encoding='utf-8')), encoding='utf-8')
     return 0
 
 

@@ -16,6 +16,10 @@ class ConfigurationError(StickslipError, ValueError):
     """A configuration file or parameter breaks its rule, or cannot be read."""
 
 
+class AlarmStateError(StickslipError, ValueError):
+    """What was kept of the alarms over a restart cannot be read."""
+
+
 class BagError(StickslipError):
     """A recording cannot be opened, read or written."""
 

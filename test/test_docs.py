@@ -14,6 +14,7 @@ import pytest
 import stickslip_monitor
 from stickslip_monitor import Stribeck, Tabulated
 from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.lifecycle import TABLE, State
 from stickslip_monitor.monitor.table import BEARING_PARAMETERS, NODE_PARAMETERS
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -40,6 +41,16 @@ def _check_fresh(page: Path, made: str, command: str) -> None:
 
 def test_reference_page_is_fresh(make_docs: ModuleType) -> None:
     _check_fresh(PAGE, make_docs.render(), make_docs.COMMAND)
+
+
+def test_the_life_of_an_alarm_is_fresh(make_docs: ModuleType) -> None:
+    page = make_docs.ALARMS.read_text(encoding='utf-8')
+    _check_fresh(make_docs.ALARMS, make_docs.with_life(page), make_docs.COMMAND)
+    row = 'acknowledged | clear | latched if it latches and its cause has been there, else normal'
+    assert f'| {row} |' in page.splitlines()
+    for (state, trigger), choices in TABLE.items():
+        (line,) = re.findall(rf'^\| {state} \| {trigger} \| (.*) \|$', page, flags=re.MULTILINE)
+        assert re.findall(rf'\b({"|".join(State)})\b', line) == [target for _, target in choices]
 
 
 def test_a_stale_page_is_noticed(make_docs: ModuleType, tmp_path: Path) -> None:

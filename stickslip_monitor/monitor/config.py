@@ -66,6 +66,10 @@ class AlarmConfig:
     amplitude_limit: float
     on_delay_ns: int
     off_delay_ns: int
+    input_off_delay_ns: int = 0
+    latch: bool = False
+    startup_inhibit_ns: int = 0
+    trend_window_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +90,9 @@ class MonitorConfig:
     bearings: tuple[BearingConfig, ...]
     autostart: bool = True
     publish_period: float = 0.0
+    shelve_time_ns: int = 0
+    silence_time_ns: int = 0
+    state_file: str = ''
 
     def bearing(self, name: str) -> BearingConfig:
         """The bearing of that name.
@@ -119,6 +126,9 @@ def build_config(values: Mapping[str, Any]) -> MonitorConfig:
         bearings=tuple(_build_bearing(name, values) for name in names),
         autostart=node['autostart'],
         publish_period=node['publish_period'],
+        shelve_time_ns=nanoseconds(node['shelve_time']),
+        silence_time_ns=nanoseconds(node['silence_time']),
+        state_file=node['state_file'],
     )
 
 
@@ -236,6 +246,10 @@ def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
             amplitude_limit=own['alarm.amplitude_limit'],
             on_delay_ns=nanoseconds(own['alarm.on_delay']),
             off_delay_ns=nanoseconds(own['alarm.off_delay']),
+            input_off_delay_ns=nanoseconds(own['alarm.input_off_delay']),
+            latch=own['alarm.latch'],
+            startup_inhibit_ns=nanoseconds(own['alarm.startup_inhibit']),
+            trend_window_ns=nanoseconds(own['alarm.trend_window']),
         ),
     )
 

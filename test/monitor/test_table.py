@@ -43,7 +43,7 @@ def test_only_thresholds_scales_and_timeouts_are_live() -> None:
         f'{q}.{x}' for q in ('speed', 'load') for x in ('scale', 'offset', 'timeout', 'maximum')
     }
     alarm = {p.name for p in BEARING_PARAMETERS if p.name.startswith('alarm.')}
-    assert live == inputs | alarm | {'publish_period'}
+    assert live == inputs | alarm | {'publish_period', 'shelve_time', 'silence_time'}
 
 
 @pytest.mark.parametrize(
