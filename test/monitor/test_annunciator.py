@@ -340,6 +340,22 @@ def test_suppression_takes_no_alarm_that_waits(panel: Build) -> None:
     assert aft.state('stick_slip') == 'suppressed'
 
 
+@pytest.mark.parametrize(
+    ('acknowledged', 'meanwhile'), [(False, 'returned_unacknowledged'), (True, 'latched')]
+)
+def test_what_waits_and_comes_again_while_suppressed_is_given_afterwards(
+    panel: Build, acknowledged: bool, meanwhile: str
+) -> None:
+    aft = panel(alarm__latch=True).at(1).goes('stick_slip').at(2).goes('normal')
+    if acknowledged:
+        aft.does('acknowledge')
+    aft.does('suppress')
+    aft.at(3).goes('stick_slip')
+    assert (aft.state('stick_slip'), aft.alarms.sounding) == (meanwhile, False)
+    aft.at(4).does('unsuppress')
+    assert (aft.state('stick_slip'), aft.alarms.sounding) == ('unacknowledged', True)
+
+
 def test_a_locked_shaft_suppresses_the_inputs_too(panel: Build) -> None:
     aft = panel().at(1)
     assert len(aft.does('suppress')) == 6
