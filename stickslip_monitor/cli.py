@@ -24,6 +24,7 @@ COMMANDS = {
     'fit': 'fit the Stribeck law to a measured friction curve',
     'map': 'draw the stability map over speed and load',
     'play': 'publish a bag to ROS 2, with /clock',
+    'score': 'judge the warnings over simulated bags by the truth',
     'simulate': 'make a bag from a scene file',
 }
 

@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Judge the monitor's warnings over simulated bags by what the lining really did.
+
+A bag must hold the truth, as those of a scene with the effect lining_motion do. For each episode
+of stick-slip: how long before its first stick the monitor warned (lead), and how long before it
+predicted stick-slip (alarm lead); the table has the least of each. A warning is false if what it
+says never was true. docs/scenes.md has the rules. The exit code is 1 where an episode was missed
+or warned of too late, or a warning was false.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from stickslip_monitor.bags.check import BearingReport, CheckReport, check_bag
+from stickslip_monitor.bags.truth import TruthRecord, has_truth, read_truth
+from stickslip_monitor.commands.output import add_config, add_json, console, print_json
+from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.study.score import (
+    Claim,
+    EpisodeScore,
+    Score,
+    Truth,
+    in_total,
+    score_bearing,
+)
+
+SCHEMA = 'stickslip_monitor/score/1'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument('bags', nargs='+', metavar='BAG', help='rosbag2 folder or .mcap file')
+    add_config(parser)
+    parser.add_argument('--bearing', help='only this bearing')
+    parser.add_argument(
+        '--picture',
+        metavar='FILE',
+        help='.png or .svg: speed, load, margins, amplitude, truth and warnings of one bearing'
+        ' in one bag over time',
+    )
+    add_json(parser)
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """One bearing in one bag."""
+
+    path: str
+    config: BearingConfig
+    report: BearingReport
+    truth: TruthRecord
+    score: Score
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command."""
+    config = load_config(args.config)
+    if args.bearing is not None:
+        config = MonitorConfig((config.bearing(args.bearing),), config.autostart)
+    judged = [one for path in args.bags for one in judge_bag(path, config)]
+    total = in_total(one.score for one in judged)
+    if args.picture is not None:
+        _draw(args.picture, judged)
+    if args.json:
+        print_json(to_json(judged, total))
+    else:
+        _print(console(), judged, total)
+    return int(not total.is_good)
+
+
+def judge_bag(path: str | Path, config: MonitorConfig) -> list[Judged]:
+    """Judge the bearings of a bag about which it holds the truth.
+
+    Raises:
+        BagError: The bag cannot be read, or it holds no truth.
+    """
+    report = check_bag(path, config)
+    known = [b for b in config.bearings if has_truth(report.bag, b.name)]
+    return [_judge(str(path), report, bearing) for bearing in known or config.bearings[:1]]
+
+
+def _judge(path: str, report: CheckReport, config: BearingConfig) -> Judged:
+    record = read_truth(report.bag, config.name)
+    own = report.bearings[config.name]
+    truth = Truth(
+        start_ns=record.start_ns,
+        end_ns=record.end_ns,
+        episodes=record.episodes,
+        time_ns=record.fold_margin.time_ns,
+        hopf_margin=record.hopf_margin.value,
+        fold_margin=record.fold_margin.value,
+    )
+    span = (record.start_ns, record.end_ns)
+    score = score_bearing(config.alarm, own.scan.events, span, truth)
+    return Judged(path, config, own, record, score)
+
+
+def to_json(judged: Sequence[Judged], total: Score) -> dict[str, Any]:
+    """The judgement as the documented JSON object."""
+    bags: dict[str, dict[str, Any]] = {}
+    for one in judged:
+        lists = {
+            'events': {
+                'episodes': [_episode_json(e) for e in one.score.episodes],
+                'warnings': [_claim_json(c) for c in one.score.warnings],
+                'alarms': [_claim_json(c) for c in one.score.alarms],
+            }
+        }
+        bags.setdefault(one.path, {})[one.config.name] = _figures(one.score) | lists
+    return {
+        'schema': SCHEMA,
+        'bags': [{'path': path, 'bearings': bearings} for path, bearings in bags.items()],
+        'total': _figures(total),
+    }
+
+
+def _figures(score: Score) -> dict[str, Any]:
+    return {
+        'seconds': score.seconds,
+        'episodes': len(score.episodes),
+        'missed': score.missed,
+        'late': score.late,
+        'lead': _spread(score.leads),
+        'alarm_lead': _spread(score.alarm_leads),
+        'warnings': len(score.warnings),
+        'alarms': len(score.alarms),
+        'false_warnings': sum(claim.holds is False for claim in score.warnings),
+        'false_alarms': sum(claim.holds is False for claim in score.alarms),
+        'false_per_hour': score.false_per_hour,
+        'sticking': score.sticking,
+        'unpredicted': score.unpredicted,
+        'unwarned': score.unwarned,
+        'overpredicted': score.overpredicted,
+        'wrong': score.wrong,
+        'blind': score.blind,
+    }
+
+
+def _spread(leads: list[float]) -> dict[str, float] | None:
+    return {'least': min(leads), 'median': statistics.median(leads)} if leads else None
+
+
+def _episode_json(episode: EpisodeScore) -> dict[str, Any]:
+    return {
+        'first_stick': episode.first_ns,
+        'last_stick': episode.last_ns,
+        'lead': episode.lead,
+        'alarm_lead': episode.alarm_lead,
+        'blind': episode.blind,
+    }
+
+
+def _claim_json(claim: Claim) -> dict[str, Any]:
+    return {
+        'start': claim.start_ns,
+        'end': claim.end_ns,
+        'highest': claim.highest.value,
+        'holds': claim.holds,
+    }
+
+
+def _print(out: Console, judged: Sequence[Judged], total: Score) -> None:
+    table = Table(title='warnings judged by the truth', title_justify='left', box=SIMPLE_HEAD)
+    table.add_column('bag', overflow='fold', min_width=12)
+    for heading in (
+        'hours', 'epi-\nsodes', 'missed', 'late', 'lead\n\\[s]', 'alarm\n\\[s]', 'false',
+        'false\nper h', 'wrong\n\\[s]',
+    ):  # fmt: skip
+        table.add_column(heading, justify='right', no_wrap=True)
+    for one in judged:
+        table.add_row(_name(one, judged), *_cells(one.score))
+    if len(judged) > 1:
+        table.add_section()
+        table.add_row('total', *_cells(total), style='bold')
+    out.print(table)
+    for one in judged:
+        for text in _remarks(one):
+            out.print(f'{_name(one, judged)}: {text}')
+
+
+def _name(one: Judged, judged: Sequence[Judged]) -> str:
+    several = len({other.config.name for other in judged}) > 1
+    return f'{Path(one.path).name} {one.config.name}' if several else Path(one.path).name
+
+
+def _cells(score: Score) -> list[str]:
+    false = len(score.false_claims)
+    return [
+        f'{score.seconds / 3600.0:.2f}',
+        str(len(score.episodes)),
+        _coloured(score.missed),
+        _coloured(score.late),
+        f'{min(score.leads):+.1f}' if score.leads else '',
+        f'{min(score.alarm_leads):+.1f}' if score.alarm_leads else '',
+        _coloured(false),
+        f'{score.false_per_hour:.2g}',
+        f'{score.wrong:.1f}',
+    ]
+
+
+def _coloured(count: int) -> str:
+    return f'[red]{count}[/]' if count else '0'
+
+
+def _remarks(one: Judged) -> list[str]:
+    """A sentence for every episode and for every warning that was false."""
+    start = one.truth.start_ns
+
+    def at(time_ns: int) -> str:
+        return f'{(time_ns - start) / 1e9:.1f} s'
+
+    found = [
+        f'stick-slip from {at(e.first_ns)} to {at(e.last_ns)}, {_lead_text(e)}'
+        for e in one.score.episodes
+    ]
+    found += [
+        f'[red]false[/]: {claim.highest.value} from {at(claim.start_ns)} to {at(claim.end_ns)}'
+        for claim in one.score.false_claims
+    ]
+    return found
+
+
+def _lead_text(episode: EpisodeScore) -> str:
+    if episode.lead is None:
+        blind = ' (an input was lost)' if episode.blind else ''
+        return f'[red]missed[/]{blind}'
+    text = f'warned {_before(episode.lead)}'
+    if episode.alarm_lead is None:
+        return f'{text}, never predicted'
+    return f'{text}, predicted {_before(episode.alarm_lead)}'
+
+
+def _before(lead: float) -> str:
+    return f'{lead:.1f} s before' if lead >= 0.0 else f'[red]{-lead:.1f} s late[/]'
+
+
+def _draw(path: str, judged: Sequence[Judged]) -> None:
+    if len(judged) != 1:
+        names = ', '.join(f'{one.config.name} in {one.path}' for one in judged)
+        raise ConfigurationError(
+            f'--picture shows one bearing in one bag, and here are {names}: choose with --bearing'
+        )
+    from stickslip_monitor.drawing.score import Lining, draw_score, save_score
+
+    (one,) = judged
+    record = one.truth
+    lining = Lining(
+        start_ns=record.start_ns,
+        end_ns=record.end_ns,
+        episodes=record.episodes,
+        margin_ns=record.fold_margin.time_ns,
+        hopf_margin=record.hopf_margin.value,
+        fold_margin=record.fold_margin.value,
+        amplitude_ns=record.amplitude.time_ns,
+        amplitude=record.amplitude.value,
+    )
+    save_score(draw_score(one.config, one.report.scan, lining), path)

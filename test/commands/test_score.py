@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``stickslip score``, on small scenes whose truth follows from the reference numbers.
+
+For the reference bearing at 1000 N: caution below 44.80 rpm, fold at 40.72 rpm, Hopf at 30.74 rpm;
+alarms are raised 2 s after their cause.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+
+from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.bags.writer import BagWriter
+from stickslip_monitor.cli import main
+
+ROOT = Path(__file__).parents[2]
+CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
+START = 1_700_000_000_000_000_000
+STORE = get_typestore(Stores.ROS2_JAZZY)
+
+
+def scene(path: Path, points: list[list[float]], duration: float, **lining: Any) -> str:
+    """The bag of a scene at 1000 N whose speed [rpm] goes through some points."""
+    rates = {'speed': {'rate': 10.0}, 'load': {'rate': 10.0}}
+    motion = {'disturbance': {'standard_deviation': 1.0, 'unit': 'N'}, 'amplitude': {'rate': 2.0}}
+    document = {
+        'scene': 'stickslip_monitor/scene/1',
+        'description': 'A test.',
+        'duration': duration,
+        'start': START,
+        'seed': 5,
+        'config': str(CONFIG),
+        'telemetry': rates,
+        'effects': [
+            {'speed_profile': {'unit': 'rpm', 'points': points}},
+            {'load_profile': {'unit': 'kN', 'points': [[0, 1.0]]}},
+            {'operating_point': {'rate': 2.0}},
+            {'lining_motion': motion | lining},
+        ],
+    }
+    file = path.with_suffix('.yaml')
+    file.write_text(yaml.safe_dump(document), 'utf-8')
+    assert main(['simulate', str(file), '-o', str(path)]) == 0
+    return str(path)
+
+
+@pytest.fixture(scope='module')
+def slowing(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """1 rpm/s down from 60 rpm at 0 s to 20 rpm at 40 s."""
+    return scene(tmp_path_factory.mktemp('bags') / 'slowing', [[0, 60], [40, 20]], 50.0)
+
+
+@pytest.fixture(scope='module')
+def knocked(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """At 34 rpm from 40 s; a blow at 60 s that gives 1.4 times the threshold amplitude."""
+    knocks = [[60.0, 1.4 * 0.592815e-3 * 50.0 * 200.0]]
+    path = tmp_path_factory.mktemp('bags') / 'knocked'
+    return scene(path, [[14, 60], [40, 34]], 80.0, knocks=knocks)
+
+
+def run(capsys: pytest.CaptureFixture[str], *args: str) -> tuple[int, str, str]:
+    capsys.readouterr()
+    code = main(['score', *args, '--config', str(CONFIG)])
+    out, error = capsys.readouterr()
+    return code, out, error
+
+
+def test_json_of_a_slowing_shaft(slowing: str, capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, error = run(capsys, slowing, '--json')
+    assert (code, error) == (0, '')
+    document = json.loads(out)
+    assert document['schema'] == 'stickslip_monitor/score/1'
+    (bag,) = document['bags']
+    assert bag['path'] == slowing
+    score = bag['bearings']['aft_stern']
+    assert score['seconds'] == 50.0
+    (episode,) = score['events']['episodes']
+    first = (episode['first_stick'] - START) / 1e9
+    # Caution at 60 - 44.80 + 2 s, stick-slip at 60 - 30.74 + 2 s; the growth takes its time.
+    assert first > 31.26
+    assert episode['lead'] == pytest.approx(first - 17.2, abs=0.2)
+    assert episode['alarm_lead'] == pytest.approx(first - 31.26, abs=0.2)
+    assert (score['missed'], score['late'], score['false_warnings'], score['false_alarms']) == (
+        0,
+    ) * 4
+    assert [claim['highest'] for claim in score['events']['warnings']] == ['bistable']
+    assert all(claim['holds'] for claim in score['events']['warnings'] + score['events']['alarms'])
+    # Wrong from the prediction to the first stick.
+    assert score['wrong'] == score['overpredicted'] == pytest.approx(first - 31.26, abs=0.2)
+    totals = document['total']
+    assert totals == {key: score[key] for key in totals}
+
+
+def test_a_knock_in_the_bistable_range(knocked: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Warned of as possible, never predicted: from the blow on the monitor takes it for quiet."""
+    code, out, _ = run(capsys, knocked, '--json')
+    assert code == 0
+    score = json.loads(out)['total']
+    assert (score['episodes'], score['missed'], score['alarms']) == (1, 0, 0)
+    assert score['alarm_lead'] is None
+    # Fold crossed at 33.28 s, caution at 29.2 s, raised 2 s later.
+    assert score['lead']['least'] == pytest.approx(60.0 - 31.2, abs=0.3)
+    assert score['unpredicted'] == pytest.approx(20.0, abs=0.3)
+    assert score['unwarned'] == 0.0
+
+
+def test_table_of_two_bags(slowing: str, knocked: str, capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = run(capsys, slowing, knocked)
+    assert code == 0
+    rows = [line.split() for line in out.splitlines() if '+' in line]
+    # Name, hours, episodes, missed, late.
+    assert [row[:5] for row in rows] == [
+        ['slowing', '0.01', '1', '0', '0'],
+        ['knocked', '0.02', '1', '0', '0'],
+        ['total', '0.04', '2', '0', '0'],
+    ]
+    assert 'never predicted' in out
+
+
+def test_a_missed_episode_and_a_false_alarm_give_code_1(
+    tmp_path: Path, slowing: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The same bag judged with a monitor that believes in another bearing."""
+    text = CONFIG.read_text('utf-8')
+    for friction, key in (('kinetic: 0.29', 'missed'), ('static: 0.50', 'false_warnings')):
+        old = {'missed': 'kinetic: 0.10', 'false_warnings': 'static: 0.30'}[key]
+        assert old in text
+        config = tmp_path / 'config.yaml'
+        config.write_text(text.replace(old, friction), 'utf-8')
+        bag = slowing if key == 'missed' else scene(tmp_path / 'fast', [[0, 120], [5, 62]], 20.0)
+        capsys.readouterr()
+        assert main(['score', bag, '--config', str(config), '--json']) == 1
+        assert json.loads(capsys.readouterr().out)['total'][key] == 1
+
+
+def test_picture(tmp_path: Path, slowing: str, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip('matplotlib')
+    target = tmp_path / 'score.png'
+    assert run(capsys, slowing, '--picture', str(target))[0] == 0
+    data = target.read_bytes()
+    assert data[:8] == b'\x89PNG\r\n\x1a\n'
+    assert struct.unpack('>II', data[16:24]) == (1800, 1800)
+
+
+def test_bad_input_is_named(
+    tmp_path: Path, slowing: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bare = tmp_path / 'bare'
+    with BagWriter(bare) as writer:
+        for topic in ('/shaft/speed', '/bearing/aft_stern/load'):
+            writer.add_topic(topic, 'std_msgs/msg/Float64')
+            writer.write_float64(topic, [0, 10**9], [1.0, 1.0])
+    cases = {
+        (str(bare),): f"bag '{bare}' holds no truth about aft_stern: topic"
+        " '/truth/aft_stern/events' is not in it",
+        ('none',): "bag 'none' does not exist",
+        (slowing, '--bearing', 'fore'): "bearing 'fore' is not configured",
+        (slowing, '--picture', str(tmp_path / 'a.pdf')): 'must end in one of',
+        (slowing, '--picture', str(tmp_path / 'a.csv')): 'must end in .png or .svg',
+        (slowing, slowing, '--picture', 'a.png'): '--picture shows one bearing in one bag',
+    }
+    for args, words in cases.items():
+        code, _, error = run(capsys, *args)
+        assert code == 2, args
+        assert error.startswith('ERROR: ')
+        assert words in error
+
+
+def test_the_monitor_never_reads_the_truth(
+    tmp_path: Path, knocked: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The same events without the truth, and with one that is all nonsense."""
+    bags = {'whole': knocked}
+    for name in ('stripped', 'spoilt'):
+        bags[name] = str(tmp_path / name)
+        source = open_bag(knocked)
+        with BagWriter(bags[name]) as writer:
+            for topic in source.topics.values():
+                if name == 'spoilt' or not topic.name.startswith('/truth/'):
+                    writer.add_topic(topic.name, topic.type)
+            for message in source.messages():
+                is_truth = message.topic.startswith('/truth/')
+                if not is_truth or name == 'spoilt':
+                    data = message.data[:4] + b'\xff' * 12 if is_truth else message.data
+                    writer.write(message.topic, message.log_time_ns, data)
+    found = {}
+    for name, path in bags.items():
+        capsys.readouterr()
+        assert main(['check', path, '--config', str(CONFIG), '--json']) == 1
+        found[name] = json.loads(capsys.readouterr().out)['bearings']
+    assert found['stripped'] == found['whole']
+    assert found['spoilt'] == found['whole']
+
+
+def test_rosbags_reads_the_truth(slowing: str) -> None:
+    """Another reader: every type, in order of time."""
+    kinds: dict[str, str] = {}
+    events = []
+    last = 0
+    with Reader(Path(slowing)) as reader:
+        for connection, time, data in reader.messages():
+            message: Any = STORE.deserialize_cdr(data, connection.msgtype)
+            kinds[connection.topic] = connection.msgtype
+            assert time >= last
+            last = time
+            if connection.topic == '/truth/aft_stern/events':
+                events.append(json.loads(message.data))
+    told = {topic.removeprefix('/truth/aft_stern/') for topic in kinds if '/truth/' in topic}
+    assert told == {'speed', 'load', 'hopf_margin', 'fold_margin', 'amplitude', 'stick', 'events'}
+    assert [event['event'] for event in events] == ['start', 'first_stick', 'end']
+    assert {event['bearing'] for event in events} == {'aft_stern'}
