@@ -35,9 +35,10 @@ LAYER = {
 ADAPTERS = {part for part, layer in LAYER.items() if layer == 4}
 # The only arrows from one adapter to another.
 ACROSS = {('scenes', 'bags.writer'), ('scenes', 'bags.cdr')}
-# Of the core, bags may know how a field is named; only the bag check knows the monitor.
+# Of the core, bags may know how a field is named; only the bag check, and what writes
+# verdicts, know the monitor.
 BAGS_OF_MONITOR = 'monitor.fields'
-BAG_CHECK = 'bags/check.py'
+BAG_CHECKS = ('bags/check.py', 'bags/clips.py', 'bags/verdicts.py')
 YAML_READER = 'monitor/config_file.py'
 
 EVERYWHERE = {'numpy', 'scipy'}
@@ -105,7 +106,7 @@ def _inside(path: PurePosixPath, target: str) -> str:
     if part == own:
         reads_yaml = f'{target}.'.startswith('monitor.config_file.') and own == 'monitor'
         return 'only adapters and commands read files' if reads_yaml else ''
-    if own == 'bags' and part == 'monitor' and str(path) != BAG_CHECK:
+    if own == 'bags' and part == 'monitor' and str(path) not in BAG_CHECKS:
         return '' if f'{target}.'.startswith(BAGS_OF_MONITOR + '.') else 'bags know only fields'
     if LAYER[part] > LAYER[own]:
         return f'{own} lies below {part}'

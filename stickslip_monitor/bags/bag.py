@@ -59,6 +59,21 @@ class Bag:
         """What else is wrong with the recording, as far as it was noticed until now."""
         return tuple(self._warnings)
 
+    def definition(self, topic: str) -> str:
+        """The ``ros2msg`` definition of a topic's messages.
+
+        Raises:
+            BagError: The topic is not there or cannot be decoded.
+        """
+        check_topics(self.topics, [topic])
+        if not self.topics[topic].readable:
+            raise BagError(f"topic '{topic}' cannot be read: {self.topics[topic].problem}")
+        for file in self._files:
+            for channel in file.channels.values():
+                if channel.topic == topic:
+                    return file.schemas[channel.schema_id].data.decode()
+        raise AssertionError('unreachable: a topic is one because some file has it')
+
     def read(
         self, requests: Iterable[Request], progress: Progress | None = None
     ) -> dict[Request, Series]:

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -89,3 +90,45 @@ def encode_string(text: str) -> bytes:
     """Encode one ``std_msgs/String`` message."""
     raw = text.encode() + b'\0'
     return _HEAD + struct.pack('<I', len(raw)) + raw
+
+
+@dataclass(frozen=True, slots=True)
+class StatusFields:
+    """The fields of a ``diagnostic_msgs/DiagnosticStatus``."""
+
+    level: int
+    name: str
+    message: str
+    hardware_id: str
+    values: Mapping[str, str]
+
+
+def encode_diagnostics(stamp_ns: int, statuses: Sequence[StatusFields]) -> bytes:
+    """Encode one ``diagnostic_msgs/DiagnosticArray`` message with an empty frame.
+
+    Args:
+        stamp_ns: The header's stamp [ns].
+        statuses: One for each component.
+    """
+    body = bytearray(struct.pack('<iI', stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000))
+    _add_text(body, '')
+    _add_count(body, len(statuses))
+    for status in statuses:
+        body.append(status.level)
+        for text in (status.name, status.message, status.hardware_id):
+            _add_text(body, text)
+        _add_count(body, len(status.values))
+        for pair in status.values.items():
+            for text in pair:
+                _add_text(body, text)
+    return _HEAD + bytes(body)
+
+
+def _add_text(body: bytearray, text: str) -> None:
+    raw = text.encode() + b'\0'
+    _add_count(body, len(raw))
+    body += raw
+
+
+def _add_count(body: bytearray, count: int) -> None:
+    body += bytes(-len(body) % 4) + struct.pack('<I', count)

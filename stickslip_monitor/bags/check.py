@@ -60,6 +60,7 @@ class BearingReport:
         worst: The least Hopf and fold margin and the greatest predicted amplitude, by name;
             a quantity that never had a value is absent.
         inputs: What came of speed and load.
+        stream: The samples.
     """
 
     name: str
@@ -67,6 +68,7 @@ class BearingReport:
     seconds: dict[Regime, float]
     worst: dict[str, Extreme]
     inputs: tuple[InputReport, ...]
+    stream: Stream
 
     @property
     def complaints(self) -> list[str]:
@@ -128,7 +130,9 @@ def check_bag(
     reports = {}
     for bearing in config.bearings:
         own = [series[request] for request in requests[bearing.name]]
-        reports[bearing.name] = _report(bearing, scans[bearing.name], own, start, end)
+        reports[bearing.name] = _report(
+            bearing, scans[bearing.name], own, streams[bearing.name], start, end
+        )
     return CheckReport(bag, reports, start, end)
 
 
@@ -167,12 +171,18 @@ def _report(
     config: BearingConfig,
     scan: Scan,
     series: list[Series],
+    stream: Stream,
     start_ns: int | None,
     end_ns: int | None,
 ) -> BearingReport:
     span = (end_ns - start_ns) * 1e-9 if start_ns is not None and end_ns is not None else 0.0
     return BearingReport(
-        config.name, scan, _seconds(scan, span), worst(scan), _inputs(config, scan, series)
+        config.name,
+        scan,
+        _seconds(scan, span),
+        worst(scan),
+        _inputs(config, scan, series),
+        stream,
     )
 
 

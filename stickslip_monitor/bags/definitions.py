@@ -42,7 +42,31 @@ def _stamped(name: str, first: str, second: str) -> str:
     )
 
 
+_DIAGNOSTICS = f"""std_msgs/Header header
+diagnostic_msgs/DiagnosticStatus[] status
+{_HEADER}{_RULE}
+MSG: diagnostic_msgs/DiagnosticStatus
+byte OK=0
+byte WARN=1
+byte ERROR=2
+byte STALE=3
+byte level
+string name
+string message
+string hardware_id
+diagnostic_msgs/KeyValue[] values
+{_RULE}
+MSG: diagnostic_msgs/KeyValue
+string key
+string value
+"""
+
+
 MESSAGE_TYPES: Mapping[str, MessageType] = {
+    'diagnostic_msgs/msg/DiagnosticArray': MessageType(
+        _DIAGNOSTICS,
+        'RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e',
+    ),
     'geometry_msgs/msg/TwistStamped': MessageType(
         _stamped('Twist', 'linear', 'angular'),
         'RIHS01_5f0fcd4f81d5d06ad9b4c4c63e3ea51b82d6ae4d0558f1d475229b1121db6f64',

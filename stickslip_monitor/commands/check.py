@@ -3,7 +3,9 @@
 
 A bag is a rosbag2 folder or an .mcap file. A file that was cut off is read up to the cut. With
 --report everything is also written into one file that opens anywhere, without a network: .html to
-be read, .png to be shown, .json for programs. The exit code is 1 where the monitor warned.
+be read, .png to be shown, .json for programs. With --mcap the verdicts are written as messages
+beside the inputs, for replay in Foxglove or PlotJuggler. The exit code is 1 where the monitor
+warned.
 """
 
 from __future__ import annotations
@@ -13,11 +15,12 @@ from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import Progress, SpinnerColumn, TextColumn
 from rich.table import Table
 
 from stickslip_monitor.bags.check import BearingReport, CheckReport, InputReport, check_bag
 from stickslip_monitor.commands.output import add_config, add_json, console, print_json
+from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.records import event_record, number, point_record
@@ -25,6 +28,7 @@ from stickslip_monitor.monitor.records import event_record, number, point_record
 if TYPE_CHECKING:
     from stickslip_monitor.commands.report import ReportFile
 
+_COLUMNS = (SpinnerColumn(), TextColumn('{task.description}: {task.completed} messages'))
 SCHEMA = 'stickslip_monitor/check/1'
 
 
@@ -36,11 +40,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--report', metavar='FILE', help='write a report: .html, .png or .json (needs matplotlib)'
     )
+    parser.add_argument(
+        '--mcap', metavar='FILE', help="write inputs and verdicts as the node's topics: .mcap"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     config = load_config(args.config)
+    if args.mcap is not None:
+        _check_mcap(args)
     file = _report_file(args, config)
     documents, warned = [], False
     for path in args.bags:
@@ -50,6 +59,8 @@ def run(args: argparse.Namespace) -> int:
             documents.append(to_json(report))
         if file is not None:
             file.add(report, documents[-1])
+        if args.mcap is not None:
+            _write_mcap(args.mcap, report, config)
         if not args.json:
             _print(console(), report)
     if file is not None:
@@ -66,6 +77,22 @@ def _report_file(args: argparse.Namespace, config: MonitorConfig) -> ReportFile 
     from stickslip_monitor.commands.report import ReportFile
 
     return ReportFile(args.report, config, args.config)
+
+
+def _check_mcap(args: argparse.Namespace) -> None:
+    from stickslip_monitor.bags.verdicts import check_target
+
+    if len(args.bags) > 1:
+        raise BagError(f"recording of verdicts '{args.mcap}' is for one bag, not {len(args.bags)}")
+    check_target(args.mcap)
+
+
+def _write_mcap(path: str, report: CheckReport, config: MonitorConfig) -> None:
+    from stickslip_monitor.bags.verdicts import write_verdicts
+
+    with Progress(*_COLUMNS, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(f'writing {path}', total=None)
+        write_verdicts(report, config, path, lambda done: bar.update(task, completed=done))
 
 
 def _check(path: str, config: MonitorConfig) -> CheckReport:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,23 @@ _POINT_FIELDS = (
 )
 VERDICT_NUMBERS = ('amplitude', 'hopf_margin', 'fold_margin')
 """The numbers of a verdict that have a topic of their own, by the topic's last part."""
+
+
+def output_topics(bearings: Iterable[str], node: str) -> dict[str, str]:
+    """The topics of a node of that full name, with their message types, in order.
+
+    Args:
+        bearings: Names of the bearings.
+        node: The node's full name, ``/stickslip_monitor`` say.
+    """
+    topics: dict[str, str] = {}
+    for bearing in bearings:
+        topics |= {f'{node}/{bearing}/{name}': 'std_msgs/msg/Float64' for name in VERDICT_NUMBERS}
+        topics[f'{node}/{bearing}/regime'] = 'std_msgs/msg/String'
+    return topics | {
+        f'{node}/warnings': 'std_msgs/msg/String',
+        '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
+    }
 
 
 def verdict_numbers(point: Assessment) -> dict[str, Any]:

@@ -39,6 +39,7 @@ class Scan:
         rung: The alarm's rung after each point, index into ``LADDER``, shape (n,).
         events: Changes of the alarm, in order.
         counts: Samples by quantity (speed, load) and :class:`Status`, shape (2, 6).
+        status: What became of each sample of the stream, a :class:`Status`, shape (m,).
     """
 
     time_ns: Ints
@@ -48,6 +49,7 @@ class Scan:
     rung: NDArray[np.int8]
     events: list[Event]
     counts: Ints
+    status: NDArray[np.int8]
 
     @property
     def condition(self) -> list[Condition]:
@@ -111,6 +113,7 @@ def scan_bearing(
         rung=walk.settled,
         events=events,
         counts=gate.counts,
+        status=status,
     )
 
 

@@ -201,7 +201,7 @@ def checked_day() -> CheckReport:
         InputReport(name, f'/{name}', size, size, (), find_gaps(times[::2], 5 * 10**9))
         for name in ('speed', 'load')
     )
-    report = BearingReport('aft_stern', scan, seconds, worst(scan), inputs)
+    report = BearingReport('aft_stern', scan, seconds, worst(scan), inputs, stream)
     return CheckReport(Bag(Path('day'), [], []), {'aft_stern': report}, START, end)
 
 
