@@ -28,6 +28,7 @@ ROS = [
     'ros-kilted-rmw-fastrtps-cpp==9.3.3',
     'ros-kilted-rosgraph-msgs==2.3.0',
     'ros-kilted-std-msgs==5.5.1',
+    'ros-kilted-std-srvs==5.5.1',
 ]
 WHERE_ROS_HAS_WHEELS = '; sys_platform == "linux" and platform_machine == "x86_64"'
 

@@ -52,6 +52,7 @@ ONLY_IN = {
     'rcl_interfaces': ('ros/',),
     'rclpy': ('ros/',),
     'rich': ('commands/', 'cli.py'),
+    'std_srvs': ('ros/',),
     'yaml': (YAML_READER, 'bags/'),
     'zstandard': ('bags/',),
 }

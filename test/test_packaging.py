@@ -123,7 +123,7 @@ def test_every_import_is_a_declared_dependency() -> None:
     listed = (ROOT / 'setup.py').read_text('utf-8')
     for name in imported():
         assert in_manifest.get(name, name) in declared
-        of_ros = name.endswith(('_msgs', '_interfaces'))
+        of_ros = name.endswith(('_msgs', '_srvs', '_interfaces'))
         distribution = f'ros-kilted-{name.replace("_", "-")}' if of_ros else name
         assert f"'{for_pip.get(name, distribution)}" in listed
 

@@ -24,10 +24,13 @@ from stickslip_monitor.monitor.config_file import NODE_NAME
 from stickslip_monitor.monitor.monitor import Monitor
 from stickslip_monitor.monitor.verdict import Event, Verdict
 from stickslip_monitor.ros import parameters
+from stickslip_monitor.ros.actions import Actions
+from stickslip_monitor.ros.desk import AlarmDesk
 from stickslip_monitor.ros.flow import Flow
 from stickslip_monitor.ros.inputs import Inputs, check_inputs
 from stickslip_monitor.ros.messages import ROS_FAULTS
 from stickslip_monitor.ros.outputs import Outputs
+from stickslip_monitor.ros.state_file import StateFile
 
 WATCHDOG_PERIOD = 0.1
 DIAGNOSTICS_PERIOD = 1.0
@@ -40,7 +43,7 @@ class MonitorNode(LifecycleNode):
 
     Raises:
         ConfigurationError: A parameter breaks its rule.
-        RosError: An input's message type or field does not exist.
+        RosError: An input's message type or field does not exist, or the state file's folder.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -49,7 +52,7 @@ class MonitorNode(LifecycleNode):
         )
         parameters.check_time_source(self.get_parameter(parameters.USE_SIM_TIME).value)
         self._config = build_config(parameters.values(self))
-        check_inputs(self._config)
+        _check(self._config)
         parameters.declare(self)
         self.add_on_set_parameters_callback(self._on_parameters)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -57,7 +60,9 @@ class MonitorNode(LifecycleNode):
         self._failure = ''
         self._monitor = Monitor(self._config)
         self._outputs: Outputs | None = None
+        self._desk: AlarmDesk | None = None
         self._inputs: Inputs | None = None
+        self._actions: Actions | None = None
         self._timers: list[Any] = []
         self._flows: dict[str, Flow] = {}
         self._bases: dict[str, int] = {}
@@ -88,16 +93,21 @@ class MonitorNode(LifecycleNode):
             self._outputs = Outputs(self, self._config)
         except ROS_FAULTS as error:
             return self._failed(f'its topics cannot be published: {_sentence(error)}')
+        self._desk = AlarmDesk(self, self._config, self._outputs.publish_alarms)
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start listening; inputs are waited for from now on."""
+        assert self._desk is not None
         try:
             self._inputs = Inputs(self, self._config, self._receive)
+            self._actions = Actions(self, list(self._monitor.bearings), self._desk.act)
         except ROS_FAULTS as error:
+            self._stop_listening()
             return self._failed(f'its inputs cannot be subscribed to: {_sentence(error)}')
         result = super().on_activate(state)
         simulated = self.get_parameter(parameters.USE_SIM_TIME).value is True
+        self._desk.start(Flow(simulated, *self._clocks()))
         self._flows = {name: Flow(simulated, *self._clocks()) for name in self._monitor.bearings}
         self._bases = dict.fromkeys(self._monitor.bearings, 0)
         self._watch()
@@ -136,6 +146,9 @@ class MonitorNode(LifecycleNode):
         if self._inputs is not None:
             self._inputs.destroy()
             self._inputs = None
+        if self._actions is not None:
+            self._actions.destroy()
+            self._actions = None
         for timer in self._timers:
             self.destroy_timer(timer)
         self._timers = []
@@ -144,6 +157,7 @@ class MonitorNode(LifecycleNode):
         if self._outputs is not None:
             self._outputs.destroy()
             self._outputs = None
+        self._desk = None
 
     def _receive(self, name: str, is_load: int, time_ns: int, value: float) -> None:
         bearing = self._monitor.bearings[name]
@@ -155,6 +169,8 @@ class MonitorNode(LifecycleNode):
         if update.verdict is not None:
             self._publish(update.verdict, bool(update.events))
         self._announce(update.events)
+        assert self._desk is not None
+        self._desk.take_update(name, is_load, time_ns, update)
 
     def _publish(self, verdict: Verdict, changed: bool) -> None:
         now = self._steady.now().nanoseconds
@@ -186,6 +202,9 @@ class MonitorNode(LifecycleNode):
             if self._bases[name]:
                 events += bearing.advance(self._bases[name] + elapsed)
         self._announce(events)
+        assert self._desk is not None
+        self._desk.take_events(events)
+        self._desk.tick(steady, now)
 
     def _diagnose(self) -> None:
         assert self._outputs is not None
@@ -194,7 +213,7 @@ class MonitorNode(LifecycleNode):
     def _on_parameters(self, changes: list[Parameter[Any]]) -> SetParametersResult:
         try:
             config, rebuilt = parameters.changed_config(self, changes, self._active)
-            check_inputs(config)
+            _check(config)
         except StickslipError as error:
             return SetParametersResult(successful=False, reason=str(error))
         self._config = config
@@ -202,6 +221,8 @@ class MonitorNode(LifecycleNode):
             self._rebuild()
         else:
             self._monitor.retune(config)
+            if self._desk is not None:
+                self._desk.retune(config)
         return SetParametersResult(successful=True)
 
     def _rebuild(self) -> None:
@@ -210,6 +231,16 @@ class MonitorNode(LifecycleNode):
         if self._outputs is not None:
             self._outputs.destroy()
             self._outputs = Outputs(self, self._config)
+        if self._desk is not None:
+            assert self._outputs is not None
+            self._desk.rebuild(self._config, self._outputs.publish_alarms)
+
+
+def _check(config: MonitorConfig) -> None:
+    """Check what only this machine can tell: message types, fields and folders."""
+    check_inputs(config)
+    if config.state_file:
+        StateFile(config.state_file)
 
 
 def _spin(node: MonitorNode) -> None:

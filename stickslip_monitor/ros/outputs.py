@@ -18,12 +18,16 @@ from stickslip_monitor.monitor.records import VERDICT_NUMBERS, event_json, verdi
 from stickslip_monitor.monitor.verdict import Event, Verdict
 
 WARNINGS_KEPT = 100
+ALARMS_KEPT = 20
 _RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-_LATCHED = QoSProfile(
-    depth=WARNINGS_KEPT,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
+
+
+def _latched(depth: int) -> QoSProfile:
+    return QoSProfile(
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
 
 
 class Outputs:
@@ -31,7 +35,10 @@ class Outputs:
 
     def __init__(self, node: LifecycleNode, config: MonitorConfig) -> None:
         self._node = node
-        self._warnings = node.create_lifecycle_publisher(String, '~/warnings', _LATCHED)
+        self._warnings = node.create_lifecycle_publisher(
+            String, '~/warnings', _latched(WARNINGS_KEPT)
+        )
+        self._alarms = node.create_lifecycle_publisher(String, '~/alarms', _latched(ALARMS_KEPT))
         self._diagnostics = node.create_lifecycle_publisher(
             DiagnosticArray, '/diagnostics', _RELIABLE
         )
@@ -49,6 +56,7 @@ class Outputs:
             for publisher in group:
                 self._node.destroy_lifecycle_publisher(publisher)
         self._node.destroy_lifecycle_publisher(self._warnings)
+        self._node.destroy_lifecycle_publisher(self._alarms)
         self._node.destroy_lifecycle_publisher(self._diagnostics)
 
     def publish_verdict(self, verdict: Verdict) -> None:
@@ -67,6 +75,10 @@ class Outputs:
             logger.warning(event.text)
         else:
             logger.info(event.text)
+
+    def publish_alarms(self, text: str) -> None:
+        """The list of alarms, with what has just changed."""
+        self._send(self._alarms, String(data=text))
 
     def publish_diagnostics(self, bearings: list[BearingMonitor]) -> None:
         """The state of every bearing."""

@@ -12,6 +12,8 @@ import pytest
 
 from stickslip_monitor import Monitor, Sample, build_config
 from stickslip_monitor.commands import assess as assess_command
+from stickslip_monitor.monitor.alarm_records import alarms_record
+from stickslip_monitor.monitor.annunciator import Annunciator
 from stickslip_monitor.monitor.diagnostics import diagnostic_values, state_of
 from stickslip_monitor.monitor.records import event_record
 
@@ -47,6 +49,22 @@ def test_fields_of_a_warning(monitor: Monitor) -> None:
     text = section('Warnings')
     assert fields(text) == list(event_record(event))
     assert list(example(text)) == list(event_record(event))
+
+
+def test_fields_of_the_alarms(monitor: Monitor) -> None:
+    annunciator = Annunciator(monitor.config)
+    for event in monitor.update(Sample('aft', 'load', 2, 1000.0)).events:
+        changes = annunciator.take_event(event)
+    record = alarms_record(annunciator, changes, 2, 1)
+    expected = [record, record['changes'][0], record['alarms'][0]]
+    assert fields(section('Alarms')) == [name for part in expected for name in part]
+
+
+def test_the_services() -> None:
+    pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+    from stickslip_monitor.ros.actions import SWITCHES, TRIGGERS
+
+    assert fields(section('Services')) == [*TRIGGERS, *SWITCHES]
 
 
 def test_fields_of_an_assessment(monitor: Monitor) -> None:
