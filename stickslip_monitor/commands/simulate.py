@@ -12,8 +12,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from rich import box
 from rich.console import Console
 from rich.progress import Progress
+from rich.table import Table
 
 from stickslip_monitor.bags.cdr import (
     encode_bool,
@@ -23,6 +25,7 @@ from stickslip_monitor.bags.cdr import (
 )
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.commands.output import console
+from stickslip_monitor.scenes.cost import Stopwatch
 from stickslip_monitor.scenes.scene import Scene
 from stickslip_monitor.scenes.scene_file import load_scene
 from stickslip_monitor.scenes.signals import IntArray, Signal
@@ -34,6 +37,7 @@ _ENCODERS: Mapping[str, Callable[[Any], list[bytes]]] = {
     FLOAT64: encode_float64s,
     STRING: lambda values: [encode_string(value) for value in values],
 }
+TELEMETRY = 'telemetry as such'
 # Messages above which it takes seconds.
 _LONG = 200_000
 
@@ -48,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='BAG',
         help='the bag to write: a rosbag2 folder, or one file if the name ends in .mcap',
     )
+    parser.add_argument('--cost', action='store_true', help='say what each effect costs in time')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -56,14 +61,39 @@ def run(args: argparse.Namespace) -> int:
     shown = sys.stderr.isatty() and scene.message_count > _LONG
     with Progress(console=Console(stderr=True), transient=True, disable=not shown) as progress:
         task = progress.add_task('simulating', total=scene.duration)
-        count = write_bag(scene, args.output, lambda done: progress.update(task, completed=done))
+        stopwatch = Stopwatch() if args.cost else None
+        count = write_bag(
+            scene, args.output, lambda done: progress.update(task, completed=done), stopwatch
+        )
     topics = ', '.join(channel.topic for channel in scene.channels)
     console().print(f'{args.output}: {count} messages on {topics}, {scene.duration:g} s')
+    if stopwatch:
+        console().print(_cost_table(stopwatch.spent, scene.message_count))
     return 0
 
 
+def _cost_table(spent: Mapping[str, float], samples: int) -> Table:
+    """The time of each effect, most expensive first."""
+    table = Table('', 'time', 'share', 'per sample', box=box.SIMPLE)
+    for column in table.columns[1:]:
+        column.justify = 'right'
+    total = sum(spent.values())
+    for name, seconds in sorted(spent.items(), key=lambda item: -item[1]):
+        table.add_row(
+            name,
+            f'{seconds:.3f} s',
+            f'{seconds / total:.1%}',
+            f'{seconds / samples * 1e9:.0f} ns',
+        )
+    table.add_row('all', f'{total:.3f} s', '', f'{total / samples * 1e9:.0f} ns')
+    return table
+
+
 def write_bag(
-    scene: Scene, path: str | Path, progress: Callable[[float], None] | None = None
+    scene: Scene,
+    path: str | Path,
+    progress: Callable[[float], None] | None = None,
+    stopwatch: Stopwatch | None = None,
 ) -> int:
     """Write a scene's telemetry; the bag appears under its name when it is complete.
 
@@ -71,6 +101,7 @@ def write_bag(
         scene: The scene.
         path: The bag: a rosbag2 folder, or one file if the name ends in ``.mcap``.
         progress: Told the seconds simulated so far after each block.
+        stopwatch: Given the time of each effect, of the telemetry as such, and of writing.
 
     Returns:
         The messages written.
@@ -79,11 +110,14 @@ def write_bag(
         BagError: The bag exists already or cannot be written.
         SceneError: A speed or load leaves what the telemetry can carry.
     """
-    run = scene.build()
+    run = scene.build(stopwatch)
+    blocks = simulate(scene, run=run)
+    if stopwatch:
+        blocks = stopwatch.steps(TELEMETRY, blocks)
     with BagWriter(path) as writer:
         for channel in scene.channels:
             writer.add_topic(channel.topic, channel.input.type)
-        for block in simulate(scene, run=run):
+        for block in blocks:
             messages = {topic: _encoded(signal) for topic, signal in block.signals.items()}
             for column in block.truth:
                 if block.start == 0.0:

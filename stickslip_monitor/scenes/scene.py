@@ -8,6 +8,7 @@ from pathlib import Path
 
 from stickslip_monitor.monitor.config import MonitorConfig
 
+from .cost import Stopwatch
 from .effects.effect import Frame
 from .effects.registry import Run, build_run
 from .settings import Settings
@@ -41,8 +42,11 @@ class Scene:
     channels: tuple[Channel, ...]
     effects: tuple[Settings, ...]
 
-    def build(self) -> Run:
+    def build(self, stopwatch: Stopwatch | None = None) -> Run:
         """Build one run of the scene.
+
+        Args:
+            stopwatch: Times its effects, if given.
 
         Raises:
             SceneError: A setting breaks its rule.
@@ -54,6 +58,7 @@ class Scene:
             Shaft(self.channels),
             self.folder,
             self.start_ns,
+            stopwatch=stopwatch,
         )
         return build_run(self.effects, frame)
 

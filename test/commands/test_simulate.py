@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import errno
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import IO, Any
 
@@ -134,6 +136,57 @@ def test_full_disk_leaves_no_bag(
         f"ERROR: bag '{tmp_path / name}' cannot be written: No space left on device\n"
     )
     assert {p.name for p in tmp_path.iterdir()} == {'config.yaml', 'scene.yaml'}
+
+
+@pytest.mark.parametrize('name', ['bag', 'bag.mcap'])
+def test_file_that_may_not_grow_leaves_no_bag(tmp_path: Path, scene: str, name: str) -> None:
+    """The system itself refuses to write on, as on a full disk."""
+    code = (
+        'import resource, sys\n'
+        'from stickslip_monitor.cli import main\n'
+        'resource.setrlimit(resource.RLIMIT_FSIZE, (4000, 4000))\n'
+        'sys.exit(main(sys.argv[1:]))\n'
+    )
+    target = str(tmp_path / name)
+    command = [sys.executable, '-c', code, 'simulate', scene, '-o', target]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, '')
+    assert done.stderr == f"ERROR: bag '{target}' cannot be written: File too large\n"
+    assert {p.name for p in tmp_path.iterdir()} == {'config.yaml', 'scene.yaml'}
+
+
+def test_operating_point_out_of_range_leaves_no_bag(
+    tmp_path: Path, scene: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is found in the third minute, when two are written already."""
+    config = tmp_path / 'config.yaml'
+    config.write_text(config.read_text('utf-8').replace('-2.0}', '-2.0, maximum: 1500}'), 'utf-8')
+    path = tmp_path / 'scene.yaml'
+    text = path.read_text('utf-8').replace('[[0, 1000]]', '[[130, 1000], [150, 2000]]')
+    path.write_text(text, 'utf-8')
+    assert main(['simulate', scene, '-o', str(tmp_path / 'bag')]) == 2
+    assert capsys.readouterr().err == (
+        'ERROR: load = 1600 N at 142 s is more than topic /bearing/aft/load can carry:'
+        ' aft.load.maximum = 1500 N in the configuration\n'
+    )
+    assert {p.name for p in tmp_path.iterdir()} == {'config.yaml', 'scene.yaml'}
+
+
+def test_cost_names_every_effect_and_changes_nothing(
+    tmp_path: Path, scene: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['simulate', scene, '-o', str(tmp_path / 'plain.mcap')]) == 0
+    plain = capsys.readouterr().out.splitlines()
+    assert main(['simulate', scene, '-o', str(tmp_path / 'timed.mcap'), '--cost']) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == plain[0].replace('plain', 'timed')
+    rows = [line.split('  ') for line in lines[1:] if ' ns' in line]
+    names = [next(cell for cell in row if cell) for row in rows]
+    effects = ['load_profile', 'speed_profile']
+    assert sorted(names[:-1]) == [*effects, 'telemetry as such', 'writing the bag']
+    assert names[-1] == 'all'
+    files = [(tmp_path / name).read_bytes() for name in ('plain.mcap', 'timed.mcap')]
+    assert files[0] == files[1]
 
 
 def test_stopping_in_the_middle_leaves_no_bag(

@@ -43,4 +43,4 @@ def build(settings: Settings, frame: Frame) -> None:
     amplitude = settings.number('amplitude', '-', least=0.0, most=1.0)
     for channel in frame.pick(settings, 'speed'):
         ripple = BladeRipple(frame.shaft, channel, blades, amplitude)
-        frame.shaft.add_ripple(channel.topic, ripple)
+        frame.add_ripple(channel, ripple)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -17,16 +17,18 @@ from stickslip_monitor.monitor.signals import QUANTITIES
 from stickslip_monitor.monitor.table import LOAD_UNITS
 from stickslip_monitor.physics.oscillator import SPEED_UNITS
 from stickslip_monitor.scenes.block import Block
+from stickslip_monitor.scenes.cost import Stopwatch
 from stickslip_monitor.scenes.friction_course import FrictionCourse
 from stickslip_monitor.scenes.randomness import random_stream
 from stickslip_monitor.scenes.sensing import Memory, Sensor
 from stickslip_monitor.scenes.settings import Settings
-from stickslip_monitor.scenes.shaft import Shaft
+from stickslip_monitor.scenes.shaft import Shaft, SpeedTerm, Term
 from stickslip_monitor.scenes.signals import Channel
 
 UNITS: Mapping[str, Sequence[str]] = {'speed': SPEED_UNITS, 'load': LOAD_UNITS}
 
 
+@runtime_checkable
 class Effect(Protocol):
     """An effect on what the sensors send and on what is recorded of it."""
 
@@ -54,6 +56,7 @@ class Frame:
         folder: The folder of the scene file, from which the paths in it count.
         start_ns: Time stamp of the scene's start [ns since 1970].
         courses: By bearing, the friction that moves in time.
+        stopwatch: Times the effects; None: nobody asks for it.
     """
 
     duration: float
@@ -64,6 +67,8 @@ class Frame:
     start_ns: int = 0
     courses: dict[str, FrictionCourse] = field(default_factory=dict)
     sensors: dict[str, Sensor] = field(default_factory=dict)
+    stopwatch: Stopwatch | None = None
+    _names: list[str] = field(default_factory=list)
     _claimed: set[tuple[str, str]] = field(default_factory=set)
 
     def pick(self, settings: Settings, quantity: str) -> list[Channel]:
@@ -144,10 +149,34 @@ class Frame:
         asked = settings.choice('bearing', list(names))
         return [c for c in self.channels if asked in [b.name for b in c.bearings]]
 
+    def add_speed(self, channel: Channel, term: SpeedTerm) -> None:
+        """Add to the speed of a channel."""
+        self.shaft.add_speed(channel.topic, self._watched(term))
+
+    def add_load(self, channel: Channel, term: Term) -> None:
+        """Add to the load of a channel."""
+        self.shaft.add_load(channel.topic, self._watched(term))
+
+    def add_ripple(self, channel: Channel, term: Term) -> None:
+        """Add to a channel what follows from the turning of the shaft and does not turn it."""
+        self.shaft.add_ripple(channel.topic, self._watched(term))
+
     def sense(self, channel: Channel, memory: Memory) -> None:
         """Give the sensor of a channel a memory, behind those it has already."""
         blank = Sensor(self.shaft, channel)
-        self.sensors.setdefault(channel.topic, blank).memories.append(memory)
+        self.sensors.setdefault(channel.topic, blank).memories.append(self._watched(memory))
+
+    def build(self, name: str, builder: Builder, settings: Settings) -> Effect | Cut | None:
+        """Build one effect."""
+        if self.stopwatch is None:
+            return builder(settings, self)
+        self._names.append(name)
+        effect = builder(settings, self)
+        return self._watched(effect) if isinstance(effect, Effect) else effect
+
+    def _watched(self, thing: Any) -> Any:
+        """What the effect that is being built has made, timed if anybody asks."""
+        return self.stopwatch.watch(self._names[-1], thing) if self.stopwatch else thing
 
     def random(
         self, settings: Settings, channel: Channel | None = None, *purpose: str

@@ -97,4 +97,4 @@ def build(settings: Settings, frame: Frame) -> None:
         frame.random(settings),
     )
     for channel in frame.pick(settings, 'load'):
-        frame.shaft.add_load(channel.topic, WaveLoad(sea, per_metre * channel.factor(unit)))
+        frame.add_load(channel, WaveLoad(sea, per_metre * channel.factor(unit)))

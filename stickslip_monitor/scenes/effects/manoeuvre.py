@@ -79,7 +79,7 @@ def build(settings: Settings, frame: Frame) -> None:
     times, targets = _orders(settings, _speeds(settings, unit), frame.duration)
     for channel in frame.pick(settings, 'speed'):
         response = Response.to(times, targets * channel.factor(unit), time_constant)
-        frame.shaft.add_speed(channel.topic, response)
+        frame.add_speed(channel, response)
 
 
 def _speeds(settings: Settings, unit: str) -> dict[str, float]:

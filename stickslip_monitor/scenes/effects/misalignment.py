@@ -40,4 +40,4 @@ def build(settings: Settings, frame: Frame) -> None:
         ripple = OncePerTurn(
             frame.shaft, channel.bearings[0].name, amplitude * channel.factor(unit)
         )
-        frame.shaft.add_ripple(channel.topic, ripple)
+        frame.add_ripple(channel, ripple)

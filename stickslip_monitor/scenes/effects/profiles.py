@@ -38,6 +38,6 @@ def add_profile(settings: Settings, frame: Frame, quantity: str, profile: Profil
     for channel in frame.pick(settings, quantity):
         term = ProfileTerm(profile, channel.factor(profile.unit))
         if quantity == 'speed':
-            frame.shaft.add_speed(channel.topic, term)
+            frame.add_speed(channel, term)
         else:
-            frame.shaft.add_load(channel.topic, term)
+            frame.add_load(channel, term)

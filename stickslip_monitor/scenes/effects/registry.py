@@ -17,7 +17,7 @@ from stickslip_monitor.scenes.sensing import Sensor
 from stickslip_monitor.scenes.settings import Settings, suggestion
 from stickslip_monitor.scenes.shaft import Shaft
 
-from .effect import Builder, Cut, Effect, Frame
+from .effect import Cut, Effect, Frame
 
 _HERE = 'stickslip_monitor.scenes.effects'
 
@@ -103,8 +103,7 @@ def build_run(effects: Iterable[Settings], frame: Frame) -> Run:
     acting: list[Effect] = []
     cut = None
     for settings in effects:
-        build: Builder = _module(settings.name).build
-        built = build(settings, frame)
+        built = frame.build(settings.name, _module(settings.name).build, settings)
         if isinstance(built, Cut):
             cut = built
         elif built is not None:

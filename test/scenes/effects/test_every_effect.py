@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What every effect owes: an example in the docs, a stream of its own, no cost when not listed."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tracemalloc
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from stickslip_monitor.scenes.effects import effect as effect_module
+from stickslip_monitor.scenes.effects import lining_motion
+from stickslip_monitor.scenes.effects.registry import EFFECTS, STAGES
+from stickslip_monitor.scenes.randomness import random_stream
+from stickslip_monitor.scenes.scene import Scene
+from stickslip_monitor.scenes.signals import Messages
+from stickslip_monitor.scenes.simulator import simulate
+
+MakeScene = Callable[..., Scene]
+MessagesOf = Callable[..., dict[str, Messages]]
+PAGE = Path(__file__).resolve().parents[3] / 'docs' / 'scenes.md'
+STAMPED = {
+    'aft': {
+        'speed': {'type': 'geometry_msgs/msg/TwistStamped', 'field': 'twist.angular.x'},
+        'load': {'type': 'geometry_msgs/msg/WrenchStamped', 'field': 'wrench.force.z'},
+    }
+}
+RATES = {'speed': {'rate': 10.0}, 'load': {'rate': 2.0}}
+
+
+def examples() -> dict[str, Any]:
+    """The example of each effect in the docs."""
+    blocks = re.findall(r'```yaml\n(- .*?)```', PAGE.read_text('utf-8'), flags=re.DOTALL)
+    listed = [entry for block in blocks for entry in yaml.safe_load(block)]
+    found = {name: settings for entry in listed for name, settings in entry.items()}
+    assert len(found) == len(listed)
+    return found
+
+
+EXAMPLES = examples()
+# Of the effects that draw random numbers, the integrator's takes seconds.
+QUICK = [name for name in EXAMPLES if name != 'lining_motion']
+ALL = [{name: EXAMPLES[name]} for name in QUICK]
+
+
+def test_every_effect_has_an_example_and_its_place() -> None:
+    assert sorted(EXAMPLES) == sorted(EFFECTS)
+    rows = re.findall(r'^\| `(\w+)` \|.*\| ((?:`\w+`(?:, )?)+) \|$', PAGE.read_text('utf-8'), re.M)
+    stages = {stage: tuple(re.findall(r'\w+', names)) for stage, names in rows}
+    assert stages == dict(STAGES)
+    assert list(stages) == list(STAGES)
+    costs = re.findall(r'^\| `(\w+)` \| [^|]+ \| [^|]+ \|$', PAGE.read_text('utf-8'), re.M)
+    assert costs == list(EFFECTS)
+
+
+def test_order_in_the_file_means_nothing(make_scene: MakeScene, messages_of: MessagesOf) -> None:
+    scene = make_scene(STAMPED, effects=ALL, telemetry=RATES)
+    assert [s.name for s in scene.effects] == [n for n in EFFECTS if n in QUICK]
+    one = messages_of(scene)
+    other = messages_of(make_scene(STAMPED, effects=ALL[::-1], telemetry=RATES))
+    assert one['/shaft/speed'].raw.tobytes() == other['/shaft/speed'].raw.tobytes()
+    assert one['/bearing/aft/load'].raw.tobytes() == other['/bearing/aft/load'].raw.tobytes()
+
+
+@pytest.mark.parametrize('length', [1000.0, 7.3, 0.35])
+def test_length_of_the_blocks_changes_no_bit(
+    make_scene: MakeScene, messages_of: MessagesOf, length: float
+) -> None:
+    scene = make_scene(STAMPED, effects=ALL, telemetry=RATES)
+    whole, parts = messages_of(scene), messages_of(scene, length)
+    for topic, messages in whole.items():
+        other = parts[topic]
+        assert messages.stamp_ns is not None
+        assert other.stamp_ns is not None
+        assert messages.stamp_ns.tolist() == other.stamp_ns.tolist()
+        assert messages.log_time_ns.tolist() == other.log_time_ns.tolist()
+        assert messages.raw.tobytes() == other.raw.tobytes()
+
+
+@pytest.fixture
+def streams(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, ...], np.random.Generator]:
+    """The random streams that are made, by name; their states tell what was drawn."""
+    made: dict[tuple[str, ...], np.random.Generator] = {}
+
+    def spy(seed: int, *names: str) -> np.random.Generator:
+        made[names] = random_stream(seed, *names)
+        return made[names]
+
+    for module in (effect_module, lining_motion):
+        monkeypatch.setattr(module, 'random_stream', spy)
+    return made
+
+
+# A recording that is cut off ends sooner, and so do all its streams.
+@pytest.mark.parametrize('name', [name for name in QUICK if name != 'cut_off'])
+def test_leaving_an_effect_out_changes_no_stream_of_another(
+    make_scene: MakeScene,
+    messages_of: MessagesOf,
+    streams: dict[tuple[str, ...], np.random.Generator],
+    name: str,
+) -> None:
+    def drawn(effects: list[dict[str, Any]]) -> dict[tuple[str, ...], Any]:
+        scene = make_scene(STAMPED, effects=effects, telemetry=RATES)
+        streams.clear()
+        messages_of(scene)
+        return {key: stream.bit_generator.state for key, stream in streams.items()}
+
+    full = drawn(ALL)
+    less = drawn([effect for effect in ALL if name not in effect])
+    assert less == {key: state for key, state in full.items() if key[0] != name}
+    fresh = {key: random_stream(7, *key).bit_generator.state for key in full}
+    used = {key[0] for key in full if full[key] != fresh[key]}
+    assert used == {
+        'load_in_waves', 'sensor_noise', 'spikes', 'not_a_number', 'clock_jitter', 'out_of_order',
+        'repeated_stamps', 'dropout',
+    }  # fmt: skip
+
+
+def test_effect_that_is_listed_alone_imports_no_other() -> None:
+    code = (
+        'import sys\n'
+        'from stickslip_monitor.scenes import scene_file, simulator\n'
+        'from stickslip_monitor.scenes.effects.registry import EFFECTS, read_effects\n'
+        'loaded = lambda: {n for n, m in EFFECTS.items() if m in sys.modules}\n'
+        'assert loaded() == set(), loaded()\n'
+        'heavy = {"scipy.signal", "numba", "stickslip_monitor.scenes.integrator"}\n'
+        'assert not heavy & set(sys.modules), heavy & set(sys.modules)\n'
+        'for number, name in enumerate(EFFECTS, 1):\n'
+        '    read_effects([{name: {}}])\n'
+        '    assert loaded() == set(list(EFFECTS)[:number]), (name, loaded())\n'
+    )
+    subprocess.run([sys.executable, '-c', code], check=True)
+
+
+def test_nothing_is_allocated_for_what_is_not_listed(make_scene: MakeScene) -> None:
+    profiles = [{name: EXAMPLES[name]} for name in ('speed_profile', 'load_profile')]
+    run = make_scene(effects=profiles).build()
+    assert (run.sensors, run.effects, run.cut) == ({}, [], None)
+    for block in simulate(make_scene(effects=profiles)):
+        assert block.truth == []
+        for signal in block.signals.values():
+            assert signal.arrival_ns is signal.copies is None
+            assert signal.messages().log_time_ns is signal.stamp_ns
+
+
+def test_memory_of_a_day_is_that_of_an_hour(make_scene: MakeScene) -> None:
+    """All effects but those on the lining, which have tests of their own, and the slow waves."""
+    names = set(QUICK) - {*STAGES['lining'], 'load_in_waves', 'cut_off'}
+    rates = {'speed': {'rate': 1.0}, 'load': {'rate': 1.0}}
+    effects = [{name: EXAMPLES[name]} for name in names]
+    scene = make_scene(STAMPED, effects=effects, telemetry=rates)
+
+    def peak(duration: float) -> int:
+        tracemalloc.start()
+        for _ in simulate(replace(scene, duration=duration)):
+            pass
+        size = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return size
+
+    peak(600.0)
+    assert peak(86_400.0) < 1.2 * peak(3_600.0)
