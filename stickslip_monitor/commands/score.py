@@ -4,7 +4,7 @@
 A bag must hold the truth, as those of a scene with the effect lining_motion do. For each episode
 of stick-slip: how long before its first stick the monitor warned (lead), and how long before it
 predicted stick-slip (alarm lead); the table has the least of each. A warning is false if what it
-says never was true. docs/scenes.md has the rules. The exit code is 1 where an episode was missed
+says never was true. docs/truth.md has the rules. The exit code is 1 where an episode was missed
 or warned of too late, or a warning was false.
 """
 
@@ -173,7 +173,7 @@ def _claim_json(claim: Claim) -> dict[str, Any]:
 
 def _print(out: Console, judged: Sequence[Judged], total: Score) -> None:
     table = Table(title='warnings judged by the truth', title_justify='left', box=SIMPLE_HEAD)
-    table.add_column('bag', overflow='fold', min_width=12)
+    table.add_column('bag', overflow='fold', min_width=16)
     for heading in (
         'hours', 'epi-\nsodes', 'missed', 'late', 'lead\n\\[s]', 'alarm\n\\[s]', 'false',
         'false\nper h', 'wrong\n\\[s]',

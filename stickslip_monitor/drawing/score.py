@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.drawing.canvas import checked_suffix, new_figure, save_figure, style
+from stickslip_monitor.drawing.envelope import envelope
 from stickslip_monitor.drawing.palette import CONDITION_COLOUR, INK, MUTED, REGIME_COLOUR
 from stickslip_monitor.errors import DrawingError
 from stickslip_monitor.monitor.alarm import Condition
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.scan import Scan
+from stickslip_monitor.monitor.spells import spells
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,6 +30,7 @@ IntArray = NDArray[np.int64]
 _SIZE = (9.0, 9.0)
 _RATIOS = (3.0, 1.5, 2.4, 2.4, 1.1)
 _HOPF, _FOLD = REGIME_COLOUR[Regime.UNSTABLE], REGIME_COLOUR[Regime.BISTABLE]
+_DARK_HOPF, _DARK_FOLD = '#6b2600', '#6e4c00'
 _TRUTH = '#333333'
 _SHADE = '#ececec'
 _MOST_POINTS = 6000
@@ -94,8 +96,7 @@ def draw_score(config: BearingConfig, scan: Scan, lining: Lining) -> Figure:
     """
     clock = _Clock(lining.start_ns, lining.end_ns)
     with style():
-        figure = new_figure()
-        figure.set_size_inches(*_SIZE)
+        figure = new_figure(*_SIZE)
         axes = figure.subplots(
             5, 1, sharex=True, gridspec_kw={'height_ratios': _RATIOS, 'hspace': 0.14}
         )
@@ -141,8 +142,7 @@ def _series(clock: _Clock, scan: Scan, values: FloatArray) -> tuple[FloatArray, 
     lost = np.flatnonzero(scan.until_ns[:-1] < scan.time_ns[1:]) + 1
     time = np.insert(clock.at(scan.time_ns), lost, np.nan)
     column = np.insert(np.asarray(values, dtype=float), lost, np.nan)
-    stride = max(1, -(-time.size // _MOST_POINTS))
-    kept = np.union1d(np.arange(0, time.size, stride), np.flatnonzero(np.isnan(time)))
+    kept = envelope(_MOST_POINTS, column)
     return time[kept], column[kept]
 
 
@@ -173,15 +173,13 @@ def _load(axes: Axes, clock: _Clock, scan: Scan) -> None:
 def _margins(axes: Axes, clock: _Clock, scan: Scan, lining: Lining) -> None:
     point = scan.assessment
     axes.axhline(0.0, color=MUTED, lw=0.8)
-    for name, colour in (('fold', _FOLD), ('Hopf', _HOPF)):
-        said = np.asarray(getattr(point, f'{name.lower()}_margin'), dtype=float)
-        column = _clipped(said)
-        axes.plot(*_series(clock, scan, column), color=colour, lw=1.3, alpha=0.8, label=name)
+    for name, colour, dark in (('fold', _FOLD, _DARK_FOLD), ('Hopf', _HOPF, _DARK_HOPF)):
+        said = _clipped(np.asarray(getattr(point, f'{name.lower()}_margin'), dtype=float))
+        axes.plot(*_series(clock, scan, said), color=colour, lw=1.3, label=name)
         true = getattr(lining, f'{name.lower()}_margin')
         if true.size:
             time = clock.at(lining.margin_ns)
-            label = 'true' if name == 'Hopf' else None
-            axes.plot(time, _clipped(true), '--', color=_TRUTH, lw=1.0, label=label)
+            axes.plot(time, _clipped(true), '--', color=dark, lw=1.1, label=f'{name}, true')
     axes.set_ylabel('margin [%]')
     _legend(axes)
 
@@ -213,10 +211,13 @@ def _strips(axes: Axes, clock: _Clock, scan: Scan, lining: Lining) -> None:
     axes.broken_barh([(0.0, clock.end)], (1.1, 0.8), color=_SHADE)
     spans = [clock.span(*episode) for episode in lining.episodes]
     axes.broken_barh(spans, (1.1, 0.8), color=_TRUTH)
-    shown: dict[Condition, None] = {}
-    for condition, start, end in _conditions(scan, lining):
-        shown[condition] = None
-        axes.broken_barh([clock.span(start, end)], (0.0, 0.8), color=CONDITION_COLOUR[condition])
+    shown: set[Condition] = set()
+    for spell in spells(scan.events, lining.start_ns, lining.end_ns):
+        begin, width = clock.span(spell.start_ns, min(spell.end_ns, lining.end_ns))
+        if width > 0.0:
+            shown.add(spell.condition)
+            colour = CONDITION_COLOUR[spell.condition]
+            axes.broken_barh([(begin, width)], (0.0, 0.8), color=colour)
     axes.set_yticks([0.4, 1.5], ['monitor', 'lining'])
     axes.tick_params(axis='y', length=0.0, labelcolor=INK)
     for side in ('top', 'right', 'left'):
@@ -228,18 +229,6 @@ def _strips(axes: Axes, clock: _Clock, scan: Scan, lining: Lining) -> None:
         if c in shown
     ]
     _legend(axes, handles=handles, handlelength=1.0)
-
-
-def _conditions(scan: Scan, lining: Lining) -> Iterator[tuple[Condition, int, int]]:
-    """Each condition with its begin and end [ns]."""
-    start, condition = lining.start_ns, Condition.NORMAL
-    for event in scan.events:
-        end = min(max(event.time_ns, start), lining.end_ns)
-        if end > start:
-            yield condition, start, end
-        start, condition = max(start, end), event.after
-    if lining.end_ns > start:
-        yield condition, start, lining.end_ns
 
 
 def _legend(axes: Axes, **more: Any) -> None:

@@ -193,8 +193,8 @@ def assess(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Assessment:
         'outcome_code': code,
         'hopf_speed': hopf + missing,
         'fold_speed': fold + missing,
-        'hopf_margin': _margin(magnitude, hopf) + missing,
-        'fold_margin': _margin(magnitude, fold) + missing,
+        'hopf_margin': margin(magnitude, hopf) + missing,
+        'fold_margin': margin(magnitude, fold) + missing,
         'hopf_load': np.atleast_1d(hopf_load(bearing, magnitude)) + missing,
         'fold_load': np.atleast_1d(fold_load(bearing, magnitude)) + missing,
         'growth_rate': np.atleast_1d(growth_rate(bearing, magnitude, pressing)) + missing,
@@ -204,8 +204,14 @@ def assess(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Assessment:
     return Assessment(**{name: restore(column, shape) for name, column in columns.items()})
 
 
-def _margin(speed: FloatArray, boundary: FloatArray) -> FloatArray:
-    """``V/V_b - 1``, with the sign of ``V - V_b`` to the last bit."""
+def margin(speed: FloatArray, boundary: FloatArray) -> FloatArray:
+    """``V/V_b - 1``, with the sign of ``V - V_b`` to the last bit.
+
+    Args:
+        speed: ``V`` >= 0, shape (n,) [m/s].
+        boundary: Hopf or fold speed, shape (n,) [m/s]; ``nan`` without one, ``inf`` where there is
+            no end to it.
+    """
     bounded = np.isfinite(boundary)
     safe = np.where(bounded, boundary, 1.0)
     unbounded = np.where(np.isnan(boundary), np.inf, -1.0)

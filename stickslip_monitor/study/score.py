@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.monitor.alarm import LADDER, Condition
 from stickslip_monitor.monitor.config import AlarmConfig
+from stickslip_monitor.monitor.spells import spells
 from stickslip_monitor.monitor.verdict import Event
 
 from .intervals import Interval, Intervals, intersection, merged, seconds
@@ -222,16 +223,14 @@ def in_total(scores: Iterable[Score]) -> Score:
 
 
 def _said(events: Sequence[Event], window: Interval) -> Iterator[tuple[int, int, int, bool]]:
-    """Start, end, rung and whether an input was lost, of each stretch between two events."""
-    start, rung, lost = window[0], 0, False
-    for event in events:
-        end = min(max(event.time_ns, start), window[1])
-        if end > start:
+    """Start, end, rung and whether an input was lost, of each spell of the alarm."""
+    rung = 0
+    for spell in spells(events, *window):
+        lost = spell.condition is Condition.INPUT_STALE
+        rung = rung if lost else LADDER.index(spell.condition)
+        start, end = max(spell.start_ns, window[0]), min(spell.end_ns, window[1])
+        if start < end:
             yield start, end, rung, lost
-        start, lost = max(start, end), event.after is Condition.INPUT_STALE
-        rung = rung if lost else LADDER.index(event.after)
-    if window[1] > start:
-        yield start, window[1], rung, lost
 
 
 def _at_least(said: Iterable[tuple[int, int, int, bool]], rung: int) -> list[Interval]:

@@ -11,8 +11,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from stickslip_monitor.monitor.assessment import assess
+from stickslip_monitor.monitor.assessment import margin
 from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.physics.bifurcation import fold_speed, hopf_speed
 from stickslip_monitor.scenes.block import Block
 from stickslip_monitor.scenes.friction_course import STEP, FrictionCourse
 from stickslip_monitor.scenes.settings import Settings
@@ -59,9 +60,10 @@ def _margins(
     for low, high in pairwise(edges):
         if low < high:
             law = course.at(float(time[low]))
-            point = assess(replace(config.bearing, friction=law), speed[low:high], load[low:high])
-            hopf[low:high], fold[low:high] = point.hopf_margin, point.fold_margin
-    return hopf, fold
+            bearing = replace(config.bearing, friction=law)
+            hopf[low:high] = hopf_speed(bearing, load[low:high])
+            fold[low:high] = fold_speed(bearing, load[low:high])
+    return margin(np.abs(speed), hopf), margin(np.abs(speed), fold)
 
 
 def build(settings: Settings, frame: Frame) -> OperatingPoint:
