@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When a scene's alarms are due, from its noise-free signals and closed forms.
+"""When a scene's alarms are due, from the truth about its operating points and closed forms.
 
 This is independent of the package's physics and of its monitor, so that bags can judge both. It
 knows the Stribeck law without viscous rise. With ``K = N Delta beta / c``, ``w = beta V`` and
@@ -17,24 +17,26 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from itertools import pairwise, product
+from itertools import groupby, pairwise, product
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import ive
 
+from stickslip_monitor.bags.bag import Bag
+from stickslip_monitor.bags.values import Request
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.scenes.scene import Scene
 
 # Noise of this many standard deviations, on both signals at once, is allowed for.
 SIGMAS = 4.0
-_STEP = 2.0
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 _LADDER = ('normal', 'caution', 'bistable', 'stick_slip', 'amplitude_limit')
 
-Point = Callable[[float], tuple[float, float]]
+FloatArray = NDArray[np.float64]
 Inside = Callable[[float, float], float]
 
 
@@ -67,9 +69,21 @@ class ExpectedEvent:
         return {k: round(v, 3) if isinstance(v, float) else v for k, v in asdict(self).items()}
 
 
-def expected_events(scene: Scene) -> list[ExpectedEvent]:
-    """The alarms due in a scene, in order of time."""
-    found = [event for bearing in scene.config.bearings for event in _of_bearing(scene, bearing)]
+def expected_events(scene: Scene, bag: Bag) -> list[ExpectedEvent]:
+    """The alarms due in a scene, in order of time.
+
+    Args:
+        scene: The scene.
+        bag: Its recording, with the truth about every operating point.
+
+    Raises:
+        ValueError: Noise decides which alarms are due, or there is no closed form.
+    """
+    found = [
+        event
+        for config in scene.config.bearings
+        for event in _of_bearing(scene, config, read_track(bag, config.name, scene.start_ns))
+    ]
     return sorted(found, key=lambda event: event.time)
 
 
@@ -99,6 +113,11 @@ def boundaries(config: BearingConfig) -> dict[str, Inside]:
 
         return inside
 
+    def turning(inside: Inside) -> Inside:
+        """A shaft at rest is inside nothing."""
+        still = config.speed.deadband
+        return lambda speed, load: inside(speed, load) if speed > still else -1.0
+
     found = {
         'hopf': hopf,
         'fold': fold(0.0),
@@ -108,7 +127,7 @@ def boundaries(config: BearingConfig) -> dict[str, Inside]:
     if math.isfinite(alarm.amplitude_limit):
         found['amplitude'] = amplitude(alarm.amplitude_limit)
         found['amplitude_clear'] = amplitude(alarm.amplitude_limit * (1.0 - alarm.hysteresis))
-    return found
+    return {name: turning(inside) for name, inside in found.items()}
 
 
 def _work(law: Stribeck, a: float, speed: float) -> float:
@@ -123,15 +142,33 @@ def _work(law: Stribeck, a: float, speed: float) -> float:
     return total / math.pi
 
 
-def noise_free(scene: Scene, bearing: str) -> Point:
-    """Speed [m/s] and load [N] of a bearing as a function of time [s], before any sensor."""
-    shaft = scene.build().shaft
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """The true operating point of a bearing, linear between the samples of its truth topics.
 
-    def at(time: float) -> tuple[float, float]:
-        instant = np.array([time])
-        return float(shaft.speed(bearing, instant)[0]), float(shaft.load(bearing, instant)[0])
+    Attributes:
+        time: Since the scene's start, shape (n,) [s].
+        speed: Magnitude of the surface speed, shape (n,) [m/s].
+        load: Shape (n,) [N].
+    """
 
-    return at
+    time: FloatArray
+    speed: FloatArray
+    load: FloatArray
+
+    def at(self, time: float) -> tuple[float, float]:
+        """Speed [m/s] and load [N] at a time [s]."""
+        speed, load = (np.interp(time, self.time, own) for own in (self.speed, self.load))
+        return float(speed), float(load)
+
+
+def read_track(bag: Bag, bearing: str, start_ns: int) -> Track:
+    """The true operating point of a bearing in a recording."""
+    asked = [Request(f'/truth/{bearing}/{name}', 'data') for name in ('speed', 'load')]
+    series = bag.read(asked)
+    speed, load = (series[request] for request in asked)
+    time: FloatArray = (speed.log_time_ns - start_ns) / 1e9
+    return Track(time, np.abs(speed.value), load.value)
 
 
 def noise(scene: Scene, config: BearingConfig) -> tuple[float, float]:
@@ -161,15 +198,13 @@ class _Crossing:
     latest: float
 
 
-def _crossings(scene: Scene, config: BearingConfig) -> Iterator[_Crossing]:
+def _crossings(scene: Scene, config: BearingConfig, track: Track) -> Iterator[_Crossing]:
     """Every crossing of every boundary, with the spread that noise can give it."""
-    at, spread = noise_free(scene, config.name), noise(scene, config)
-    times = np.linspace(0.0, scene.duration, math.ceil(scene.duration / _STEP) + 1).tolist()
-    track = [(time, at(time)) for time in times]
+    spread = noise(scene, config)
     for name, inside in boundaries(config).items():
-        nominal = _roots(inside, at, track)
+        nominal = _roots(inside, track)
         shifted = [
-            _roots(_shifted(inside, up * spread[0], more * spread[1]), at, track)
+            _roots(_shifted(inside, up * spread[0], more * spread[1]), track)
             for up, more in product((-SIGMAS, SIGMAS), repeat=2)
         ]
         if any(len(other) != len(nominal) for other in shifted):
@@ -185,42 +220,46 @@ def _shifted(inside: Inside, speed_error: float, load_error: float) -> Inside:
     return lambda speed, load: inside(speed + speed_error, load + load_error)
 
 
-def _roots(
-    inside: Inside, at: Point, track: list[tuple[float, tuple[float, float]]]
-) -> list[tuple[float, bool]]:
-    """Where a signal crosses a boundary, and whether it is inside from there on."""
-    values = [(time, inside(*point)) for time, point in track]
+def _roots(inside: Inside, track: Track) -> list[tuple[float, bool]]:
+    """Where a track crosses a boundary, and whether it is inside from there on."""
+    points = zip(track.time.tolist(), track.speed.tolist(), track.load.tolist(), strict=True)
+    values = [(time, inside(speed, load)) for time, speed, load in points]
     return [
-        (float(brentq(lambda t: inside(*at(t)), first, second, xtol=1e-9)), after > 0.0)
+        (float(brentq(lambda t: inside(*track.at(t)), first, second, xtol=1e-9)), after > 0.0)
         for (first, before), (second, after) in pairwise(values)
         if (before > 0.0) != (after > 0.0)
     ]
 
 
-def _of_bearing(scene: Scene, config: BearingConfig) -> Iterator[ExpectedEvent]:
-    """Walk from crossing to crossing; starting inside a boundary is not provided for."""
-    start = noise_free(scene, config.name)(0.0)
-    if boundaries(config)['caution_clear'](*start) > 0.0:
-        raise ValueError(f'{config.name}: the scene must start clear of every boundary')
-    period = sum(1.0 / c.rate for c in scene.channels)
+def _of_bearing(scene: Scene, config: BearingConfig, track: Track) -> Iterator[ExpectedEvent]:
+    """Walk from crossing to crossing; a track that starts inside a boundary crosses it there."""
+    alarm = config.alarm
+    start = track.at(0.0)
+    period = sum(1.0 / c.rate for c in scene.channels if config in c.bearings)
     inside = dict.fromkeys(boundaries(config), False)
     memory = _Memory()
     rung = 0
-    for crossing in sorted(_crossings(scene, config), key=lambda c: c.time):
-        inside[crossing.name] = crossing.inside
+    crossings = [
+        _Crossing(name, True, 0.0, 0.0, 0.0)
+        for name, is_inside in boundaries(config).items()
+        if is_inside(*start) > 0.0
+    ]
+    crossings += sorted(_crossings(scene, config, track), key=lambda c: c.time)
+    for time, group in groupby(crossings, key=lambda c: c.time):
+        together = list(group)
+        inside |= {crossing.name: crossing.inside for crossing in together}
         before, rung = rung, memory.rung(inside)
         if rung != before:
-            rises = rung > before
-            delay = (config.alarm.on_delay_ns if rises else config.alarm.off_delay_ns) * 1e-9
+            delay = (alarm.on_delay_ns if rung > before else alarm.off_delay_ns) * 1e-9
             yield ExpectedEvent(
                 bearing=config.name,
                 before=_LADDER[before],
                 after=_LADDER[rung],
-                boundary=crossing.name,
-                crossing=crossing.time,
-                time=crossing.time + delay,
-                earliest=crossing.earliest + delay,
-                latest=crossing.latest + delay + period,
+                boundary=together[-1].name,
+                crossing=time,
+                time=time + delay,
+                earliest=min(c.earliest for c in together) + delay,
+                latest=max(c.latest for c in together) + delay + period,
             )
 
 

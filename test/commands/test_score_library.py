@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The library's bags, scored: no episode missed, no alarm without cause, and how much lead.
+
+At 1000 N caution begins at 44.80 rpm, the fold is at 40.72 rpm and
+the Hopf speed at 30.74 rpm; a warning comes 2 s after its cause.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from stickslip_monitor.commands.score import Judged, judge_bag
+from stickslip_monitor.scenes.scene_file import load_scene
+from stickslip_monitor.study.score import in_total
+
+ROOT = Path(__file__).parents[2]
+ENTRIES: dict[str, dict[str, Any]] = json.loads(
+    (ROOT / 'bags' / 'manifest.json').read_text('utf-8')
+)['bags']
+# Bags with the truth about their lining.
+TOLD = [
+    name
+    for name, entry in ENTRIES.items()
+    if 'lining_motion' in {s.name for s in load_scene(ROOT / entry['scene']).effects}
+]
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What a bag's judgement must come to.
+
+    ``lead`` and ``alarm_lead`` are the least that the scene allows [s], None where stick-slip is
+    never predicted; ``unpredicted`` is the most time of sticking that is not predicted [s].
+    """
+
+    episodes: int
+    lead: float | None = None
+    alarm_lead: float | None = None
+    unpredicted: float = 0.0
+
+
+# By bag and bearing. In coast_down from 44.8 to 30.74 rpm at 0.45 rpm/s, and more until it grows.
+LIBRARY = {
+    'coast_down': {'aft_stern': Figures(1, (44.8 - 30.74) / 0.45 - 2.0, 0.0)},
+    # From 463 N (caution) to 570 N (Hopf) at 5 N/s.
+    'load_excursion': {'aft_stern': Figures(1, (570.0 - 463.0) / 5.0 - 2.0, 0.0)},
+    'history_above': {'aft_stern': Figures(0)},
+    # It starts inside the unstable region: the growth decides whether 2 s of delay are too many.
+    'history_below': {'aft_stern': Figures(1, 0.0, 0.0)},
+    # From 44.8 rpm at 0.48 rpm/s on; the blow that starts it is at 130 s.
+    'bistable_knock': {
+        'aft_stern': Figures(1, 130.0 - (10.0 + (60.0 - 44.8) / 0.48) - 2.0 - 4.0, None, 53.0)
+    },
+    # With the first turn of the shaft: nothing can warn before, and the delay is 2 s. At 44 rpm
+    # the configured law has no cycle, and the new lining sticks until it has run in.
+    'cold_start': {'aft_stern': Figures(1, -2.4, -2.4, 2.4 + 330.0 - 106.6)},
+    # From caution to Hopf, at 41 rpm a minute.
+    'two_bearings': {'aft_stern': Figures(1, 26.0 - 2.0, 0.0), 'fore_stern': Figures(0)},
+    # At 42 rpm the configured law says caution; a week's slow steaming lasts 22 s.
+    'wear': {'aft_stern': Figures(3, 2.0, None, 3 * 25.0)},
+    'voyage': {'aft_stern': Figures(0)},
+}
+
+
+def judged(name: str) -> list[Judged]:
+    config = load_scene(ROOT / ENTRIES[name]['scene']).config
+    return judge_bag(ROOT / 'bags' / name, config)
+
+
+def test_every_bag_with_the_truth_has_figures() -> None:
+    assert set(LIBRARY) <= set(TOLD)
+
+
+@pytest.mark.parametrize('name', TOLD)
+def test_no_episode_is_missed_and_nothing_is_claimed_without_cause(name: str) -> None:
+    found = judged(name)
+    assert [one.config.name for one in found] == [
+        b.name for b in load_scene(ROOT / ENTRIES[name]['scene']).config.bearings
+    ]
+    for one in found:
+        assert one.score.missed == 0
+        assert one.score.false_claims == []
+        # True margins were told, so every claim could be judged.
+        assert all(claim.holds for claim in (*one.score.warnings, *one.score.alarms))
+        # Only where the shaft breaks away from rest, physics leaves no time to warn.
+        assert one.score.late == (name == 'cold_start')
+
+
+@pytest.mark.parametrize('name', LIBRARY)
+def test_lead_and_time_in_the_wrong_state(name: str) -> None:
+    for one in judged(name):
+        score, figures = one.score, LIBRARY[name][one.config.name]
+        assert len(score.episodes) == figures.episodes
+        assert score.unpredicted <= figures.unpredicted
+        assert (min(score.leads, default=None) is None) == (figures.lead is None)
+        if figures.lead is not None:
+            assert min(score.leads) >= figures.lead
+        assert (min(score.alarm_leads, default=None) is None) == (figures.alarm_lead is None)
+        if figures.alarm_lead is not None:
+            assert min(score.alarm_leads) >= figures.alarm_lead
+
+
+@pytest.mark.parametrize('name', ['history_above', 'voyage'])
+def test_quiet_bags_have_no_alarm(name: str) -> None:
+    (one,) = judged(name)
+    assert one.score.alarms == ()
+    assert one.score.wrong == 0.0
+    assert one.score.false_per_hour == 0.0
+
+
+def test_what_is_over_as_the_truth_says_is_over_for_the_monitor() -> None:
+    """After the last stick the alarm lasts its off-delay of 5 s, and the way to the fold."""
+    (one,) = judged('coast_down')
+    (episode,), (alarm,) = one.score.episodes, one.score.alarms
+    assert 0.0 < (alarm.end_ns - episode.last_ns) / 1e9 < 5.0 + 1.5
+
+
+def test_the_docs_say_what_the_library_shows() -> None:
+    """The table of docs/truth.md, to the digits it has."""
+    page = (ROOT / 'docs' / 'truth.md').read_text('utf-8')
+    rows = re.findall(r'^\| `(\w+)` \| (\d+) \|(.*?)\|(.*?)\|(.*?)\|', page, flags=re.MULTILINE)
+    assert {row[0] for row in rows} == set(LIBRARY)
+    for name, episodes, *figures in rows:
+        total = in_total(one.score for one in judged(name))
+        assert int(episodes) == len(total.episodes)
+        for text, values in zip(
+            figures, (total.leads, total.alarm_leads, [total.wrong]), strict=True
+        ):
+            shown = text.strip()
+            assert shown == (f'{min(values):.1f}' if values else 'none' if total.episodes else '')
