@@ -173,14 +173,15 @@ def _claim_json(claim: Claim) -> dict[str, Any]:
 
 def _print(out: Console, judged: Sequence[Judged], total: Score) -> None:
     table = Table(title='warnings judged by the truth', title_justify='left', box=SIMPLE_HEAD)
-    table.add_column('bag', overflow='fold', min_width=16)
+    names = [_name(one, judged) for one in judged]
+    table.add_column('bag', overflow='fold', min_width=min(max(map(len, names)), 30))
     for heading in (
         'hours', 'epi-\nsodes', 'missed', 'late', 'lead\n\\[s]', 'alarm\n\\[s]', 'false',
         'false\nper h', 'wrong\n\\[s]',
     ):  # fmt: skip
         table.add_column(heading, justify='right', no_wrap=True)
-    for one in judged:
-        table.add_row(_name(one, judged), *_cells(one.score))
+    for name, one in zip(names, judged, strict=True):
+        table.add_row(name, *_cells(one.score))
     if len(judged) > 1:
         table.add_section()
         table.add_row('total', *_cells(total), style='bold')

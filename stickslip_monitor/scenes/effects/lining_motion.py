@@ -37,8 +37,9 @@ from .effect import Frame
 
 KEYS = ('bearing', 'disturbance', 'knocks', 'amplitude', 'motion')
 _HIGHEST_RATE = 100_000.0
-# Natural periods without a stick after which an episode is over.
-_GAP = 5.0
+# Natural periods without a stick after which an episode is over: longer than a ring-down, and than
+# the ripple of the blades takes to stop sticking and to let it begin again.
+_GAP = 50.0
 _MOTION = ('displacement', 'velocity', 'acceleration')
 
 
