@@ -81,7 +81,7 @@ setup(
     },
     entry_points={
         'console_scripts': [
-            f'monitor = {NAME}.ros.node:main',
+            f'monitor = {NAME}.live:main',
             f'stickslip = {NAME}.cli:main',
         ],
     },

@@ -45,7 +45,7 @@ def stickslip(*arguments: str) -> list[str]:
 
 def start_node() -> subprocess.Popen[bytes]:
     """Start the monitor node as a process of its own."""
-    command = [sys.executable, '-m', 'stickslip_monitor.ros.node', '--ros-args']
+    command = [sys.executable, '-m', 'stickslip_monitor.live', '--ros-args']
     command += ['--params-file', str(CONFIG), '-p', 'use_sim_time:=true', '--log-level', 'error']
     console.print('[bold]1. The node[/], on its own:  ros2 run stickslip_monitor monitor')
     return subprocess.Popen(command)

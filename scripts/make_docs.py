@@ -23,6 +23,7 @@ ALARMS = PAGE.with_name('alarms.md')
 COMMAND = 'python scripts/make_docs.py'
 KINDS = {
     'float': 'number',
+    'int': 'whole number',
     'bool': 'true/false',
     'str': 'text',
     'float[]': 'numbers',

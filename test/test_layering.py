@@ -31,6 +31,7 @@ LAYER = {
     'study': 4,
     'commands': 5,
     'cli': 6,
+    'live': 6,
 }
 ADAPTERS = {part for part, layer in LAYER.items() if layer == 4}
 # The only arrows from one adapter to another.

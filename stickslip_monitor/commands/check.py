@@ -4,13 +4,14 @@
 A bag is a rosbag2 folder or an .mcap file. A file that was cut off is read up to the cut. With
 --report everything is also written into one file that opens anywhere, without a network: .html to
 be read, .png to be shown, .json for programs. With --mcap the verdicts are written as messages
-beside the inputs, for replay in Foxglove or PlotJuggler. The exit code is 1 where the monitor
-warned.
+beside the inputs, for replay in Foxglove or PlotJuggler; with --clips only what came and went
+around each alarm, a small file for each. The exit code is 1 where the monitor warned.
 """
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any
 
@@ -43,6 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--mcap', metavar='FILE', help="write inputs and verdicts as the node's topics: .mcap"
     )
+    parser.add_argument(
+        '--clips', metavar='DIR', help='write a clip of each alarm into this folder'
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -61,6 +65,8 @@ def run(args: argparse.Namespace) -> int:
             file.add(report, documents[-1])
         if args.mcap is not None:
             _write_mcap(args.mcap, report, config)
+        if args.clips is not None:
+            _write_clips(args.clips, report, config)
         if not args.json:
             _print(console(), report)
     if file is not None:
@@ -93,6 +99,15 @@ def _write_mcap(path: str, report: CheckReport, config: MonitorConfig) -> None:
     with Progress(*_COLUMNS, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(f'writing {path}', total=None)
         write_verdicts(report, config, path, lambda done: bar.update(task, completed=done))
+
+
+def _write_clips(folder: str, report: CheckReport, config: MonitorConfig) -> None:
+    from stickslip_monitor.bags.clips import ClipFolder, write_clips
+
+    store = ClipFolder(replace(config.clips, directory=folder))
+    count = write_clips(report, config, store)
+    out = Console(stderr=True, highlight=False, soft_wrap=True)
+    out.print(f'{count} clips written into {folder}', markup=False)
 
 
 def _check(path: str, config: MonitorConfig) -> CheckReport:

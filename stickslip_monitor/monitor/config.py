@@ -84,6 +84,16 @@ class BearingConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class ClipConfig:
+    """Where event clips go (empty: nowhere), how long, how many and how large [bytes] they are."""
+
+    directory: str = ''
+    around_ns: int = 60 * 10**9
+    most: int = 50
+    size: int = 5_000_000
+
+
+@dataclass(frozen=True, slots=True)
 class MonitorConfig:
     """Everything the monitor and its node are told."""
 
@@ -93,6 +103,7 @@ class MonitorConfig:
     shelve_time_ns: int = 0
     silence_time_ns: int = 0
     state_file: str = ''
+    clips: ClipConfig = ClipConfig()
 
     def bearing(self, name: str) -> BearingConfig:
         """The bearing of that name.
@@ -129,6 +140,12 @@ def build_config(values: Mapping[str, Any]) -> MonitorConfig:
         shelve_time_ns=nanoseconds(node['shelve_time']),
         silence_time_ns=nanoseconds(node['silence_time']),
         state_file=node['state_file'],
+        clips=ClipConfig(
+            directory=node['clips.directory'],
+            around_ns=nanoseconds(node['clips.around']),
+            most=node['clips.most'],
+            size=round(node['clips.size'] * 1e6),
+        ),
     )
 
 
@@ -204,6 +221,9 @@ def _fits(parameter: Parameter, value: Any) -> bool:
 def _fits_one(parameter: Parameter, kind: str, value: Any) -> bool:
     if kind == 'bool':
         return isinstance(value, bool)
+    if kind == 'int':
+        whole = isinstance(value, int) and not isinstance(value, bool)
+        return whole and parameter.minimum <= value <= parameter.maximum
     if kind == 'str':
         return isinstance(value, str) and (not parameter.choices or value in parameter.choices)
     if isinstance(value, bool) or not isinstance(value, int | float):

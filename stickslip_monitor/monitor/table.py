@@ -24,7 +24,7 @@ class Parameter:
 
     Attributes:
         name: Dotted name; for a bearing's parameter without the bearing's name.
-        kind: ``float``, ``bool``, ``str``, or ``float[]``/``str[]`` for a list of these.
+        kind: ``float``, ``int``, ``bool``, ``str``, or ``float[]``/``str[]`` for a list of these.
         default: Value used where the file gives none; :data:`REQUIRED` where it must.
         text: What it is, for descriptors and docs.
         unit: Unit of the value, empty for a pure number.
@@ -50,6 +50,7 @@ class Parameter:
         """The rule a value must keep, in words that follow 'must be'."""
         kinds = {
             'float': 'a number' if self.default == math.inf else 'a finite number',
+            'int': 'a whole number',
             'bool': 'true or false',
             'str': 'a text',
             'float[]': 'a list of finite numbers',
@@ -107,6 +108,33 @@ NODE_PARAMETERS = (
         'str',
         '',
         'File that keeps acknowledgements, shelves and latches over a restart; empty for none.',
+    ),
+    Parameter(
+        'clips.directory',
+        'str',
+        '',
+        'Folder for event clips: what came and went around each alarm; empty for none.',
+    ),
+    Parameter(
+        'clips.around',
+        'float',
+        60.0,
+        'How much of the time before and after an alarm a clip has.',
+        unit='s',
+        minimum=1.0,
+        maximum=600.0,
+    ),
+    Parameter(
+        'clips.most', 'int', 50, 'Clips kept; the oldest make room.', minimum=1, maximum=10_000
+    ),
+    Parameter(
+        'clips.size',
+        'float',
+        5.0,
+        'Largest clip, before compression; one that is full ends early.',
+        unit='MB',
+        minimum=0.1,
+        maximum=100.0,
     ),
 )
 

@@ -64,6 +64,7 @@ class Inputs:
         node: The node.
         config: The configuration.
         receive: Called with ``(bearing, is_load, time_ns, value)`` for every number.
+        tap: Called with topic, message and its time [ns] before the numbers of it, if given.
     """
 
     def __init__(
@@ -71,9 +72,11 @@ class Inputs:
         node: LifecycleNode,
         config: MonitorConfig,
         receive: Callable[[str, int, int, float], None],
+        tap: Callable[[str, Any, int], None] | None = None,
     ) -> None:
         self._node = node
         self._receive = receive
+        self._tap = tap
         readings: dict[tuple[str, str], list[Reading]] = {}
         for bearing in config.bearings:
             for is_load, source in enumerate((bearing.speed, bearing.load)):
@@ -84,7 +87,7 @@ class Inputs:
             for (topic, kind), readers in readings.items():
                 self._subscriptions.append(
                     node.create_subscription(
-                        message_type(kind), topic, self._callback(kind, readers), _TELEMETRY
+                        message_type(kind), topic, self._callback(topic, kind, readers), _TELEMETRY
                     )
                 )
         except ROS_FAULTS:
@@ -96,9 +99,10 @@ class Inputs:
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
 
-    def _callback(self, kind: str, readers: list[Reading]) -> Callable[[Any], None]:
+    def _callback(self, topic: str, kind: str, readers: list[Reading]) -> Callable[[Any], None]:
         stamp = stamp_reader(kind)
         clock = self._node.get_clock()
+        name = self._node.resolve_topic_name(topic)
 
         def receive(message: Any) -> None:
             # The time of measurement where the message carries it, else that of its arrival.
@@ -106,6 +110,8 @@ class Inputs:
             if time_ns == 0:
                 # use_sim_time is set and /clock has said nothing yet: there is no time.
                 return
+            if self._tap is not None:
+                self._tap(name, message, time_ns)
             for reading in readers:
                 self._receive(reading.bearing, reading.is_load, time_ns, reading.number(message))
 

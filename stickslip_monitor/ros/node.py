@@ -6,7 +6,7 @@ from __future__ import annotations
 import re
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import rclpy
@@ -19,12 +19,14 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.parameter import Parameter
 
 from stickslip_monitor.errors import RosError, StickslipError
-from stickslip_monitor.monitor.config import MonitorConfig, build_config
+from stickslip_monitor.monitor.clips import ClipStore
+from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig, build_config
 from stickslip_monitor.monitor.config_file import NODE_NAME
 from stickslip_monitor.monitor.monitor import Monitor
 from stickslip_monitor.monitor.verdict import Event, Verdict
 from stickslip_monitor.ros import parameters
 from stickslip_monitor.ros.actions import Actions
+from stickslip_monitor.ros.clips import Clips
 from stickslip_monitor.ros.desk import AlarmDesk
 from stickslip_monitor.ros.flow import Flow
 from stickslip_monitor.ros.inputs import Inputs, check_inputs
@@ -44,15 +46,27 @@ class MonitorNode(LifecycleNode):
     Raises:
         ConfigurationError: A parameter breaks its rule.
         RosError: An input's message type or field does not exist, or the state file's folder.
+        StickslipError: The store cannot take clips.
+
+    Args:
+        store: Makes what takes event clips; without it the node takes none.
+        options: As for any lifecycle node.
     """
 
-    def __init__(self, **options: Any) -> None:
+    # A node that could not be made is destroyed all the same.
+    _clips: Clips | None = None
+
+    def __init__(
+        self, store: Callable[[ClipConfig], ClipStore] | None = None, **options: Any
+    ) -> None:
         super().__init__(
             NODE_NAME, automatically_declare_parameters_from_overrides=True, **options
         )
         parameters.check_time_source(self.get_parameter(parameters.USE_SIM_TIME).value)
         self._config = build_config(parameters.values(self))
         _check(self._config)
+        self._store = store
+        self._clips = self._clips_of(self._config)
         parameters.declare(self)
         self.add_on_set_parameters_callback(self._on_parameters)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -90,7 +104,7 @@ class MonitorNode(LifecycleNode):
         """Build the monitor from the parameters and create the publishers."""
         self._monitor = Monitor(self._config)
         try:
-            self._outputs = Outputs(self, self._config)
+            self._outputs = Outputs(self, self._config, self._tap)
         except ROS_FAULTS as error:
             return self._failed(f'its topics cannot be published: {_sentence(error)}')
         self._desk = AlarmDesk(self, self._config, self._outputs.publish_alarms)
@@ -100,7 +114,7 @@ class MonitorNode(LifecycleNode):
         """Start listening; inputs are waited for from now on."""
         assert self._desk is not None
         try:
-            self._inputs = Inputs(self, self._config, self._receive)
+            self._inputs = Inputs(self, self._config, self._receive, self._tap)
             self._actions = Actions(self, list(self._monitor.bearings), self._desk.act)
         except ROS_FAULTS as error:
             self._stop_listening()
@@ -135,6 +149,12 @@ class MonitorNode(LifecycleNode):
         self._take_down()
         return super().on_shutdown(state)
 
+    def destroy_node(self) -> None:
+        """Write what is left of clips, and go."""
+        if self._clips is not None:
+            self._clips.close()
+        super().destroy_node()
+
     def _failed(self, text: str) -> TransitionCallbackReturn:
         # Told here because rclpy says nothing of an exception in a transition.
         self._failure = text
@@ -152,6 +172,8 @@ class MonitorNode(LifecycleNode):
         for timer in self._timers:
             self.destroy_timer(timer)
         self._timers = []
+        if self._clips is not None:
+            self._clips.close()
 
     def _take_down(self) -> None:
         if self._outputs is not None:
@@ -186,6 +208,9 @@ class MonitorNode(LifecycleNode):
             self._outputs.publish_event(event)
         if events:
             self._diagnose()
+        if self._clips is not None:
+            for event in events:
+                self._clips.note(event)
 
     def _clocks(self) -> tuple[int, int]:
         return self._steady.now().nanoseconds, self.get_clock().now().nanoseconds
@@ -205,6 +230,24 @@ class MonitorNode(LifecycleNode):
         assert self._desk is not None
         self._desk.take_events(events)
         self._desk.tick(steady, now)
+        if self._clips is not None:
+            times = [b.now_ns for b in self._monitor.bearings.values() if b.now_ns is not None]
+            self._clips.tick(max(times, default=0))
+
+    @property
+    def _tap(self) -> Callable[[str, Any, int | None], None] | None:
+        return None if self._clips is None else self._clips.take
+
+    def _clips_of(self, whole: MonitorConfig) -> Clips | None:
+        config = whole.clips
+        if not config.directory:
+            return None
+        if self._store is None:
+            raise RosError(
+                f"clips.directory = '{config.directory}': this node was started without anything"
+                " that writes clips; run the executable 'monitor'"
+            )
+        return Clips(self, config, self._store(config))
 
     def _diagnose(self) -> None:
         assert self._outputs is not None
@@ -214,10 +257,12 @@ class MonitorNode(LifecycleNode):
         try:
             config, rebuilt = parameters.changed_config(self, changes, self._active)
             _check(config)
+            clips = self._clips_of(config) if rebuilt else self._clips
         except StickslipError as error:
             return SetParametersResult(successful=False, reason=str(error))
         self._config = config
         if rebuilt:
+            self._clips = clips
             self._rebuild()
         else:
             self._monitor.retune(config)
@@ -230,7 +275,7 @@ class MonitorNode(LifecycleNode):
         self._monitor = Monitor(self._config)
         if self._outputs is not None:
             self._outputs.destroy()
-            self._outputs = Outputs(self, self._config)
+            self._outputs = Outputs(self, self._config, self._tap)
         if self._desk is not None:
             assert self._outputs is not None
             self._desk.rebuild(self._config, self._outputs.publish_alarms)
@@ -268,7 +313,7 @@ def _initialise(args: Sequence[str] | None) -> None:
         raise RosError(f'the ROS arguments cannot be used: {_sentence(error)}') from error
 
 
-def _run(args: Sequence[str] | None) -> None:
+def _run(args: Sequence[str] | None, store: Callable[[ClipConfig], ClipStore] | None) -> None:
     """Run the node until it is told to stop."""
     # Noted, not raised: an interrupt in the middle of an import prints a traceback of its own.
     # From rclpy.init on, ROS's handlers take the context down first, which ends the spinning.
@@ -280,7 +325,7 @@ def _run(args: Sequence[str] | None) -> None:
     try:
         if told:
             return
-        node = MonitorNode()
+        node = MonitorNode(store)
         if node.config.autostart:
             node.start()
         _spin(node)
@@ -302,14 +347,21 @@ def _ignore_signals() -> None:
         signal.signal(number, signal.SIG_IGN)
 
 
-def main(args: Sequence[str] | None = None) -> int:
+def main(
+    args: Sequence[str] | None = None,
+    store: Callable[[ClipConfig], ClipStore] | None = None,
+) -> int:
     """Run the node until it is told to stop.
+
+    Args:
+        args: Arguments without the program's name; those of the process if ``None``.
+        store: Makes what takes event clips.
 
     Returns:
         0 after Ctrl-C or a termination signal, 2 for a bad configuration.
     """
     try:
-        _run(args)
+        _run(args, store)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except StickslipError as error:

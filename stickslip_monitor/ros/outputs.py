@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -17,6 +18,7 @@ from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.records import VERDICT_NUMBERS, event_json, verdict_numbers
 from stickslip_monitor.monitor.verdict import Event, Verdict
 
+Tap = Callable[[str, Any, int | None], None]
 WARNINGS_KEPT = 100
 ALARMS_KEPT = 20
 _RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
@@ -31,10 +33,18 @@ def _latched(depth: int) -> QoSProfile:
 
 
 class Outputs:
-    """The publishers of a configured node."""
+    """The publishers of a configured node.
 
-    def __init__(self, node: LifecycleNode, config: MonitorConfig) -> None:
+    Args:
+        node: The node.
+        config: The configuration.
+        tap: Called with topic, message and the time it speaks of [ns], if given; that time is
+            ``None`` for a message that speaks of now.
+    """
+
+    def __init__(self, node: LifecycleNode, config: MonitorConfig, tap: Tap | None = None) -> None:
         self._node = node
+        self._tap = tap
         self._warnings = node.create_lifecycle_publisher(
             String, '~/warnings', _latched(WARNINGS_KEPT)
         )
@@ -64,12 +74,12 @@ class Outputs:
         point = verdict.assessment
         *publishers, regime = self._bearings[verdict.bearing]
         for publisher, value in zip(publishers, verdict_numbers(point).values(), strict=True):
-            self._send(publisher, Float64(data=float(value)))
-        self._send(regime, String(data=point.regime.value))
+            self._send(publisher, Float64(data=float(value)), verdict.time_ns)
+        self._send(regime, String(data=point.regime.value), verdict.time_ns)
 
     def publish_event(self, event: Event) -> None:
         """One JSON warning, and a line in the log."""
-        self._send(self._warnings, String(data=event_json(event)))
+        self._send(self._warnings, String(data=event_json(event)), event.time_ns)
         logger = self._node.get_logger()
         if event.raised:
             logger.warning(event.text)
@@ -97,7 +107,9 @@ class Outputs:
             values=[KeyValue(key=key, value=value) for key, value in record.values.items()],
         )
 
-    def _send(self, publisher: Any, message: Any) -> None:
+    def _send(self, publisher: Any, message: Any, time_ns: int | None = None) -> None:
+        if self._tap is not None:
+            self._tap(publisher.topic_name, message, time_ns)
         try:
             publisher.publish(message)
         except rclpy_implementation.RCLError as error:

@@ -15,7 +15,7 @@ from stickslip_monitor.monitor.table import (
 )
 
 ROWS = {p.name: p for p in (*NODE_PARAMETERS, *BEARING_PARAMETERS)}
-KINDS = {'float', 'bool', 'str', 'float[]', 'str[]'}
+KINDS = {'float', 'int', 'bool', 'str', 'float[]', 'str[]'}
 
 
 def test_names_are_unique() -> None:

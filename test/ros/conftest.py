@@ -181,7 +181,7 @@ class Monitor(Program):
         self.values = values
         file = folder / f'{space}.yaml'
         file.write_text(yaml.safe_dump({'/**': {'ros__parameters': values}}))
-        command = [sys.executable, '-m', 'stickslip_monitor.ros.node', '--ros-args']
+        command = [sys.executable, '-m', 'stickslip_monitor.live', '--ros-args']
         command += ['--params-file', str(file), '-r', f'__ns:=/{space}']
         command += [
             '-r',

@@ -178,5 +178,6 @@ def test_a_publication_that_fails_is_logged() -> None:
     outputs = Outputs.__new__(Outputs)
     logger = SimpleNamespace(warning=lambda text, **options: logged.append(text))
     outputs._node = SimpleNamespace(get_logger=lambda: logger)  # type: ignore[assignment]
+    outputs._tap = None
     outputs._send(Refusing(), object())
     assert logged == ['not published on aft/amplitude: cannot publish data']

@@ -45,7 +45,7 @@ def test_a_bad_configuration_is_refused(
 
 
 def node(*arguments: str) -> list[str]:
-    return [sys.executable, '-m', 'stickslip_monitor.ros.node', '--ros-args', *arguments]
+    return [sys.executable, '-m', 'stickslip_monitor.live', '--ros-args', *arguments]
 
 
 def test_what_ros_cannot_read_is_refused(run: Any, tmp_path: Path) -> None:

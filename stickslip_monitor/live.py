@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The executable ``monitor``: the node, and what other adapters do for it.
+
+Adapters do not know each other. The node hands its clips to whoever can write them; that it is the
+bag layer, and so MCAP, is said here and nowhere else.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from stickslip_monitor.monitor.clips import ClipStore
+from stickslip_monitor.monitor.config import ClipConfig
+from stickslip_monitor.ros import node
+
+
+def clip_store(config: ClipConfig) -> ClipStore:
+    """Where the clips of a node go.
+
+    Raises:
+        BagError: The folder is not there and cannot be made.
+    """
+    # Not needed, and not loaded, where no clips are wanted.
+    from stickslip_monitor.bags.clips import ClipFolder
+
+    return ClipFolder(config)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until it is told to stop; see :func:`stickslip_monitor.ros.node.main`."""
+    return node.main(args, clip_store)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
