@@ -123,11 +123,11 @@ def test_the_true_margins_follow_the_friction_there_is(make_scene: Make) -> None
             found.setdefault(column.topic.rpartition('/')[2], []).extend(column.values)
     assert {len(values) for values in found.values()} == {21}
     hopf, fold = 30.7380, 40.7231
-    assert np.array(found['hopf_margin'])[[4, 20]] == pytest.approx(
-        [60 / hopf - 1, 60 / (2 * hopf) - 1], rel=1e-4
+    assert np.array(found['hopf_margin'])[[4, 12, 20]] == pytest.approx(
+        [60 / hopf - 1, 60 / (2 * hopf) - 1, 60 / (2 * hopf) - 1], rel=1e-4
     )
-    assert np.array(found['fold_margin'])[[4, 20]] == pytest.approx(
-        [60 / fold - 1, 60 / (2 * fold) - 1], rel=1e-4
+    assert np.array(found['fold_margin'])[[4, 12, 20]] == pytest.approx(
+        [60 / fold - 1, 60 / (2 * fold) - 1, 60 / (2 * fold) - 1], rel=1e-4
     )
     assert found['speed'][20] == pytest.approx(60 * np.pi * 0.1 / 60)
     assert found['load'][20] == 1000.0

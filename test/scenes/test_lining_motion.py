@@ -159,6 +159,16 @@ def test_a_knock_beyond_the_threshold_starts_stick_slip(
     assert 'last_stick' not in kinds
 
 
+def test_a_knock_gives_the_lining_its_impulse(make_scene: Make) -> None:
+    """Of 2 N s at 1.5 s: 0.04 m/s more, in the direction in which the shaft turns ahead."""
+    listed = effects([[0, 60]], deviation=0.0, knocks=[[1.5, 2.0]], motion={'rate': 100_000.0})
+    found = told(make_scene(effects=listed, duration=1.501))
+    time, values = found['velocity']
+    before, after = values[150_000], values[150_001]
+    assert time[150_000] == 1.5
+    assert after - before == pytest.approx(2.0 / MASS, rel=1e-3)
+
+
 def test_a_knock_rings_down_above_the_fold(make_scene: Make) -> None:
     """At 60 rpm: ``J/(m omega) exp(sigma t)`` with the growth rate sigma < 0."""
     scene = make_scene(
@@ -207,6 +217,16 @@ def test_a_shaft_at_rest_is_no_stick_slip(make_scene: Make) -> None:
     kinds = events(found, scene)
     if 'first_stick' in kinds:  # the last cycles before the stop, which is at 5 s
         assert kinds['last_stick'][0] <= 5.0
+
+
+def test_the_wait_before_the_first_turn_is_no_stick_slip(make_scene: Make) -> None:
+    """At rest for 3 s, then to 25 rpm in 1 s: 0.003 m/s, where the shaft turns, at 3.023 s."""
+    scene = make_scene(effects=effects([[3, 0], [4, 25]]), duration=8.0)
+    found = told(scene)
+    (first,) = events(found, scene)['first_stick']
+    assert first > 3.023
+    # The interval of sticking is told as it was, from the scene's start to the breaking away.
+    assert found['stick'][1][0] == pytest.approx(found['stick'][0][0], abs=1e-9)
 
 
 def test_samples_tell_one_motion(make_scene: Make) -> None:

@@ -139,6 +139,13 @@ def test_a_claim_without_an_episode_is_judged_by_the_true_margins(
     assert [claim.holds for claim in claims] == [holds]
 
 
+def test_a_cause_that_ends_as_the_delay_does_still_counts() -> None:
+    """True from 40 s to before 42 s; raised 2 s after it came, and cleared 5 s after it went."""
+    margins = [(0.0, 0.9, 0.9), (40.0, -0.1, -0.3), (42.0, 0.9, 0.9)]
+    score = judge(events((42, STICK_SLIP), (47, NORMAL)), truth([], margins))
+    assert [claim.holds for claim in (*score.warnings, *score.alarms)] == [True, True]
+
+
 def test_a_false_alarm_is_told_from_the_true_warning_around_it() -> None:
     said = events((20, BISTABLE), (40, STICK_SLIP), (50, BISTABLE), (80, NORMAL))
     score = judge(said, truth([], [(0, 0.5, 0.5), (18, 0.2, -0.1), (75, 0.5, 0.5)]))
