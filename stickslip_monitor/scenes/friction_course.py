@@ -11,6 +11,7 @@ import numpy as np
 from stickslip_monitor.physics.friction import FrictionLaw, Tabulated
 
 from .profile import Profile
+from .signals import FloatArray
 
 FACTOR = 'factor'
 # Of the parameters of all laws, those that a common factor multiplies.
@@ -57,13 +58,24 @@ class FrictionCourse:
 
     def at(self, time: float) -> FrictionLaw:
         """The law at a time since the scene's start [s]."""
-        if not self.drifts:
-            return self.law
-        step = time // STEP * STEP
-        return with_parameters(
-            self.law, {name: _value(drift, step) for name, drift in self.drifts.items()}
-        )
+        return with_parameters(self.law, self._values(time)) if self.drifts else self.law
 
+    @property
+    def moves(self) -> bool:
+        """Whether anything but the factor moves."""
+        return any(name != FACTOR for name in self.drifts)
 
-def _value(drift: Profile, time: float) -> float:
-    return float(drift.at(np.array([time]))[0])
+    def shape_at(self, time: float) -> FrictionLaw:
+        """The law at a time without the factor."""
+        values = {name: value for name, value in self._values(time).items() if name != FACTOR}
+        return with_parameters(self.law, values) if values else self.law
+
+    def factor_at(self, time: FloatArray) -> FloatArray:
+        """The factor at some times, shape (n,) [-]; what it does to friction a load would do."""
+        if FACTOR not in self.drifts:
+            return np.ones_like(time)
+        return self.drifts[FACTOR].at(time // STEP * STEP)
+
+    def _values(self, time: float) -> dict[str, float]:
+        step = np.array([time // STEP * STEP])
+        return {name: float(drift.at(step)[0]) for name, drift in self.drifts.items()}

@@ -133,6 +133,23 @@ def test_the_true_margins_follow_the_friction_there_is(make_scene: Make) -> None
     assert found['load'][20] == 1000.0
 
 
+def test_the_true_margins_see_a_factor_as_a_load(make_scene: Make) -> None:
+    """1.25 times the friction at 1000 N has the margins of 1250 N."""
+    found = []
+    for load, factor in ((1250.0, 1.0), (1000.0, 1.25)):
+        listed = [
+            still(45.0)[0],
+            {'load_profile': {'unit': 'N', 'points': [[0, load]]}},
+            {'operating_point': {'rate': 1.0}},
+            drift('factor', [[0, 1.0], [1, 1.0], [2, factor]]),
+        ]
+        (block,) = simulate(make_scene(effects=listed, duration=5.0))
+        found.append({c.topic: np.array(c.values)[3:] for c in block.truth if 'margin' in c.topic})
+    assert len(found[0]) == 2
+    for topic, margins in found[0].items():
+        assert found[1][topic] == pytest.approx(margins, rel=1e-12)
+
+
 def test_only_the_lining_feels_it(make_scene: Make) -> None:
     """Telemetry is the same with and without."""
     noise = {'sensor_noise': {'speed': {'standard_deviation': 0.1, 'unit': 'rpm'}}}

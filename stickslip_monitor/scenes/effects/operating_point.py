@@ -54,15 +54,15 @@ def _margins(
     load: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Hopf and fold margin by the friction that there really is, each shape (n,)."""
-    step = np.floor(time / STEP) if course.drifts else np.zeros(time.size)
+    step = time // STEP if course.moves else np.zeros(time.size)
+    felt = load * course.factor_at(time)
     edges = [0, *(np.flatnonzero(np.diff(step)) + 1).tolist(), time.size]
     hopf, fold = np.empty(time.size), np.empty(time.size)
     for low, high in pairwise(edges):
         if low < high:
-            law = course.at(float(time[low]))
-            bearing = replace(config.bearing, friction=law)
-            hopf[low:high] = hopf_speed(bearing, load[low:high])
-            fold[low:high] = fold_speed(bearing, load[low:high])
+            bearing = replace(config.bearing, friction=course.shape_at(float(time[low])))
+            hopf[low:high] = hopf_speed(bearing, felt[low:high])
+            fold[low:high] = fold_speed(bearing, felt[low:high])
     return margin(np.abs(speed), hopf), margin(np.abs(speed), fold)
 
 
