@@ -21,8 +21,10 @@ from rosbags.typesys import Stores, get_typestore
 
 from stickslip_monitor import exact_fold_speed
 from stickslip_monitor.bags.check import check_bag
+from stickslip_monitor.bags.reader import Request, open_bag
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.scan import Scan
+from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.scenes.scene import Scene
 from stickslip_monitor.scenes.scene_file import load_scene
 
@@ -49,11 +51,69 @@ def test_bag_is_as_the_manifest_says(name: str) -> None:
     assert len(data) == entry['bytes']
     assert hashlib.sha256(data).hexdigest() == entry['sha256']
     assert load_scene(ROOT / entry['scene']).seed == entry['seed']
+    if name == 'cut_short':
+        return
     with Reader(BAGS / name) as reader:
         assert reader.message_count == entry['messages']
         assert reader.start_time == entry['start_ns']
         # rosbags takes the end of a recording to be just after its last message.
         assert reader.duration == entry['duration'] * 1e9 + 1
+
+
+def test_the_cut_recording_is_whole_up_to_its_cut() -> None:
+    """No index and no metadata, which rosbags needs; the first of the messages are left."""
+    entry = ENTRIES['cut_short']
+    assert not (BAGS / 'cut_short' / 'metadata.yaml').exists()
+    bag = open_bag(BAGS / 'cut_short')
+    (cut,) = bag.cuts
+    assert (cut.size, bag.start_ns) == (entry['bytes'], entry['start_ns'])
+    assert bag.message_count == entry['messages']
+    speed = Request('/shaft/speed', 'data')
+    series = bag.read([speed])[speed]
+    assert 90.0 < series.value.size / 20.0 < 170.0  # seconds at 20 Hz
+    elapsed = (series.log_time_ns - entry['start_ns']) * 1e-9
+    np.testing.assert_allclose(elapsed, np.arange(series.value.size) / 20.0, atol=1e-9)
+    noise = series.value - np.interp(elapsed, [20.0, 100.0, 150.0], [60.0, 20.0, 20.0])
+    assert abs(noise.std() / 0.1 - 1.0) < 5.0 / np.sqrt(2 * noise.size)
+
+
+def complaints(name: str) -> dict[str, int]:
+    """How often the monitor complained of what, of speed and load together."""
+    _, _, found = scan(name)
+    return {status.name: int(found.counts[:, status].sum()) for status in Status}
+
+
+def test_bad_samples_are_those_of_the_scenes() -> None:
+    """Counts by the scene files: rate times seconds times share, within five deviations."""
+    values, clocks = complaints('sensor_values'), complaints('sensor_clocks')
+    assert abs(values['NOT_FINITE'] - (60 + 100)) < 5.0 * np.sqrt(200 * 0.25)
+    assert values['REPEATED'] == values['OUT_OF_ORDER'] == values['CLOCK_JUMP'] == 0
+    # Both inputs take the jump of the same clock, which is heard once.
+    assert clocks['CLOCK_JUMP'] == 1
+    assert abs(clocks['REPEATED'] - 2 * 150 * 0.2) < 5.0 * np.sqrt(2 * 150 * 0.16)
+    # Half a second late is behind two or three younger ones.
+    assert abs(clocks['OUT_OF_ORDER'] - 2 * 150 * 0.1) < 5.0 * np.sqrt(2 * 150 * 0.09)
+    total = 2 * (360 * 5 + 1)
+    lost = 2 / 100 * total / 2 + 50
+    counted = sum(clocks.values()) - clocks['REPEATED']
+    assert abs(total - lost - counted) < 5.0 * np.sqrt(36.0)
+
+
+def test_lost_inputs_are_told_and_given_back() -> None:
+    """NaN for 12 s at a speed that is safe; ten seconds without the load; a timeout of 5 s."""
+    for name, from_s, to_s in (('sensor_values', 200.0, 212.0), ('sensor_clocks', 170.0, 180.0)):
+        _, start_ns, found = scan(name)
+        stale = [
+            ((event.time_ns - start_ns) * 1e-9, str(event.after) == 'input_stale')
+            for event in found.events
+            if 'input_stale' in (str(event.before), str(event.after))
+        ]
+        (lost, is_stale), (back, _) = stale[:2]
+        # The clock of the second recording is 30 s behind there.
+        shift = 30.0 if name == 'sensor_clocks' else 0.0
+        assert is_stale
+        assert lost + shift == pytest.approx(from_s + 5.0, abs=0.4)
+        assert back + shift == pytest.approx(to_s, abs=0.4)
 
 
 def test_bags_can_be_made_again_bit_for_bit(tmp_path: Path) -> None:
