@@ -17,7 +17,7 @@ from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.drawing.palette import ON_DARK
 from stickslip_monitor.drawing.sheet import heading, sheet
 from stickslip_monitor.drawing.svg import inline_svg, variable
-from stickslip_monitor.drawing.timeline import Timeline, draw_timeline
+from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
 from stickslip_monitor.drawing.track import Track, thinned, track_of_scan
 from stickslip_monitor.errors import ReportError
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
@@ -282,6 +282,11 @@ def _timeline_picture(anchor: str, case: _Case) -> Picture:
         ' a disturbance can start it, in the green one within the caution margin.'
         ' Long recordings are drawn by their envelope: every extreme is there.'
     )
+    if len(marked_events(case.course.scan.events)) < len(case.course.scan.events):
+        caption += (
+            ' Of so many events only the alarms are marked, or none; the band at the bottom shows'
+            ' the worst of each stretch.'
+        )
     if not timeline.has_cycle:
         caption += ' No amplitude is drawn, because no stick-slip cycle existed at any time.'
     return Picture(wide, narrow, caption)

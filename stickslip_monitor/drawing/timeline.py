@@ -21,10 +21,12 @@ from stickslip_monitor.drawing.palette import (
     REGIME_COLOUR,
     REGIME_FILL,
 )
+from stickslip_monitor.monitor.alarm import Level
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.scan import Scan
-from stickslip_monitor.monitor.spells import Spell
+from stickslip_monitor.monitor.spells import Spell, coarsened
+from stickslip_monitor.monitor.verdict import Event
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,7 +35,8 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 _POINTS_PER_INCH = 100
-_MOST_LINES = 120
+_SPELLS_PER_INCH = 30
+_MOST_LINES = 80
 _MOST_NUMBERED = 60
 _NUMBER_ROWS = 3
 _KILO_FROM = 5000.0
@@ -96,7 +99,7 @@ def draw_timeline(timeline: Timeline, width: float = 9.0) -> Figure:
         _margins(panels['margin'], lines)
         if 'amplitude' in panels:
             _amplitude(panels['amplitude'], lines)
-        _alarm(panels['alarm'], lines)
+        _alarm(panels['alarm'], lines, int(width * _SPELLS_PER_INCH))
         _time_axis(panels, lines, width)
         _event_lines(panels, lines)
         return figure
@@ -171,7 +174,7 @@ def _boundary_names(axes: Axes, lines: _Lines) -> None:
     """Name the boundaries where they are far from each other and from the speed."""
     speed, hopf, fold = (lines.columns[name] for name in ('speed', 'hopf_speed', 'fold_speed'))
     room = np.fmin.reduce([fold - hopf, np.abs(fold - speed), np.abs(hopf - speed)])
-    inner = slice(room.size // 50, room.size - room.size // 10)
+    inner = slice(room.size // 10, room.size - room.size // 10)
     if not np.isfinite(room[inner]).any():
         return
     i = inner.start + int(np.nanargmax(room[inner]))
@@ -237,11 +240,11 @@ def _legend(axes: Axes) -> None:
     )  # fmt: skip
 
 
-def _alarm(axes: Axes, lines: _Lines) -> None:
+def _alarm(axes: Axes, lines: _Lines, most: int) -> None:
     """The alarm's condition as a band of colours; its names stand where they fit."""
     low, high = float(lines.at(lines.start_ns)), float(lines.at(lines.end_ns))
     pixels = axes.get_window_extent().width / max(high - low, 1e-12)
-    for spell in lines.spells:
+    for spell in coarsened(lines.spells, most):
         left = float(lines.at(spell.start_ns))
         right = float(lines.at(max(spell.end_ns, spell.start_ns)))
         axes.axvspan(left, right, color=CONDITION_COLOUR[spell.condition], lw=0.0, zorder=2)
@@ -290,12 +293,20 @@ def _clock_ticks(axes: Axes, most: int) -> None:
     axes.xaxis.set_major_formatter(formatter)
 
 
+def marked_events(events: Sequence[Event]) -> list[tuple[int, Event]]:
+    """The events that are marked, with their numbers: of too many the alarms, or none."""
+    numbered = list(enumerate(events, 1))
+    if len(numbered) > _MOST_LINES:
+        numbered = [(i, e) for i, e in numbered if e.raised and e.after.level is Level.ERROR]
+    return numbered if len(numbered) <= _MOST_LINES else []
+
+
 def _event_lines(panels: dict[str, Axes], lines: _Lines) -> None:
     """A line through all panels at each event; numbers above, as far as they do not collide."""
-    events = lines.timeline.scan.events[:_MOST_LINES]
+    events = marked_events(lines.timeline.scan.events)
     first = next(iter(panels.values()))
     free = [-np.inf] * _NUMBER_ROWS
-    for number, event in enumerate(events, 1):
+    for number, event in events:
         when = float(lines.at(event.time_ns))
         colour = CONDITION_COLOUR[event.after]
         for name, axes in panels.items():

@@ -68,9 +68,10 @@ def finding_of(course: Course) -> Finding:
     if sticking:
         return _finding('alarm', _stuck(course, sticking), _amplitude(course), _lost(course))
     if near:
-        return _finding('warning', _close(course, near), _lost(course))
-    clear = f'{name}: no stick-slip was predicted, and the bearing kept clear of it.'
+        return _finding('warning', _close(course, near), _least(course), _lost(course))
     lost = _lost(course)
+    limits = ' as far as can be said' if lost else ''
+    clear = f'{name}: no stick-slip was predicted, and the bearing kept clear of it{limits}.'
     grade = 'unknown' if _lost_seconds(course) > 0.5 * course.span else 'clear'
     return _finding('warning' if lost and grade == 'clear' else grade, clear, _least(course), lost)
 
@@ -132,7 +133,7 @@ def _close(course: Course, near: Sequence[Spell]) -> str:
     if inside:
         text += f' for {words.duration(inside)} where a disturbance could have started it, and'
     text += f' within the caution margin or closer for {words.duration(_total(near))}'
-    return f'{text}, {_when(near)}. {_least(course)}'.strip()
+    return f'{text}, {_when(near)}.'
 
 
 def _least(course: Course) -> str:

@@ -12,7 +12,7 @@ import pytest
 
 from stickslip_monitor import Monitor, Stream
 from stickslip_monitor.drawing.palette import CONDITION_COLOUR
-from stickslip_monitor.drawing.timeline import Timeline, draw_timeline
+from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
 from stickslip_monitor.monitor.alarm import Condition
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.spells import spells
@@ -121,3 +121,15 @@ def test_a_clock_that_jumps_back_is_drawn() -> None:
     )
     line = panels(draw_timeline(course))['load'].lines[0]
     assert np.isnan(line.get_ydata()).sum() == 1
+
+
+def test_of_very_many_events_only_the_alarms_are_marked() -> None:
+    # Sixty times from clear into the caution band and back, and one stick-slip.
+    chatter = [43.0] * 10 + [60.0] * 10
+    course = timeline([*chatter * 30, *[20.0] * 20, *[60.0] * 20, *chatter * 30])
+    events = course.scan.events
+    assert len(events) > 100
+    alarms = [i for i, e in enumerate(events, 1) if e.after is Condition.STICK_SLIP]
+    assert [number for number, _ in marked_events(events)] == alarms
+    band = panels(draw_timeline(course, 4.4))['alarm']
+    assert len(band.patches) < 135

@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 from stickslip_monitor.monitor.alarm import Condition
-from stickslip_monitor.monitor.spells import Spell, spells, together
+from stickslip_monitor.monitor.spells import Spell, coarsened, spells, together
 from stickslip_monitor.monitor.verdict import Event
 
+NS = 10**9
 NORMAL, CAUTION, STICK, AMPLITUDE = (
     Condition.NORMAL,
     Condition.CAUTION,
@@ -43,3 +46,22 @@ def test_neighbours_of_the_same_kind_are_one() -> None:
 def test_a_spell_in_which_the_clock_jumped_back_has_no_length() -> None:
     assert Spell(100, 20, STICK).seconds == 0.0
     assert Spell(0, 2 * 10**9, STICK).seconds == 2.0
+
+
+def test_of_very_many_spells_the_worst_of_each_stretch_stays() -> None:
+    # A second of each in turn for 1000 s, and one millisecond of stick-slip.
+    parts = [Spell(i * NS, (i + 1) * NS, (NORMAL, CAUTION)[i % 2]) for i in range(1000)]
+    brief = [
+        Spell(500 * NS, 500 * NS + 10**6, STICK),
+        Spell(500 * NS + 10**6, 501 * NS, NORMAL),
+    ]
+    found = coarsened([*parts[:500], *brief, *parts[501:]], 100)
+    assert [spell.condition for spell in found] == [CAUTION, STICK, CAUTION]
+    assert (found[0].start_ns, found[-1].end_ns) == (0, 1000 * NS)
+    assert found[1].start_ns <= 500 * NS < found[1].end_ns
+    assert all(a.end_ns == b.start_ns for a, b in pairwise(found))
+
+
+def test_few_spells_stay_as_they_are() -> None:
+    parts = spells(COURSE, 0, 50)
+    assert coarsened(parts, 5) == parts
