@@ -40,6 +40,9 @@ _HIGHEST_RATE = 100_000.0
 # Natural periods without a stick after which an episode is over: longer than a ring-down, and than
 # the ripple of the blades takes to stop sticking and to let it begin again.
 _GAP = 50.0
+# Decimals of durations [s], as fine as a time stamp, and of amplitudes [m]: beyond them digits may
+# differ between processors, and recordings must not.
+_INSTANTS, _PLACES = 9, 12
 _MOTION = ('displacement', 'velocity', 'acceleration')
 
 
@@ -85,7 +88,8 @@ class _Watch:
                 self.since = time
                 events += [] if self.resting else self.episodes.stick(time)
             elif is_stick:
-                ended.append((time, time - (time if self.since is None else self.since)))
+                start = time if self.since is None else self.since
+                ended.append((time, round(time - start, _INSTANTS)))
                 self.since = None
                 self.episodes.release(time)
             else:
@@ -136,15 +140,15 @@ class _Told:
         place = np.argsort(order, kind='stable')
         if self.amplitude is not None:
             own = place[: windows.size]
-            found = self.amplitude.amplitudes(walk.displacement[own], walk.velocity[own])
-            self.pending['amplitude'].add(*found)
+            at, found = self.amplitude.amplitudes(walk.displacement[own], walk.velocity[own])
+            self.pending['amplitude'].add(at, np.round(found, _PLACES))
         if self.motion is not None:
             self._tell_motion(walk, place[windows.size :])
         ended, events = self.watch.see(walk)
         if ended:
             self.pending['stick'].add(*zip(*ended, strict=True))
         for event in events:
-            more = {'sticks': event.sticks, 'sticking': event.sticking}
+            more = {'sticks': event.sticks, 'sticking': round(event.sticking, _INSTANTS)}
             only = more if event.name == 'last_stick' else {}
             self._event(event.known, event.name, event.time, **only)
 
@@ -155,7 +159,7 @@ class _Told:
 
     def _finish(self, end: float) -> None:
         if self.watch.since is not None:
-            self.pending['stick'].add([end], [end - self.watch.since])
+            self.pending['stick'].add([end], [round(end - self.watch.since, _INSTANTS)])
         self._event(end, 'end', end)
 
     def _event(self, known: float, name: str, time: float, **more: float) -> None:

@@ -24,6 +24,8 @@ from .effect import Frame
 
 KEYS = ('bearing', 'rate')
 _HIGHEST_RATE = 1000.0
+# The last digits of an exponential differ between processors, and recordings must not.
+_DIGITS = 9
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +65,11 @@ def _margins(
             bearing = replace(config.bearing, friction=course.shape_at(float(time[low])))
             hopf[low:high] = hopf_speed(bearing, felt[low:high])
             fold[low:high] = fold_speed(bearing, felt[low:high])
-    return margin(np.abs(speed), hopf), margin(np.abs(speed), fold)
+    return _rounded(margin(np.abs(speed), hopf)), _rounded(margin(np.abs(speed), fold))
+
+
+def _rounded(margins: FloatArray) -> FloatArray:
+    return np.asarray(np.round(margins, _DIGITS))
 
 
 def build(settings: Settings, frame: Frame) -> OperatingPoint:
