@@ -67,7 +67,8 @@ class Response:
         """Value and integral where target ``k`` is the last."""
         since, off = time - self.times[k], self.values[k] - self.targets[k]
         # Before the first target there is nothing off.
-        left = np.exp(-np.maximum(since, 0.0) / self.time_constant)
+        # Beyond these digits exponentials differ between processors, and recordings must not.
+        left = np.round(np.exp(-np.maximum(since, 0.0) / self.time_constant), 12)
         way = self.targets[k] * since + off * (self.time_constant * (1.0 - left))
         return self.targets[k] + off * left, self.ways[k] + way
 
