@@ -138,8 +138,12 @@ def _shade(axes: Axes, clock: _Clock, lining: Lining) -> None:
 
 
 def _series(clock: _Clock, scan: Scan, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A column of the scan over time, interrupted where an input was lost, thinned if long."""
-    lost = np.flatnonzero(scan.until_ns[:-1] < scan.time_ns[1:]) + 1
+    """A column of the scan over time, thinned if long.
+
+    It is interrupted where an input was lost and where the clock jumped back.
+    """
+    missing = scan.until_ns[:-1] < scan.time_ns[1:]
+    lost = np.flatnonzero(missing | (np.diff(scan.time_ns) < 0)) + 1
     time = np.insert(clock.at(scan.time_ns), lost, np.nan)
     column = np.insert(np.asarray(values, dtype=float), lost, np.nan)
     kept = envelope(_MOST_POINTS, column)
@@ -228,7 +232,9 @@ def _strips(axes: Axes, clock: _Clock, scan: Scan, lining: Lining) -> None:
         for c in Condition
         if c in shown
     ]
-    _legend(axes, handles=handles, handlelength=1.0)
+    # From below upwards, where there is room for every condition.
+    place = {'loc': 'lower left', 'bbox_to_anchor': (1.01, -0.5)}
+    _legend(axes, handles=handles, handlelength=1.0, **place)
 
 
 def _legend(axes: Axes, **more: Any) -> None:
