@@ -31,6 +31,7 @@ from stickslip_monitor.monitor.signals import (
     value_faults,
 )
 from stickslip_monitor.monitor.track import AlarmTrack, Change, Heard
+from stickslip_monitor.monitor.trend import Trend, TrendWindow
 from stickslip_monitor.monitor.verdict import Event, Verdict, describe, event_of
 
 
@@ -59,6 +60,7 @@ class BearingMonitor:
         self.track = AlarmTrack(config)
         self.now_ns: int | None = None
         self.verdict: Verdict | None = None
+        self._window = TrendWindow(config.alarm.trend_window_ns)
         self._inputs = (config.speed, config.load)
         self._values = [math.nan, math.nan]
         self._heard: list[Heard | None] = [None, None]
@@ -72,6 +74,8 @@ class BearingMonitor:
         self.gate.timeouts = (config.speed.timeout_ns, config.load.timeout_ns)
         self.bands.config = config.alarm
         self.track.retune(config)
+        # Points of another scale, or slots of another width.
+        self._window = TrendWindow(config.alarm.trend_window_ns)
         self._heard = [
             None if heard is None else self._counting(heard.time_ns, settings)
             for heard, settings in zip(self._heard, self._inputs, strict=True)
@@ -86,12 +90,18 @@ class BearingMonitor:
         """The inputs that do not count at the latest time, with their ages [s]."""
         return {} if self.now_ns is None else self.track.lost(self.now_ns, self._heard)
 
-    def text(self) -> str:
+    def trend(self) -> Trend | None:
+        """When the prediction of stick-slip changes at the present rate; ``None`` if unknown."""
+        if self.verdict is None or self.track.stale:
+            return None
+        return self._window.trend(self.config, self.verdict.sticking)
+
+    def text(self, trend: Trend | None = None) -> str:
         """What the alarm says now, for a person."""
         lost = self.lost() if self.track.stale else {}
         point = self.verdict.assessment if self.verdict else None
         sticking = self.verdict.sticking if self.verdict else False
-        return describe(self.config, self.track.condition, point, sticking, lost)
+        return describe(self.config, self.track.condition, point, sticking, lost, trend=trend)
 
     def advance(self, time_ns: int) -> list[Event]:
         """Let time pass without a sample; a time before the latest one changes nothing."""
@@ -121,6 +131,7 @@ class BearingMonitor:
         if self.now_ns is not None and (jumped or (first and time_ns < self.now_ns)):
             self.now_ns = time_ns
             self._heard = [None, None]
+            self._window.clear()
             self.track.restart(time_ns)
             return []
         self.now_ns = time_ns if self.now_ns is None else max(self.now_ns, time_ns)
@@ -145,12 +156,16 @@ class BearingMonitor:
             bool(sticking[0]),
             self.track.condition,
         )
+        self._window.add(now_ns, speed, load)
         return self.verdict, events + self._events(changes)
 
     def _events(self, changes: list[Change]) -> list[Event]:
+        if not changes:
+            return []
         point = self.verdict.assessment if self.verdict else None
         sticking = self.verdict.sticking if self.verdict else False
-        return [event_of(self.config, change, point, sticking) for change in changes]
+        trend = self._window.trend(self.config, sticking)
+        return [event_of(self.config, change, point, sticking, trend) for change in changes]
 
 
 class Monitor:

@@ -21,6 +21,7 @@ from stickslip_monitor.monitor.points import at_index
 from stickslip_monitor.monitor.rungs import Bands
 from stickslip_monitor.monitor.signals import Gate, Status, Stream, to_si, value_faults
 from stickslip_monitor.monitor.track import AlarmTrack, Change, Heard
+from stickslip_monitor.monitor.trend import Trend, window_of
 from stickslip_monitor.monitor.verdict import Event, event_of
 
 Ints = NDArray[np.int64]
@@ -36,6 +37,7 @@ class Scan:
         until_ns: How long each counts: to the next one or to the loss of an input, (n,) [ns].
         assessment: Assessment of arrays, shape (n,).
         sticking: Whether stick-slip is predicted, shape (n,).
+        first: Index of the first point since the clock last jumped, shape (n,).
         rung: The alarm's rung after each point, index into ``LADDER``, shape (n,).
         events: Changes of the alarm, in order.
         counts: Samples by quantity (speed, load) and :class:`Status`, shape (2, 6).
@@ -46,6 +48,7 @@ class Scan:
     until_ns: Ints
     assessment: Assessment
     sticking: Bools
+    first: Ints
     rung: NDArray[np.int8]
     events: list[Event]
     counts: Ints
@@ -103,6 +106,7 @@ def scan_bearing(
     speed, load = samples.value[samples.latest[:, evaluated]]
     points = assess(config.bearing, speed, load)
     rungs, sticking = _rungs(config, points)
+    first = np.searchsorted(evaluated, samples.first[evaluated])
     walk = _Walk(config, samples, evaluated, rungs, start_ns)
     events = walk.run(end_ns, points, sticking)
     return Scan(
@@ -110,6 +114,7 @@ def scan_bearing(
         until_ns=_until(samples, evaluated, end_ns),
         assessment=points,
         sticking=sticking,
+        first=first,
         rung=walk.settled,
         events=events,
         counts=gate.counts,
@@ -194,7 +199,8 @@ class _Walk:
         self.track.start_ns = int(samples.now[0]) if late_start else start_ns
         self.times = samples.now[evaluated]
         self.settled = np.zeros(evaluated.size, dtype=np.int8)
-        self._changes: list[tuple[Change, int]] = []
+        # With the point that each rests on, and the first one since the clock last jumped.
+        self._changes: list[tuple[Change, int, int]] = []
 
     def run(self, end_ns: int | None, points: Assessment, sticking: Bools) -> list[Event]:
         """Walk to the end; return the events."""
@@ -208,9 +214,13 @@ class _Walk:
                 change,
                 at_index(points, k) if k >= 0 else None,
                 bool(k >= 0 and sticking[k]),
+                self._trend(points, sticking, k, low),
             )
-            for change, k in self._changes
+            for change, k, low in self._changes
         ]
+
+    def _trend(self, points: Assessment, sticking: Bools, k: int, low: int) -> Trend | None:
+        return None if k < low else trend_at(self.config, self.times, points, sticking, low, k)
 
     def _stops(self) -> NDArray[np.intp]:
         samples = self.samples
@@ -262,8 +272,9 @@ class _Walk:
             low = int(np.searchsorted(self.evaluated, samples.first[i]))
             self._note(self.track.advance(now, samples.heard(i - 1)), low, k)
         if k < self.evaluated.size and self.evaluated[k] == i:
+            low = int(np.searchsorted(self.evaluated, samples.first[i]))
             for change in self.track.apply(int(self.rungs[k]), now):
-                self._record(change, k, k)
+                self._record(change, k, k, low)
 
     def _finish(self, end_ns: int) -> None:
         samples, n = self.samples, self.samples.now.size
@@ -280,12 +291,32 @@ class _Walk:
             bound = change.time_ns + 1 if stale else change.time_ns
             k = low + int(np.searchsorted(self.times[low:high], bound))
             at_point = not stale and k < high and self.times[k] == change.time_ns
-            self._record(change, k if at_point else k - 1, k)
+            self._record(change, k if at_point else k - 1, k, low)
 
-    def _record(self, change: Change, based_on: int, effective: int) -> None:
-        self._changes.append((change, based_on))
+    def _record(self, change: Change, based_on: int, effective: int, low: int) -> None:
+        self._changes.append((change, based_on, low))
         if change.after is not Condition.INPUT_STALE:
             self.settled[effective:] = LADDER.index(change.after)
+
+
+def trend_at(
+    config: BearingConfig, time_ns: Ints, points: Assessment, sticking: Bools, low: int, k: int
+) -> Trend | None:
+    """The trend after a point of a recording.
+
+    Args:
+        config: The bearing.
+        time_ns: Times of the operating points, shape (n,) [ns].
+        points: Their assessment, shape (n,).
+        sticking: Whether each predicts stick-slip, shape (n,).
+        low: Index of the first point since the clock last jumped.
+        k: Index of the point.
+    """
+    rows = slice(low, k + 1)
+    window = window_of(
+        config.alarm.trend_window_ns, time_ns[rows], points.speed[rows], points.load[rows]
+    )
+    return window.trend(config, bool(sticking[k]))
 
 
 def _until(samples: _Believed, evaluated: NDArray[np.intp], end_ns: int | None) -> Ints:

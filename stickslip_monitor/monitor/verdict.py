@@ -10,6 +10,7 @@ from stickslip_monitor.monitor.alarm import LADDER, Condition
 from stickslip_monitor.monitor.assessment import Assessment, Outcome
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.track import Change
+from stickslip_monitor.monitor.trend import CONFIDENCE, Trend
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,10 +65,14 @@ class Event:
 
 
 def event_of(
-    config: BearingConfig, change: Change, assessment: Assessment | None, sticking: bool
+    config: BearingConfig,
+    change: Change,
+    assessment: Assessment | None,
+    sticking: bool,
+    trend: Trend | None = None,
 ) -> Event:
-    """A change of alarm with the assessment that it rests on."""
-    text = describe(config, change.after, assessment, sticking, change.lost, change.before)
+    """A change of alarm with the assessment and the trend that it rests on."""
+    text = describe(config, change.after, assessment, sticking, change.lost, change.before, trend)
     return Event(
         config.name,
         change.time_ns,
@@ -87,6 +92,7 @@ def describe(
     sticking: bool,
     lost: dict[str, float],
     before: Condition | None = None,
+    trend: Trend | None = None,
 ) -> str:
     """One or two sentences: what, where, how bad, and what would leave the condition."""
     if lost:
@@ -95,12 +101,15 @@ def describe(
         return f'{config.name}: {condition.sentence}'
     eased = before in LADDER[2:] and condition in LADDER[1 : LADDER.index(before)]
     what = f'Eased from {before} to {condition}.' if eased else condition.sentence
+    if before is Condition.INPUT_STALE:
+        what = f'Speed and load are back. {what}'
     where = f'{config.name}: {what} At {_point_text(config, point)}'
     if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NO_BOUNDARY):
-        return f'{where}. {point.outcome.sentence}'
+        return f'{where}. {point.outcome.sentence}{_trend_text(trend, sticking)}'
     if sticking:
         where += f', predicted amplitude {point.amplitude * 1e3:.3g} mm'
-    return f'{where}, fold margin {point.fold_margin:+.1%}.{_way_out(config, condition, point)}'
+    where += f', fold margin {point.fold_margin:+.1%}.{_way_out(config, condition, point)}'
+    return where + _trend_text(trend, sticking)
 
 
 def _lost_text(config: BearingConfig, lost: dict[str, float]) -> str:
@@ -113,8 +122,33 @@ def _lost_text(config: BearingConfig, lost: dict[str, float]) -> str:
 
 
 def _point_text(config: BearingConfig, point: Assessment) -> str:
-    rpm = float(config.bearing.speed.from_surface(point.speed, 'rpm'))
-    return f'{rpm:.4g} rpm and {point.load / 1e3:.4g} kN'
+    return f'{_speed_text(config, point, abs(point.speed))} and {point.load / 1e3:.4g} kN'
+
+
+def _speed_text(config: BearingConfig, point: Assessment, speed: float) -> str:
+    """A magnitude of the surface speed, in the direction in which the shaft turns."""
+    rpm = float(config.bearing.speed.from_surface(speed, 'rpm'))
+    return f'{rpm:.4g} rpm' + (' astern' if point.speed < 0.0 else '')
+
+
+def _trend_text(trend: Trend | None, sticking: bool) -> str:
+    if trend is None:
+        return ''
+    what = 'Stick-slip would end' if sticking else 'Stick-slip'
+    earliest, latest = _about(trend.earliest), _about(trend.latest)
+    spread = f'{earliest} to {latest} at {CONFIDENCE:.0%}, ' if earliest != latest else ''
+    return (
+        f' {what} in about {_about(trend.seconds)} at this rate'
+        f' ({spread}judged by the last {trend.span:.0f} s).'
+    )
+
+
+def _about(seconds: float) -> str:
+    if seconds < 20.0:
+        return f'{seconds:.0f} s'
+    if seconds < 100.0:
+        return f'{5.0 * round(seconds / 5.0):.0f} s'
+    return f'{seconds / 60.0:.1f} min'
 
 
 def _way_out(config: BearingConfig, condition: Condition, point: Assessment) -> str:
@@ -124,8 +158,7 @@ def _way_out(config: BearingConfig, condition: Condition, point: Assessment) -> 
     margin = alarm.caution_margin + alarm.hysteresis if near else 0.0
     if point.fold_margin > margin:
         return ''
-    rpm = float(config.bearing.speed.from_surface(point.fold_speed * (1.0 + margin), 'rpm'))
-    out = f' Ends above {rpm:.4g} rpm'
+    out = f' Ends above {_speed_text(config, point, point.fold_speed * (1.0 + margin))}'
     if not near and point.fold_load < point.load:
         out += f' or below {point.fold_load / 1e3:.4g} kN'
     return f'{out}.'

@@ -14,6 +14,7 @@ from stickslip_monitor import MonitorConfig, assess
 from stickslip_monitor.monitor.alarm import Condition
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.track import Change
+from stickslip_monitor.monitor.trend import Trend
 from stickslip_monitor.monitor.verdict import describe, event_of
 
 Configure = Callable[..., MonitorConfig]
@@ -142,3 +143,37 @@ def test_event_carries_the_change_and_the_assessment(aft: BearingConfig) -> None
     assert event.assessment is point
     assert (event.sticking, event.lost) == (True, {})
     assert event.text == _text(aft, Condition.STICK_SLIP, 20.0, 1000.0, sticking=True)
+
+
+TREND = Trend(seconds=41.3, earliest=33.4, latest=52.6, span=29.2)
+
+
+@pytest.mark.parametrize(
+    ('trend', 'words'),
+    [
+        (TREND, 'in about 40 s at this rate (35 s to 55 s at 95%, judged by the last 29 s).'),
+        (
+            Trend(150.0, 149.0, 151.0, 60.0),
+            'in about 2.5 min at this rate (judged by the last 60 s).',
+        ),
+        (Trend(7.2, 6.0, 9.0, 30.0), 'in about 7 s at this rate (6 s to 9 s at 95%, judged by'),
+    ],
+)
+def test_when_it_begins_or_ends(aft: BearingConfig, trend: Trend, words: str) -> None:
+    point = assess(aft.bearing, 42.0 * PER_RPM, 1000.0)
+    quiet = describe(aft, Condition.CAUTION, point, False, {}, trend=trend)
+    assert f'. Stick-slip {words}' in quiet
+    sticking = describe(aft, Condition.STICK_SLIP, point, True, {}, trend=trend)
+    assert f'. Stick-slip would end {words}' in sticking
+
+
+def test_astern(aft: BearingConfig) -> None:
+    assert _text(aft, Condition.STICK_SLIP, -20.0, 1000.0, sticking=True) == _text(
+        aft, Condition.STICK_SLIP, 20.0, 1000.0, sticking=True
+    ).replace(' rpm', ' rpm astern')
+
+
+def test_inputs_that_are_back(aft: BearingConfig) -> None:
+    point = assess(aft.bearing, 60.0 * PER_RPM, 1000.0)
+    text = describe(aft, Condition.NORMAL, point, False, {}, Condition.INPUT_STALE)
+    assert text.startswith('aft: Speed and load are back. No stick-slip predicted. At 60 rpm')

@@ -242,8 +242,8 @@ def test_a_bag_looped_three_times(start: Any, run: Any, kit: Any, bag: Any) -> N
     own = {
         'alarm.on_delay': 1.0,
         'alarm.off_delay': 3.0,
-        'speed.timeout': 5.0,
-        'load.timeout': 5.0,
+        'speed.timeout': 15.0,
+        'load.timeout': 15.0,
     }
     monitor = start(kit.parameters(kit.STAMPED, own))
     panel, warnings = Panel(monitor), monitor.warnings()

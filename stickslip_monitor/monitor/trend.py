@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When stick-slip begins or ends if speed and load go on changing as they do.
+
+The rates are Theil-Sen slopes (the median of the slopes between all pairs) of the means of time
+slots, with Sen's distribution-free confidence interval (P. K. Sen, J. Am. Stat. Assoc. 63, 1968,
+1379-1389). The path is followed to where steady sliding turns unstable, or, while it sticks, to
+the fold; once for the slopes themselves and once for each corner of their intervals. What comes
+out is told only if all of these agree well enough.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.physics.bifurcation import fold_speed, growth_rate
+from stickslip_monitor.physics.oscillator import Bearing
+
+CONFIDENCE = 0.95
+_QUANTILE = 1.959963984540054  # of the normal distribution, two-sided, for that confidence
+_SLOTS = 30
+_FEWEST = 8
+_HORIZON = 5.0
+"""How far ahead of the window it is looked [windows]: further is not a forecast."""
+_SPREAD = 2.0
+"""How much later than the earliest the latest crossing may be."""
+_STEPS = 24
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Trend:
+    """When the prediction of stick-slip changes, counted from the last operating point.
+
+    Attributes:
+        seconds: Time until stick-slip begins, or ends while it runs [s].
+        earliest: The least that the confidence intervals of the rates allow [s].
+        latest: The most [s].
+        span: Time over which the rates were taken [s].
+    """
+
+    seconds: float
+    earliest: float
+    latest: float
+    span: float
+
+
+class TrendWindow:
+    """The last operating points as means of time slots: bounded, whatever their rate.
+
+    Args:
+        window_ns: How long the window is [ns]; 0 keeps nothing.
+    """
+
+    def __init__(self, window_ns: int) -> None:
+        self._slot_ns = window_ns // _SLOTS
+        # Slot, number of points, sums of time in the slot [ns], of speed and of load.
+        self._slots: deque[list[float]] = deque(maxlen=_SLOTS)
+        self._last_ns = 0
+
+    def clear(self) -> None:
+        """Forget all points: the clock jumped."""
+        self._slots.clear()
+
+    def add(self, time_ns: int, speed: float, load: float) -> None:
+        """Add an operating point that is no older than the ones before."""
+        if not self._slot_ns:
+            return
+        self._last_ns = time_ns
+        slot, rest = divmod(time_ns, self._slot_ns)
+        if self._slots and self._slots[-1][0] == slot:
+            last = self._slots[-1]
+            last[1] += 1
+            last[2] += rest
+            last[3] += speed
+            last[4] += load
+            return
+        self._slots.append([slot, 1, rest, speed, load])
+        while self._slots[0][0] <= slot - _SLOTS:
+            self._slots.popleft()
+
+    def trend(self, config: BearingConfig, sticking: bool) -> Trend | None:
+        """When the prediction changes; ``None`` where that cannot be said."""
+        if len(self._slots) < _FEWEST:
+            return None
+        time, speed, load = np.array(
+            [
+                ((slot * self._slot_ns - self._last_ns + rest / n) * 1e-9, v / n, f / n)
+                for slot, n, rest, v, f in self._slots
+            ]
+        ).T
+        span = float(-time[0])
+        if 2.0 * span < _SLOTS * self._slot_ns * 1e-9:
+            return None
+        return _reach(config.bearing, sticking, _line(time, speed), _line(time, load), span)
+
+
+def window_of(
+    window_ns: int, time_ns: NDArray[np.int64], speed: Floats, load: Floats
+) -> TrendWindow:
+    """The window after the last of some operating points, of one segment of the clock.
+
+    Args:
+        window_ns: How long it is [ns].
+        time_ns: Their times, not falling, shape (n,) [ns].
+        speed: Surface speeds, shape (n,) [m/s].
+        load: Loads, shape (n,) [N].
+    """
+    window = TrendWindow(window_ns)
+    if time_ns.size and window_ns >= _SLOTS:
+        slot_ns = window_ns // _SLOTS
+        begin = (int(time_ns[-1]) // slot_ns - _SLOTS + 1) * slot_ns
+        k = int(np.searchsorted(time_ns, begin))
+        rows = (time_ns[k:].tolist(), speed[k:].tolist(), load[k:].tolist())
+        for row in zip(*rows, strict=True):
+            window.add(*row)
+    return window
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A robust straight line: value now, slope, and the interval of the slope."""
+
+    now: float
+    slope: float
+    low: float
+    high: float
+
+
+def _line(time: Floats, value: Floats) -> Line:
+    """The Theil-Sen line through some points of rising times; now is the time 0."""
+    i, j = np.triu_indices(time.size, 1)
+    slopes = np.sort((value[j] - value[i]) / (time[j] - time[i]))
+    slope = float(np.median(slopes))
+    n, pairs = time.size, slopes.size
+    # Kendall's S of independent values has this variance.
+    half = _QUANTILE * np.sqrt(n * (n - 1) * (2 * n + 5) / 18.0)
+    low = slopes[max(round((pairs - half) / 2.0) - 1, 0)]
+    high = slopes[min(round((pairs + half) / 2.0), pairs - 1)]
+    return Line(float(np.median(value - slope * time)), slope, float(low), float(high))
+
+
+def _reach(bearing: Bearing, sticking: bool, speed: Line, load: Line, span: float) -> Trend | None:
+    corners = [
+        (speed.slope, load.slope),
+        *product((speed.low, speed.high), (load.low, load.high)),
+    ]
+    rates = np.array(corners)[:, :, np.newaxis]
+
+    def crossed(time: Floats) -> NDArray[np.bool_]:
+        v, n = speed.now + rates[:, 0] * time, load.now + rates[:, 1] * time
+        if sticking:
+            fold = fold_speed(bearing, n)
+            return np.isnan(fold) | (np.abs(v) > fold)
+        return np.asarray(growth_rate(bearing, np.abs(v), n) > 0.0)
+
+    steps = np.linspace(0.0, 1.0, _STEPS + 1)
+    begin, width = np.zeros((rates.shape[0], 1)), _HORIZON * span
+    for _ in range(2):
+        time = begin + width * steps
+        over = crossed(time)
+        first = over.argmax(axis=1)
+        if not over.any(axis=1).all() or (first == 0).any():
+            return None
+        begin = np.take_along_axis(time, first[:, np.newaxis] - 1, axis=1)
+        width /= _STEPS
+    times = begin[:, 0] + width / 2.0
+    earliest, latest = float(times.min()), float(times.max())
+    if latest > _SPREAD * earliest:
+        return None
+    return Trend(float(times[0]), earliest, latest, span)

@@ -1,0 +1,301 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When stick-slip begins or ends at the present rate: closed forms, and silence where it is none.
+
+Reference bearing, Stribeck: N (mu_s - mu_k) beta exp(-beta V) = c at the Hopf boundary, so
+V_H = ln(N / 200 N) / 10 s/m, 0.160944 m/s at 1000 N; the fold solves 2 I1e(v)/v = c/(N beta 0.2).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.special import i1e
+from scipy.stats import theilslopes
+
+from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream
+from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.trend import Trend, TrendWindow, _line, window_of
+
+SECOND = 10**9
+T0 = 1_700_000_000 * SECOND
+HOPF = math.log(5.0) / 10.0
+FOLD = brentq(lambda v: 2.0 * i1e(v) / v - 0.2, 0.1, 10.0, xtol=1e-14) / 10.0
+RPM = math.pi * 0.1 / 60.0
+Configure = Callable[..., MonitorConfig]
+Floats = Any
+
+
+@pytest.fixture
+def aft(configure: Configure) -> BearingConfig:
+    return configure().bearing('aft')
+
+
+def _trend(
+    config: BearingConfig, time: Floats, speed: Floats, load: Floats, sticking: bool = False
+) -> Trend | None:
+    stamps = T0 + np.round(np.asarray(time) * SECOND).astype(np.int64)
+    speed, load = np.broadcast_to(speed, stamps.shape), np.broadcast_to(load, stamps.shape)
+    window = window_of(config.alarm.trend_window_ns, stamps, speed, load)
+    return window.trend(config, sticking)
+
+
+TIME = np.arange(0.0, 60.0, 0.1)
+NOW = TIME[-1]
+
+
+def test_slowing_down_to_the_hopf_speed(aft: BearingConfig) -> None:
+    rate = (0.25 - HOPF) / 40.0
+    trend = _trend(aft, TIME, 0.25 - rate * (TIME - NOW), 1000.0)
+    assert trend is not None
+    assert trend.seconds == pytest.approx(40.0, abs=0.5)
+    assert trend.earliest == pytest.approx(trend.latest) == pytest.approx(trend.seconds)
+    assert trend.span == pytest.approx(29.5, abs=1.0)
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_a_growing_load(aft: BearingConfig, sign: float) -> None:
+    # At 0.1 m/s steady sliding turns unstable above 200 N exp(1) = 543.66 N.
+    rate = (200.0 * math.e - 400.0) / 50.0
+    trend = _trend(aft, TIME, 0.1 * sign, 400.0 + rate * (TIME - NOW))
+    assert trend is not None
+    assert trend.seconds == pytest.approx(50.0, abs=0.5)
+
+
+def test_from_where_there_is_no_boundary_yet(aft: BearingConfig) -> None:
+    # Below 200 N no speed has stick-slip; at 0.02 m/s it begins at 200 N exp(0.2).
+    rate = (200.0 * math.exp(0.2) - 150.0) / 60.0
+    trend = _trend(aft, TIME, 0.02, 150.0 + rate * (TIME - NOW))
+    assert trend is not None
+    assert trend.seconds == pytest.approx(60.0, abs=0.5)
+
+
+def test_both_at_once(aft: BearingConfig) -> None:
+    speed, load = 0.30 - 0.002 * (TIME - NOW), 800.0 + 5.0 * (TIME - NOW)
+    expected = brentq(
+        lambda t: 0.30 - 0.002 * t - math.log((800.0 + 5.0 * t) / 200.0) / 10.0, 0.0, 150.0
+    )
+    trend = _trend(aft, TIME, speed, load)
+    assert trend is not None
+    assert trend.seconds == pytest.approx(expected, abs=0.5)
+
+
+def test_speeding_up_out_of_stick_slip(aft: BearingConfig) -> None:
+    rate = (FOLD - 0.15) / 25.0
+    trend = _trend(aft, TIME, 0.15 + rate * (TIME - NOW), 1000.0, sticking=True)
+    assert trend is not None
+    assert trend.seconds == pytest.approx(25.0, abs=0.5)
+
+
+def test_a_load_taken_off_ends_it_too(aft: BearingConfig) -> None:
+    # At 0.1 m/s the fold lies at c / (beta 0.2 * 2 I1e(1)), and there is none below 200 N.
+    load = 400.0 / (10.0 * 0.2 * 2.0 * i1e(1.0))
+    rate = (1000.0 - load) / 30.0
+    trend = _trend(aft, TIME, 0.1, 1000.0 - rate * (TIME - NOW), sticking=True)
+    assert trend is not None
+    assert trend.seconds == pytest.approx(30.0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ('speed', 'load', 'sticking'),
+    [
+        (0.25, 1000.0, False),  # steady
+        (0.25 + 1e-3 * (TIME - NOW), 1000.0, False),  # going away
+        (0.25 - 1e-4 * (TIME - NOW), 1000.0, False),  # 15 minutes off: no forecast
+        (0.15 - 1e-3 * (TIME - NOW), 1000.0, False),  # there already
+        (0.0, 1000.0, False),  # at rest
+        (0.1, 1000.0, True),  # sticks, and nothing changes
+    ],
+)
+def test_silence(aft: BearingConfig, speed: Floats, load: Floats, sticking: bool) -> None:
+    assert _trend(aft, TIME, speed, load, sticking) is None
+
+
+def test_silence_until_there_is_enough(aft: BearingConfig) -> None:
+    def after(seconds: float, step: float = 0.1) -> Trend | None:
+        time = np.arange(0.0, seconds, step)
+        return _trend(aft, time, 0.25 - 0.001 * time, 1000.0)
+
+    assert after(14.0) is None  # half a window of 30 s
+    assert after(17.0) is not None
+    assert after(60.0, step=5.0) is None  # 6 points
+    assert after(60.0, step=2.0) is not None
+
+
+def test_a_window_of_zero_is_silent(configure: Configure) -> None:
+    aft = configure(alarm__trend_window=0.0).bearing('aft')
+    assert _trend(aft, TIME, 0.25 - 0.002 * TIME, 1000.0) is None
+
+
+def test_swell_and_noise_without_a_trend_are_mostly_silent(aft: BearingConfig) -> None:
+    random = np.random.default_rng(1)
+    time = np.arange(0.0, 20_000.0, 0.1)
+    swell = 0.8 * np.sin(2.0 * math.pi * time / 9.0)
+    speed = (50.0 + swell + random.normal(0.0, 0.8, time.size)) * RPM
+    load = 1000.0 + 30.0 * np.sin(time) + random.normal(0.0, 20.0, time.size)
+    spoken = [
+        _trend(aft, time[k - 400 : k], speed[k - 400 : k], load[k - 400 : k]) is not None
+        for k in range(400, time.size, 400)
+    ]
+    assert len(spoken) == 499
+    assert sum(spoken) <= 25  # as often as a 95 % interval may err
+
+
+def test_true_in_noise(aft: BearingConfig) -> None:
+    random = np.random.default_rng(2)
+    rate = (0.25 - HOPF) / 40.0
+    found = []
+    for _ in range(200):
+        speed = 0.25 - rate * (TIME - NOW) + random.normal(0.0, 0.8 * RPM, TIME.size)
+        load = 1000.0 + random.normal(0.0, 20.0, TIME.size)
+        found.append(_trend(aft, TIME, speed, load))
+    told = [trend for trend in found if trend is not None]
+    assert len(told) >= 190
+    inside = sum(t.earliest <= 40.0 <= t.latest for t in told)
+    assert inside >= 0.95 * len(told)
+    assert np.median([t.seconds for t in told]) == pytest.approx(40.0, abs=1.5)
+
+
+def test_one_slot_in_five_that_is_wrong_changes_little(aft: BearingConfig) -> None:
+    rate = (0.25 - HOPF) / 40.0
+    speed = 0.25 - rate * (TIME - NOW)
+    speed[(TIME.astype(int) % 5) == 2] += 5.0
+    trend = _trend(aft, TIME, speed, 1000.0)
+    assert trend is not None
+    assert trend.seconds == pytest.approx(40.0, rel=0.05)
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_the_slope_and_its_interval_are_those_of_scipy(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    time = np.sort(random.uniform(-30.0, 0.0, 30))
+    value = 0.3 * time + random.normal(0.0, 2.0, time.size)
+    line = _line(time, value)
+    slope, _, low, high = theilslopes(value, time, alpha=0.95)
+    assert (line.slope, line.low, line.high) == pytest.approx((slope, low, high), rel=1e-12)
+    assert line.now == pytest.approx(np.median(value - slope * time))
+
+
+def test_memory_is_bounded_whatever_the_rate() -> None:
+    window = TrendWindow(30 * SECOND)
+    for millisecond in range(100_000):
+        window.add(T0 + millisecond * 10**6, 0.2, 1000.0)
+    assert len(window._slots) == 30
+
+
+def test_the_rate_of_the_telemetry_does_not_matter(aft: BearingConfig) -> None:
+    times = [
+        _trend(aft, time, 0.3 - 0.002 * (time - time[-1]), 1000.0)
+        for time in (np.arange(0.0, 60.0, step) for step in (0.01, 0.1, 1.0, 2.5))
+    ]
+    expected = (0.3 - HOPF) / 0.002
+    assert [t.seconds for t in times if t] == [pytest.approx(expected, rel=0.01)] * 4
+
+
+# --- in the monitor ----------------------------------------------------------------------------
+
+
+def _monitor_config(configure: Configure, **changes: Any) -> MonitorConfig:
+    return configure(alarm__on_delay=2.0, alarm__off_delay=5.0, **changes)
+
+
+def test_the_text_of_a_warning(configure: Configure) -> None:
+    monitor = Monitor(_monitor_config(configure))
+    texts, trends = {}, {}
+    for half in range(500):
+        time, now = half / 2.0, T0 + half * SECOND // 2
+        # 60 rpm down to 25 rpm at 0.2 rpm/s, and up again.
+        rpm = max(60.0 - 0.2 * time, 25.0) if time < 200.0 else 25.0 + 0.4 * (time - 200.0)
+        events = monitor.update(Sample('aft', 'load', now, 1000.0)).events
+        for event in events + monitor.update(Sample('aft', 'speed', now, rpm)).events:
+            texts.setdefault(str(event.after), event.text)
+            trends.setdefault(str(event.after), (HOPF / RPM - rpm) / -0.2)
+    # Caution 2 s after 44.795 rpm: 44.395 rpm, and 30.738 rpm is 68.3 s away.
+    end = 'Ends above 45.61 rpm. Stick-slip in about 70 s at this rate (judged by the last 29 s).'
+    assert texts['caution'].endswith(end)
+    assert trends['caution'] == pytest.approx(68.0, abs=0.5)
+    assert 'Stick-slip in about 50 s at this rate' in texts['bistable']
+    # Where it sticks and the speed still falls, there is nothing to say.
+    assert 'rate' not in texts['stick_slip']
+
+
+def test_while_it_lasts_the_text_says_when_it_ends(configure: Configure) -> None:
+    monitor = Monitor(_monitor_config(configure))
+    bearing = monitor.bearings['aft']
+    for tenth in range(600):
+        now = T0 + tenth * SECOND // 10
+        monitor.update(Sample('aft', 'load', now, 1000.0))
+        monitor.update(Sample('aft', 'speed', now, 20.0 + 0.02 * tenth))
+    # 32 rpm, and the fold at 40.723 rpm is 43.6 s away.
+    trend = bearing.trend()
+    assert trend is not None
+    assert trend.seconds == pytest.approx((FOLD / RPM - 31.98) / 0.2, abs=0.5)
+    assert 'Stick-slip would end in about 45 s at this rate' in bearing.text(trend)
+    monitor.advance(now + 100 * SECOND)
+    assert bearing.trend() is None
+
+
+def test_a_jump_of_the_clock_starts_anew(configure: Configure) -> None:
+    monitor = Monitor(_monitor_config(configure))
+    for tenth in range(300):
+        monitor.update(Sample('aft', 'load', T0 + tenth * SECOND // 10, 1000.0))
+        monitor.update(Sample('aft', 'speed', T0 + tenth * SECOND // 10, 60.0 - 0.02 * tenth))
+    assert monitor.bearings['aft'].trend() is not None
+    monitor.update(Sample('aft', 'speed', T0 - 60 * SECOND, 54.0))
+    monitor.update(Sample('aft', 'load', T0 - 60 * SECOND, 1000.0))
+    assert monitor.bearings['aft'].trend() is None
+
+
+def _voyage(seed: int) -> Stream:
+    """Ramps of speed and load with noise, gaps, jumps of the clock and uneven sampling."""
+    random = np.random.default_rng(seed)
+    times, loads, values, now = [], [], [], 0
+    rpm, force = 60.0, 1000.0
+    for _ in range(4):
+        end_rpm = random.choice([60.0, 44.0, 36.0, 25.0, -36.0, 0.0])
+        end_force = random.choice([1000.0, 1000.0, 700.0, 1500.0])
+        now += int(random.choice([0, 0, 3, -20, -6])) * SECOND
+        n = int(random.integers(10, 160))
+        for part in np.linspace(0.0, 1.0, n):
+            now += int(random.choice([0, 1, SECOND // 7, SECOND // 10]))
+            is_load = bool(random.integers(2))
+            value = force + part * (end_force - force) if is_load else rpm + part * (end_rpm - rpm)
+            times.append(now)
+            loads.append(is_load)
+            values.append(value + random.normal(0.0, 0.05))
+        rpm, force = end_rpm, end_force
+    return Stream(np.array(times, np.int64), np.array(loads), np.array(values))
+
+
+def test_batch_and_stream_say_the_same(configure: Configure) -> None:
+    spoken = []
+    for seed in range(24):
+        config = configure(
+            speed__timeout=2.0,
+            load__timeout=2.0,
+            alarm__on_delay=0.5 * (seed % 2),
+            alarm__off_delay=1.0,
+            alarm__trend_window=3.0,
+        )
+        stream, live, events = _voyage(seed), Monitor(config), []
+        for row in zip(
+            stream.time_ns.tolist(), stream.is_load.tolist(), stream.value.tolist(), strict=True
+        ):
+            time_ns, is_load, value = row
+            sample = Sample('aft', 'load' if is_load else 'speed', time_ns, value)
+            events += live.update(sample).events
+        end = int(stream.time_ns.max()) + 10 * SECOND
+        events += live.advance(end)
+        scan = live.scan({'aft': stream}, None, end)['aft']
+        assert [event.text for event in scan.events] == [event.text for event in events]
+        spoken += [event.text for event in events if 'at this rate' in event.text]
+    # That was no comparison of silence with silence.
+    assert len(spoken) > 20
+    assert any('would end' in text for text in spoken)
+    assert any('astern' in text for text in spoken)
+    assert len({re.findall(r'about (\S+)', text)[0] for text in spoken}) > 3
