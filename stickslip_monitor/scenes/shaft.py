@@ -8,6 +8,7 @@ same bits at the same instant, in whatever blocks they ask.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -71,13 +72,13 @@ class Shaft:
         total = _sum([*self._means[topic], *self._ripples[topic]], time)
         return total if self._channels[topic].quantity == 'speed' else np.maximum(total, 0.0)
 
-    def angle(self, bearing: str, time: FloatArray) -> FloatArray:
-        """Angle by which a bearing's journal has turned since the start, shape (n,) [rad]."""
+    def turns(self, bearing: str, time: FloatArray) -> FloatArray:
+        """Turns of a bearing's journal since the start, shape (n,)."""
         channel = self.channel(bearing, 'speed')
         way = np.zeros_like(time)
         for term in self._speeds[channel.topic]:
             way += term.integral(time)
-        return way * (2.0 / channel.bearings[0].bearing.journal_diameter)
+        return way / (math.pi * channel.bearings[0].bearing.journal_diameter)
 
     def speed(self, bearing: str, time: FloatArray) -> FloatArray:
         """Surface speed of a bearing's journal, shape (n,) [m/s]."""

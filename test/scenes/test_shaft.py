@@ -39,20 +39,20 @@ def test_instants_of_all_blocks_are_every_instant_once(
     assert instants.tolist() == (np.arange(5001) / 50.0).tolist()
 
 
-def test_angle_is_the_integral_of_the_speed(make_scene: Callable[..., Scene]) -> None:
+def test_turns_are_the_integral_of_the_speed(make_scene: Callable[..., Scene]) -> None:
     """Against adaptive quadrature of the points, and before the begin by the first value held."""
     shaft = make_scene(effects=[SPEED]).build().shaft
     knots = [p[0] for p in POINTS]
 
-    def omega(time: float) -> float:
-        return float(np.interp(time, *np.transpose(POINTS))) * 2.0 * math.pi / 60.0
+    def frequency(time: float) -> float:
+        return float(np.interp(time, *np.transpose(POINTS))) / 60.0
 
     for time in (0.0, 3.0, 10.0, 33.3, 50.5, 73.0, 99.0):
         inner = [k for k in knots if 0.0 < k < time]
-        expected = quad(omega, 0.0, time, points=inner or None)[0]
-        angle = shaft.angle('aft', np.array([time]))[0]
-        assert angle == pytest.approx(expected, rel=1e-10, abs=1e-12)
-    assert shaft.angle('aft', np.array([-5.0]))[0] == pytest.approx(-5.0 * 2.0 * math.pi)
+        expected = quad(frequency, 0.0, time, points=inner or None)[0]
+        turns = shaft.turns('aft', np.array([time]))[0]
+        assert turns == pytest.approx(expected, rel=1e-10, abs=1e-12)
+    assert shaft.turns('aft', np.array([-5.0]))[0] == pytest.approx(-5.0)
 
 
 def test_load_of_a_journal_that_lifts_off_is_zero(make_scene: Callable[..., Scene]) -> None:
@@ -70,4 +70,4 @@ def test_each_bearing_of_a_shaft_has_its_own_surface_speed(
     time = np.array([0.0, 30.0])
     np.testing.assert_allclose(shaft.speed('aft', time), [60.0 * SURFACE, 40.0 * SURFACE])
     np.testing.assert_allclose(shaft.speed('fwd', time), [150.0 * SURFACE, 100.0 * SURFACE])
-    np.testing.assert_allclose(shaft.angle('fwd', time), shaft.angle('aft', time))
+    np.testing.assert_allclose(shaft.turns('fwd', time), shaft.turns('aft', time))

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
+from stickslip_monitor.scenes.portable import cos_turns
 from stickslip_monitor.scenes.settings import Settings
 from stickslip_monitor.scenes.shaft import Shaft
 from stickslip_monitor.scenes.signals import Channel, FloatArray
@@ -30,9 +29,9 @@ class BladeRipple:
 
     def at(self, time: FloatArray) -> FloatArray:
         """Its values at some times, shape (n,) [m/s]."""
-        angle = self.shaft.angle(self.channel.bearings[0].name, time)
+        turns = self.shaft.turns(self.channel.bearings[0].name, time)
         mean = self.shaft.mean(self.channel.topic, time)
-        return mean * (self.amplitude * np.cos(self.blades * angle))
+        return mean * (self.amplitude * cos_turns(self.blades * turns))
 
 
 def build(settings: Settings, frame: Frame) -> None:

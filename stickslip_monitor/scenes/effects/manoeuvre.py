@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from stickslip_monitor.errors import SceneError
+from stickslip_monitor.scenes.portable import exp
 from stickslip_monitor.scenes.profile import check_times
 from stickslip_monitor.scenes.settings import Settings, suggestion
 from stickslip_monitor.scenes.signals import FloatArray
@@ -67,8 +68,7 @@ class Response:
         """Value and integral where target ``k`` is the last."""
         since, off = time - self.times[k], self.values[k] - self.targets[k]
         # Before the first target there is nothing off.
-        # Beyond these digits exponentials differ between processors, and recordings must not.
-        left = np.round(np.exp(-np.maximum(since, 0.0) / self.time_constant), 12)
+        left = exp(-np.maximum(since, 0.0) / self.time_constant)
         way = self.targets[k] * since + off * (self.time_constant * (1.0 - left))
         return self.targets[k] + off * left, self.ways[k] + way
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
+from stickslip_monitor.scenes.portable import cos_turns
 from stickslip_monitor.scenes.settings import Settings
 from stickslip_monitor.scenes.shaft import Shaft
 from stickslip_monitor.scenes.signals import FloatArray
@@ -29,7 +28,7 @@ class OncePerTurn:
 
     def at(self, time: FloatArray) -> FloatArray:
         """Its values at some times, shape (n,) [N]."""
-        return self.amplitude * np.cos(self.shaft.angle(self.bearing, time))
+        return self.amplitude * cos_turns(self.shaft.turns(self.bearing, time))
 
 
 def build(settings: Settings, frame: Frame) -> None:

@@ -128,7 +128,7 @@ def test_shaft_follows_the_telegraph_with_a_lag(make_scene: MakeScene) -> None:
     shaft = make_scene(effects=[{'manoeuvre': ORDERS}]).build().shaft
     targets = [(10.0, 60.0), (20.0, 0.0), (45.0, -70.0), (70.0, 20.0), (100.0, 0.0)]
     time, state = 0.0, [60.0, 0.0]
-    speeds, angles = [], []
+    speeds, ways = [], []
     for (_, target), (until, _) in zip([(0.0, 60.0), *targets], targets, strict=False):
         at = TIME[(time <= TIME) & (until > TIME)]
         solved = solve_ivp(
@@ -141,19 +141,18 @@ def test_shaft_follows_the_telegraph_with_a_lag(make_scene: MakeScene) -> None:
         )
         time, state = until, solved.y[:, -1].tolist()
         speeds += solved.y[0, :-1].tolist()
-        angles += solved.y[1, :-1].tolist()
+        ways += solved.y[1, :-1].tolist()
     count = len(speeds)
     assert count == TIME.size - 1
     np.testing.assert_allclose(shaft.speed('aft', TIME)[:count] / RPM, speeds, atol=1e-7)
-    turned = shaft.angle('aft', TIME)[:count] / (2.0 * math.pi / 60.0)
-    np.testing.assert_allclose(turned, angles, atol=1e-5)
+    np.testing.assert_allclose(shaft.turns('aft', TIME)[:count] * 60.0, ways, atol=1e-5)
 
 
 def test_first_order_holds_from_long_before(make_scene: MakeScene) -> None:
     shaft = make_scene(effects=[{'manoeuvre': ORDERS}]).build().shaft
     before = np.array([-1e5, -1.0, 0.0, 9.9])
     np.testing.assert_allclose(shaft.speed('aft', before), 60.0 * RPM, rtol=1e-14)
-    np.testing.assert_allclose(shaft.angle('aft', before), before * 2.0 * math.pi, rtol=1e-12)
+    np.testing.assert_allclose(shaft.turns('aft', before), before, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
