@@ -12,6 +12,7 @@ import platform
 import re
 import sys
 import tempfile
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -98,7 +99,7 @@ def _scene(folder: Path, effects: list[dict[str, Any]]) -> Scene:
 
 
 def _run(scene: Scene, folder: Path) -> dict[str, float]:
-    stopwatch = Stopwatch()
+    stopwatch = Stopwatch(time.process_time)
     path = folder / 'bag.mcap'
     write_bag(scene, path, stopwatch=stopwatch)
     path.unlink()
@@ -112,7 +113,7 @@ def render(seconds: dict[str, float]) -> str:
         f'Python {platform.python_version()}, numpy {np.__version__}, {_processor()}, one core'
     )
     lines = [
-        'Measured for an hour of a speed and a load at 10 Hz, each effect by itself with the',
+        'Processor time for an hour of a speed and a load at 10 Hz, each effect by itself with the',
         'settings of its example above, while the lining sticks and slips at 32 Hz',
         f'({machine}).',
         'What a sensor with a memory asks of the shaft between its samples counts for the effects',

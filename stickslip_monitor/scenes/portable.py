@@ -14,8 +14,8 @@ import numpy as np
 
 from .signals import FloatArray
 
-# exp(r) for |r| <= ln(2)/2, and cos(x) in powers of x^2 for |x| <= pi/2: Taylor's series, until the
-# next term is below half a unit in the last place.
+# exp(r) for |r| <= ln(2)/2, and cos(x) in powers of x^2 for |x| <= pi/2: Taylor's series, until
+# the next term is below half a unit in the last place.
 _EXP = [1.0 / math.factorial(k) for k in range(14)]
 _COS = [(-1.0) ** k / math.factorial(2 * k) for k in range(11)]
 # ln(2) in two parts; the first has so few digits that its multiples are exact.
