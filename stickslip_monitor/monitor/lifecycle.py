@@ -89,14 +89,13 @@ class Facts(NamedTuple):
 Choice = tuple[str, State]
 ALWAYS = ''
 
-# Where an alarm goes that comes back from the shelf, from suppression or into service.
-RESUME: tuple[Choice, ...] = (
-    ('suppressed', State.SUPPRESSED),
+_AGAIN: tuple[Choice, ...] = (
     ('covered', State.ACKNOWLEDGED),
     ('active', State.UNACKNOWLEDGED),
-    ('held', State.RETURNED),
-    (ALWAYS, State.NORMAL),
 )
+_ASIDE: tuple[Choice, ...] = (('suppressed', State.SUPPRESSED),)
+_HELD: tuple[Choice, ...] = (('held', State.RETURNED),)
+_BACK: tuple[Choice, ...] = ((ALWAYS, State.NORMAL),)
 _COME: tuple[Choice, ...] = (
     ('covered', State.ACKNOWLEDGED),
     (ALWAYS, State.UNACKNOWLEDGED),
@@ -135,18 +134,15 @@ TABLE: dict[tuple[State, Trigger], tuple[Choice, ...]] = {
     (State.RETURNED, Trigger.SHELVE): _SHELF,
     (State.RETURNED, Trigger.REMOVE): _AWAY,
     (State.LATCHED, Trigger.RAISE): (('suppressed', State.LATCHED), *_COME),
-    (State.LATCHED, Trigger.UNSUPPRESS): (
-        ('covered', State.ACKNOWLEDGED),
-        ('active', State.UNACKNOWLEDGED),
-    ),
-    (State.LATCHED, Trigger.RESET): ((ALWAYS, State.NORMAL),),
+    (State.LATCHED, Trigger.UNSUPPRESS): _AGAIN,
+    (State.LATCHED, Trigger.RESET): _BACK,
     (State.LATCHED, Trigger.REMOVE): _AWAY,
-    (State.SHELVED, Trigger.UNSHELVE): RESUME,
+    (State.SHELVED, Trigger.UNSHELVE): (*_ASIDE, *_AGAIN, *_HELD, *_BACK),
     (State.SHELVED, Trigger.REMOVE): _AWAY,
-    (State.SUPPRESSED, Trigger.UNSUPPRESS): RESUME,
+    (State.SUPPRESSED, Trigger.UNSUPPRESS): (*_AGAIN, *_BACK),
     (State.SUPPRESSED, Trigger.SHELVE): _SHELF,
     (State.SUPPRESSED, Trigger.REMOVE): _AWAY,
-    (State.OUT_OF_SERVICE, Trigger.RESTORE): RESUME,
+    (State.OUT_OF_SERVICE, Trigger.RESTORE): (*_ASIDE, *_AGAIN, *_BACK),
 }
 
 

@@ -208,6 +208,13 @@ def test_an_acknowledged_alarm_survives_a_restart(start: Any, kit: Any, tmp_path
     assert f'state_file {file} cannot be used: it is not JSON: ' in third.output
     assert (tmp_path / 'alarms.json.damaged').exists()
 
+    # What cannot be written is told, and no more: a folder stands where the new file would.
+    (tmp_path / 'alarms.json.new').mkdir()
+    assert panel.meet('suppress').switch('suppress', on=True)[0]
+    panel.peer.until(lambda: 'the alarms are not kept: ' in third.output, 'the reason')
+    panel.peer.until(lambda: set(panel.states().values()) == {'suppressed'}, 'suppression')
+    assert third.alive
+
 
 def test_a_state_file_without_a_folder_is_refused(start: Any, kit: Any, tmp_path: Path) -> None:
     monitor = start(kit.parameters(state_file=str(tmp_path / 'no' / 'alarms.json')))
