@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+import importlib
 import itertools
 import json
+import math
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -18,7 +21,8 @@ from typing import Any
 import pytest
 import yaml
 
-DEADLINE = 20.0
+# Only a test that fails waits so long; a busy machine may need some of it.
+DEADLINE = 30.0
 T0 = 1_700_000_000 * 10**9
 SECOND = 10**9
 JOINT = 'sensor_msgs/msg/JointState'
@@ -48,6 +52,15 @@ STAMPED = {
     'load.timeout': 1000.0,
     'alarm.on_delay': 0.5,
     'alarm.off_delay': 1.5,
+}
+# The services that are called, and their types; get_state is the last, see Monitor.call.
+SERVICES = {
+    'change_state': ('lifecycle_msgs', 'ChangeState'),
+    'set_parameters': ('rcl_interfaces', 'SetParameters'),
+    'set_parameters_atomically': ('rcl_interfaces', 'SetParametersAtomically'),
+    'get_parameters': ('rcl_interfaces', 'GetParameters'),
+    'describe_parameters': ('rcl_interfaces', 'DescribeParameters'),
+    'get_state': ('lifecycle_msgs', 'GetState'),
 }
 
 
@@ -147,17 +160,19 @@ class Peer:
             self.until(lambda: publisher.get_subscription_count(), f'a subscriber of {topic}')
         return publisher
 
-    def call(self, kind: Any, name: str, request: Any) -> Any:
-        """The answer of a service."""
-        client = self.node.create_client(kind, name)
-        self.until(client.service_is_ready, f'service {name}')
-        # Ready is this side's view: a server that has not yet matched the reader of its answers
-        # gives up on sending one (rclpy: 'client will not receive response').
-        settled = time.monotonic() + 0.5
-        self.until(lambda: time.monotonic() > settled, 'a moment')
-        future = client.call_async(request)
-        self.until(future.done, f'answer of {name}')
-        self.node.destroy_client(client)
+    def call(self, client: Any, request: Any, again: float = math.inf) -> Any:
+        """The answer of a service; a request that changes nothing may be sent again."""
+        self.until(client.service_is_ready, f'service {client.srv_name}')
+        future, sent = client.call_async(request), time.monotonic()
+
+        def answered() -> bool:
+            nonlocal future, sent
+            if time.monotonic() > sent + again:
+                client.remove_pending_request(future)
+                future, sent = client.call_async(request), time.monotonic()
+            return bool(future.done())
+
+        self.until(answered, f'answer of {client.srv_name}')
         return future.result()
 
     def close(self) -> None:
@@ -189,7 +204,32 @@ class Monitor(Program):
             '-r',
             f'/clock:={clock or f"/{space}/clock"}',
         ]
+        self._clients = {service: self._client(service) for service in SERVICES}
+        self._met = False
         super().__init__([*command, *arguments], folder / f'{space}.log')
+
+    def _client(self, service: str) -> Any:
+        package, kind = SERVICES[service]
+        services = importlib.import_module(f'{package}.srv')
+        return self.peer.node.create_client(getattr(services, kind), self.name(service))
+
+    def call(self, service: str, **request: Any) -> Any:
+        """The answer of one of the node's services.
+
+        That a service is ready is this side's view: a server that has not heard of the reader
+        of its answers gives up on sending one, and says so only in its log. But readers are
+        announced in the order of their creation, reliably, and get_state comes last. So its
+        first answer shows that the answers of all the others find their way too.
+        """
+        if not self._met:
+            self._read_state()
+            self._met = True
+        client = self._clients[service]
+        return self.peer.call(client, client.srv_type.Request(**request))
+
+    def _read_state(self) -> Any:
+        client = self._clients['get_state']
+        return self.peer.call(client, client.srv_type.Request(), again=1.0)
 
     def name(self, topic: str) -> str:
         """The full name of one of the node's own topics or services."""
@@ -214,39 +254,31 @@ class Monitor(Program):
         return self.peer.listen(DiagnosticArray, f'/{self.space}/diagnostics')
 
     def state(self) -> str:
-        from lifecycle_msgs.srv import GetState
-
-        answer = self.peer.call(GetState, self.name('get_state'), GetState.Request())
-        return str(answer.current_state.label)
+        return str(self._read_state().current_state.label)
 
     def change_state(self, transition: int, label: str = '') -> bool:
-        from lifecycle_msgs.srv import ChangeState
+        from lifecycle_msgs.msg import Transition
 
-        request = ChangeState.Request()
-        request.transition.id, request.transition.label = transition, label
-        return bool(self.peer.call(ChangeState, self.name('change_state'), request).success)
+        request = Transition(id=transition, label=label)
+        return bool(self.call('change_state', transition=request).success)
 
     def set(self, atomically: bool = False, **values: Any) -> list[tuple[bool, str]]:
         """Set parameters (a double underscore stands for a dot); whether, and why not."""
-        from rcl_interfaces.srv import SetParameters, SetParametersAtomically
         from rclpy.parameter import Parameter
 
         changes = [
             Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
             for name, value in values.items()
         ]
-        kind = SetParametersAtomically if atomically else SetParameters
         service = 'set_parameters_atomically' if atomically else 'set_parameters'
-        answer = self.peer.call(kind, self.name(service), kind.Request(parameters=changes))
+        answer = self.call(service, parameters=changes)
         results = [answer.result] if atomically else answer.results
         return [(result.successful, result.reason) for result in results]
 
     def get(self, *names: str) -> list[Any]:
-        from rcl_interfaces.srv import GetParameters
         from rclpy.parameter import parameter_value_to_python
 
-        request = GetParameters.Request(names=[name.replace('__', '.') for name in names])
-        answer = self.peer.call(GetParameters, self.name('get_parameters'), request)
+        answer = self.call('get_parameters', names=[name.replace('__', '.') for name in names])
         return [parameter_value_to_python(value) for value in answer.values]
 
 
@@ -316,13 +348,36 @@ def status(diagnostics: list[Any], bearing: str = 'aft') -> dict[str, Any]:
     return record | {pair.key: pair.value for pair in found.values}
 
 
+def claim_domain() -> tuple[int, socket.socket]:
+    """A DDS domain that nobody else on this machine uses, and what to close to give it back.
+
+    Domain d talks on UDP port 7400 + 250 d (DDSI-RTPS 9.6.2.3), which a participant shares with
+    others but not with a socket that does not ask to share; up to 100 these ports lie below
+    Linux's ephemeral ones. The TCP port of that number, which DDS leaves alone, keeps the domain
+    from another run of these tests, until the process ends at the latest.
+    """
+    for domain in (1 + (os.getpid() + k) % 100 for k in range(100)):
+        claim = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        port = 7400 + 250 * domain
+        try:
+            claim.bind(('127.0.0.1', port))
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as shared:
+                shared.bind(('', port))
+        except OSError:
+            claim.close()
+        else:
+            return domain, claim
+    pytest.fail('no DDS domain is free')
+
+
 @pytest.fixture(scope='session')
 def _ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     import rclpy
 
-    with pytest.MonkeyPatch.context() as patch:
+    domain, claim = claim_domain()
+    with claim, pytest.MonkeyPatch.context() as patch:
         patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-        patch.setenv('ROS_DOMAIN_ID', str(1 + os.getpid() % 101))
+        patch.setenv('ROS_DOMAIN_ID', str(domain))
         patch.setenv('ROS_LOG_DIR', str(tmp_path_factory.mktemp('ros_log')))
         rclpy.init(args=[])
         yield
@@ -376,6 +431,7 @@ def kit() -> SimpleNamespace:
         events=events,
         status=status,
         Telemetry=Telemetry,
+        DEADLINE=DEADLINE,
         T0=T0,
         SECOND=SECOND,
         STAMPED=STAMPED,

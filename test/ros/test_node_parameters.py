@@ -12,12 +12,9 @@ AT_ONCE = {'alarm.on_delay': 0.0, 'alarm.off_delay': 0.0}
 
 
 def test_descriptors_have_ranges_units_and_rules(start: Any, kit: Any) -> None:
-    from rcl_interfaces.srv import DescribeParameters
-
     monitor = start(kit.parameters(kit.STAMPED))
     names = ['aft.mass', 'aft.alarm.hysteresis', 'aft.alarm.on_delay', 'aft.speed.unit']
-    request = DescribeParameters.Request(names=names)
-    answer = monitor.peer.call(DescribeParameters, monitor.name('describe_parameters'), request)
+    answer = monitor.call('describe_parameters', names=names)
     mass, hysteresis, on_delay, unit = answer.descriptors
     assert mass.description.startswith('Moving mass of the lining.')
     assert '[kg]' in mass.description
