@@ -58,8 +58,15 @@ def _load_at(bearing: Bearing, slope: Array) -> Array:
 
 
 def hopf_load(bearing: Bearing, speed: ArrayLike) -> Any:
-    """Load [N] above which steady sliding at a surface speed [m/s] is unstable."""
-    return mapped(lambda v: _load_at(bearing, -bearing.friction.slope(v)), speed)
+    """Load [N] above which steady sliding at a surface speed [m/s] is unstable.
+
+    An exponential law falls at every speed, so the load is ``inf`` only where it is too large for
+    a float.
+    """
+    law = bearing.friction
+    if isinstance(law, Stribeck) and law.viscous == 0.0:
+        return mapped(lambda v: kbm_stribeck.hopf_load(law, np.abs(v), bearing.damping), speed)
+    return mapped(lambda v: _load_at(bearing, -law.slope(v)), speed)
 
 
 def fold_load(bearing: Bearing, speed: ArrayLike) -> Any:

@@ -63,6 +63,21 @@ def fold_speed(law: Stribeck, q: LongArray) -> Array:
     return result
 
 
+def hopf_load(law: Stribeck, speed: Array, damping: float) -> Array:
+    """``N_H = c exp(beta V)/(Delta beta)`` [N] of a law without viscous rise; ``nan`` if none.
+
+    The law's slope itself underflows from ``beta V`` = 708 on, long before ``N_H`` overflows.
+    """
+    fall = (law.static - law.kinetic) * law.decay
+    if fall <= 0.0:
+        return np.full_like(speed, np.nan)
+    if damping == 0.0:
+        return np.zeros_like(speed)
+    with np.errstate(over='ignore'):
+        half = np.exp(0.5 * law.decay * speed)
+        return (damping / fall * half) * half
+
+
 def peak_slope(law: Stribeck, speed: Array) -> Array:
     """Largest averaged negative slope ``max_a 2 S/a``, reached at the sliding limit [s/m]."""
     with np.errstate(over='ignore'):
