@@ -53,6 +53,10 @@ class ScaledLaw(Protocol):
     def grain(self) -> Array:
         """Size of ``rise`` up to which it is not known to many digits, shape (n,)."""
 
+    @property
+    def sharpness(self) -> Array:
+        """How often the friction's fall shrinks by e over a relative speed of 1, shape (n,)."""
+
     def take(self, index: Index, piece: Index) -> ScaledLaw:
         """The law of some of the elements, each on the given smooth piece."""
 
@@ -92,6 +96,12 @@ class ScaledStribeck:
     def grain(self) -> Array:
         """None: differences are formed analytically."""
         return np.zeros(self.gap.shape[0])
+
+    @property
+    def sharpness(self) -> Array:
+        """``beta V``."""
+        sharpness: Array = self.decay[:, 0]
+        return sharpness
 
     def take(self, index: Index, piece: Index) -> ScaledStribeck:
         """See :class:`ScaledLaw`."""
@@ -143,6 +153,11 @@ class ScaledTable:
         """See :class:`ScaledLaw`."""
         grain: Array = _GRAIN * (self.force * self.top)[:, 0]
         return grain
+
+    @property
+    def sharpness(self) -> Array:
+        """None: a cubic between two measured speeds has no layer."""
+        return np.zeros(self.force.shape[0])
 
     def take(self, index: Index, piece: Index) -> ScaledTable:
         """See :class:`ScaledLaw`."""
@@ -199,6 +214,11 @@ class ScaledGeneral:
         """See :class:`ScaledLaw`."""
         grain: Array = _GRAIN * (self.force * self.top)[:, 0]
         return grain
+
+    @property
+    def sharpness(self) -> Array:
+        """Unknown."""
+        return np.zeros(self.force.shape[0])
 
     def take(self, index: Index, piece: Index) -> ScaledGeneral:
         """See :class:`ScaledLaw`."""

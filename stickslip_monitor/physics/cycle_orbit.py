@@ -19,6 +19,9 @@ _STEPS = 4000
 _BLOCK = 512
 _LONGEST, _SHORTEST = 1.0, 1e-13
 _GROWTH, _SHRINK = 2.5, 0.2
+# Folds above the layer of a sharp law from which a step may enter it, and how far it may go down
+# at a time from further above: between two nodes the layer would not be seen.
+_IN_SIGHT, _DOWN = 40.0, 0.25
 
 
 def follow(
@@ -90,6 +93,7 @@ def _advance(
     motion = setting.motion.take(running, piece)
     step = solve_step(motion, piece, orbits.e[running], orbits.z[running], h)
     orbits.evaluations[running] += step.iterations
+    step.error[_is_blind(frame, motion.law.sharpness, orbits.z[running], step.z)] = np.inf
     good = step.error <= TOLERANCE
     with np.errstate(divide='ignore'):
         factor = 0.9 * (TOLERANCE / step.error) ** (1.0 / NODES)
@@ -102,6 +106,13 @@ def _advance(
         if record is not None:
             record.append(stretch)
     return running[keep]
+
+
+def _is_blind(frame: Frame, sharpness: Array, start: Array, nodes: Array) -> Flags:
+    """Whether a step comes down towards the layer of a sharp law from where it is not seen."""
+    above, low = frame.reference + start, frame.reference + np.min(nodes, axis=1)
+    blind: Flags = (sharpness * above > _IN_SIGHT) & (low < _DOWN * above)
+    return blind
 
 
 def _stretch(
