@@ -7,9 +7,12 @@ above it: that bounds its error without solving anything twice.
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
+from types import ModuleType
 
 import mpmath as mp
 import numpy as np
@@ -129,6 +132,18 @@ def oracle() -> Oracle:
 @pytest.fixture(scope='session')
 def brute_force() -> BruteForce:
     return BruteForce()
+
+
+@pytest.fixture(scope='session')
+def taylor() -> ModuleType:
+    """The exact cycle by Taylor series in 40 digits: test_cycle_reference.py."""
+    path = Path(__file__).with_name('test_cycle_reference.py')
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 @pytest.fixture(scope='session')

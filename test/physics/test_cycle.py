@@ -3,10 +3,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 import mpmath as mp
 import numpy as np
@@ -25,14 +23,6 @@ from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, T
 from stickslip_monitor.physics.oscillator import Bearing
 
 pytestmark = pytest.mark.filterwarnings('error')
-
-_spec = importlib.util.spec_from_file_location(
-    'test_cycle_reference', Path(__file__).with_name('test_cycle_reference.py')
-)
-assert _spec is not None
-assert _spec.loader is not None
-taylor = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(taylor)
 
 BENCH = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
 LAW = Stribeck(0.3, 0.1, 1.0)
@@ -101,7 +91,7 @@ POINTS = [
 
 
 @pytest.mark.parametrize(('eta', 'kappa', 'speed', 'refine'), POINTS)
-def test_taylor_series_in_40_digits(eta, kappa, speed, refine):
+def test_taylor_series_in_40_digits(taylor, eta, kappa, speed, refine):
     bearing, load = unit_bearing(kappa * eta / 2.0), eta / 0.2
     cycle = exact_cycle(bearing, speed, load)
     force = mp.mpf(load) / mp.mpf(speed)
@@ -186,7 +176,7 @@ def test_weak_friction_meets_averaging(eta):
     assert unstable == pytest.approx(both.amplitude[~both.stable][0], rel=10.0 * eta)
 
 
-def test_overtaking_closes_under_the_reference():
+def test_overtaking_closes_under_the_reference(taylor):
     # One round by Taylor series in 40 digits, starting where the solver says the cycle starts.
     bearing, load, speed = unit_bearing(1e-4), 0.001 / 0.2, 2.0
     cycle = exact_cycle(bearing, speed, load)
@@ -204,7 +194,7 @@ def test_overtaking_closes_under_the_reference():
 @pytest.mark.parametrize(
     ('eta', 'kappa', 'speed'), [(0.2, 0.2, 1.78), (0.2, 0.2, 2.1319), (1e-6, 0.2, 1.8)]
 )
-def test_the_unstable_cycle_and_its_multiplier(eta, kappa, speed):
+def test_the_unstable_cycle_and_its_multiplier(taylor, eta, kappa, speed):
     # The return map in 40 digits: its fixed point, and its slope by a difference of 1e-15.
     bearing, load = unit_bearing(kappa * eta / 2.0), eta / 0.2
     cycle = exact_unstable_cycle(bearing, speed, load)

@@ -37,9 +37,13 @@ class Slip:
         """A fraction of the length within which the last terms are below the precision."""
         size = max(abs(xs[0]), abs(vs[0]), abs(xs[1]), abs(vs[1]))
         last = max(abs(c[-1 - i]) ** (mp.mpf(1) / (ORDER - i)) for c in (xs, vs) for i in range(8))
-        return (
-            min(mp.mpf(1), (size * mp.mpf(10) ** -36) ** (mp.mpf(1) / ORDER) / last) / self.refine
-        )
+        h = min(mp.mpf(1), (size * mp.mpf(10) ** -36) ** (mp.mpf(1) / ORDER) / last)
+        # A series about a point far above the layer of a sharp law does not see it coming.
+        folds = self.decay * self.side * (1 - vs[0])
+        rate = self.decay * abs(vs[1])
+        if rate > 0:
+            h = min(h, max(mp.mpf(4), (folds - 100) / 2) / rate)
+        return h / self.refine
 
 
 def at(series, t):
@@ -92,6 +96,21 @@ def slip_phase(motion, x, turns=2):
                 return time + t, at(xs, t), extremes
         x, v, time = at(xs, h), at(vs, h), time + h
     raise AssertionError('no contact')
+
+
+def clearance(motion, x):
+    """How far the lining, after two turns, overtakes the belt if it never meets it; < 0: not."""
+    v, turns = mp.mpf(1), 0
+    for _ in range(100000):
+        xs, vs = motion.series(x, v)
+        h, low = motion.step(xs, vs), mp.mpf(0)
+        if turns < 2 and at(vs, h) * (-1) ** turns < 0:
+            low, turns = crossing(vs, 0, low, h), turns + 1
+        rate = [k * vs[k] for k in range(1, len(vs))]
+        if turns == 2 and at(rate, low) > 0 > at(rate, h):
+            return at(vs, crossing(rate, 0, low, h)) - 1
+        x, v = at(xs, h), at(vs, h)
+    raise AssertionError('no summit')
 
 
 def stick_slip(zeta, static, kinetic, decay, refine=4):

@@ -13,6 +13,7 @@ from stickslip_monitor.physics.averaging import harmonic
 from stickslip_monitor.physics.cycle import exact_cycle
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.scenes.integrator import Drive, State, integrate
 from stickslip_monitor.study.cases import CASES
 from stickslip_monitor.study.cases import REFERENCE_BEARING as BENCH
 from stickslip_monitor.study.methods.event_driven import EventDriven, Samples, turning_points
@@ -25,8 +26,9 @@ from stickslip_monitor.study.methods.harmonic_balance import (
     _Series,
     half_range,
 )
-from stickslip_monitor.study.methods.method import Outcome
+from stickslip_monitor.study.methods.method import Outcome, breakaway
 from stickslip_monitor.study.methods.regularised import Regularised
+from stickslip_monitor.study.methods.solver import run
 from stickslip_monitor.study.methods.switching import Switching
 
 pytestmark = pytest.mark.filterwarnings('error')
@@ -51,6 +53,43 @@ def test_the_bias_of_smoothing(width, bias):
 
 def test_default_tolerance_is_worse_than_the_smoothing_it_resolves():
     assert abs(error(Regularised(1e-5, tight=False), 10)) > 50.0 * 5e-4
+
+
+def evaluations_of_two_cycles(method: str, width: float) -> int:
+    speed, load = rpm(10), 1000.0
+    flow = Regularised(width, tight=True)._flow(BENCH, speed, load)
+    span = (0.0, 2.0 * exact_cycle(BENCH, speed, load).period)
+    start = (breakaway(BENCH, speed, load), speed)
+    return run(flow, span, start, method=method, rtol=1e-6, atol=1e-10).evaluations
+
+
+def test_the_step_of_an_explicit_method_collapses_where_smoothed_friction_sticks():
+    """solve_ivp's own choice, RK45: while the lining sticks, the step cannot exceed 3.3 time
+    constants ``m width/(N mu_s)`` (the real stability interval of Dormand and Prince's pair;
+    Hairer and Wanner II, IV.2), at six evaluations a step.
+    """
+    cycle = exact_cycle(BENCH, rpm(10), 1000.0)
+    stick = 2.0 * cycle.stick_fraction * cycle.period
+    counts = [evaluations_of_two_cycles('RK45', width) for width in (1e-2, 1e-5, 2.5e-6)]
+    for width, count in zip((1e-5, 2.5e-6), counts[1:], strict=True):
+        steps = stick / 3.3 * 1000.0 * 0.3 / (50.0 * width)
+        assert count - counts[0] == pytest.approx(6.0 * steps, rel=0.25)
+    # An implicit method pays with its matrices, not with its step.
+    implicit = [evaluations_of_two_cycles('LSODA', width) for width in (1e-3, 2.5e-6)]
+    assert implicit[1] < 2 * implicit[0]
+
+
+def test_event_driven_methods_need_no_step_for_stick():
+    """However long the lining sticks: at 0.01 rpm for all but a 200th of the cycle."""
+    for speed, sticks in ((10, 0.1), (0.01, 0.99)):
+        cycle = exact_cycle(BENCH, rpm(speed), 1e6)
+        start = State(float(breakaway(BENCH, rpm(speed), 1e6)), 0.0)
+        drive = Drive.constant(rpm(speed), 1e6, 2.0 * cycle.period)
+        motion = integrate(BENCH, drive, start, compiled=False)
+        assert cycle.stick_fraction > sticks
+        assert cycle.evaluations < 1000
+        assert motion.expansions < 200
+        assert motion.steps - motion.expansions <= 8
 
 
 @pytest.mark.parametrize('speed', [2, 20, 38])

@@ -1,0 +1,360 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where numbers break: at the fold, at sharp laws, at crawling speed, without a fall of friction.
+
+Every expectation is a closed form or a computation in 40 digits. Nothing here may warn, divide by
+zero or overflow; underflow to zero is meant, as in ``exp(-beta V)``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import mpmath as mp
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from scipy.special import i1e
+
+from stickslip_monitor.physics.bifurcation import (
+    fold_load,
+    fold_speed,
+    growth_rate,
+    hopf_load,
+    hopf_speed,
+    stationary_amplitudes,
+)
+from stickslip_monitor.physics.cycle import (
+    CycleKind,
+    exact_cycle,
+    exact_fold_speed,
+    exact_unstable_cycle,
+)
+from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
+from stickslip_monitor.physics.oscillator import Bearing
+
+pytestmark = pytest.mark.filterwarnings('error')
+
+
+@pytest.fixture(autouse=True)
+def _raising() -> Iterator[None]:
+    with np.errstate(divide='raise', over='raise', invalid='raise'):
+        yield
+
+
+def unit_bearing(zeta: float, law: FrictionLaw) -> Bearing:
+    """omega = m = k = 1."""
+    return Bearing(1.0, 2.0 * zeta, 1.0, law, 0.1)
+
+
+def stribeck_bearing(eta: float, kappa: float) -> tuple[Bearing, float]:
+    """A bearing and its load: the speed is ``beta V``."""
+    return unit_bearing(kappa * eta / 2.0, Stribeck(0.3, 0.1, 1.0)), eta / 0.2
+
+
+# The fold
+
+
+@pytest.mark.parametrize(('eta', 'kappa'), [(1e-3, 0.9), (0.2, 0.2), (5.0, 0.2)])
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+def test_the_exact_fold_is_where_the_slip_phase_grazes(taylor, eta, kappa, side):
+    """In 40 digits the lining overtakes the belt 1e-12 below the fold and misses it above."""
+    bearing, load = stribeck_bearing(eta, kappa)
+    speed = mp.mpf(exact_fold_speed(bearing, load) * (1.0 + side * 1e-12))
+    force = load / speed
+    motion = taylor.Slip(
+        mp.mpf(bearing.damping) / 2, force * mp.mpf(0.3), force * mp.mpf(0.1), speed, refine=1
+    )
+    assert mp.sign(taylor.clearance(motion, motion.static - 2 * motion.zeta)) == -side
+
+
+@pytest.mark.parametrize('kappa', [0.9, 0.2, 1e-3, 1e-6])
+def test_averaged_cycles_just_inside_and_just_outside_the_fold(kappa):
+    """Both meet the sliding limit there: the unstable one linearly, the stable one as a square.
+
+    With ``growth = ln(2 I1(alpha)/alpha)`` and ``growth(alpha) = v + ln kappa``, ``alpha`` falls
+    short of ``v`` by ``(1/growth' - 1)`` times the distance from the fold.
+    """
+    bearing, load = stribeck_bearing(0.2, kappa)
+    fold, distance = fold_speed(bearing, load), 1e-12
+    with mp.workdps(30):
+        v = mp.mpf(fold)
+        slope = mp.besseli(2, v) / mp.besseli(1, v)
+        short = float((1 / slope - 1) * distance)
+    found = stationary_amplitudes(bearing, fold * (1.0 - distance), load)
+    assert found.stable.tolist() == [False, True]
+    unstable, stable = found.amplitude / (fold * (1.0 - distance))
+    assert stable == pytest.approx(1.0, abs=1e-15)
+    assert 1.0 - unstable == pytest.approx(short, abs=4e-15 * (1.0 + short / distance))
+    assert stationary_amplitudes(bearing, fold * (1.0 + distance), load).amplitude.size == 0
+
+
+# A sharp law
+
+
+def test_the_exact_cycle_of_a_sharp_law(taylor):
+    """beta V = 1e4: friction falls within a ten-thousandth of the belt's speed."""
+    bearing = unit_bearing(0.02, Stribeck(0.3, 0.1, 1e4))
+    cycle = exact_cycle(bearing, 1.0, 10.0)
+    amplitude, period, stick = taylor.stick_slip(
+        mp.mpf(bearing.damping) / 2, 10 * mp.mpf(0.3), 10 * mp.mpf(0.1), mp.mpf(1e4), refine=1
+    )
+    assert cycle.amplitude == pytest.approx(float(amplitude), rel=2e-14)
+    assert cycle.period == pytest.approx(float(period), rel=2e-14)
+    assert cycle.stick_fraction == pytest.approx(float(stick), rel=1e-12)
+
+
+def test_an_ever_sharper_law_becomes_coulombs():
+    """The layer of width ``1/beta`` is passed twice a cycle: its effect falls in proportion."""
+    limit = exact_cycle(unit_bearing(0.02, Coulomb(0.3, 0.1)), 1.0, 10.0).amplitude
+    errors = [
+        exact_cycle(unit_bearing(0.02, Stribeck(0.3, 0.1, decay)), 1.0, 10.0).amplitude / limit - 1
+        for decay in (1e2, 1e3, 1e4, 1e5)
+    ]
+    falls = np.divide(errors[:-1], errors[1:])
+    assert np.all(falls > 6.0)
+    assert np.all(falls < 12.0)
+
+
+@pytest.mark.parametrize('beta_v', [1e-9, 1.0, 600.0, 707.0, 712.0, 746.0])
+def test_hopf_load_of_a_sharp_law(beta_v):
+    """``N_H = c exp(beta V)/(Delta beta)``, also where the law's slope has underflowed."""
+    law = Stribeck(0.5, 0.25, 1024.0)
+    bearing = Bearing(50.0, 1e-20, 2.0e6, law, 0.1)
+    speed = beta_v / law.decay
+    expected = mp.mpf(1e-20) * mp.exp(mp.mpf(speed) * 1024) / 256
+    got = hopf_load(bearing, np.array([speed, -speed]))
+    assert got == pytest.approx(float(expected), rel=3e-16 * (3.0 + beta_v))
+
+
+def test_hopf_load_beyond_the_floats():
+    bearing = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, 1e4), 0.1)
+    loads = hopf_load(bearing, np.linspace(0.0, 0.5, 1001))
+    assert np.all(np.diff(np.log(loads[np.isfinite(loads)])) > 0.0)
+    assert np.all(np.diff(np.isposinf(loads).astype(int)) >= 0)
+    assert hopf_load(bearing, 1.0) == hopf_load(bearing, 1e300) == math.inf
+    # Without damping any load will do; with a viscous rise, or without a fall, none.
+    undamped = Bearing(50.0, 0.0, 2.0e6, Stribeck(0.3, 0.1, 1e4), 0.1)
+    assert_array_equal(hopf_load(undamped, [0.0, 0.1, 1e300]), 0.0)
+    for law in (Stribeck(0.3, 0.1, 1e4, 1e-3), Stribeck(0.3, 0.3, 1e4), Stribeck(0.1, 0.3, 1e4)):
+        assert math.isnan(hopf_load(Bearing(50.0, 400.0, 2.0e6, law, 0.1), 1.0))
+
+
+# Friction that hardly falls
+
+
+@pytest.mark.parametrize('gap', [2.0**-3, 2.0**-20, 2.0**-45])
+@pytest.mark.parametrize('speed', [1e-9, 1e-3, 1.0])
+def test_static_friction_that_comes_down_to_the_kinetic(gap, speed):
+    """Undamped Coulomb slip is an arc about steady sliding: closed form for every gap > 0."""
+    cycle = exact_cycle(unit_bearing(0.0, Coulomb(0.25 + gap, 0.25)), speed, 8.0)
+    g = 8.0 * gap / speed
+    period = math.pi + 2.0 * math.atan2(1.0, g) + 2.0 * g
+    assert cycle.kind is CycleKind.STICK_SLIP
+    assert cycle.amplitude == pytest.approx(speed * math.hypot(1.0, g), rel=4e-15)
+    assert cycle.period == pytest.approx(period, rel=4e-15)
+    assert cycle.stick_fraction == pytest.approx(2.0 * g / period, rel=1e-9, abs=2e-13)
+
+
+def test_without_a_fall_there_is_nothing():
+    for law in (Stribeck(0.3, 0.3, 1e4), Stribeck(0.1, 0.3, 1e4), Coulomb(0.25, 0.25)):
+        bearing = unit_bearing(0.02, law)
+        speed, load = np.array([1e-9, 1.0, 1e4])[:, None], np.array([1e-6, 1.0, 1e9])
+        assert_array_equal(exact_cycle(bearing, speed, load).kind, CycleKind.NONE)
+        assert stationary_amplitudes(bearing, speed, load).amplitude.shape == (3, 3, 0)
+        assert np.all(np.isnan([hopf_speed(bearing, load), fold_speed(bearing, load)]))
+        assert np.all(growth_rate(bearing, speed, load) <= -0.02)
+
+
+# A table of two points
+
+
+def linear_slip(zeta, static, fall, speed):
+    """Amplitude, period and stick of ``x'' + 2 zeta x' + x = static - fall (V - x')``, exactly.
+
+    The slip phase is a growing spiral ``exp(g t)`` of ``u = x - rest``; its contact is a root.
+    """
+    growth = (mp.mpf(fall) - 2 * mp.mpf(zeta)) / 2
+    turn = mp.sqrt(1 - growth**2)
+    rest = mp.mpf(static) - mp.mpf(fall) * speed
+    begin = mp.mpf(static) - 2 * mp.mpf(zeta) * speed - rest
+
+    def motion(t):
+        swing = (speed - growth * begin) / turn
+        c, s, e = mp.cos(turn * t), mp.sin(turn * t), mp.exp(growth * t)
+        u = e * (begin * c + swing * s)
+        return u, growth * u + turn * e * (swing * c - begin * s)
+
+    contact = mp.findroot(lambda t: motion(t)[1] - speed, (5.2, 6.1))
+    end, _ = motion(contact)
+    first = mp.findroot(lambda t: motion(t)[1], (1.0, 1.8))
+    turns = [motion(first + k * mp.pi / turn)[0] for k in range(2)]
+    stick = (begin - end) / speed
+    return (turns[0] - turns[1]) / 2, contact + stick, stick
+
+
+@pytest.mark.parametrize('speed', [0.25, 0.5])
+def test_a_table_of_two_points_in_closed_form(speed):
+    """Its interpolant is a straight line, so all of slip is linear; flat beyond its last point."""
+    law = Tabulated([0.0, 2.0], [0.3, 0.1])
+    bearing, load = unit_bearing(0.02, law), 2.0
+    amplitude, period, stick = linear_slip(0.02, 0.6, 0.2, mp.mpf(speed))
+    cycle = exact_cycle(bearing, speed, load)
+    assert cycle.amplitude == pytest.approx(float(amplitude), rel=1e-14)
+    assert cycle.period == pytest.approx(float(period), rel=1e-14)
+    assert cycle.stick_fraction == pytest.approx(float(stick / period), rel=1e-12)
+    assert growth_rate(bearing, speed, load) == pytest.approx(0.08, rel=1e-14)
+    assert hopf_load(bearing, speed) == pytest.approx(0.4, rel=1e-14)
+    assert hopf_speed(bearing, load) == 2.0
+
+
+# Everything at once
+
+
+LAWS = [
+    Stribeck(0.3, 0.1, 10.0),
+    Stribeck(0.3, 0.1, 10.0, 0.01),
+    Stribeck(0.3, 0.1, 1e5),
+    Stribeck(0.3, 0.3, 10.0),
+    Stribeck(0.1, 0.3, 10.0),
+    Stribeck(0.3, 0.0, 10.0),
+    Coulomb(0.3, 0.1),
+    Coulomb(0.1, 0.3),
+    Tabulated([0.0, 1.0], [0.3, 0.1]),
+    Tabulated([0.01, 0.1, 1.0], [0.3, 0.1, 0.2]),
+]
+SPEEDS = np.array([0.0, 1e-300, 1e-9, 1e-3, 0.1, 1.0, 1e3, 1e300])[:, None]
+# Up to eta = 1e3, and one beyond all numbers.
+LOADS = np.array([-1.0, 0.0, 1e-300, 1e-3, 1e3, 5e6, 1e300])
+
+
+@pytest.mark.parametrize('law', LAWS, ids=str)
+@pytest.mark.parametrize('damping', [0.0, 400.0, 1.8e4])
+def test_every_point_has_an_answer_of_its_kind(law, damping):
+    """No number is lost: nan is where, and only where, there is nothing."""
+    bearing = Bearing(50.0, damping, 2.0e6, law, 0.1)
+    for speed_of in (hopf_speed, fold_speed):
+        loaded = np.asarray(speed_of(bearing, LOADS[LOADS > 0.0]))
+        assert not np.any(loaded < 0.0)
+        # More load never takes a boundary away.
+        assert np.all(np.diff(np.isnan(loaded).astype(int)) <= 0)
+    for load_of in (hopf_load, fold_load):
+        assert not np.any(np.asarray(load_of(bearing, SPEEDS)) < 0.0)
+    assert np.all(np.isfinite(growth_rate(bearing, SPEEDS, LOADS[:-1])))
+    # Differences of friction at a table's points have no digits at 1e-300 m/s.
+    speeds = SPEEDS if isinstance(law, Stribeck) else SPEEDS[2:]
+    found = stationary_amplitudes(bearing, speeds, LOADS)
+    exists = ~np.isnan(found.amplitude)
+    assert np.all(found.amplitude[exists] > 0.0)
+    inside = (np.asarray(fold_speed(bearing, LOADS)) > speeds) & (speeds > 0.0)
+    assert not np.any(exists.any(axis=-1) & ~inside)
+    if isinstance(law, Stribeck):
+        assert_array_equal(exists.any(axis=-1), inside)
+
+
+@pytest.mark.parametrize('law', [LAWS[1], LAWS[2], LAWS[9]], ids=str)
+def test_every_exact_cycle_ends_named_and_bounded(law):
+    bearing = Bearing(50.0, 400.0, 2.0e6, law, 0.1)
+    speeds, loads = SPEEDS[[0, 1, 4, 6]], LOADS[[1, 4, 5, 6]]
+    for function, bound in ((exact_cycle, 3_000), (exact_unstable_cycle, 30_000)):
+        cycle = function(bearing, speeds, loads)
+        exists = cycle.kind <= CycleKind.PURE_SLIP
+        assert_array_equal(np.isfinite(cycle.amplitude), exists)
+        assert_array_equal(np.isfinite(cycle.period), exists)
+        assert np.all(cycle.amplitude[exists] > 0.0)
+        assert np.max(cycle.evaluations) < bound
+        assert_array_equal(cycle.kind[0, 1:], CycleKind.AT_REST)
+        assert_array_equal(cycle.kind[1:, 0], CycleKind.NO_CONTACT)
+
+
+class Counting:
+    """A law known by its two functions, which count how often they are asked."""
+
+    def __init__(self, law: FrictionLaw) -> None:
+        self.law, self.calls = law, 0
+
+    @property
+    def static(self) -> float:
+        return self.law.static
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        return self.law.breakpoints
+
+    def coefficient(self, speed):
+        self.calls += 1
+        return self.law.coefficient(speed)
+
+    def slope(self, speed):
+        self.calls += 1
+        return self.law.slope(speed)
+
+
+@pytest.mark.parametrize('kappa', [0.9, 1e-3])
+def test_the_law_is_asked_a_bounded_number_of_times(kappa):
+    """Also for the searches: some fifty orbits for a fold, a scan for averaged cycles."""
+    law = Counting(Stribeck(0.3, 0.1, 1.0))
+    bearing, load = unit_bearing(0.1 * kappa, law), 1.0
+    for function, bound in (
+        (lambda: exact_fold_speed(bearing, load), 50_000),
+        (lambda: exact_cycle(bearing, 0.1, load), 1_000),
+        (lambda: fold_speed(bearing, load), 1_000),
+        (lambda: hopf_speed(bearing, load), 500),
+        (lambda: stationary_amplitudes(bearing, 0.1, load), 1_000),
+    ):
+        law.calls = 0
+        function()
+        assert 0 < law.calls < bound
+
+
+# Monotone and continuous
+
+
+def test_the_exact_fold_is_monotone_and_smooth_in_the_load():
+    """eta from 1e-6 to 1e3; a slip of the solver would show as a step in its logarithm.
+
+    At the light end ``kappa`` is 1 and there is no fold; at the heavy end ``beta V`` is 8e5.
+    """
+    bearing = unit_bearing(5e-7, Stribeck(0.3, 0.1, 1.0))
+    load = np.geomspace(6e-6, 5e3, 31)
+    fold = np.asarray(exact_fold_speed(bearing, load))
+    slope = np.diff(np.log(fold)) / np.diff(np.log(load))
+    assert np.all(slope > 0.0)
+    assert np.all(np.diff(slope[10:]) < 0.02)
+    assert np.max(np.abs(np.diff(slope[10:]))) < 0.05
+
+
+@pytest.mark.parametrize('beta_v', [1e2, 1e4, 1e5, 1e7])
+def test_the_layer_of_a_sharp_law_is_never_stepped_over(beta_v):
+    """Its grazing passage feeds the cycle; weak friction must give averaging's fold.
+
+    Averaging is exact to first order in eta; in units of the sharp law's own scale the rest is
+    less than ``eta/(beta V)``.
+    """
+    for v in beta_v * np.array([0.8, 1.0, 1.2]):
+        kappa = 2.0 * float(i1e(v)) / v
+        bearing, load = stribeck_bearing(0.01, kappa)
+        assert exact_fold_speed(bearing, load) == pytest.approx(v, rel=0.01 / beta_v + 1e-10)
+
+
+def test_the_exact_amplitude_is_monotone_in_the_load_and_ends_in_proportion():
+    """Under a great load the lining is pulled from limit to limit: ``A ~ N``."""
+    bearing = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, 10.0), 0.1)
+    load = np.geomspace(500.0, 5e9, 71)
+    amplitude = exact_cycle(bearing, math.pi / 30.0, load).amplitude
+    slope = np.diff(np.log(amplitude)) / np.diff(np.log(load))
+    assert np.all(slope > 0.0)
+    assert np.max(np.abs(np.diff(slope))) < 0.2
+    assert slope[-1] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_the_unstable_cycle_fills_the_range_between_hopf_and_fold():
+    """``v_H = -ln kappa`` is exact for the true oscillator too, and there it is born from 0."""
+    bearing, load = stribeck_bearing(0.2, 0.2)
+    hopf, fold = -math.log(0.2), exact_fold_speed(bearing, load)
+    speed = hopf + (fold - hopf) * np.concatenate([[-1e-9], np.geomspace(1e-6, 1.0 - 1e-9, 40)])
+    cycle = exact_unstable_cycle(bearing, speed, load)
+    assert_array_equal(cycle.kind == CycleKind.PURE_SLIP, speed > hopf)
+    assert np.all(np.diff(cycle.amplitude[1:]) > 0.0)
+    # Born like a square root, of coefficient sqrt(8): growth(alpha) = alpha^2/8 + ...
+    assert cycle.amplitude[1] == pytest.approx(math.sqrt(8.0 * (speed[1] - hopf)), rel=0.02)
