@@ -53,7 +53,7 @@ STAMPED = {
     'alarm.on_delay': 0.5,
     'alarm.off_delay': 1.5,
 }
-# The services that are called, and their types; get_state is the last, see Monitor.call.
+# The services that are called, and their types.
 SERVICES = {
     'change_state': ('lifecycle_msgs', 'ChangeState'),
     'set_parameters': ('rcl_interfaces', 'SetParameters'),
@@ -213,23 +213,25 @@ class Monitor(Program):
         services = importlib.import_module(f'{package}.srv')
         return self.peer.node.create_client(getattr(services, kind), self.name(service))
 
-    def call(self, service: str, **request: Any) -> Any:
-        """The answer of one of the node's services.
+    def meet(self) -> None:
+        """Wait until the node's answers find their way to every client created so far.
 
         That a service is ready is this side's view: a server that has not heard of the reader
         of its answers gives up on sending one, and says so only in its log. But readers are
-        announced in the order of their creation, reliably, and get_state comes last. So its
-        first answer shows that the answers of all the others find their way too.
+        announced in the order of their creation, reliably. So an answer to a client created now
+        shows that those of all before it are known.
         """
-        if not self._met:
-            self._read_state()
-            self._met = True
-        client = self._clients[service]
-        return self.peer.call(client, client.srv_type.Request(**request))
+        client = self._client('get_state')
+        self.peer.call(client, client.srv_type.Request(), again=1.0)
+        self.peer.node.destroy_client(client)
+        self._met = True
 
-    def _read_state(self) -> Any:
-        client = self._clients['get_state']
-        return self.peer.call(client, client.srv_type.Request(), again=1.0)
+    def call(self, service: str, again: float = math.inf, **request: Any) -> Any:
+        """The answer of one of the node's services; see :meth:`Peer.call`."""
+        if not self._met:
+            self.meet()
+        client = self._clients[service]
+        return self.peer.call(client, client.srv_type.Request(**request), again)
 
     def name(self, topic: str) -> str:
         """The full name of one of the node's own topics or services."""
@@ -254,7 +256,7 @@ class Monitor(Program):
         return self.peer.listen(DiagnosticArray, f'/{self.space}/diagnostics')
 
     def state(self) -> str:
-        return str(self._read_state().current_state.label)
+        return str(self.call('get_state', again=1.0).current_state.label)
 
     def change_state(self, transition: int, label: str = '') -> bool:
         from lifecycle_msgs.msg import Transition

@@ -62,15 +62,14 @@ class Panel:
         self.peer.until(lambda: self.states() == states, f'{states}, not {self.states()}')
 
     def meet(self, *services: str) -> Panel:
-        """Find several services, and let them be matched while the test does other things."""
+        """Find several services and be found by them."""
         from std_srvs.srv import SetBool, Trigger
 
         for name in services:
             kind = SetBool if name.endswith(('suppress', 'out_of_service')) else Trigger
             client = self.peer.node.create_client(kind, self.monitor.name(name))
-            self.peer.until(client.service_is_ready, f'service {name}')
             self._clients[name] = client
-        self.peer.spin(0.5)
+        self.monitor.meet()
         return self
 
     def ask(self, service: str) -> tuple[bool, str]:
@@ -84,9 +83,8 @@ class Panel:
         return self._answer(service, SetBool.Request(data=on))
 
     def _answer(self, service: str, request: Any) -> tuple[bool, str]:
-        future = self._clients[service].call_async(request)
-        self.peer.until(future.done, f'answer of {service}')
-        return future.result().success, future.result().message
+        answer = self.peer.call(self._clients[service], request)
+        return answer.success, answer.message
 
 
 def sticks(telemetry: Any, second: float) -> None:
