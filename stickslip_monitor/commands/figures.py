@@ -36,14 +36,11 @@ from stickslip_monitor.study.findings import (
     REFERENCE,
     REFERENCE_LOAD,
     REFERENCE_RPM,
-    Sweep,
     check_point,
     friction_curves,
-    over_kinetic,
-    over_load,
-    over_speed,
-    stick_slip_history,
 )
+from stickslip_monitor.study.findings_history import stick_slip_history
+from stickslip_monitor.study.findings_sweep import Sweep, over_kinetic, over_load, over_speed
 
 FloatArray = NDArray[np.float64]
 FORMATS = ('png', 'svg')
@@ -142,7 +139,7 @@ def _made(folder: Path) -> Path:
 def follow(
     bearing: Bearing, speed: float, load: float, displacement: float, time: FloatArray
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """The motion at the given times [s], from event to event; see ``study.findings.Follow``."""
+    """The motion at the given times [s], from event to event, as the history asks for it."""
     drive = Drive.constant(speed, load, float(time[-1]))
     motion = integrate(
         bearing, drive, State.moving(displacement, 0.0, drive), time, compiled=False

@@ -22,16 +22,12 @@ from stickslip_monitor.study.findings import (
     REFERENCE,
     REFERENCE_LOAD,
     REFERENCE_RPM,
-    History,
-    Sweep,
     check_point,
     friction_curves,
-    over_kinetic,
-    over_load,
-    over_speed,
-    reverse_time_amplitudes,
-    stick_slip_history,
 )
+from stickslip_monitor.study.findings_history import History, stick_slip_history
+from stickslip_monitor.study.findings_reverse import reverse_time_amplitudes
+from stickslip_monitor.study.findings_sweep import Sweep, over_kinetic, over_load, over_speed
 
 RPM = REFERENCE.speed.factor('rpm')
 V = REFERENCE_RPM * RPM
