@@ -17,7 +17,7 @@ from types import ModuleType
 import mpmath as mp
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import quad
 
 from stickslip_monitor.physics.friction import FrictionLaw, Stribeck
@@ -122,6 +122,34 @@ class BruteForce:
         for left, right in pairwise(cuts):
             total += quad(integrand, left, right, epsabs=1e-13, epsrel=1e-13, limit=200)[0]
         return total / np.pi
+
+
+class Sampled:
+    """A law known to a solver by its two functions only, which count how often they are asked."""
+
+    def __init__(self, law: FrictionLaw) -> None:
+        self.law, self.calls = law, 0
+
+    @property
+    def static(self) -> float:
+        return self.law.static
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        return self.law.breakpoints
+
+    def coefficient(self, speed: ArrayLike) -> NDArray[np.float64]:
+        self.calls += 1
+        return self.law.coefficient(speed)
+
+    def slope(self, speed: ArrayLike) -> NDArray[np.float64]:
+        self.calls += 1
+        return self.law.slope(speed)
+
+
+@pytest.fixture(scope='session')
+def sampled() -> type[Sampled]:
+    return Sampled
 
 
 @pytest.fixture(scope='session')

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import mpmath as mp
 import numpy as np
@@ -35,27 +34,6 @@ def unit_bearing(zeta: float, law: FrictionLaw = LAW) -> Bearing:
 
 def rpm(value: float) -> float:
     return float(BENCH.speed.to_surface(value, 'rpm'))
-
-
-@dataclass(frozen=True)
-class Wrapped:
-    """A law the solver knows nothing about but its two functions."""
-
-    law: FrictionLaw
-
-    @property
-    def static(self) -> float:
-        return self.law.static
-
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        return self.law.breakpoints
-
-    def coefficient(self, speed):
-        return self.law.coefficient(speed)
-
-    def slope(self, speed):
-        return self.law.slope(speed)
 
 
 @pytest.mark.parametrize(
@@ -286,23 +264,23 @@ def test_overshoot_past_the_belt_and_sticking_again():
     assert cycle.period == pytest.approx(period, rel=1e-8)
 
 
-def test_a_turning_point_on_a_measured_speed():
+def test_a_turning_point_on_a_measured_speed(sampled):
     # Steady sliding at a knot of the table: the same cycle as from the table's functions alone.
     law = Tabulated([0.0, 0.1, 0.3, 1.0, 5.0], [0.3, 0.2, 0.12, 0.1, 0.11])
     known = exact_cycle(unit_bearing(0.05, law), 0.3, 10.0)
-    sampled = exact_cycle(unit_bearing(0.05, Wrapped(law)), 0.3, 10.0)
-    assert known.amplitude == pytest.approx(sampled.amplitude, rel=1e-11)
+    other = exact_cycle(unit_bearing(0.05, sampled(law)), 0.3, 10.0)
+    assert known.amplitude == pytest.approx(other.amplitude, rel=1e-11)
 
 
 @pytest.mark.parametrize('speed', [0.05, 0.3, 1.0, 1.5])
-def test_a_law_known_by_its_two_functions_only(speed):
+def test_a_law_known_by_its_two_functions_only(sampled, speed):
     # The same law twice: analytically, and sampled. Differences are formed by subtraction there.
     for law in (Stribeck(0.3, 0.1, 1.0, 0.01), Coulomb(0.3, 0.1)):
         known = exact_cycle(unit_bearing(0.02, law), speed, 5.0)
-        sampled = exact_cycle(unit_bearing(0.02, Wrapped(law)), speed, 5.0)
-        assert sampled.kind == known.kind == CycleKind.STICK_SLIP
-        assert sampled.amplitude == pytest.approx(known.amplitude, rel=1e-10)
-        assert sampled.period == pytest.approx(known.period, rel=1e-10)
+        other = exact_cycle(unit_bearing(0.02, sampled(law)), speed, 5.0)
+        assert other.kind == known.kind == CycleKind.STICK_SLIP
+        assert other.amplitude == pytest.approx(known.amplitude, rel=1e-10)
+        assert other.period == pytest.approx(known.period, rel=1e-10)
 
 
 def test_many_points_in_one_call_are_the_points_one_by_one():

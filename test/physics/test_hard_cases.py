@@ -267,33 +267,10 @@ def test_every_exact_cycle_ends_named_and_bounded(law):
         assert_array_equal(cycle.kind[1:, 0], CycleKind.NO_CONTACT)
 
 
-class Counting:
-    """A law known by its two functions, which count how often they are asked."""
-
-    def __init__(self, law: FrictionLaw) -> None:
-        self.law, self.calls = law, 0
-
-    @property
-    def static(self) -> float:
-        return self.law.static
-
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        return self.law.breakpoints
-
-    def coefficient(self, speed):
-        self.calls += 1
-        return self.law.coefficient(speed)
-
-    def slope(self, speed):
-        self.calls += 1
-        return self.law.slope(speed)
-
-
 @pytest.mark.parametrize('kappa', [0.9, 1e-3])
-def test_the_law_is_asked_a_bounded_number_of_times(kappa):
+def test_the_law_is_asked_a_bounded_number_of_times(sampled, kappa):
     """Also for the searches: some fifty orbits for a fold, a scan for averaged cycles."""
-    law = Counting(Stribeck(0.3, 0.1, 1.0))
+    law = sampled(Stribeck(0.3, 0.1, 1.0))
     bearing, load = unit_bearing(0.1 * kappa, law), 1.0
     for function, bound in (
         (lambda: exact_fold_speed(bearing, load), 50_000),
