@@ -23,6 +23,7 @@ LAYER = {
     'physics': 1,
     'monitor': 2,
     'root': 3,
+    'surface_store': 3,
     'bags': 4,
     'ros': 4,
     'drawing': 4,

@@ -32,6 +32,8 @@ _NUMBERS = (
     'fold_load',
     'growth_rate',
     'amplitude',
+    'amplitude_exact',
+    'amplitude_error',
     'threshold_amplitude',
 )
 
@@ -96,6 +98,8 @@ def _table(item: BearingConfig, point: Assessment) -> Table:
         ('fold load', point.fold_load, 1.0, 'N'),
         ('growth rate', point.growth_rate, 1.0, '1/s'),
         ('stick-slip amplitude (KBM)', point.amplitude, 1e3, 'mm'),
+        ('stick-slip amplitude (exact cycle)', point.amplitude_exact, 1e3, 'mm'),
+        ('error of KBM in the amplitude', point.amplitude_error, 100.0, '%'),
         ('threshold amplitude (KBM)', point.threshold_amplitude, 1e3, 'mm'),
     ]
     for name, value, factor, unit in rows:

@@ -25,6 +25,7 @@ from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.records import event_record, number, point_record
+from stickslip_monitor.surface_store import prepare_surfaces
 
 if TYPE_CHECKING:
     from stickslip_monitor.commands.report import ReportFile
@@ -52,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     config = load_config(args.config)
+    prepare_surfaces(item.bearing for item in config.bearings)
     if args.mcap is not None:
         _check_mcap(args)
     file = _report_file(args, config)
@@ -206,7 +208,9 @@ def _print_bearing(out: Console, item: BearingReport, start_ns: int) -> None:
     for name, unit in (('hopf_margin', ''), ('fold_margin', ''), ('amplitude', ' m')):
         if name in item.worst:
             extreme = item.worst[name]
+            exact = extreme.point.amplitude_exact
+            beside = f' (exact cycle: {exact:.4g} m)' if name == 'amplitude' else ''
             out.print(
-                f'worst {name.replace("_", " ")}: {extreme.value:.4g}{unit}'
+                f'worst {name.replace("_", " ")}: {extreme.value:.4g}{unit}{beside}'
                 f' at {(extreme.time_ns - start_ns) * 1e-9:.2f} s'
             )

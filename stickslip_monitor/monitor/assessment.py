@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from enum import Enum
 from typing import Any
 
@@ -18,6 +18,7 @@ from stickslip_monitor.physics.bifurcation import (
     hopf_load,
     kbm,
 )
+from stickslip_monitor.physics.cycle_surface import exact_amplitude
 from stickslip_monitor.physics.oscillator import Bearing
 
 FloatArray = NDArray[np.float64]
@@ -105,6 +106,9 @@ class Assessment:
         amplitude: Displacement amplitude of the stick-slip cycle [m]; ``nan`` where none exists.
         threshold_amplitude: Amplitude of the unstable cycle [m]: in the bistable range a larger
             disturbance starts stick-slip; ``nan`` elsewhere.
+
+    What the averaged model leaves out is told by ``amplitude_exact`` and ``amplitude_error``,
+    which are computed when they are asked for.
     """
 
     speed: Any
@@ -119,6 +123,7 @@ class Assessment:
     growth_rate: Any
     amplitude: Any
     threshold_amplitude: Any
+    _bearing: Bearing = field(repr=False, compare=False)
 
     @property
     def outcome(self) -> Any:
@@ -126,6 +131,20 @@ class Assessment:
         if isinstance(self.outcome_code, int):
             return OUTCOMES[self.outcome_code]
         return _OUTCOME_NAMES[self.outcome_code]
+
+    @property
+    def amplitude_exact(self) -> Any:
+        """Displacement amplitude of the exact stick-slip cycle, to 1e-6 [m]; ``nan`` for none.
+
+        See :func:`stickslip_monitor.physics.cycle_surface.exact_amplitude`.
+        """
+        shape, (speed, load, fold) = flatten(self.speed, self.load, self.fold_speed)
+        return restore(exact_amplitude(self._bearing, speed, load, fold), shape)
+
+    @property
+    def amplitude_error(self) -> Any:
+        """Error of averaging's amplitude, ``amplitude / amplitude_exact - 1`` [-]."""
+        return np.divide(self.amplitude, self.amplitude_exact) - 1.0
 
     @property
     def regime_code(self) -> Any:
@@ -139,6 +158,10 @@ class Assessment:
         if isinstance(self.outcome_code, int):
             return REGIMES[self.regime_code]
         return _REGIME_NAMES[self.regime_code]
+
+
+COLUMNS = tuple(column.name for column in fields(Assessment) if column.compare)
+"""The names of what is stored for every operating point."""
 
 
 def assess(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Assessment:
@@ -201,7 +224,8 @@ def assess(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Assessment:
         'amplitude': amplitude,
         'threshold_amplitude': threshold,
     }
-    return Assessment(**{name: restore(column, shape) for name, column in columns.items()})
+    restored = {name: restore(column, shape) for name, column in columns.items()}
+    return Assessment(**restored, _bearing=bearing)
 
 
 def margin(speed: FloatArray, boundary: FloatArray) -> FloatArray:

@@ -105,6 +105,8 @@ def diagnostic_values(state: State) -> dict[str, str | float]:
             'fold margin': point.fold_margin,
             'growth rate [1/s]': point.growth_rate,
             'amplitude [m]': point.amplitude,
+            'amplitude of the exact cycle [m]': point.amplitude_exact,
+            'error of the amplitude': point.amplitude_error,
             'threshold amplitude [m]': point.threshold_amplitude,
         }
     for name, age in state.lost.items():

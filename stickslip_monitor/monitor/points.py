@@ -3,21 +3,19 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.monitor.assessment import Assessment
-
-_NAMES = tuple(field.name for field in fields(Assessment))
+from stickslip_monitor.monitor.assessment import COLUMNS, Assessment
 
 
 def at_indices(points: Assessment, rows: NDArray[np.intp]) -> Assessment:
     """The assessment of arrays at some indices of a one-dimensional assessment."""
-    return Assessment(**{name: getattr(points, name)[rows] for name in _NAMES})
+    columns = {name: getattr(points, name)[rows] for name in COLUMNS}
+    return Assessment(**columns, _bearing=points._bearing)
 
 
 def at_index(points: Assessment, index: int) -> Assessment:
     """The assessment of scalars at an index of a one-dimensional assessment."""
-    return Assessment(**{name: getattr(points, name)[index].item() for name in _NAMES})
+    numbers = {name: getattr(points, name)[index].item() for name in COLUMNS}
+    return Assessment(**numbers, _bearing=points._bearing)

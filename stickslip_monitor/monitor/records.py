@@ -23,9 +23,11 @@ _POINT_FIELDS = (
     'fold_margin',
     'growth_rate',
     'amplitude',
+    'amplitude_exact',
+    'amplitude_error',
     'threshold_amplitude',
 )
-VERDICT_NUMBERS = ('amplitude', 'hopf_margin', 'fold_margin')
+VERDICT_NUMBERS = ('amplitude', 'amplitude_exact', 'hopf_margin', 'fold_margin')
 """The numbers of a verdict that have a topic of their own, by the topic's last part."""
 
 
@@ -55,10 +57,9 @@ def verdict_numbers(point: Assessment) -> dict[str, Any]:
     Returns:
         Numbers of the assessment's shape by topic; an amplitude is 0 where no cycle exists.
     """
-    amplitude = np.where(np.isnan(point.amplitude), 0.0, point.amplitude)
-    return dict(
-        zip(VERDICT_NUMBERS, (amplitude, point.hopf_margin, point.fold_margin), strict=True)
-    )
+    amplitudes = (np.where(np.isnan(a), 0.0, a) for a in (point.amplitude, point.amplitude_exact))
+    numbers = (*amplitudes, point.hopf_margin, point.fold_margin)
+    return dict(zip(VERDICT_NUMBERS, numbers, strict=True))
 
 
 def number(value: float) -> float | None:

@@ -33,6 +33,7 @@ from stickslip_monitor.ros.inputs import Inputs, check_inputs
 from stickslip_monitor.ros.messages import ROS_FAULTS
 from stickslip_monitor.ros.outputs import Outputs
 from stickslip_monitor.ros.state_file import StateFile
+from stickslip_monitor.surface_store import prepare_surfaces
 
 WATCHDOG_PERIOD = 0.1
 DIAGNOSTICS_PERIOD = 1.0
@@ -102,7 +103,7 @@ class MonitorNode(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Build the monitor from the parameters and create the publishers."""
-        self._monitor = Monitor(self._config)
+        self._build()
         try:
             self._outputs = Outputs(self, self._config, self._tap)
         except ROS_FAULTS as error:
@@ -270,9 +271,14 @@ class MonitorNode(LifecycleNode):
                 self._desk.retune(config)
         return SetParametersResult(successful=True)
 
+    def _build(self) -> None:
+        self._monitor = Monitor(self._config)
+        for complaint in prepare_surfaces(item.bearing for item in self._config.bearings):
+            self.get_logger().warning(complaint)
+
     def _rebuild(self) -> None:
         """Other bearings or inputs: only ever between activations."""
-        self._monitor = Monitor(self._config)
+        self._build()
         if self._outputs is not None:
             self._outputs.destroy()
             self._outputs = Outputs(self, self._config, self._tap)

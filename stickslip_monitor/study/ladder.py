@@ -11,6 +11,7 @@ from stickslip_monitor.study.methods.method import Method
 from stickslip_monitor.study.methods.polynomial import PolynomialAveraging
 from stickslip_monitor.study.methods.regularised import Regularised
 from stickslip_monitor.study.methods.slip_perturbation import SlipPerturbation
+from stickslip_monitor.study.methods.surface import Surface
 from stickslip_monitor.study.methods.switching import Switching
 from stickslip_monitor.study.methods.thomsen_fidlin import ThomsenFidlin
 
@@ -23,12 +24,11 @@ HARMONICS = (1, 3, 7, 15, 31, 63)
 WIDTHS = (1e-3, 1e-4, 1e-5)
 
 
-def ladder(follow: Follow, *more: Method) -> tuple[Method, ...]:
+def ladder(follow: Follow) -> tuple[Method, ...]:
     """All methods, in the order of the tables.
 
     Args:
         follow: Follows a motion in time, for the event-driven integrator.
-        more: Further methods, such as one that needs a precomputed table.
     """
     methods: list[Method] = [BASE, Averaging(AT_ONCE)]
     methods += [PolynomialAveraging(order) for order in ORDERS]
@@ -37,4 +37,5 @@ def ladder(follow: Follow, *more: Method) -> tuple[Method, ...]:
     methods += [Regularised(width, tight) for tight in (False, True) for width in WIDTHS]
     methods += [Switching(False), Switching(True), Switching(True, 0.1)]
     methods += [EventDriven(follow), ExactCycle(), ExactCycle(AT_ONCE)]
-    return (*methods, *more)
+    methods += [Surface(), Surface(AT_ONCE)]
+    return tuple(methods)

@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stickslip_monitor.monitor.assessment import (
+    COLUMNS,
     OUTCOMES,
     REGIMES,
     Assessment,
@@ -40,7 +39,6 @@ LAWS = {
         [0.0, 0.02, 0.06, 0.2, 0.22, 0.3, 0.9], [0.4, 0.2, 0.2, 0.26, 0.16, 0.15, 0.15]
     ),
 }
-FIELDS = [field.name for field in dataclasses.fields(Assessment)]
 
 
 def _with_law(law: FrictionLaw, damping: float = 400.0) -> Bearing:
@@ -240,7 +238,7 @@ def test_what_is_not_finite_is_named(name: str, speed: float, load: float) -> No
     verdict = assess(_with_law(LAWS[name]), speed, load)
     assert verdict.outcome is Outcome.NOT_FINITE
     assert verdict.regime is Regime.UNDETERMINED
-    for field in FIELDS[3:]:
+    for field in COLUMNS[3:]:
         assert np.isnan(getattr(verdict, field)), field
 
 
@@ -292,7 +290,7 @@ def test_no_bearing_raises_or_warns(
 
 def test_scalars_in_numbers_out() -> None:
     verdict = assess(BEARING, 0.1, 1000)
-    for field in FIELDS:
+    for field in COLUMNS:
         assert type(getattr(verdict, field)) is (int if field == 'outcome_code' else float), field
     assert type(verdict.regime_code) is int
 
@@ -309,7 +307,7 @@ def test_scalars_in_numbers_out() -> None:
 def test_arrays_broadcast(speed: np.ndarray, load: np.ndarray, shape: tuple[int, ...]) -> None:
     for law in LAWS.values():
         verdict = assess(_with_law(law), speed, load)
-        for field in (*FIELDS, 'regime', 'outcome', 'regime_code'):
+        for field in (*COLUMNS, 'regime', 'outcome', 'regime_code'):
             assert getattr(verdict, field).shape == shape, field
 
 
@@ -330,9 +328,9 @@ def test_every_outcome_has_a_regime_and_a_sentence() -> None:
         Outcome.NOT_FINITE: Regime.UNDETERMINED,
     }
     assert set(expected) == set(OUTCOMES)
-    blank = dict.fromkeys(FIELDS, 0.0)
+    blank = dict.fromkeys(COLUMNS, 0.0)
     for code, outcome in enumerate(OUTCOMES):
-        verdict = Assessment(**(blank | {'outcome_code': code}))
+        verdict = Assessment(**(blank | {'outcome_code': code}), _bearing=BEARING)
         assert verdict.outcome is outcome
         assert verdict.regime is expected[outcome]
         assert outcome.sentence.endswith('.')
@@ -351,7 +349,7 @@ def _same_bits(bearing: Bearing, points: list[tuple[float, float]]) -> None:
     batch = assess(bearing, speed, load)
     for i, (v, n) in enumerate(points):
         one = assess(bearing, v, n)
-        for field in FIELDS:
+        for field in COLUMNS:
             a, b = np.float64(getattr(batch, field)[i]), np.float64(getattr(one, field))
             assert a.tobytes() == b.tobytes() or (np.isnan(a) and np.isnan(b)), (field, v, n)
         assert batch.outcome[i] == one.outcome
@@ -372,3 +370,28 @@ def test_batch_of_a_table_is_bit_identical_to_single_points(
     points: list[tuple[float, float]],
 ) -> None:
     _same_bits(_with_law(LAWS['two falls']), points)
+
+
+def test_the_exact_amplitude_and_what_averaging_misses() -> None:
+    # PHYSICS.md, both columns, to the digits printed there.
+    revolutions = np.array([10.0, 20.0, 30.0, 38.0])
+    averaged = np.array([0.26352, 0.52688, 0.78708, 0.99499])
+    exact = np.array([0.296953, 0.556755, 0.804800, 1.000212])
+    verdict = assess(BEARING, revolutions * RPM, 1000.0)
+    np.testing.assert_allclose(verdict.amplitude_exact * 1e3, exact, atol=5.1e-7)
+    np.testing.assert_allclose(verdict.amplitude_error, averaged / exact - 1.0, atol=2e-5)
+
+
+@pytest.mark.parametrize(('speed', 'load'), [(0.3, 1000.0), (0.0, 1e3), (0.1, 0.0), (np.nan, 1)])
+def test_where_no_cycle_exists_there_is_no_exact_amplitude(speed: float, load: float) -> None:
+    verdict = assess(BEARING, speed, load)
+    assert type(verdict.amplitude_exact) is float
+    assert np.isnan(verdict.amplitude_exact)
+    assert np.isnan(verdict.amplitude_error)
+
+
+def test_between_the_exact_fold_and_that_of_averaging_only_one_has_a_cycle() -> None:
+    # Folds of PHYSICS.md: 0.2132256 m/s averaged, 0.2131982 m/s exact.
+    verdict = assess(BEARING, 0.21321, 1000.0)
+    assert verdict.amplitude > 0.0
+    assert np.isnan(verdict.amplitude_exact)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stickslip_monitor import Assessment, Monitor, MonitorConfig, Sample, Stream, build_config
+from stickslip_monitor.monitor.assessment import COLUMNS
 from stickslip_monitor.monitor.signals import QUANTITIES, Status
 
 SECOND = 10**9
@@ -74,9 +74,7 @@ def _bits(value: float) -> bytes:
 
 
 def _same_point(left: Assessment, right: Assessment) -> bool:
-    return all(
-        _bits(getattr(left, f.name)) == _bits(getattr(right, f.name)) for f in fields(Assessment)
-    )
+    return all(_bits(getattr(left, name)) == _bits(getattr(right, name)) for name in COLUMNS)
 
 
 @settings(max_examples=400, deadline=None)
@@ -108,11 +106,9 @@ def test_scan_equals_update(
     assert scan.time_ns.tolist() == [v.time_ns for v in verdicts]
     assert scan.condition == [v.condition for v in verdicts]
     assert scan.sticking.tolist() == [v.sticking for v in verdicts]
-    for f in fields(Assessment):
-        column = getattr(scan.assessment, f.name)
-        assert [_bits(x) for x in column] == [
-            _bits(getattr(v.assessment, f.name)) for v in verdicts
-        ]
+    for name in COLUMNS:
+        column = getattr(scan.assessment, name)
+        assert [_bits(x) for x in column] == [_bits(getattr(v.assessment, name)) for v in verdicts]
     assert scan.counts.tolist() == live.bearings['b'].gate.counts.tolist()
     assert [(e.time_ns, e.before, e.after, e.lost, e.sticking, e.text) for e in scan.events] == [
         (e.time_ns, e.before, e.after, e.lost, e.sticking, e.text) for e in events
