@@ -113,8 +113,8 @@ def render(seconds: dict[str, float]) -> str:
         f'Python {platform.python_version()}, numpy {np.__version__}, {_processor()}, one core'
     )
     lines = [
-        'Processor time for an hour of a speed and a load at 10 Hz, each effect by itself with the',
-        'settings of its example above, while the lining sticks and slips at 32 Hz',
+        'Processor time for an hour of a speed and a load at 10 Hz, each effect by itself with',
+        'the settings of its example above, while the lining sticks and slips at 32 Hz',
         f'({machine}).',
         'What a sensor with a memory asks of the shaft between its samples counts for the effects',
         'on the shaft, and `friction_drift` acts within `lining_motion`.',
