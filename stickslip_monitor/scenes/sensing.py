@@ -12,6 +12,8 @@ import numpy as np
 from .shaft import Shaft
 from .signals import Channel, FloatArray
 
+# Time constants and windows that the grid can resolve and hold [s].
+SHORTEST, LONGEST = 1e-3, 600.0
 # The ripple of a propeller's blades reaches some 30 Hz.
 _LEAST_RATE = 100.0
 _STEPS_IN_SCALE = 20.0

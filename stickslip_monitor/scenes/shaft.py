@@ -84,9 +84,7 @@ class Shaft:
         """Surface speed of a bearing's journal, shape (n,) [m/s]."""
         channel = self.channel(bearing, 'speed')
         value = self.value(channel.topic, time)
-        diameter = {b.name: b.bearing.journal_diameter for b in channel.bearings}
-        ratio = diameter[bearing] / channel.bearings[0].bearing.journal_diameter
-        return value if ratio == 1.0 else value * ratio
+        return value * channel.ratio(bearing)
 
     def load(self, bearing: str, time: FloatArray) -> FloatArray:
         """Load of a bearing, shape (n,) [N]."""

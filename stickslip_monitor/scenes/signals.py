@@ -67,6 +67,13 @@ class Channel:
             )
         return self.bearings[0].bearing.speed.factor(unit)
 
+    def ratio(self, bearing: str) -> float:
+        """A bearing's own SI value of one of the channel's: journals may differ in diameter."""
+        if self.quantity == 'load':
+            return 1.0
+        diameter = {b.name: b.bearing.journal_diameter for b in self.bearings}
+        return diameter[bearing] / self.bearings[0].bearing.journal_diameter
+
     def raw(self, si: FloatArray) -> FloatArray:
         """The numbers the sensor sends for SI values: the inverse of what the monitor does."""
         return (si / self.input.factor - self.input.offset) / self.input.scale

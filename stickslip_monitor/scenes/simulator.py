@@ -64,13 +64,15 @@ def _measured(scene: Scene, run: Run, channel: Channel, start: float, end: float
 
 
 def _check_range(channel: Channel, time: FloatArray, value: FloatArray) -> None:
-    """Refuse an operating point that the monitor would not believe."""
-    beyond = np.flatnonzero(np.abs(value) > channel.input.maximum)
-    if beyond.size:
-        unit = 'm/s' if channel.quantity == 'speed' else 'N'
-        first = beyond[0]
-        raise SceneError(
-            f'{channel.quantity} = {value[first]:g} {unit} at {time[first]:g} s is more than topic'
-            f' {channel.topic} can carry: {channel.bearings[0].name}.{channel.quantity}.maximum ='
-            f' {channel.input.maximum:g} {unit} in the configuration'
-        )
+    """Refuse an operating point that the monitor of one of its bearings would not believe."""
+    for bearing in channel.bearings:
+        size = np.abs(value) * channel.ratio(bearing.name)
+        most = (bearing.speed if channel.quantity == 'speed' else bearing.load).maximum
+        beyond = np.flatnonzero(size > most)
+        if beyond.size:
+            unit = 'm/s' if channel.quantity == 'speed' else 'N'
+            raise SceneError(
+                f'{channel.quantity} = {size[beyond[0]]:g} {unit} at {time[beyond[0]]:g} s is more'
+                f' than topic {channel.topic} can carry: {bearing.name}.{channel.quantity}.maximum'
+                f' = {most:g} {unit} in the configuration'
+            )

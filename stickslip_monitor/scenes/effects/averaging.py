@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stickslip_monitor.monitor.signals import QUANTITIES
+from stickslip_monitor.scenes.sensing import LONGEST, SHORTEST
 from stickslip_monitor.scenes.settings import Settings
 from stickslip_monitor.scenes.signals import FloatArray
 
@@ -62,4 +63,4 @@ class MovingMean:
 def build(settings: Settings, frame: Frame) -> None:
     """Let the sensors average."""
     for channel, own in frame.sensors_of(settings, ['window'], 'the averaging'):
-        frame.sense(channel, MovingMean(own.number('window', 's', above=0.0)))
+        frame.sense(channel, MovingMean(own.number('window', 's', least=SHORTEST, most=LONGEST)))

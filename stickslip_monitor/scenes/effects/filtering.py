@@ -14,6 +14,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from stickslip_monitor.monitor.signals import QUANTITIES
+from stickslip_monitor.scenes.sensing import LONGEST, SHORTEST
 from stickslip_monitor.scenes.settings import Settings
 from stickslip_monitor.scenes.signals import FloatArray
 
@@ -60,4 +61,6 @@ class LowPass:
 def build(settings: Settings, frame: Frame) -> None:
     """Give the sensors their filters."""
     for channel, own in frame.sensors_of(settings, ['time_constant'], 'the filter'):
-        frame.sense(channel, LowPass(own.number('time_constant', 's', above=0.0)))
+        frame.sense(
+            channel, LowPass(own.number('time_constant', 's', least=SHORTEST, most=LONGEST))
+        )

@@ -111,9 +111,9 @@ def _orders(
         name = f'{label}: order {number}'
         if not isinstance(order, list) or len(order) != 2:
             raise SceneError(f"{name} = {order!r} must be a pair, [time in s, 'slow ahead']")
-        if order[1] not in speeds:
+        if not isinstance(order[1], str) or order[1] not in speeds:
             hint = suggestion(order[1], list(speeds))
-            raise SceneError(f"{name} is '{order[1]}', which has no speed in this scene; {hint}")
+            raise SceneError(f'{name} is {order[1]!r}, which has no speed in this scene; {hint}')
     check_times([(f'{label}: order {k}', order[0]) for k, order in enumerate(listed, 1)], duration)
     times, orders = zip(*listed, strict=True)
     return np.array(times, float), np.array([speeds[order] for order in orders])

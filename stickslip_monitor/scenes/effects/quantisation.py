@@ -34,5 +34,5 @@ def build(settings: Settings, frame: Frame) -> Effect:
     steps = {}
     for channel, own in frame.sensors_of(settings, ['step', 'unit'], 'the step'):
         unit = own.choice('unit', UNITS[channel.quantity])
-        steps[channel.topic] = own.number('step', unit, above=0.0) * channel.factor(unit)
+        steps[channel.topic] = own.number('step', unit, least=1e-9) * channel.factor(unit)
     return Quantisation(steps)

@@ -170,6 +170,11 @@ def test_first_order_holds_from_long_before(make_scene: MakeScene) -> None:
         ({'orders': [[5, 'stop'], [5, 'stop']]}, 'order 2 is at 5 s, but times must rise'),
         ({'orders': [[101, 'stop']]}, 'order 1 is at 101 s, outside the scene'),
         ({'orders': [['now', 'stop']]}, "order 1 is at 'now', which is no time in s"),
+        (
+            {'orders': [[0, False]]},
+            'order 1 is False, which has no speed in this scene; there are:',
+        ),
+        ({'orders': [[0, ['stop']]]}, "order 1 is ['stop'], which has no speed in this scene"),
         ({'orders': ['stop']}, "order 1 = 'stop' must be a pair, [time in s, 'slow ahead']"),
         ({'orders': []}, 'manoeuvre.orders = [] must be a list of orders'),
         (
@@ -196,6 +201,19 @@ def test_wrong_orders_are_named(
             {'speed_profile': {'unit': 'm/s', 'points': [[0, 0.4], [40, 0.6]]}},
             'speed = 0.505 m/s at 21 s is more than topic /shaft/speed can carry:'
             ' aft.speed.maximum = 0.5 m/s in the configuration',
+        ),
+        (
+            {
+                'aft': {'speed': {'maximum': 1.0}},
+                'fwd': {
+                    'journal_diameter': 0.2,
+                    'speed': {'maximum': 1.0},
+                    'load': {'topic': '/fwd'},
+                },
+            },
+            {'speed_profile': {'unit': 'rpm', 'points': [[0, 90], [40, 130]]}},
+            'speed = 1.00531 m/s at 6 s is more than topic /shaft/speed can carry:'
+            ' fwd.speed.maximum = 1 m/s in the configuration',
         ),
         (
             {'aft': {'load': {'maximum': 900.0}}},

@@ -130,8 +130,15 @@ def test_load_that_lifts_off_is_averaged_as_it_is(
 @pytest.mark.parametrize(
     ('effect', 'sentence'),
     [
-        (filtering(speed=0), 'filtering.speed.time_constant = 0 must be a number [s] above 0'),
-        (averaging(load=-1), 'averaging.load.window = -1 must be a number [s] above 0'),
+        (
+            filtering(speed=0),
+            'filtering.speed.time_constant = 0 must be a number [s] not below 0.001',
+        ),
+        (averaging(load=-1), 'averaging.load.window = -1 must be a number [s] not below 0.001'),
+        (
+            averaging(load=601),
+            'window = 601 must be a number [s] not below 0.001 and not above 600',
+        ),
         ({'averaging': {}}, 'averaging must name speed, load or both'),
         ({'averaging': {'speed': {}}}, "key 'averaging.speed.window' is missing: a number [s]"),
     ],

@@ -126,7 +126,7 @@ def only(name: str, **settings: Any) -> dict[str, Any]:
         ),
         (
             only('quantisation', step=0, unit='N'),
-            'quantisation.load.step = 0 must be a number [N]',
+            'quantisation.load.step = 0 must be a number [N] not below',
         ),
         (
             only('spikes', size=1, unit='N'),
