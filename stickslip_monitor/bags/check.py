@@ -18,6 +18,7 @@ from stickslip_monitor.monitor.extremes import Extreme, worst
 from stickslip_monitor.monitor.monitor import Monitor
 from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.monitor.signals import QUANTITIES, STATUS_SENTENCES, Status, Stream
+from stickslip_monitor.surface_store import prepare_surfaces
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +120,7 @@ def check_bag(
     Raises:
         BagError: The bag cannot be read, lacks a topic, or a field leads to no number.
     """
+    prepare_surfaces(item.bearing for item in config.bearings)
     bag = open_bag(path)
     requests = {b.name: (_request(b.speed), _request(b.load)) for b in config.bearings}
     series = bag.read({r for pair in requests.values() for r in pair}, progress)

@@ -25,7 +25,6 @@ from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.records import event_record, number, point_record
-from stickslip_monitor.surface_store import prepare_surfaces
 
 if TYPE_CHECKING:
     from stickslip_monitor.commands.report import ReportFile
@@ -53,7 +52,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     config = load_config(args.config)
-    prepare_surfaces(item.bearing for item in config.bearings)
     if args.mcap is not None:
         _check_mcap(args)
     file = _report_file(args, config)

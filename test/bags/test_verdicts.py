@@ -32,6 +32,7 @@ NS, START = 10**9, 1_777_874_400 * 10**9
 # docs/interfaces.md, by hand.
 TOPICS = {
     '/stickslip_monitor/aft/amplitude': 'std_msgs/msg/Float64',
+    '/stickslip_monitor/aft/amplitude_exact': 'std_msgs/msg/Float64',
     '/stickslip_monitor/aft/hopf_margin': 'std_msgs/msg/Float64',
     '/stickslip_monitor/aft/fold_margin': 'std_msgs/msg/Float64',
     '/stickslip_monitor/aft/regime': 'std_msgs/msg/String',
@@ -147,6 +148,11 @@ def test_another_reader_sees_what_the_live_monitor_says(written: Path) -> None:
     ):
         own = [(t, m.data) for topic, t, m in said if topic == f'/stickslip_monitor/aft/{name}']
         assert own == [(v.time_ns, value(v.assessment)) for v in verdicts]
+    # In bulk and one by one the exact amplitude may come by different ways, alike to 1e-6.
+    exact = [m.data for topic, _, m in said if topic.endswith('/amplitude_exact')]
+    alone = np.nan_to_num([v.assessment.amplitude_exact for v in verdicts])
+    np.testing.assert_allclose(exact, alone, rtol=1e-6)
+    assert alone.max() > 0.0
     warnings = [(t, json.loads(m.data)) for topic, t, m in said if topic.endswith('/warnings')]
     assert warnings == [(e.time_ns, event_record(e)) for e in events]
     assert {'stick_slip', 'input_stale'} <= {record['to'] for _, record in warnings}

@@ -296,7 +296,8 @@ class Telemetry:
 
         self.peer = monitor.peer
         self._publisher = self.peer.talk(JointState, monitor.input('shaft'))
-        kinds = {'amplitude': Float64, 'hopf_margin': Float64, 'fold_margin': Float64}
+        numbers = ('amplitude', 'amplitude_exact', 'hopf_margin', 'fold_margin')
+        kinds = dict.fromkeys(numbers, Float64)
         self.heard = {
             name: self.peer.listen(kind, monitor.name(f'{bearing}/{name}'))
             for name, kind in (kinds | {'regime': String}).items()

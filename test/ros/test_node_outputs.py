@@ -24,6 +24,8 @@ UNITS = {
     'fold margin',
     'growth rate [1/s]',
     'amplitude [m]',
+    'amplitude of the exact cycle [m]',
+    'error of the amplitude',
     'threshold amplitude [m]',
 }
 TEXTS = {'reason', 'regime', 'outcome', 'stick-slip predicted'}
@@ -37,6 +39,7 @@ def test_quality_of_service_of_every_topic(start: Any, kit: Any) -> None:
     expected = {
         monitor.name('warnings'): (string, 'RELIABLE', 'TRANSIENT_LOCAL'),
         monitor.name('aft/amplitude'): (float64, 'RELIABLE', 'VOLATILE'),
+        monitor.name('aft/amplitude_exact'): (float64, 'RELIABLE', 'VOLATILE'),
         monitor.name('aft/hopf_margin'): (float64, 'RELIABLE', 'VOLATILE'),
         monitor.name('aft/fold_margin'): (float64, 'RELIABLE', 'VOLATILE'),
         monitor.name('aft/regime'): (string, 'RELIABLE', 'VOLATILE'),

@@ -65,14 +65,21 @@ def test_published_numbers_equal_the_assessment(start: Any, kit: Any) -> None:
         amplitude = 0.0 if math.isnan(expected.amplitude) else expected.amplitude
         assert answer == {
             'amplitude': amplitude,
+            'amplitude_exact': pytest.approx(
+                0.0 if math.isnan(expected.amplitude_exact) else expected.amplitude_exact,
+                rel=1e-6,
+            ),
             'hopf_margin': expected.hopf_margin,
             'fold_margin': expected.fold_margin,
             'regime': expected.regime.value,
         }
     assert answers[20, 1000]['amplitude'] == pytest.approx(0.52688e-3, abs=5e-9)
+    # The exact column of PHYSICS.md.
+    assert answers[20, 1000]['amplitude_exact'] == pytest.approx(0.556755e-3, abs=1e-9)
     assert answers[60, 1000]['amplitude'] == 0.0
     assert answers[20, 100] == {
         'amplitude': 0.0,
+        'amplitude_exact': 0.0,
         'hopf_margin': math.inf,
         'fold_margin': math.inf,
         'regime': 'stable',
