@@ -294,12 +294,17 @@ def _check(config: MonitorConfig) -> None:
         StateFile(config.state_file)
 
 
-def _spin(node: MonitorNode) -> None:
+def _spin(node: MonitorNode, told: Sequence[int] = ()) -> None:
+    """Spin until ROS shuts down, or a signal has been noted.
+
+    On a signal rclpy wakes the executor first and shuts down its context after that. A node that
+    has no timer running must not go back to waiting in between.
+    """
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    while rclpy.ok():
+    while rclpy.ok() and not told:
         try:
-            executor.spin()
+            executor.spin_once()
         except rclpy_implementation.RCLError as error:
             # Up to ROS 2 Jazzy an invalid lifecycle request raises out of spin.
             if not rclpy.ok():
@@ -334,7 +339,7 @@ def _run(args: Sequence[str] | None, store: Callable[[ClipConfig], ClipStore] | 
         node = MonitorNode(store)
         if node.config.autostart:
             node.start()
-        _spin(node)
+        _spin(node, told)
     except (StickslipError, RuntimeError):
         # Told to stop while it starts: what ROS still does then fails in ways of its own.
         if rclpy.ok():

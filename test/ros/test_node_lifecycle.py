@@ -141,7 +141,7 @@ def test_the_loop_survives_a_request_that_raises(monkeypatch: pytest.MonkeyPatch
         def add_node(self, item: object) -> None:
             pass
 
-        def spin(self) -> None:
+        def spin_once(self) -> None:
             if next(turns) == 'raise':
                 raise rclpy_implementation.RCLError('Transition is not registered.')
             running[0] = False
