@@ -20,6 +20,7 @@ from stickslip_monitor.physics.friction import Array
 from stickslip_monitor.physics.oscillator import Bearing
 
 from . import integrator_kernel as kernel
+from . import integrator_layout as layout
 from .energy import Energy, stored_energy
 from .integrator_compile import is_compiled, march_function, vector
 from .integrator_drive import Drive
@@ -56,9 +57,9 @@ __all__ = [
 # Transitions that the inner loops log before they return to have the log emptied.
 _LOG = 4096
 _OUTCOMES = {
-    kernel.DONE: Outcome.COMPLETE,
-    kernel.EXHAUSTED: Outcome.EXHAUSTED,
-    kernel.NOT_FINITE: Outcome.NOT_FINITE,
+    layout.DONE: Outcome.COMPLETE,
+    layout.EXHAUSTED: Outcome.EXHAUSTED,
+    layout.NOT_FINITE: Outcome.NOT_FINITE,
 }
 
 
@@ -144,23 +145,23 @@ def _check_times(times: Array, drive: Drive) -> None:
 
 
 def _body(bearing: Bearing, law: KernelLaw, accuracy: Accuracy) -> list[float]:
-    body = [0.0] * kernel.BODY
-    body[kernel.MASS] = bearing.mass
-    body[kernel.DAMPING] = bearing.damping
-    body[kernel.STIFFNESS] = bearing.stiffness
-    body[kernel.OMEGA] = bearing.natural_frequency
-    body[kernel.HOLD] = law.hold
-    body[kernel.TOLERANCE] = accuracy.tolerance
-    body[kernel.LONGEST] = accuracy.longest
+    body = [0.0] * layout.BODY
+    body[layout.MASS] = bearing.mass
+    body[layout.DAMPING] = bearing.damping
+    body[layout.STIFFNESS] = bearing.stiffness
+    body[layout.OMEGA] = bearing.natural_frequency
+    body[layout.HOLD] = law.hold
+    body[layout.TOLERANCE] = accuracy.tolerance
+    body[layout.LONGEST] = accuracy.longest
     return body
 
 
 def _options(bearing: Bearing, drive: Drive, law: KernelLaw, accuracy: Accuracy) -> list[int]:
-    options = [0] * kernel.OPTIONS
-    options[kernel.ORDER] = accuracy.order
-    options[kernel.STEP_LIMIT] = _step_limit(bearing, drive, law, accuracy)
-    options[kernel.EVENT_LIMIT] = _LOG
-    options[kernel.CUBIC] = int(law.is_cubic)
+    options = [0] * layout.OPTIONS
+    options[layout.ORDER] = accuracy.order
+    options[layout.STEP_LIMIT] = _step_limit(bearing, drive, law, accuracy)
+    options[layout.EVENT_LIMIT] = _LOG
+    options[layout.CUBIC] = int(law.is_cubic)
     return options
 
 
@@ -179,18 +180,18 @@ def _starting_phase(body: list[float], drive: Drive, state: State) -> Phase:
         return state.phase
     if state.relative_speed != 0.0:
         return Phase.FORWARD if state.relative_speed > 0.0 else Phase.BACKWARD
-    work: kernel.Rows = [[0.0] * 4 for _ in range(kernel.WORK)]
-    work[kernel.XS][0] = state.displacement
-    work[kernel.BELT_SPEED][:] = drive.speed[0].tolist()
-    work[kernel.LOAD][:] = drive.load[0].tolist()
+    work: layout.Rows = [[0.0] * 4 for _ in range(layout.WORK)]
+    work[layout.XS][0] = state.displacement
+    work[layout.BELT_SPEED][:] = drive.speed[0].tolist()
+    work[layout.LOAD][:] = drive.load[0].tolist()
     return Phase(kernel.phase_at_rest(0, body, work))
 
 
 def _where(law: KernelLaw, start: State) -> list[int]:
-    where = [0] * kernel.WHERE
-    where[kernel.PHASE] = int(start.phase or 0)
+    where = [0] * layout.WHERE
+    where[layout.PHASE] = int(start.phase or 0)
     piece = np.searchsorted(law.edges, abs(start.relative_speed), side='right') - 1
-    where[kernel.LAW_PIECE] = int(piece)
+    where[layout.LAW_PIECE] = int(piece)
     return where
 
 
@@ -235,15 +236,15 @@ class _Run:
         self.phases = numbers(np.zeros(times.size), np.int8)
         self.log = numbers(np.zeros(_LOG))
         self.kinds = numbers(np.zeros(_LOG), np.int8)
-        self.sums = numbers(np.zeros(kernel.SUMS))
-        columns = max(accuracy.order, kernel.STICK_DEGREE) + 2
-        self.work = numbers(np.zeros((kernel.WORK, columns)))
+        self.sums = numbers(np.zeros(layout.SUMS))
+        columns = max(accuracy.order, layout.STICK_DEGREE) + 2
+        self.work = numbers(np.zeros((layout.WORK, columns)))
 
     def march(self, energy: bool) -> Outcome:
         """Run the inner loops, emptying the log of transitions whenever it is full."""
-        self.options[kernel.WITH_ENERGY] = int(energy)
-        status = kernel.EVENTS_FULL
-        while status == kernel.EVENTS_FULL:
+        self.options[layout.WITH_ENERGY] = int(energy)
+        status = layout.EVENTS_FULL
+        while status == layout.EVENTS_FULL:
             status = self.function(
                 *self.inputs,
                 self.options,
@@ -257,18 +258,18 @@ class _Run:
                 self.sums,
                 self.work,
             )
-            count = int(self.where[kernel.EVENTS])
+            count = int(self.where[layout.EVENTS])
             self.logs.append(np.array(self.log[:count], dtype=float))
             self.afters.append(np.array(self.kinds[:count], dtype=np.int8))
-            self.where[kernel.EVENTS] = 0
+            self.where[layout.EVENTS] = 0
         return _OUTCOMES[status]
 
     def motion(self, outcome: Outcome, energy: bool) -> Motion:
         """What was found."""
-        count = int(self.where[kernel.CURSOR])
+        count = int(self.where[layout.CURSOR])
         out = np.array(self.out, dtype=float).reshape(4, -1)[:, :count]
-        phase = Phase(int(self.where[kernel.PHASE]))
-        final = State(float(self.state[kernel.X]), float(self.state[kernel.V]), phase)
+        phase = Phase(int(self.where[layout.PHASE]))
+        final = State(float(self.state[layout.X]), float(self.state[layout.V]), phase)
         return Motion(
             time=self.times[:count],
             displacement=out[0],
@@ -281,14 +282,14 @@ class _Run:
             start=self.start,
             final=final,
             outcome=outcome,
-            steps=int(self.where[kernel.STEPS]),
-            expansions=int(self.where[kernel.EXPANSIONS]),
+            steps=int(self.where[layout.STEPS]),
+            expansions=int(self.where[layout.EXPANSIONS]),
             span=(self.drive.start, self._end()),
         )
 
     def _end(self) -> float:
-        piece = int(self.where[kernel.PIECE])
-        within = float(self.state[kernel.TIME]) + float(self.state[kernel.TIME_REST])
+        piece = int(self.where[layout.PIECE])
+        within = float(self.state[layout.TIME]) + float(self.state[layout.TIME_REST])
         return float(self.drive.time[piece]) + within
 
     def _transitions(self) -> Transitions:
@@ -300,7 +301,7 @@ class _Run:
         m, k = self.bearing.mass, self.bearing.stiffness
         belt, friction, loss = (
             float(self.sums[i]) + float(self.sums[i + 1])
-            for i in (kernel.BELT, kernel.FRICTION, kernel.LOSS)
+            for i in (layout.BELT, layout.FRICTION, layout.LOSS)
         )
         first = self.drive.speed_at(self.drive.start) - self.start.relative_speed
         last = self.drive.speed_at(self._end()) - final.relative_speed

@@ -17,10 +17,13 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.errors import PhysicsError
 
-from . import integrator_kernel, integrator_roots
+from . import integrator_kernel, integrator_layout, integrator_roots, integrator_series
 
 March = Callable[..., int]
-_MODULES = {module.__name__: module for module in (integrator_roots, integrator_kernel)}
+_MODULES = {
+    module.__name__: module
+    for module in (integrator_layout, integrator_roots, integrator_series, integrator_kernel)
+}
 
 
 def is_compiled(compiled: bool | None) -> bool:
@@ -52,7 +55,9 @@ def march_function(compiled: bool) -> March:
 def _compile(cache: bool) -> March:
     """Compile copies of the functions that call each other, so that the plain ones stay."""
     jit = import_module('numba').njit(cache=cache)
-    space: dict[str, Any] = {**vars(integrator_roots), **vars(integrator_kernel)}
+    space: dict[str, Any] = {}
+    for module in _MODULES.values():
+        space |= vars(module)
     digest = _digest()
     for name, function in list(space.items()):
         if isinstance(function, FunctionType) and function.__module__ in _MODULES:
