@@ -16,6 +16,7 @@ from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn
 from rich.table import Table
 
@@ -97,7 +98,7 @@ def _write_mcap(path: str, report: CheckReport, config: MonitorConfig) -> None:
     from stickslip_monitor.bags.verdicts import write_verdicts
 
     with Progress(*_COLUMNS, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(f'writing {path}', total=None)
+        task = bar.add_task(escape(f'writing {path}'), total=None)
         write_verdicts(report, config, path, lambda done: bar.update(task, completed=done))
 
 
@@ -112,7 +113,7 @@ def _write_clips(folder: str, report: CheckReport, config: MonitorConfig) -> Non
 
 def _check(path: str, config: MonitorConfig) -> CheckReport:
     with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(path, total=None)
+        task = bar.add_task(escape(path), total=None)
         return check_bag(
             path, config, lambda done, total: bar.update(task, completed=done, total=total)
         )
@@ -173,19 +174,22 @@ def _input_json(item: InputReport) -> dict[str, Any]:
 def _print(out: Console, report: CheckReport) -> None:
     bag = report.bag
     seconds = 0.0 if bag.start_ns is None or bag.end_ns is None else bag.end_ns - bag.start_ns
-    out.print(f'[bold]{bag.path}[/]: {bag.message_count} messages in {seconds * 1e-9:.1f} s')
+    out.print(
+        f'[bold]{escape(str(bag.path))}[/]: {bag.message_count} messages in {seconds * 1e-9:.1f} s'
+    )
     for text in (*(cut.text for cut in bag.cuts), *bag.warnings):
-        out.print(f'[yellow]data:[/] {text}')
+        out.print(f'[yellow]data:[/] {escape(text)}')
     unused = [t for t in bag.topics.values() if t.problem]
     for topic in unused:
-        out.print(f'[yellow]data:[/] topic {topic.name} not readable: {topic.problem}')
+        text = escape(f'topic {topic.name} not readable: {topic.problem}')
+        out.print(f'[yellow]data:[/] {text}')
     for item in report.bearings.values():
         _print_bearing(out, item, bag.start_ns or 0)
 
 
 def _print_bearing(out: Console, item: BearingReport, start_ns: int) -> None:
     for text in item.complaints:
-        out.print(f'[yellow]data:[/] {text}')
+        out.print(f'[yellow]data:[/] {escape(text)}')
     table = Table(title=f'{item.name}: {len(item.scan.events)} events', title_justify='left')
     for heading in ('time [s]', 'from', 'to', 'what'):
         table.add_column(heading, justify='right' if heading == 'time [s]' else 'left')
@@ -195,7 +199,7 @@ def _print_bearing(out: Console, item: BearingReport, start_ns: int) -> None:
             f'{(event.time_ns - start_ns) * 1e-9:.2f}',
             event.before.value,
             f'[{colours[event.after.level]}]{event.after.value}[/]',
-            event.text.removeprefix(f'{item.name}: '),
+            escape(event.text.removeprefix(f'{item.name}: ')),
         )
     if item.scan.events:
         out.print(table)

@@ -104,7 +104,7 @@ def test_no_id_is_there_twice_and_nothing_is_fetched(page: Path) -> None:
 
 def hostile_bag(folder: Path) -> Path:
     """A recording whose folder and topics have names that would break a page."""
-    path = folder / '<b>&"\'$x$ {{ 1 }}'
+    path = folder / '<b>&"\'$x$ {{ 1 }}[red][x'
     with BagWriter(path) as writer:
         for topic in ('/shaft/speed', '/bearing/aft_stern/load', '/<script>alert(1)</script>'):
             writer.add_topic(topic, 'std_msgs/msg/Float64')
@@ -119,10 +119,11 @@ def hostile_bag(folder: Path) -> Path:
     return path
 
 
-def test_hostile_names_stay_text(tmp_path: Path) -> None:
+def test_hostile_names_stay_text(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip('jinja2')
     bag, out = hostile_bag(tmp_path), tmp_path / 'out.html'
     assert check(bag, '--report', out) == 1
+    assert bag.name in capsys.readouterr().out
     source = out.read_text('utf-8')
     assert '<script' not in source
     assert '<b>' not in source
