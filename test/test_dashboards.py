@@ -198,7 +198,7 @@ def series(recording: Recording) -> set[str]:
 
 def test_plotjuggler_curves_exist(plotjuggler: ElementTree.Element, recording: Recording) -> None:
     curves = [curve.get('name') for curve in plotjuggler.iter('curve')]
-    assert len(curves) == len(set(curves)) == 8
+    assert len(curves) == len(set(curves)) == 9
     assert set(curves) <= series(recording)
 
 

@@ -24,6 +24,7 @@ from stickslip_monitor.drawing.palette import (
 from stickslip_monitor.monitor.alarm import Level
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.points import at_indices
 from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.monitor.spells import Spell, coarsened
 from stickslip_monitor.monitor.verdict import Event
@@ -139,6 +140,18 @@ class _Lines:
             return np.asarray(since / 86_400e9, dtype=float)
         return np.asarray((since - self.start_ns) * 1e-9, dtype=float)
 
+    def exact(self) -> tuple[FloatArray, FloatArray]:
+        """Time and exact amplitude [mm] where stick-slip is predicted, at the points drawn."""
+        scan = self.timeline.scan
+        rows = np.insert(np.arange(scan.time_ns.size), self._breaks, -1)
+        predicted = np.insert(self.columns['predicted'], self._breaks, np.nan)
+        kept = envelope(self._most, predicted)
+        # Not of every point: a look-up costs a microsecond, and a recording has millions.
+        points = at_indices(scan.assessment, rows[kept])
+        return self._time[kept], np.where(
+            predicted[kept] > 0.0, points.amplitude_exact * 1e3, np.nan
+        )
+
     def line(self, name: str) -> tuple[FloatArray, FloatArray]:
         """Time and value of a column, thinned to its envelope."""
         value = np.insert(np.asarray(self.columns[name], dtype=float), self._breaks, np.nan)
@@ -223,8 +236,10 @@ def _amplitude(axes: Axes, lines: _Lines) -> None:
     time, predicted = lines.line('predicted')
     axes.fill_between(time, 0.0, predicted, color=REGIME_FILL[Regime.UNSTABLE], lw=0.0, zorder=1)
     axes.plot(time, predicted, color=colour, lw=1.4, label='predicted', zorder=4)
+    when, exact = lines.exact()
+    axes.plot(when, exact, color=INK, lw=0.9, label='exact', zorder=5)
     limit = lines.timeline.config.alarm.amplitude_limit * 1e3
-    greatest = max(float(np.nanmax(line, initial=0.0)) for line in (possible, predicted))
+    greatest = max(float(np.nanmax(line, initial=0.0)) for line in (possible, predicted, exact))
     if np.isfinite(limit) and limit < 3.0 * greatest:
         axes.axhline(limit, color=INK, lw=1.0, ls=(0, (4.5, 2.2)), label='limit', zorder=3)
         greatest = max(greatest, limit)
@@ -235,7 +250,7 @@ def _amplitude(axes: Axes, lines: _Lines) -> None:
 
 def _legend(axes: Axes) -> None:
     axes.legend(
-        loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=8.5, frameon=False,
+        loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=4, fontsize=8.5, frameon=False,
         borderpad=0.1, borderaxespad=0.0, handlelength=1.4, columnspacing=1.0, handletextpad=0.4,
     )  # fmt: skip
 

@@ -111,7 +111,8 @@ def _amplitude(course: Course) -> str:
     if extreme is None:
         return ''
     text = (
-        f'The greatest predicted amplitude was {words.millimetres(extreme.value)}, at'
+        f'The greatest predicted amplitude was {words.millimetres(extreme.value)}'
+        f' ({words.millimetres(extreme.point.amplitude_exact)} by the exact cycle), at'
         f' {place(course, extreme)}'
     )
     limit = course.config.alarm.amplitude_limit

@@ -142,6 +142,7 @@ def test_another_reader_sees_what_the_live_monitor_says(written: Path) -> None:
     said = rosbags_messages(written)
     for name, value in (
         ('amplitude', lambda p: 0.0 if np.isnan(p.amplitude) else p.amplitude),
+        ('amplitude_exact', lambda p: np.nan_to_num(p.amplitude_exact)),
         ('hopf_margin', lambda p: p.hopf_margin),
         ('fold_margin', lambda p: p.fold_margin),
         ('regime', lambda p: p.regime.value),

@@ -60,6 +60,9 @@ def test_margins_amplitude_and_limit_are_drawn_in_their_units() -> None:
     lines = {line.get_label(): line for line in found['ampl'].lines}
     # First-order KBM at 20 rpm: 0.52688 mm.
     assert np.nanmax(lines['predicted'].get_ydata()) == pytest.approx(0.52688, abs=1e-4)
+    # The exact cycle there: 0.556755 mm; drawn only where stick-slip is predicted.
+    assert np.nanmax(lines['exact'].get_ydata()) == pytest.approx(0.556755, abs=1e-4)
+    assert np.isfinite(lines['exact'].get_ydata()).sum() < 41
     assert 'limit' in lines
     shown = [text.get_text() for text in found['speed'].texts]
     assert {'Hopf', 'fold'} <= set(shown)
