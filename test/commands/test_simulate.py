@@ -172,6 +172,25 @@ def test_operating_point_out_of_range_leaves_no_bag(
     assert {p.name for p in tmp_path.iterdir()} == {'config.yaml', 'scene.yaml'}
 
 
+def test_day_is_written_as_it_is_made(tmp_path: Path, scene: str) -> None:
+    """The largest memory of an hour and of a day; messages that were kept would take 17 MB."""
+    code = (
+        'import sys\n'
+        'from dataclasses import replace\n'
+        'from stickslip_monitor.commands.simulate import write_bag\n'
+        'from stickslip_monitor.scenes.scene_file import load_scene\n'
+        'scene = load_scene(sys.argv[1])\n'
+        'for hours in (1, 24):\n'
+        '    write_bag(replace(scene, duration=3600.0 * hours), f"{sys.argv[2]}/{hours}.mcap")\n'
+        '    status = open("/proc/self/status").read()\n'
+        '    print(status.partition("VmHWM:")[2].split()[0])\n'
+    )
+    command = [sys.executable, '-c', code, scene, str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    hour, day = map(int, done.stdout.split())
+    assert day - hour < 8_000  # kilobytes; a chunk and its compression take four
+
+
 def test_cost_names_every_effect_and_changes_nothing(
     tmp_path: Path, scene: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

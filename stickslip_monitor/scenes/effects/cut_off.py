@@ -16,4 +16,5 @@ KEYS = ('time',)
 
 def build(settings: Settings, frame: Frame) -> Cut:
     """Build the cut."""
+    frame.once(settings)
     return Cut(settings.number('time', 's', above=0.0, most=frame.duration))

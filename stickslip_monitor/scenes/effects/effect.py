@@ -92,6 +92,16 @@ class Frame:
             self._claimed.add((settings.name, channel.topic))
         return picked
 
+    def once(self, settings: Settings) -> None:
+        """Refuse to list an effect twice that is for the whole scene.
+
+        Raises:
+            SceneError: It is.
+        """
+        if (settings.name, '') in self._claimed:
+            raise SceneError(f"effect '{settings.name}' is listed twice")
+        self._claimed.add((settings.name, ''))
+
     def sensors_of(
         self, settings: Settings, keys: Sequence[str], what: str
     ) -> Iterator[tuple[Channel, Settings]]:

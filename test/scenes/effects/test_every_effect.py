@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import subprocess
 import sys
@@ -16,6 +17,7 @@ import numpy as np
 import pytest
 import yaml
 
+from stickslip_monitor.errors import SceneError
 from stickslip_monitor.scenes.effects import effect as effect_module
 from stickslip_monitor.scenes.effects import lining_motion
 from stickslip_monitor.scenes.effects.registry import EFFECTS, STAGES
@@ -59,6 +61,19 @@ def test_every_effect_has_an_example_and_its_place() -> None:
     assert list(stages) == list(STAGES)
     costs = re.findall(r'^\| `(\w+)` \| [^|]+ \| [^|]+ \|$', PAGE.read_text('utf-8'), re.M)
     assert costs == list(EFFECTS)
+    settings = PAGE.read_text('utf-8').partition('## All settings')[2].partition('\n## ')[0]
+    told = set(re.findall(r'`(\w+)`', settings))
+    assert told >= set(EFFECTS)
+    for name in set(EFFECTS) - set(STAGES['lining']):
+        keys = set(importlib.import_module(EFFECTS[name]).KEYS)
+        assert told >= keys - {'bearing', 'speed', 'load'}
+
+
+@pytest.mark.parametrize('name', EFFECTS)
+def test_effect_that_is_listed_twice_is_named(make_scene: MakeScene, name: str) -> None:
+    twice = [{name: EXAMPLES[name]}] * 2
+    with pytest.raises(SceneError, match=f"effect '{name}'.* is listed twice"):
+        make_scene(STAMPED, effects=twice, telemetry=RATES)
 
 
 def test_order_in_the_file_means_nothing(make_scene: MakeScene, messages_of: MessagesOf) -> None:
