@@ -158,7 +158,7 @@ def _reach(bearing: Bearing, sticking: bool, speed: Line, load: Line, span: floa
         if sticking:
             fold = fold_speed(bearing, n)
             return np.isnan(fold) | (np.abs(v) > fold)
-        return np.asarray(growth_rate(bearing, np.abs(v), n) > 0.0)
+        return np.asarray(growth_rate(bearing, v, n) > 0.0)
 
     steps = np.linspace(0.0, 1.0, _STEPS + 1)
     begin, width = np.zeros((rates.shape[0], 1)), _HORIZON * span

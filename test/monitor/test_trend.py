@@ -101,6 +101,14 @@ def test_a_load_taken_off_ends_it_too(aft: BearingConfig) -> None:
     assert trend.seconds == pytest.approx(30.0, abs=0.5)
 
 
+def test_down_to_a_load_without_any_fold(aft: BearingConfig) -> None:
+    # At 0.005 m/s the fold lies at 210.19 N, and below 200 N there is none.
+    load = 400.0 / (10.0 * 0.2 * 2.0 * i1e(0.05) / 0.05)
+    trend = _trend(aft, TIME, 0.005, 250.0 - 5.0 * (TIME - NOW), sticking=True)
+    assert trend is not None
+    assert trend.seconds == pytest.approx((250.0 - load) / 5.0, abs=0.5)
+
+
 @pytest.mark.parametrize(
     ('speed', 'load', 'sticking'),
     [
@@ -117,14 +125,14 @@ def test_silence(aft: BearingConfig, speed: Floats, load: Floats, sticking: bool
 
 
 def test_silence_until_there_is_enough(aft: BearingConfig) -> None:
-    def after(seconds: float, step: float = 0.1) -> Trend | None:
+    def after(seconds: float, rate: float, step: float = 0.1) -> Trend | None:
         time = np.arange(0.0, seconds, step)
-        return _trend(aft, time, 0.25 - 0.001 * time, 1000.0)
+        return _trend(aft, time, 0.25 - rate * time, 1000.0)
 
-    assert after(14.0) is None  # half a window of 30 s
-    assert after(17.0) is not None
-    assert after(60.0, step=5.0) is None  # 6 points
-    assert after(60.0, step=2.0) is not None
+    assert after(14.0, rate=0.004) is None  # half a window of 30 s
+    assert after(17.0, rate=0.004) is not None
+    assert after(60.0, rate=0.001, step=5.0) is None  # 6 points
+    assert after(60.0, rate=0.001, step=2.0) is not None
 
 
 def test_a_window_of_zero_is_silent(configure: Configure) -> None:
@@ -159,6 +167,18 @@ def test_true_in_noise(aft: BearingConfig) -> None:
     inside = sum(t.earliest <= 40.0 <= t.latest for t in told)
     assert inside >= 0.95 * len(told)
     assert np.median([t.seconds for t in told]) == pytest.approx(40.0, abs=1.5)
+
+
+def test_what_is_too_uncertain_is_not_told(aft: BearingConfig) -> None:
+    random = np.random.default_rng(3)
+    rate = (0.25 - HOPF) / 40.0
+    found = []
+    for _ in range(100):
+        speed = 0.25 - rate * (TIME - NOW) + random.normal(0.0, 9.0 * RPM, TIME.size)
+        found.append(_trend(aft, TIME, speed, 1000.0))
+    told = [trend for trend in found if trend is not None]
+    assert 10 < len(told) < 90
+    assert all(trend.latest <= 2.0 * trend.earliest for trend in told)
 
 
 def test_one_slot_in_five_that_is_wrong_changes_little(aft: BearingConfig) -> None:
