@@ -27,7 +27,9 @@ from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.diagnostics import State, diagnostic_record
 from stickslip_monitor.monitor.points import at_index, at_indices
 from stickslip_monitor.monitor.records import event_json, output_topics, verdict_numbers
+from stickslip_monitor.monitor.scan import trend_at
 from stickslip_monitor.monitor.signals import QUANTITIES, Status
+from stickslip_monitor.monitor.trend import Trend
 from stickslip_monitor.monitor.verdict import describe
 
 NODE = 'stickslip_monitor'
@@ -178,14 +180,23 @@ class _Course:
         condition = self.events[e].after if e >= 0 else Condition.NORMAL
         lost = self._lost(time_ns)
         stale = condition is Condition.INPUT_STALE
-        text = describe(self.config, condition, point, sticking, lost if stale else {})
+        trend = self._trend(i) if i >= 0 and not stale else None
+        text = describe(
+            self.config, condition, point, sticking, lost if stale else {}, trend=trend
+        )
         counts = np.array(
             [
                 [np.searchsorted(self._seen[row, status], time_ns, 'right') for status in Status]
                 for row in range(len(QUANTITIES))
             ]
         )
-        return State(self.config, condition, text, point, sticking, lost, counts)
+        return State(self.config, condition, text, point, sticking, trend, lost, counts)
+
+    def _trend(self, i: int) -> Trend | None:
+        scan = self._scan
+        return trend_at(
+            self.config, scan.time_ns, scan.assessment, scan.sticking, int(scan.first[i]), i
+        )
 
     def _lost(self, time_ns: int) -> dict[str, float]:
         """The inputs whose timeout has passed, with their ages [s]."""

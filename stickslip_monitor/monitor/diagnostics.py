@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from stickslip_monitor.monitor.assessment import Assessment
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.signals import QUANTITIES, Status
+from stickslip_monitor.monitor.trend import Trend
 
 WAITING = 'Waiting for the first speed and load.'
 
@@ -28,6 +30,7 @@ class State:
         assessment: The last assessment, of scalars; ``None`` before the first.
         sticking: Whether that one predicts stick-slip.
         lost: The inputs that are lost, with their ages [s].
+        trend: When that prediction changes at the present rate; ``None`` if unknown.
         counts: Samples by quantity (speed, load) and :class:`Status`, shape (2, 6).
     """
 
@@ -36,6 +39,7 @@ class State:
     text: str
     assessment: Assessment | None
     sticking: bool
+    trend: Trend | None
     lost: dict[str, float]
     counts: NDArray[np.int64]
 
@@ -58,13 +62,14 @@ class DiagnosticRecord:
 
 def state_of(bearing: BearingMonitor) -> State:
     """The state of a bearing that is monitored live."""
-    verdict = bearing.verdict
+    verdict, trend = bearing.verdict, bearing.trend()
     return State(
         bearing.config,
         bearing.track.condition,
-        bearing.text(),
+        bearing.text(trend),
         verdict.assessment if verdict else None,
         verdict.sticking if verdict else False,
+        trend,
         bearing.lost(),
         bearing.gate.counts,
     )
@@ -108,6 +113,7 @@ def diagnostic_values(state: State) -> dict[str, str | float]:
             'amplitude of the exact cycle [m]': point.amplitude_exact,
             'error of the amplitude': point.amplitude_error,
             'threshold amplitude [m]': point.threshold_amplitude,
+            'time to boundary [s]': state.trend.seconds if state.trend else math.nan,
         }
     for name, age in state.lost.items():
         result[f'{name} age [s]'] = age

@@ -27,6 +27,7 @@ UNITS = {
     'amplitude of the exact cycle [m]',
     'error of the amplitude',
     'threshold amplitude [m]',
+    'time to boundary [s]',
 }
 TEXTS = {'reason', 'regime', 'outcome', 'stick-slip predicted'}
 
