@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import builtins
+import re
 from html.parser import HTMLParser
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -138,3 +140,28 @@ def test_without_jinja_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(builtins, '__import__', refuse)
     with pytest.raises(ReportError, match=r"extra 'report'.*stickslip_monitor\[report\]"):
         render(report('x'))
+
+
+def luminance(colour: str) -> float:
+    parts = [int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+@pytest.mark.parametrize('night', [False, True])
+def test_words_stand_out_from_what_is_behind_them(night: bool) -> None:
+    import stickslip_monitor.report.page as module
+
+    style = (Path(module.__file__).parent / 'page.css').read_text('utf-8')
+    day, dark = re.findall(r':root \{(.*?)\}', style, flags=re.DOTALL)[:2]
+    colour = dict(re.findall(r'--([a-z-]+): (#[0-9a-f]{6})', day + (dark if night else '')))
+    assert len(re.findall(r'--[a-z-]+:', dark)) == len(colour)
+    grades = ('clear', 'warning', 'alarm', 'unknown')
+    pairs = [(word, 'page') for word in ('text', 'soft', 'link', 'warning')]
+    pairs += [(word, 'card') for word in ('text', 'soft')]
+    pairs += [(grade, f'{grade}-back') for grade in grades]
+    pairs += [('text', f'{grade}-back') for grade in grades]
+    for front, back in pairs:
+        one, other = luminance(colour[front]), luminance(colour[back])
+        # WCAG 2, level AA for text of any size.
+        assert (max(one, other) + 0.05) / (min(one, other) + 0.05) >= 4.5, (front, back)
