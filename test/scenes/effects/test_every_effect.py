@@ -17,12 +17,14 @@ import numpy as np
 import pytest
 import yaml
 
+from stickslip_monitor.commands.simulate import write_bag
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.scenes.effects import effect as effect_module
 from stickslip_monitor.scenes.effects import lining_motion
 from stickslip_monitor.scenes.effects.registry import EFFECTS, STAGES
 from stickslip_monitor.scenes.randomness import random_stream
 from stickslip_monitor.scenes.scene import Scene
+from stickslip_monitor.scenes.scene_file import KEYS, load_scene
 from stickslip_monitor.scenes.signals import Messages
 from stickslip_monitor.scenes.simulator import simulate
 
@@ -67,6 +69,18 @@ def test_every_effect_has_an_example_and_its_place() -> None:
     for name in set(EFFECTS) - set(STAGES['lining']):
         keys = set(importlib.import_module(EFFECTS[name]).KEYS)
         assert told >= keys - {'bearing', 'speed', 'load'}
+
+
+def test_scene_of_the_page_can_be_made(tmp_path: Path) -> None:
+    (text,) = re.findall(r'```yaml\n(scene: .*?)```', PAGE.read_text('utf-8'), flags=re.DOTALL)
+    (tmp_path / 'docs').mkdir()
+    (tmp_path / 'launch_configs').symlink_to(PAGE.parents[1] / 'launch_configs')
+    path = tmp_path / 'docs' / 'scene.yaml'
+    path.write_text(text, 'utf-8')
+    scene = load_scene(path)
+    assert write_bag(scene, tmp_path / 'bag') == 6001 + 1201 - 20 * 2
+    told = re.findall(r'^\| `(\w+)` \| [^|]+ \|$', PAGE.read_text('utf-8'), re.M)
+    assert told == list(KEYS)
 
 
 @pytest.mark.parametrize('name', EFFECTS)
