@@ -16,8 +16,8 @@ import pytest
 
 from stickslip_monitor.cli import main
 from stickslip_monitor.commands import figures
-from stickslip_monitor.drawing import labels as labels_module
 from stickslip_monitor.drawing.canvas import style
+from stickslip_monitor.drawing.labels import Labeller
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.study.findings import REFERENCE
 
@@ -180,21 +180,8 @@ def test_another_point_and_another_bearing(tmp_path: Path) -> None:
     assert np.max(read(out / 'finding_4_motion.csv')['velocity [m/s]']) <= 0.05 * (1 + 1e-12)
 
 
-@pytest.fixture
-def placed(monkeypatch: pytest.MonkeyPatch) -> list[labels_module.Labeller]:
-    made: list[labels_module.Labeller] = []
-    start = labels_module.Labeller.__init__
-
-    def remember(self: labels_module.Labeller, axes: Any) -> None:
-        start(self, axes)
-        made.append(self)
-
-    monkeypatch.setattr(labels_module.Labeller, '__init__', remember)
-    return made
-
-
 @pytest.mark.parametrize('name', NAMES)
-def test_no_two_words_overlap(name: str, placed: list[labels_module.Labeller]) -> None:
+def test_no_two_words_overlap(name: str, placed: list[Labeller]) -> None:
     pytest.importorskip('matplotlib')
     speed = 20.0 * REFERENCE.speed.factor('rpm')
     point = figures._Point('reference bearing', REFERENCE, speed, 1000.0)

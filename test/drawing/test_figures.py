@@ -16,10 +16,9 @@ import numpy as np
 import pytest
 
 from stickslip_monitor import Coulomb, FrictionLaw, Monitor, Stream, Stribeck, Tabulated
-from stickslip_monitor.drawing import labels as labels_module
 from stickslip_monitor.drawing.canvas import save_figure
 from stickslip_monitor.drawing.diagram import draw_diagram, load_text
-from stickslip_monitor.drawing.labels import Box
+from stickslip_monitor.drawing.labels import Box, Labeller
 from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.drawing.palette import CONDITION_COLOUR, REGIME_COLOUR, REGIME_FILL
 from stickslip_monitor.drawing.track import Track, TrackEvent, track_of_scan
@@ -57,24 +56,9 @@ def round_trip() -> Track:
     return Track(time, speed, load, events)
 
 
-@pytest.fixture
-def placed(monkeypatch: pytest.MonkeyPatch) -> list[labels_module.Labeller]:
-    made: list[labels_module.Labeller] = []
-    start = labels_module.Labeller.__init__
-
-    def remember(self: labels_module.Labeller, axes: Any) -> None:
-        start(self, axes)
-        made.append(self)
-
-    monkeypatch.setattr(labels_module.Labeller, '__init__', remember)
-    return made
-
-
 @pytest.mark.parametrize('law', LAWS.values(), ids=LAWS)
 @pytest.mark.parametrize('kind', ['diagram', 'map', 'track'])
-def test_no_two_words_overlap(
-    law: FrictionLaw, kind: str, placed: list[labels_module.Labeller]
-) -> None:
+def test_no_two_words_overlap(law: FrictionLaw, kind: str, placed: list[Labeller]) -> None:
     config = with_law(law)
     if kind == 'diagram':
         draw_diagram(config, 1000.0)
