@@ -120,7 +120,6 @@ def check_bag(
     Raises:
         BagError: The bag cannot be read, lacks a topic, or a field leads to no number.
     """
-    prepare_surfaces(item.bearing for item in config.bearings)
     bag = open_bag(path)
     requests = {b.name: (_request(b.speed), _request(b.load)) for b in config.bearings}
     series = bag.read({r for pair in requests.values() for r in pair}, progress)
@@ -128,6 +127,7 @@ def check_bag(
         name: _stream(series[speed], series[load]) for name, (speed, load) in requests.items()
     }
     start, end = _span(bag, streams)
+    prepare_surfaces(item.bearing for item in config.bearings)
     scans = Monitor(config).scan(streams, start, end)
     reports = {}
     for bearing in config.bearings:

@@ -193,10 +193,24 @@ def _land_behind(orbits: Orbits, stretch: Stretch, landing: Flags) -> None:
         return
     z = at_samples(stretch.z[where])
     # The orbit starts in contact: look beyond the sample where it is farthest from it.
-    start = SAMPLES[np.argmax(np.where(stretch.stop[where][:, None] >= SAMPLES, z, -np.inf), 1)]
+    z = np.where(stretch.stop[where][:, None] >= SAMPLES, z, -np.inf)
+    farthest = SAMPLES[np.argmax(z, axis=1)]
+    # A later step may begin just before the contact, and the first one may see it at once.
+    early = np.where(stretch.time[where] == 0.0, _early_top(stretch.z[where]), -1.0)
+    start = np.where(value(early, stretch.z[where]) >= np.max(z, axis=1), early, farthest)
     stretch.stop[where] = _root(stretch.z[where], np.zeros(where.size), start, stretch.stop[where])
     stretch.end[where] = End.CONTACT
     orbits.margin[stretch.index[where]] = 1.0
+
+
+def _early_top(series: Array) -> Array:
+    """Where Legendre series have their maximum if that is next to -1: by the parabola there."""
+    n = np.arange(series.shape[1])
+    slope = series @ (-((-1.0) ** n) * n * (n + 1) / 2.0)
+    bend = series @ ((-1.0) ** n * (n - 1) * n * (n + 1) * (n + 2) / 8.0)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        top = -1.0 - slope / bend
+    return np.where((top > -1.0) & (top < SAMPLES[0]), top, -1.0)
 
 
 def _move(frame: Frame, orbits: Orbits, stretch: Stretch, edge: Array) -> None:

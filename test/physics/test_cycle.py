@@ -154,9 +154,14 @@ def test_weak_friction_meets_averaging(eta):
     assert unstable == pytest.approx(both.amplitude[~both.stable][0], rel=10.0 * eta)
 
 
-def test_overtaking_closes_under_the_reference(taylor):
+@pytest.mark.parametrize(
+    ('zeta', 'eta', 'speed'),
+    # In the second the phase ahead of the belt spans two steps, the last of which only just began.
+    [(1e-4, 0.001, 2.0), (1e-3, 0.01083144557832, 0.5647044), (0.0, 0.05, 1.2)],
+)
+def test_overtaking_closes_under_the_reference(taylor, zeta, eta, speed):
     # One round by Taylor series in 40 digits, starting where the solver says the cycle starts.
-    bearing, load, speed = unit_bearing(1e-4), 0.001 / 0.2, 2.0
+    bearing, load = unit_bearing(zeta), eta / 0.2
     cycle = exact_cycle(bearing, speed, load)
     force = mp.mpf(load) / mp.mpf(speed)
     law = (mp.mpf(bearing.damping) / 2, force * mp.mpf(0.3), force * mp.mpf(0.1), mp.mpf(speed))
@@ -167,6 +172,20 @@ def test_overtaking_closes_under_the_reference(taylor):
     assert float(end) == pytest.approx(float(start), abs=1e-13)
     assert cycle.period == pytest.approx(float(behind + ahead), rel=1e-12)
     assert cycle.amplitude / speed == pytest.approx(float(top - bottom) / 2.0, rel=1e-13)
+
+
+@pytest.mark.parametrize('zeta', [1e-3, 1e-5, 0.0])
+def test_hardly_damped_every_point_below_the_fold_has_its_cycle(zeta):
+    # The lining passes the belt for moments only here and there; the fold is found by itself.
+    rng = np.random.default_rng(3)
+    bearing, load = unit_bearing(zeta), 10.0 * max(zeta, 1e-3) * 2.0 ** rng.uniform(1, 4, 80)
+    fold = np.asarray(exact_fold_speed(bearing, load))
+    speed = np.where(np.isfinite(fold), fold, 3.0) * rng.uniform(0.05, 1.0, 80)
+    cycle = exact_cycle(bearing, speed, load)
+    assert set(cycle.kind) == {CycleKind.STICK_SLIP, CycleKind.OVERTAKING}
+    some = np.flatnonzero(cycle.kind == CycleKind.OVERTAKING)[::10]
+    alone = [exact_cycle(bearing, speed[i], load[i]).amplitude for i in some]
+    np.testing.assert_allclose(alone, cycle.amplitude[some], rtol=1e-12)
 
 
 @pytest.mark.parametrize(
