@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The colours of regimes and alarm conditions, once, for pictures and dashboards alike.
 
-The hues are those of Okabe and Ito, which people with any common colour blindness can tell apart.
+The hues are those of Okabe and Ito, which people with any common colour blindness can tell apart;
+caution is a dark yellow, for green says that all is well (IEC 60073).
 Fills get darker from stable to unstable, so that they also keep their order in a grey print.
 """
 
@@ -30,12 +31,12 @@ REGIME_FILL = {
 }
 """Light colours, for areas behind lines and dark text."""
 
-CAUTION_FILL = '#dcecd2'
+CAUTION_FILL = '#faf7d6'
 """The stable stretch next to the fold in which the alarm says caution."""
 
 CONDITION_COLOUR = {
     Condition.NORMAL: '#0072b2',
-    Condition.CAUTION: '#009e73',
+    Condition.CAUTION: '#a08c00',
     Condition.BISTABLE: '#e69f00',
     Condition.STICK_SLIP: '#d55e00',
     Condition.AMPLITUDE: '#7a1f5c',
@@ -48,13 +49,13 @@ ON_DARK = {
     INK: '#e8eaed',
     MUTED: '#a9b0b8',
     '#0072b2': '#56b4e9',
-    '#009e73': '#3fcf9f',
+    '#a08c00': '#e0cc3f',
     '#e69f00': '#f0b429',
     '#d55e00': '#ff8f4d',
     '#7a1f5c': '#e58fc6',
     '#8c8c8c': '#9aa0a6',
     '#eff6fb': '#16212b',
-    CAUTION_FILL: '#1d3328',
+    CAUTION_FILL: '#2e2c10',
     '#fcedc4': '#4a3b12',
     '#f6cdb8': '#5a2a17',
     '#d9d9d9': '#33373c',
