@@ -10,8 +10,10 @@ out is told only if all of these agree well enough.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -133,17 +135,30 @@ class Line:
     high: float
 
 
+@lru_cache(maxsize=_SLOTS)
+def _pairs(n: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """First and second index of each pair of n things."""
+    return np.triu_indices(n, 1)
+
+
+def _middle(ordered: Floats) -> float:
+    """The median of sorted values; numpy's own takes four times as long for so few."""
+    half = ordered.size // 2
+    return float(ordered[half] if ordered.size % 2 else 0.5 * (ordered[half - 1] + ordered[half]))
+
+
 def _line(time: Floats, value: Floats) -> Line:
     """The Theil-Sen line through some points of rising times; now is the time 0."""
-    i, j = np.triu_indices(time.size, 1)
+    i, j = _pairs(time.size)
     slopes = np.sort((value[j] - value[i]) / (time[j] - time[i]))
-    slope = float(np.median(slopes))
+    slope = _middle(slopes)
     n, pairs = time.size, slopes.size
     # Kendall's S of independent values has this variance.
-    half = _QUANTILE * np.sqrt(n * (n - 1) * (2 * n + 5) / 18.0)
+    half = _QUANTILE * math.sqrt(n * (n - 1) * (2 * n + 5) / 18.0)
     low = slopes[max(round((pairs - half) / 2.0) - 1, 0)]
     high = slopes[min(round((pairs + half) / 2.0), pairs - 1)]
-    return Line(float(np.median(value - slope * time)), slope, float(low), float(high))
+    now = _middle(np.sort(value - slope * time))
+    return Line(now, slope, float(low), float(high))
 
 
 def _reach(bearing: Bearing, sticking: bool, speed: Line, load: Line, span: float) -> Trend | None:
