@@ -6,6 +6,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PYTEST_ARGS ?=
+BENCH_ARGS ?=
 
 # .venv has its own ROS 2; what another one (a sourced setup.bash, say) left here would mix in.
 unexport AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONHOME PYTHONPATH RMW_IMPLEMENTATION
@@ -14,7 +15,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 .DEFAULT_GOAL := help
 # Two installations into one environment must not run at once.
 .NOTPARALLEL:
-.PHONY: help demo test lint format bags colcon-test clean
+.PHONY: help demo test lint format bags bench bench-soak colcon-test clean
 
 help:  ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -37,6 +38,12 @@ format: $(VENV)/.lint  ## Mend what the linter and the formatter can mend
 bags: $(VENV)/.demo  ## Make the recordings of bags/ again from their scenes
 	$(BIN)/python scripts/make_bags.py
 
+bench: $(VENV)/.bench  ## Compare with what others use, some minutes; writes docs/benchmarks.md
+	$(BIN)/python -m benchmarks $(BENCH_ARGS)
+
+bench-soak: $(VENV)/.bench  ## Add ten minutes of telemetry at 1 kHz to docs/benchmarks.md
+	$(BIN)/python -m benchmarks --soak
+
 colcon-test: $(VENV)/.test  ## Build and test as in a ROS 2 workspace, under build/colcon
 	$(BIN)/colcon --log-base build/colcon/log build \
 	    --base-paths . --build-base build/colcon/build --install-base build/colcon/install
@@ -58,7 +65,8 @@ $(BIN)/python:
 $(VENV)/.demo: EXTRAS = ros,report
 $(VENV)/.test: EXTRAS = ros,report,test
 $(VENV)/.lint: EXTRAS = ros,report,lint
-$(VENV)/.demo $(VENV)/.test $(VENV)/.lint: setup.py pyproject.toml | $(BIN)/python
+$(VENV)/.bench: EXTRAS = ros,report,bench
+$(VENV)/.demo $(VENV)/.test $(VENV)/.bench $(VENV)/.lint: setup.py pyproject.toml | $(BIN)/python
 	@echo 'Installing stickslip_monitor[$(EXTRAS)] into $(VENV), once (a minute or two) ...'
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check --editable '.[$(EXTRAS)]'
 	@touch $@

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reading the numbers of a recording, beside the Python readers of MCAP."""
+
+from __future__ import annotations
+
+import struct
+import tempfile
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+from mcap.reader import make_reader
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
+from mcap_ros2.reader import read_ros2_messages
+from zstandard import ZstdDecompressor
+
+from benchmarks.table import Table, absent, duration, ratio
+from benchmarks.timing import Times, in_turns
+from stickslip_monitor.bags.cdr import encode_float64s, encode_string
+from stickslip_monitor.bags.reader import Request, open_bag
+from stickslip_monitor.bags.writer import BagWriter
+
+TOPICS = ('/shaft/speed', '/bearing/aft_stern/load')
+COUNT = 600_000
+"""Messages on each of the two topics."""
+OURS, MIXED = 'stickslip_monitor', 'stickslip_monitor, mixed recording'
+FLOOR = 'decompressing the chunks alone'
+ROSBAGS, ROSBAGS_MIXED = 'rosbags', 'rosbags, mixed recording'
+_PAYLOAD = struct.Struct('<4xd')
+
+
+def run(quick: bool) -> Table:
+    """Compare readers; a short run reads a tenth of the messages."""
+    count = COUNT // 10 if quick else COUNT
+    with tempfile.TemporaryDirectory() as folder:
+        plain, mixed = Path(folder) / 'plain', Path(folder) / 'mixed'
+        write(plain, count, 0)
+        write(mixed, count, count)
+        times = in_turns(_readers(plain, mixed, 2 * count), 3, warm=False)
+    return _table(times, 2 * count)
+
+
+def write(path: Path, count: int, texts: int) -> None:
+    """Write speed and load at 1 kHz, and strings of changing length between them."""
+    generator = np.random.default_rng(1)
+    time = np.arange(count, dtype=np.int64) * 1_000_000
+    lengths = generator.integers(0, 200, texts).tolist()
+    columns = {topic: (time, encode_float64s(generator.normal(size=count))) for topic in TOPICS}
+    with BagWriter(path) as bag:
+        for topic in TOPICS:
+            bag.add_topic(topic, 'std_msgs/msg/Float64')
+        bag.add_topic('/log', 'std_msgs/msg/String')
+        strings = [encode_string('x' * length) for length in lengths]
+        bag.write_merged(columns | {'/log': (time[:texts], strings)})
+
+
+def _readers(plain: Path, mixed: Path, count: int) -> dict[str, Callable[[], object]]:
+    readers: dict[str, Callable[[], int]] = {
+        OURS: lambda: _ours(plain),
+        MIXED: lambda: _ours(mixed),
+        'mcap': lambda: _mcap(plain),
+        'mcap-ros2-support': lambda: _mcap_ros2(plain),
+    }
+    if find_spec('rosbags'):
+        readers |= {ROSBAGS: lambda: _rosbags(plain), ROSBAGS_MIXED: lambda: _rosbags(mixed)}
+    checked = {name: _checked(name, reader, count) for name, reader in readers.items()}
+    chunks = _chunks(plain)
+    return checked | {FLOOR: lambda: _decompress(chunks)}
+
+
+def _checked(name: str, reader: Callable[[], int], count: int) -> Callable[[], object]:
+    def read() -> None:
+        if (found := reader()) != count:
+            raise RuntimeError(f'{name} read {found} of {count} numbers')
+
+    return read
+
+
+def _ours(path: Path) -> int:
+    requests = [Request(topic, 'data') for topic in TOPICS]
+    return sum(series.value.size for series in open_bag(path).read(requests).values())
+
+
+def _file(path: Path) -> Path:
+    return path / f'{path.name}_0.mcap'
+
+
+def _mcap(path: Path) -> int:
+    """Messages as bytes, the number unpacked by hand: all that is possible for one type."""
+    times, values = [], []
+    with _file(path).open('rb') as file:
+        for _, _, message in make_reader(file).iter_messages(TOPICS):
+            times.append(message.log_time)
+            values.append(_PAYLOAD.unpack(message.data)[0])
+    return min(np.array(values).size, np.array(times).size)
+
+
+def _mcap_ros2(path: Path) -> int:
+    times, values = [], []
+    for message in read_ros2_messages(str(_file(path)), topics=TOPICS):
+        times.append(message.log_time_ns)
+        values.append(message.ros_msg.data)
+    return min(np.array(values).size, np.array(times).size)
+
+
+def _rosbags(path: Path) -> int:
+    from rosbags.rosbag2 import Reader
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    times, values = [], []
+    with Reader(path) as reader:
+        wanted = [connection for connection in reader.connections if connection.topic in TOPICS]
+        for connection, time, data in reader.messages(wanted):
+            times.append(time)
+            values.append(store.deserialize_cdr(data, connection.msgtype).data)
+    return min(np.array(values).size, np.array(times).size)
+
+
+def _chunks(path: Path) -> list[Chunk]:
+    with _file(path).open('rb') as file:
+        records = StreamReader(file, emit_chunks=True).records
+        return [record for record in records if isinstance(record, Chunk)]
+
+
+def _decompress(chunks: list[Chunk]) -> None:
+    decompressor = ZstdDecompressor()
+    for chunk in chunks:
+        decompressor.decompress(chunk.data, chunk.uncompressed_size)
+
+
+def _table(times: dict[str, Times], count: int) -> Table:
+    own = times[OURS].median
+    rows = [
+        [
+            name,
+            f'{count / found.median / 1e6:.2f}',
+            f'{count / found.least / 1e6:.2f}',
+            duration(found.median),
+            '1' if name == OURS else ratio(found.median / own),
+        ]
+        for name, found in times.items()
+    ]
+    rows += [absent(name, 5) for name in (ROSBAGS, ROSBAGS_MIXED) if name not in times]
+    return Table(
+        title='Reading',
+        text=(
+            f'Log times and values of {count / 1e6:g} million `std_msgs/Float64` on two topics at'
+            ' 1 kHz, zstd in chunks of 1 MiB, as two arrays each; of the mixed recording, which has a'
+            ' string of 0 to 200 letters after every pair of them, too. `mcap` unpacks the number by'
+            ' hand, the others decode messages.'
+        ),
+        columns=('reader', 'million/s, median of 3', 'best', 'time', 'ratio'),
+        rows=rows,
+        notes=_NOTES,
+    )
+
+
+_NOTES = ''

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a part of the benchmarks hands over: a section of the page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+NOT_INSTALLED = 'not installed'
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A section of docs/benchmarks.md.
+
+    Attributes:
+        title: Its heading.
+        text: What is compared, and how; Markdown above the table.
+        columns: The table's headings; the first column is text, the others are numbers.
+        rows: Its cells.
+        notes: What remains the cost; Markdown below the table.
+    """
+
+    title: str
+    text: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    notes: str = ''
+
+    def __post_init__(self) -> None:
+        for row in self.rows:
+            if len(row) != len(self.columns):
+                raise ValueError(f'row {row} must have {len(self.columns)} cells')
+
+    def markdown(self) -> str:
+        """The section."""
+        aligned = ['---', *['---:'] * (len(self.columns) - 1)]
+        lines = [_row(self.columns), f'|{"|".join(aligned)}|', *map(_row, self.rows)]
+        blocks = [f'## {self.title}', self.text, '\n'.join(lines), self.notes]
+        return '\n\n'.join(block for block in blocks if block) + '\n'
+
+    def record(self) -> dict[str, Any]:
+        """As plain values, for :meth:`of`."""
+        return asdict(self)
+
+    @classmethod
+    def of(cls, record: dict[str, Any]) -> Table:
+        """The table of a record."""
+        return cls(**record)
+
+
+def _row(cells: Sequence[str]) -> str:
+    return f'| {" | ".join(cells)} |'
+
+
+def absent(name: str, columns: int, reason: str = NOT_INSTALLED) -> list[str]:
+    """The row of a peer that did not run."""
+    return [name, reason, *['–'] * (columns - 2)]
+
+
+def duration(seconds: float) -> str:
+    """A time for a person, in three digits."""
+    for unit, size in (('s', 1.0), ('ms', 1e-3), ('µs', 1e-6)):
+        if seconds >= size:
+            return f'{seconds / size:.3g} {unit}'
+    return f'{seconds * 1e9:.3g} ns'
+
+
+def ratio(value: float) -> str:
+    """How many times as much, in two digits."""
+    return f'{value:.0f} ×' if value >= 9.95 else f'{value:.2g} ×'
