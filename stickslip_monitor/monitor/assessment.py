@@ -3,94 +3,52 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
-from enum import Enum
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stickslip_monitor.physics.arrays import flatten, restore
-from stickslip_monitor.physics.bifurcation import (
-    damping_per_load,
-    fold_load,
-    growth_rate,
-    hopf_load,
-    kbm,
+from stickslip_monitor.monitor.columns import (
+    AT_REST,
+    AVERAGED,
+    BISTABLE,
+    NO_BOUNDARY,
+    NO_CONTACT,
+    NO_CYCLE,
+    NOT_FINITE,
+    STICK_SLIP,
+    Points,
+    column,
+    margin,
 )
-from stickslip_monitor.physics.cycle_surface import exact_amplitude
+from stickslip_monitor.monitor.outcome import (
+    OUTCOMES,
+    REGIME_OF_OUTCOME,
+    REGIMES,
+    Outcome,
+    Regime,
+)
+from stickslip_monitor.physics.arrays import flatten, in_blocks, restore
+from stickslip_monitor.physics.bifurcation import damping_per_load, has_cycle, kbm
+from stickslip_monitor.physics.friction import Array
 from stickslip_monitor.physics.oscillator import Bearing
 
-FloatArray = NDArray[np.float64]
+__all__ = ['COLUMNS', 'OUTCOMES', 'REGIMES', 'Assessment', 'Outcome', 'Regime', 'assess', 'margin']
 
-
-class Regime(str, Enum):
-    """What can happen at an operating point, in rising order of trouble."""
-
-    STABLE = 'stable'
-    BISTABLE = 'bistable'
-    UNSTABLE = 'unstable'
-    UNDETERMINED = 'undetermined'
-
-    def __str__(self) -> str:
-        return self.value
-
-
-class Outcome(str, Enum):
-    """Why an assessment says what it says; each member carries its sentence."""
-
-    sentence: str
-
-    def __new__(cls, name: str, sentence: str) -> Outcome:
-        """Make a member from its name and its sentence."""
-        member = str.__new__(cls, name)
-        member._value_ = name
-        member.sentence = sentence
-        return member
-
-    NO_CYCLE = 'no_cycle', 'Beyond the fold: no stick-slip cycle exists at this speed and load.'
-    BISTABLE = (
-        'bistable',
-        'Steady sliding and stick-slip are both stable: which one runs depends on the history.',
-    )
-    STICK_SLIP = 'stick_slip', 'Steady sliding is unstable: stick-slip starts by itself.'
-    NO_BOUNDARY = (
-        'no_boundary',
-        'Friction does not fall fast enough with speed to overcome the damping at this load:'
-        ' no speed has stick-slip.',
-    )
-    NO_CONTACT = 'no_contact', 'The bearing carries no load: there is no friction.'
-    AT_REST = 'at_rest', 'The shaft is at rest: nothing slides.'
-    NOT_FINITE = 'not_finite', 'Speed or load is not a finite number.'
-
-    def __str__(self) -> str:
-        return self.value
-
-
-REGIMES = tuple(Regime)
-OUTCOMES = tuple(Outcome)
 _REGIME_NAMES = np.array([regime.value for regime in REGIMES])
 _OUTCOME_NAMES = np.array([outcome.value for outcome in OUTCOMES])
-_REGIME_OF_OUTCOME = np.array(
-    [
-        REGIMES.index(regime)
-        for regime in (
-            Regime.STABLE,
-            Regime.BISTABLE,
-            Regime.UNSTABLE,
-            Regime.STABLE,
-            Regime.STABLE,
-            Regime.UNDETERMINED,
-            Regime.UNDETERMINED,
-        )
-    ],
-    dtype=np.int8,
-)
+_REGIME_CODES = np.array([REGIMES.index(regime) for regime in REGIME_OF_OUTCOME], np.int8)
+COLUMNS = ('speed', 'load', 'outcome_code', 'hopf_speed', 'fold_speed', *AVERAGED)
+"""The names of what averaging says of every operating point."""
 
 
 @dataclass(frozen=True, slots=True)
 class Assessment:
-    """First-order KBM's verdict on operating points; every field has the inputs' shape.
+    """First-order KBM's verdict on operating points; everything has the inputs' shape.
+
+    What a verdict rests on is stored; the rest is worked out when it is first asked for.
 
     Attributes:
         speed: Journal surface speed as given, negative astern [m/s].
@@ -98,17 +56,6 @@ class Assessment:
         outcome_code: Index into :data:`OUTCOMES`.
         hopf_speed: Highest unstable speed at this load [m/s]; ``nan`` without one.
         fold_speed: Highest speed with a stick-slip cycle at this load [m/s]; ``nan`` without one.
-        hopf_margin: ``|V|/V_H - 1`` [-]; negative inside, ``inf`` where there is no Hopf speed.
-        fold_margin: ``|V|/V_F - 1`` [-]; negative inside, ``inf`` where there is no fold.
-        hopf_load: Load at which this speed turns unstable [N]; ``nan`` without one.
-        fold_load: Load from which a stick-slip cycle exists at this speed [N]; ``nan`` without.
-        growth_rate: Growth rate of a small disturbance of steady sliding [1/s].
-        amplitude: Displacement amplitude of the stick-slip cycle [m]; ``nan`` where none exists.
-        threshold_amplitude: Amplitude of the unstable cycle [m]: in the bistable range a larger
-            disturbance starts stick-slip; ``nan`` elsewhere.
-
-    What the averaged model leaves out is told by ``amplitude_exact`` and ``amplitude_error``,
-    which are computed when they are asked for.
     """
 
     speed: Any
@@ -116,14 +63,70 @@ class Assessment:
     outcome_code: Any
     hopf_speed: Any
     fold_speed: Any
-    hopf_margin: Any
-    fold_margin: Any
-    hopf_load: Any
-    fold_load: Any
-    growth_rate: Any
-    amplitude: Any
-    threshold_amplitude: Any
     _bearing: Bearing = field(repr=False, compare=False)
+    _known: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
+
+    def _column(self, name: str) -> Any:
+        value = self._known.get(name)
+        if value is None:
+            value = self._known[name] = self._work_out(name)
+        return value
+
+    def _work_out(self, name: str) -> Any:
+        stored = self.speed, self.load, self.outcome_code, self.hopf_speed, self.fold_speed
+        points = Points(*(np.asarray(column).reshape(-1) for column in stored))
+        return restore(column(name, self._bearing, points), np.shape(self.outcome_code))
+
+    @property
+    def hopf_margin(self) -> Any:
+        """``|V|/V_H - 1`` [-]; negative inside, ``inf`` where there is no Hopf speed."""
+        return self._column('hopf_margin')
+
+    @property
+    def fold_margin(self) -> Any:
+        """``|V|/V_F - 1`` [-]; negative inside, ``inf`` where there is no fold."""
+        return self._column('fold_margin')
+
+    @property
+    def hopf_load(self) -> Any:
+        """Load at which this speed turns unstable [N]; ``nan`` without one."""
+        return self._column('hopf_load')
+
+    @property
+    def fold_load(self) -> Any:
+        """Load from which a stick-slip cycle exists at this speed [N]; ``nan`` without."""
+        return self._column('fold_load')
+
+    @property
+    def growth_rate(self) -> Any:
+        """Growth rate of a small disturbance of steady sliding [1/s]."""
+        return self._column('growth_rate')
+
+    @property
+    def amplitude(self) -> Any:
+        """Displacement amplitude of the stick-slip cycle [m]; ``nan`` where none exists."""
+        return self._column('amplitude')
+
+    @property
+    def threshold_amplitude(self) -> Any:
+        """Amplitude of the unstable cycle [m].
+
+        In the bistable range a larger disturbance starts stick-slip; ``nan`` elsewhere.
+        """
+        return self._column('threshold_amplitude')
+
+    @property
+    def amplitude_exact(self) -> Any:
+        """Displacement amplitude of the exact stick-slip cycle, to 1e-6 [m]; ``nan`` for none.
+
+        See :func:`stickslip_monitor.physics.cycle_surface.exact_amplitude`.
+        """
+        return self._column('amplitude_exact')
+
+    @property
+    def amplitude_error(self) -> Any:
+        """Error of averaging's amplitude, ``amplitude / amplitude_exact - 1`` [-]."""
+        return np.divide(self.amplitude, self.amplitude_exact) - 1.0
 
     @property
     def outcome(self) -> Any:
@@ -133,35 +136,17 @@ class Assessment:
         return _OUTCOME_NAMES[self.outcome_code]
 
     @property
-    def amplitude_exact(self) -> Any:
-        """Displacement amplitude of the exact stick-slip cycle, to 1e-6 [m]; ``nan`` for none.
-
-        See :func:`stickslip_monitor.physics.cycle_surface.exact_amplitude`.
-        """
-        shape, (speed, load, fold) = flatten(self.speed, self.load, self.fold_speed)
-        return restore(exact_amplitude(self._bearing, speed, load, fold), shape)
-
-    @property
-    def amplitude_error(self) -> Any:
-        """Error of averaging's amplitude, ``amplitude / amplitude_exact - 1`` [-]."""
-        return np.divide(self.amplitude, self.amplitude_exact) - 1.0
-
-    @property
     def regime_code(self) -> Any:
         """Index into :data:`REGIMES`, of the inputs' shape."""
-        code = _REGIME_OF_OUTCOME[self.outcome_code]
+        code = _REGIME_CODES[self.outcome_code]
         return int(code) if isinstance(self.outcome_code, int) else code
 
     @property
     def regime(self) -> Any:
         """The :class:`Regime`, or an array of regime names."""
         if isinstance(self.outcome_code, int):
-            return REGIMES[self.regime_code]
+            return REGIME_OF_OUTCOME[self.outcome_code]
         return _REGIME_NAMES[self.regime_code]
-
-
-COLUMNS = tuple(column.name for column in fields(Assessment) if column.compare)
-"""The names of what is stored for every operating point."""
 
 
 def assess(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Assessment:
@@ -177,67 +162,25 @@ def assess(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Assessment:
         never raises for a number: an input that is not finite has its own outcome.
     """
     shape, (v, n) = flatten(speed, load)
+    with np.errstate(all='ignore'):
+        columns = in_blocks(partial(_judge, bearing), v, n)
+    v, n, code, hopf, fold = (restore(column, shape) for column in (v, n, *columns))
+    return Assessment(v, n, code, hopf, fold, bearing)
+
+
+def _judge(bearing: Bearing, speed: Array, load: Array) -> tuple[NDArray[Any], ...]:
+    """Outcome, Hopf and fold speed of flat arrays."""
     law = bearing.friction
-    solver = kbm(law)
-    finite = np.isfinite(v) & np.isfinite(n)
-    magnitude = np.abs(np.where(finite, v, 0.0))
-    pressing = np.where(finite, n, 0.0)
-    q = damping_per_load(bearing, pressing)
-    hopf, fold = solver.hopf_speed(law, q), solver.fold_speed(law, q)
-    unstable = solver.equilibrium_is_unstable(law, magnitude, q, hopf)
-
-    sliding = finite & (magnitude > 0.0)
-    threshold, amplitude = np.full(v.shape, np.nan), np.full(v.shape, np.nan)
-    threshold[sliding], amplitude[sliding] = (
-        a / bearing.natural_frequency
-        for a in solver.amplitudes(law, magnitude[sliding], q[sliding], fold[sliding])
-    )
-    has_cycle = ~np.isnan(amplitude)
-    code = np.select(
-        [~finite, magnitude == 0.0, pressing <= 0.0, unstable, has_cycle, np.isnan(fold)],
-        [
-            OUTCOMES.index(outcome)
-            for outcome in (
-                Outcome.NOT_FINITE,
-                Outcome.AT_REST,
-                Outcome.NO_CONTACT,
-                Outcome.STICK_SLIP,
-                Outcome.BISTABLE,
-                Outcome.NO_BOUNDARY,
-            )
-        ],
-        OUTCOMES.index(Outcome.NO_CYCLE),
-    ).astype(np.int8)
-
-    missing = np.where(finite, 0.0, np.nan)
-    columns = {
-        'speed': v,
-        'load': n,
-        'outcome_code': code,
-        'hopf_speed': hopf + missing,
-        'fold_speed': fold + missing,
-        'hopf_margin': margin(magnitude, hopf) + missing,
-        'fold_margin': margin(magnitude, fold) + missing,
-        'hopf_load': np.atleast_1d(hopf_load(bearing, magnitude)) + missing,
-        'fold_load': np.atleast_1d(fold_load(bearing, magnitude)) + missing,
-        'growth_rate': np.atleast_1d(growth_rate(bearing, magnitude, pressing)) + missing,
-        'amplitude': amplitude,
-        'threshold_amplitude': threshold,
-    }
-    restored = {name: restore(column, shape) for name, column in columns.items()}
-    return Assessment(**restored, _bearing=bearing)
-
-
-def margin(speed: FloatArray, boundary: FloatArray) -> FloatArray:
-    """``V/V_b - 1``, with the sign of ``V - V_b`` to the last bit.
-
-    Args:
-        speed: ``V`` >= 0, shape (n,) [m/s].
-        boundary: Hopf or fold speed, shape (n,) [m/s]; ``nan`` without one, ``inf`` where there is
-            no end to it.
-    """
-    bounded = np.isfinite(boundary)
-    safe = np.where(bounded, boundary, 1.0)
-    unbounded = np.where(np.isnan(boundary), np.inf, -1.0)
-    with np.errstate(over='ignore'):
-        return np.where(bounded, (speed - safe) / safe, unbounded)
+    # 0, or nan where an input is not finite.
+    missing = (speed - speed) + (load - load)
+    magnitude = np.abs(speed)
+    q = damping_per_load(bearing, load)
+    hopf, fold = kbm(law).boundaries(law, q)
+    unstable = kbm(law).equilibrium_is_unstable(law, magnitude, q, hopf)
+    code = np.where(fold != fold, NO_BOUNDARY, NO_CYCLE)
+    code = np.where(has_cycle(bearing, magnitude, load, fold), BISTABLE, code)
+    code = np.where(unstable, STICK_SLIP, code)
+    code = np.where(load <= 0.0, NO_CONTACT, code)
+    code = np.where(magnitude == 0.0, AT_REST, code)
+    code = np.where(missing == 0.0, code, NOT_FINITE)
+    return code, hopf + missing, fold + missing

@@ -12,13 +12,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.alarm import Condition
 from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
-from stickslip_monitor.monitor.points import at_index
 from stickslip_monitor.monitor.rungs import Bands
 from stickslip_monitor.monitor.scan import Scan, scan_bearing
 from stickslip_monitor.monitor.signals import (
@@ -27,8 +24,7 @@ from stickslip_monitor.monitor.signals import (
     Sample,
     Status,
     Stream,
-    to_si,
-    value_faults,
+    number_to_si,
 )
 from stickslip_monitor.monitor.track import AlarmTrack, Change, Heard
 from stickslip_monitor.monitor.trend import Trend, TrendWindow
@@ -113,14 +109,14 @@ class BearingMonitor:
     def update(self, is_load: int, time_ns: int, value: float) -> Update:
         """Take one sample of one input (0 speed, 1 load)."""
         config = self._inputs[is_load]
-        si = to_si(config, np.array([value]))
-        status = self.gate.admit(is_load, time_ns, int(value_faults(config, si)[0]))
+        si, fault = number_to_si(config, value)
+        status = self.gate.admit(is_load, time_ns, fault)
         if not status.believed:
             return Update(status)
         events = self._move_to(time_ns, status is Status.CLOCK_JUMP)
         assert self.now_ns is not None
         self._heard[is_load] = self._counting(time_ns, config)
-        self._values[is_load] = float(si[0])
+        self._values[is_load] = si
         if not self._paired(self.now_ns):
             return Update(status, None, events)
         return Update(status, *self._evaluate(self.now_ns, events))
@@ -146,16 +142,10 @@ class BearingMonitor:
 
     def _evaluate(self, now_ns: int, events: list[Event]) -> tuple[Verdict, list[Event]]:
         speed, load = self._values
-        points = assess(self.config.bearing, np.array([speed]), np.array([load]))
-        rungs, sticking = self.bands.rungs(points)
-        changes = self.track.apply(int(rungs[0]), now_ns)
-        self.verdict = Verdict(
-            self.config.name,
-            now_ns,
-            at_index(points, 0),
-            bool(sticking[0]),
-            self.track.condition,
-        )
+        point = assess(self.config.bearing, speed, load)
+        rung, sticking = self.bands.rung(point)
+        changes = self.track.apply(rung, now_ns)
+        self.verdict = Verdict(self.config.name, now_ns, point, sticking, self.track.condition)
         self._window.add(now_ns, speed, load)
         return self.verdict, events + self._events(changes)
 

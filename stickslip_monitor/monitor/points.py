@@ -3,19 +3,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.monitor.assessment import COLUMNS, Assessment
+from stickslip_monitor.monitor.assessment import Assessment
 
 
 def at_indices(points: Assessment, rows: NDArray[np.intp]) -> Assessment:
     """The assessment of arrays at some indices of a one-dimensional assessment."""
-    columns = {name: getattr(points, name)[rows] for name in COLUMNS}
-    return Assessment(**columns, _bearing=points._bearing)
+    return _picked(points, lambda column: column[rows])
 
 
 def at_index(points: Assessment, index: int) -> Assessment:
     """The assessment of scalars at an index of a one-dimensional assessment."""
-    numbers = {name: getattr(points, name)[index].item() for name in COLUMNS}
-    return Assessment(**numbers, _bearing=points._bearing)
+    return _picked(points, lambda column: column[index].item())
+
+
+def _picked(points: Assessment, pick: Callable[[NDArray[Any]], Any]) -> Assessment:
+    return Assessment(
+        pick(points.speed),
+        pick(points.load),
+        pick(points.outcome_code),
+        pick(points.hopf_speed),
+        pick(points.fold_speed),
+        points._bearing,
+        {name: pick(column) for name, column in points._known.items()},
+    )

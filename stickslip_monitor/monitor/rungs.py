@@ -8,6 +8,7 @@ starts inside the range, with no history to go by, takes the bearing to be quiet
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -66,17 +67,15 @@ class Bands:
         Returns:
             The rung of the alarm's ladder and whether stick-slip is predicted, each shape (n,).
         """
-        code, margin, amplitude = point.outcome_code, point.fold_margin, point.amplitude
+        code, margin = point.outcome_code, point.fold_margin
         resting = code == _AT_REST
         clear_margin = self.config.caution_margin + self.config.hysteresis
-        clear_amplitude = self.config.amplitude_limit * (1.0 - self.config.hysteresis)
 
         unstable = code == _STICK_SLIP
         sticking = latched(unstable, ~unstable & (code != _BISTABLE), self.sticking)
         close = ~resting & (margin < self.config.caution_margin)
         near = latched(close, resting | (margin > clear_margin), self._near)
-        large = sticking & (amplitude > self.config.amplitude_limit)
-        over = latched(large, ~sticking | (amplitude < clear_amplitude), self._over)
+        over = self._oversized(point, sticking)
 
         self.sticking, self._near, self._over = bool(sticking[-1]), bool(near[-1]), bool(over[-1])
         rung = np.select(
@@ -85,3 +84,35 @@ class Bands:
             0,
         )
         return rung.astype(np.int8), sticking
+
+    def _oversized(self, point: Assessment, sticking: Bools) -> Bools:
+        limit = self.config.amplitude_limit
+        if limit == math.inf or not sticking.any():
+            return np.zeros_like(sticking)
+        amplitude = point.amplitude
+        small = amplitude < limit * (1.0 - self.config.hysteresis)
+        over: Bools = latched(sticking & (amplitude > limit), ~sticking | small, self._over)
+        return over
+
+    def rung(self, point: Assessment) -> tuple[int, bool]:
+        """:meth:`rungs` of an assessment of scalars."""
+        config, code, margin = self.config, point.outcome_code, point.fold_margin
+        if code == _STICK_SLIP:
+            self.sticking = True
+        elif code != _BISTABLE:
+            self.sticking = False
+        if code != _AT_REST and margin < config.caution_margin:
+            self._near = True
+        elif code == _AT_REST or margin > config.caution_margin + config.hysteresis:
+            self._near = False
+        if not self.sticking:
+            self._over = False
+            quiet = _CAUTION_RUNG if self._near else 0
+            return (_BISTABLE_RUNG if code == _BISTABLE else quiet), False
+        if config.amplitude_limit == math.inf:
+            self._over = False
+        elif point.amplitude > config.amplitude_limit:
+            self._over = True
+        elif point.amplitude < config.amplitude_limit * (1.0 - config.hysteresis):
+            self._over = False
+        return (_AMPLITUDE_RUNG if self._over else _STICK_RUNG), True

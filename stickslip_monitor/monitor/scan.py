@@ -27,6 +27,8 @@ from stickslip_monitor.monitor.verdict import Event, event_of
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
+_STATUSES = tuple(Status)
+
 
 @dataclass(frozen=True, slots=True)
 class Scan:
@@ -149,7 +151,9 @@ def _admit(
         np.add.at(gate.counts, (stream.is_load.astype(np.intp), status), 1)
     else:
         rows = np.column_stack([stream.is_load, stream.time_ns, status]).tolist()
-        status[:] = [gate.admit(is_load, time_ns, fault) for is_load, time_ns, fault in rows]
+        status[:] = [
+            gate.admit(is_load, time_ns, Status(fault)) for is_load, time_ns, fault in rows
+        ]
     return si, status
 
 

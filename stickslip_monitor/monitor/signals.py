@@ -9,6 +9,7 @@ sample is believed and everything that was waiting on time starts anew.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -99,6 +100,17 @@ def value_faults(config: InputConfig, si: NDArray[np.float64]) -> NDArray[np.int
     return np.where(np.isfinite(si), status, Status.NOT_FINITE).astype(np.int8)
 
 
+def number_to_si(config: InputConfig, number: float) -> tuple[float, Status]:
+    """:func:`to_si` and :func:`value_faults` of one number: the same operations in Python."""
+    si = (number * config.scale + config.offset) * config.factor
+    size = abs(si)
+    if size < config.deadband:
+        return 0.0, Status.ACCEPTED
+    if size <= config.maximum:
+        return si, Status.ACCEPTED
+    return si, Status.IMPLAUSIBLE if math.isfinite(si) else Status.NOT_FINITE
+
+
 class Gate:
     """Decides sample by sample what is believed, from the stamps of a bearing's two inputs."""
 
@@ -107,9 +119,9 @@ class Gate:
         self.last_ns: list[int | None] = [None, None]
         self.counts = np.zeros((len(QUANTITIES), len(Status)), dtype=np.int64)
 
-    def admit(self, is_load: int, time_ns: int, fault: int) -> Status:
+    def admit(self, is_load: int, time_ns: int, fault: Status) -> Status:
         """Judge one sample, given the fault of its value, and remember its stamp if believed."""
-        status = Status(fault or self._judge_stamp(is_load, time_ns))
+        status = fault or self._judge_stamp(is_load, time_ns)
         if status is Status.CLOCK_JUMP:
             self.last_ns[1 - is_load] = None
         if status.believed:

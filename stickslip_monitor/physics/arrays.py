@@ -9,11 +9,33 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+# Arrays of this size stay in the cache from one operation to the next.
+_BLOCK = 8192
+
 
 def flatten(*inputs: ArrayLike) -> tuple[tuple[int, ...], list[NDArray[np.float64]]]:
     """Broadcast inputs and return their common shape and their flat float arrays."""
-    arrays = np.broadcast_arrays(*(np.asarray(value, dtype=float) for value in inputs))
-    return arrays[0].shape, [array.ravel() for array in arrays]
+    arrays = [np.asarray(value, dtype=float) for value in inputs]
+    if any(array.shape != arrays[0].shape for array in arrays):
+        arrays = list(np.broadcast_arrays(*arrays))
+    return arrays[0].shape, [array.reshape(-1) for array in arrays]
+
+
+def in_blocks(
+    function: Callable[..., tuple[NDArray[Any], ...]], *arrays: NDArray[Any]
+) -> tuple[NDArray[Any], ...]:
+    """Apply a function of flat arrays, element by element, to one part of them after another."""
+    size = arrays[0].size
+    if size <= _BLOCK:
+        return function(*arrays)
+    results: tuple[NDArray[Any], ...] = ()
+    for start in range(0, size, _BLOCK):
+        part = slice(start, start + _BLOCK)
+        columns = function(*(array[part] for array in arrays))
+        results = results or tuple(np.empty(size, column.dtype) for column in columns)
+        for result, column in zip(results, columns, strict=True):
+            result[part] = column
+    return results
 
 
 def restore(flat: NDArray[Any], shape: tuple[int, ...]) -> Any:
@@ -27,10 +49,12 @@ def mapped(function: Callable[..., NDArray[np.float64]], *inputs: ArrayLike) -> 
     A result too large for a float is ``inf``.
     """
     shape, arrays = flatten(*inputs)
-    usable = np.isfinite(arrays[0])
-    for array in arrays[1:]:
-        usable &= np.isfinite(array)
-    result = np.full(usable.shape, np.nan)
-    with np.errstate(over='ignore'):
-        result[usable] = function(*(array[usable] for array in arrays))
-    return restore(result, shape)
+
+    def finite(*parts: NDArray[np.float64]) -> tuple[NDArray[np.float64]]:
+        missing = sum((part - part for part in parts), np.zeros(1))
+        if not missing.any():
+            return (function(*parts),)
+        return (function(*(np.where(missing == 0.0, part, 1.0) for part in parts)) + missing,)
+
+    with np.errstate(all='ignore'):
+        return restore(in_blocks(finite, *arrays)[0], shape)

@@ -24,20 +24,15 @@ from stickslip_monitor.physics.arrays import flatten, mapped
 from stickslip_monitor.physics.friction import Array, FrictionLaw, Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
 
-_CLOSED_FORMS: dict[type, ModuleType] = {Stribeck: kbm_stribeck}
-
 
 def kbm(law: FrictionLaw) -> ModuleType:
     """The module that solves the averaged equations of a law."""
-    return _CLOSED_FORMS.get(type(law), kbm_scan)
+    return kbm_stribeck if type(law) is Stribeck else kbm_scan
 
 
-def damping_per_load(bearing: Bearing, load: Array) -> NDArray[Any]:
-    """``q = c/N`` [s/m] as its law's solver wants it; ``inf`` where there is no load."""
-    loaded = load > 0.0
-    pressing = np.where(loaded, load, 1.0).astype(kbm(bearing.friction).PRECISION)
-    with np.errstate(over='ignore'):
-        return np.where(loaded, bearing.damping / pressing, np.inf)
+def damping_per_load(bearing: Bearing, load: Array) -> Array:
+    """``q = c/N`` [s/m]; ``inf`` where there is no load. What it warns of means nothing."""
+    return np.where(load > 0.0, bearing.damping / load, np.inf)
 
 
 def hopf_speed(bearing: Bearing, load: ArrayLike) -> Any:
@@ -121,11 +116,10 @@ def stationary_amplitudes(
     shape, (v, n) = flatten(speed, load)
     v = np.abs(v)
     usable = np.isfinite(v) & np.isfinite(n) & (v > 0.0)
-    law = bearing.friction
-    a, stable = kbm(law).cycles(law, v[usable], damping_per_load(bearing, n[usable]))
-    width = a.shape[1]
-    amplitude, stability = np.full((v.size, width), np.nan), np.zeros((v.size, width))
-    with np.errstate(over='ignore'):
+    with np.errstate(all='ignore'):
+        a, stable = _cycles(bearing, v[usable], n[usable])
+        width = a.shape[1]
+        amplitude, stability = np.full((v.size, width), np.nan), np.zeros((v.size, width))
         amplitude[usable] = a / bearing.natural_frequency
     stability[usable] = stable
     exists = ~np.isnan(amplitude)
@@ -134,3 +128,36 @@ def stationary_amplitudes(
         amplitude[:, used].reshape(*shape, used.size),
         ((stability > 0.0) & exists)[:, used].reshape(*shape, used.size),
     )
+
+
+def _cycles(bearing: Bearing, speed: Array, load: Array) -> tuple[Array, Array]:
+    law = bearing.friction
+    if type(law) is Stribeck:
+        return kbm_stribeck.cycles(law, speed, bearing.damping, load)
+    return kbm_scan.cycles(law, speed, damping_per_load(bearing, load))
+
+
+def has_cycle(bearing: Bearing, speed: Array, load: Array, fold: Array) -> NDArray[np.bool_]:
+    """Where stick-slip exists, at speeds > 0 and fold speeds of that load, each shape (n,)."""
+    law = bearing.friction
+    if type(law) is Stribeck:
+        return speed < fold
+    return kbm_scan.has_cycle(law, speed, damping_per_load(bearing, load), fold)
+
+
+def stable_amplitude(bearing: Bearing, speed: Array, load: Array) -> Array:
+    """Amplitude of the largest stable cycle [m] where there is one, each shape (n,)."""
+    q = damping_per_load(bearing, load)
+    return kbm(bearing.friction).stable_amplitude(bearing.friction, speed, q) / (
+        bearing.natural_frequency
+    )
+
+
+def threshold_amplitude(bearing: Bearing, speed: Array, load: Array) -> Array:
+    """Amplitude of the smallest unstable cycle [m] of bistable points, each shape (n,)."""
+    law = bearing.friction
+    if type(law) is Stribeck:
+        velocity = kbm_stribeck.threshold_amplitude(law, speed, bearing.damping, load)
+    else:
+        velocity = kbm_scan.threshold_amplitude(law, speed, damping_per_load(bearing, load))
+    return velocity / bearing.natural_frequency

@@ -20,7 +20,6 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
 
 from stickslip_monitor.physics.friction import (
     Array,
@@ -249,10 +248,9 @@ def _stribeck(law: Stribeck, force: Array, speed: Array, reference: float) -> Sc
 
 
 def _table(law: Tabulated, force: Array, speed: Array, reference: float) -> ScaledLaw:
-    curve = PchipInterpolator(law.speed, law.values)
     first = np.array([[0.0], [0.0], [0.0], [law.values[0]]])
     last = np.array([[0.0], [0.0], [0.0], [law.values[-1]]])
-    left, parts = np.array(law.speed), [np.asarray(curve.c), last]
+    left, parts = np.array(law.speed), [law.cubics, last]
     if law.speed[0] > 0.0:
         left, parts = np.append(0.0, left), [first, *parts]
     top = law.coefficient(speed) if reference else np.full_like(speed, law.static)

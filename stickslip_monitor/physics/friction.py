@@ -14,13 +14,11 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import PchipInterpolator
 
 from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.physics.rules import require_finite, require_not_negative, require_positive
 
 Array = NDArray[np.float64]
-LongArray = NDArray[np.longdouble]
 
 
 @runtime_checkable
@@ -142,14 +140,19 @@ class Tabulated:
         speed: At least two relative speeds, >= 0 and strictly rising, shape (n,) [m/s].
         coefficient: The coefficients measured there, >= 0, shape (n,) [-].
 
+    Attributes:
+        cubics: The cubic of each interval in the distance from its begin, highest power first,
+            shape (4, n - 1).
+
     Raises:
         PhysicsError: A table breaks its rule.
     """
 
     speed: tuple[float, ...]
     values: tuple[float, ...]
-    _curve: PchipInterpolator = field(init=False, repr=False, compare=False)
-    _derivative: PchipInterpolator = field(init=False, repr=False, compare=False)
+    cubics: Array = field(init=False, repr=False, compare=False)
+    _begins: Array = field(init=False, repr=False, compare=False)
+    _rises: Array = field(init=False, repr=False, compare=False)
 
     def __init__(self, speed: Sequence[float], coefficient: Sequence[float]) -> None:
         v = _table_column('speed', speed)
@@ -168,12 +171,12 @@ class Tabulated:
                 f'friction table speed[{index + 1}] = {v[index + 1]:g} m/s does not exceed'
                 f' speed[{index}] = {v[index]:g} m/s: speeds must rise strictly'
             )
-        curve = _monotone_cubic(v, mu)
         for name, value in (
             ('speed', v),
             ('values', mu),
-            ('_curve', curve),
-            ('_derivative', curve.derivative()),
+            ('cubics', _monotone_cubics(v, mu)),
+            ('_begins', np.array(v[:-1])),
+            ('_rises', np.sign(np.diff(mu))),
         ):
             object.__setattr__(self, name, value)
 
@@ -190,31 +193,41 @@ class Tabulated:
     def coefficient(self, speed: ArrayLike) -> Array:
         """See :class:`FrictionLaw`."""
         v = np.asarray(speed, dtype=float)
-        inside = np.clip(np.abs(v), self.speed[0], self.speed[-1])
-        return _sign(v) * np.asarray(self._curve(inside), dtype=float)
+        i, s = self._place(np.minimum(np.maximum(np.abs(v), self.speed[0]), self.speed[-1]))
+        cubic = self.cubics
+        value = ((cubic[0, i] * s + cubic[1, i]) * s + cubic[2, i]) * s + cubic[3, i]
+        return np.where(v < 0.0, -value, value)
 
     def slope(self, speed: ArrayLike) -> Array:
         """See :class:`FrictionLaw`."""
         v = np.abs(np.asarray(speed, dtype=float))
-        measured = (v >= self.speed[0]) & (v <= self.speed[-1])
-        inside = np.clip(v, self.speed[0], self.speed[-1])
-        derivative = np.asarray(self._derivative(inside), dtype=float)
+        inside = np.minimum(np.maximum(v, self.speed[0]), self.speed[-1])
+        i, s = self._place(inside)
+        cubic = self.cubics
+        derivative = (3.0 * cubic[0, i] * s + 2.0 * cubic[1, i]) * s + cubic[2, i]
         # Where the curve turns level, rounding must not give its slope the wrong sign.
-        interval = np.searchsorted(self.speed[1:-1], inside, side='right')
-        rises = np.sign(np.diff(self.values))[interval]
-        return np.where(measured & (derivative * rises > 0.0), derivative, 0.0)
+        falls_or_rises = derivative * self._rises[i] > 0.0
+        return np.where((v == inside) & falls_or_rises, derivative, 0.0)
+
+    def _place(self, inside: Array) -> tuple[NDArray[np.intp], Array]:
+        """Interval of each measured speed, and the distance from its begin [m/s]."""
+        i = np.searchsorted(self._begins[1:], inside, side='right')
+        return i, inside - self._begins[i]
 
 
-def _monotone_cubic(v: tuple[float, ...], mu: tuple[float, ...]) -> PchipInterpolator:
+def _monotone_cubics(v: tuple[float, ...], mu: tuple[float, ...]) -> Array:
+    # Takes as long to import as all the rest, and only a table needs it.
+    from scipy.interpolate import PchipInterpolator
+
     rule = 'friction table is too steep for its slope to be a finite number'
     try:
         with np.errstate(all='ignore'):
-            curve = PchipInterpolator(v, mu, extrapolate=False)
+            cubics = np.asarray(PchipInterpolator(v, mu).c, dtype=float)
     except ValueError as error:
         raise PhysicsError(rule) from error
-    if not np.isfinite(curve.c).all():
+    if not np.isfinite(cubics).all():
         raise PhysicsError(rule)
-    return curve
+    return cubics
 
 
 def _table_column(name: str, values: Sequence[float]) -> tuple[float, ...]:

@@ -26,8 +26,6 @@ from stickslip_monitor.physics.friction import Array, FrictionLaw
 from stickslip_monitor.physics.quadrature import friction_harmonic, friction_harmonic_slope
 from stickslip_monitor.physics.rootfinding import newton_on_bracket, secant_on_bracket
 
-PRECISION = np.float64
-
 _QUARTER = 0.5 * np.pi
 _BELOW = np.linspace(0.0, 1.0, 49)
 _ABOVE = 1.0 + np.concatenate([np.geomspace(1e-9, 1e-2, 15), np.linspace(0.02, 0.98, 25)])
@@ -218,25 +216,36 @@ def equilibrium_is_unstable(
     return -law.slope(speed) > q
 
 
-def amplitudes(law: FrictionLaw, speed: Array, q: Array, fold: Array) -> tuple[Array, Array]:
-    """Velocity amplitudes of the smallest unstable and the largest stable cycle.
+def boundaries(law: FrictionLaw, q: Array) -> tuple[Array, Array]:
+    """Hopf and fold speed [m/s]."""
+    return hopf_speed(law, q), fold_speed(law, q)
 
-    An unstable cycle counts as the threshold only where the equilibrium inside it is stable.
-    ``nan`` where there is none; arguments and shapes as in
-    :func:`stickslip_monitor.physics.kbm_stribeck.amplitudes`.
+
+def has_cycle(law: FrictionLaw, speed: Array, q: Array, fold: Array) -> NDArray[np.bool_]:
+    """Where a stick-slip cycle exists; there may be several such ranges of speed."""
+    result = np.zeros(speed.shape, dtype=bool)
+    inside = np.flatnonzero((speed > 0.0) & (speed < fold))
+    if inside.size:
+        result[inside] = ~np.isnan(stable_amplitude(law, speed[inside], q[inside]))
+    return result
+
+
+def stable_amplitude(law: FrictionLaw, speed: Array, q: Array) -> Array:
+    """Velocity amplitude of the largest stable cycle [m/s], ``nan`` for none."""
+    amplitude, stable = cycles(law, speed, q)
+    return np.fmax.reduce(np.where(stable > 0.0, amplitude, np.nan), axis=1, initial=np.nan)
+
+
+def threshold_amplitude(law: FrictionLaw, speed: Array, q: Array) -> Array:
+    """Velocity amplitude of the smallest unstable cycle [m/s] about a stable equilibrium.
+
+    ``nan`` where steady sliding is not stable or no cycle surrounds it.
     """
-    threshold, stable = np.full_like(speed, np.nan), np.full_like(speed, np.nan)
-    inside = np.flatnonzero(speed < fold)
-    for start in range(0, inside.size, _BLOCK):
-        part = inside[start : start + _BLOCK]
-        amplitude, is_stable = cycles(law, speed[part], q[part])
-        if not amplitude.shape[1]:
-            continue
-        stable[part] = np.fmax.reduce(np.where(is_stable > 0.0, amplitude, np.nan), axis=1)
-        quiet = -law.slope(speed[part]) <= q[part]
-        first = np.where(is_stable[:, 0] > 0.0, np.nan, amplitude[:, 0])
-        threshold[part] = np.where(quiet, first, np.nan)
-    return threshold, stable
+    amplitude, stable = cycles(law, speed, q)
+    if not amplitude.shape[1]:
+        return np.full(speed.shape, np.nan)
+    surrounds = (stable[:, 0] == 0.0) & ~equilibrium_is_unstable(law, speed, q, speed)
+    return np.where(surrounds, amplitude[:, 0], np.nan)
 
 
 def cycles(law: FrictionLaw, speed: Array, q: Array) -> tuple[Array, Array]:

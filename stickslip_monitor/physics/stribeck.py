@@ -8,8 +8,8 @@ the unstable amplitude each follow from one function of one variable,
 
     ``growth(alpha) = ln(2 I1(alpha) / alpha)``,
 
-inverted here by Newton's method from a table to the last digit. Each Newton count is fixed, so an
-element's value never depends on what else is in the array.
+inverted here by one step of Newton's method from a table so close to the root that it ends at
+the last digit. So an element's value never depends on what else is in the array.
 """
 
 from __future__ import annotations
@@ -27,11 +27,14 @@ from stickslip_monitor.physics.rootfinding import newton_on_bracket
 
 _SERIES_LIMIT = 0.5
 _FAR = 1e6
-_BLOCK = 4096
-_NEWTON_STEPS = 2
+_TABLE_SIZE = 2**16
 _NODES, _WEIGHTS = (np.array(column) for column in zip(*unit_gauss(14), strict=True))
-_START_LOGS = np.linspace(math.log(1e-4), math.log(1e5), 121)
+_START_LOGS = np.linspace(math.log(1e-4), math.log(1e8), 161)
 _START_SHARES = np.linspace(0.0, 1.0, 41)
+_LOG_STEP = float(_START_LOGS[1] - _START_LOGS[0])
+# Squares of the nodes, and what is left of them, for the balance in terms of sin(theta).
+_FEW_NODES, _FEW_WEIGHTS = (np.array(column) for column in zip(*unit_gauss(10), strict=True))
+_SQUARES, _REST = _FEW_NODES**2, (1.0 - _FEW_NODES) * (1.0 + _FEW_NODES)
 
 
 def _bessel_excess(alpha: Array) -> Array:
@@ -88,36 +91,34 @@ def _decline_slope(v: Array) -> Array:
 
 @cache
 def _table() -> tuple[Array, Array, Array]:
-    alpha = np.geomspace(1e-3, 1e5, 3000)
-    return np.log(alpha), np.log(growth(alpha)), np.log(decline(alpha))
+    # Neighbours differ by 3e-4, so a straight line between them is off by 1e-8.
+    alpha = np.geomspace(1e-3, 1e5, _TABLE_SIZE)
+    return alpha, growth(alpha), decline(alpha)
 
 
 def amplitude_for_growth(d: Array) -> Array:
     """The ``alpha`` > 0 at which ``growth(alpha) = d``, for finite ``d`` > 0."""
-    logs, growths, _ = _table()
-    log_d = np.log(d)
-    alpha = np.exp(np.interp(log_d, growths, logs))
-    alpha = np.where(log_d < growths[0], np.sqrt(8.0 * d), alpha)
-    alpha = np.where(
-        log_d > growths[-1], d + 1.5 * log_d + math.log(math.sqrt(math.pi / 2)), alpha
-    )
-    for _ in range(2):
-        alpha = alpha - (growth(alpha) - d) / _growth_slope(alpha)
-    return alpha
+    alphas, growths, _ = _table()
+    alpha = np.interp(d, growths, alphas)
+    outside = (d < growths[0]) | (d > growths[-1])
+    if outside.any():
+        log_d = np.log(np.maximum(d, growths[-1]))
+        far = d + 1.5 * log_d + math.log(math.sqrt(math.pi / 2))
+        alpha = np.where(outside, np.where(d < growths[0], np.sqrt(8.0 * d), far), alpha)
+    return alpha - (growth(alpha) - d) / _growth_slope(alpha)
 
 
 def speed_for_decline(decrement: Array) -> Array:
     """The ``v`` > 0 at which ``decline(v) = decrement``, for finite ``decrement`` > 0."""
-    logs, _, declines = _table()
-    log_l = np.log(decrement)
-    v = np.exp(np.interp(log_l, declines, logs))
-    v = np.where(log_l < declines[0], decrement + decrement * decrement / 8.0, v)
-    far = np.exp((2.0 / 3.0) * (decrement + math.log(2.0 / math.sqrt(2.0 * math.pi))))
-    v = np.where(log_l > declines[-1], far, v)
-    for _ in range(2):
-        # In ln v the curve is almost straight, from v << 1 (slope v) to v >> 1 (slope 1.5).
-        v = v * np.exp(-(decline(v) - decrement) / (v * _decline_slope(v)))
-    return v
+    speeds, _, declines = _table()
+    v = np.interp(decrement, declines, speeds)
+    outside = (decrement < declines[0]) | (decrement > declines[-1])
+    if outside.any():
+        near = np.minimum(decrement, declines[0])
+        far = np.exp((2.0 / 3.0) * (decrement + math.log(2.0 / math.sqrt(2.0 * math.pi))))
+        v = np.where(outside, np.where(decrement < 1.0, near + near * near / 8.0, far), v)
+    # In ln v the curve is almost straight, from v << 1 (slope v) to v >> 1 (slope 1.5).
+    return v * np.exp((decrement - decline(v)) / (v * _decline_slope(v)))
 
 
 def sliding_limit_excess(v: Array, kappa: Array) -> Array:
@@ -160,30 +161,73 @@ def harmonic_beyond_limit(v: Array, theta: Array, r: float) -> Array:
     return _beyond_limit(theta, v, np.zeros_like(v), r)[0]
 
 
-def _tangent_start(v: Array, kappa: Array, r: float) -> Array:
-    """``theta`` of the stable cycle to first order about the sliding limit."""
-    return 0.5 * np.pi * (i1e(v) - 0.5 * kappa * v) / (1.0 + r)
+def _balance(sine: Array, v: Array, kappa: Array, r: float) -> tuple[Array, Array]:
+    """:func:`_beyond_limit` of moderate angles, and its slope, in terms of ``sin(theta)``.
+
+    With ``sin t = x sin(theta)`` as the variable of integration nothing is left but square roots
+    and exponentials. At the stable cycle ``theta`` is below 0.5.
+    """
+    square = sine * sine
+    cosine = np.sqrt(1.0 - square)
+    alpha = v / cosine
+    scale = np.exp(alpha * square / (1.0 + cosine))
+    wide = square[:, None]
+    cos_t = np.sqrt(1.0 - _SQUARES * wide)
+    # alpha (cos t - cos theta) without its cancellation.
+    rise = np.exp((alpha * square)[:, None] * _REST / (cos_t + cosine[:, None]))
+    fall = 1.0 / rise
+    loss = np.add.reduce((rise + fall) * _FEW_WEIGHTS, axis=1)
+    loss_slope = np.add.reduce((rise - fall) * (cos_t * _FEW_WEIGHTS), axis=1)
+    i1 = i1e(alpha) * scale
+    half = 0.5 * kappa
+    balance = i1 - half * alpha - (sine * (2.0 * r + loss)) * (1.0 / np.pi)
+    stretch = alpha * sine / (cosine * cosine)
+    feed = i0e(alpha) * scale - i1 / alpha - half - sine * loss_slope * (1.0 / np.pi)
+    return balance, stretch * feed - (2.0 / np.pi) * (r + 1.0)
+
+
+def _tangent(limit: Array, share: Array, r: float) -> Array:
+    """``sin(theta)`` of the stable cycle to first order about the sliding limit."""
+    return (0.5 * np.pi / (1.0 + r)) * (limit * (1.0 - share))
+
+
+def _cubic_cells(values: Array) -> Array:
+    """Cubics through four neighbours along the first axis: powers, highest first.
+
+    Args:
+        values: Shape (n, ...).
+
+    Returns:
+        Coefficients in the distance from the first of the four, shape (n - 3, 4, ...).
+    """
+    powers = np.linalg.inv(np.vander(np.arange(4.0)))
+    four = np.stack([values[k : values.shape[0] - 3 + k] for k in range(4)], axis=1)
+    return np.einsum('pk,nk...->np...', powers, four)
 
 
 @lru_cache(maxsize=64)
 def _start_table(r: float) -> Array:
-    """The stable ``theta`` over its first-order estimate, on a grid of ``ln v`` and ``kappa``.
+    """``sin(theta)`` of the stable cycle over its first-order estimate, as bicubics.
 
-    ``kappa`` is taken relative to its value at the fold, so the ratio goes to 1 on that side.
+    On a grid of ``ln v`` and ``kappa``, this relative to its value at the fold, so the ratio goes
+    to 1 on that side. Coefficients of shape (4, 4, cells of kappa, cells of ln v).
     """
     v, share = (grid.ravel() for grid in np.meshgrid(np.exp(_START_LOGS), _START_SHARES[:-1]))
-    kappa = share * 2.0 * i1e(v) / v
-    start = _tangent_start(v, kappa, r)
-    upper = np.arccos(v / (v + 2.0))
-    theta = newton_on_bracket(
-        lambda x, vv, kk: _beyond_limit(x, vv, kk, r),
+    limit = i1e(v)
+    start = _tangent(limit, share, r)
+    upper = np.sqrt(1.0 - (v / (v + 2.0)) ** 2)
+    sine = newton_on_bracket(
+        lambda x, vv, kk: _balance(x, vv, kk, r),
         np.zeros_like(v),
         upper,
         np.minimum(start, upper),
-        (v, kappa),
+        (v, share * 2.0 * limit / v),
     )
-    ratio = (theta / start).reshape(_START_SHARES.size - 1, _START_LOGS.size)
-    return np.vstack([ratio, np.ones(_START_LOGS.size)])
+    ratio = (sine / start).reshape(_START_SHARES.size - 1, _START_LOGS.size)
+    ratio = np.vstack([ratio, np.ones(_START_LOGS.size)])
+    cells = _cubic_cells(np.moveaxis(_cubic_cells(ratio), 2, 0))
+    # Cells of ln v, its powers, cells of kappa, its powers: gathered for each point at once.
+    return np.ascontiguousarray(np.transpose(cells, (2, 0, 3, 1)))
 
 
 def stable_amplitude(v: Array, kappa: Array, r: float) -> Array:
@@ -191,7 +235,7 @@ def stable_amplitude(v: Array, kappa: Array, r: float) -> Array:
 
     There is exactly one: the balance is positive at the sliding limit, falls with infinite slope
     in ``alpha`` there and is negative at ``alpha = v + 2`` for every ``kappa, r >= 0``. Newton's
-    method starts from a table so close to the root that a fixed number of steps suffices.
+    method starts from a table so close to the root that one step suffices.
 
     Args:
         v: ``beta V`` > 0, shape (n,).
@@ -201,24 +245,28 @@ def stable_amplitude(v: Array, kappa: Array, r: float) -> Array:
     Returns:
         ``alpha`` >= v, shape (n,); exactly ``v`` where rounding leaves no room above it.
     """
-    result = np.empty_like(v)
-    for start in range(0, v.size, _BLOCK):
-        part = slice(start, start + _BLOCK)
-        result[part] = _stable_block(v[part], kappa[part], r)
-    return result
+    sine = _start(v, kappa, r)
+    balance, slope = _balance(sine, v, kappa, r)
+    sine = np.maximum(sine - balance / slope, 0.0)
+    return v / np.sqrt(1.0 - sine * sine)
 
 
-def _stable_block(v: Array, kappa: Array, r: float) -> Array:
-    table = _start_table(r)
-    column = (np.log(v) - _START_LOGS[0]) / (_START_LOGS[1] - _START_LOGS[0])
-    column = np.clip(column, 0.0, _START_LOGS.size - 1.000001)
-    row = np.clip(0.5 * kappa * v / i1e(v), 0.0, 0.999999) * (_START_SHARES.size - 1)
-    i, j = row.astype(np.intp), column.astype(np.intp)
-    y, x = row - i, column - j
-    low = table[i, j] * (1.0 - x) + table[i, j + 1] * x
-    high = table[i + 1, j] * (1.0 - x) + table[i + 1, j + 1] * x
-    theta = np.maximum(_tangent_start(v, kappa, r), 0.0) * (low * (1.0 - y) + high * y)
-    for _ in range(_NEWTON_STEPS):
-        balance, slope = _beyond_limit(theta, v, kappa, r)
-        theta = np.maximum(theta - balance / slope, 0.0)
-    return v / np.cos(theta)
+def _start(v: Array, kappa: Array, r: float) -> Array:
+    limit = i1e(v)
+    share = np.minimum(0.5 * kappa * v / limit, 1.0)
+    column = (np.log(v) - _START_LOGS[0]) / _LOG_STEP
+    column = np.minimum(np.maximum(column, 0.0), _START_LOGS.size - 1.0)
+    row = share * (_START_SHARES.size - 1)
+    i = np.minimum(np.maximum(row - 1.0, 0.0), _START_SHARES.size - 4.0).astype(np.intp)
+    j = np.minimum(np.maximum(column - 1.0, 0.0), _START_LOGS.size - 4.0).astype(np.intp)
+    cubics = _start_table(r)[i, j]
+    ratio = _cubic(_cubic(cubics, (column - j)[:, None], 2), row - i, 1)
+    return _tangent(limit, share, r) * ratio
+
+
+def _cubic(powers: Array, x: Array, axis: int) -> Array:
+    if axis == 2:
+        a, b, c, d = (powers[:, :, k] for k in range(4))
+    else:
+        a, b, c, d = (powers[:, k] for k in range(4))
+    return ((a * x + b) * x + c) * x + d

@@ -328,9 +328,8 @@ def test_every_outcome_has_a_regime_and_a_sentence() -> None:
         Outcome.NOT_FINITE: Regime.UNDETERMINED,
     }
     assert set(expected) == set(OUTCOMES)
-    blank = dict.fromkeys(COLUMNS, 0.0)
     for code, outcome in enumerate(OUTCOMES):
-        verdict = Assessment(**(blank | {'outcome_code': code}), _bearing=BEARING)
+        verdict = Assessment(0.0, 0.0, code, 0.0, 0.0, BEARING)
         assert verdict.outcome is outcome
         assert verdict.regime is expected[outcome]
         assert outcome.sentence.endswith('.')

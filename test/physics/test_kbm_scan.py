@@ -82,8 +82,8 @@ def test_amplitudes_are_the_smallest_threshold_and_the_largest_cycle() -> None:
         [0.0, 0.02, 0.06, 0.2, 0.22, 0.3, 0.9], [0.4, 0.2, 0.2, 0.26, 0.16, 0.15, 0.15]
     )
     speed, q = np.array([0.2, 0.225, 0.25, 0.5]), np.full(4, 0.25)
-    fold = kbm_scan.fold_speed(law, q)
-    threshold, largest = kbm_scan.amplitudes(law, speed, q, fold)
+    threshold = kbm_scan.threshold_amplitude(law, speed, q)
+    largest = kbm_scan.stable_amplitude(law, speed, q)
     every = stationary_amplitudes(Bearing(1.0, 0.25, 1.0, law, 0.1), speed, 1.0)
     assert threshold[0] == every.amplitude[0, 0]
     assert np.isnan(threshold[1])  # unstable equilibrium: nothing to exceed
