@@ -60,6 +60,8 @@ LADDER = (
     Condition.AMPLITUDE,
 )
 
+_SETTLED: list[int | None] = [None] * len(LADDER)
+
 
 @dataclass(frozen=True, slots=True)
 class Step:
@@ -78,11 +80,11 @@ class Alarm:
         self.rung = 0
         self._asked = 0
         self._seen_ns: int | None = None
-        self._since: list[int | None] = [None] * len(LADDER)
+        self._since = _SETTLED.copy()
 
     def restart(self) -> None:
         """Forget how long anything has lasted; the rung stays."""
-        self._since = [None] * len(LADDER)
+        self._since = _SETTLED.copy()
         self._seen_ns = None
 
     def not_past(self, time_ns: int) -> int:
@@ -125,6 +127,8 @@ class Alarm:
         return self.not_past(since + delay)
 
     def _next_due(self) -> int | None:
+        if self._since == _SETTLED:
+            return None
         dues = [due for k in range(1, len(LADDER)) if (due := self._due(k)) is not None]
         return min(dues, default=None)
 

@@ -22,6 +22,7 @@ from stickslip_monitor.monitor.columns import (
     Points,
     column,
     margin,
+    margin_of_number,
 )
 from stickslip_monitor.monitor.outcome import (
     OUTCOMES,
@@ -31,7 +32,7 @@ from stickslip_monitor.monitor.outcome import (
     Regime,
 )
 from stickslip_monitor.physics.arrays import flatten, in_blocks, restore
-from stickslip_monitor.physics.bifurcation import damping_per_load, has_cycle, kbm
+from stickslip_monitor.physics.bifurcation import damping_per_load, kbm
 from stickslip_monitor.physics.friction import Array
 from stickslip_monitor.physics.oscillator import Bearing
 
@@ -64,6 +65,7 @@ class Assessment:
     hopf_speed: Any
     fold_speed: Any
     _bearing: Bearing = field(repr=False, compare=False)
+    _points: Points | None = field(default=None, repr=False, compare=False)
     _known: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
     def _column(self, name: str) -> Any:
@@ -73,18 +75,25 @@ class Assessment:
         return value
 
     def _work_out(self, name: str) -> Any:
-        stored = self.speed, self.load, self.outcome_code, self.hopf_speed, self.fold_speed
-        points = Points(*(np.asarray(column).reshape(-1) for column in stored))
-        return restore(column(name, self._bearing, points), np.shape(self.outcome_code))
+        points = self._points
+        if points is None:
+            stored = self.speed, self.load, self.outcome_code, self.hopf_speed, self.fold_speed
+            points = Points(*(np.asarray(column).reshape(-1) for column in stored))
+        shape = () if isinstance(self.outcome_code, int) else self.outcome_code.shape
+        return restore(column(name, self._bearing, points), shape)
 
     @property
     def hopf_margin(self) -> Any:
         """``|V|/V_H - 1`` [-]; negative inside, ``inf`` where there is no Hopf speed."""
+        if isinstance(self.outcome_code, int):
+            return margin_of_number(self.speed, self.hopf_speed, self.outcome_code)
         return self._column('hopf_margin')
 
     @property
     def fold_margin(self) -> Any:
         """``|V|/V_F - 1`` [-]; negative inside, ``inf`` where there is no fold."""
+        if isinstance(self.outcome_code, int):
+            return margin_of_number(self.speed, self.fold_speed, self.outcome_code)
         return self._column('fold_margin')
 
     @property
@@ -164,22 +173,26 @@ def assess(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Assessment:
     shape, (v, n) = flatten(speed, load)
     with np.errstate(all='ignore'):
         columns = in_blocks(partial(_judge, bearing), v, n)
-    v, n, code, hopf, fold = (restore(column, shape) for column in (v, n, *columns))
-    return Assessment(v, n, code, hopf, fold, bearing)
+    points = Points(v, n, *columns)
+    v, n, code, hopf, fold = (restore(column, shape) for column in points)
+    return Assessment(v, n, code, hopf, fold, bearing, points)
 
 
 def _judge(bearing: Bearing, speed: Array, load: Array) -> tuple[NDArray[Any], ...]:
     """Outcome, Hopf and fold speed of flat arrays."""
-    law = bearing.friction
+    law, solver = bearing.friction, kbm(bearing.friction)
+    magnitude = np.abs(speed)
+    size = magnitude * load
+    ordinary = bool(((size > 0.0) & (size < np.inf)).all())
+    q = bearing.damping / load if ordinary else damping_per_load(bearing, load)
+    hopf, fold = solver.boundaries(law, q)
+    code = np.where(fold != fold, NO_BOUNDARY, NO_CYCLE)
+    code = np.where(solver.has_cycle(law, magnitude, q, fold), BISTABLE, code)
+    code = np.where(solver.equilibrium_is_unstable(law, magnitude, q, hopf), STICK_SLIP, code)
+    if ordinary:
+        return code, hopf, fold
     # 0, or nan where an input is not finite.
     missing = (speed - speed) + (load - load)
-    magnitude = np.abs(speed)
-    q = damping_per_load(bearing, load)
-    hopf, fold = kbm(law).boundaries(law, q)
-    unstable = kbm(law).equilibrium_is_unstable(law, magnitude, q, hopf)
-    code = np.where(fold != fold, NO_BOUNDARY, NO_CYCLE)
-    code = np.where(has_cycle(bearing, magnitude, load, fold), BISTABLE, code)
-    code = np.where(unstable, STICK_SLIP, code)
     code = np.where(load <= 0.0, NO_CONTACT, code)
     code = np.where(magnitude == 0.0, AT_REST, code)
     code = np.where(missing == 0.0, code, NOT_FINITE)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -67,6 +68,15 @@ def margin(speed: FloatArray, boundary: FloatArray) -> FloatArray:
     if unbounded.any():
         value = np.where(unbounded, np.where(boundary == np.inf, -1.0, np.inf), value)
     return value
+
+
+def margin_of_number(speed: float, boundary: float, code: int) -> float:
+    """The margin of an operating point: the same operations in Python."""
+    if 0.0 < boundary < math.inf:
+        return (abs(speed) - boundary) / boundary
+    if code == NOT_FINITE:
+        return math.nan
+    return -1.0 if boundary == math.inf else math.inf
 
 
 def _margin(points: Points, boundary: FloatArray) -> FloatArray:

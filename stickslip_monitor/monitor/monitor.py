@@ -170,8 +170,11 @@ class Monitor:
         self.bearings = {b.name: BearingMonitor(b) for b in config.bearings}
 
     def _bearing(self, name: str) -> BearingMonitor:
-        self.config.bearing(name)
-        return self.bearings[name]
+        found = self.bearings.get(name)
+        if found is None:
+            self.config.bearing(name)  # says which there are
+            raise AssertionError
+        return found
 
     def update(self, sample: Sample) -> Update:
         """Take one sample.

@@ -30,5 +30,5 @@ def _picked(points: Assessment, pick: Callable[[NDArray[Any]], Any]) -> Assessme
         pick(points.hopf_speed),
         pick(points.fold_speed),
         points._bearing,
-        {name: pick(column) for name, column in points._known.items()},
+        _known={name: pick(column) for name, column in points._known.items()},
     )

@@ -137,14 +137,6 @@ def _cycles(bearing: Bearing, speed: Array, load: Array) -> tuple[Array, Array]:
     return kbm_scan.cycles(law, speed, damping_per_load(bearing, load))
 
 
-def has_cycle(bearing: Bearing, speed: Array, load: Array, fold: Array) -> NDArray[np.bool_]:
-    """Where stick-slip exists, at speeds > 0 and fold speeds of that load, each shape (n,)."""
-    law = bearing.friction
-    if type(law) is Stribeck:
-        return speed < fold
-    return kbm_scan.has_cycle(law, speed, damping_per_load(bearing, load), fold)
-
-
 def stable_amplitude(bearing: Bearing, speed: Array, load: Array) -> Array:
     """Amplitude of the largest stable cycle [m] where there is one, each shape (n,)."""
     q = damping_per_load(bearing, load)

@@ -29,9 +29,14 @@ _SERIES_LIMIT = 0.5
 _FAR = 1e6
 _TABLE_SIZE = 2**16
 _NODES, _WEIGHTS = (np.array(column) for column in zip(*unit_gauss(14), strict=True))
-_START_LOGS = np.linspace(math.log(1e-4), math.log(1e8), 161)
-_START_SHARES = np.linspace(0.0, 1.0, 41)
-_LOG_STEP = float(_START_LOGS[1] - _START_LOGS[0])
+_START_LOGS = np.linspace(math.log(1e-4), math.log(1e8), 321)
+# Close to zero damping the amplitude changes fastest.
+_START_SHARES = np.linspace(0.0, 1.0, 41) ** 2
+_PER_LOG = float(1.0 / (_START_LOGS[1] - _START_LOGS[0]))
+# The four neighbours that a point between two of the grid is interpolated from, by the first.
+_ROW_CELL, _COLUMN_CELL = (
+    np.clip(np.arange(grid.size) - 1, 0, grid.size - 4) for grid in (_START_SHARES, _START_LOGS)
+)
 # Squares of the nodes, and what is left of them, for the balance in terms of sin(theta).
 _FEW_NODES, _FEW_WEIGHTS = (np.array(column) for column in zip(*unit_gauss(10), strict=True))
 _SQUARES, _REST = _FEW_NODES**2, (1.0 - _FEW_NODES) * (1.0 + _FEW_NODES)
@@ -66,15 +71,6 @@ def growth(alpha: Array) -> Array:
     )
 
 
-def _growth_slope(alpha: Array) -> Array:
-    """``d growth / d alpha = I2(alpha)/I1(alpha)``, as precise as Newton's method needs it."""
-    return _joined(
-        alpha,
-        lambda small: small / 4.0 * (1.0 - small * small / 24.0),
-        lambda large: i0e(large) / i1e(large) - 2.0 / large,
-    )
-
-
 def decline(v: Array) -> Array:
     """``-ln(2 exp(-v) I1(v)/v) = v - growth(v)``: rises from 0 with ``v``."""
     return _joined(
@@ -84,9 +80,13 @@ def decline(v: Array) -> Array:
     )
 
 
-def _decline_slope(v: Array) -> Array:
-    # I0/I1 - 2/v tends to 1 - 1.5/v; past _FAR the difference from 1 has no digits left.
-    return np.where(v < _FAR, 1.0 - _growth_slope(np.minimum(v, _FAR)), 1.5 / np.maximum(v, 1.0))
+def _growth_slope(alpha: Array) -> Array:
+    """``d growth / d alpha = I2(alpha)/I1(alpha)``, as precise as Newton's method needs it."""
+    return _joined(
+        alpha,
+        lambda small: small / 4.0 * (1.0 - small * small / 24.0),
+        lambda large: i0e(large) / i1e(large) - 2.0 / large,
+    )
 
 
 @cache
@@ -117,8 +117,12 @@ def speed_for_decline(decrement: Array) -> Array:
         near = np.minimum(decrement, declines[0])
         far = np.exp((2.0 / 3.0) * (decrement + math.log(2.0 / math.sqrt(2.0 * math.pi))))
         v = np.where(outside, np.where(decrement < 1.0, near + near * near / 8.0, far), v)
+        # I2/I1 tends to 1 - 1.5/v; past _FAR the difference from 1 has no digits left.
+        slope = np.where(v < _FAR, 1.0 - _growth_slope(np.minimum(v, _FAR)), 1.5 / v)
+    else:
+        slope = 1.0 - _growth_slope(v)
     # In ln v the curve is almost straight, from v << 1 (slope v) to v >> 1 (slope 1.5).
-    return v * np.exp((decrement - decline(v)) / (v * _decline_slope(v)))
+    return v * np.exp((decrement - decline(v)) / (v * slope))
 
 
 def sliding_limit_excess(v: Array, kappa: Array) -> Array:
@@ -209,7 +213,7 @@ def _cubic_cells(values: Array) -> Array:
 def _start_table(r: float) -> Array:
     """``sin(theta)`` of the stable cycle over its first-order estimate, as bicubics.
 
-    On a grid of ``ln v`` and ``kappa``, this relative to its value at the fold, so the ratio goes
+    On a grid of ``ln v`` and the root of ``kappa``, this relative to its value at the fold, so the ratio goes
     to 1 on that side. Coefficients of shape (4, 4, cells of kappa, cells of ln v).
     """
     v, share = (grid.ravel() for grid in np.meshgrid(np.exp(_START_LOGS), _START_SHARES[:-1]))
@@ -254,19 +258,13 @@ def stable_amplitude(v: Array, kappa: Array, r: float) -> Array:
 def _start(v: Array, kappa: Array, r: float) -> Array:
     limit = i1e(v)
     share = np.minimum(0.5 * kappa * v / limit, 1.0)
-    column = (np.log(v) - _START_LOGS[0]) / _LOG_STEP
+    column = (np.log(v) - _START_LOGS[0]) * _PER_LOG
     column = np.minimum(np.maximum(column, 0.0), _START_LOGS.size - 1.0)
-    row = share * (_START_SHARES.size - 1)
-    i = np.minimum(np.maximum(row - 1.0, 0.0), _START_SHARES.size - 4.0).astype(np.intp)
-    j = np.minimum(np.maximum(column - 1.0, 0.0), _START_LOGS.size - 4.0).astype(np.intp)
-    cubics = _start_table(r)[i, j]
-    ratio = _cubic(_cubic(cubics, (column - j)[:, None], 2), row - i, 1)
-    return _tangent(limit, share, r) * ratio
-
-
-def _cubic(powers: Array, x: Array, axis: int) -> Array:
-    if axis == 2:
-        a, b, c, d = (powers[:, :, k] for k in range(4))
-    else:
-        a, b, c, d = (powers[:, k] for k in range(4))
-    return ((a * x + b) * x + c) * x + d
+    row = np.sqrt(share) * (_START_SHARES.size - 1.0)
+    i, j = _ROW_CELL[row.astype(np.intp)], _COLUMN_CELL[column.astype(np.intp)]
+    # Powers of ln v first, then those of kappa, then the points.
+    a, b, c, d = _start_table(r)[i, j].T
+    x = column - j
+    a, b, c, d = ((a * x + b) * x + c) * x + d
+    x = row - i
+    return _tangent(limit, share, r) * (((a * x + b) * x + c) * x + d)
