@@ -213,8 +213,11 @@ def _cubic_cells(values: Array) -> Array:
 def _start_table(r: float) -> Array:
     """``sin(theta)`` of the stable cycle over its first-order estimate, as bicubics.
 
-    On a grid of ``ln v`` and the root of ``kappa``, this relative to its value at the fold, so the ratio goes
-    to 1 on that side. Coefficients of shape (4, 4, cells of kappa, cells of ln v).
+    On a grid of ``ln v`` and the root of ``kappa``, this relative to its value at the fold, so
+    the ratio goes to 1 on that side.
+
+    Returns:
+        Coefficients, shape (cells of the root, cells of ln v, powers of either).
     """
     v, share = (grid.ravel() for grid in np.meshgrid(np.exp(_START_LOGS), _START_SHARES[:-1]))
     limit = i1e(v)
@@ -230,7 +233,6 @@ def _start_table(r: float) -> Array:
     ratio = (sine / start).reshape(_START_SHARES.size - 1, _START_LOGS.size)
     ratio = np.vstack([ratio, np.ones(_START_LOGS.size)])
     cells = _cubic_cells(np.moveaxis(_cubic_cells(ratio), 2, 0))
-    # Cells of ln v, its powers, cells of kappa, its powers: gathered for each point at once.
     return np.ascontiguousarray(np.transpose(cells, (2, 0, 3, 1)))
 
 
