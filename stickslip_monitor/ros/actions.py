@@ -1,18 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The operator's actions as services, for all bearings and for each."""
+"""The operator's actions: services for all bearings and for each, and a topic for dashboards.
+
+A service of std_srvs tells neither who calls it nor of which alarm; a request on the topic does.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 from rclpy.lifecycle import LifecycleNode
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
+from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.annunciator import Action, AlarmChange
+from stickslip_monitor.monitor.causes import AlarmKind
+from stickslip_monitor.monitor.requests import ROS_SERVICE, parse_request
 from stickslip_monitor.ros.messages import ROS_FAULTS
 
-BY = 'ros service'
 TRIGGERS = {
     'acknowledge': Action.ACKNOWLEDGE,
     'silence': Action.SILENCE,
@@ -26,34 +34,61 @@ SWITCHES = {
     'out_of_service': (Action.REMOVE, Action.RESTORE),
 }
 """Services of type std_srvs/SetBool, with what true and false do."""
-Act = Callable[[Action, str, str | None], list[AlarmChange]]
+_REQUESTS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+
+
+class Act(Protocol):
+    """Does what a person asks for; see :meth:`.desk.AlarmDesk.act`."""
+
+    def __call__(
+        self, action: Action, by: str, bearing: str | None = None, kind: AlarmKind | None = None
+    ) -> list[AlarmChange]:
+        """Do it."""
 
 
 class Actions:
-    """The services of an active node.
+    """The services of an active node, and its topic ``~/actions``.
 
     Args:
         node: The node.
         bearings: Names of the bearings.
-        act: Called with the action, who asks, and the bearing (``None`` for all).
+        act: Called with the action, who asks, the bearing and the alarm (``None`` for all).
     """
 
     def __init__(self, node: LifecycleNode, bearings: list[str], act: Act) -> None:
         self._node = node
         self._act = act
+        self._bearings = bearings
         self._services: list[Any] = []
+        self._requests: Any = None
         try:
             for bearing in (None, *bearings):
                 self._offer(bearing)
+            self._requests = node.create_subscription(
+                String, '~/actions', self._on_request, _REQUESTS
+            )
         except ROS_FAULTS:
             self.destroy()
             raise
 
     def destroy(self) -> None:
-        """Take the services down."""
+        """Take services and topic down."""
+        if self._requests is not None:
+            self._node.destroy_subscription(self._requests)
+            self._requests = None
         for service in self._services:
             self._node.destroy_service(service)
         self._services = []
+
+    def _on_request(self, message: Any) -> None:
+        try:
+            request = parse_request(json.loads(message.data), self._bearings)
+        except (ConfigurationError, ValueError, RecursionError) as error:
+            self._node.get_logger().warning(
+                f'a request on ~/actions is refused: {error}', throttle_duration_sec=1.0
+            )
+            return
+        self._act(request.action, request.by, request.bearing, request.kind)
 
     def _offer(self, bearing: str | None) -> None:
         prefix = '~' if bearing is None else f'~/{bearing}'
@@ -66,7 +101,7 @@ class Actions:
 
     def _trigger(self, action: Action, bearing: str | None) -> Callable[[Any, Any], Any]:
         def serve(_: Any, response: Any) -> Any:
-            changes = self._act(action, BY, bearing)
+            changes = self._act(action, ROS_SERVICE, bearing)
             response.success = bool(changes)
             response.message = _answer(action, changes) or f'there is nothing to {action}'
             return response
@@ -76,7 +111,7 @@ class Actions:
     def _switch(self, on: Action, off: Action, bearing: str | None) -> Callable[[Any, Any], Any]:
         def serve(request: Any, response: Any) -> Any:
             action = on if request.data else off
-            changes = self._act(action, BY, bearing)
+            changes = self._act(action, ROS_SERVICE, bearing)
             response.success = True
             response.message = _answer(action, changes) or 'it is so already'
             return response
