@@ -41,7 +41,7 @@ setup(
     maintainer_email='maintainers@stickslip-monitor.invalid',
     python_requires='>=3.10',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed', 'report/page.html', 'report/page.css']},
+    package_data={NAME: ['py.typed', 'report/page.html', 'report/page.css', 'dashboard/page/*']},
     # The recordings of bags/ stay in the repository: nothing that is installed reads them.
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
@@ -60,12 +60,14 @@ setup(
         'zstandard>=0.16',
     ],
     extras_require={
+        'dashboard': ['aiohttp>=3.8', 'prometheus-client>=0.15'],
         'ros': ROS,
         'report': ['jinja2>=3.0', 'matplotlib>=3.5'],
         # Compiles the inner loops of the time integrator; without it they run in Python.
         'sim': ['numba>=0.57'],
         # colcon runs tests only where it finds pytest here.
         'test': [
+            'aiohttp>=3.8',
             'colcon-ros',
             'colcon-test-result',
             'hypothesis>=6.60',

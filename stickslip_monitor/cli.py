@@ -19,6 +19,7 @@ COMMANDS = {
     'accuracy': 'show what accuracy costs in time',
     'assess': 'assess one operating point',
     'check': 'run the monitor over recorded bags',
+    'dashboard': 'serve a page to watch bearings and deal with alarms',
     'diagram': 'draw the bifurcation diagram over speed',
     'figures': 'draw the published findings on stick-slip',
     'fit': 'fit the Stribeck law to a measured friction curve',

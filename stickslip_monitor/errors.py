@@ -42,3 +42,7 @@ class DrawingError(StickslipError):
 
 class ReportError(StickslipError):
     """A report cannot be made or written."""
+
+
+class DashboardError(StickslipError):
+    """The dashboard cannot be served, or cannot do what was asked."""

@@ -26,6 +26,7 @@ LAYER = {
     'surface_store': 3,
     'bags': 4,
     'ros': 4,
+    'dashboard': 4,
     'drawing': 4,
     'report': 4,
     'scenes': 4,
@@ -46,11 +47,13 @@ YAML_READER = 'monitor/config_file.py'
 EVERYWHERE = {'numpy', 'scipy'}
 # Where anything else from outside may be imported: prefixes of paths inside the package.
 ONLY_IN = {
+    'aiohttp': ('dashboard/',),
     'jinja2': ('report/',),
     'lz4': ('bags/',),
     'matplotlib': ('drawing/',),
     'mcap': ('bags/',),
     'mcap_ros2': ('bags/',),
+    'prometheus_client': ('dashboard/',),
     'rcl_interfaces': ('ros/',),
     'rclpy': ('ros/',),
     'rich': ('commands/', 'cli.py'),

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who may see the page and act on it, whatever the network between is like.
+
+Three doors: the Host must be one of ours (a name that an attacker rebinds to this machine is
+not), what changes anything must come from a page of ours, and where there is a token, whoever
+comes must know it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import ipaddress
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from aiohttp import web
+from aiohttp.typedefs import Handler, Middleware
+
+from stickslip_monitor.errors import DashboardError
+
+COOKIE = 'stickslip_session'
+SHORTEST_TOKEN = 16
+OPEN_PATHS = ('/login', '/page.css', '/icon.svg')
+"""What is given without a token: it says nothing of the ship."""
+_HEADERS = {
+    'Content-Security-Policy': (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self';"
+        " connect-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+    ),
+    'Cross-Origin-Resource-Policy': 'same-origin',
+    'Referrer-Policy': 'same-origin',
+    'X-Content-Type-Options': 'nosniff',
+    'Cache-Control': 'no-cache',
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Access:
+    """The rules.
+
+    Attributes:
+        token: What to know; empty where nothing is asked.
+        names: Host names, in lower case, under which this machine is known beside its addresses.
+    """
+
+    token: str = ''
+    names: Collection[str] = ()
+
+    def knows(self, token: str) -> bool:
+        """Whether somebody knows the token; takes as long whatever is wrong with it."""
+        return hmac.compare_digest(token.encode('utf-8', 'replace'), self.token.encode())
+
+    @property
+    def session(self) -> str:
+        """The content of the cookie: it outlives a restart, and does not tell the token."""
+        return hmac.new(self.token.encode(), b'stickslip dashboard', hashlib.sha256).hexdigest()
+
+    def admits(self, request: web.Request) -> bool:
+        """Whether a request may see what is shown."""
+        if not self.token:
+            return True
+        kind, _, token = request.headers.get('Authorization', '').partition(' ')
+        if kind.lower() == 'bearer' and self.knows(token.strip()):
+            return True
+        cookie = request.cookies.get(COOKIE, '')
+        return hmac.compare_digest(cookie.encode('utf-8', 'replace'), self.session.encode())
+
+    def is_ours(self, host: str) -> bool:
+        """Whether a Host header names this machine: an address, or a name it is known by."""
+        try:
+            name = (urlsplit(f'//{host}').hostname or '').rstrip('.')
+        except ValueError:
+            return False
+        if name == 'localhost' or name in self.names:
+            return True
+        try:
+            ipaddress.ip_address(name)
+        except ValueError:
+            return False
+        return True
+
+
+def same_origin(request: web.Request) -> bool:
+    """Whether a request comes from a page of ours, or from no page at all."""
+    if request.headers.get('Sec-Fetch-Site', 'same-origin') not in ('same-origin', 'none'):
+        return False
+    origin = request.headers.get('Origin')
+    return origin is None or urlsplit(origin).netloc == request.host
+
+
+def read_token(path: str) -> str:
+    """The token of a file that holds nothing else.
+
+    Raises:
+        DashboardError: It cannot be read, or is too short to keep anybody out.
+    """
+    try:
+        token = Path(path).read_text(encoding='utf-8').strip()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, 'strerror', None) or 'it is not a text file'
+        raise DashboardError(f"token file '{path}' cannot be read: {reason}") from error
+    if len(token) < SHORTEST_TOKEN or not token.isascii() or not token.isprintable():
+        raise DashboardError(
+            f"token file '{path}' must hold at least {SHORTEST_TOKEN} printable ASCII characters,"
+            " e.g. those of: python3 -c 'import secrets; print(secrets.token_urlsafe())'"
+        )
+    return token
+
+
+def guard(access: Access) -> Middleware:
+    """The middleware that keeps the rules, and gives every answer its headers."""
+
+    @web.middleware
+    async def middleware(request: web.Request, handler: Handler) -> web.StreamResponse:
+        refused = _refusal(access, request)
+        if refused is not None:
+            return refused
+        try:
+            return await handler(request)
+        except web.HTTPException as error:
+            error.headers.update(_HEADERS)
+            raise
+
+    return middleware
+
+
+def _refusal(access: Access, request: web.Request) -> web.Response | None:
+    if not access.is_ours(request.host):
+        return web.Response(status=421, text='This machine is not known by that name.\n')
+    if request.method not in ('GET', 'HEAD') and not same_origin(request):
+        return web.Response(status=403, text='This must come from the page itself.\n')
+    if request.path in OPEN_PATHS or access.admits(request):
+        return None
+    if request.path == '/' and request.method == 'GET':
+        return web.Response(status=303, headers={'Location': '/login'})
+    return web.Response(
+        status=401, text='The token is missing.\n', headers={'WWW-Authenticate': 'Bearer'}
+    )
+
+
+async def add_headers(_: web.Request, response: web.StreamResponse) -> None:
+    """Give an answer the headers that keep its page by itself."""
+    for name, value in _HEADERS.items():
+        response.headers.setdefault(name, value)

@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: Apache-2.0
+// The list of alarms: worst first, what waits for somebody before what does not.
+
+import { make } from '/map.js';
+
+export const NAMES = {
+  amplitude_limit: 'Amplitude over limit',
+  stick_slip: 'Stick-slip predicted',
+  bistable: 'Bistable range',
+  margin_low: 'Margin low',
+  input_lost: 'Input lost',
+  input_implausible: 'Input implausible',
+};
+const STATES = {
+  unacknowledged: 'not acknowledged',
+  returned_unacknowledged: 'gone, not acknowledged',
+  acknowledged: 'acknowledged',
+  latched: 'gone, latched: waits for its reset',
+  shelved: 'shelved',
+  suppressed: 'suppressed',
+  out_of_service: 'out of service',
+};
+const BUTTONS = { acknowledge: 'Acknowledge', silence: 'Silence', reset: 'Reset', shelve: 'Shelve', unshelve: 'Take back' };
+const ORDER = ['unacknowledged', 'returned_unacknowledged', 'acknowledged', 'latched', 'shelved', 'suppressed', 'out_of_service'];
+const PRIORITIES = ['alarm', 'warning', 'caution'];
+const ASIDE = ['shelved', 'suppressed', 'out_of_service'];
+const WAITING = ['unacknowledged', 'returned_unacknowledged'];
+// Triangle, circle and square, as on a bridge: the priority can be told without its colour.
+const SHAPES = {
+  alarm: ['path', { d: 'M17 3L32 30H2Z' }, 27],
+  warning: ['circle', { cx: 17, cy: 17, r: 14 }, 22],
+  caution: ['rect', { x: 4, y: 4, width: 26, height: 26 }, 22],
+};
+
+export const clock = (ms) => (ms === null ? '–' : new Date(ms).toISOString().slice(11, 19));
+export const nameOf = (alarm) => NAMES[alarm.alarm] ?? alarm.alarm;
+const keyOf = (alarm) => `${alarm.bearing}/${alarm.alarm}`;
+
+function stateOf(alarm) {
+  let text = STATES[alarm.state] ?? alarm.state;
+  if (alarm.state === 'shelved') text += ` until ${clock(alarm.shelved_until)}`;
+  if (alarm.suppressed_by.length) text += ` (${alarm.suppressed_by.join(', ').replaceAll('_', ' ')})`;
+  if (alarm.silenced && alarm.state === 'unacknowledged') text += ', silenced';
+  if (['acknowledged', 'shelved', 'out_of_service'].includes(alarm.state) && alarm.by !== 'monitor' && alarm.by) text += ` by ${alarm.by}`;
+  return text;
+}
+
+export class AlarmList {
+  /** act is called with an action, an alarm and the button; say with words that cannot wait. */
+  constructor(act, say) {
+    this.act = act;
+    this.say = say;
+    this.items = new Map();
+    this.known = null;
+    const get = (id) => document.getElementById(id);
+    [this.list, this.aside, this.asideList, this.quiet, this.tally, this.silence, this.section] = ['alarm-list', 'aside', 'aside-list', 'quiet', 'tally', 'silence', 'alarms'].map(get);
+    this.silence.addEventListener('click', () => act('silence', null, this.silence));
+  }
+
+  show(record) {
+    const alarms = record.alarms.filter((alarm) => alarm.state !== 'normal');
+    const rank = (a) => 10 * ORDER.indexOf(a.state) + PRIORITIES.indexOf(a.priority);
+    alarms.sort((a, b) => rank(a) - rank(b) || (b.since ?? 0) - (a.since ?? 0));
+    const focused = document.activeElement;
+    const within = this.section.contains(focused);
+    const aside = alarms.filter((a) => ASIDE.includes(a.state));
+    this.place(this.list, alarms.filter((a) => !ASIDE.includes(a.state)));
+    this.place(this.asideList, aside);
+    const kept = new Set(alarms.map(keyOf));
+    for (const [key, item] of this.items) {
+      if (!kept.has(key)) { item.root.remove(); this.items.delete(key); }
+    }
+    if (within && document.activeElement !== focused) this.refocus(focused);
+    this.quiet.hidden = alarms.length > aside.length;
+    this.aside.hidden = aside.length === 0;
+    this.aside.querySelector('summary').textContent = `${aside.length} put aside: ${ASIDE.map((s) => [aside.filter((a) => a.state === s).length, STATES[s]]).filter(([n]) => n).map((pair) => pair.join(' ')).join(', ')}`;
+    this.silence.hidden = !record.sounding;
+    this.count(record);
+    this.announce(alarms);
+  }
+
+  count(record) {
+    const parts = [`${record.unacknowledged} not acknowledged`];
+    if (record.flood.flooding) parts.push(`flood: ${record.flood.alarms_10min} in ten minutes`);
+    this.tally.textContent = record.unacknowledged || record.flood.flooding ? parts.join(', ') : '';
+  }
+
+  /** Say aloud what was not given before. */
+  announce(alarms) {
+    const given = new Map(alarms.filter((a) => a.state === 'unacknowledged').map((a) => [keyOf(a), a]));
+    const fresh = [...given].filter(([key]) => !this.known?.has(key)).map(([, a]) => a);
+    this.known = new Set(given.keys());
+    if (fresh.length) this.say(fresh.map((a) => `${a.priority}: ${nameOf(a)}. ${a.text}`).join(' '));
+  }
+
+  place(list, alarms) {
+    alarms.forEach((alarm, k) => {
+      const item = this.items.get(keyOf(alarm)) ?? this.create(alarm);
+      this.fill(item, alarm);
+      if (list.children[k] !== item.root) list.insertBefore(item.root, list.children[k] ?? null);
+    });
+  }
+
+  /** Moving an element takes the focus from it: give it back, or to the list if it has gone. */
+  refocus(focused) {
+    const to = focused.isConnected && !focused.hidden ? focused : focused.closest?.('.alarm')?.isConnected ? focused.closest('.alarm').querySelector('button:not([hidden])') : null;
+    (to ?? this.section).focus({ preventScroll: true });
+  }
+
+  create(alarm) {
+    const root = document.createElement('li');
+    root.innerHTML = '<div class="what"><h3></h3><div class="state"></div></div><p class="text"></p><div class="buttons"></div>';
+    const shape = make('svg', { class: 'shape', viewBox: '0 0 34 34', 'aria-hidden': 'true' });
+    const [kind, attributes, y] = SHAPES[alarm.priority] ?? SHAPES.caution;
+    shape.append(make(kind, { class: 'fill', ...attributes }), make('text', { class: 'mark', x: 17, y }, '!'));
+    root.prepend(shape);
+    const item = { root, buttons: {} };
+    for (const [action, label] of Object.entries(BUTTONS)) {
+      const button = document.createElement('button');
+      button.type = 'button';
+      button.textContent = label;
+      button.dataset.action = action;
+      button.setAttribute('aria-label', `${label}: ${nameOf(alarm)}, ${alarm.bearing}`);
+      button.addEventListener('click', () => this.act(action, item.alarm, button));
+      item.buttons[action] = button;
+      root.querySelector('.buttons').append(button);
+    }
+    this.items.set(keyOf(alarm), item);
+    return item;
+  }
+
+  fill(item, alarm) {
+    item.alarm = alarm;
+    const { root } = item;
+    root.className = `alarm priority-${alarm.priority}${WAITING.includes(alarm.state) ? ' waiting' : ''}${alarm.sounding ? ' sounding' : ''}`;
+    root.dataset.state = alarm.state;
+    root.dataset.alarm = keyOf(alarm);
+    root.querySelector('h3').textContent = `${alarm.priority.toUpperCase()}: ${nameOf(alarm)}`;
+    root.querySelector('.state').textContent = `${alarm.bearing}, ${stateOf(alarm)}, since ${clock(alarm.since)}`;
+    root.querySelector('.text').textContent = alarm.text;
+    const focused = document.activeElement;
+    for (const [action, button] of Object.entries(item.buttons)) button.hidden = !alarm.actions.includes(action);
+    if (focused?.hidden && root.contains(focused)) (root.querySelector('button:not([hidden])') ?? this.section).focus({ preventScroll: true });
+  }
+}

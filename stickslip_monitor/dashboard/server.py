@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page, its stream of events, its one way to act, and the figures for Prometheus."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import signal
+from collections.abc import Callable
+from importlib import resources
+from typing import Any
+
+from aiohttp import web
+
+from stickslip_monitor.dashboard.access import (
+    COOKIE,
+    Access,
+    add_headers,
+    guard,
+)
+from stickslip_monitor.dashboard.alarms import OFFERED
+from stickslip_monitor.dashboard.board import Board, Desk
+from stickslip_monitor.dashboard.metrics import Metrics
+from stickslip_monitor.errors import ConfigurationError, DashboardError, StickslipError
+from stickslip_monitor.monitor.requests import parse_request
+
+HEARTBEAT = 5.0
+"""A stream is never silent for longer [s], so that both ends notice when the other has gone."""
+STALLED = 30.0
+"""A reader that takes nothing for so long is let go [s]."""
+PATIENCE = 3.0
+"""How long an action may take [s]."""
+LARGEST_REQUEST = 4096
+FILES = {
+    '/': ('page.html', 'text/html'),
+    '/login': ('login.html', 'text/html'),
+    '/page.css': ('page.css', 'text/css'),
+    '/page.js': ('page.js', 'text/javascript'),
+    '/map.js': ('map.js', 'text/javascript'),
+    '/alarms.js': ('alarms.js', 'text/javascript'),
+    '/gauges.js': ('gauges.js', 'text/javascript'),
+    '/icon.svg': ('icon.svg', 'image/svg+xml'),
+}
+
+
+class Server:
+    """The dashboard's handlers.
+
+    Args:
+        board: What is shown.
+        desk: Where actions go.
+        access: Who may come in.
+        heartbeat: See :data:`HEARTBEAT` [s].
+        stalled: See :data:`STALLED` [s].
+    """
+
+    def __init__(
+        self,
+        board: Board,
+        desk: Desk,
+        access: Access,
+        heartbeat: float = HEARTBEAT,
+        stalled: float = STALLED,
+    ) -> None:
+        self._board, self._desk, self._access = board, desk, access
+        self._heartbeat, self._stalled = heartbeat, stalled
+        self._metrics = Metrics(board)
+
+    def application(self) -> web.Application:
+        """The application to serve."""
+        app = web.Application(middlewares=[guard(self._access)], client_max_size=LARGEST_REQUEST)
+        folder = resources.files('stickslip_monitor.dashboard') / 'page'
+        for path, (name, kind) in FILES.items():
+            app.router.add_get(path, _file((folder / name).read_bytes(), kind))
+        app.router.add_post('/login', self._login)
+        app.router.add_get('/events', self._events)
+        app.router.add_post('/act', self._act)
+        app.router.add_get('/metrics', self._scrape)
+        app.on_response_prepare.append(add_headers)
+        app.on_shutdown.append(self._end_streams)
+        return app
+
+    async def _login(self, request: web.Request) -> web.Response:
+        form = await request.post()
+        if not self._access.knows(str(form.get('token', ''))):
+            return web.Response(status=303, headers={'Location': '/login?wrong'})
+        response = web.Response(status=303, headers={'Location': '/'})
+        response.set_cookie(
+            COOKIE,
+            self._access.session,
+            httponly=True,
+            samesite='Strict',
+            secure=request.secure,
+            max_age=30 * 24 * 3600,
+        )
+        return response
+
+    async def _events(self, request: web.Request) -> web.StreamResponse:
+        hub = self._board.hub
+        try:
+            reader = hub.join()
+        except DashboardError as error:
+            return web.Response(status=503, text=f'{error}\n')
+        headers = {'Content-Type': 'text/event-stream', 'Cache-Control': 'no-store'}
+        response = web.StreamResponse(headers=headers)
+        try:
+            await response.prepare(request)
+            # One that comes back needs no history: it gets all that is shown, which is bounded.
+            event = b'retry: 1000\n\n' + hub.event('state', self._board.state())
+            while not reader.closed:
+                await asyncio.wait_for(response.write(event), self._stalled)
+                event = await self._next(reader.take)
+        except (ConnectionError, asyncio.TimeoutError):
+            if request.transport is not None:
+                request.transport.abort()
+        finally:
+            hub.leave(reader)
+        return response
+
+    async def _next(self, take: Callable[[], Any]) -> bytes:
+        try:
+            return bytes(await asyncio.wait_for(take(), self._heartbeat))
+        except asyncio.TimeoutError:
+            return self._board.hub.event('beat', self._board.monitor())
+
+    async def _act(self, request: web.Request) -> web.Response:
+        if request.content_type != 'application/json':
+            return _answer(415, 'a request must be application/json')
+        try:
+            document = json.loads(await request.read())
+            asked = parse_request(document, self._board.bearings)
+            if asked.action not in OFFERED:
+                raise ConfigurationError(f'{asked.action} is not for a dashboard')
+        except (ValueError, RecursionError) as error:
+            return _answer(400, str(error))
+        try:
+            count = await self._board.ask(self._desk, asked, PATIENCE)
+        except DashboardError as error:
+            return _answer(409, str(error))
+        except StickslipError as error:
+            return _answer(503, str(error))
+        return _answer(200, f'{asked.action}: {count} alarm{"s" if count != 1 else ""}')
+
+    async def _scrape(self, request: web.Request) -> web.Response:
+        body, kind = self._metrics.text(request.headers.get('Accept', ''))
+        return web.Response(body=body, headers={'Content-Type': kind})
+
+    async def _end_streams(self, _: web.Application) -> None:
+        self._board.hub.close()
+
+
+def _file(body: bytes, kind: str) -> Callable[[web.Request], Any]:
+    async def serve(_: web.Request) -> web.Response:
+        return web.Response(body=body, content_type=kind, charset='utf-8')
+
+    return serve
+
+
+def _answer(code: int, text: str) -> web.Response:
+    return web.json_response({'ok': code == 200, 'text': text}, status=code)
+
+
+async def serve(
+    application: web.Application,
+    board: Board,
+    address: str,
+    port: int,
+    started: Callable[[str], None],
+) -> None:
+    """Serve until a signal comes.
+
+    Args:
+        application: What to serve.
+        board: What is shown, for its sense of time.
+        address: Address to listen at.
+        port: Port; 0 for any that is free.
+        started: Called with the address of the page once it can be opened.
+
+    Raises:
+        DashboardError: The address cannot be listened at.
+    """
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.set)
+    # No access log: it would fill up with a line for every scrape, and says who reads what.
+    runner = web.AppRunner(application, access_log=None, shutdown_timeout=2.0)
+    await runner.setup()
+    try:
+        try:
+            await web.TCPSite(runner, address, port).start()
+        except (OSError, OverflowError) as error:
+            reason = getattr(error, 'strerror', None) or error
+            raise DashboardError(f'cannot listen at {address} port {port}: {reason}') from error
+        started(_url(runner))
+        while not stop.is_set():
+            board.tick()
+            with contextlib.suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(stop.wait(), 0.5)
+    finally:
+        await runner.cleanup()
+
+
+def _url(runner: web.AppRunner) -> str:
+    host, port = runner.addresses[0][:2]
+    return f'http://[{host}]:{port}/' if ':' in host else f'http://{host}:{port}/'
