@@ -60,14 +60,14 @@ setup(
         'zstandard>=0.16',
     ],
     extras_require={
-        'dashboard': ['aiohttp>=3.8', 'prometheus-client>=0.15'],
+        'dashboard': ['aiohttp>=3.9', 'prometheus-client>=0.15'],
         'ros': ROS,
         'report': ['jinja2>=3.0', 'matplotlib>=3.5'],
         # Compiles the inner loops of the time integrator; without it they run in Python.
         'sim': ['numba>=0.57'],
         # colcon runs tests only where it finds pytest here.
         'test': [
-            'aiohttp>=3.8',
+            'aiohttp>=3.9',
             'colcon-ros',
             'colcon-test-result',
             'hypothesis>=6.60',

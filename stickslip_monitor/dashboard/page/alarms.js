@@ -34,6 +34,7 @@ const SHAPES = {
 
 export const clock = (ms) => (ms === null ? '–' : new Date(ms).toISOString().slice(11, 19));
 export const nameOf = (alarm) => NAMES[alarm.alarm] ?? alarm.alarm;
+export const withoutName = ({ text, bearing }) => (text.startsWith(`${bearing}: `) ? text.slice(bearing.length + 2) : text);
 const keyOf = (alarm) => `${alarm.bearing}/${alarm.alarm}`;
 
 function stateOf(alarm) {
@@ -137,7 +138,7 @@ export class AlarmList {
     root.dataset.alarm = keyOf(alarm);
     root.querySelector('h3').textContent = `${alarm.priority.toUpperCase()}: ${nameOf(alarm)}`;
     root.querySelector('.state').textContent = `${alarm.bearing}, ${stateOf(alarm)}, since ${clock(alarm.since)}`;
-    root.querySelector('.text').textContent = alarm.text;
+    root.querySelector('.text').textContent = withoutName(alarm);
     const focused = document.activeElement;
     for (const [action, button] of Object.entries(item.buttons)) button.hidden = !alarm.actions.includes(action);
     if (focused?.hidden && root.contains(focused)) (root.querySelector('button:not([hidden])') ?? this.section).focus({ preventScroll: true });

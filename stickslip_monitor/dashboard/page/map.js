@@ -2,7 +2,7 @@
 // The stability map: what divides it is drawn once for a width, the point and its trail each time.
 
 const NS = 'http://www.w3.org/2000/svg';
-const LEFT = 52, RIGHT = 14, TOP = 12, BOTTOM = 44;
+const LEFT = 62, RIGHT = 14, TOP = 12, BOTTOM = 44;
 const FADES = [0.25, 0.4, 0.6, 0.85];
 
 /** An SVG element with attributes, and text if there is any. */

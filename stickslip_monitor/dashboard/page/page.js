@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Takes the stream of events and shows it. Every text from outside is set as text, never as markup.
 
-import { AlarmList, clock, nameOf } from '/alarms.js';
+import { AlarmList, clock, nameOf, withoutName } from '/alarms.js';
 import { AmplitudeGauge, MarginGauge } from '/gauges.js';
 import { StabilityMap } from '/map.js';
 
@@ -24,6 +24,7 @@ class Bearing {
     this.root.setAttribute('aria-label', `Bearing ${bearing.name}`);
     this.root.dataset.bearing = bearing.name;
     put(this.find('h2'), bearing.name);
+    this.name = bearing.name;
     this.topics = bearing.topics;
     this.map = new StabilityMap(this.find('.map svg'), bearing);
     this.fold = new MarginGauge('Fold margin', bearing, { near: true, look: 'between', words: 'inside: stick-slip can run' }, 'outside: no stick-slip can last');
@@ -45,7 +46,7 @@ class Bearing {
     const badge = this.find('.badge');
     badge.dataset.reason = status.reason;
     put(badge, REASONS[status.reason] ?? status.reason);
-    put(this.find('.verdict'), status.text);
+    put(this.find('.verdict'), withoutName({ text: status.text, bearing: this.name }));
     const astern = status.speed < 0 ? 'astern, ' : '';
     put(this.find('.speed'), speedText(status.rpm));
     put(this.find('.surface'), status.speed === null ? '' : `${astern}${Math.abs(status.speed).toFixed(3)} m/s; fold ${status.fold_speed?.toFixed(3) ?? '–'}, Hopf ${status.hopf_speed?.toFixed(3) ?? '–'}`);
