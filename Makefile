@@ -63,8 +63,8 @@ $(BIN)/python:
 	@$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.demo: EXTRAS = ros,report
-$(VENV)/.test: EXTRAS = ros,report,test
-$(VENV)/.lint: EXTRAS = ros,report,lint
+$(VENV)/.test: EXTRAS = dashboard,ros,report,test
+$(VENV)/.lint: EXTRAS = dashboard,ros,report,lint
 $(VENV)/.bench: EXTRAS = ros,report,bench
 $(VENV)/.demo $(VENV)/.test $(VENV)/.bench $(VENV)/.lint: setup.py pyproject.toml | $(BIN)/python
 	@echo 'Installing stickslip_monitor[$(EXTRAS)] into $(VENV), once (a minute or two) ...'

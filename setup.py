@@ -67,7 +67,6 @@ setup(
         'sim': ['numba>=0.57'],
         # colcon runs tests only where it finds pytest here.
         'test': [
-            'aiohttp>=3.9',
             'colcon-ros',
             'colcon-test-result',
             'hypothesis>=6.60',

@@ -106,18 +106,25 @@ def imported() -> set[str]:
 
 def test_every_import_is_a_declared_dependency() -> None:
     in_manifest = {
+        'aiohttp': 'python3-aiohttp',
         'jinja2': 'python3-jinja2',
         'lz4': 'mcap-ros2-support',
         'matplotlib': 'python3-matplotlib',
         'mcap': 'mcap-ros2-support',
         'mcap_ros2': 'mcap-ros2-support',
         'numpy': 'python3-numpy',
+        'prometheus_client': 'python3-prometheus-client',
         'rich': 'python3-rich',
         'scipy': 'python3-scipy',
         'yaml': 'python3-yaml',
         'zstandard': 'mcap-ros2-support',
     }
-    for_pip = {'mcap_ros2': 'mcap-ros2-support', 'yaml': 'PyYAML', 'rclpy': 'ros-kilted-rclpy'}
+    for_pip = {
+        'mcap_ros2': 'mcap-ros2-support',
+        'prometheus_client': 'prometheus-client',
+        'rclpy': 'ros-kilted-rclpy',
+        'yaml': 'PyYAML',
+    }
     manifest = ElementTree.parse(ROOT / 'package.xml')
     declared = {element.text for element in manifest.iter('exec_depend')}
     listed = (ROOT / 'setup.py').read_text('utf-8')
@@ -156,8 +163,9 @@ def wheel(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_wheel_holds_the_package_and_its_share_and_no_more(wheel: Path) -> None:
     inside = {Path(name) for name in zipfile.ZipFile(wheel).namelist()}
     modules = {path.relative_to(ROOT) for path in (ROOT / NAME).rglob('*.py')}
-    page = {Path(NAME, 'report', name) for name in ('page.html', 'page.css')}
-    assert modules | page | {Path(NAME, 'py.typed')} == {p for p in inside if p.parts[0] == NAME}
+    pages = {Path(NAME, 'report', name) for name in ('page.html', 'page.css')}
+    pages |= {path.relative_to(ROOT) for path in (ROOT / NAME / 'dashboard' / 'page').iterdir()}
+    assert modules | pages | {Path(NAME, 'py.typed')} == {p for p in inside if p.parts[0] == NAME}
     shared = {Path(*p.parts[2:]) for p in inside if p.parts[0].endswith('.data')}
     assert shared == {MARKER, SHARE / 'package.xml'} | {SHARE / p for p in launch_configs()}
     assert any(path.name == 'LICENSE' for path in inside)

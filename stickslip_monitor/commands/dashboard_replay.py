@@ -24,6 +24,7 @@ from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.surface_store import prepare_surfaces
 
 _SHOWN_EVERY = 0.2
+_TURN = 0.01
 _FAULTS = (Status.NOT_FINITE, Status.IMPLAUSIBLE)
 
 
@@ -80,7 +81,7 @@ class Replay:
     async def play(self) -> None:
         """Play it to its end."""
         self._tell([])
-        begin, shown = time.monotonic(), -math.inf
+        begin, shown, slept = time.monotonic(), -math.inf, time.monotonic()
         for sample in self._samples:
             while True:
                 left = begin + (sample.log_ns - self._start_ns) * 1e-9 / self._rate
@@ -89,10 +90,12 @@ class Replay:
                 if time.monotonic() - shown >= _SHOWN_EVERY:
                     shown = time.monotonic()
                     self._show()
-                    await asyncio.sleep(0)
+                # However fast it is to go, the readers of the page get their turn.
+                if left > 0.0 or time.monotonic() - slept > _TURN:
+                    await asyncio.sleep(min(max(left, 0.0), _SHOWN_EVERY))
+                    slept = time.monotonic()
                 if left <= 0.0:
                     break
-                await asyncio.sleep(min(left, _SHOWN_EVERY))
             self._take(sample)
         self._show()
         self._board.finish()

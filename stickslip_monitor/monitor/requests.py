@@ -61,9 +61,7 @@ def parse_request(document: Any, bearings: Collection[str]) -> ActionRequest:
     if not isinstance(document, dict):
         raise ConfigurationError('a request must be a JSON object')
     if document.get('schema') != ACTION_SCHEMA:
-        raise ConfigurationError(
-            f'schema = {_short(document.get("schema"))} must be {ACTION_SCHEMA}'
-        )
+        raise ConfigurationError(f"schema must be '{ACTION_SCHEMA}'")
     bearing = _choice(document, 'bearing', {name: name for name in bearings})
     kind = _choice(document, 'alarm', _KINDS)
     action = _choice(document, 'action', _ACTIONS)

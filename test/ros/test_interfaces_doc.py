@@ -13,9 +13,10 @@ import pytest
 from stickslip_monitor import Monitor, Sample, build_config
 from stickslip_monitor.commands import assess as assess_command
 from stickslip_monitor.monitor.alarm_records import alarms_record
-from stickslip_monitor.monitor.annunciator import Annunciator
+from stickslip_monitor.monitor.annunciator import Action, Annunciator
 from stickslip_monitor.monitor.diagnostics import diagnostic_values, state_of
 from stickslip_monitor.monitor.records import event_record
+from stickslip_monitor.monitor.requests import ActionRequest, request_record
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'interfaces.md'
 
@@ -86,3 +87,10 @@ def test_keys_of_diagnostics(monitor: Monitor) -> None:
     named = [name for name in named if not name.startswith('...')]
     named += [f'{quantity}{fault}' for quantity in ('speed', 'load') for fault in faults]
     assert set(named) == set(keys)
+
+
+def test_fields_of_an_action() -> None:
+    text = section('Actions')
+    assert fields(text) == list(request_record(ActionRequest(Action.SILENCE, 'Ada')))
+    (row,) = [line for line in text.splitlines() if line.startswith('| `action`')]
+    assert re.findall(r'`([a-z]+)`', row)[1:] == [action.value for action in Action]

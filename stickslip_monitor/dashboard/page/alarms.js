@@ -137,7 +137,7 @@ export class AlarmList {
     root.dataset.state = alarm.state;
     root.dataset.alarm = keyOf(alarm);
     root.querySelector('h3').textContent = `${alarm.priority.toUpperCase()}: ${nameOf(alarm)}`;
-    root.querySelector('.state').textContent = `${alarm.bearing}, ${stateOf(alarm)}, since ${clock(alarm.since)}`;
+    root.querySelector('.state').textContent = `${alarm.bearing}, ${stateOf(alarm)}, came ${clock(alarm.since)}`;
     root.querySelector('.text').textContent = withoutName(alarm);
     const focused = document.activeElement;
     for (const [action, button] of Object.entries(item.buttons)) button.hidden = !alarm.actions.includes(action);

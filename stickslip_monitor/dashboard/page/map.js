@@ -83,7 +83,7 @@ export class StabilityMap {
     const { bearing, height } = this;
     const parts = [];
     const kilo = bearing.loads[1] >= 5000;
-    for (const rpm of ticks(bearing.speeds[1] * bearing.rpm, Math.max(3, this.plotWidth / 75))) {
+    for (const rpm of ticks(bearing.speeds[1] * bearing.rpm, Math.max(3, this.plotWidth / 60))) {
       const x = this.x(rpm / bearing.rpm);
       parts.push(make('path', { class: 'grid', d: `M${x} ${TOP}V${TOP + this.plotHeight}` }));
       parts.push(make('text', { x, y: height - 26, 'text-anchor': 'middle' }, String(+rpm.toPrecision(6))));

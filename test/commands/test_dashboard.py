@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command: a recording on the page, and what it refuses."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from stickslip_monitor.bags.check import check_bag
+from stickslip_monitor.cli import main
+from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.records import event_record
+
+pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
+
+ROOT = Path(__file__).resolve().parents[2]
+CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
+BAG = ROOT / 'bags' / 'history_above'
+COMMAND = (sys.executable, '-m', 'stickslip_monitor.cli', 'dashboard', '--config', str(CONFIG))
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Callable[..., str]]:
+    """Starts a dashboard and returns its address; it is stopped when the test ends."""
+    started: list[subprocess.Popen[bytes]] = []
+    log = tmp_path / 'log'
+
+    def start(*arguments: str) -> str:
+        with log.open('wb') as file:
+            started.append(
+                subprocess.Popen(
+                    [*COMMAND, '--port', '0', *arguments],
+                    cwd=ROOT,
+                    stdout=file,
+                    stderr=subprocess.STDOUT,
+                )
+            )
+        end = time.monotonic() + 60.0
+        while not (found := re.search(r'Dashboard on (http\S+)\n', log.read_text())):
+            assert time.monotonic() < end, log.read_text()
+            time.sleep(0.02)
+        return found[1]
+
+    yield start
+    for process in started:
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20.0) == 0
+        assert log.read_text().count('\n') == 1, log.read_text()
+
+
+def events(url: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Kind and content of every event of a stream."""
+    with urllib.request.urlopen(f'{url}events', timeout=30.0) as stream:
+        kind = ''
+        for line in stream:
+            if line.startswith(b'event: '):
+                kind = line[7:].decode().strip()
+            elif line.startswith(b'data: '):
+                yield kind, json.loads(line[6:])
+
+
+def test_a_recording_is_played_to_its_end(start: Callable[..., str]) -> None:
+    url = start('--bag', str(BAG), '--rate', '600')
+    for kind, document in events(url):
+        if kind == 'monitor' and document['finished']:
+            break
+    _, state = next(events(url))
+    assert state['source'] == {'name': str(BAG), 'replay': True}
+    status = state['bearings'][0]['status']
+    # The check reads the same recording in bulk.
+    checked = check_bag(BAG, load_config(CONFIG)).bearings['aft_stern']
+    assert status['inputs']['load']['counts']['accepted'] == checked.inputs[1].used
+    assert status['reason'] == checked.scan.events[-1].after.value == 'bistable'
+    raised = [c['time'] for c in state['log'] if c['what'] == 'raise']
+    expected = [
+        event_record(event)['time'] // 10**6 for event in checked.scan.events if event.raised
+    ]
+    assert raised == expected
+    # Nobody was there: what came and went waits.
+    assert state['alarms']['unacknowledged'] == len(expected) > 0
+
+
+def test_a_replay_takes_the_time_of_the_recording() -> None:
+    """At rate 100 it takes a hundredth of it, on a clock that runs as it is slept."""
+    from stickslip_monitor.commands import dashboard_replay
+
+    now = [0.0]
+    shown: list[tuple[float, int]] = []
+
+    class Board:
+        def take_status(self, _: str, time_ns: int, *__: Any) -> None:
+            shown.append((now[0], time_ns))
+
+        def take_alarms(self, _: Any) -> None:
+            pass
+
+        def finish(self) -> None:
+            shown.append((now[0], -1))
+
+    async def sleep(seconds: float) -> None:
+        now[0] += seconds
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(dashboard_replay.time, 'monotonic', lambda: now[0])
+        patch.setattr(dashboard_replay.asyncio, 'sleep', sleep)
+        board: Any = Board()
+        replay = dashboard_replay.Replay(str(BAG), load_config(CONFIG), 100.0, board)
+        asyncio.run(replay.play())
+    bag = check_bag(BAG, load_config(CONFIG)).bag
+    assert bag.start_ns is not None
+    assert bag.end_ns is not None
+    assert now[0] == pytest.approx((bag.end_ns - bag.start_ns) * 1e-11, abs=0.2)
+    # What is shown is never ahead of its time, nor more than one step behind.
+    for at, time_ns in shown[:-2]:
+        assert at == pytest.approx((time_ns - bag.start_ns) * 1e-11, abs=0.21)
+
+
+REFUSED = {
+    'rate': (('--bag', str(BAG), '--rate', '0'), '--rate 0 must be a number above 0'),
+    'bag': (('--bag', 'nowhere'), "bag 'nowhere' does not exist"),
+    'open to all': (
+        ('--bag', str(BAG), '--host', '0.0.0.0'),
+        '--host 0.0.0.0 lets others in: give --token-file',
+    ),
+    'a name is no loopback': (
+        ('--bag', str(BAG), '--host', 'localhost.evil.test'),
+        'lets others in: give --token-file',
+    ),
+    'port': (('--bag', str(BAG), '--port', '70000'), '--port 70000 must be from 0 to 65535'),
+    'no token': (('--token-file', 'nowhere'), "token file 'nowhere' cannot be read: No such"),
+}
+
+
+@pytest.mark.parametrize('name', REFUSED)
+def test_what_is_wrong_is_said(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments, words = REFUSED[name]
+    assert main(['dashboard', '--config', str(CONFIG), *arguments]) == 2
+    printed = capsys.readouterr().err
+    assert printed.startswith('ERROR: ')
+    assert words in printed
+    assert printed.count('\n') == 1
+
+
+def test_a_short_token_is_refused_and_not_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / 'token'
+    file.write_text('hunter2\n')
+    assert main(['dashboard', '--config', str(CONFIG), '--token-file', str(file)]) == 2
+    printed = capsys.readouterr().err
+    assert 'must hold at least 16 printable ASCII characters' in printed
+    assert 'hunter2' not in printed
+
+
+def test_a_port_that_is_taken(start: Callable[..., str], capsys: Any) -> None:
+    url = start('--bag', str(BAG))
+    port = url.rstrip('/').rpartition(':')[2]
+    arguments = ['dashboard', '--config', str(CONFIG), '--bag', str(BAG), '--port', port]
+    assert main(arguments) == 2
+    assert f'cannot listen at 127.0.0.1 port {port}' in capsys.readouterr().err
+
+
+def test_with_a_token_others_may_come(start: Callable[..., str], tmp_path: Path) -> None:
+    file = tmp_path / 'token'
+    file.write_text('correct-horse-battery\n')
+    url = start('--bag', str(BAG), '--host', '0.0.0.0', '--token-file', str(file))
+    assert url.startswith('http://0.0.0.0:')
+    request = urllib.request.Request(
+        f'{url}metrics', headers={'Authorization': 'Bearer correct-horse-battery'}
+    )
+    with urllib.request.urlopen(request, timeout=10.0) as answer:
+        assert b'stickslip_monitor_up' in answer.read()
+    with pytest.raises(urllib.error.HTTPError, match='401'):
+        urllib.request.urlopen(f'{url}metrics', timeout=10.0)

@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A dashboard whose monitor is the test's own, and a real browser to look at it with."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import json
+import shutil
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+DEADLINE = 30.0
+"""Only a test that fails waits so long [s]."""
+T0 = 1_700_000_000 * 10**9
+REFERENCE = Path(__file__).resolve().parents[2] / 'launch_configs' / 'reference_bearing.yaml'
+BEARING = 'aft_stern'
+
+
+def until(condition: Callable[[], Any], what: str, deadline: float = DEADLINE) -> Any:
+    """Wait until a condition holds; fail at the deadline."""
+    end = time.monotonic() + deadline
+    while not (value := condition()):
+        if time.monotonic() > end:
+            pytest.fail(f'{what}: not within {deadline:g} s')
+        time.sleep(0.01)
+    return value
+
+
+class Ship:
+    """A monitor and its alarms, real but for the clock: time passes when the test says so.
+
+    It is the desk to which the dashboard hands what people ask for.
+    """
+
+    def __init__(self, board: Any) -> None:
+        from stickslip_monitor.monitor.annunciator import Annunciator
+        from stickslip_monitor.monitor.config_file import load_config
+        from stickslip_monitor.monitor.monitor import Monitor
+
+        config = load_config(REFERENCE)
+        self.board = board
+        self.monitor, self.annunciator = Monitor(config), Annunciator(config)
+        self.seconds = 0.0
+        self.asked: list[Any] = []
+        self.deaf = False
+        self._tell([])
+
+    def sail(self, rpm: float, load: float, seconds: float = 1.0) -> None:
+        """So long at an operating point, with a sample of each input a second."""
+        for _ in range(max(round(seconds), 1)):
+            self.seconds += 1.0
+            time_ns = T0 + round(self.seconds * 1e9)
+            for is_load, value in enumerate((rpm, load)):
+                update = self.monitor.bearings[BEARING].update(is_load, time_ns, value)
+                for event in update.events:
+                    self._tell(self.annunciator.take_event(event))
+            self._tell(self.annunciator.advance(round(self.seconds * 1e9), time_ns))
+        self.show()
+
+    def wait(self, seconds: float) -> None:
+        """So long without a sample."""
+        self.seconds += seconds
+        time_ns = T0 + round(self.seconds * 1e9)
+        for event in self.monitor.bearings[BEARING].advance(time_ns):
+            self._tell(self.annunciator.take_event(event))
+        self._tell(self.annunciator.advance(round(self.seconds * 1e9), time_ns))
+        self.show()
+
+    def show(self) -> None:
+        """Say how things are."""
+        from stickslip_monitor.monitor.diagnostics import diagnostic_record, state_of
+
+        record = diagnostic_record('stickslip_monitor', state_of(self.monitor.bearings[BEARING]))
+        time_ns = T0 + round(self.seconds * 1e9)
+        self.board.take_status(BEARING, time_ns, record.message, record.values)
+
+    def act(self, request: Any) -> None:
+        """Do what is asked for."""
+        self.asked.append(request)
+        if not self.deaf:
+            time_ns = T0 + round(self.seconds * 1e9)
+            self._tell(
+                self.annunciator.act(
+                    request.action, time_ns, request.by, request.bearing, request.kind
+                )
+            )
+
+    def _tell(self, changes: list[Any]) -> None:
+        from stickslip_monitor.monitor.alarm_records import alarms_record
+
+        time_ns = T0 + round(self.seconds * 1e9)
+        if changes or self.board.alarms is None:
+            self.board.take_alarms(alarms_record(self.annunciator, changes, time_ns, 1))
+
+
+class Dashboard:
+    """The real server in a thread of its own; what touches the board is done there."""
+
+    def __init__(self, token: str = '', port: int = 0, heartbeat: float = 0.3) -> None:
+        from aiohttp import web
+
+        from stickslip_monitor.commands.dashboard import _view
+        from stickslip_monitor.dashboard.access import Access
+        from stickslip_monitor.dashboard.board import Board
+        from stickslip_monitor.dashboard.server import Server
+        from stickslip_monitor.monitor.config_file import load_config
+
+        self._loop = asyncio.new_event_loop()
+        views = [_view(bearing) for bearing in load_config(REFERENCE).bearings]
+        self.board = Board(views, '/stickslip_monitor')
+        self.ship = Ship(self.board)
+        access = Access(token, frozenset({'ship.test'}))
+        self._app = Server(self.board, self.ship, access, heartbeat, 2.0).application()
+        self._runner = web.AppRunner(self._app, access_log=None, shutdown_timeout=1.0)
+        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
+        self._thread.start()
+        self.run(self._runner.setup())
+        self.run(web.TCPSite(self._runner, '127.0.0.1', port).start())
+        self.port = self._runner.addresses[0][1]
+        self.url = f'http://127.0.0.1:{self.port}/'
+
+    def run(self, work: Any) -> Any:
+        """Run a coroutine on the server's loop."""
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result(DEADLINE)
+
+    def do(self, action: Callable[[], Any]) -> Any:
+        """Call something on the server's loop."""
+
+        async def call() -> Any:
+            return action()
+
+        return self.run(call())
+
+    def sail(self, rpm: float, load: float, seconds: float = 1.0) -> None:
+        self.do(lambda: self.ship.sail(rpm, load, seconds))
+
+    def stop(self) -> None:
+        if self._loop.is_running():
+            self.run(self._runner.cleanup())
+            self._loop.call_soon_threadsafe(self._loop.stop)
+            self._thread.join()
+            self._loop.close()
+
+
+@pytest.fixture
+def dashboards() -> Iterator[Callable[..., Dashboard]]:
+    """Starts dashboards; they are stopped when the test ends."""
+    pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
+    pytest.importorskip('prometheus_client', reason="the extra 'dashboard' is not installed")
+    started: list[Dashboard] = []
+
+    def start(**options: Any) -> Dashboard:
+        started.append(Dashboard(**options))
+        return started[-1]
+
+    yield start
+    for dashboard in started:
+        dashboard.stop()
+
+
+@pytest.fixture
+def dashboard(dashboards: Callable[..., Dashboard]) -> Dashboard:
+    """A dashboard at work, without a token."""
+    return dashboards()
+
+
+class Browser:
+    """A page in a real Chromium, over the DevTools protocol.
+
+    Attributes:
+        complaints: What the console, the page's policy and its code complained of.
+    """
+
+    def __init__(self, program: str, folder: Path) -> None:
+        self._loop = asyncio.new_event_loop()
+        self._number = 0
+        self.complaints: list[str] = []
+        command = [program, '--headless=new', '--no-sandbox', '--disable-gpu', '--no-first-run']
+        command += ['--disable-dev-shm-usage', '--disable-background-networking']
+        command += ['--hide-scrollbars', '--remote-debugging-port=0', f'--user-data-dir={folder}', 'about:blank']
+        self._process = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        ready = folder / 'DevToolsActivePort'
+        until(lambda: ready.exists() and '\n' in ready.read_text(), 'Chromium')
+        self._loop.run_until_complete(self._connect(int(ready.read_text().split()[0])))
+        for domain in ('Page', 'Runtime', 'Log', 'Accessibility'):
+            self.call(f'{domain}.enable')
+
+    async def _connect(self, port: int) -> None:
+        import aiohttp
+
+        self._session = aiohttp.ClientSession()
+        async with self._session.get(f'http://127.0.0.1:{port}/json') as answer:
+            (page,) = [tab for tab in await answer.json() if tab['type'] == 'page']
+        self._socket = await self._session.ws_connect(page['webSocketDebuggerUrl'], max_msg_size=0)
+
+    def call(self, method: str, **parameters: Any) -> Any:
+        """Ask the browser for something."""
+        self._number += 1
+        return self._loop.run_until_complete(
+            asyncio.wait_for(self._ask(self._number, method, parameters), DEADLINE)
+        )
+
+    async def _ask(self, number: int, method: str, parameters: dict[str, Any]) -> Any:
+        await self._socket.send_json({'id': number, 'method': method, 'params': parameters})
+        while True:
+            answer = await self._socket.receive_json()
+            if answer.get('id') == number:
+                assert 'error' not in answer, (method, answer)
+                return answer['result']
+            self._note(answer)
+
+    def _note(self, event: dict[str, Any]) -> None:
+        kind, told = event.get('method'), event.get('params', {})
+        if kind == 'Runtime.exceptionThrown':
+            self.complaints.append(json.dumps(told['exceptionDetails']))
+        elif kind == 'Log.entryAdded' and told['entry']['level'] in ('error', 'warning'):
+            self.complaints.append(f'{told["entry"]["text"]} {told["entry"].get("url", "")}')
+        elif kind == 'Runtime.consoleAPICalled' and told['type'] in ('error', 'warning', 'assert'):
+            self.complaints.append(json.dumps(told['args']))
+
+    def open(self, url: str) -> None:
+        self.call('Page.navigate', url=url)
+
+    def js(self, expression: str) -> Any:
+        """The value of an expression; a promise is waited for."""
+        answer = self.call(
+            'Runtime.evaluate', expression=expression, returnByValue=True, awaitPromise=True
+        )
+        assert 'exceptionDetails' not in answer, answer
+        return answer['result'].get('value')
+
+    def until(self, expression: str, deadline: float = DEADLINE) -> Any:
+        """Wait until an expression is true."""
+        # A page that is just being opened has nothing yet to look at.
+        look = f'(() => {{ try {{ return !!({expression}); }} catch {{ return false; }} }})()'
+        return until(lambda: self.js(look), expression, deadline)
+
+    def text(self, selector: str) -> str:
+        return str(self.js(f'document.querySelector({json.dumps(selector)})?.textContent ?? ""'))
+
+    def press(self, *keys: str) -> None:
+        """Press keys one after the other."""
+        codes = {'Tab': 9, 'Enter': 13, ' ': 32, 'Escape': 27}
+        for key in keys:
+            text = {'Enter': '\r', ' ': ' '}.get(key, '')
+            for kind in ('keyDown', 'keyUp'):
+                self.call(
+                    'Input.dispatchKeyEvent',
+                    type=kind,
+                    key=key,
+                    code='Space' if key == ' ' else key,
+                    windowsVirtualKeyCode=codes[key],
+                    **({'text': text} if text and kind == 'keyDown' else {}),
+                )
+
+    def type(self, text: str) -> None:
+        self.call('Input.insertText', text=text)
+
+    def show_as(self, width: int, height: int, dark: bool = False, mobile: bool = False) -> None:
+        """Take on the size of a device, and its choice of colours."""
+        size = {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': mobile}
+        self.call('Emulation.setDeviceMetricsOverride', **size)
+        colours = {'name': 'prefers-color-scheme', 'value': 'dark' if dark else 'light'}
+        self.call('Emulation.setEmulatedMedia', features=[colours])
+
+    def picture(self, path: Path) -> None:
+        shot = self.call('Page.captureScreenshot', captureBeyondViewport=True)
+        path.write_bytes(base64.b64decode(shot['data']))
+
+    def quit(self) -> None:
+        self._loop.run_until_complete(self._session.close())
+        self._loop.close()
+        self._process.terminate()
+        self._process.wait()
+
+
+@pytest.fixture(scope='session')
+def _browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    program = shutil.which('chromium') or shutil.which('chromium-browser')
+    if program is None:
+        pytest.skip('Chromium is not installed (apt install chromium)')
+    pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
+    browser = Browser(program, tmp_path_factory.mktemp('chromium'))
+    yield browser
+    browser.quit()
+
+
+@pytest.fixture
+def browser(_browser: Browser) -> Iterator[Browser]:
+    """The browser, with a page of its own for the test, which nothing complained of."""
+    _browser.complaints.clear()
+    _browser.show_as(1280, 900)
+    yield _browser
+    _browser.open('about:blank')
+
+
+@pytest.fixture(scope='session')
+def kit() -> SimpleNamespace:
+    """What the test modules share, as they cannot import one another."""
+    return SimpleNamespace(
+        until=until, BEARING=BEARING, T0=T0, REFERENCE=REFERENCE, DEADLINE=DEADLINE
+    )

@@ -1,0 +1,274 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page in a real Chromium: what it shows, what can be done on it, and by whom."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from stickslip_monitor.monitor.annunciator import Action
+from stickslip_monitor.monitor.causes import AlarmKind
+from stickslip_monitor.monitor.requests import ActionRequest
+
+ALARM = '[data-alarm="aft_stern/stick_slip"]'
+STANDS = 'document.querySelector(".bearing .badge")?.dataset.reason'
+
+
+@pytest.fixture
+def page(dashboard: Any, browser: Any) -> Any:
+    """The page of a ship at 60 rpm and 1000 N, where nothing is wrong."""
+    dashboard.sail(60.0, 1000.0)
+    browser.open(dashboard.url)
+    browser.until(f'{STANDS} === "normal"')
+    yield browser
+    assert browser.complaints == []
+
+
+def place(page: Any) -> tuple[float, float]:
+    """Where the operating point is drawn, as parts of the map's width and height."""
+    x, y, width, height, left, top = page.js(
+        """(() => {
+          const [p, f] = ['.point', '.frame'].map((s) => document.querySelector(`.map ${s}`));
+          const of = (e, ...names) => names.map((n) => +e.getAttribute(n));
+          return [...of(p, 'cx', 'cy'), ...of(f, 'width', 'height', 'x', 'y')];
+        })()"""
+    )
+    return (x - left) / width, 1.0 - (y - top) / height
+
+
+def test_the_point_moves(dashboard: Any, page: Any) -> None:
+    page.until('document.querySelector(".map .point")')
+    view = dashboard.board.state()['bearings'][0]
+    for rpm, load in ((60.0, 1000.0), (45.0, 500.0), (30.0, 250.0)):
+        dashboard.sail(rpm, load)
+        page.until(f'document.querySelector(".speed").textContent === "{rpm:.1f} rpm"')
+        # A journal of 0.1 m: the surface speed is pi d n.
+        surface = 3.141592653589793 * 0.1 * rpm / 60.0
+        across, up = place(page)
+        assert across == pytest.approx(surface / view['speeds'][1], abs=1e-3)
+        assert up == pytest.approx(load / view['loads'][1], abs=1e-3)
+    assert page.text('.load') == '250 N'
+    assert page.js('document.querySelectorAll(".map .trail").length') > 0
+    assert '30.0 rpm, 250 N' in page.js('document.querySelector(".map svg").ariaLabel')
+
+
+def test_a_point_beyond_the_map_is_shown_at_its_edge(dashboard: Any, page: Any) -> None:
+    dashboard.sail(300.0, 1000.0)
+    page.until('document.querySelector(".map .off")?.textContent === "beyond the map"')
+    assert page.text('.speed') == '300 rpm'
+
+
+def test_an_alarm_appears_within_a_second_and_is_said(dashboard: Any, page: Any) -> None:
+    page.js(
+        f"""window.seen = new Promise((resolve) => new MutationObserver(() => {{
+          if (document.querySelector('{ALARM}')) resolve(Date.now());
+        }}).observe(document.body, {{ subtree: true, childList: true, attributes: true }})), 0"""
+    )
+    dashboard.do(lambda: dashboard.ship.sail(20.0, 1000.0, 2.0))
+    assert not page.js(f'!!document.querySelector(`{ALARM}`)')
+    raised = time.time()
+    dashboard.sail(20.0, 1000.0)
+    assert page.js('window.seen') / 1000.0 - raised < 1.0
+    assert page.text(f'{ALARM} h3') == 'ALARM: Stick-slip predicted'
+    assert 'not acknowledged' in page.text(f'{ALARM} .state')
+    page.until('document.getElementById("say-now").textContent.startsWith("alarm: Stick-slip")')
+    page.until('document.title.startsWith("(1) ")')
+    assert page.text('.bearing .badge') == '▲ Stick-slip'
+    # Averaging and the exact cycle both, and what is said is what is shown.
+    gauge = page.js('document.querySelectorAll(".gauge")[2].ariaValueText')
+    assert re.fullmatch(
+        r'0\.\d\d mm, predicted; by averaging \(KBM\) 0\.53 mm; limit 0\.90 mm', gauge
+    )
+
+
+def test_acknowledging_without_a_mouse(dashboard: Any, page: Any) -> None:
+    dashboard.sail(20.0, 1000.0, 5.0)
+    page.until(f'document.querySelector(`{ALARM}`)')
+    page.js('localStorage.clear(), document.getElementById("who").value = ""')
+    focused = 'document.activeElement.getAttribute("aria-label") ?? document.activeElement.id'
+    for _ in range(12):
+        page.press('Tab')
+        if page.js(focused) == 'Acknowledge: Stick-slip predicted, aft_stern':
+            break
+    else:
+        pytest.fail('the button cannot be reached with the Tab key')
+    page.press('Enter')
+    # Nobody has said yet who is there.
+    page.until('document.getElementById("ask").open')
+    page.type('Ada L.')
+    page.press('Enter')
+    page.until(f'document.querySelector(`{ALARM}`).dataset.state === "acknowledged"')
+    assert 'acknowledged by Ada L.' in page.text(f'{ALARM} .state')
+    page.until('document.getElementById("say").textContent === "acknowledge: 1 alarm"')
+    row = page.js('[...document.querySelector("#log tr").cells].map((c) => c.textContent)')
+    assert row[1:] == ['Stick-slip predicted, aft_stern', 'acknowledged', 'Ada L.']
+    (request,) = dashboard.ship.asked
+    assert (request.by, request.bearing, request.kind) == ('Ada L.', 'aft_stern', 'stick_slip')
+    # The button has gone with what it was for; whoever goes on with the keyboard is still there.
+    assert page.js(f'document.querySelector(`{ALARM}`).contains(document.activeElement)')
+    # The name is asked for once.
+    assert page.js('document.getElementById("who").value') == 'Ada L.'
+    page.js(f'document.querySelector(`{ALARM} [data-action=shelve]`).click()')
+    page.until(f'document.querySelector(`#aside-list {ALARM}`)')
+    assert page.text('#aside summary') == '1 put aside: 1 shelved'
+
+
+def test_a_lost_input_and_a_silent_monitor_are_shown(dashboard: Any, page: Any) -> None:
+    dashboard.do(lambda: dashboard.ship.wait(30.0))
+    page.until(f'{STANDS} === "input_stale"')
+    assert '✕ lost, 30 s old' in page.text('[data-input=load]')
+    # Nothing more is heard: the heartbeat says so after three seconds.
+    assert page.js('document.getElementById("banner").hidden')
+    page.until('document.body.dataset.link === "silent"')
+    assert 'The monitor has been silent for' in page.text('#banner')
+    dashboard.do(dashboard.ship.show)
+    page.until('document.body.dataset.link === "live"')
+    assert page.js('document.getElementById("banner").hidden')
+
+
+def test_it_comes_back_after_the_server_restarts(
+    dashboards: Callable[..., Any], browser: Any
+) -> None:
+    first = dashboards()
+    first.sail(60.0, 1000.0)
+    browser.open(first.url)
+    browser.until(f'{STANDS} === "normal"')
+    assert browser.complaints == []
+    first.stop()
+    browser.until('document.body.dataset.link === "lost"')
+    assert 'connection to the dashboard is lost' in browser.text('#say-now')
+    second = dashboards(port=first.port)
+    second.sail(20.0, 1000.0, 5.0)
+    browser.until(f'{STANDS} === "stick_slip"')
+    browser.until('document.body.dataset.link === "live"')
+    assert browser.js(f'document.querySelector(`{ALARM}`).dataset.state') == 'unacknowledged'
+    # The browser itself notes that nobody was there; the page has nothing to complain of.
+    own = [text for text in browser.complaints if 'net::ERR_' not in text]
+    assert own == []
+
+
+def test_a_token_is_asked_for_once(dashboards: Callable[..., Any], browser: Any) -> None:
+    token = 'correct-horse-battery'
+    locked = dashboards(token=token)
+    locked.sail(60.0, 1000.0)
+    browser.open(locked.url)
+    browser.until('location.pathname === "/login" && document.readyState === "complete"')
+    browser.type('a wrong one, and a long one')
+    browser.press('Enter')
+    browser.until('location.search === "?wrong" && document.readyState === "complete"')
+    browser.type(token)
+    browser.press('Enter')
+    browser.until(f'{STANDS} === "normal"')
+    assert browser.js('document.cookie') == ''
+    assert browser.complaints == []
+
+
+HOSTILE = '<img src=x onerror=alert(1)><script>alert(2)</script>"\'&amp;'
+
+
+def test_hostile_texts_stay_text(dashboard: Any, page: Any) -> None:
+    dashboard.sail(20.0, 1000.0, 5.0)
+
+    def poison() -> None:
+        ship = dashboard.ship
+        for causes in ship.annunciator.causes.values():
+            causes.texts = dict.fromkeys(AlarmKind, HOSTILE)
+        ship.board.take_status('aft_stern', 1, HOSTILE, {'reason': HOSTILE, 'regime': HOSTILE})
+        ship.act(ActionRequest(Action.ACKNOWLEDGE, HOSTILE))
+        ship.act(ActionRequest(Action.SUPPRESS, HOSTILE))
+
+    dashboard.do(poison)
+    page.until(f'document.querySelector(`#aside-list {ALARM}`)')
+    assert page.text(f'{ALARM} .text') == HOSTILE
+    assert page.text('.verdict') == HOSTILE
+    assert page.text('.badge') == HOSTILE
+    assert HOSTILE in page.text('#log')
+    assert page.js('document.querySelectorAll("main img, main script").length') == 0
+
+
+CONTRAST = """(() => {
+  const rgb = (c) => c.match(/[\\d.]+/g).map(Number);
+  const light = ([r, g, b]) => [r, g, b].map((v) => v / 255)
+    .map((v) => (v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
+    .reduce((sum, v, k) => sum + v * [0.2126, 0.7152, 0.0722][k], 0);
+  const behind = (e) => { for (; e; e = e.parentElement) {
+    const c = rgb(getComputedStyle(e).backgroundColor);
+    if (c.length < 4 || c[3] === 1) return c; } return [255, 255, 255]; };
+  const seen = [...document.querySelectorAll('body *')].filter((e) => e.checkVisibility()
+    && !e.closest('.unseen, .skip, svg, option, [aria-disabled]')
+    && [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim()));
+  return seen.map((e) => { const [a, b] = [rgb(getComputedStyle(e).color), behind(e)].map(light);
+    return [(Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05), e.outerHTML.slice(0, 90)]; });
+})()"""
+
+
+@pytest.mark.parametrize('theme', ['day', 'dusk', 'night'])
+def test_every_text_stands_out_in_every_light(dashboard: Any, page: Any, theme: str) -> None:
+    """By WCAG 2.1, 1.4.3: at least 4.5 to 1."""
+    dashboard.sail(20.0, 1000.0, 5.0)
+    page.until(f'document.querySelector(`{ALARM}`)')
+    page.js(
+        f'(() => {{ const s = document.getElementById("theme"); s.value = "{theme}";'
+        ' s.dispatchEvent(new Event("change")); })()'
+    )
+    ratios = page.js(CONTRAST)
+    assert len(ratios) > 30
+    assert [entry for entry in ratios if entry[0] < 4.5] == []
+
+
+def test_nothing_but_red_at_night(dashboard: Any, page: Any) -> None:
+    """Dark-adapted eyes: no colour of the page has more green or blue than half of its red."""
+    dashboard.sail(20.0, 1000.0, 5.0)
+    page.until(f'document.querySelector(`{ALARM}`)')
+    page.js(
+        '(() => { const s = document.getElementById("theme"); s.value = "night";'
+        ' s.dispatchEvent(new Event("change")); })()'
+    )
+    colours = page.js(
+        """[...new Set([...document.querySelectorAll('body, body *')].flatMap((e) => {
+          const s = getComputedStyle(e);
+          return [s.color, s.backgroundColor, s.fill, s.stroke, s.borderTopColor];
+        }))].filter((c) => c.startsWith('rgb')).map((c) => c.match(/[\\d.]+/g).map(Number))
+           .filter((c) => c.length < 4 || c[3] > 0)"""
+    )
+    assert len(colours) > 5
+    assert [c for c in colours if max(c[1:3]) > 0.62 * c[0]] == []
+
+
+def test_the_device_chooses_the_light_until_somebody_does(dashboard: Any, browser: Any) -> None:
+    browser.show_as(1280, 900, dark=True)
+    browser.open(dashboard.url)
+    browser.until('document.documentElement.dataset.theme === "dusk"')
+    browser.show_as(1280, 900)
+    browser.until('document.documentElement.dataset.theme === "day"')
+
+
+@pytest.mark.parametrize('width', [320, 390, 1280])
+def test_nothing_is_wider_than_the_screen(dashboard: Any, page: Any, width: int) -> None:
+    page.show_as(width, 800, mobile=width < 500)
+    dashboard.sail(20.0, 1000.0, 5.0)
+    page.until(f'document.querySelector(`{ALARM}`)')
+    assert page.js('document.documentElement.scrollWidth') <= width
+    # A finger needs 44 pixels (WCAG 2.1, 2.5.5).
+    low = page.js(
+        f'Math.min(...[...document.querySelectorAll(`{ALARM} button:not([hidden])`)]'
+        '.map((b) => b.getBoundingClientRect().height))'
+    )
+    assert low >= 44
+
+
+def test_a_screen_reader_finds_its_way(dashboard: Any, page: Any) -> None:
+    dashboard.sail(20.0, 1000.0, 5.0)
+    page.until(f'document.querySelector(`{ALARM}`)')
+    nodes = page.call('Accessibility.getFullAXTree')['nodes']
+    found = {(n.get('role', {}).get('value'), n.get('name', {}).get('value', '')) for n in nodes}
+    roles = {role for role, _ in found}
+    assert {'banner', 'main', 'heading', 'alert', 'status', 'meter', 'image'} <= roles
+    meters = {name for role, name in found if role == 'meter'}
+    assert meters == {'Fold margin', 'Hopf margin', 'Stick-slip amplitude'}
+    assert ('button', 'Acknowledge: Stick-slip predicted, aft_stern') in found
+    assert all(name for role, name in found if role in ('button', 'textbox', 'combobox', 'image'))

@@ -1,0 +1,358 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The server: streams that bound what waits, and doors that keep strangers out."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import pytest
+
+from stickslip_monitor.errors import RosError
+
+aiohttp = pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
+
+ACTION = {
+    'schema': 'stickslip_monitor/action/1',
+    'action': 'acknowledge',
+    'by': 'Ada',
+    'bearing': 'aft_stern',
+    'alarm': 'stick_slip',
+}
+TOKEN = 'correct-horse-battery'
+
+
+def ask(work: Callable[[Any], Awaitable[Any]]) -> Any:
+    """Do something with a client's session."""
+
+    async def go() -> Any:
+        jar = aiohttp.CookieJar(unsafe=True)
+        limit = aiohttp.TCPConnector(limit=0)
+        async with aiohttp.ClientSession(cookie_jar=jar, connector=limit) as session:
+            return await asyncio.wait_for(work(session), 30.0)
+
+    return asyncio.run(go())
+
+
+async def event(stream: Any, kind: str) -> tuple[str, dict[str, Any]]:
+    """The next event of a kind: its id, and what it says."""
+    fields: dict[str, str] = {}
+    while True:
+        line = (await stream.content.readline()).decode()
+        assert line, 'the stream has ended'
+        if line == '\n':
+            if fields.get('event') == kind:
+                return fields['id'], json.loads(fields['data'])
+            fields = {}
+        else:
+            name, _, value = line.rstrip('\n').partition(': ')
+            fields[name] = value
+
+
+def post(dashboard: Any, document: Any = ACTION, **headers: str) -> tuple[int, dict[str, Any]]:
+    """The answer to an action."""
+
+    async def work(session: Any) -> tuple[int, Any]:
+        async with session.post(f'{dashboard.url}act', json=document, headers=headers) as answer:
+            return answer.status, await answer.text()
+
+    code, text = ask(work)
+    return code, json.loads(text) if text.startswith('{') else {'text': text}
+
+
+def get(dashboard: Any, path: str = '', **headers: str) -> tuple[int, Any, str]:
+    """Status, headers and text of a page."""
+
+    async def work(session: Any) -> tuple[int, Any, str]:
+        async with session.get(
+            f'{dashboard.url}{path}', headers=headers, allow_redirects=False
+        ) as answer:
+            return answer.status, answer.headers, await answer.text()
+
+    return ask(work)
+
+
+# --- streams -----------------------------------------------------------------------------------
+
+
+def test_a_stream_begins_with_all_there_is_and_beats(dashboard: Any) -> None:
+    dashboard.sail(60.0, 1000.0)
+
+    async def work(session: Any) -> None:
+        for headers in ({}, {'Last-Event-ID': 'from-before-1'}):
+            async with session.get(f'{dashboard.url}events', headers=headers) as stream:
+                assert stream.headers['Content-Type'] == 'text/event-stream'
+                first, state = await event(stream, 'state')
+                assert state['bearings'][0]['status']['rpm'] == pytest.approx(60.0, rel=1e-8)
+                assert state['alarms']['unacknowledged'] == 0
+                second, beat = await event(stream, 'beat')
+                assert beat['there']
+                run, number = first.split('-')
+                assert second.split('-')[0] == run
+                assert int(second.split('-')[1]) > int(number)
+
+    ask(work)
+
+
+def test_fifty_readers_and_one_that_never_reads(dashboard: Any, kit: Any) -> None:
+    """All fifty hear the last of a great many events; nothing piles up for the one."""
+    deaf = socket.create_connection(('127.0.0.1', dashboard.port))
+    deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    deaf.sendall(b'GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n')
+    hub = dashboard.board.hub
+    kit.until(lambda: len(hub.readers) == 1, 'the one')
+    (one,) = hub.readers
+    # More than the system takes on its behalf: from here on whatever comes must wait.
+    for _ in range(20):
+        dashboard.do(lambda: one.put('', b':' + bytes(10**6)))
+
+    def storm() -> None:
+        for k in range(20):
+            dashboard.ship.sail(60.0 + k / 100.0, 1000.0)
+
+    async def read(session: Any, ready: list[int]) -> float:
+        async with session.get(f'{dashboard.url}events') as stream:
+            await event(stream, 'state')
+            ready.append(1)
+            while True:
+                _, status = await event(stream, 'status')
+                if status['load'] == 500.0:
+                    return float(status['rpm'])
+
+    async def work(session: Any) -> list[float]:
+        ready: list[int] = []
+        tasks = [asyncio.create_task(read(session, ready)) for _ in range(50)]
+        while len(ready) < 50:
+            await asyncio.sleep(0.01)
+        for _ in range(10):
+            await asyncio.to_thread(dashboard.do, storm)
+        assert (
+            {'', 'status aft_stern'} <= set(one._waiting) <= {'', 'status aft_stern', 'monitor '}
+        )
+        await asyncio.to_thread(dashboard.sail, 70.0, 500.0)
+        return await asyncio.gather(*tasks)
+
+    heard = ask(work)
+    assert heard == pytest.approx([70.0] * 50, rel=1e-8)
+    # One that takes nothing for long is let go.
+    kit.until(lambda: one not in hub.readers, 'the end of the one')
+    deaf.close()
+    kit.until(lambda: not hub.readers, 'the end of all')
+
+
+def test_a_reader_that_left_is_forgotten(dashboard: Any, kit: Any) -> None:
+    async def work(session: Any) -> None:
+        async with session.get(f'{dashboard.url}events') as stream:
+            await event(stream, 'state')
+            assert len(dashboard.board.hub.readers) == 1
+
+    ask(work)
+    kit.until(lambda: not dashboard.board.hub.readers, 'the end')
+
+
+def test_more_readers_than_there_is_room_for(
+    dashboard: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('stickslip_monitor.dashboard.streams.MOST_READERS', 1)
+
+    async def work(session: Any) -> None:
+        async with session.get(f'{dashboard.url}events') as stream:
+            await event(stream, 'state')
+            async with session.get(f'{dashboard.url}events') as second:
+                assert second.status == 503
+                assert 'close one' in await second.text()
+
+    ask(work)
+
+
+# --- actions -----------------------------------------------------------------------------------
+
+
+def test_an_action_is_done_and_logged_under_a_name(dashboard: Any) -> None:
+    dashboard.sail(20.0, 1000.0, 5.0)
+    code, answer = post(dashboard)
+    assert (code, answer) == (200, {'ok': True, 'text': 'acknowledge: 1 alarm'})
+    log = dashboard.board.state()['log']
+    assert (log[-1]['what'], log[-1]['by'], log[-1]['to']) == (
+        'acknowledge',
+        'Ada',
+        'acknowledged',
+    )
+    code, answer = post(dashboard)
+    assert (code, answer['text']) == (409, 'there is nothing to acknowledge')
+
+
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        ({'action': 'explode'}, "action = 'explode' must be one of acknowledge"),
+        ({'action': None}, 'action = null must be one of'),
+        ({'action': 'suppress'}, 'suppress is not for a dashboard'),
+        ({'action': 'remove'}, 'remove is not for a dashboard'),
+        ({'bearing': 'fore'}, "bearing = 'fore' must be one of aft_stern"),
+        ({'alarm': ['stick_slip']}, "alarm = ['stick_slip'] must be one of"),
+        ({'by': '  '}, "by = '  ' must be a name of 1 to 40"),
+        ({'by': 'x' * 41}, 'must be a name of 1 to 40'),
+        ({'by': 'a\nb'}, 'printable'),
+        ({'by': 'Monitor'}, "'Monitor' is not a name of a person"),
+        ({'by': 'ros service'}, 'is not a name of a person'),
+        ({'by': 7}, 'by = 7 must be a name'),
+        ({'schema': 'other/1'}, "schema must be 'stickslip_monitor/action/1'"),
+    ],
+)
+def test_a_request_that_is_none_is_refused(dashboard: Any, change: Any, words: str) -> None:
+    dashboard.sail(20.0, 1000.0, 5.0)
+    code, answer = post(dashboard, ACTION | change)
+    assert code == 400
+    assert not answer['ok']
+    assert words in answer['text']
+    assert dashboard.ship.asked == []
+
+
+def test_what_the_monitor_does_not_answer_is_not_said_to_be_done(
+    dashboard: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('stickslip_monitor.dashboard.server.PATIENCE', 0.1)
+    dashboard.sail(20.0, 1000.0, 5.0)
+    dashboard.ship.deaf = True
+    code, answer = post(dashboard)
+    assert (code, answer['ok']) == (409, False)
+    assert 'nothing is known to be done' in answer['text']
+
+    def refuse(_: Any) -> None:
+        raise RosError('the monitor is not there')
+
+    monkeypatch.setattr(dashboard.ship, 'act', refuse)
+    assert post(dashboard) == (503, {'ok': False, 'text': 'the monitor is not there'})
+
+
+def test_nothing_can_be_changed_but_alarms(dashboard: Any) -> None:
+    """There is one way to act, and it is for alarms."""
+    routes = {
+        (route.method, route.resource.canonical)
+        for route in dashboard._app.router.routes()
+        if route.method not in ('GET', 'HEAD')
+    }
+    assert routes == {('POST', '/act'), ('POST', '/login')}
+
+    async def work(session: Any) -> list[int]:
+        codes = []
+        for method in ('PUT', 'DELETE', 'PATCH', 'OPTIONS', 'POST'):
+            async with session.request(method, dashboard.url, json={}) as answer:
+                codes.append(answer.status)
+        return codes
+
+    assert ask(work) == [405] * 5
+
+
+# --- doors -------------------------------------------------------------------------------------
+
+
+def test_another_page_cannot_act(dashboard: Any) -> None:
+    dashboard.sail(20.0, 1000.0, 5.0)
+    here = dashboard.url.rstrip('/')
+    assert post(dashboard, Origin='http://evil.test')[0] == 403
+    assert post(dashboard, Origin='null')[0] == 403
+    assert post(dashboard, Origin='http://127.0.0.1:1')[0] == 403
+    assert post(dashboard, **{'Sec-Fetch-Site': 'cross-site'})[0] == 403
+    # What a form of another page can send without asking is no JSON.
+    assert post(dashboard, **{'Content-Type': 'text/plain'})[0] == 415
+    assert dashboard.ship.asked == []
+    assert post(dashboard, Origin=here, **{'Sec-Fetch-Site': 'same-origin'})[0] == 200
+
+
+@pytest.mark.parametrize(
+    ('host', 'code'),
+    [
+        ('evil.test', 421),
+        ('127.0.0.1.evil.test', 421),
+        ('localhost.evil.test:8370', 421),
+        ('', 421),
+        ('[', 421),
+        ('ship.test', 200),
+        ('SHIP.test:8370', 200),
+        ('localhost', 200),
+        ('[::1]:8370', 200),
+        ('10.1.2.3', 200),
+    ],
+)
+def test_a_name_that_is_not_ours_is_refused(dashboard: Any, host: str, code: int) -> None:
+    """A name that somebody points at this machine (DNS rebinding) opens nothing."""
+    assert get(dashboard, Host=host)[0] == code
+    assert get(dashboard, 'metrics', Host=host)[0] == code
+
+
+def test_without_the_token_nothing_of_the_ship_is_seen(dashboards: Any) -> None:
+    locked = dashboards(token=TOKEN)
+    locked.sail(20.0, 1000.0, 5.0)
+    for path in ('events', 'metrics', 'page.js', 'nothing'):
+        code, headers, text = get(locked, path)
+        assert (code, text) == (401, 'The token is missing.\n')
+        assert headers['WWW-Authenticate'] == 'Bearer'
+    assert post(locked)[0] == 401
+    code, headers, _ = get(locked)
+    assert (code, headers['Location']) == (303, '/login')
+    for wrong in ('', TOKEN[:-1], TOKEN + 'x', 'ünïcode'):
+        assert get(locked, 'metrics', Authorization=f'Bearer {wrong}')[0] == 401
+        assert get(locked, 'metrics', Cookie=f'stickslip_session={TOKEN}')[0] == 401
+    assert get(locked, 'metrics', Authorization=f'Basic {TOKEN}')[0] == 401
+    # Not in an address either: those end up in logs.
+    assert get(locked, f'metrics?token={TOKEN}')[0] == 401
+    assert locked.ship.asked == []
+    assert get(locked, 'metrics', Authorization=f'Bearer {TOKEN}')[0] == 200
+    assert post(locked, Authorization=f'Bearer {TOKEN}')[0] == 200
+
+
+def test_the_token_becomes_a_cookie_that_does_not_tell_it(dashboards: Any) -> None:
+    locked = dashboards(token=TOKEN)
+
+    async def work(session: Any) -> tuple[str, int, int]:
+        async with session.post(
+            f'{locked.url}login', data={'token': TOKEN}, allow_redirects=False
+        ) as answer:
+            cookie = answer.headers['Set-Cookie']
+        async with session.get(locked.url) as page:
+            seen = page.status
+        async with session.post(
+            f'{locked.url}login',
+            data={'token': TOKEN},
+            headers={'Origin': 'http://evil.test'},
+            allow_redirects=False,
+        ) as foreign:
+            return cookie, seen, foreign.status
+
+    cookie, seen, foreign = ask(work)
+    assert TOKEN not in cookie
+    assert 'HttpOnly' in cookie
+    assert 'SameSite=Strict' in cookie
+    assert (seen, foreign) == (200, 403)
+
+
+def test_no_page_of_another_may_hold_or_feed_this_one(dashboard: Any) -> None:
+    for path in ('', 'page.js', 'page.css', 'login', 'events?', 'nothing'):
+        if path.startswith('events'):
+            continue
+        _, headers, _ = get(dashboard, path)
+        policy = dict(
+            part.split(' ', 1) for part in headers['Content-Security-Policy'].split('; ')
+        )
+        assert policy['default-src'] == policy['frame-ancestors'] == "'none'"
+        assert set(policy.values()) == {"'none'", "'self'"}
+        assert headers['X-Content-Type-Options'] == 'nosniff'
+        assert headers['Cross-Origin-Resource-Policy'] == 'same-origin'
+
+
+def test_nothing_is_fetched_from_elsewhere(dashboard: Any) -> None:
+    """No file of the page names another host, but for the name space of SVG."""
+    from stickslip_monitor.dashboard.server import FILES
+
+    for path in FILES:
+        _, _, text = get(dashboard, path.lstrip('/'))
+        assert '://' not in text.replace('http://www.w3.org/2000/svg', '')
+
+
+def test_a_large_request_is_refused(dashboard: Any) -> None:
+    assert post(dashboard, ACTION | {'by': 'x' * 10_000})[0] == 413
