@@ -185,7 +185,12 @@ class Browser:
         self.complaints: list[str] = []
         command = [program, '--headless=new', '--no-sandbox', '--disable-gpu', '--no-first-run']
         command += ['--disable-dev-shm-usage', '--disable-background-networking']
-        command += ['--hide-scrollbars', '--remote-debugging-port=0', f'--user-data-dir={folder}', 'about:blank']
+        command += [
+            '--hide-scrollbars',
+            '--remote-debugging-port=0',
+            f'--user-data-dir={folder}',
+            'about:blank',
+        ]
         self._process = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
