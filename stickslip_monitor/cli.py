@@ -68,8 +68,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     asked = next((a for a in arguments if not a.startswith('-')), None)
-    args = _parser(asked).parse_args(arguments)
     try:
+        args = _parser(asked).parse_args(arguments)
         code: int = args.run(args)
         sys.stdout.flush()
         return code

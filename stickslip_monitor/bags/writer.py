@@ -243,9 +243,9 @@ class BagWriter:
         raise AssertionError('unreachable: the numbers do not end')
 
     @property
-    def message_count(self) -> int:
-        """Messages written so far."""
-        return sum(topic.count for topic in self._topics.values())
+    def message_counts(self) -> dict[str, int]:
+        """Messages written so far, by topic."""
+        return {name: topic.count for name, topic in self._topics.items()}
 
     @property
     def _file_name(self) -> str:

@@ -25,7 +25,8 @@ from stickslip_monitor.bags.cdr import (
 )
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.commands.output import console
-from stickslip_monitor.scenes.cost import Stopwatch
+from stickslip_monitor.errors import SceneError
+from stickslip_monitor.scenes.cost import REST, Stopwatch
 from stickslip_monitor.scenes.scene import Scene
 from stickslip_monitor.scenes.scene_file import load_scene
 from stickslip_monitor.scenes.signals import IntArray, Signal
@@ -62,30 +63,48 @@ def run(args: argparse.Namespace) -> int:
     with Progress(console=Console(stderr=True), transient=True, disable=not shown) as progress:
         task = progress.add_task('simulating', total=scene.duration)
         stopwatch = Stopwatch() if args.cost else None
-        count = write_bag(
-            scene, args.output, lambda done: progress.update(task, completed=done), stopwatch
-        )
-    topics = ', '.join(channel.topic for channel in scene.channels)
-    console().print(f'{args.output}: {count} messages on {topics}, {scene.duration:g} s')
+        try:
+            written = write_bag(
+                scene, args.output, lambda done: progress.update(task, completed=done), stopwatch
+            )
+        except SceneError as error:
+            raise SceneError(f'{args.scene}: {error}') from error
+    console().print(_summary(args.output, scene, written))
     if stopwatch:
-        console().print(_cost_table(stopwatch.spent, scene.message_count))
+        samples, messages = scene.message_count, sum(written.values())
+        console().print(_cost_table(stopwatch.spent, samples, messages))
     return 0
 
 
-def _cost_table(spent: Mapping[str, float], samples: int) -> Table:
-    """The time of each effect, most expensive first."""
-    table = Table('', 'time', 'share', 'per sample', box=box.SIMPLE)
+def _summary(path: str, scene: Scene, written: Mapping[str, int]) -> str:
+    """What was written, in one sentence."""
+    topics = [channel.topic for channel in scene.channels]
+    telemetry = sum(written[topic] for topic in topics)
+    cuts = [settings.value('time', '') for settings in scene.effects if settings.name == 'cut_off']
+    text = f'{path}: {scene.duration:g} s, ' + ''.join(f'cut off at {cut:g} s, ' for cut in cuts)
+    text += f'{telemetry} messages on {", ".join(topics)}'
+    truth = len(written) - len(topics)
+    return (
+        f'{text}, {sum(written.values()) - telemetry} on {truth} of the truth' if truth else text
+    )
+
+
+def _cost_table(spent: Mapping[str, float], samples: int, messages: int) -> Table:
+    """The time of each effect, most expensive first; that of writing is for all messages."""
+    table = Table('', 'time', 'share', 'each', 'of', box=box.SIMPLE)
     for column in table.columns[1:]:
         column.justify = 'right'
     total = sum(spent.values())
     for name, seconds in sorted(spent.items(), key=lambda item: -item[1]):
+        count, what = (messages, 'messages') if name == REST else (samples, 'samples')
         table.add_row(
             name,
             f'{seconds:.3f} s',
             f'{seconds / total:.1%}',
-            f'{seconds / samples * 1e9:.0f} ns',
+            f'{seconds / max(count, 1) * 1e9:.0f} ns',
+            f'{count} {what}',
         )
-    table.add_row('all', f'{total:.3f} s', '', f'{total / samples * 1e9:.0f} ns')
+    table.add_row('all', f'{total:.3f} s')
     return table
 
 
@@ -94,7 +113,7 @@ def write_bag(
     path: str | Path,
     progress: Callable[[float], None] | None = None,
     stopwatch: Stopwatch | None = None,
-) -> int:
+) -> dict[str, int]:
     """Write a scene's telemetry; the bag appears under its name when it is complete.
 
     Args:
@@ -104,7 +123,7 @@ def write_bag(
         stopwatch: Given the time of each effect, of the telemetry as such, and of writing.
 
     Returns:
-        The messages written.
+        The messages written, by topic.
 
     Raises:
         BagError: The bag exists already or cannot be written.
@@ -129,7 +148,7 @@ def write_bag(
                 progress(block.end)
         if run.cut:
             writer.break_off()
-        return writer.message_count
+        return writer.message_counts
 
 
 def _encoded(signal: Signal) -> tuple[IntArray, list[bytes]]:

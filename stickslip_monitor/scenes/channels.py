@@ -16,7 +16,7 @@ from stickslip_monitor.monitor.signals import QUANTITIES
 from .settings import Settings
 from .signals import Channel
 
-_HIGHEST_RATE = 1000.0
+_LOWEST_RATE, _HIGHEST_RATE = 1e-6, 1000.0
 
 
 def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
@@ -38,7 +38,7 @@ def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
         own = _section(telemetry, bearing.name, [b.name for b in config.bearings])
         for quantity in QUANTITIES:
             rate = own.section(quantity, ['rate'], 'its sampling, {rate: Hz}').number(
-                'rate', 'Hz', above=0.0, most=_HIGHEST_RATE
+                'rate', 'Hz', least=_LOWEST_RATE, most=_HIGHEST_RATE
             )
             channel = Channel(quantity, (bearing,), rate)
             _check_input(f'{bearing.name}.{quantity}', channel.input)

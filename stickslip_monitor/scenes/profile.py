@@ -13,7 +13,7 @@ import numpy as np
 
 from stickslip_monitor.errors import SceneError
 
-from .settings import Settings, is_number
+from .settings import Settings, is_number, too_large
 from .signals import FloatArray
 
 KEYS = ('bearing', 'unit', 'points', 'table')
@@ -124,7 +124,10 @@ def check_points(rows: Sequence[tuple[str, Any]], duration: float) -> list[tuple
     """
     for name, point in rows:
         if not isinstance(point, list) or len(point) != 2 or not all(map(is_number, point)):
-            raise SceneError(f'{name} = {point!r} must be a pair of numbers, [time in s, value]')
+            size = too_large(*point) if isinstance(point, list) else ''
+            raise SceneError(
+                f'{name} = {point!r} must be a pair of numbers, [time in s, value]{size}'
+            )
     check_times([(name, time) for name, (time, _) in rows], duration)
     return [(float(time), float(value)) for _, (time, value) in rows]
 

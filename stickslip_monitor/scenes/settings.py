@@ -3,12 +3,16 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from stickslip_monitor.errors import SceneError
+
+# Far beyond every sensor and sea; products of a few such numbers are still finite.
+LARGEST = 1e15
 
 
 class Settings:
@@ -75,7 +79,7 @@ class Settings:
         rule += f' and not above {most:g}' if most < math.inf else ''
         value = self.value(key, rule)
         if not is_number(value) or not (value > above and least <= value <= most):
-            raise self.broken(key, f'must be {rule}')
+            raise self.broken(key, f'must be {rule}{too_large(value)}')
         return float(value)
 
     def section(self, key: str, keys: Iterable[str], what: str) -> Settings:
@@ -99,10 +103,20 @@ def _hint(value: Any, options: Sequence[str]) -> str:
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value of a YAML file is a finite number."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    """Whether a value of a YAML file is a number of a size that can be reckoned with."""
+    return _is_numeric(value) and -LARGEST <= value <= LARGEST
+
+
+def too_large(*values: Any) -> str:
+    """What to add to the rule that a value breaks where the rule is :data:`LARGEST`."""
+    beyond = any(_is_numeric(value) and abs(value) > LARGEST for value in values)
+    return f', of a size up to {LARGEST:g}' if beyond else ''
+
+
+def _is_numeric(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _short(value: Any) -> str:
-    text = repr(value)
+    text = value.isoformat() if isinstance(value, dt.date) else repr(value)
     return text if len(text) <= 60 else f'{text[:57]}...'

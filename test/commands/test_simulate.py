@@ -64,7 +64,7 @@ def test_rosbags_reads_the_bag(
     target = tmp_path / name
     assert main(['simulate', scene, '-o', str(target)]) == 0
     out, error = capsys.readouterr()
-    assert out == f'{target}: 377 messages on /shaft/speed, /bearing/aft/load, 150 s\n'
+    assert out == f'{target}: 150 s, 377 messages on /shaft/speed, /bearing/aft/load\n'
     assert error == ''
     rows: dict[str, list[tuple[int, float]]] = {}
     order = []
@@ -166,7 +166,7 @@ def test_operating_point_out_of_range_leaves_no_bag(
     path.write_text(text, 'utf-8')
     assert main(['simulate', scene, '-o', str(tmp_path / 'bag')]) == 2
     assert capsys.readouterr().err == (
-        'ERROR: load = 1600 N at 142 s is more than topic /bearing/aft/load can carry:'
+        f'ERROR: {scene}: load = 1600 N at 142 s is more than topic /bearing/aft/load can carry:'
         ' aft.load.maximum = 1500 N in the configuration\n'
     )
     assert {p.name for p in tmp_path.iterdir()} == {'config.yaml', 'scene.yaml'}
@@ -199,13 +199,30 @@ def test_cost_names_every_effect_and_changes_nothing(
     assert main(['simulate', scene, '-o', str(tmp_path / 'timed.mcap'), '--cost']) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == plain[0].replace('plain', 'timed')
-    rows = [line.split('  ') for line in lines[1:] if ' ns' in line]
+    rows = [line.rstrip().split('  ') for line in lines[1:] if ' ns' in line]
     names = [next(cell for cell in row if cell) for row in rows]
     effects = ['load_profile', 'speed_profile']
-    assert sorted(names[:-1]) == [*effects, 'telemetry as such', 'writing the bag']
-    assert names[-1] == 'all'
+    assert sorted(names) == [*effects, 'telemetry as such', 'writing the bag']
+    assert any(line.split()[:1] == ['all'] for line in lines)
+    # At 2 Hz and 0.5 Hz for 150 s, with those at both ends.
+    counts = {name: row[-1].strip() for name, row in zip(names, rows, strict=True)}
+    assert counts['speed_profile'] == '377 samples'
+    assert counts['writing the bag'] == '377 messages'
     files = [(tmp_path / name).read_bytes() for name in ('plain.mcap', 'timed.mcap')]
     assert files[0] == files[1]
+
+
+def test_truth_and_cut_are_told_apart_from_telemetry(
+    tmp_path: Path, scene: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before 100 s: 200 and 50 messages, and 100 on each of the four topics at 1 Hz."""
+    with Path(scene).open('a', encoding='utf-8') as file:
+        file.write('  - operating_point: {rate: 1.0}\n  - cut_off: {time: 100.0}\n')
+    assert main(['simulate', scene, '-o', str(tmp_path / 'bag')]) == 0
+    assert capsys.readouterr().out == (
+        f'{tmp_path / "bag"}: 150 s, cut off at 100 s, 250 messages on /shaft/speed,'
+        ' /bearing/aft/load, 400 on 4 of the truth\n'
+    )
 
 
 def test_stopping_in_the_middle_leaves_no_bag(

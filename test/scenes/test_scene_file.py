@@ -48,6 +48,10 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({'start': 'noon'}, "start = 'noon' must be an ISO time"),
     ({'start': 1.5}, 'start = 1.5 must be an ISO time'),
     ({'start': -1}, 'start = -1 must lie'),
+    ({'start': dt.datetime(1969, 12, 31, 23, 59)}, 'start = 1969-12-31T23:59:00 must lie'),
+    ({'start': dt.date(2026, 5, 4)}, 'start = 2026-05-04 must be an ISO time'),
+    # Beyond the largest double: Python has no float for it.
+    ({'duration': 10**400}, 'must be a number [s] above 0 and not above 9.22337e+09, of a size'),
     ({'start': 9_223_372_036_854_775_807}, 'must lie, with the whole scene, between'),
     ({'seed': -1}, 'seed = -1 must be a whole number not below 0'),
     ({'seed': 1.5}, 'seed = 1.5 must be a whole number not below 0'),
@@ -56,9 +60,11 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({'telemetry': RATES | {'torque': {}}}, "unknown key 'torque' = {} in telemetry"),
     (
         {'telemetry': RATES | {'load': {'rate': -1}}},
-        'telemetry.load.rate = -1 must be a number [Hz] above 0 and not above 1000',
+        'telemetry.load.rate = -1 must be a number [Hz] not below 1e-06 and not above 1000',
     ),
     ({'telemetry': RATES | {'load': {'rate': 0}}}, 'telemetry.load.rate = 0 must be'),
+    # A period of 1e300 s is longer than any stamp can tell.
+    ({'telemetry': RATES | {'load': {'rate': 1e-300}}}, 'telemetry.load.rate = 1e-300 must be'),
     ({'telemetry': RATES | {'load': {'hz': 1}}}, "unknown key 'hz' = 1 in telemetry.load"),
     ({'effects': {}}, 'effects = {} must be a list'),
     ({'effects': ['speed_profile']}, "effects: entry 1 = 'speed_profile' must be {name:"),
@@ -81,6 +87,12 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ),
     (speed(points=[]), 'speed_profile.points = [] must be a list of points'),
     (speed(points=[[0, 1, 2]]), 'speed_profile.points: point 1 = [0, 1, 2] must be a pair'),
+    (
+        speed(points=[[0, 1e308]]),
+        'speed_profile.points: point 1 = [0, 1e+308] must be a pair of numbers, [time in s,'
+        ' value], of a size up to 1e+15',
+    ),
+    (speed(points=[[0, 10**400]]), 'value], of a size up to 1e+15'),
     (speed(points=[[0, 'fast']]), "speed_profile.points: point 1 = [0, 'fast'] must be a pair"),
     (speed(points=[[0, float('nan')]]), 'point 1 = [0, nan] must be a pair of numbers'),
     (
@@ -105,6 +117,10 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     (
         noise(load={'standard_deviation': 1, 'unit': 'rpm'}),
         "sensor_noise.load.unit = 'rpm' must be one of N, kN",
+    ),
+    (
+        noise(load={'standard_deviation': 1e308, 'unit': 'N'}),
+        'standard_deviation = 1e+308 must be a number [N] not below 0, of a size up to 1e+15',
     ),
     (noise(speed={'unit': 'rpm'}), "key 'sensor_noise.speed.standard_deviation' is missing"),
 ]

@@ -31,6 +31,8 @@ COMPONENTS = 200
 # Cosines that are computed together: few enough for the processor's cache.
 _AT_ONCE = 8192
 # The sea ends at five times the peak frequency, beyond which lies 0.2 % of the variance.
+# Period of the shortest waves at sea that are not ripples [s].
+_SHORTEST = 0.1
 _RANGE = np.linspace(0.25, 5.0, 20_000)
 
 
@@ -97,7 +99,7 @@ def build(settings: Settings, frame: Frame) -> None:
     per_metre = settings.number('load_per_metre', f'{unit}/m')
     sea = Sea.of(
         settings.number('significant_height', 'm', least=0.0),
-        settings.number('peak_period', 's', above=0.0),
+        settings.number('peak_period', 's', least=_SHORTEST),
         settings.number('gamma', '-', least=1.0, most=10.0),
         frame.random(settings),
     )

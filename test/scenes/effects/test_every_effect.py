@@ -78,7 +78,8 @@ def test_scene_of_the_page_can_be_made(tmp_path: Path) -> None:
     path = tmp_path / 'docs' / 'scene.yaml'
     path.write_text(text, 'utf-8')
     scene = load_scene(path)
-    assert write_bag(scene, tmp_path / 'bag') == 6001 + 1201 - 20 * 2
+    counts = write_bag(scene, tmp_path / 'bag')
+    assert counts == {'/shaft/speed': 6001, '/bearing/aft_stern/load': 1201 - 20 * 2}
     told = re.findall(r'^\| `(\w+)` \| [^|]+ \|$', PAGE.read_text('utf-8'), re.M)
     assert told == list(KEYS)
 

@@ -140,7 +140,7 @@ def test_an_instant_has_the_same_bits_whoever_asks(sizes: tuple[int, ...]) -> No
     ('changes', 'sentence'),
     [
         ({'significant_height': -1}, 'significant_height = -1 must be a number [m] not below 0'),
-        ({'peak_period': 0}, 'peak_period = 0 must be a number [s] above 0'),
+        ({'peak_period': 0}, 'peak_period = 0 must be a number [s] not below 0.1'),
         ({'gamma': 0.5}, 'gamma = 0.5 must be a number [-] not below 1 and not above 10'),
         ({'unit': 'rpm'}, "load_in_waves.unit = 'rpm' must be one of N, kN"),
     ],
