@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,13 @@ def at_indices(points: Assessment, rows: NDArray[np.intp]) -> Assessment:
 def at_index(points: Assessment, index: int) -> Assessment:
     """The assessment of scalars at an index of a one-dimensional assessment."""
     return _picked(points, lambda column: column[index].item())
+
+
+def joined(points: Sequence[Assessment]) -> Assessment:
+    """Assessments of scalars, at least one and all of one bearing, as one of arrays."""
+    stored = ('speed', 'load', 'outcome_code', 'hopf_speed', 'fold_speed')
+    columns = (np.array([getattr(point, name) for point in points]) for name in stored)
+    return Assessment(*columns, points[0]._bearing)
 
 
 def _picked(points: Assessment, pick: Callable[[NDArray[Any]], Any]) -> Assessment:

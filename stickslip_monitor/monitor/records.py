@@ -5,12 +5,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from stickslip_monitor.monitor.assessment import Assessment
+from stickslip_monitor.monitor.points import joined
 from stickslip_monitor.monitor.verdict import Event
 
 WARNING_SCHEMA = 'stickslip_monitor/warning/1'
@@ -27,6 +28,9 @@ _POINT_FIELDS = (
     'amplitude_error',
     'threshold_amplitude',
 )
+# Fewer than make a surface of cycles worth building: that would take a second, and let what one
+# recording's numbers are, in the seventh digit, depend on those checked before it.
+_TOGETHER = 2048
 VERDICT_NUMBERS = ('amplitude', 'amplitude_exact', 'hopf_margin', 'fold_margin')
 """The numbers of a verdict that have a topic of their own, by the topic's last part."""
 
@@ -71,15 +75,44 @@ def point_record(point: Assessment | None) -> dict[str, Any]:
     """Regime, outcome and numbers of an assessment of scalars; all ``None`` without one."""
     if point is None:
         return dict.fromkeys(('regime', 'outcome', *_POINT_FIELDS))
+    return _point_record(point, [getattr(point, name) for name in _POINT_FIELDS])
+
+
+def _point_record(point: Assessment, numbers: Sequence[float]) -> dict[str, Any]:
     return {
         'regime': point.regime.value,
         'outcome': point.outcome.value,
-        **{name: number(getattr(point, name)) for name in _POINT_FIELDS},
+        **{name: number(value) for name, value in zip(_POINT_FIELDS, numbers, strict=True)},
     }
 
 
 def event_record(event: Event) -> dict[str, Any]:
     """One event; the fields are documented in docs/interfaces.md."""
+    return _event_record(event, point_record(event.assessment))
+
+
+def event_records(events: Sequence[Event]) -> list[dict[str, Any]]:
+    """Events of one bearing; their numbers are worked out together."""
+    known = [event.assessment for event in events if event.assessment is not None]
+    rows = (
+        row
+        for start in range(0, len(known), _TOGETHER)
+        for row in _numbers(joined(known[start : start + _TOGETHER]))
+    )
+    records = []
+    for event in events:
+        point = event.assessment
+        own = point_record(None) if point is None else _point_record(point, next(rows))
+        records.append(_event_record(event, own))
+    return records
+
+
+def _numbers(points: Assessment) -> Iterator[Sequence[float]]:
+    """The numbers of each point of an assessment of arrays."""
+    return zip(*(getattr(points, name).tolist() for name in _POINT_FIELDS), strict=True)
+
+
+def _event_record(event: Event, point: dict[str, Any]) -> dict[str, Any]:
     return {
         'schema': WARNING_SCHEMA,
         'bearing': event.bearing,
@@ -89,7 +122,7 @@ def event_record(event: Event) -> dict[str, Any]:
         'level': event.after.level.name,
         'reason': event.after.value,
         'sticking': event.sticking,
-        **point_record(event.assessment),
+        **point,
         'input_age': {name: number(age) for name, age in event.lost.items()},
         'text': event.text,
     }

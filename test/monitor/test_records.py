@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Events as they are published and written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from stickslip_monitor.bags.check import check_bag
+from stickslip_monitor.monitor import records
+from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.records import event_record, event_records
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_events_together_are_what_each_is_by_itself(monkeypatch) -> None:
+    config = load_config(ROOT / 'launch_configs' / 'reference_bearing.yaml')
+    found = [
+        event
+        for name in ('coast_down', 'sensor_values', 'manoeuvring')
+        for event in check_bag(ROOT / 'bags' / name, config).bearings['aft_stern'].scan.events
+    ]
+    assert len(found) > 20
+    alone = [event_record(event) for event in found]
+    for together in (3, 1000):
+        monkeypatch.setattr(records, '_TOGETHER', together)
+        # To the last bit, and without an assessment where there was none.
+        assert event_records(found) == alone
+    assert event_records([]) == []
