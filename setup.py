@@ -62,6 +62,8 @@ setup(
     extras_require={
         'dashboard': ['aiohttp>=3.9', 'prometheus-client>=0.15'],
         'ros': ROS,
+        # Checks a fleet's recordings on a Dask cluster.
+        'fleet': ['distributed>=2024.1'],
         'report': ['jinja2>=3.0', 'matplotlib>=3.5'],
         # Compiles the inner loops of the time integrator; without it they run in Python.
         'sim': ['numba>=0.57'],
@@ -69,6 +71,7 @@ setup(
         'test': [
             'colcon-ros',
             'colcon-test-result',
+            'distributed>=2024.1',
             'hypothesis>=6.60',
             'mpmath>=1.2',
             'numba>=0.57',

@@ -46,3 +46,7 @@ class ReportError(StickslipError):
 
 class DashboardError(StickslipError):
     """The dashboard cannot be served, or cannot do what was asked."""
+
+
+class FleetError(StickslipError):
+    """A cluster cannot be reached, is lost, or cannot do what was asked."""

@@ -28,6 +28,7 @@ LAYER = {
     'ros': 4,
     'dashboard': 4,
     'drawing': 4,
+    'fleet': 4,
     'report': 4,
     'scenes': 4,
     'study': 4,
@@ -48,6 +49,7 @@ EVERYWHERE = {'numpy', 'scipy'}
 # Where anything else from outside may be imported: prefixes of paths inside the package.
 ONLY_IN = {
     'aiohttp': ('dashboard/',),
+    'distributed': ('fleet.py',),
     'jinja2': ('report/',),
     'lz4': ('bags/',),
     'matplotlib': ('drawing/',),

@@ -156,7 +156,7 @@ def open_bag(path: str | Path) -> Bag:
 def _folder_files(folder: Path) -> tuple[list[Path], list[str], int | None]:
     """Find the files of a folder, what is odd about them, and the messages they should hold."""
     metadata = read_metadata(folder)
-    there = sorted(folder.glob('*.mcap'), key=_natural)
+    there = sorted(folder.glob('*.mcap'), key=lambda file: natural(file.name))
     if not there:
         raise BagError(_nothing_there(folder))
     if isinstance(metadata, str):
@@ -187,7 +187,7 @@ def _nothing_there(folder: Path) -> str:
     return f"bag '{folder}' has no .mcap file"
 
 
-def _natural(path: Path) -> list[tuple[int, str]]:
+def natural(name: str) -> list[tuple[int, str]]:
     """Sort key that puts file 10 after file 9."""
-    parts = re.split(r'(\d+)', path.name)
+    parts = re.split(r'(\d+)', name)
     return [(int(part), '') if part.isdigit() else (-1, part) for part in parts]

@@ -7,6 +7,7 @@ import contextlib
 import io
 import math
 import struct
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,6 +18,9 @@ from mcap_ros2.decoder import DecoderFactory
 from stickslip_monitor.monitor.fields import FieldPath, read_field
 
 from .schema import SchemaError
+
+# The standard error belongs to the process, not to one of its threads.
+_SILENCE = threading.Lock()
 
 # Everything the decoder raises on data that is not of the type the schema describes.
 _DECODE_ERRORS = (
@@ -51,7 +55,7 @@ class Decoder:
         self._stamped = stamped
         try:
             # The parser prints what it raises.
-            with contextlib.redirect_stderr(io.StringIO()):
+            with _SILENCE, contextlib.redirect_stderr(io.StringIO()):
                 decode = DecoderFactory().decoder_for(MessageEncoding.CDR, schema)
         except Exception as error:  # The parser raises whatever its parts raise.
             raise SchemaError(f'its definition cannot be parsed ({error})') from None

@@ -10,11 +10,12 @@ import os
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
-
-from rich.console import Console
+from typing import TYPE_CHECKING, Any
 
 from stickslip_monitor.errors import ReportError
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
 def add_config(parser: argparse.ArgumentParser) -> None:
@@ -65,4 +66,6 @@ def write_whole(path: Path, data: bytes) -> None:
 
 def console() -> Console:
     """The console for tables; plain text where the output is not a terminal."""
+    from rich.console import Console  # costs time to import, and not every command prints with it
+
     return Console(highlight=False, soft_wrap=not sys.stdout.isatty())

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import hashlib
+import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
@@ -15,7 +16,7 @@ from stickslip_monitor.bags.check import BearingReport, CheckReport, InputReport
 from stickslip_monitor.commands.output import json_text, write_whole
 from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.drawing.palette import ON_DARK
-from stickslip_monitor.drawing.sheet import heading, sheet
+from stickslip_monitor.drawing.sheet import Pixels, drawn, heading, sheet
 from stickslip_monitor.drawing.svg import inline_svg, variable
 from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
 from stickslip_monitor.drawing.track import Track, thinned, track_of_scan
@@ -44,6 +45,7 @@ _TRACK_WIDE, _TRACK_NARROW = 1500, 750
 _MARKS = 60
 _MOST_TOPICS = 100
 _MOST_ON_SHEET = 12
+_DRAWING = threading.Lock()
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +58,17 @@ class _Case:
     finding: Finding
 
 
+@dataclass(frozen=True, slots=True)
+class ReportPart:
+    """What a report says of one recording: text and pictures, without its samples."""
+
+    findings: tuple[tuple[str, Finding], ...]
+    bag: BagPart | None = None
+    figures: tuple[Pixels, ...] = ()
+
+
 class ReportFile:
     """A report that grows by one recording after the other and is written at the end.
-
-    Of a recording only the report's part is kept: text and pictures, not the samples.
 
     Args:
         path: Where to; its ending chooses the format.
@@ -81,68 +90,52 @@ class ReportFile:
         self._config, self._config_path = config, config_path
         self._bags: list[BagPart] = []
         self._documents: list[dict[str, Any]] = []
-        self._figures: list[Any] = []
+        self._figures: list[Pixels] = []
         self._findings: list[tuple[str, Finding]] = []
 
-    def add(self, checked: CheckReport, document: dict[str, Any]) -> None:
+    def add(self, part: ReportPart | None, document: dict[str, Any]) -> None:
         """Take up one recording.
 
         Args:
-            checked: What the check found.
-            document: The same as JSON.
+            part: What is drawn and said of it; nothing where the file is for programs.
+            document: What the check found, as JSON.
 
         Raises:
             ReportError: It is more than fits on one picture.
         """
         self._documents.append(document)
-        if self.suffix == '.json':
+        if part is None:
             return
-        name = bag_name(checked)
-        cases = [self._case(name, checked, item) for item in checked.bearings.values()]
-        self._findings += [(name, case.finding) for case in cases]
-        if self.suffix == '.png':
-            self._draw(cases)
-        else:
-            number = len(self._bags) + 1
-            self._bags.append(_bag_part(f'bag-{number}', checked, cases))
+        self._findings += part.findings
+        self._figures += part.figures
+        if len(self._figures) > 3 * _MOST_ON_SHEET:
+            raise ReportError(
+                f"report '{self.path}': a picture holds {_MOST_ON_SHEET} bearings at most;"
+                ' write a .html instead, or fewer bags'
+            )
+        if part.bag is not None:
+            self._bags.append(part.bag)
 
-    def write(self, made: datetime) -> None:
+    def write(self, made: datetime, listed: bool) -> None:
         """Write the report, all of it or nothing.
 
         Args:
             made: The time to be named as that of its making.
+            listed: Whether JSON is a list, for several bags.
 
         Raises:
             ReportError: It cannot be written.
         """
         if self.suffix == '.json':
-            many = len(self._documents) > 1
-            text = json_text(self._documents if many else self._documents[0])
+            text = json_text(self._documents if listed else self._documents[0])
             data = text.encode()
         elif self.suffix == '.png':
             verdict = overall(self._findings)
             words_above = heading(f'{verdict.word}: {verdict.sentences[0]}', verdict.sentences[1:])
-            data = sheet([words_above, *self._figures])
+            data = sheet([drawn(words_above), *self._figures])
         else:
             data = render(self._report(made)).encode()
         write_whole(self.path, data)
-
-    def _case(self, bag: str, checked: CheckReport, item: BearingReport) -> _Case:
-        start, end = checked.start_ns or 0, checked.end_ns or 0
-        config = self._config.bearing(item.name)
-        parts = spells(item.scan.events, start, end)
-        course = Course(config, item.scan, parts, item.seconds, item.worst)
-        return _Case(bag, config, course, finding_of(course))
-
-    def _draw(self, cases: Sequence[_Case]) -> None:
-        for case in cases:
-            if len(self._figures) >= 3 * _MOST_ON_SHEET:
-                raise ReportError(
-                    f"report '{self.path}': a picture holds {_MOST_ON_SHEET} bearings at most;"
-                    ' write a .html instead, or fewer bags'
-                )
-            title = f'{case.bag}, {case.config.name}'
-            self._figures += [heading(title, case.finding.sentences), *_figures(case)]
 
     def _report(self, made: datetime) -> Report:
         raw = Path(self._config_path).read_bytes()
@@ -159,9 +152,47 @@ class ReportFile:
         )
 
 
-def bag_name(checked: CheckReport) -> str:
-    """The last part of a recording's path."""
-    return checked.bag.path.resolve().name
+def make_part(
+    suffix: str, config: MonitorConfig, checked: CheckReport, anchor: str
+) -> ReportPart | None:
+    """Say and draw what there is to one recording.
+
+    Args:
+        suffix: The ending of the report; one for programs has no such part.
+        config: The configuration.
+        checked: What the check found.
+        anchor: A word that tells this recording from the others on a page.
+    """
+    if suffix == '.json':
+        return None
+    name = checked.bag.path.resolve().name
+    cases = [_case(name, config, checked, item) for item in checked.bearings.values()]
+    findings = tuple((name, case.finding) for case in cases)
+    # matplotlib's settings belong to the process, not to one of its threads.
+    with _DRAWING:
+        if suffix == '.html':
+            return ReportPart(findings, bag=_bag_part(anchor, checked, cases))
+        return ReportPart(
+            findings, figures=tuple(drawn(f) for case in cases for f in _headed(case))
+        )
+
+
+def missing_part(path: Path, text: str, anchor: str) -> ReportPart:
+    """What stands in a report for a recording that could not be checked."""
+    name = path.resolve().name
+    finding = Finding('unknown', 'No verdict', (f'this recording could not be checked: {text}',))
+    part = BagPart(
+        anchor, name, str(path), 'It could not be checked.', '', '', (text,), (), '', ()
+    )
+    return ReportPart(((name, finding),), part)
+
+
+def _case(bag: str, config: MonitorConfig, checked: CheckReport, item: BearingReport) -> _Case:
+    start, end = checked.start_ns or 0, checked.end_ns or 0
+    own = config.bearing(item.name)
+    parts = spells(item.scan.events, start, end)
+    course = Course(own, item.scan, parts, item.seconds, item.worst)
+    return _Case(bag, own, course, finding_of(course))
 
 
 def _track(case: _Case, most: int) -> Track:
@@ -171,6 +202,11 @@ def _track(case: _Case, most: int) -> Track:
 
 def _timeline(case: _Case) -> Timeline:
     return Timeline(case.config, case.course.scan, case.course.spells)
+
+
+def _headed(case: _Case) -> Iterator[Any]:
+    yield heading(f'{case.bag}, {case.config.name}', case.finding.sentences)
+    yield from _figures(case)
 
 
 def _figures(case: _Case) -> Iterator[Any]:
@@ -186,7 +222,7 @@ def _bag_part(anchor: str, checked: CheckReport, cases: Sequence[_Case]) -> BagP
     left = len(topics) - _MOST_TOPICS
     return BagPart(
         anchor=anchor,
-        name=bag_name(checked),
+        name=checked.bag.path.resolve().name,
         path=str(bag.path),
         span=_span(checked),
         duration=_lasting(checked),

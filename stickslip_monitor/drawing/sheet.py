@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import io
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,16 +22,18 @@ _LINE = 0.22
 _LETTERS = 105
 
 
-def sheet(figures: Iterable[Figure]) -> bytes:
-    """Put figures below each other.
+Pixels = NDArray[np.uint8]
+
+
+def sheet(rows: Sequence[Pixels]) -> bytes:
+    """Put drawn figures below each other.
 
     Args:
-        figures: The figures; each is drawn when its turn comes.
+        rows: At least one; see :func:`drawn`.
 
     Returns:
         The picture as PNG.
     """
-    rows = [_drawn(figure) for figure in figures]
     width = max(row.shape[1] for row in rows)
     with style():
         from matplotlib.image import imsave
@@ -58,7 +60,8 @@ def heading(title: str, lines: Sequence[str] = ()) -> Figure:
         return figure
 
 
-def _drawn(figure: Figure) -> NDArray[np.uint8]:
+def drawn(figure: Figure) -> Pixels:
+    """The pixels of a figure, shape (height, width, 3)."""
     with style():
         figure.set_dpi(_DPI)
         canvas: Any = figure.canvas
@@ -66,7 +69,7 @@ def _drawn(figure: Figure) -> NDArray[np.uint8]:
         return np.array(canvas.buffer_rgba())[:, :, :3]
 
 
-def _widened(picture: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+def _widened(picture: Pixels, width: int) -> Pixels:
     """The picture with white at its right."""
     room = ((0, 0), (0, width - picture.shape[1]), (0, 0))
     return np.pad(picture, room, constant_values=255)

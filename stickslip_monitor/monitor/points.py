@@ -24,9 +24,14 @@ def at_index(points: Assessment, index: int) -> Assessment:
 
 def joined(points: Sequence[Assessment]) -> Assessment:
     """Assessments of scalars, at least one and all of one bearing, as one of arrays."""
-    stored = ('speed', 'load', 'outcome_code', 'hopf_speed', 'fold_speed')
-    columns = (np.array([getattr(point, name) for point in points]) for name in stored)
-    return Assessment(*columns, points[0]._bearing)
+    return Assessment(
+        np.array([point.speed for point in points]),
+        np.array([point.load for point in points]),
+        np.array([point.outcome_code for point in points]),
+        np.array([point.hopf_speed for point in points]),
+        np.array([point.fold_speed for point in points]),
+        points[0]._bearing,
+    )
 
 
 def _picked(points: Assessment, pick: Callable[[NDArray[Any]], Any]) -> Assessment:

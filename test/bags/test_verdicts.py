@@ -299,7 +299,7 @@ def test_what_cannot_be_written_is_named_before_the_check(
     bags: int, name: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / 'there.mcap').touch()
-    assert check(*['nowhere'] * bags, '--mcap', tmp_path / name) == 2
+    assert check(*[f'nowhere_{number}' for number in range(bags)], '--mcap', tmp_path / name) == 2
     assert words in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ['there.mcap']
 

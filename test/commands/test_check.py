@@ -222,8 +222,8 @@ def test_a_day_is_no_larger_than_a_minute_and_loses_no_excursion(
     monkeypatch.setattr(report_command, 'draw_map', remember)
     config, path = load_config(CONFIG), tmp_path / 'day.html'
     file = report_command.ReportFile(str(path), config, str(CONFIG))
-    file.add(checked_day(), {})
-    file.write(datetime(2026, 5, 5, tzinfo=timezone.utc))
+    file.add(report_command.make_part('.html', config, checked_day(), 'bag-day'), {})
+    file.write(datetime(2026, 5, 5, tzinfo=timezone.utc), listed=False)
     assert path.stat().st_size < 1_000_000
     assert 'Made 2026-05-05 00:00 UTC' in text_of(path)
     rpm = config.bearings[0].bearing.speed.factor('rpm')

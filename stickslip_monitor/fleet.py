@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Calls spread over a Dask cluster. Nothing else knows Dask."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import platform
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import CancelledError
+from typing import TYPE_CHECKING, Any
+
+from stickslip_monitor import __version__
+from stickslip_monitor.errors import FleetError
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+_PATIENCE = 10.0
+"""How long a scheduler may take to answer [s]."""
+_GIVEN_UP = FleetError('every worker that did it died (was there enough memory?)')
+
+
+@contextlib.contextmanager
+def connected(address: str) -> Iterator[Client]:
+    """A connection to a scheduler.
+
+    Args:
+        address: Where it is, ``tcp://host:port``.
+
+    Raises:
+        FleetError: Dask is not installed, the scheduler does not answer, or a worker has another
+            version of this package, of Dask or of Python.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise FleetError(
+            f"--scheduler needs Dask ({error}): install this package with the extra 'fleet'"
+        ) from error
+    _check_scheduler(address)
+    # What it would log, tracebacks and all, is said in one sentence here.
+    logging.getLogger('distributed.client').setLevel(logging.CRITICAL)
+    client = Client(address, timeout=_PATIENCE, set_as_default=False)
+    with client:
+        _check_versions(client, address)
+        yield client
+
+
+def _check_scheduler(address: str) -> None:
+    """Ask for the scheduler first: a client that does not find one is slow to say so and to go."""
+    try:
+        kind = asyncio.run(asyncio.wait_for(_kind(address), _PATIENCE))
+    except asyncio.TimeoutError:
+        reason = f'no answer in {_PATIENCE:g} s'
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
+        reason = _line(error)
+    else:
+        if kind == 'Scheduler':
+            return
+        reason = f'it is a {kind} of Dask'
+    raise FleetError(f"scheduler '{address}' cannot be reached: {reason}")
+
+
+async def _kind(address: str) -> str:
+    from distributed import Security, rpc
+
+    secured = Security().get_connection_args('client')
+    async with rpc(address, connection_args=secured) as other:
+        return str((await other.identity())['type'])
+
+
+def versions() -> dict[str, str]:
+    """What must be the same here and on every worker, for the same results."""
+    import distributed
+
+    python = '.'.join(platform.python_version_tuple()[:2])
+    return {'stickslip_monitor': __version__, 'Dask': distributed.__version__, 'Python': python}
+
+
+def _check_versions(client: Client, address: str) -> None:
+    here = versions()
+    for worker, there in client.run(versions, on_error='return').items():
+        if isinstance(there, Exception):
+            raise FleetError(
+                f"worker {worker} of scheduler '{address}' cannot run stickslip_monitor"
+                f' {__version__}: {_line(there)}'
+            )
+        for name, version in here.items():
+            if there[name] != version:
+                raise FleetError(
+                    f"worker {worker} of scheduler '{address}' has {name} {there[name]}, not"
+                    f' {version} as here: verdicts are only the same with the same versions'
+                )
+
+
+def on_cluster(
+    client: Client, function: Callable[..., Any], calls: Mapping[str, tuple[Any, ...]]
+) -> Iterator[tuple[str, Any]]:
+    """Call a pure function many times on the workers of a cluster.
+
+    A worker that is lost costs nothing but time: what it was doing, and results that were still
+    with it, are done again by the others.
+
+    Args:
+        client: The connection.
+        function: It and its arguments can be pickled.
+        calls: The arguments of each call, by a key that is equal only for equal calls.
+
+    Yields:
+        The key of each call, once, as it is done, and its result or the exception it raised.
+
+    Raises:
+        FleetError: The scheduler is lost.
+    """
+    from distributed import KilledWorker, as_completed
+
+    futures = [client.submit(function, *call, key=key) for key, call in calls.items()]
+    left = len(futures)
+    arriving = as_completed(futures, loop=client.loop)
+    # Results are dropped on the cluster as soon as nobody here holds their future.
+    futures.clear()
+    killed = []
+    try:
+        for future in arriving:
+            outcome = _outcome(future)
+            if isinstance(outcome, KilledWorker):
+                killed.append(future.key)
+                continue
+            left -= 1
+            yield future.key, outcome
+        # Dask blames a worker's death on all that waited there: alone, each shows what it does.
+        for key in killed:
+            outcome = _outcome(client.submit(function, *calls[key], key=f'{key}-alone'))
+            left -= 1
+            yield key, _GIVEN_UP if isinstance(outcome, KilledWorker) else outcome
+    except CancelledError as error:
+        raise FleetError(
+            f"scheduler '{client.scheduler.address}' was lost with {left} calls to do"
+        ) from error
+
+
+def _outcome(future: Future) -> Any:
+    """Result or exception of a call that is done.
+
+    Raises:
+        CancelledError: Nobody is there any more to do it.
+    """
+    try:
+        return future.result()
+    except CancelledError:
+        raise
+    except Exception as error:
+        return error
+
+
+def _line(error: BaseException) -> str:
+    return ' '.join(str(error).split()) or type(error).__name__

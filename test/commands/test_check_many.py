@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`stickslip check` over many bags at once."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from stickslip_monitor.cli import main
+
+ROOT = Path(__file__).parents[2]
+BAGS = ROOT / 'bags'
+CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
+NAMES = ('voyage', 'coast_down', 'history_above', 'history_below')
+
+
+def check(*arguments: object) -> int:
+    return main(['check', *map(str, arguments), '--config', str(CONFIG)])
+
+
+def documents(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, Any]:
+    code = check(*arguments, '--json')
+    return code, json.loads(capsys.readouterr().out)
+
+
+def test_together_and_one_by_one_are_the_same_in_the_order_asked(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    bags = [BAGS / name for name in NAMES]
+    code, together = documents(capsys, *bags, '--jobs', 3)
+    assert code == 1
+    # The longest comes first: it is not done first.
+    assert [document['path'] for document in together] == [str(bag) for bag in bags]
+    assert (code, together) == documents(capsys, *bags, '--jobs', 1)
+    alone = [documents(capsys, bag)[1] for bag in bags]
+    assert together == alone
+
+
+def test_a_bag_that_fails_is_named_and_the_others_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'torn.mcap').write_bytes(b'nothing')
+    bags = [BAGS / 'history_above', tmp_path / 'torn.mcap', tmp_path / 'gone', BAGS / 'voyage']
+    assert check(*bags, '--jobs', 2) == 2
+    said = capsys.readouterr()
+    assert said.out.index(str(bags[0])) < said.out.index(str(bags[3]))
+    (torn, gone) = said.err.splitlines()
+    assert torn.startswith(f"ERROR: {bags[1]}: bag file '{bags[1]}' is not an MCAP recording")
+    assert gone == f"ERROR: {bags[2]}: bag '{bags[2]}' does not exist"
+    code, found = documents(capsys, *bags, '--jobs', 2)
+    assert code == 2
+    assert [document['path'] for document in found] == [str(bag) for bag in bags]
+    assert [bag['error'] is None if 'error' in bag else True for bag in found] == [
+        True, False, False, True,
+    ]  # fmt: skip
+
+
+def test_one_bag_that_fails_is_an_error_as_ever(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert check(tmp_path / 'gone', '--json') == 2
+    said = capsys.readouterr()
+    assert (said.out, said.err) == ('', f"ERROR: bag '{tmp_path / 'gone'}' does not exist\n")
+
+
+def test_a_folder_of_bags_is_a_list_even_of_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(BAGS / 'voyage', tmp_path / 'voyage')
+    code, found = documents(capsys, tmp_path)
+    assert (code, [document['path'] for document in found]) == (0, [str(tmp_path / 'voyage')])
+
+
+def test_a_report_names_what_could_not_be_checked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip('jinja2')
+    page = tmp_path / 'page.html'
+    bags = [BAGS / 'history_above', tmp_path / 'gone <b>', BAGS / 'voyage']
+    assert check(*bags, '--jobs', 2, '--report', page) == 2
+    source = page.read_text('utf-8')
+    assert 'gone &lt;b&gt;, this recording could not be checked: bag ' in source
+    assert '<b>' not in source
+    # A map and a course of the other two, each in two widths.
+    assert source.count('<svg') == 8
+    capsys.readouterr()
+    assert check(*bags, '--report', tmp_path / 'out.json', '--json') == 2
+    assert (tmp_path / 'out.json').read_text('utf-8') == capsys.readouterr().out
+
+
+def test_pictures_of_several_processes_make_one(tmp_path: Path) -> None:
+    pytest.importorskip('matplotlib')
+    from matplotlib.image import imread
+
+    bags = [BAGS / 'history_above', BAGS / 'history_below']
+    assert check(*bags, '--jobs', 2, '--report', tmp_path / 'two.png') == 1
+    assert check(*bags, '--jobs', 1, '--report', tmp_path / 'one.png') == 1
+    assert (imread(tmp_path / 'two.png') == imread(tmp_path / 'one.png')).all()
+
+
+def test_clips_of_every_bag_are_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bags = [BAGS / 'load_excursion', BAGS / 'coast_down']
+    check(*bags, '--jobs', 2, '--clips', tmp_path / 'together')
+    told = [line.rpartition(': ') for line in capsys.readouterr().err.splitlines()]
+    assert [bag for bag, _, _ in told] == [str(bag) for bag in bags]
+    for bag in bags:
+        check(bag, '--clips', tmp_path / 'alone')
+    names = sorted(path.name for path in (tmp_path / 'together').iterdir())
+    assert names == sorted(path.name for path in (tmp_path / 'alone').iterdir())
+    assert [int(text.split()[0]) for _, _, text in told] == [len(names) - 2, 2]
+
+
+@pytest.mark.parametrize('count', [0, -3])
+def test_a_number_of_jobs_that_is_none_is_refused(
+    count: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert check(BAGS / 'voyage', '--jobs', count) == 2
+    assert capsys.readouterr().err == f'ERROR: --jobs {count} must be at least 1\n'
+
+
+def test_ctrl_c_ends_it_at_once_and_without_a_word(tmp_path: Path) -> None:
+    (recording,) = (BAGS / 'voyage').glob('*.mcap')
+    for number in range(200):
+        (tmp_path / f'bag_{number}').mkdir()
+        (tmp_path / f'bag_{number}' / 'bag_0.mcap').symlink_to(recording)
+    command = [sys.executable, '-m', 'stickslip_monitor.cli', 'check', '--jobs', '2']
+    with subprocess.Popen(
+        [*command, '--config', CONFIG, tmp_path],
+        cwd=ROOT,
+        start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as program:
+        assert program.stdout is not None
+        assert 'bag_0: ' in program.stdout.readline()
+        # A terminal sends Ctrl-C to all processes of a session.
+        os.killpg(program.pid, signal.SIGINT)
+        out, err = program.communicate(timeout=30.0)
+    assert (program.returncode, err) == (130, '')
+    assert out.count(' messages in ') < 150
+    limit = time.monotonic() + 10.0
+    while group_lives(program.pid):
+        assert time.monotonic() < limit, 'a process is left'
+        time.sleep(0.05)
+
+
+def group_lives(group: int) -> bool:
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
