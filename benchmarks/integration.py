@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Following the stick-slip motion in time, beside general integrators."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.reference import LOAD, bearing
+from benchmarks.table import Table, absent, duration, ratio
+from benchmarks.timing import in_turns
+from stickslip_monitor.physics.cycle import exact_cycle
+from stickslip_monitor.scenes.integrator import FAST, Drive, State, integrate
+from stickslip_monitor.study.methods.event_driven import Samples, turning_points
+from stickslip_monitor.study.methods.method import Method, breakaway, typical_period
+from stickslip_monitor.study.methods.regularised import Regularised
+from stickslip_monitor.study.methods.switching import Switching
+
+RPM, CYCLES = 20.0, 10.0
+BEARING = bearing()
+SPEED = float(BEARING.speed.to_surface(RPM, 'rpm'))
+SPAN = CYCLES * typical_period(BEARING, SPEED, LOAD)
+PLAIN, COMPILED = 'stickslip_monitor, Python', 'stickslip_monitor, numba'
+LONG = 'stickslip_monitor, numba, 100 s in one call'
+PATHSIM, SICONOS = 'PathSim, RKCK54', 'Siconos, time stepping'
+_PYTHON = Path('/usr/bin/python3')
+_PEER = Path(__file__).with_name('siconos_peer.py')
+_METHODS: dict[str, Method] = {
+    'solve_ivp with events, default': Switching(tight=False),
+    'solve_ivp with events, tight': Switching(tight=True, longest=0.5),
+    'tanh of 1e-4 m/s, LSODA, default': Regularised(1e-4, tight=False),
+    'tanh of 1e-4 m/s, LSODA, tight': Regularised(1e-4, tight=True),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Result:
+    per_second: float
+    amplitude: float
+
+
+def run(quick: bool) -> Table:
+    """Compare ways to follow the motion at 20 rpm."""
+    repeat = 2 if quick else 7
+    timed: dict[str, tuple[Callable[[], float], float]] = {
+        PLAIN: (lambda: _ours(False, SPAN), SPAN)
+    }
+    if find_spec('numba'):
+        timed[COMPILED] = (lambda: _ours(True, SPAN), SPAN)
+        timed[LONG] = (lambda: _ours(True, 100.0), 100.0)
+    for name, method in _METHODS.items():
+        timed[name] = (lambda method=method: _method(method), SPAN)
+    if find_spec('pathsim'):
+        timed[PATHSIM] = (_pathsim, SPAN)
+    amplitudes = {name: follow() for name, (follow, _) in timed.items()}
+    times = in_turns({name: follow for name, (follow, _) in timed.items()}, repeat)
+    found: dict[str, _Result | str] = {
+        name: _Result(times[name].median / span, amplitudes[name])
+        for name, (_, span) in timed.items()
+    }
+    for name in (COMPILED, LONG, PATHSIM):
+        found.setdefault(name, 'not installed')
+    steps = (1e-4,) if quick else (1e-4, 1e-5)
+    found |= {f'{SICONOS} of {step:g} s': _siconos(step) for step in steps}
+    return _table(found)
+
+
+def _ours(compiled: bool, span: float) -> float:
+    """Amplitude of the late part of a motion, to rounding [m]."""
+    drive = Drive.constant(SPEED, LOAD, span)
+    start = State.moving(breakaway(BEARING, SPEED, LOAD), SPEED, drive)
+    times = np.linspace(span - 0.4 * SPAN, span, 2000)
+    motion = integrate(BEARING, drive, start, times, accuracy=FAST, compiled=compiled)
+    samples = Samples(
+        step=float(times[1] - times[0]),
+        displacement=motion.displacement,
+        velocity=motion.velocity,
+        acceleration=motion.acceleration,
+        sticks=True,
+        complete=True,
+        evaluations=motion.expansions,
+        state=None,
+    )
+    return 0.5 * float(np.ptp(turning_points(samples)))
+
+
+def _method(method: Method) -> float:
+    return method.amplitude(BEARING, SPEED, LOAD).amplitude
+
+
+def _pathsim() -> float:
+    from benchmarks.pathsim_peer import Oscillator
+
+    return Oscillator(BEARING, SPEED, LOAD).amplitude(SPAN)
+
+
+def _siconos(step: float) -> _Result | str:
+    command = [str(_PYTHON), str(_PEER), str(step), str(SPAN)]
+    try:
+        done = subprocess.run(command, check=True, capture_output=True, text=True)
+    except OSError:
+        return 'not installed'
+    except subprocess.CalledProcessError as error:
+        missing = "No module named 'siconos'" in error.stderr
+        return 'not installed' if missing else 'failed'
+    per_second, amplitude = (float(word) for word in done.stdout.split()[-2:])
+    return _Result(per_second, amplitude)
+
+
+def _table(found: dict[str, _Result | str]) -> Table:
+    exact = float(exact_cycle(BEARING, SPEED, LOAD).amplitude)
+    best = found.get(COMPILED)
+    own = best if isinstance(best, _Result) else found[PLAIN]
+    assert isinstance(own, _Result)
+    rows = [
+        absent(name, 4, result)
+        if isinstance(result, str)
+        else [
+            name,
+            duration(result.per_second),
+            f'{result.amplitude / exact - 1.0:+.1e}',
+            ratio(result.per_second / own.per_second),
+        ]
+        for name, result in found.items()
+    ]
+    return Table(
+        title='Time integration',
+        text=(
+            f'The reference bearing at {RPM:g} rpm and {LOAD:g} N, ten cycles from breakaway;'
+            ' time for a second of motion, and the error of the amplitude against the'
+            f' exact cycle ({exact * 1e3:.6f} mm). `solve_ivp` as in the ladder of methods of'
+            ' [accuracy.md](accuracy.md); PathSim with its own zero crossings, tolerances 1e-6 and'
+            ' 1e-9; Siconos with the jump of friction as a relay (Euler-Moreau, theta = 1/2) and'
+            ' what friction loses with speed taken explicitly.'
+        ),
+        columns=('integrator', 'per simulated second', 'error of the amplitude', 'ratio'),
+        rows=rows,
+    )

@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A node under test in a process of its own, and the telemetry that it is fed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from numpy.typing import NDArray
+from rclpy.node import Node
+from std_msgs.msg import Float64
+
+from benchmarks.reference import CONFIG, LOAD, bearing
+from stickslip_monitor import hopf_speed
+
+FIRST_RPM, STEP_RPM, CODES = 20.0, 1e-4, 50_000
+"""The speed of each message carries its number; all of them stick and slip."""
+_DEPTH = 5000
+_POLL = 50e-6
+_DRAIN = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """What a node did with some seconds of telemetry at one rate.
+
+    Attributes:
+        latency: From a speed's publication until its answer is there, in order [s].
+        sent: Speeds that were sent.
+        cpu: Share of a core that the node took.
+    """
+
+    latency: NDArray[np.float64]
+    sent: int
+    cpu: float
+
+    @property
+    def lost(self) -> int:
+        """Speeds without an answer."""
+        return self.sent - self.latency.size
+
+
+class Subject:
+    """A node under test.
+
+    Args:
+        command: Starts it.
+        space: Its namespace.
+        answer: The topic that answers a speed.
+        code: Gives back the speed [rpm] of an answer.
+        driver: The driver's own node.
+    """
+
+    def __init__(
+        self,
+        command: Sequence[str],
+        space: str,
+        answer: str,
+        code: Callable[[float], float],
+        driver: Node,
+    ) -> None:
+        self._code = code
+        arguments = ['--ros-args', '-r', f'__ns:=/{space}', '--log-level', 'error']
+        self.process = subprocess.Popen([sys.executable, '-m', *command, *arguments])
+        self._speed = driver.create_publisher(Float64, f'/{space}/speed', _DEPTH)
+        self._load = driver.create_publisher(Float64, f'/{space}/load', _DEPTH)
+        self._answers = driver.create_subscription(
+            Float64, f'/{space}/{answer}', lambda _: None, _DEPTH
+        )
+        self._greet()
+
+    def _greet(self) -> None:
+        """Send until the node answers."""
+        end = time.monotonic() + 60.0
+        while time.monotonic() < end:
+            self._publish(self._load, LOAD)
+            self._publish(self._speed, FIRST_RPM)
+            time.sleep(0.1)
+            if any(True for _ in self._taken()):
+                time.sleep(_DRAIN)
+                for _ in self._taken():
+                    pass
+                return
+        raise RuntimeError(f'no answer on {self._answers.topic_name}')
+
+    def stretch(self, rate: float, seconds: float) -> Stretch:
+        """Feed speed and load, each at a rate [Hz], a load half-way between two speeds."""
+        count = round(rate * seconds)
+        sent, heard = np.zeros(count), np.full(count, np.nan)
+        cpu, begin = self._cpu(), time.monotonic()
+        for half in range(2 * count):
+            self._listen(heard, begin + half / (2.0 * rate))
+            if half % 2:
+                self._publish(self._load, LOAD)
+            else:
+                code = half // 2 % CODES
+                sent[half // 2] = time.monotonic()
+                self._publish(self._speed, FIRST_RPM + STEP_RPM * code)
+        cpu, spent = self._cpu() - cpu, time.monotonic() - begin
+        self._listen(heard, time.monotonic() + _DRAIN)
+        latency = heard - sent
+        return Stretch(latency[np.isfinite(latency)], count, cpu / spent)
+
+    def _listen(self, heard: NDArray[np.float64], until: float) -> None:
+        """Note answers until it is time."""
+        while True:
+            for now, value in self._taken():
+                code = round((self._code(value) - FIRST_RPM) / STEP_RPM)
+                self._note(heard, code, now)
+            left = until - time.monotonic()
+            if left <= 0.0:
+                return
+            time.sleep(min(left, _POLL))
+
+    def _note(self, heard: NDArray[np.float64], code: int, now: float) -> None:
+        """Give an answer to the first speed of that code that has none; a load answers again."""
+        same = heard[code::CODES]
+        open_ = np.flatnonzero(np.isnan(same))
+        if open_.size:
+            same[open_[0]] = now
+
+    def _taken(self) -> Iterator[tuple[float, float]]:
+        """Answers that have come, with their times."""
+        handle = self._answers.handle
+        while True:
+            with handle:
+                taken = handle.take_message(Float64, False)
+            if taken is None:
+                return
+            yield time.monotonic(), taken[0].data
+
+    def _publish(self, publisher: Any, value: float) -> None:
+        publisher.publish(Float64(data=value))
+
+    def _cpu(self) -> float:
+        """Processor time that the node has taken [s]."""
+        stat = Path(f'/proc/{self.process.pid}/stat').read_text('utf-8')
+        fields = stat.rpartition(')')[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+    def stop(self) -> None:
+        """End the process as Ctrl-C does."""
+        self.process.send_signal(signal.SIGINT)
+        self.process.wait(20.0)
+
+
+@contextmanager
+def subjects(domain: int) -> Iterator[dict[str, Subject]]:
+    """The bare node and the monitor, ready.
+
+    Args:
+        domain: The DDS domain to keep to.
+    """
+    os.environ |= {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    rclpy.init()
+    with ExitStack() as stack:
+        stack.callback(rclpy.try_shutdown)
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        driver = rclpy.create_node('driver')
+        found = {}
+        for name, make in (('bare', bare), ('monitor', monitor)):
+            found[name] = make(folder, driver)
+            stack.callback(found[name].stop)
+        yield found
+
+
+def bare(folder: Path, driver: Node) -> Subject:
+    """The node that only echoes."""
+    return Subject(['benchmarks.echo_node'], 'bare', 'echo/speed', lambda value: value, driver)
+
+
+def monitor(folder: Path, driver: Node) -> Subject:
+    """The monitor with the reference bearing, its speed told by its Hopf margin."""
+    reference = bearing()
+    hopf = float(reference.speed.from_surface(hopf_speed(reference, LOAD), 'rpm'))
+    document = yaml.safe_load(CONFIG.read_text('utf-8'))
+    settings = document['/**']['ros__parameters']['aft_stern']
+    settings['speed']['topic'], settings['load']['topic'] = 'speed', 'load'
+    file = folder / 'monitor.yaml'
+    file.write_text(yaml.safe_dump(document), 'utf-8')
+    command = ['stickslip_monitor.live', '--ros-args', '--params-file', str(file)]
+    return Subject(
+        command,
+        'watch',
+        'stickslip_monitor/aft_stern/hopf_margin',
+        lambda margin: (margin + 1.0) * hopf,
+        driver,
+    )

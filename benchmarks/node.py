@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node's latency and processor time, beside a node that only echoes."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+
+from benchmarks.live import Stretch, subjects
+from benchmarks.table import Table, duration, ratio
+
+RATES = (10.0, 100.0, 1000.0)
+"""Messages a second of the speed, and as many of the load."""
+
+
+def run(quick: bool) -> Table:
+    """Compare both nodes at all rates, in turns."""
+    turns, seconds = (1, 3.0) if quick else (3, 8.0)
+    found: dict[tuple[str, float], list[Stretch]] = {}
+    with subjects(150 + os.getpid() % 50) as nodes:
+        for _ in range(turns):
+            for rate in RATES:
+                for name, node in nodes.items():
+                    found.setdefault((name, rate), []).append(node.stretch(rate, seconds))
+    rows = []
+    for rate in RATES:
+        own, other = _row(found['monitor', rate]), _row(found['bare', rate])
+        rows.append(
+            [
+                f'{rate:g} Hz',
+                *(duration(value) for value in other[:2]),
+                *(duration(value) for value in own[:2]),
+                *(duration(value - less) for value, less in zip(own[:2], other[:2], strict=True)),
+                f'{other[2]:.1%}',
+                f'{own[2]:.1%}',
+                ratio(own[2] / other[2]),
+                f'{own[3]:.0f} of {own[4]:.0f}',
+            ]
+        )
+    return Table(
+        title='The node',
+        text='',
+        columns=(
+            'rate',
+            'bare p50',
+            'bare p99',
+            'monitor p50',
+            'monitor p99',
+            'added p50',
+            'added p99',
+            'bare CPU',
+            'monitor CPU',
+            'ratio',
+            'lost',
+        ),
+        rows=rows,
+    )
+
+
+def _row(stretches: list[Stretch]) -> tuple[float, float, float, float, float]:
+    """Latency p50 and p99 [s], share of a core, lost and sent."""
+    latency = np.concatenate([stretch.latency for stretch in stretches])
+    p50, p99 = np.percentile(latency, [50.0, 99.0]).tolist()
+    cpu = float(np.mean([stretch.cpu for stretch in stretches]))
+    return p50, p99, cpu, sum(s.lost for s in stretches), sum(s.sent for s in stretches)

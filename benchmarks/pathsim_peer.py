@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""PathSim on the oscillator: two phases, switched by its own events."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from pathsim import Simulation
+from pathsim.blocks import ODE
+from pathsim.events import ZeroCrossing, ZeroCrossingUp
+from pathsim.solvers import RKCK54
+
+from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.study.methods.method import breakaway
+
+_TOLERANCES = {'tolerance_lte_abs': 1e-9, 'tolerance_lte_rel': 1e-6}
+_STEP, _NUDGE, _WATCHED = 1e-4, 1e-9, 0.6
+
+
+class Oscillator:
+    """The lining as a block with a flag that says whether it sticks.
+
+    Args:
+        bearing: The bearing, with the Stribeck law.
+        speed: Surface speed [m/s].
+        load: Load [N].
+    """
+
+    def __init__(self, bearing: Bearing, speed: float, load: float) -> None:
+        assert isinstance(bearing.friction, Stribeck)
+        self.bearing, self.law, self.speed, self.load = bearing, bearing.friction, speed, load
+        self.start = breakaway(bearing, speed, load)
+        self.sticks = False
+        self.turns: list[tuple[float, float]] = []
+        self.block = ODE(self._flow, np.array([self.start, speed]))
+
+    def amplitude(self, duration: float) -> float:
+        """Half the peak-to-peak of the late part of a run [m]."""
+        events = [
+            ZeroCrossingUp(self._lead, self._land, tolerance=1e-12),
+            ZeroCrossingUp(self._strain, self._release, tolerance=1e-9),
+            ZeroCrossing(lambda _: self._state[1], self._turn, tolerance=1e-10),
+        ]
+        simulation = Simulation(
+            [self.block], [], events, dt=_STEP, Solver=RKCK54, log=False, **_TOLERANCES
+        )
+        simulation.run(duration, adaptive=True)
+        late = [x for time, x in self.turns if time > _WATCHED * duration]
+        return 0.5 * float(np.ptp(late))
+
+    @property
+    def _state(self) -> NDArray[np.float64]:
+        return self.block.engine.state
+
+    def _flow(self, state: NDArray[np.float64], _: object, __: float) -> NDArray[np.float64]:
+        x, v = state
+        if self.sticks:
+            return np.array([self.speed, 0.0])
+        law, bearing = self.law, self.bearing
+        drop = (law.static - law.kinetic) * math.exp(-law.decay * (self.speed - v))
+        friction = self.load * (law.kinetic + drop)
+        return np.array([v, (friction - bearing.damping * v - bearing.stiffness * x) / bearing.mass])
+
+    def _lead(self, _: float) -> float:
+        return -1.0 if self.sticks else self._state[1] - self.speed
+
+    def _strain(self, _: float) -> float:
+        return self._state[0] - self.start if self.sticks else -1.0
+
+    def _land(self, _: float) -> None:
+        self.sticks = True
+        self.block.engine.set(np.array([self._state[0], self.speed]))
+
+    def _release(self, _: float) -> None:
+        self.sticks = False
+        self.block.engine.set(np.array([self.start, self.speed - _NUDGE]))
+
+    def _turn(self, time: float) -> None:
+        self.turns.append((time, float(self._state[0])))
