@@ -6,6 +6,7 @@ from __future__ import annotations
 import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -54,7 +55,7 @@ def run(quick: bool) -> Table:
         timed[COMPILED] = (lambda: _ours(True, SPAN), SPAN)
         timed[LONG] = (lambda: _ours(True, 100.0), 100.0)
     for name, method in _METHODS.items():
-        timed[name] = (lambda method=method: _method(method), SPAN)
+        timed[name] = (partial(_method, method), SPAN)
     if find_spec('pathsim'):
         timed[PATHSIM] = (_pathsim, SPAN)
     amplitudes = {name: follow() for name, (follow, _) in timed.items()}

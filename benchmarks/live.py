@@ -21,16 +21,17 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
 from rclpy.node import Node
-from std_msgs.msg import Float64
+from std_msgs.msg import Float64, String
 
 from benchmarks.reference import CONFIG, LOAD, bearing
 from stickslip_monitor import hopf_speed
 
 FIRST_RPM, STEP_RPM, CODES = 20.0, 1e-4, 50_000
 """The speed of each message carries its number; all of them stick and slip."""
+_OUT = 'stickslip_monitor/aft_stern'
 _DEPTH = 5000
 _POLL = 50e-6
-_DRAIN = 1.0
+_DRAIN, _DIAGNOSED = 1.0, 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,19 +39,21 @@ class Stretch:
     """What a node did with some seconds of telemetry at one rate.
 
     Attributes:
-        latency: From a speed's publication until its answer is there, in order [s].
-        sent: Speeds that were sent.
+        latency: From a speed's publication until its answer is there, of those answered [s].
+        sent: Speeds that were sent, and as many loads.
+        lost: Speeds and loads that the node has not heard.
         cpu: Share of a core that the node took.
     """
 
     latency: NDArray[np.float64]
     sent: int
+    lost: int
     cpu: float
 
     @property
-    def lost(self) -> int:
-        """Speeds without an answer."""
-        return self.sent - self.latency.size
+    def answered(self) -> float:
+        """Share of the speeds that have an answer of their own."""
+        return self.latency.size / self.sent
 
 
 class Subject:
@@ -61,6 +64,8 @@ class Subject:
         space: Its namespace.
         answer: The topic that answers a speed.
         code: Gives back the speed [rpm] of an answer.
+        others: Its other topics, which are listened to so that it has to send them.
+        diagnosed: Whether it counts its samples in diagnostics.
         driver: The driver's own node.
     """
 
@@ -71,8 +76,11 @@ class Subject:
         answer: str,
         code: Callable[[float], float],
         driver: Node,
+        others: Sequence[str] = (),
+        diagnosed: bool = False,
     ) -> None:
         self._code = code
+        self._counts = None
         arguments = ['--ros-args', '-r', f'__ns:=/{space}', '--log-level', 'error']
         self.process = subprocess.Popen([sys.executable, '-m', *command, *arguments])
         self._speed = driver.create_publisher(Float64, f'/{space}/speed', _DEPTH)
@@ -80,6 +88,13 @@ class Subject:
         self._answers = driver.create_subscription(
             Float64, f'/{space}/{answer}', lambda _: None, _DEPTH
         )
+        for topic in others:
+            kind = String if topic.endswith('regime') else Float64
+            driver.create_subscription(kind, f'/{space}/{topic}', lambda _: None, 1)
+        if diagnosed:
+            self._counts = driver.create_subscription(
+                DiagnosticArray, '/diagnostics', lambda _: None, 1
+            )
         self._greet()
 
     def _greet(self) -> None:
@@ -89,9 +104,9 @@ class Subject:
             self._publish(self._load, LOAD)
             self._publish(self._speed, FIRST_RPM)
             time.sleep(0.1)
-            if any(True for _ in self._taken()):
+            if any(True for _ in _taken(self._answers)):
                 time.sleep(_DRAIN)
-                for _ in self._taken():
+                for _ in _taken(self._answers):
                     pass
                 return
         raise RuntimeError(f'no answer on {self._answers.topic_name}')
@@ -100,6 +115,7 @@ class Subject:
         """Feed speed and load, each at a rate [Hz], a load half-way between two speeds."""
         count = round(rate * seconds)
         sent, heard = np.zeros(count), np.full(count, np.nan)
+        before = self._heard()
         cpu, begin = self._cpu(), time.monotonic()
         for half in range(2 * count):
             self._listen(heard, begin + half / (2.0 * rate))
@@ -112,13 +128,27 @@ class Subject:
         cpu, spent = self._cpu() - cpu, time.monotonic() - begin
         self._listen(heard, time.monotonic() + _DRAIN)
         latency = heard - sent
-        return Stretch(latency[np.isfinite(latency)], count, cpu / spent)
+        latency = latency[np.isfinite(latency)]
+        heard_all = 2 * latency.size if self._counts is None else self._heard() - before
+        return Stretch(latency, count, 2 * count - heard_all, cpu / spent)
+
+    def _heard(self) -> int:
+        """Samples that the node has counted, by its diagnostics of the last second."""
+        if self._counts is None:
+            return 0
+        end, count = time.monotonic() + _DIAGNOSED, 0
+        while time.monotonic() < end:
+            for _, message in _taken(self._counts):
+                pairs = {pair.key: pair.value for pair in message.status[0].values}
+                count = sum(int(pairs[f'{name} samples accepted']) for name in ('speed', 'load'))
+            time.sleep(_POLL)
+        return count
 
     def _listen(self, heard: NDArray[np.float64], until: float) -> None:
         """Note answers until it is time."""
         while True:
-            for now, value in self._taken():
-                code = round((self._code(value) - FIRST_RPM) / STEP_RPM)
+            for now, message in _taken(self._answers):
+                code = round((self._code(message.data) - FIRST_RPM) / STEP_RPM)
                 self._note(heard, code, now)
             left = until - time.monotonic()
             if left <= 0.0:
@@ -132,16 +162,6 @@ class Subject:
         if open_.size:
             same[open_[0]] = now
 
-    def _taken(self) -> Iterator[tuple[float, float]]:
-        """Answers that have come, with their times."""
-        handle = self._answers.handle
-        while True:
-            with handle:
-                taken = handle.take_message(Float64, False)
-            if taken is None:
-                return
-            yield time.monotonic(), taken[0].data
-
     def _publish(self, publisher: Any, value: float) -> None:
         publisher.publish(Float64(data=value))
 
@@ -153,8 +173,19 @@ class Subject:
 
     def stop(self) -> None:
         """End the process as Ctrl-C does."""
-        self.process.send_signal(signal.SIGINT)
-        self.process.wait(20.0)
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+            self.process.wait(20.0)
+
+
+def _taken(subscription: Any) -> Iterator[tuple[float, Any]]:
+    """Messages that have come, with the times at which they were taken."""
+    while True:
+        with subscription.handle:
+            taken = subscription.handle.take_message(subscription.msg_type, False)
+        if taken is None:
+            return
+        yield time.monotonic(), taken[0]
 
 
 @contextmanager
@@ -195,7 +226,9 @@ def monitor(folder: Path, driver: Node) -> Subject:
     return Subject(
         command,
         'watch',
-        'stickslip_monitor/aft_stern/hopf_margin',
+        f'{_OUT}/hopf_margin',
         lambda margin: (margin + 1.0) * hopf,
         driver,
+        [f'{_OUT}/{name}' for name in ('amplitude', 'amplitude_exact', 'fold_margin', 'regime')],
+        diagnosed=True,
     )

@@ -61,8 +61,8 @@ class Oscillator:
             return np.array([self.speed, 0.0])
         law, bearing = self.law, self.bearing
         drop = (law.static - law.kinetic) * math.exp(-law.decay * (self.speed - v))
-        friction = self.load * (law.kinetic + drop)
-        return np.array([v, (friction - bearing.damping * v - bearing.stiffness * x) / bearing.mass])
+        force = self.load * (law.kinetic + drop) - bearing.damping * v - bearing.stiffness * x
+        return np.array([v, force / bearing.mass])
 
     def _lead(self, _: float) -> float:
         return -1.0 if self.sticks else self._state[1] - self.speed

@@ -15,7 +15,7 @@ STATIC, KINETIC, DECAY = 0.30, 0.10, 10.0
 SPEED = np.pi * 0.1 * 20.0 / 60.0
 
 
-def main():
+def main() -> None:
     """Follow the motion: the jump of friction as a relay, what it loses with speed explicitly."""
     step, duration = (float(word) for word in sys.argv[1:])
     start = (STATIC * LOAD - DAMPING * SPEED) / STIFFNESS
@@ -32,7 +32,7 @@ def main():
     found = []
     begin = time.perf_counter()
     while solver.hasNextEvent():
-        x, v = lining.x()
+        v = lining.x()[1]
         relative = SPEED - v
         fall = (STATIC - KINETIC) * -np.expm1(-DECAY * abs(relative))
         force = np.array([0.0, -np.sign(relative) * LOAD * fall / MASS])
