@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The figures for Prometheus, and the real Prometheus that scrapes them."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import socket
+import subprocess
+import urllib.error
+import urllib.parse
+import urllib.request
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+parser = pytest.importorskip(
+    'prometheus_client.parser', reason="the extra 'dashboard' is not installed"
+)
+
+ROOT = Path(__file__).resolve().parents[2]
+SHIPPED = ROOT / 'launch_configs' / 'dashboards'
+DOCS = ROOT / 'docs' / 'dashboard.md'
+TOKEN = 'correct-horse-battery'
+Figures = dict[tuple[str, frozenset[tuple[str, str]]], float]
+
+
+def program(name: str) -> str:
+    """A program of Debian's package prometheus."""
+    found = shutil.which(name)
+    if found is None:
+        pytest.skip(f'{name} is not installed (apt install prometheus)')
+    return found
+
+
+def scrape(dashboard: Any) -> str:
+    with urllib.request.urlopen(f'{dashboard.url}metrics', timeout=10.0) as answer:
+        return str(answer.read().decode())
+
+
+def figures(text: str) -> Figures:
+    """Every sample by its name and labels, as the reference parser reads it."""
+    return {
+        (sample.name, frozenset(sample.labels.items())): sample.value
+        for family in parser.text_string_to_metric_families(text)
+        for sample in family.samples
+    }
+
+
+def of(found: Figures, name: str, **labels: str) -> float:
+    return found[f'stickslip_{name}', frozenset(labels.items())]
+
+
+def test_the_figures_are_those_of_the_bearing(dashboard: Any) -> None:
+    dashboard.sail(20.0, 1000.0, 5.0)
+    point = dashboard.ship.monitor.bearings['aft_stern'].verdict.assessment
+    found = figures(scrape(dashboard))
+    bearing = {'bearing': 'aft_stern'}
+    # A journal of 0.1 m at 20 rpm.
+    assert of(found, 'speed_meters_per_second', **bearing) == pytest.approx(math.pi * 0.1 / 3.0)
+    assert of(found, 'load_newtons', **bearing) == 1000.0
+    for name, value in {
+        'hopf_speed_meters_per_second': point.hopf_speed,
+        'fold_margin_ratio': point.fold_margin,
+        'growth_rate_hertz': point.growth_rate,
+        'amplitude_meters': point.amplitude,
+        'exact_amplitude_meters': point.amplitude_exact,
+    }.items():
+        assert of(found, name, **bearing) == pytest.approx(value, rel=1e-8)
+    assert ('stickslip_threshold_amplitude_meters', frozenset(bearing.items())) not in found
+    assert of(found, 'predicted', **bearing) == 1.0
+    assert of(found, 'samples_total', **bearing, input='load', status='accepted') == 5.0
+    assert 0.0 <= of(found, 'sample_age_seconds', **bearing, input='load') < 30.0
+    conditions = {dict(k[1])['condition']: v for k, v in found.items() if k[0].endswith('dition')}
+    assert [name for name, value in conditions.items() if value] == ['stick_slip']
+
+
+def test_the_states_of_an_alarm(dashboard: Any) -> None:
+    dashboard.sail(20.0, 1000.0, 5.0)
+    labels = {'bearing': 'aft_stern', 'alarm': 'stick_slip', 'priority': 'alarm'}
+
+    def state() -> list[str]:
+        found = figures(scrape(dashboard))
+        states = {
+            dict(own)['state']: value
+            for (name, own), value in found.items()
+            if name == 'stickslip_alarm_state' and labels.items() <= dict(own).items()
+        }
+        assert len(states) == 8
+        return [name for name, value in states.items() if value]
+
+    assert state() == ['unacknowledged']
+    found = figures(scrape(dashboard))
+    assert of(found, 'alarm_active', **labels) == 1.0
+    assert of(found, 'alarms_unacknowledged') == of(found, 'alarms_sounding') == 1.0
+    assert (of(found, 'alarms_recent'), of(found, 'alarm_flood')) == (1.0, 0.0)
+    dashboard.sail(60.0, 1000.0, 30.0)
+    assert state() == ['returned_unacknowledged']
+    found = figures(scrape(dashboard))
+    assert of(found, 'alarm_active', **labels) == of(found, 'alarms_sounding') == 0.0
+    # Without a cycle the amplitude is nothing, as on the topic.
+    assert of(found, 'amplitude_meters', bearing='aft_stern') == 0.0
+    assert of(found, 'exact_amplitude_meters', bearing='aft_stern') == 0.0
+
+
+def test_nothing_old_is_repeated(dashboard: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert set(figures(scrape(dashboard))) == {
+        ('stickslip_monitor_up', frozenset()),
+        ('stickslip_dashboard_readers', frozenset()),
+    }
+    dashboard.sail(60.0, 1000.0)
+    assert of(figures(scrape(dashboard)), 'monitor_up') == 1.0
+    now = dashboard.board._clock()
+    monkeypatch.setattr(dashboard.board, '_clock', lambda: now + 100.0)
+    found = figures(scrape(dashboard))
+    assert {name for name, _ in found} == {
+        'stickslip_monitor_up',
+        'stickslip_dashboard_readers',
+        'stickslip_monitor_silence_seconds',
+    }
+    assert of(found, 'monitor_up') == 0.0
+    assert of(found, 'monitor_silence_seconds') == pytest.approx(100.0, abs=5.0)
+
+
+def test_the_docs_name_every_figure(dashboard: Any) -> None:
+    dashboard.sail(36.0, 1000.0, 5.0)  # in the bistable range every figure has a value
+    table = DOCS.read_text('utf-8').split('## Prometheus')[1]
+    rows = [line for line in table.splitlines() if line.startswith('| `')]
+    named = {cell for row in rows for cell in row.split('|')[1].replace('`', '').split(', ')}
+    assert {name.strip() for name in named} == {name for name, _ in figures(scrape(dashboard))}
+
+
+def test_names_keep_the_conventions(dashboard: Any) -> None:
+    tool = program('promtool')
+    dashboard.sail(36.0, 1000.0, 5.0)
+    done = subprocess.run(
+        [tool, 'check', 'metrics'], input=scrape(dashboard), text=True, capture_output=True
+    )
+    assert (done.returncode, done.stdout + done.stderr) == (0, '')
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [
+        ('check', 'rules', str(SHIPPED / 'prometheus_rules.yml')),
+        ('test', 'rules', str(Path(__file__).parent / 'prometheus_rules_test.yml')),
+        ('check', 'config', str(SHIPPED / 'prometheus.yml')),
+    ],
+    ids=lambda arguments: ' '.join(arguments[:2]),
+)
+def test_the_shipped_files_please_promtool(arguments: tuple[str, ...]) -> None:
+    done = subprocess.run([program('promtool'), *arguments], text=True, capture_output=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_every_alert_is_tested_and_asks_for_what_there_is(dashboard: Any) -> None:
+    import re
+
+    dashboard.sail(36.0, 1000.0, 5.0)
+    rules = yaml.safe_load((SHIPPED / 'prometheus_rules.yml').read_text('utf-8'))
+    own = {rule['alert']: rule['expr'] for group in rules['groups'] for rule in group['rules']}
+    tests = yaml.safe_load((Path(__file__).parent / 'prometheus_rules_test.yml').read_text())
+    fired = {
+        test['alertname']
+        for group in tests['tests']
+        for test in group['alert_rule_test']
+        if test.get('exp_alerts')
+    }
+    assert fired == set(own)
+    there = {name for name, _ in figures(scrape(dashboard))}
+    asked = {name for expr in own.values() for name in re.findall(r'stickslip_\w+', expr)}
+    assert asked <= there
+
+
+class Prometheus:
+    """A real Prometheus, on loopback, with its data in a folder of the test's."""
+
+    def __init__(self, folder: Path, port: int, config: Path) -> None:
+        self.url = f'http://127.0.0.1:{port}'
+        command = [program('prometheus'), f'--config.file={config}']
+        command += [f'--web.listen-address=127.0.0.1:{port}', f'--storage.tsdb.path={folder}']
+        with (folder / 'log').open('wb') as log:
+            self.process = subprocess.Popen(command, stdout=log, stderr=log, env={**os.environ})
+
+    def get(self, path: str, **query: str) -> Any:
+        """What the API answers; nothing while it is not up."""
+        try:
+            address = f'{self.url}/api/v1/{path}?{urllib.parse.urlencode(query)}'
+            with urllib.request.urlopen(address, timeout=10.0) as answer:
+                return json.load(answer)['data']
+        except (urllib.error.URLError, ConnectionError):
+            return None
+
+    def value(self, query: str) -> float | None:
+        data = self.get('query', query=query)
+        return float(data['result'][0]['value'][1]) if data and data['result'] else None
+
+    def firing(self) -> set[str]:
+        data = self.get('alerts') or {'alerts': []}
+        return {a['labels']['alertname'] for a in data['alerts'] if a['state'] == 'firing'}
+
+
+@pytest.fixture
+def prometheus(tmp_path: Path) -> Iterator[Callable[[Any], Prometheus]]:
+    """Starts a Prometheus with the shipped files, but for the address and the pace."""
+    started: list[Prometheus] = []
+
+    def start(dashboard: Any) -> Prometheus:
+        config = yaml.safe_load((SHIPPED / 'prometheus.yml').read_text('utf-8'))
+        config['global'] = {'scrape_interval': '200ms', 'evaluation_interval': '200ms'}
+        config['global']['scrape_timeout'] = '200ms'
+        (job,) = config['scrape_configs']
+        job['static_configs'] = [{'targets': [f'127.0.0.1:{dashboard.port}']}]
+        # As the shipped file has it in a comment.
+        job['authorization'] = {'credentials_file': 'token'}
+        (tmp_path / 'token').write_text(TOKEN)
+        (tmp_path / 'prometheus.yml').write_text(yaml.safe_dump(config))
+        shutil.copy(SHIPPED / 'prometheus_rules.yml', tmp_path)
+        with socket.socket() as probe:
+            probe.bind(('127.0.0.1', 0))
+            port = probe.getsockname()[1]
+        started.append(Prometheus(tmp_path, port, tmp_path / 'prometheus.yml'))
+        return started[-1]
+
+    yield start
+    for each in started:
+        each.process.terminate()
+        each.process.wait()
+
+
+def test_a_real_prometheus_scrapes_and_alerts(
+    dashboards: Callable[..., Any], prometheus: Callable[[Any], Prometheus], kit: Any
+) -> None:
+    dashboard = dashboards(token=TOKEN)
+    dashboard.sail(60.0, 1000.0)
+    server = prometheus(dashboard)
+    labelled = 'stickslip_load_newtons{bearing="aft_stern",job="stickslip"}'
+
+    def seen() -> float | None:
+        dashboard.do(dashboard.ship.show)
+        return server.value(labelled)
+
+    assert kit.until(seen, 'the first scrape') == 1000.0
+    assert server.value('stickslip_hopf_margin_ratio') == pytest.approx(
+        dashboard.board.status('aft_stern').numbers['hopf_margin']
+    )
+    assert server.firing() == set()
+    dashboard.sail(20.0, 1000.0, 5.0)
+
+    def alerts() -> bool:
+        dashboard.do(dashboard.ship.show)
+        return server.firing() == {'StickSlipPredicted'}
+
+    kit.until(alerts, 'the alert')
