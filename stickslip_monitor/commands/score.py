@@ -17,16 +17,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from stickslip_monitor.bags.check import BearingReport, CheckReport, check_bag
+from stickslip_monitor.bags.check import CheckReport, check_bag
+from stickslip_monitor.bags.reader import Request
 from stickslip_monitor.bags.truth import TruthRecord, has_truth, read_truth
 from stickslip_monitor.commands.output import add_config, add_json, console, print_json
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.scan import Scan
+from stickslip_monitor.study.recorder_clock import IntArray, on_recorder_clock
 from stickslip_monitor.study.score import (
     Claim,
     EpisodeScore,
@@ -55,11 +59,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """One bearing in one bag."""
+    """One bearing in one bag; the scan's times are those of the recorder."""
 
     path: str
     config: BearingConfig
-    report: BearingReport
+    scan: Scan
     truth: TruthRecord
     score: Score
 
@@ -94,6 +98,8 @@ def judge_bag(path: str | Path, config: MonitorConfig) -> list[Judged]:
 def _judge(path: str, report: CheckReport, config: BearingConfig) -> Judged:
     record = read_truth(report.bag, config.name)
     own = report.bearings[config.name]
+    arrivals = _arrivals(report, config)
+    scan = on_recorder_clock(config, own.stream, arrivals, own.scan, report.start_ns)
     truth = Truth(
         start_ns=record.start_ns,
         end_ns=record.end_ns,
@@ -103,8 +109,18 @@ def _judge(path: str, report: CheckReport, config: BearingConfig) -> Judged:
         fold_margin=record.fold_margin.value,
     )
     span = (record.start_ns, record.end_ns)
-    score = score_bearing(config.alarm, own.scan.events, span, truth)
-    return Judged(path, config, own, record, score)
+    score = score_bearing(config.alarm, scan.events, span, truth)
+    return Judged(path, config, scan, record, score)
+
+
+def _arrivals(report: CheckReport, config: BearingConfig) -> IntArray:
+    """When the recorder got each sample of a bearing's stream, shape (n,) [ns]."""
+    asked = [Request(s.topic, s.field_text, s.type) for s in (config.speed, config.load)]
+    found = report.bag.read(asked)
+    series = [found[request] for request in asked]
+    order = np.argsort(np.concatenate([own.sequence for own in series]), kind='stable')
+    arrivals: IntArray = np.concatenate([own.log_time_ns for own in series])[order]
+    return arrivals
 
 
 def to_json(judged: Sequence[Judged], total: Score) -> dict[str, Any]:
@@ -251,7 +267,8 @@ def _draw(path: str, judged: Sequence[Judged]) -> None:
     if len(judged) != 1:
         names = ', '.join(f'{one.config.name} in {one.path}' for one in judged)
         raise ConfigurationError(
-            f'--picture shows one bearing in one bag, and here are {names}: choose with --bearing'
+            f'--picture shows one bearing in one bag, and here are {names}: give one bag, and'
+            ' --bearing where it has several'
         )
     from stickslip_monitor.drawing.score import Lining, draw_score, save_score
 
@@ -267,4 +284,4 @@ def _draw(path: str, judged: Sequence[Judged]) -> None:
         amplitude_ns=record.amplitude.time_ns,
         amplitude=record.amplitude.value,
     )
-    save_score(draw_score(one.config, one.report.scan, lining), path)
+    save_score(draw_score(Path(one.path).name, one.config, one.scan, lining), path)

@@ -83,12 +83,13 @@ class _Clock:
         return begin, (end_ns - start_ns) / (1e9 * self.scale)
 
 
-def draw_score(config: BearingConfig, scan: Scan, lining: Lining) -> Figure:
+def draw_score(name: str, config: BearingConfig, scan: Scan, lining: Lining) -> Figure:
     """Draw one bearing over one recording.
 
     Args:
+        name: The recording's name.
         config: The bearing.
-        scan: What the monitor made of the recording.
+        scan: What the monitor made of the recording, on the clock of the truth.
         lining: What the lining did.
 
     Raises:
@@ -107,7 +108,7 @@ def draw_score(config: BearingConfig, scan: Scan, lining: Lining) -> Figure:
         _margins(axes[2], clock, scan, lining)
         _amplitude(axes[3], clock, scan, lining)
         _strips(axes[4], clock, scan, lining)
-        axes[0].set_title(config.name, loc='left', fontsize=11.0, weight='bold')
+        axes[0].set_title(f'{name}: {config.name}', loc='left', fontsize=11.0, weight='bold')
         axes[4].set_xlabel(f'time [{clock.unit}]')
         axes[4].set_xlim(0.0, clock.end)
         figure.align_ylabels(axes)

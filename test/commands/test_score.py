@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,14 @@ START = 1_700_000_000_000_000_000
 STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
-def scene(path: Path, points: list[list[float]], duration: float, **lining: Any) -> str:
+def scene(
+    path: Path,
+    points: list[list[float]],
+    duration: float,
+    further: Sequence[dict[str, Any]] = (),
+    config: Path = CONFIG,
+    **lining: Any,
+) -> str:
     """The bag of a scene at 1000 N whose speed [rpm] goes through some points."""
     rates = {'speed': {'rate': 10.0}, 'load': {'rate': 10.0}}
     motion = {'disturbance': {'standard_deviation': 1.0, 'unit': 'N'}, 'amplitude': {'rate': 2.0}}
@@ -37,13 +45,14 @@ def scene(path: Path, points: list[list[float]], duration: float, **lining: Any)
         'duration': duration,
         'start': START,
         'seed': 5,
-        'config': str(CONFIG),
+        'config': str(config),
         'telemetry': rates,
         'effects': [
             {'speed_profile': {'unit': 'rpm', 'points': points}},
             {'load_profile': {'unit': 'kN', 'points': [[0, 1.0]]}},
             {'operating_point': {'rate': 2.0}},
             {'lining_motion': motion | lining},
+            *further,
         ],
     }
     file = path.with_suffix('.yaml')
@@ -110,6 +119,26 @@ def test_a_knock_in_the_bistable_range(knocked: str, capsys: pytest.CaptureFixtu
     assert score['lead']['least'] == pytest.approx(60.0 - 31.2, abs=0.3)
     assert score['unpredicted'] == pytest.approx(20.0, abs=0.3)
     assert score['unwarned'] == 0.0
+
+
+@pytest.mark.parametrize('by', [-30.0, 3600.0])
+def test_clock_that_jumps_changes_no_lead(
+    tmp_path: Path, slowing: str, capsys: pytest.CaptureFixture[str], by: float
+) -> None:
+    """Of a steady caution and of a prediction 12 s after the jump, only an interruption tells."""
+    jump = {'clock_jump': {'jumps': [[19.05, by]]}}
+    stamped = ROOT / 'launch_configs' / 'stamped_inputs.yaml'
+    bag = scene(tmp_path / 'bag', [[0, 60], [40, 20]], 50.0, [jump], stamped)
+    scores = []
+    for path, config in ((slowing, CONFIG), (bag, stamped)):
+        capsys.readouterr()
+        assert main(['score', path, '--config', str(config), '--json']) == 0
+        scores.append(json.loads(capsys.readouterr().out)['total'])
+    steady, jumped = scores
+    for name in ('seconds', 'lead', 'alarm_lead', 'warnings', 'sticking', 'overpredicted'):
+        assert jumped[name] == steady[name], name
+    # A clock that jumps forward makes the samples before it old until the other input follows.
+    assert jumped['blind'] <= 0.2
 
 
 def test_table_of_two_bags(slowing: str, knocked: str, capsys: pytest.CaptureFixture[str]) -> None:
