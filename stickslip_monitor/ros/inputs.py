@@ -27,6 +27,8 @@ _TELEMETRY = QoSProfile(
     reliability=ReliabilityPolicy.BEST_EFFORT,
     durability=DurabilityPolicy.VOLATILE,
 )
+# Messages of a topic that are taken in one go before the other callbacks have their turn.
+_BURST = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +65,8 @@ class Inputs:
     Args:
         node: The node.
         config: The configuration.
-        receive: Called with ``(bearing, is_load, time_ns, value)`` for every number.
+        receive: Called with ``(bearing, is_load, time_ns, value, latest)`` for every number;
+            ``latest`` is false where a later message of its topic has come already.
         tap: Called with topic, message and its time [ns] before the numbers of it, if given.
     """
 
@@ -71,7 +74,7 @@ class Inputs:
         self,
         node: LifecycleNode,
         config: MonitorConfig,
-        receive: Callable[[str, int, int, float], None],
+        receive: Callable[[str, int, int, float, bool], None],
         tap: Callable[[str, Any, int], None] | None = None,
     ) -> None:
         self._node = node
@@ -85,11 +88,12 @@ class Inputs:
         self._subscriptions: list[Any] = []
         try:
             for (topic, kind), readers in readings.items():
-                self._subscriptions.append(
-                    node.create_subscription(
-                        message_type(kind), topic, self._callback(topic, kind, readers), _TELEMETRY
-                    )
+                queue: list[Any] = []
+                callback = self._callback(topic, kind, readers, queue)
+                queue.append(
+                    node.create_subscription(message_type(kind), topic, callback, _TELEMETRY)
                 )
+                self._subscriptions += queue
         except ROS_FAULTS:
             self.destroy()
             raise
@@ -99,12 +103,14 @@ class Inputs:
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
 
-    def _callback(self, topic: str, kind: str, readers: list[Reading]) -> Callable[[Any], None]:
+    def _callback(
+        self, topic: str, kind: str, readers: list[Reading], queue: list[Any]
+    ) -> Callable[[Any], None]:
         stamp = stamp_reader(kind)
         clock = self._node.get_clock()
         name = self._node.resolve_topic_name(topic)
 
-        def receive(message: Any) -> None:
+        def take(message: Any, latest: bool) -> None:
             # The time of measurement where the message carries it, else that of its arrival.
             time_ns = (stamp(message) if stamp else 0) or clock.now().nanoseconds
             if time_ns == 0:
@@ -113,6 +119,24 @@ class Inputs:
             if self._tap is not None:
                 self._tap(name, message, time_ns)
             for reading in readers:
-                self._receive(reading.bearing, reading.is_load, time_ns, reading.number(message))
+                number = reading.number(message)
+                self._receive(reading.bearing, reading.is_load, time_ns, number, latest)
+
+        def receive(message: Any) -> None:
+            """Take a message and those that wait behind it: a turn of the executor is dear."""
+            for _ in range(_BURST):
+                following = _waiting(queue[0])
+                take(message, following is None)
+                if following is None:
+                    return
+                message = following
+            take(message, True)
 
         return receive
+
+
+def _waiting(subscription: Any) -> Any:
+    """The next message of a subscription, taken as rclpy's executors do; ``None`` for none."""
+    with subscription.handle:
+        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+    return None if taken is None else taken[0]

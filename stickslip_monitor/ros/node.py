@@ -82,6 +82,7 @@ class MonitorNode(LifecycleNode):
         self._flows: dict[str, Flow] = {}
         self._bases: dict[str, int] = {}
         self._published_ns: dict[str, int] = {}
+        self._unsaid: dict[str, Verdict] = {}
 
     @property
     def config(self) -> MonitorConfig:
@@ -182,7 +183,7 @@ class MonitorNode(LifecycleNode):
             self._outputs = None
         self._desk = None
 
-    def _receive(self, name: str, is_load: int, time_ns: int, value: float) -> None:
+    def _receive(self, name: str, is_load: int, time_ns: int, value: float, latest: bool) -> None:
         bearing = self._monitor.bearings[name]
         update = bearing.update(is_load, time_ns, value)
         if update.status.believed:
@@ -190,7 +191,10 @@ class MonitorNode(LifecycleNode):
             assert bearing.now_ns is not None
             self._bases[name] = bearing.now_ns
         if update.verdict is not None:
-            self._publish(update.verdict, bool(update.events))
+            self._unsaid[name] = update.verdict
+        # What a message that waits already will outdate is said only where it changes something.
+        if (latest or update.events) and (verdict := self._unsaid.pop(name, None)):
+            self._publish(verdict, bool(update.events))
         self._announce(update.events)
         assert self._desk is not None
         self._desk.take_update(name, is_load, time_ns, update)

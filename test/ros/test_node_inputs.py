@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import math
+import signal
 from typing import Any
 
 import numpy as np
@@ -178,3 +179,30 @@ def test_integers_and_single_precision(
     expected = assess(bearing, bearing.speed.to_surface(rpm, 'rpm'), 250.0)
     assert margins[-1].data == expected.fold_margin
     assert math.isfinite(expected.fold_margin)
+
+
+def test_messages_that_wait_are_all_evaluated_and_the_last_is_answered(
+    start: Any, kit: Any
+) -> None:
+    """While the node is held, messages pile up in its queue of 500."""
+    monitor = start(kit.parameters(kit.STAMPED))
+    diagnostics = monitor.diagnostics()
+    telemetry = kit.Telemetry(monitor)
+    telemetry.step(60.0, 1000.0, 10.0)
+    peer, key = monitor.peer, 'speed samples accepted'
+    peer.until(lambda: kit.status(diagnostics).get('shaft speed [rpm]') == '60', 'diagnostics')
+    before, heard = int(kit.status(diagnostics)[key]), telemetry.heard['hopf_margin']
+    said = len(heard)
+    monitor.process.send_signal(signal.SIGSTOP)
+    for i in range(400):
+        telemetry.send(60.0 + 0.01 * i, 1000.0, 11.0 + 0.01 * i)
+    telemetry.send(math.nan, math.nan, 15.0)
+    peer.spin(0.5)
+    monitor.process.send_signal(signal.SIGCONT)
+    peer.until(
+        lambda: int(kit.status(diagnostics)[key]) == before + 400,
+        f'400 samples, not {kit.status(diagnostics)}',
+    )
+    # 60 + 3.99 rpm; a burst is of 50 messages, the first is met by a turn of the executor.
+    assert heard[-1].data == pytest.approx(63.99 / 30.7380 - 1.0, abs=1e-5)
+    assert 1 <= (len(heard) - said) / 2 <= 401 / 50 + 2
