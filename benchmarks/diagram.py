@@ -167,4 +167,11 @@ def _table(found: dict[str, _Result | str], prepared: float) -> Table:
         ),
         columns=('method', 'time', 'Hopf [rpm]', 'fold [rpm]', 'error', 'ratio'),
         rows=rows,
+        notes=_NOTES,
     )
+
+
+_NOTES = """\
+What remains of the exact cycles: three quarters are the unstable branch, whose turning points are
+roots of the return map, some 30 turns for each cycle; a fifth is the fold. With a sharper law AUTO
+does not come around the fold, where the branch turns within the width of smoothing."""

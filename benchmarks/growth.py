@@ -63,6 +63,7 @@ def run(quick: bool) -> Table:
         ),
         columns=('messages', 'recorded', 'time', 'of a message', 'memory', 'of a message'),
         rows=rows,
+        notes=_NOTES,
     )
 
 
@@ -99,3 +100,9 @@ def _check(arguments: Sequence[str]) -> tuple[float, float]:
     if code not in ('0', '1') or done.stderr:
         raise RuntimeError(f'{" ".join(command)} ended with {code}: {done.stderr}')
     return float(seconds), float(kilobytes) * 1024.0
+
+
+_NOTES = """\
+Up to 1e5 messages start-up is all. From there time is in proportion, and so is memory: time, stamp,
+place and value of each message, and speed, load and some ten columns of the verdict of each
+evaluation, are kept until the events have been found."""

@@ -57,6 +57,7 @@ def run(quick: bool) -> Table:
             'answered',
         ),
         rows=rows,
+        notes=_NOTES,
     )
 
 
@@ -67,6 +68,11 @@ of its topics, which are all listened to. Latency is from the publication of a s
 of its answer (of the monitor, the Hopf margin). CPU is the share of a core of the node's process
 with all threads of DDS. Lost is what the node has not counted as a sample; where it was late, the
 last of the samples that waited has the answer. The ratio is that of the CPU."""
+
+_NOTES = """\
+What remains, of a profile at 100 Hz: evaluating (the monitor's update) 30 %, publishing five
+messages 30 %, the executor's turns 25 %, the exact amplitude 6 %. `publish_period` spares the
+second and the last."""
 
 
 def _row(stretches: list[Stretch]) -> tuple[float, ...]:
