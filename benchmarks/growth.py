@@ -103,6 +103,6 @@ def _check(arguments: Sequence[str]) -> tuple[float, float]:
 
 
 _NOTES = """\
-Up to 1e5 messages start-up is all. From there time is in proportion, and so is memory: time, stamp,
-place and value of each message, and speed, load and some ten columns of the verdict of each
+Up to 1e5 messages start-up is all. From there time is in proportion, and so is memory: time,
+stamp, place and value of each message, and speed, load and some ten columns of the verdict of each
 evaluation, are kept until the events have been found."""

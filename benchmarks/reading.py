@@ -162,4 +162,4 @@ def _table(times: dict[str, Times], count: int) -> Table:
 
 _NOTES = """\
 What remains of ours: decompression, which a second thread does ahead and which takes as long as
-the rest together; then the message index, copying the field out of the chunk, and joining parts."""
+the rest together; then the message index, copying fields out of the chunk, and joining parts."""
