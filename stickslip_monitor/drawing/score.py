@@ -157,13 +157,18 @@ def _finite(values: FloatArray) -> FloatArray:
 
 def _speed(axes: Axes, clock: _Clock, config: BearingConfig, scan: Scan) -> None:
     point, rpm = scan.assessment, config.bearing.speed.factor('rpm')
+    # Astern the same picture is mirrored: its boundaries are those of the speed's size.
+    ahead = np.where(point.speed >= 0.0, point.speed, np.nan)
+    astern = np.where(point.speed < 0.0, -point.speed, np.nan)
     lines = (
-        (np.abs(point.speed), INK, 1.1, '-', 'measured'),
+        (ahead, INK, 1.1, '-', 'measured'),
+        *([(astern, INK, 1.1, (0, (2, 1)), 'astern')] if np.any(astern > 0.0) else []),
         (_finite(point.fold_speed), _FOLD, 1.5, '-', 'fold'),
         (_finite(point.hopf_speed), _HOPF, 1.5, '-', 'Hopf'),
     )
     for values, colour, width, dash, label in lines:
-        axes.plot(*_series(clock, scan, values / rpm), dash, color=colour, lw=width, label=label)
+        time, line = _series(clock, scan, values / rpm)
+        axes.plot(time, line, ls=dash, color=colour, lw=width, label=label)
     axes.set_ylabel('speed [rpm]')
     axes.set_ylim(bottom=0.0)
     _legend(axes)
