@@ -24,7 +24,7 @@ demo: $(VENV)/.demo  ## Watch the node warn while a recorded coast-down is playe
 	@$(BIN)/python scripts/demo.py
 
 test: $(VENV)/.test  ## Run the tests (PYTEST_ARGS='-k friction' for some of them)
-	$(BIN)/python -m pytest $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile $(PYTEST_ARGS)
 
 lint: $(VENV)/.lint  ## Check style, format and types
 	$(BIN)/ruff check .

@@ -76,6 +76,7 @@ setup(
             'mpmath>=1.2',
             'numba>=0.57',
             'pytest>=7',
+            'pytest-xdist>=3',
             'ros-kilted-geometry-msgs==5.5.1' + WHERE_ROS_HAS_WHEELS,
             'ros-kilted-sensor-msgs==5.5.1' + WHERE_ROS_HAS_WHEELS,
             'rosbags>=0.10',
