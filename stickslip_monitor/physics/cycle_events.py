@@ -16,7 +16,7 @@ import numpy as np
 from stickslip_monitor.physics.cycle_laws import Index
 from stickslip_monitor.physics.cycle_states import End, Flags, Frame, Orbits, Setting, Stretch
 from stickslip_monitor.physics.friction import Array
-from stickslip_monitor.physics.rootfinding import secant_on_bracket
+from stickslip_monitor.physics.rootfinding import root_on_bracket
 from stickslip_monitor.physics.slip import SAMPLES, at_samples, value
 
 # Share of the energy at the start below which an orbit that does not turn has come to rest.
@@ -53,10 +53,11 @@ def _root(series: Array, level: Array, low: Array, high: Array) -> Array:
     change = below * above < 0.0
     if change.any():
         # Shifted away from zero, where a relative tolerance would ask for digits nobody needs.
-        shifted = secant_on_bracket(
+        shifted = root_on_bracket(
             lambda x, rows, aim: value(x - 2.0, rows) - aim,
             low[change] + 2.0,
             high[change] + 2.0,
+            (below[change], above[change]),
             (series[change], level[change]),
         )
         root[change] = shifted - 2.0

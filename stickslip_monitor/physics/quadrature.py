@@ -10,6 +10,7 @@ depends on what else is in the array.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,10 @@ def unit_gauss(order: int) -> list[tuple[float, float]]:
 
 
 _BLOCK = 8192
-_NODES, _WEIGHTS = (np.array(column)[:, None] for column in zip(*unit_gauss(16), strict=True))
+_NODES, _WEIGHTS = (np.array(column) for column in zip(*unit_gauss(16), strict=True))
+
+# Averages of functions of the relative speed, of cos t and of the element, on one set of nodes.
+Integrand = Callable[[Array, Array, NDArray[np.intp]], tuple[Array, ...]]
 
 
 def crossing_angle(speed: Array, amplitude: Array, level: Array | float) -> Array:
@@ -42,48 +46,46 @@ def crossing_angle(speed: Array, amplitude: Array, level: Array | float) -> Arra
     return angle
 
 
+@lru_cache(maxsize=64)
+def _levels(law: FrictionLaw) -> Array:
+    """Relative speeds at which the friction of a cycle is not smooth, shape (levels, 1)."""
+    breaks = law.breakpoints
+    return np.array([*(-b for b in reversed(breaks)), 0.0, *breaks])[:, None]
+
+
 def _panels(law: FrictionLaw, speed: Array, amplitude: Array) -> tuple[Array, Array]:
     """Start and width of each smooth stretch of the half cycle, both of shape (panels, n)."""
-    breaks = law.breakpoints
-    levels = np.array([*(-b for b in reversed(breaks)), 0.0, *breaks])
-    crossings = crossing_angle(speed, amplitude, levels[:, None])
-    ends = np.zeros((1, speed.size))
-    edges = np.concatenate([ends, crossings, ends + np.pi])
-    return edges[:-1], np.diff(edges, axis=0)
+    levels = _levels(law)
+    edges = np.zeros((levels.size + 2, speed.size))
+    edges[1:-1] = crossing_angle(speed, amplitude, levels)
+    edges[-1] = np.pi
+    return edges[:-1], edges[1:] - edges[:-1]
 
 
-def _cycle_integral(
-    law: FrictionLaw,
-    speed: Array,
-    amplitude: Array,
-    integrand: Callable[[Array, Array, NDArray[np.intp]], Array],
-) -> Array:
-    """Average over half a cycle of a function of relative speed, ``cos t`` and element."""
-    shape, speed, amplitude = speed.shape, speed.ravel(), amplitude.ravel()
+def _cycle_integrals(
+    law: FrictionLaw, speed: Array, amplitude: Array, integrand: Integrand
+) -> list[Array]:
+    """Averages over half a cycle of functions of relative speed, ``cos t`` and element."""
     start, width = _panels(law, speed, amplitude)
     # Most stretches of a finely tabulated law are outside the speeds of the cycle.
     used = np.nonzero(width)
     begin, extent, element = start[used], width[used], used[1]
-    sums = np.empty_like(begin)
-    for first in range(0, begin.size, _BLOCK):
+    offset = (speed - amplitude)[element]
+    reach = amplitude[element]
+    blocks = []
+    for first in range(0, max(begin.size, 1), _BLOCK):
         part = slice(first, first + _BLOCK)
-        own = element[part]
-        sine = np.sin(0.5 * (begin[part] + _NODES * extent[part]))
+        sine = np.sin(0.5 * (begin[part, None] + _NODES * extent[part, None]))
         drop = 2.0 * sine * sine
         # V - a cos t without its cancellation: at grazing the sign of v decides the sum.
-        relative = (speed - amplitude)[own] + amplitude[own] * drop
-        sums[part] = _in_order(_WEIGHTS * integrand(relative, 1.0 - drop, own))
-    parts = np.zeros_like(start)
-    parts[used] = sums * extent
-    return _in_order(parts).reshape(shape) / np.pi
-
-
-def _in_order(rows: Array) -> Array:
-    """Sum over the first axis, row by row."""
-    total = np.zeros(rows.shape[1])
-    for row in rows:
-        total += row
-    return total
+        relative = offset[part, None] + reach[part, None] * drop
+        values = integrand(relative, 1.0 - drop, element[part])
+        blocks.append([np.add.reduce(value * _WEIGHTS, axis=1) for value in values])
+    # Panel by panel in the order of t, so that no element sees another.
+    return [
+        np.bincount(element, np.concatenate(sums) * extent, speed.size) / np.pi
+        for sums in zip(*blocks, strict=True)
+    ]
 
 
 def friction_harmonic(law: FrictionLaw, speed: Array, amplitude: Array) -> Array:
@@ -97,28 +99,52 @@ def friction_harmonic(law: FrictionLaw, speed: Array, amplitude: Array) -> Array
     Returns:
         ``S`` [-], shape of ``speed``.
     """
-    # The constant part of friction has a closed average; taken out, it leaves no rounding noise
-    # that would pass for cycles where friction is flat.
+    shape, speed, amplitude = speed.shape, speed.ravel(), amplitude.ravel()
     level = law.coefficient(speed)
 
-    def varying(v: Array, cosine: Array, element: NDArray[np.intp]) -> Array:
-        own = level.ravel()[element]
-        return (law.coefficient(v) - np.where(v < 0.0, -own, own)) * cosine
+    def varying(v: Array, cosine: Array, element: NDArray[np.intp]) -> tuple[Array]:
+        return (_varying(law, v, level[element]) * cosine,)
 
+    (integral,) = _cycle_integrals(law, speed, amplitude, varying)
+    return (integral - _constant(level, speed, amplitude)).reshape(shape)
+
+
+def _varying(law: FrictionLaw, v: Array, level: Array) -> Array:
+    """Friction less its constant part, that of steady sliding.
+
+    Taken out, that leaves no rounding noise that would pass for cycles where friction is flat.
+    """
+    own = level[:, None]
+    return law.coefficient(v) - np.where(v < 0.0, -own, own)
+
+
+def _constant(level: Array, speed: Array, amplitude: Array) -> Array:
+    """The average of the constant part, which has a closed form; negative."""
     reach = np.maximum(amplitude, speed)
     sine = np.sqrt(((reach - speed) / reach) * (1.0 + speed / reach))
-    return _cycle_integral(law, speed, amplitude, varying) - (2.0 / np.pi) * level * sine
+    return (2.0 / np.pi) * level * sine
 
 
-def friction_harmonic_slope(law: FrictionLaw, speed: Array, amplitude: Array) -> Array:
-    """``dS/da`` [s/m] by differentiation under the integral; ``-inf`` at ``a = V+``.
+def friction_harmonic_and_slope(
+    law: FrictionLaw, speed: Array, amplitude: Array
+) -> tuple[Array, Array]:
+    """``S`` [-] and ``dS/da`` [s/m], the latter by differentiation under the integral.
 
     The reversal of friction at the sliding limit adds
-    ``-(2 mu_s/pi) (V^2/a^3) / sqrt(1 - V^2/a^2)`` for ``a > V``.
+    ``-(2 mu_s/pi) (V^2/a^3) / sqrt(1 - V^2/a^2)`` for ``a > V``: ``-inf`` at ``a = V+``. Arguments
+    as of :func:`friction_harmonic`.
     """
-    smooth = -_cycle_integral(law, speed, amplitude, lambda v, c, _: law.slope(v) * c * c)
+    shape, speed, amplitude = speed.shape, speed.ravel(), amplitude.ravel()
+    level = law.coefficient(speed)
+
+    def both(v: Array, cosine: Array, element: NDArray[np.intp]) -> tuple[Array, Array]:
+        varying = _varying(law, v, level[element])
+        return varying * cosine, law.slope(v) * cosine * cosine
+
+    integral, fall = _cycle_integrals(law, speed, amplitude, both)
     reversing = amplitude > speed
     ratio = np.where(reversing, speed / amplitude, 0.0)
     root = np.sqrt(np.where(reversing, (amplitude - speed) / amplitude, 1.0) * (1.0 + ratio))
     jump = (2.0 * law.static / np.pi) * ratio * ratio / (amplitude * root)
-    return smooth - np.where(reversing, jump, 0.0)
+    average = integral - _constant(level, speed, amplitude)
+    return average.reshape(shape), (-fall - np.where(reversing, jump, 0.0)).reshape(shape)

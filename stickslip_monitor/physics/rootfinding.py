@@ -68,44 +68,61 @@ def newton_on_bracket(
     return root
 
 
-def secant_on_bracket(
+def root_on_bracket(
     function: Callable[..., Array],
     low: Array,
     high: Array,
+    ends: tuple[Array, Array],
     parameters: Sequence[Array] = (),
 ) -> Array:
-    """Roots by the Illinois method, one on each bracket whose ends differ in sign.
+    """Roots by Chandrupatla's method, one on each bracket whose ends differ in sign.
+
+    Inverse quadratic interpolation where the last three points allow it, else bisection
+    (T. R. Chandrupatla, Adv. Eng. Software 28, 1997, 145-149).
 
     Args:
         function: ``(x, *parameters) -> value``; called with the elements still running.
         low: Lower ends, shape (n,).
         high: Upper ends, shape (n,).
+        ends: The values there.
         parameters: Arrays of shape (n,) handed on to ``function``.
 
     Returns:
         The roots, shape (n,).
     """
-    root = 0.5 * (low + high)
-    running = np.arange(root.size)
-    arguments = list(parameters)
-    a, b = low, high
-    fa, fb = function(a, *arguments), function(b, *arguments)
-    for count in range(_LIMIT):
-        with np.errstate(divide='ignore', invalid='ignore'):
-            x = b - fb * (b - a) / (fb - fa)
-        # Every fourth step bisects, so a kink cannot hold the secant at one end.
-        inside = (x > np.minimum(a, b)) & (x < np.maximum(a, b))
-        x = np.where(inside & (count % 4 != 3), x, 0.5 * (a + b))
+    root = np.where(ends[0] == 0.0, low, high)
+    running = np.flatnonzero((ends[0] != 0.0) & (ends[1] != 0.0))
+    # The last point, the one on the other side of the root, and the one before.
+    b, a, fb, fa = low[running], high[running], ends[0][running], ends[1][running]
+    arguments = [argument[running] for argument in parameters]
+    share = fb / (fb - fa)
+    for _ in range(_LIMIT):
+        x = b + share * (a - b)
         fx = function(x, *arguments)
-        flipped = np.sign(fx) != np.sign(fb)
-        a, fa = np.where(flipped, b, a), np.where(flipped, fb, 0.5 * fa)
-        step = np.abs(x - b)
+        same = np.sign(fx) == np.sign(fb)
+        c, fc = np.where(same, b, a), np.where(same, fb, fa)
+        a, fa = np.where(same, a, b), np.where(same, fa, fb)
         b, fb = x, fx
-        root[running] = x
-        wide = np.abs(a - b) > _CLOSE * np.abs(b)
-        keep = (fx != 0.0) & wide & (step > _CLOSE * np.abs(b))
+        best = np.where(np.abs(fa) < np.abs(fb), a, b)
+        root[running] = best
+        least = _CLOSE * np.abs(best) / np.abs(a - b)
+        keep = (fb != 0.0) & (least < 0.25)
         if not keep.any():
             break
-        running, a, b, fa, fb = running[keep], a[keep], b[keep], fa[keep], fb[keep]
+        running, a, b, c = running[keep], a[keep], b[keep], c[keep]
+        fa, fb, fc, least = fa[keep], fb[keep], fc[keep], least[keep]
         arguments = [argument[keep] for argument in arguments]
+        share = _next_share(a, b, c, fa, fb, fc)
+        share = np.minimum(np.maximum(share, least), 1.0 - least)
     return root
+
+
+def _next_share(a: Array, b: Array, c: Array, fa: Array, fb: Array, fc: Array) -> Array:
+    """Where between ``b`` (0) and ``a`` (1) to look next."""
+    with np.errstate(all='ignore'):
+        xi, phi = (b - a) / (c - a), (fb - fa) / (fc - fa)
+        # Inverse quadratic interpolation is monotone under these conditions.
+        fits = (phi * phi < xi) & ((1.0 - phi) ** 2 < 1.0 - xi)
+        ahead = fb / (fa - fb) * fc / (fa - fc)
+        share = ahead + (c - b) / (a - b) * fb / (fc - fb) * fa / (fc - fa)
+    return np.where(fits & np.isfinite(share), share, 0.5)

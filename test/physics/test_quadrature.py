@@ -12,7 +12,7 @@ from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.quadrature import (
     crossing_angle,
     friction_harmonic,
-    friction_harmonic_slope,
+    friction_harmonic_and_slope,
     unit_gauss,
 )
 
@@ -24,6 +24,10 @@ LAWS = {
     'coulomb': Coulomb(0.3, 0.3),
     'table': Tabulated([0.0, 0.05, 0.12, 0.3, 0.8], [0.31, 0.22, 0.24, 0.10, 0.13]),
 }
+
+
+def friction_harmonic_slope(law: FrictionLaw, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    return friction_harmonic_and_slope(law, v, a)[1]
 
 
 @pytest.mark.parametrize('order', [1, 2, 5, 16])

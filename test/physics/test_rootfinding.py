@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from stickslip_monitor.physics.rootfinding import newton_on_bracket, secant_on_bracket
+from stickslip_monitor.physics.rootfinding import newton_on_bracket, root_on_bracket
 
 Array = NDArray[np.float64]
 
@@ -69,18 +69,23 @@ def test_newton_without_a_root_goes_to_the_end_that_is_nearest_to_one() -> None:
     np.testing.assert_allclose(got, [1.0, 0.0], atol=1e-9)
 
 
-def test_secant_finds_roots_of_either_direction() -> None:
+def _between(function: Callable[..., Array], low: Array, high: Array, *more: Array) -> Array:
+    ends = function(low, *more), function(high, *more)
+    return root_on_bracket(function, low, high, ends, more)
+
+
+def test_roots_of_either_direction() -> None:
     c = np.array([1e-6, 0.5, 2.0, 30.0])
     ends = np.zeros(4), np.full(4, 5.0)
-    rising = secant_on_bracket(lambda x, k: np.expm1(x) - k, *ends, (c,))
-    falling = secant_on_bracket(lambda x, k: k - np.expm1(x), *ends, (c,))
+    rising = _between(lambda x, k: np.expm1(x) - k, *ends, c)
+    falling = _between(lambda x, k: k - np.expm1(x), *ends, c)
     np.testing.assert_allclose(rising, np.log1p(c), rtol=1e-14)
     np.testing.assert_allclose(falling, np.log1p(c), rtol=1e-14)
 
 
-def test_secant_gets_past_a_kink_and_a_pole_of_the_slope() -> None:
-    kink = secant_on_bracket(lambda x: np.where(x < 0.9, -1e-3, x - 0.9), np.zeros(1), np.ones(1))
-    steep = secant_on_bracket(lambda x: np.cbrt(x - 0.123), np.zeros(1), np.ones(1))
+def test_a_kink_and_a_pole_of_the_slope_are_passed() -> None:
+    kink = _between(lambda x: np.where(x < 0.9, -1e-3, x - 0.9), np.zeros(1), np.ones(1))
+    steep = _between(lambda x: np.cbrt(x - 0.123), np.zeros(1), np.ones(1))
     assert kink[0] == pytest.approx(0.9, abs=1e-14)
     assert steep[0] == pytest.approx(0.123, abs=1e-14)
 
@@ -88,7 +93,7 @@ def test_secant_gets_past_a_kink_and_a_pole_of_the_slope() -> None:
 def test_no_equations_have_no_roots() -> None:
     none = np.empty(0)
     assert newton_on_bracket(_cube, none, none, none, (none,)).size == 0
-    assert secant_on_bracket(lambda x: x, none, none).size == 0
+    assert _between(lambda x: x, none, none).size == 0
 
 
 @settings(max_examples=30, deadline=None)
@@ -97,10 +102,10 @@ def test_a_root_never_depends_on_its_neighbours(values: list[float]) -> None:
     c = np.array(values)
     low, high = np.zeros_like(c), np.maximum(c, 1.0)
     newton = newton_on_bracket(_cube, low, high, 0.3 * high, (c,))
-    secant = secant_on_bracket(lambda x, k: x**3 - k, low, high, (c,))
+    between = _between(lambda x, k: x**3 - k, low, high, c)
     for i in range(c.size):
         l1, h1, c1 = (array[i : i + 1] for array in (low, high, c))
         assert newton_on_bracket(_cube, l1, h1, 0.3 * h1, (c1,)) == newton[i]
-        assert secant_on_bracket(lambda x, k: x**3 - k, l1, h1, (c1,)) == secant[i]
+        assert _between(lambda x, k: x**3 - k, l1, h1, c1) == between[i]
     np.testing.assert_allclose(newton, np.cbrt(c), rtol=1e-14)
-    np.testing.assert_allclose(secant, np.cbrt(c), rtol=1e-12)
+    np.testing.assert_allclose(between, np.cbrt(c), rtol=1e-12)
