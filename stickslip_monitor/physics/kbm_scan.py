@@ -25,7 +25,6 @@ from stickslip_monitor.physics.kbm_surface import (
     SLOWEST,
     amplitude_at,
     equilibrium_table,
-    golden_maximum,
     peak_and_place,
     peaks,
     slope_and_derivative,
@@ -38,6 +37,8 @@ from stickslip_monitor.physics.rootfinding import newton_on_bracket, root_on_bra
 _BLOCK = 1024
 # How far from the places at two speeds the place of the peak between them is looked for.
 _AROUND = 0.03
+# Steps of Newton's method towards it, and the distance over which the slope is differenced.
+_PEAK_STEPS, _ASIDE = 2, 1e-4
 
 
 def peak_slope(law: FrictionLaw, speed: Array) -> Array:
@@ -96,34 +97,45 @@ def fold_speed(law: FrictionLaw, q: Array) -> Array:
             continue
         i, own = index[rows], level[rows]
         result[inside[rows]] = root_on_bracket(
-            lambda v, level, left, right, h=height: h(law, v, left, right) - level,
+            lambda v, level, near, h=height: h(law, v, near) - level,
             table.speeds[i],
             table.speeds[i + 1],
             (table.peak[i] - own, table.peak[i + 1] - own),
-            (own, np.minimum(here, there)[rows], np.maximum(here, there)[rows]),
+            (own, 0.5 * (here[rows] + there[rows])),
         )
     return result
 
 
-def _steady(law: FrictionLaw, speed: Array, left: Array, right: Array) -> Array:
+# Heights of the peak at some speeds [s/m], given the amplitude coordinate near which it stands.
+
+
+def _steady(law: FrictionLaw, speed: Array, near: Array) -> Array:
     return -law.slope(speed)
 
 
-def _cusp(law: FrictionLaw, speed: Array, left: Array, right: Array) -> Array:
+def _cusp(law: FrictionLaw, speed: Array, near: Array) -> Array:
     return slope_surface(law, np.ones_like(speed), speed)
 
 
-def _near(law: FrictionLaw, speed: Array, left: Array, right: Array) -> Array:
-    """The height of the peak about its places at the two speeds of the table."""
-    low = np.maximum(left - _AROUND, 1e-3)
-    high = np.where(right <= 1.0, np.minimum(right + _AROUND, 1.0), right + _AROUND)
-    height = golden_maximum(lambda x: slope_surface(law, x, speed), low, high)[1]
-    for x in (low, high):
-        height = np.maximum(height, slope_surface(law, x, speed))
+def _either(law: FrictionLaw, speed: Array, near: Array) -> Array:
+    return np.maximum(_steady(law, speed, near), _cusp(law, speed, near))
+
+
+def _near(law: FrictionLaw, speed: Array, near: Array) -> Array:
+    x = near
+    for _ in range(_PEAK_STEPS):
+        slope = slope_and_derivative(law, x, speed)[1]
+        beside = slope_and_derivative(law, x + _ASIDE, speed)[1]
+        x = np.clip(x - slope * _ASIDE / (beside - slope), near - _AROUND, near + _AROUND)
+    # A peak that is none any more, or has come to the sliding limit or to zero.
+    lost = ~(beside < slope) | (np.abs(x - near) == _AROUND) | ((x - 1.0) * (near - 1.0) <= 0.0)
+    height = slope_surface(law, np.where(lost, 1.0, x), speed)
+    if lost.any():
+        height[lost] = peak_slope(law, speed[lost])
     return height
 
 
-def _anywhere(law: FrictionLaw, speed: Array, left: Array, right: Array) -> Array:
+def _anywhere(law: FrictionLaw, speed: Array, near: Array) -> Array:
     return peak_slope(law, speed)
 
 
@@ -145,7 +157,7 @@ def has_cycle(law: FrictionLaw, speed: Array, q: Array, fold: Array) -> NDArray[
     inside = np.flatnonzero((speed > 0.0) & (speed < fold))
     for start in range(0, inside.size, _BLOCK):
         part = inside[start : start + _BLOCK]
-        point, _, _, rising = _brackets(law, np.clip(speed[part], SLOWEST, FASTEST), q[part])
+        point, *_, rising = _brackets(law, np.clip(speed[part], SLOWEST, FASTEST), q[part])
         result[part[point[rising == 0.0]]] = True
     return result
 
@@ -177,20 +189,18 @@ def cycles(law: FrictionLaw, speed: Array, q: Array) -> tuple[Array, Array]:
     """
     given, speed = speed, np.clip(speed, SLOWEST, FASTEST)
     found = [
-        (start, *_brackets(law, speed[start : start + _BLOCK], q[start : start + _BLOCK]))
-        for start in range(0, max(speed.size, 1), _BLOCK)
+        (first, *_brackets(law, speed[first : first + _BLOCK], q[first : first + _BLOCK]))
+        for first in range(0, max(speed.size, 1), _BLOCK)
     ]
-    point = np.concatenate([start + block for start, block, *_ in found])
-    left, right, rising = (np.concatenate([row[k] for row in found]) for k in (2, 3, 4))
+    point = np.concatenate([first + block for first, block, *_ in found])
+    left, right, start, rising = (np.concatenate([row[k] for row in found]) for k in (2, 3, 4, 5))
 
     def difference(x: Array, v: Array, level: Array, up: Array) -> tuple[Array, Array]:
         rho, slope = slope_and_derivative(law, x, v)
         sign = np.where(up > 0.0, -1.0, 1.0)
         return sign * (rho - level), sign * slope
 
-    x = newton_on_bracket(
-        difference, left, right, 0.5 * (left + right), (speed[point], q[point], rising)
-    )
+    x = newton_on_bracket(difference, left, right, start, (speed[point], q[point], rising))
     with np.errstate(over='ignore'):
         a = amplitude_at(x, given[point])
     return _pad(speed.size, point, a, 1.0 - rising)
@@ -198,24 +208,37 @@ def cycles(law: FrictionLaw, speed: Array, q: Array) -> tuple[Array, Array]:
 
 def _brackets(
     law: FrictionLaw, speed: Array, q: Array
-) -> tuple[NDArray[np.intp], Array, Array, Array]:
-    """Stretches of the amplitude grid with one root: point, ends, and 1.0 where rho rises."""
-    above, hidden = _excess(law, speed, q)
+) -> tuple[NDArray[np.intp], Array, Array, Array, Array]:
+    """Stretches of the amplitude grid with one root.
+
+    Returns:
+        Of each its point, its ends, a first guess, and 1.0 where rho rises.
+    """
+    above, (p, c) = _excess(law, speed, q)
     point, column = np.nonzero((above[:, :-1] > 0.0) != (above[:, 1:] > 0.0))
     left, right = GRID[column], GRID[column + 1]
-    rising = (above[point, column] <= 0.0).astype(float)
+    before, after = above[point, column], above[point, column + 1]
+    start = left + (right - left) * (before / (before - after))
+    rising = (before <= 0.0).astype(float)
+    if not p.size:
+        return point, left, right, start, rising
 
     # A peak or dip between grid points can hide two roots.
-    p, c = hidden
     here = above[p, c]
     side = np.sign(here)
     turn, value = peaks(law, speed[p], GRID[c - 1], GRID[c + 1], -side)
     crossed = (value - q[p]) * side < 0.0
     p, c, turn, up = p[crossed], c[crossed], turn[crossed], (here <= 0.0).astype(float)[crossed]
-    return (
-        np.concatenate([point, p, p]),
+    left, right = (
         np.concatenate([left, GRID[c - 1], turn]),
         np.concatenate([right, turn, GRID[c + 1]]),
+    )
+    start = np.concatenate([start, 0.5 * (left + right)[start.size :]])
+    return (
+        np.concatenate([point, p, p]),
+        left,
+        right,
+        start,
         np.concatenate([rising, up, 1.0 - up]),
     )
 

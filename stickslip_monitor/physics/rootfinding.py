@@ -15,6 +15,7 @@ from stickslip_monitor.physics.friction import Array
 
 _LIMIT = 120
 _CLOSE = 2e-16
+_SECANT_CLOSE = 1e-14
 
 
 def newton_on_bracket(
@@ -103,17 +104,20 @@ def root_on_bracket(
         c, fc = np.where(same, b, a), np.where(same, fb, fa)
         a, fa = np.where(same, a, b), np.where(same, fa, fb)
         b, fb = x, fx
-        best = np.where(np.abs(fa) < np.abs(fb), a, b)
-        root[running] = best
-        least = _CLOSE * np.abs(best) / np.abs(a - b)
-        keep = (fb != 0.0) & (least < 0.25)
+        with np.errstate(divide='ignore', invalid='ignore'):
+            secant = fb * (b - c) / (fb - fc)
+        # So close a last step along the secant cannot miss by more than rounding.
+        there = (fb == 0.0) | (np.abs(secant) <= _SECANT_CLOSE * np.abs(b))
+        close = np.abs(a - b) <= _CLOSE * np.abs(b)
+        root[running] = np.where(there & (fb != 0.0), b - secant, b)
+        keep = ~(there | close)
         if not keep.any():
             break
         running, a, b, c = running[keep], a[keep], b[keep], c[keep]
-        fa, fb, fc, least = fa[keep], fb[keep], fc[keep], least[keep]
+        fa, fb, fc = fa[keep], fb[keep], fc[keep]
         arguments = [argument[keep] for argument in arguments]
-        share = _next_share(a, b, c, fa, fb, fc)
-        share = np.minimum(np.maximum(share, least), 1.0 - least)
+        least = np.minimum(_CLOSE * np.abs(b) / np.abs(a - b), 0.5)
+        share = np.clip(_next_share(a, b, c, fa, fb, fc), least, 1.0 - least)
     return root
 
 
