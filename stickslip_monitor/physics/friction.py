@@ -194,17 +194,18 @@ class Tabulated:
         """See :class:`FrictionLaw`."""
         v = np.asarray(speed, dtype=float)
         i, s = self._place(np.minimum(np.maximum(np.abs(v), self.speed[0]), self.speed[-1]))
-        cubic = self.cubics
-        value = ((cubic[0, i] * s + cubic[1, i]) * s + cubic[2, i]) * s + cubic[3, i]
-        return np.where(v < 0.0, -value, value)
+        a, b, c, d = self.cubics[:, i]
+        value: Array = ((a * s + b) * s + c) * s + d
+        # At v = 0 the positive end, whatever the sign of zero.
+        return np.copysign(value, v + 0.0)
 
     def slope(self, speed: ArrayLike) -> Array:
         """See :class:`FrictionLaw`."""
         v = np.abs(np.asarray(speed, dtype=float))
         inside = np.minimum(np.maximum(v, self.speed[0]), self.speed[-1])
         i, s = self._place(inside)
-        cubic = self.cubics
-        derivative = (3.0 * cubic[0, i] * s + 2.0 * cubic[1, i]) * s + cubic[2, i]
+        a, b, c, _ = self.cubics[:, i]
+        derivative = (3.0 * a * s + 2.0 * b) * s + c
         # Where the curve turns level, rounding must not give its slope the wrong sign.
         falls_or_rises = derivative * self._rises[i] > 0.0
         return np.where((v == inside) & falls_or_rises, derivative, 0.0)

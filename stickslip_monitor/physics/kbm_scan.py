@@ -37,8 +37,8 @@ from stickslip_monitor.physics.rootfinding import newton_on_bracket, root_on_bra
 _BLOCK = 1024
 # How far from the places at two speeds the place of the peak between them is looked for.
 _AROUND = 0.03
-# Steps of Newton's method towards it, and the distance over which the slope is differenced.
-_PEAK_STEPS, _ASIDE = 2, 1e-4
+# The distance over which the slope of rho is differenced.
+_ASIDE = 1e-4
 
 
 def peak_slope(law: FrictionLaw, speed: Array) -> Array:
@@ -87,21 +87,25 @@ def fold_speed(law: FrictionLaw, q: Array) -> Array:
         return result
     index, level = index[inside], q[inside]
     here, there = table.place[index], table.place[index + 1]
-    ways = np.where(
-        (here == 0.0) & (there == 0.0), 0, np.where((here == 1.0) & (there == 1.0), 1, 2)
-    )
-    ways[(ways == 2) & (np.abs(here - there) > _AROUND)] = 3
-    for way, height in enumerate((_steady, _cusp, _near, _anywhere)):
+    third = np.where(index > 0, index - 1, index + 2)
+    ways = np.where(np.abs(here - there) > _AROUND, 4, 3)
+    ways[(here + there == 1.0) & (here * there == 0.0)] = 2
+    ways[(here == 1.0) & (there == 1.0)] = 1
+    ways[(here == 0.0) & (there == 0.0)] = 0
+    for way, height in enumerate((_steady, _cusp, _either, _near, _anywhere)):
         rows = np.flatnonzero(ways == way)
         if not rows.size:
             continue
-        i, own = index[rows], level[rows]
+        i, own, other = index[rows], level[rows], third[rows]
+        low, high, place = table.speeds[i], table.speeds[i + 1], here[rows]
+        drift = (there[rows] - place) / (high - low)
         result[inside[rows]] = root_on_bracket(
-            lambda v, level, near, h=height: h(law, v, near) - level,
-            table.speeds[i],
-            table.speeds[i + 1],
+            lambda v, level, x, begin, drift, h=height: h(law, v, x + drift * (v - begin)) - level,
+            low,
+            high,
             (table.peak[i] - own, table.peak[i + 1] - own),
-            (own, 0.5 * (here[rows] + there[rows])),
+            (own, place, low, drift),
+            (table.speeds[other], table.peak[other] - own),
         )
     return result
 
@@ -122,11 +126,10 @@ def _either(law: FrictionLaw, speed: Array, near: Array) -> Array:
 
 
 def _near(law: FrictionLaw, speed: Array, near: Array) -> Array:
-    x = near
-    for _ in range(_PEAK_STEPS):
-        slope = slope_and_derivative(law, x, speed)[1]
-        beside = slope_and_derivative(law, x + _ASIDE, speed)[1]
-        x = np.clip(x - slope * _ASIDE / (beside - slope), near - _AROUND, near + _AROUND)
+    # A step of Newton's method along x: of what it misses by, the height feels the square.
+    slope = slope_and_derivative(law, near, speed)[1]
+    beside = slope_and_derivative(law, near + _ASIDE, speed)[1]
+    x = np.clip(near - slope * _ASIDE / (beside - slope), near - _AROUND, near + _AROUND)
     # A peak that is none any more, or has come to the sliding limit or to zero.
     lost = ~(beside < slope) | (np.abs(x - near) == _AROUND) | ((x - 1.0) * (near - 1.0) <= 0.0)
     height = slope_surface(law, np.where(lost, 1.0, x), speed)
@@ -262,9 +265,10 @@ def _excess(
     doubt = table.doubt[i]
     above = low + (table.rows[i + 1] - low) * share[:, None] - q[:, None]
     point, column = np.nonzero(~((np.abs(above) > doubt) & covered[:, None]))
-    above[point, column] = slope_surface(law, GRID[column], speed[point]) - q[point]
+    if point.size:
+        above[point, column] = slope_surface(law, GRID[column], speed[point]) - q[point]
     point, column = np.nonzero(_bent(above, doubt))
-    for k in (0, 1, 2):
+    for k in (0, 1, 2) if point.size else ():
         above[point, column + k] = slope_surface(law, GRID[column + k], speed[point]) - q[point]
     return above, _turns(law, speed, above, point, column)
 

@@ -44,8 +44,12 @@ def amplitude_at(x: Array, speed: Array) -> Array:
 
 def slope_surface(law: FrictionLaw, x: Array, speed: Array) -> Array:
     """``rho`` at amplitude coordinates [s/m]; ``x`` and ``speed`` of shape (n,)."""
-    a = amplitude_at(np.where(x > 0.0, x, 1.0), speed)
-    return np.where(x > 0.0, 2.0 * friction_harmonic(law, speed, a) / a, -law.slope(speed))
+    still = x == 0.0
+    if not still.any():
+        a = amplitude_at(x, speed)
+        return 2.0 * friction_harmonic(law, speed, a) / a
+    a = amplitude_at(np.where(still, 1.0, x), speed)
+    return np.where(still, -law.slope(speed), 2.0 * friction_harmonic(law, speed, a) / a)
 
 
 def slope_and_derivative(law: FrictionLaw, x: Array, speed: Array) -> tuple[Array, Array]:

@@ -75,6 +75,7 @@ def root_on_bracket(
     high: Array,
     ends: tuple[Array, Array],
     parameters: Sequence[Array] = (),
+    beyond: tuple[Array, Array] | None = None,
 ) -> Array:
     """Roots by Chandrupatla's method, one on each bracket whose ends differ in sign.
 
@@ -87,6 +88,7 @@ def root_on_bracket(
         high: Upper ends, shape (n,).
         ends: The values there.
         parameters: Arrays of shape (n,) handed on to ``function``.
+        beyond: Points outside the brackets and the values there, for a better first guess.
 
     Returns:
         The roots, shape (n,).
@@ -97,6 +99,9 @@ def root_on_bracket(
     b, a, fb, fa = low[running], high[running], ends[0][running], ends[1][running]
     arguments = [argument[running] for argument in parameters]
     share = fb / (fb - fa)
+    if beyond is not None:
+        guess = _next_share(a, b, beyond[0][running], fa, fb, beyond[1][running])
+        share = np.where((guess > 0.0) & (guess < 1.0) & (guess != 0.5), guess, share)
     for _ in range(_LIMIT):
         x = b + share * (a - b)
         fx = function(x, *arguments)
