@@ -39,12 +39,23 @@ _BLOCK = 1024
 _AROUND = 0.03
 # The distance over which the slope of rho is differenced.
 _ASIDE = 1e-4
+_PEAK_STEPS, _PLACED = 6, 1e-4
 
 
 def peak_slope(law: FrictionLaw, speed: Array) -> Array:
     """``max_a rho(a; V)`` [s/m] for each speed."""
     speed = np.clip(speed, SLOWEST, FASTEST)
-    return peak_and_place(law, speed, surface_rows(law, speed))[0]
+    if not law.breakpoints:
+        return peak_and_place(law, speed, surface_rows(law, speed))[0]
+    rows, doubt = _lines(law, speed)
+    # Only what may be the highest, and its neighbours, has to be known better.
+    least = np.max(rows - doubt, axis=1)[:, None]
+    high = ~(rows + doubt < least)
+    high[:, 1:] |= high[:, :-1]
+    high[:, :-1] |= high[:, 1:]
+    point, column = np.nonzero(high)
+    rows[point, column] = slope_surface(law, GRID[column], speed[point])
+    return peak_and_place(law, speed, rows)[0]
 
 
 def _last_above(heights: Array, q: Array) -> NDArray[np.intp]:
@@ -88,11 +99,13 @@ def fold_speed(law: FrictionLaw, q: Array) -> Array:
     index, level = index[inside], q[inside]
     here, there = table.place[index], table.place[index + 1]
     third = np.where(index > 0, index - 1, index + 2)
-    ways = np.where(np.abs(here - there) > _AROUND, 4, 3)
-    ways[(here + there == 1.0) & (here * there == 0.0)] = 2
+    # Between peaks of two kinds another may be highest.
+    ways = np.full(inside.shape, 3)
+    ways[(np.abs(here - there) < _AROUND) & (np.minimum(here, there) > _AROUND)] = 2
+    ways[(here - 1.0) * (there - 1.0) <= 0.0] = 3
     ways[(here == 1.0) & (there == 1.0)] = 1
     ways[(here == 0.0) & (there == 0.0)] = 0
-    for way, height in enumerate((_steady, _cusp, _either, _near, _anywhere)):
+    for way, height in enumerate((_steady, _cusp, _near, _anywhere)):
         rows = np.flatnonzero(ways == way)
         if not rows.size:
             continue
@@ -121,18 +134,25 @@ def _cusp(law: FrictionLaw, speed: Array, near: Array) -> Array:
     return slope_surface(law, np.ones_like(speed), speed)
 
 
-def _either(law: FrictionLaw, speed: Array, near: Array) -> Array:
-    return np.maximum(_steady(law, speed, near), _cusp(law, speed, near))
-
-
 def _near(law: FrictionLaw, speed: Array, near: Array) -> Array:
-    # A step of Newton's method along x: of what it misses by, the height feels the square.
-    slope = slope_and_derivative(law, near, speed)[1]
-    beside = slope_and_derivative(law, near + _ASIDE, speed)[1]
-    x = np.clip(near - slope * _ASIDE / (beside - slope), near - _AROUND, near + _AROUND)
-    # A peak that is none any more, or has come to the sliding limit or to zero.
-    lost = ~(beside < slope) | (np.abs(x - near) == _AROUND) | ((x - 1.0) * (near - 1.0) <= 0.0)
-    height = slope_surface(law, np.where(lost, 1.0, x), speed)
+    x, place, v = near, near.copy(), speed
+    running = np.arange(near.size)
+    lost = np.zeros(near.size, dtype=bool)
+    for _ in range(_PEAK_STEPS):
+        slope = slope_and_derivative(law, x, v)[1]
+        beside = slope_and_derivative(law, x + _ASIDE, v)[1]
+        step = slope * _ASIDE / (slope - beside)
+        place[running] = x + step
+        # A peak that is none any more, or leaves its neighbourhood.
+        wrong = ~(beside < slope) | ~(np.abs(x + step - near[running]) < _AROUND)
+        wrong |= (x + step - 1.0) * (near[running] - 1.0) <= 0.0
+        lost[running[wrong]] = True
+        # Of what the place misses by, the height feels the square.
+        keep = ~wrong & (np.abs(step) > _PLACED)
+        running, x, v = running[keep], (x + step)[keep], v[keep]
+        if not running.size:
+            break
+    height = slope_surface(law, np.where(lost, 1.0, place), speed)
     if lost.any():
         height[lost] = peak_slope(law, speed[lost])
     return height
@@ -256,21 +276,31 @@ def _excess(
     if not law.breakpoints:
         above = surface_rows(law, speed) - q[:, None]
         return above, _turns(law, speed, above, *np.nonzero(_bent(above, 0.0)))
-    table = slope_table(law)
-    i = np.searchsorted(table.speeds, speed, side='right') - 1
-    covered = (i >= 0) & (i < table.speeds.size - 1)
-    i = np.minimum(np.maximum(i, 0), table.speeds.size - 2)
-    share = (speed - table.speeds[i]) / (table.speeds[i + 1] - table.speeds[i])
-    low = table.rows[i]
-    doubt = table.doubt[i]
-    above = low + (table.rows[i + 1] - low) * share[:, None] - q[:, None]
-    point, column = np.nonzero(~((np.abs(above) > doubt) & covered[:, None]))
+    above, doubt = _lines(law, speed)
+    above -= q[:, None]
+    point, column = np.nonzero(~(np.abs(above) > doubt))
     if point.size:
         above[point, column] = slope_surface(law, GRID[column], speed[point]) - q[point]
     point, column = np.nonzero(_bent(above, doubt))
     for k in (0, 1, 2) if point.size else ():
         above[point, column + k] = slope_surface(law, GRID[column + k], speed[point]) - q[point]
     return above, _turns(law, speed, above, point, column)
+
+
+def _lines(law: FrictionLaw, speed: Array) -> tuple[Array, Array]:
+    """``rho`` on the amplitude grid by lines between the speeds of the table.
+
+    Returns:
+        It and how far it may be off, ``inf`` beyond the table; both of shape (n, len(GRID)).
+    """
+    table = slope_table(law)
+    i = np.searchsorted(table.speeds, speed, side='right') - 1
+    beyond = (i < 0) | (i >= table.speeds.size - 1)
+    i = np.minimum(np.maximum(i, 0), table.speeds.size - 2)
+    share = (speed - table.speeds[i]) / (table.speeds[i + 1] - table.speeds[i])
+    low, doubt = table.rows[i], table.doubt[i]
+    doubt[beyond] = np.inf
+    return low + (table.rows[i + 1] - low) * share[:, None], doubt
 
 
 def _bent(above: Array, doubt: Array | float) -> NDArray[np.bool_]:

@@ -9,10 +9,11 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from stickslip_monitor.physics import kbm_scan
+from stickslip_monitor.physics import kbm_scan, kbm_surface
 from stickslip_monitor.physics.bifurcation import kbm, stationary_amplitudes
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
 from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.quadrature import friction_harmonic
 
 STRIBECK = Stribeck(0.30, 0.10, 10.0)
 # c/N [s/m] of kappa = 0.5, 0.2, 0.02, 0.002
@@ -112,3 +113,85 @@ def test_without_damping_a_table_reaches_any_speed() -> None:
     assert stable[0].tolist() == [0.0, 1.0]
     assert amplitude[0, 0] <= 1.5 * (1.0 + 1e-6)
     assert amplitude[0, 1] > 2.0
+
+
+def _random_tables(count: int) -> list[Tabulated]:
+    rng = np.random.default_rng(5)
+    tables = []
+    for size in rng.integers(3, 14, count).tolist():
+        speed = np.cumsum(rng.uniform(0.01, 0.15, size)) - 0.01
+        coefficient = rng.uniform(0.05, 0.4, size)
+        falling = rng.random() < 0.5
+        tables.append(Tabulated(speed, np.sort(coefficient)[::-1] if falling else coefficient))
+    return tables
+
+
+def _points(law: Tabulated, count: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(6)
+    speed = rng.uniform(0.005, 1.3 * law.speed[-1], count) * rng.choice([1.0, 1.0, 0.1], count)
+    steepest = kbm_surface.slope_table(law).peak.max()
+    return speed, max(steepest, 1e-3) * np.exp(rng.uniform(np.log(1e-3), 0.0, count))
+
+
+def test_the_table_of_a_law_hides_no_cycle() -> None:
+    """A scan eight times as fine, of the average itself, changes its sign as often.
+
+    Two cycles closer together than that scan is fine may be found in addition.
+    """
+    fine = np.unique(
+        np.concatenate(
+            [
+                g + np.diff(kbm_surface.GRID) * k / 8
+                for k in range(8)
+                for g in [kbm_surface.GRID[:-1]]
+            ]
+        )
+    )[1:]
+    for law in _random_tables(4):
+        speed, q = _points(law, 60)
+        x, v = (grid.ravel() for grid in np.meshgrid(fine, speed))
+        above = kbm_surface.slope_surface(law, x, v).reshape(60, -1) > q[:, None]
+        changes = np.count_nonzero(above[:, 1:] != above[:, :-1], axis=1)
+        amplitude, stable = kbm_scan.cycles(law, speed, q)
+        found = np.count_nonzero(~np.isnan(amplitude), axis=1)
+        assert np.all((found == changes) | (found == changes + 2))
+        assert np.mean(found == changes) > 0.98
+        slope = 2.0 * friction_harmonic(
+            law,
+            np.repeat(speed, amplitude.shape[1]),
+            np.where(np.isnan(amplitude), 1.0, amplitude).ravel(),
+        )
+        slope = slope.reshape(amplitude.shape) / amplitude
+        there = ~np.isnan(amplitude)
+        np.testing.assert_allclose(
+            slope[there], np.broadcast_to(q[:, None], slope.shape)[there], rtol=1e-9
+        )
+        np.testing.assert_array_equal(
+            kbm_scan.has_cycle(law, speed, q, np.full(60, np.inf)), (stable > 0.0).any(axis=1)
+        )
+
+
+def test_the_fold_of_a_table_is_where_the_highest_average_passes() -> None:
+    """The whole grid of amplitudes, refined about its highest point, just below and above."""
+    for law in _random_tables(5):
+        q = _points(law, 60)[1]
+        fold = kbm_scan.fold_speed(law, q)
+        q, fold = q[np.isfinite(fold)], fold[np.isfinite(fold)]
+
+        def highest(speed: np.ndarray, law: Tabulated = law) -> np.ndarray:
+            rows = kbm_surface.surface_rows(law, speed)
+            return kbm_surface.peak_and_place(law, speed, rows)[0]
+
+        assert np.all(highest(fold * (1.0 - 1e-9)) >= q)
+        assert np.all(highest(fold * (1.0 + 1e-9)) <= q)
+
+
+def test_a_point_of_a_table_never_depends_on_its_neighbours() -> None:
+    law = _random_tables(1)[0]
+    speed, q = _points(law, 40)
+    fold = kbm_scan.fold_speed(law, q)
+    amplitude = kbm_scan.stable_amplitude(law, speed, q)
+    for i in range(40):
+        v1, q1 = speed[i : i + 1], q[i : i + 1]
+        np.testing.assert_array_equal(kbm_scan.fold_speed(law, q1), fold[i : i + 1])
+        np.testing.assert_array_equal(kbm_scan.stable_amplitude(law, v1, q1), amplitude[i : i + 1])
