@@ -38,8 +38,8 @@ _BLOCK = 1024
 # How far from the places at two speeds the place of the peak between them is looked for.
 _AROUND = 0.03
 # The distance over which the slope of rho is differenced.
-_ASIDE = 1e-4
-_PEAK_STEPS, _PLACED = 6, 1e-4
+_ASIDE = 1e-6
+_PEAK_STEPS, _PLACED = 8, 1e-6
 
 
 def peak_slope(law: FrictionLaw, speed: Array) -> Array:
