@@ -34,6 +34,7 @@ _SPREAD = 2.0
 _STEPS = 24
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +88,23 @@ class TrendWindow:
         while self._slots[0][0] <= slot - _SLOTS:
             self._slots.popleft()
 
+    def fill(self, time_ns: Ints, speed: Floats, load: Floats) -> None:
+        """Add to an empty window, all at once, operating points that begin within it."""
+        slot, rest = np.divmod(time_ns, self._slot_ns)
+        first = np.append(0, np.flatnonzero(np.diff(slot)) + 1)
+        count = np.diff(np.append(first, slot.size))
+        group = np.repeat(np.arange(first.size), count)
+        columns = (
+            slot[first],
+            count,
+            np.add.reduceat(rest, first),
+            # Term by term, as they are added one by one.
+            np.bincount(group, speed),
+            np.bincount(group, load),
+        )
+        self._slots.extend(map(list, zip(*(column.tolist() for column in columns), strict=True)))
+        self._last_ns = int(time_ns[-1])
+
     def trend(self, config: BearingConfig, sticking: bool) -> Trend | None:
         """When the prediction changes; ``None`` where that cannot be said."""
         if len(self._slots) < _FEWEST:
@@ -103,9 +121,7 @@ class TrendWindow:
         return _reach(config.bearing, sticking, _line(time, speed), _line(time, load), span)
 
 
-def window_of(
-    window_ns: int, time_ns: NDArray[np.int64], speed: Floats, load: Floats
-) -> TrendWindow:
+def window_of(window_ns: int, time_ns: Ints, speed: Floats, load: Floats) -> TrendWindow:
     """The window after the last of some operating points, of one segment of the clock.
 
     Args:
@@ -119,9 +135,7 @@ def window_of(
         slot_ns = window_ns // _SLOTS
         begin = (int(time_ns[-1]) // slot_ns - _SLOTS + 1) * slot_ns
         k = int(np.searchsorted(time_ns, begin))
-        rows = (time_ns[k:].tolist(), speed[k:].tolist(), load[k:].tolist())
-        for row in zip(*rows, strict=True):
-            window.add(*row)
+        window.fill(time_ns[k:], speed[k:], load[k:])
     return window
 
 

@@ -201,6 +201,22 @@ def test_the_slope_and_its_interval_are_those_of_scipy(seed: int) -> None:
     assert line.now == pytest.approx(np.median(value - slope * time))
 
 
+@pytest.mark.parametrize('seed', range(20))
+def test_a_window_filled_at_once_is_one_filled_point_by_point(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    # Slots with many points, with one and with none; stamps before and after zero, some equal.
+    steps = rng.choice([0, 1_000_000, 300_000_000, 5_000_000_000], 500, p=[0.1, 0.5, 0.38, 0.02])
+    stamps = np.cumsum(steps) + int(rng.integers(-(10**11), 10**18))
+    speed, load = rng.normal(0.2, 1.0, 500), rng.normal(1e3, 1e2, 500)
+    singly = TrendWindow(30_000_000_007)
+    for row in zip(stamps.tolist(), speed.tolist(), load.tolist(), strict=True):
+        singly.add(*row)
+    together = window_of(30_000_000_007, stamps, speed, load)
+    # To the last bit: a batch and a stream say the same.
+    assert list(together._slots) == list(singly._slots)
+    assert together._last_ns == singly._last_ns
+
+
 def test_memory_is_bounded_whatever_the_rate() -> None:
     window = TrendWindow(30 * SECOND)
     for millisecond in range(100_000):
