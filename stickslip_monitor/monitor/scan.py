@@ -102,13 +102,13 @@ def scan_bearing(
     gate = Gate(config)
     si, status = _admit(config, gate, stream)
     samples = _believed(config, stream, si, status)
-    age = samples.now - samples.stamp[samples.latest]
-    paired = (samples.latest >= samples.first) & (age <= _timeouts(config))
-    evaluated = np.flatnonzero(paired.all(axis=0))
-    speed, load = samples.value[samples.latest[:, evaluated]]
+    evaluated = _paired(config, samples)
+    speed, load = (samples.value[latest[evaluated]] for latest in samples.latest)
     points = assess(config.bearing, speed, load)
     rungs, sticking = _rungs(config, points)
-    first = np.searchsorted(evaluated, samples.first[evaluated])
+    # The first point of each stretch between two jumps, for all points of that stretch.
+    begin = np.searchsorted(evaluated, np.append(0, np.flatnonzero(samples.jump)))
+    first = np.repeat(begin, np.diff(np.append(begin, evaluated.size)))
     walk = _Walk(config, samples, evaluated, rungs, start_ns)
     events = walk.run(end_ns, points, sticking)
     return Scan(
@@ -122,6 +122,15 @@ def scan_bearing(
         counts=gate.counts,
         status=status,
     )
+
+
+def _paired(config: BearingConfig, samples: _Believed) -> NDArray[np.intp]:
+    """Where both inputs are young enough to make an operating point."""
+    paired = np.ones(samples.now.size, dtype=bool)
+    for latest, timeout in zip(samples.latest, _timeouts(config)[:, 0], strict=True):
+        paired &= latest >= samples.first
+        paired &= samples.now - samples.stamp[latest] <= timeout
+    return np.flatnonzero(paired)
 
 
 def _timeouts(config: BearingConfig) -> Ints:
@@ -148,7 +157,8 @@ def _admit(
         stamps = stream.time_ns[own][status[own] == Status.ACCEPTED]
         in_order = in_order and bool(np.all(np.diff(stamps) > 0))
     if in_order:
-        np.add.at(gate.counts, (stream.is_load.astype(np.intp), status), 1)
+        kinds = stream.is_load * np.int8(len(Status)) + status
+        gate.counts += np.bincount(kinds, minlength=gate.counts.size).reshape(gate.counts.shape)
     else:
         rows = np.column_stack([stream.is_load, stream.time_ns, status]).tolist()
         status[:] = [
@@ -164,7 +174,6 @@ def _believed(
     stamp, is_load = stream.time_ns[keep], stream.is_load[keep].astype(np.intp)
     jump = status[keep] == Status.CLOCK_JUMP
     place = np.arange(stamp.size)
-    own = np.stack([is_load == 0, is_load == 1])
     now = _running_time(stamp, np.flatnonzero(jump))
     return _Believed(
         value=si[keep],
@@ -172,7 +181,9 @@ def _believed(
         until=np.maximum(stamp + _timeouts(config)[is_load, 0], now),
         now=now,
         first=np.maximum.accumulate(np.where(jump, place, 0)),
-        latest=np.maximum.accumulate(np.where(own, place, -1), axis=1),
+        latest=np.stack(
+            [np.maximum.accumulate(np.where(is_load == own, place, -1)) for own in (0, 1)]
+        ),
         jump=jump,
     )
 
@@ -233,11 +244,13 @@ class _Walk:
         begin = samples.now[samples.first]
         if self.track.start_ns is not None:
             begin = np.where(samples.first == 0, self.track.start_ns, begin)
-        earlier = np.roll(samples.latest, 1, axis=1)
-        earlier[:, 0] = -1
-        waiting = begin + _timeouts(self.config)
-        until = np.where(earlier >= samples.first, samples.until[earlier], waiting)
-        late = np.any(samples.now > until, axis=0)
+        late = np.zeros(samples.now.size, dtype=bool)
+        for latest, timeout in zip(samples.latest, _timeouts(self.config)[:, 0], strict=True):
+            # An input waits from the beginning, or for as long as its last sample counts.
+            late[0] |= samples.now[0] > begin[0] + timeout
+            heard = latest[:-1] >= samples.first[1:]
+            until = np.where(heard, samples.until[latest[:-1]], begin[1:] + timeout)
+            late[1:] |= samples.now[1:] > until
         stop = late | samples.jump
         # What fell due before the clock jumped must happen before the jump forgets it.
         stop[:-1] |= samples.jump[1:]
@@ -327,7 +340,7 @@ def _until(samples: _Believed, evaluated: NDArray[np.intp], end_ns: int | None) 
     now = samples.now[evaluated]
     if not now.size:
         return now
-    lost = samples.until[samples.latest[:, evaluated]].min(axis=0)
+    lost = np.minimum(*(samples.until[latest[evaluated]] for latest in samples.latest))
     last = now[-1] if end_ns is None else max(end_ns, now[-1])
     following = np.append(now[1:], last)
     # Where the clock jumps back there is no telling how long the point counted.
