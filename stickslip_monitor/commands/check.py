@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     file = _report_file(args, config)
     # A folder's bags are a list, even where it holds one only.
     listed = len(bags) > 1 or bags != [Path(path) for path in args.bags]
-    output = Output(args.json, file, listed)
+    output = Output(args.json, file, listed, args.clips)
     task = Task(config, file.suffix if file else None, args.mcap, args.clips)
     with Meter() as meter:
         if listed or args.scheduler is not None:

@@ -23,13 +23,16 @@ class Output:
         as_json: Whether JSON is printed, at the end, instead of text.
         file: The report, if any.
         listed: Whether JSON is a list, for several bags.
+        clips: Where clips go, if any.
 
     Attributes:
         code: The exit code so far: 1 after a warning, 2 after a bag that could not be checked.
     """
 
-    def __init__(self, as_json: bool, file: ReportFile | None, listed: bool) -> None:
-        self._as_json, self._file, self._listed = as_json, file, listed
+    def __init__(
+        self, as_json: bool, file: ReportFile | None, listed: bool, clips: str | None
+    ) -> None:
+        self._as_json, self._file, self._listed, self._clips = as_json, file, listed, clips
         self._coloured = sys.stdout.isatty() and 'NO_COLOR' not in os.environ
         self._documents: list[dict[str, Any]] = []
         self.code = 0
@@ -46,7 +49,9 @@ class Output:
         if found.error:
             sys.stderr.write(f'ERROR: {document["path"]}: {found.error}\n')
         if found.clips is not None:
-            sys.stderr.write(f'{document["path"]}: {found.clips} clips written\n')
+            sys.stderr.write(
+                f'{document["path"]}: {found.clips} clips written into {self._clips}\n'
+            )
         if self._file is not None:
             self._file.add(found.part, document)
 
