@@ -70,9 +70,11 @@ def read_truth(bag: Bag, bearing: str) -> TruthRecord:
     """
     topic = _topic(bearing, 'events')
     if not has_truth(bag, bearing):
+        known = ', '.join(name for name in _bearings(bag) if has_truth(bag, name))
+        have = 'only simulated recordings of a scene with the effect lining_motion have it'
         raise BagError(
-            f"bag '{bag.path}' holds no truth about {bearing}: topic '{topic}' is not in it;"
-            ' only simulated recordings of a scene with the effect lining_motion have it'
+            f"bag '{bag.path}' holds no truth about {bearing}: topic '{topic}' is not in it; "
+            + (f'it is about {known}' if known else have)
         )
     if bag.topics[topic].type != _STRING:
         raise BagError(f"topic '{topic}' of bag '{bag.path}' is no {_STRING}")
@@ -94,6 +96,11 @@ def read_truth(bag: Bag, bearing: str) -> TruthRecord:
 
 def _topic(bearing: str, name: str) -> str:
     return f'/truth/{bearing}/{name}'
+
+
+def _bearings(bag: Bag) -> list[str]:
+    parts = [topic.split('/') for topic in bag.topics]
+    return sorted({part[2] for part in parts if part[:2] == ['', 'truth'] and len(part) == 4})
 
 
 def _event(bag: Bag, data: bytes, topic: str) -> tuple[str, int]:

@@ -208,8 +208,11 @@ def _print(out: Console, judged: Sequence[Judged], total: Score) -> None:
 
 
 def _name(one: Judged, judged: Sequence[Judged]) -> str:
+    bag = Path(one.path).name
+    if any(other.path != one.path and Path(other.path).name == bag for other in judged):
+        bag = one.path
     several = len({other.config.name for other in judged}) > 1
-    return f'{Path(one.path).name} {one.config.name}' if several else Path(one.path).name
+    return f'{bag} {one.config.name}' if several else bag
 
 
 def _cells(score: Score) -> list[str]:

@@ -101,8 +101,9 @@ def test_no_truth_is_named(tmp_path: Path) -> None:
     assert not has_truth(open_bag(path), 'fore')
     with pytest.raises(BagError) as caught:
         read_truth(open_bag(path), 'fore')
-    assert str(caught.value).startswith(
-        f"bag '{path}' holds no truth about fore: topic '/truth/fore/events' is not in it"
+    assert str(caught.value) == (
+        f"bag '{path}' holds no truth about fore: topic '/truth/fore/events' is not in it; it is"
+        ' about aft'
     )
 
 

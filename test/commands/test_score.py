@@ -8,6 +8,7 @@ alarms are raised 2 s after their cause.
 from __future__ import annotations
 
 import json
+import shutil
 import struct
 from collections.abc import Sequence
 from pathlib import Path
@@ -154,6 +155,16 @@ def test_table_of_two_bags(slowing: str, knocked: str, capsys: pytest.CaptureFix
     assert 'never predicted' in out
 
 
+def test_bags_of_one_name_are_told_apart_by_their_paths(
+    tmp_path: Path, slowing: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = tmp_path / 'other' / Path(slowing).name
+    shutil.copytree(slowing, copy)
+    _, out, _ = run(capsys, slowing, str(copy))
+    remarks = [line.split(': ')[0] for line in out.splitlines() if 'stick-slip from' in line]
+    assert remarks == [slowing, str(copy)]
+
+
 def test_a_missed_episode_and_a_false_alarm_give_code_1(
     tmp_path: Path, slowing: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -189,7 +200,7 @@ def test_bad_input_is_named(
             writer.write_float64(topic, [0, 10**9], [1.0, 1.0])
     cases = {
         (str(bare),): f"bag '{bare}' holds no truth about aft_stern: topic"
-        " '/truth/aft_stern/events' is not in it",
+        " '/truth/aft_stern/events' is not in it; only simulated recordings",
         ('none',): "bag 'none' does not exist",
         (slowing, '--bearing', 'fore'): "bearing 'fore' is not configured",
         (slowing, '--picture', str(tmp_path / 'a.pdf')): 'must end in one of',
