@@ -60,7 +60,9 @@ def absent(name: str, columns: int, reason: str = NOT_INSTALLED) -> list[str]:
 
 
 def duration(seconds: float) -> str:
-    """A time for a person, in three digits."""
+    """A time or a difference of times for a person, in three digits."""
+    if seconds < 0.0:
+        return f'-{duration(-seconds)}'
     for unit, size in (('s', 1.0), ('ms', 1e-3), ('µs', 1e-6)):
         if seconds >= size:
             return f'{seconds / size:.3g} {unit}'

@@ -62,4 +62,5 @@ def test_numbers_for_a_person() -> None:
     assert [duration(s) for s in (2.0, 0.0335, 5.6e-5, 9.87e-8)] == [
         '2 s', '33.5 ms', '56 µs', '98.7 ns',
     ]  # fmt: skip
+    assert duration(-0.0335) == '-33.5 ms'
     assert [ratio(r) for r in (0.25, 1.0, 9.96, 123.4)] == ['0.25 ×', '1 ×', '10 ×', '123 ×']

@@ -20,9 +20,9 @@ from stickslip_monitor.ros.messages import (
     stamp_reader,
 )
 
-# Deep enough for a burst at 1 kHz while the node is busy; best effort matches every publisher.
+# Two seconds at 1 kHz while the machine is busy; best effort matches every publisher.
 _TELEMETRY = QoSProfile(
-    depth=500,
+    depth=2000,
     history=HistoryPolicy.KEEP_LAST,
     reliability=ReliabilityPolicy.BEST_EFFORT,
     durability=DurabilityPolicy.VOLATILE,

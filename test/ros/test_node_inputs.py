@@ -184,7 +184,7 @@ def test_integers_and_single_precision(
 def test_messages_that_wait_are_all_evaluated_and_the_last_is_answered(
     start: Any, kit: Any
 ) -> None:
-    """While the node is held, messages pile up in its queue of 500."""
+    """While the node is held, messages pile up in its queue."""
     monitor = start(kit.parameters(kit.STAMPED))
     diagnostics = monitor.diagnostics()
     telemetry = kit.Telemetry(monitor)
