@@ -152,6 +152,7 @@ def _near(law: FrictionLaw, speed: Array, near: Array) -> Array:
         running, x, v = running[keep], (x + step)[keep], v[keep]
         if not running.size:
             break
+    lost[running] = True
     height = slope_surface(law, np.where(lost, 1.0, place), speed)
     if lost.any():
         height[lost] = peak_slope(law, speed[lost])
