@@ -21,7 +21,7 @@ from stickslip_monitor.monitor.scan import Scan, scan_bearing
 from stickslip_monitor.monitor.signals import Status, Stream
 
 IntArray = NDArray[np.int64]
-_LIMITS = np.iinfo(np.int64)
+_EARLIEST = np.iinfo(np.int64).min
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +32,6 @@ class _Stretch:
         now_ns: The monitor's time at each believed sample, not falling, shape (n,) [ns].
         log_time_ns: When the recorder got each, not falling, shape (n,) [ns].
         since_ns: When the recorder got the last sample before [ns].
-        until_ns: When it got the first one after [ns].
         points: Which points of the scan fell into it.
         events: Which events.
     """
@@ -40,7 +39,6 @@ class _Stretch:
     now_ns: IntArray
     log_time_ns: IntArray
     since_ns: int
-    until_ns: int
     points: slice
     events: slice
 
@@ -49,9 +47,7 @@ class _Stretch:
         place = np.searchsorted(self.now_ns, time_ns)
         known = np.minimum(place, self.now_ns.size - 1)
         there = self.log_time_ns[known] + (time_ns - self.now_ns[known])
-        low = np.append(self.since_ns, self.log_time_ns)[place]
-        high = np.append(self.log_time_ns, self.until_ns)[place]
-        return np.clip(there, low, high)
+        return np.maximum(there, np.append(self.since_ns, self.log_time_ns)[place])
 
 
 def on_recorder_clock(
@@ -104,17 +100,15 @@ def _stretches(
         if start == end:
             continue
         now = np.maximum.accumulate(stream.time_ns[believed[start:end]])
-        last = end == believed.size
         before = scan
-        if not last:
+        if end < believed.size:
             rows = slice(0, int(believed[end]))
             cut = Stream(stream.time_ns[rows], stream.is_load[rows], stream.value[rows])
             before = scan_bearing(config, cut, start_ns, int(now[-1]))
         yield _Stretch(
             now_ns=now,
             log_time_ns=log_time[start:end],
-            since_ns=int(log_time[start - 1]) if start else _LIMITS.min,
-            until_ns=_LIMITS.max if last else int(log_time[end]),
+            since_ns=int(log_time[start - 1]) if start else _EARLIEST,
             points=slice(points, before.time_ns.size),
             events=slice(events, len(before.events)),
         )

@@ -70,14 +70,34 @@ def heard(stream: Stream, log: IntArray) -> list[tuple[Event, int, int]]:
     ids=str,
 )
 def test_events_come_with_the_message_that_brings_them(jumps: dict[int, float]) -> None:
-    shift = np.zeros(240)
+    check_events(*recording(shifted(jumps, 240)))
+
+
+def test_what_falls_due_just_before_a_jump_came_before_it() -> None:
+    """Delays and time-outs end at all distances from the jump, some of them just before it."""
+    for second in range(24, 62):
+        check_events(*recording(shifted({second: -25.0}, 90)), least=1)
+
+
+def test_points_bear_the_time_of_their_message_whatever_the_clock_runs_like() -> None:
+    for rate in (-0.1, 0.1):
+        check_events(*recording(rate * np.arange(240)))
+
+
+def shifted(jumps: dict[int, float], seconds: int) -> NDArray[np.float64]:
+    """What the clock is off by in each second, by the second of each change."""
+    shift = np.zeros(seconds)
     for second, by in jumps.items():
         shift[second:] = by
-    stream, log = recording(shift)
+    return shift
+
+
+def check_events(stream: Stream, log: IntArray, least: int = 7) -> None:
+    """Compare the scan on the recorder's clock with messages that come one after the other."""
     scan = Monitor(CONFIG).scan({BEARING.name: stream}, START, None)[BEARING.name]
     moved = on_recorder_clock(BEARING, stream, log, scan, START)
     expected = heard(stream, log)
-    assert len(moved.events) == len(expected) > 6
+    assert len(moved.events) == len(expected) >= least
     for event, (told, before, now) in zip(moved.events, expected, strict=True):
         assert replace(event, time_ns=told.time_ns) == told
         assert before <= event.time_ns <= now
