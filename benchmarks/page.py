@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import platform
 import re
+import subprocess
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -24,6 +25,7 @@ PACKAGES = (
     'ros-kilted-rclpy',
     'ros-kilted-rmw-fastrtps-cpp',
 )
+DEBIAN = ('auto-07p', 'gfortran', 'python3-siconos')
 INTRO = """\
 # Benchmarks
 
@@ -38,7 +40,7 @@ ratio says how many times our time a rival needs, unless its heading says otherw
 
 def machine() -> str:
     """The line that says where the numbers come from."""
-    versions = [f'{name} {found}' for name in PACKAGES if (found := _version(name))]
+    versions = [f'{name} {found}' for name in PACKAGES if (found := _version(name))] + _debian()
     return (
         f'Machine: {_processor()}, {os.cpu_count()} cores, {platform.system()}'
         f' {platform.release()}, Python {platform.python_version()}.\nVersions: '
@@ -72,6 +74,16 @@ def _version(name: str) -> str:
         return version(name)
     except PackageNotFoundError:
         return ''
+
+
+def _debian() -> list[str]:
+    """Name and version of those of Debian's packages that are installed."""
+    try:
+        command = ['dpkg-query', '-W', '-f', '${Package} ${Version}\n', *DEBIAN]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    except OSError:
+        return []
+    return [line for line in done.stdout.splitlines() if len(line.split()) > 1]
 
 
 def _processor() -> str:
