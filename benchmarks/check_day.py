@@ -47,11 +47,11 @@ def run(quick: bool) -> Table:
     return Table(
         title='Checking a day',
         text=(
-            'A speed and the loads of two bearings, 10 Hz each, zstd; the shaft passes slowly through'
-            ' the stick-slip region every six hours. The parts are processor time of all threads; the'
-            ' whole is wall time, beside that of reading the same topics as arrays and doing nothing'
-            f' with them. Start-up (`stickslip check --help`) takes {duration(start)} and is not in'
-            ' the table.'
+            'A speed and the loads of two bearings, 10 Hz each, zstd; the shaft passes slowly'
+            ' through the stick-slip region every six hours. The parts are processor time of all'
+            ' threads; the whole is wall time, beside that of reading the same topics as arrays'
+            ' and doing nothing with them. Start-up (`stickslip check --help`) takes'
+            f' {duration(start)} and is not in the table.'
         ),
         columns=(
             'messages', 'reading', 'physics', 'pairing and alarm', 'output',

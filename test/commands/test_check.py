@@ -9,6 +9,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 from datetime import datetime, timezone
 from html import escape, unescape
 from pathlib import Path
@@ -231,6 +232,32 @@ def test_a_day_is_no_larger_than_a_minute_and_loses_no_excursion(
     for track in drawn:
         assert track.speed.size < 2_000
         assert np.nanmin(track.speed) / rpm == pytest.approx(20.0)
+
+
+def test_a_check_imports_only_what_it_needs() -> None:
+    # One bag, to a pipe: no bars, no pictures, no processes, no cluster, no ROS.
+    code = (
+        'import sys\n'
+        'from stickslip_monitor.cli import main\n'
+        f"assert main(['check', {str(BAG)!r}, '--config', {str(CONFIG)!r}]) == 1\n"
+        "print(*{name.partition('.')[0] for name in sys.modules}, file=sys.stderr)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    loaded = set(done.stderr.split())
+    assert {'numpy', 'mcap'} <= loaded
+    strangers = {
+        'rich',
+        'matplotlib',
+        'jinja2',
+        'multiprocessing',
+        'distributed',
+        'rclpy',
+        'numba',
+    }
+    assert loaded & strangers == set()
+    assert 'aft_stern: 7 events' in done.stdout
 
 
 # --- in a real browser -------------------------------------------------------------------------
