@@ -103,7 +103,8 @@ def scan_bearing(
     si, status = _admit(config, gate, stream)
     samples = _believed(config, stream, si, status)
     evaluated = _paired(config, samples)
-    speed, load = (samples.value[latest[evaluated]] for latest in samples.latest)
+    rows = _as_slice(evaluated)
+    speed, load = (samples.value[latest[rows]] for latest in samples.latest)
     points = assess(config.bearing, speed, load)
     rungs, sticking = _rungs(config, points)
     # The first point of each stretch between two jumps, for all points of that stretch.
@@ -112,8 +113,8 @@ def scan_bearing(
     walk = _Walk(config, samples, evaluated, rungs, start_ns)
     events = walk.run(end_ns, points, sticking)
     return Scan(
-        time_ns=samples.now[evaluated],
-        until_ns=_until(samples, evaluated, end_ns),
+        time_ns=walk.times,
+        until_ns=_until(samples, rows, end_ns),
         assessment=points,
         sticking=sticking,
         first=first,
@@ -131,6 +132,13 @@ def _paired(config: BearingConfig, samples: _Believed) -> NDArray[np.intp]:
         paired &= latest >= samples.first
         paired &= samples.now - samples.stamp[latest] <= timeout
     return np.flatnonzero(paired)
+
+
+def _as_slice(places: NDArray[np.intp]) -> slice | NDArray[np.intp]:
+    """The same places without a gap as a slice, which copies nothing."""
+    if places.size and places[-1] - places[0] + 1 == places.size:
+        return slice(int(places[0]), int(places[-1]) + 1)
+    return places
 
 
 def _timeouts(config: BearingConfig) -> Ints:
@@ -170,19 +178,26 @@ def _admit(
 def _believed(
     config: BearingConfig, stream: Stream, si: NDArray[np.float64], status: NDArray[np.int8]
 ) -> _Believed:
-    keep = status <= Status.CLOCK_JUMP
-    stamp, is_load = stream.time_ns[keep], stream.is_load[keep].astype(np.intp)
+    believed = status <= Status.CLOCK_JUMP
+    # As a rule all are, and a slice costs nothing where a selection copies.
+    keep = slice(None) if believed.all() else np.flatnonzero(believed)
+    stamp, is_load = stream.time_ns[keep], stream.is_load[keep]
     jump = status[keep] == Status.CLOCK_JUMP
     place = np.arange(stamp.size)
+    speed_timeout, load_timeout = _timeouts(config)[:, 0]
     now = _running_time(stamp, np.flatnonzero(jump))
     return _Believed(
         value=si[keep],
         stamp=stamp,
-        until=np.maximum(stamp + _timeouts(config)[is_load, 0], now),
+        until=np.maximum(stamp + np.where(is_load, load_timeout, speed_timeout), now),
         now=now,
-        first=np.maximum.accumulate(np.where(jump, place, 0)),
+        first=(
+            np.maximum.accumulate(np.where(jump, place, 0))
+            if jump.any()
+            else np.broadcast_to(place[:1], place.shape)
+        ),
         latest=np.stack(
-            [np.maximum.accumulate(np.where(is_load == own, place, -1)) for own in (0, 1)]
+            [np.maximum.accumulate(np.where(own, place, -1)) for own in (~is_load, is_load)]
         ),
         jump=jump,
     )
@@ -212,7 +227,7 @@ class _Walk:
         self.track = AlarmTrack(config)
         late_start = samples.now.size > 0 and start_ns is not None and samples.now[0] < start_ns
         self.track.start_ns = int(samples.now[0]) if late_start else start_ns
-        self.times = samples.now[evaluated]
+        self.times = samples.now[_as_slice(evaluated)]
         self.settled = np.zeros(evaluated.size, dtype=np.int8)
         # With the point that each rests on, and the first one since the clock last jumped.
         self._changes: list[tuple[Change, int, int]] = []
@@ -336,13 +351,14 @@ def trend_at(
     return window.trend(config, bool(sticking[k]))
 
 
-def _until(samples: _Believed, evaluated: NDArray[np.intp], end_ns: int | None) -> Ints:
-    now = samples.now[evaluated]
+def _until(samples: _Believed, rows: slice | NDArray[np.intp], end_ns: int | None) -> Ints:
+    now = samples.now[rows]
     if not now.size:
         return now
-    lost = np.minimum(*(samples.until[latest[evaluated]] for latest in samples.latest))
+    lost = np.minimum(*(samples.until[latest[rows]] for latest in samples.latest))
     last = now[-1] if end_ns is None else max(end_ns, now[-1])
     following = np.append(now[1:], last)
     # Where the clock jumps back there is no telling how long the point counted.
-    following = np.where(following < now, now, following)
-    return np.maximum(now, np.minimum(following, lost))
+    np.maximum(following, now, out=following)
+    np.minimum(following, lost, out=following)
+    return np.maximum(now, following, out=following)
