@@ -80,6 +80,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The reader (head, less) has gone: nothing is wrong, and nothing more can be said.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:
+        # Of what no layer has a sentence for, such as a path that is too long.
+        place = f"'{error.filename}': " if error.filename else ''
+        print(f'ERROR: {place}{error.strerror or error}', file=sys.stderr)  # noqa: T201
+        return 2
     except KeyboardInterrupt:
         return 130
 

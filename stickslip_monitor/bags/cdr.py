@@ -26,7 +26,7 @@ NUMBER_FIELDS: Mapping[str, tuple[str, ...]] = {
     'std_msgs/msg/Float64': ('data',),
     **STAMPED_FIELDS,
 }
-_STAMP_END = (1 << 31) * 1_000_000_000
+STAMP_END = (1 << 31) * 1_000_000_000
 _HEAD = b'\x00\x01\x00\x00'
 
 
@@ -62,9 +62,9 @@ def encode_stamped(
     """
     fields = STAMPED_FIELDS[type_name]
     stamp = np.asarray(stamp_ns, np.int64)
-    for beyond in stamp[(stamp < 0) | (stamp >= _STAMP_END)][:1].tolist():
+    for beyond in stamp[(stamp < 0) | (stamp >= STAMP_END)][:1].tolist():
         raise BagError(
-            f"stamp {beyond} ns is not between 0 and {_STAMP_END} ns, the range of a ROS header's"
+            f"stamp {beyond} ns is not between 0 and {STAMP_END} ns, the range of a ROS header's"
         )
     # The empty frame is a length of one and a zero, then comes padding to a multiple of eight.
     layout = [('head', 'V4'), ('sec', '<i4'), ('nanosec', '<u4'), ('frame', '<u8')]

@@ -78,7 +78,8 @@ class BagWriter:
         self._schemas: dict[str, tuple[int, MessageType]] = {}
         self._start_ns = _LATEST
         self._end_ns = 0
-        self._refuse_existing()
+        with self._trouble():
+            self._refuse_existing()
 
     def __enter__(self) -> BagWriter:
         """Begin to write beside the target."""

@@ -56,6 +56,11 @@ def _build(path: Path, document: Any) -> Scene:
     config_path = path.parent / settings.text('config', 'the path of a configuration file')
     config = load_config(config_path)
     telemetry = settings.value('telemetry', '{speed: {rate: Hz}, load: {rate: Hz}}')
+    channels = read_channels(config, telemetry)
+    for channel in channels:
+        if start_ns + round(duration * 1e9) >= channel.stamps_end_ns:
+            rule = f'in 2038 the time stamps in the headers of topic {channel.topic} end'
+            raise settings.broken('start', f'must lie, with the whole scene, before that: {rule}')
     scene = Scene(
         description=description,
         duration=duration,
@@ -64,7 +69,7 @@ def _build(path: Path, document: Any) -> Scene:
         folder=path.parent,
         config_path=config_path,
         config=config,
-        channels=read_channels(config, telemetry),
+        channels=channels,
         effects=read_effects(settings.value('effects', 'the list of what happens')),
     )
     # Built here only to hear of wrong settings before anything is written.

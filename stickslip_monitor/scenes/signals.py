@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.bags.cdr import STAMPED_FIELDS
+from stickslip_monitor.bags.cdr import STAMP_END, STAMPED_FIELDS
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig
 
@@ -50,6 +50,11 @@ class Channel:
     def is_stamped(self) -> bool:
         """Whether its messages have a header with a time stamp."""
         return self.input.type in STAMPED_FIELDS
+
+    @property
+    def stamps_end_ns(self) -> int:
+        """Where its time stamps end: in 2038 in a header, in 2262 by the recorder [ns]."""
+        return STAMP_END if self.is_stamped else 1 << 63
 
     def factor(self, unit: str) -> float:
         """SI value (surface speed [m/s] or load [N]) of one unit.

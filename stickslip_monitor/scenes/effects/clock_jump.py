@@ -62,4 +62,12 @@ def build(settings: Settings, frame: Frame) -> Effect:
             require_header(channel, 'its clock can only jump forward')
     times = np.array([time for time, _ in rows])
     shifts = np.cumsum([0, *(round(by * 1e9) for _, by in rows)])
+    edges = [*times.tolist(), frame.duration]
+    for number, shift in enumerate(shifts[1:].tolist()):
+        first, last = (frame.start_ns + shift + round(t * 1e9) for t in edges[number : number + 2])
+        if first < 0 or any(last >= channel.stamps_end_ns for channel in channels):
+            raise SceneError(
+                f'{settings.label("jumps")}: jump {number + 1} takes the clock out of the range of'
+                ' time stamps: from 1970, in headers to 2038, else to 2262'
+            )
     return ClockJump(tuple(c.topic for c in channels), times, shifts)

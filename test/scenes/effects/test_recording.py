@@ -112,6 +112,35 @@ def test_clock_jumps_add_up(make_scene: MakeScene, messages_of: MessagesOf) -> N
     np.testing.assert_allclose(found.raw, time, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ('stamped', 'start', 'jumps', 'number'),
+    [
+        (True, 20 * NS, [[30, -40], [60, -50]], 2),
+        (True, (2**31 - 200) * NS, [[30, 10], [60, 100]], 2),
+        (False, 2**63 - 200 * NS, [[30, 110]], 1),
+    ],
+)
+def test_a_jump_out_of_the_range_of_stamps_is_named(
+    make_scene: MakeScene, stamped: bool, start: int, jumps: list[list[float]], number: int
+) -> None:
+    """Headers count seconds in 32 bits with a sign, recorders nanoseconds in 64."""
+    inputs = STAMPED if stamped else {}
+    effects = [{'clock_jump': {'jumps': jumps}}]
+    sentence = f'clock_jump.jumps: jump {number} takes the clock out of the range of time stamps'
+    with pytest.raises(SceneError, match=re.escape(sentence)):
+        make_scene(inputs, start=start, effects=effects)
+    # Ten seconds less is in the range.
+    jumps[-1][1] *= 0.8
+    make_scene(inputs, start=start, effects=effects)
+
+
+def test_a_scene_beyond_the_stamps_of_headers_is_refused(make_scene: MakeScene) -> None:
+    late = (2**31 - 50) * NS
+    with pytest.raises(SceneError, match=r'start = .* in 2038 the time stamps'):
+        make_scene(STAMPED, start=late)
+    make_scene({}, start=late)
+
+
 def test_recorder_whose_clock_jumps_forward(
     make_scene: MakeScene, messages_of: MessagesOf
 ) -> None:
