@@ -16,7 +16,7 @@ RATES = (10.0, 100.0, 1000.0)
 
 def run(quick: bool) -> Table:
     """Compare both nodes at all rates, in turns."""
-    turns, seconds = (1, 3.0) if quick else (3, 8.0)
+    turns, seconds = (1, 3.0) if quick else (3, 6.0)
     found: dict[tuple[str, float], list[Stretch]] = {}
     with subjects(150 + os.getpid() % 50) as nodes:
         for _ in range(turns):
