@@ -38,7 +38,7 @@ _BUDGET = 4096
 # Points in one octave of load from which it is worth building.
 _WORTH = 5000
 # Points evaluated together: arrays that stay in the cache.
-_BLOCK = 4096
+_BLOCK = 1024
 
 
 @dataclass(frozen=True, slots=True)

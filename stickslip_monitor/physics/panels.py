@@ -66,10 +66,12 @@ class Panels:
 
     def value(self, panel: Index, x: Array, y: Array) -> Array:
         """The polynomial of a panel at a point of it, shape (n,); no element sees another."""
-        middle, half = self.centre[panel], self.half[panel]
-        s, t = ((x, y)[k] - middle[:, k] for k in (0, 1))
-        row = horner(np.moveaxis(self.powers[panel], 1, 0), (s / half[:, 0])[:, None])
-        return horner(row.T, t / half[:, 1])
+        middle, half = self.centre.T, self.half.T
+        s = (x - middle[0].take(panel)) / half[0].take(panel)
+        t = (y - middle[1].take(panel)) / half[1].take(panel)
+        # Points along the last axis, over which numpy is fast.
+        powers = self.powers.transpose(1, 2, 0).take(panel, axis=2)
+        return horner(horner(powers, s), t)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +95,7 @@ class Rows:
 
     def value(self, part: Index, y: Array) -> Array:
         """The polynomial of a part at a point of it, shape (n,)."""
-        return horner(self.powers[part].T, 2.0 * (y / self.width - part) - 1.0)
+        return horner(self.powers.T.take(part, axis=1), 2.0 * (y / self.width - part) - 1.0)
 
 
 def horner(powers: Array, t: Array) -> Array:
