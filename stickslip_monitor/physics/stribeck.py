@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cache, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import i0e, i1e
@@ -27,7 +28,7 @@ from stickslip_monitor.physics.rootfinding import newton_on_bracket
 
 _SERIES_LIMIT = 0.5
 _FAR = 1e6
-_TABLE_SIZE = 2**16
+_TABLE_SIZE = 2**14
 _NODES, _WEIGHTS = (np.array(column) for column in zip(*unit_gauss(14), strict=True))
 _START_LOGS = np.linspace(math.log(1e-4), math.log(1e8), 321)
 # Close to zero damping the amplitude changes fastest.
@@ -89,40 +90,74 @@ def _growth_slope(alpha: Array) -> Array:
     )
 
 
+def _decline_slope(v: Array) -> Array:
+    # I2/I1 tends to 1 - 1.5/v; past _FAR the difference from 1 has no digits left.
+    return np.where(v < _FAR, 1.0 - _growth_slope(np.minimum(v, _FAR)), 1.5 / np.maximum(v, 1.0))
+
+
+class _Inverse(NamedTuple):
+    """A table of the inverse of a rising function, evenly spaced in the logarithm of its value.
+
+    Attributes:
+        low: The least value of the table.
+        high: The highest.
+        rows: ``ln x``, ``d ln x / d ln value`` and what is added to either up to the next row,
+            shape (_TABLE_SIZE, 4).
+    """
+
+    low: float
+    high: float
+    rows: Array
+
+    def look_up(self, value: Array) -> tuple[Array, Array]:
+        """``x``, off by 1e-7 at most, and ``d ln x / d value`` at some values of the table."""
+        begin = math.log(self.low)
+        per_log = (_TABLE_SIZE - 1.0) / (math.log(self.high) - begin)
+        place = (np.log(value) - begin) * per_log
+        i = np.fmin(np.fmax(place, 0.0), _TABLE_SIZE - 2.0).astype(np.intp)
+        log_x, more, slope, steeper = self.rows[i].T
+        share = place - i
+        return np.exp(log_x + share * more), (slope + share * steeper) / value
+
+
 @cache
-def _table() -> tuple[Array, Array, Array]:
-    # Neighbours differ by 3e-4, so a straight line between them is off by 1e-8.
-    alpha = np.geomspace(1e-3, 1e5, _TABLE_SIZE)
-    return alpha, growth(alpha), decline(alpha)
+def _inverse(function: Callable[[Array], Array], slope: Callable[[Array], Array]) -> _Inverse:
+    x = np.geomspace(1e-3, 1e5, _TABLE_SIZE)
+    values = function(x)
+    d = np.exp(np.linspace(math.log(values[0]), math.log(values[-1]), _TABLE_SIZE))
+    x = np.exp(np.interp(np.log(d), np.log(values), np.log(x)))
+    for _ in range(3):
+        x = x * np.exp((d - function(x)) / (x * slope(x)))
+    rows = np.stack([np.log(x), d / (x * slope(x))], axis=1)
+    more = np.diff(rows, axis=0, append=rows[-1:])
+    return _Inverse(d[0], d[-1], np.stack([rows[:, 0], more[:, 0], rows[:, 1], more[:, 1]], 1))
 
 
 def amplitude_for_growth(d: Array) -> Array:
     """The ``alpha`` > 0 at which ``growth(alpha) = d``, for finite ``d`` > 0."""
-    alphas, growths, _ = _table()
-    alpha = np.interp(d, growths, alphas)
-    outside = (d < growths[0]) | (d > growths[-1])
+    table = _inverse(growth, _growth_slope)
+    alpha, per_value = table.look_up(d)
+    outside = (d < table.low) | (d > table.high)
     if outside.any():
-        log_d = np.log(np.maximum(d, growths[-1]))
+        log_d = np.log(np.maximum(d, table.high))
         far = d + 1.5 * log_d + math.log(math.sqrt(math.pi / 2))
-        alpha = np.where(outside, np.where(d < growths[0], np.sqrt(8.0 * d), far), alpha)
-    return alpha - (growth(alpha) - d) / _growth_slope(alpha)
+        alpha = np.where(outside, np.where(d < table.low, np.sqrt(8.0 * d), far), alpha)
+        per_value = np.where(outside, 1.0 / (alpha * _growth_slope(alpha)), per_value)
+    return alpha + alpha * ((d - growth(alpha)) * per_value)
 
 
 def speed_for_decline(decrement: Array) -> Array:
     """The ``v`` > 0 at which ``decline(v) = decrement``, for finite ``decrement`` > 0."""
-    speeds, _, declines = _table()
-    v = np.interp(decrement, declines, speeds)
-    outside = (decrement < declines[0]) | (decrement > declines[-1])
+    table = _inverse(decline, _decline_slope)
+    v, per_value = table.look_up(decrement)
+    outside = (decrement < table.low) | (decrement > table.high)
     if outside.any():
-        near = np.minimum(decrement, declines[0])
+        near = np.minimum(decrement, table.low)
         far = np.exp((2.0 / 3.0) * (decrement + math.log(2.0 / math.sqrt(2.0 * math.pi))))
         v = np.where(outside, np.where(decrement < 1.0, near + near * near / 8.0, far), v)
-        # I2/I1 tends to 1 - 1.5/v; past _FAR the difference from 1 has no digits left.
-        slope = np.where(v < _FAR, 1.0 - _growth_slope(np.minimum(v, _FAR)), 1.5 / v)
-    else:
-        slope = 1.0 - _growth_slope(v)
+        per_value = np.where(outside, 1.0 / (v * _decline_slope(v)), per_value)
     # In ln v the curve is almost straight, from v << 1 (slope v) to v >> 1 (slope 1.5).
-    return v * np.exp((decrement - decline(v)) / (v * slope))
+    return v * np.exp((decrement - decline(v)) * per_value)
 
 
 def sliding_limit_excess(v: Array, kappa: Array) -> Array:
