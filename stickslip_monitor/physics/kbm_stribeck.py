@@ -80,7 +80,7 @@ def hopf_load(law: Stribeck, speed: Array, damping: float) -> Array:
 
 def peak_slope(law: Stribeck, speed: Array) -> Array:
     """Largest averaged negative slope ``max_a 2 S/a``, reached at the sliding limit [s/m]."""
-    v = np.clip(law.decay * speed, _TINY, _HUGE)
+    v = np.minimum(np.maximum(law.decay * speed, _TINY), _HUGE)
     return _fall(law) * 2.0 * i1e(v) / v - law.viscous
 
 
@@ -98,7 +98,7 @@ def equilibrium_is_unstable(
 
 def stable_amplitude(law: Stribeck, speed: Array, q: Array) -> Array:
     """Velocity amplitude of the stable cycle [m/s], for speeds below the fold speed."""
-    v = np.clip(law.decay * speed, _TINY, _HUGE)
+    v = np.minimum(np.maximum(law.decay * speed, _TINY), _HUGE)
     kappa = (q + law.viscous) / _fall(law)
     alpha = stribeck.stable_amplitude(v, kappa, law.kinetic / (law.static - law.kinetic))
     return np.maximum(alpha / law.decay, speed)
@@ -106,7 +106,7 @@ def stable_amplitude(law: Stribeck, speed: Array, q: Array) -> Array:
 
 def threshold_amplitude(law: Stribeck, speed: Array, damping: float, load: Array) -> Array:
     """Velocity amplitude of the unstable cycle [m/s], for speeds between Hopf and fold."""
-    rise = np.clip(_rise(law, speed, damping, load), _TINY, _HUGE)
+    rise = np.minimum(np.maximum(_rise(law, speed, damping, load), _TINY), _HUGE)
     return np.minimum(stribeck.amplitude_for_growth(rise) / law.decay, speed)
 
 
