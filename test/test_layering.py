@@ -35,6 +35,7 @@ LAYER = {
     'commands': 5,
     'cli': 6,
     'live': 6,
+    '__main__': 7,
 }
 ADAPTERS = {part for part, layer in LAYER.items() if layer == 4}
 # The only arrows from one adapter to another.
