@@ -179,12 +179,12 @@ class Board:
 
     def finish(self) -> None:
         """Nothing more will come: the recording is over."""
-        self.finished = True
-        self.tick()
+        self.finished, self._was_there = True, False
+        self.hub.send('monitor', self.monitor())
 
     def tick(self) -> None:
         """Let time pass: a monitor that falls silent, or is heard again, is told at once."""
-        if self.there != self._was_there or self.finished:
+        if self.there != self._was_there:
             self._was_there = self.there
             self.hub.send('monitor', self.monitor())
 

@@ -178,3 +178,13 @@ def test_a_request_travels_there_and_back() -> None:
         ActionRequest(Action.SILENCE, 'Éowyn 船長'),
     ):
         assert parse_request(request_record(request), ['aft_stern']) == request
+
+
+def test_the_end_of_a_recording_is_told_once(board: Board) -> None:
+    reader = board.hub.join()
+    board.take_status('aft_stern', 0, '', values(1.0, 1.0))
+    reader._waiting.clear()
+    board.finish()
+    assert b'"there":false,"finished":true' in reader._waiting.pop('monitor ')
+    board.tick()
+    assert reader._waiting == {}

@@ -55,7 +55,8 @@ export class MarginGauge {
     this.parts.svg.replaceChildren(...bars);
     if (margin !== null) {
       const percent = 100 * margin;
-      const number = `${percent < 0 ? '−' : '+'}${Math.abs(percent).toFixed(Math.abs(percent) < 99.95 ? 1 : 0)} %`;
+      const size = Math.abs(percent);
+      const number = size > 999 ? '> +999 %' : `${percent < 0 ? '−' : '+'}${size.toFixed(size < 99.95 ? 1 : 0)} %`;
       tell(this.parts, -100, 100, Math.min(Math.max(percent, -100), 100).toFixed(1), number, this.words[margin < 0 ? 0 : 1]);
     } else {
       tell(this.parts, -100, 100, known ? 100 : 0, '–', known ? 'no such boundary at this load' : 'not known');
