@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Any
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from stickslip_monitor.dashboard.alarms import OFFERED, checked_alarms
 from stickslip_monitor.dashboard.board import LOG, TRAIL, BearingView, Board, Curves
 from stickslip_monitor.dashboard.status import read_status, status_record
+from stickslip_monitor.errors import DashboardError
 from stickslip_monitor.monitor.alarm_records import alarms_record
 from stickslip_monitor.monitor.annunciator import Action, Annunciator
 from stickslip_monitor.monitor.causes import AlarmKind
@@ -100,6 +102,10 @@ def test_silence_is_noticed_and_samples_age(board: Board, now: list[float]) -> N
     now[0] += 2.5
     board.take_status('aft_stern', 0, '', values(1.0, 1.0, accepted=5))
     assert board.sample_age('aft_stern', 'speed') == pytest.approx(2.5)
+    # What is refused is no sample.
+    refused = values(1.0, 1.0, accepted=5) | {'speed samples implausible': '9'}
+    board.take_status('aft_stern', 0, '', refused)
+    assert board.sample_age('aft_stern', 'speed') == pytest.approx(2.5)
     # A monitor that was started anew counts from the start.
     board.take_status('aft_stern', 0, '', values(1.0, 1.0, accepted=0))
     now[0] += 1.0
@@ -188,3 +194,25 @@ def test_the_end_of_a_recording_is_told_once(board: Board) -> None:
     assert b'"there":false,"finished":true' in reader._waiting.pop('monitor ')
     board.tick()
     assert reader._waiting == {}
+
+
+def test_what_another_did_is_no_answer(board: Board) -> None:
+    waiting = {'state': 'unacknowledged', 'sounding': True}
+    board.take_alarms(record([]) | {'alarms': [alarm(**waiting)]})
+
+    class Desk:
+        by = 'Ada'
+
+        def act(self, request: ActionRequest) -> None:
+            done = change(1) | {'bearing': 'aft_stern', 'alarm': 'stick_slip', 'by': self.by}
+            board.take_alarms(
+                record([done | {'what': 'acknowledge'}]) | {'alarms': [alarm(**waiting)]}
+            )
+
+    async def ask(by: str) -> int:
+        request = ActionRequest(Action.ACKNOWLEDGE, by, 'aft_stern', AlarmKind.STICK_SLIP)
+        return await board.ask(Desk(), request, 0.01)
+
+    assert asyncio.run(ask('Ada')) == 1
+    with pytest.raises(DashboardError, match='nothing is known to be done'):
+        asyncio.run(ask('Bob'))

@@ -86,6 +86,8 @@ def test_an_alarm_appears_within_a_second_and_is_said(dashboard: Any, page: Any)
 
 
 def test_acknowledging_without_a_mouse(dashboard: Any, page: Any) -> None:
+    # First a caution, then the alarm: acknowledged, it goes below what still waits.
+    dashboard.sail(43.0, 1000.0, 5.0)
     dashboard.sail(20.0, 1000.0, 5.0)
     page.until(f'document.querySelector(`{ALARM}`)')
     page.js('localStorage.clear(), document.getElementById("who").value = ""')
@@ -149,6 +151,18 @@ def test_it_comes_back_after_the_server_restarts(
     # The browser itself notes that nobody was there; the page has nothing to complain of.
     own = [text for text in browser.complaints if 'net::ERR_' not in text]
     assert own == []
+
+
+def test_it_comes_back_after_it_was_turned_away(
+    dashboard: Any, browser: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A browser by itself tries again after a broken connection, but not after a refusal."""
+    dashboard.sail(60.0, 1000.0)
+    with monkeypatch.context() as crowded:
+        crowded.setattr('stickslip_monitor.dashboard.streams.MOST_READERS', 0)
+        browser.open(dashboard.url)
+        browser.until('document.body.dataset.link === "lost"')
+    browser.until(f'{STANDS} === "normal"')
 
 
 def test_a_token_is_asked_for_once(dashboards: Callable[..., Any], browser: Any) -> None:
