@@ -114,9 +114,12 @@ def test_acknowledging_without_a_mouse(dashboard: Any, page: Any) -> None:
     assert page.js(f'document.querySelector(`{ALARM}`).contains(document.activeElement)')
     # The name is asked for once.
     assert page.js('document.getElementById("who").value') == 'Ada L.'
-    page.js(f'document.querySelector(`{ALARM} [data-action=shelve]`).click()')
+    page.js(f'document.querySelector(`{ALARM} [data-action=shelve]`).focus()')
+    page.press('Enter')
     page.until(f'document.querySelector(`#aside-list {ALARM}`)')
     assert page.text('#aside summary') == '1 put aside: 1 shelved'
+    # What has gone from sight leaves the focus to the list.
+    assert page.js('document.activeElement.id') == 'alarms'
 
 
 def test_a_lost_input_and_a_silent_monitor_are_shown(dashboard: Any, page: Any) -> None:

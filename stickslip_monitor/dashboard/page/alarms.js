@@ -71,7 +71,7 @@ export class AlarmList {
     for (const [key, item] of this.items) {
       if (!kept.has(key)) { item.root.remove(); this.items.delete(key); }
     }
-    if (within && document.activeElement !== focused) this.refocus(focused);
+    if (within && !this.section.contains(document.activeElement)) this.refocus(focused);
     this.quiet.hidden = alarms.length > aside.length;
     this.aside.hidden = aside.length === 0;
     this.aside.querySelector('summary').textContent = `${aside.length} put aside: ${ASIDE.map((s) => [aside.filter((a) => a.state === s).length, STATES[s]]).filter(([n]) => n).map((pair) => pair.join(' ')).join(', ')}`;
@@ -104,8 +104,7 @@ export class AlarmList {
 
   /** Moving an element takes the focus from it: give it back, or to the list if it has gone. */
   refocus(focused) {
-    const to = focused.isConnected && !focused.hidden ? focused : focused.closest?.('.alarm')?.isConnected ? focused.closest('.alarm').querySelector('button:not([hidden])') : null;
-    (to ?? this.section).focus({ preventScroll: true });
+    (focused.isConnected && focused.checkVisibility() ? focused : this.section).focus({ preventScroll: true });
   }
 
   create(alarm) {
