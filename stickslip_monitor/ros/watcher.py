@@ -63,7 +63,8 @@ class Watcher:
             self._actions = self.node.create_publisher(String, f'{monitor}/actions', _RELIABLE)
         except ROS_FAULTS as error:
             self.node.destroy_node()
-            raise RosError(f"node '{monitor}': {error}".splitlines()[0]) from error
+            text = str(error).splitlines()[0].rstrip(':')
+            raise RosError(f"node '{monitor}': {text}") from error
 
     def act(self, request: ActionRequest) -> None:
         """Hand a request on.
