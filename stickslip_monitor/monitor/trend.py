@@ -184,10 +184,12 @@ def _reach(bearing: Bearing, sticking: bool, speed: Line, load: Line, span: floa
 
     def crossed(time: Floats) -> NDArray[np.bool_]:
         v, n = speed.now + rates[:, 0] * time, load.now + rates[:, 1] * time
+        # What comes after a standstill is another story.
+        turning = v * speed.now > 0.0
         if sticking:
             fold = fold_speed(bearing, n)
-            return np.isnan(fold) | (np.abs(v) > fold)
-        return np.asarray(growth_rate(bearing, v, n) > 0.0)
+            return turning & (np.isnan(fold) | (np.abs(v) > fold))
+        return turning & (np.asarray(growth_rate(bearing, v, n)) > 0.0)
 
     steps = np.linspace(0.0, 1.0, _STEPS + 1)
     begin, width = np.zeros((rates.shape[0], 1)), _HORIZON * span

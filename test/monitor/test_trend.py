@@ -118,6 +118,7 @@ def test_down_to_a_load_without_any_fold(aft: BearingConfig) -> None:
         (0.15 - 1e-3 * (TIME - NOW), 1000.0, False),  # there already
         (0.0, 1000.0, False),  # at rest
         (0.1, 1000.0, True),  # sticks, and nothing changes
+        (0.05 - 3e-3 * (TIME - NOW), 1000.0, True),  # sticks until it stops, and then astern
     ],
 )
 def test_silence(aft: BearingConfig, speed: Floats, load: Floats, sticking: bool) -> None:
