@@ -294,7 +294,7 @@ def _voyage(seed: int) -> Stream:
     times, loads, values, now = [], [], [], 0
     rpm, force = 60.0, 1000.0
     for _ in range(4):
-        end_rpm = random.choice([60.0, 44.0, 36.0, 25.0, -36.0, 0.0])
+        end_rpm = random.choice([60.0, 44.0, 36.0, 25.0, -25.0, -44.0, -60.0, 0.0])
         end_force = random.choice([1000.0, 1000.0, 700.0, 1500.0])
         now += int(random.choice([0, 0, 3, -20, -6])) * SECOND
         n = int(random.integers(10, 160))
@@ -318,6 +318,7 @@ def test_batch_and_stream_say_the_same(configure: Configure) -> None:
             alarm__on_delay=0.5 * (seed % 2),
             alarm__off_delay=1.0,
             alarm__trend_window=3.0,
+            alarm__amplitude_limit=0.9e-3,
         )
         stream, live, events = _voyage(seed), Monitor(config), []
         for row in zip(
