@@ -17,6 +17,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
 
 from stickslip_monitor.errors import RosError, StickslipError
 from stickslip_monitor.monitor.clips import ClipStore
@@ -36,6 +37,7 @@ from stickslip_monitor.ros.state_file import StateFile
 from stickslip_monitor.surface_store import prepare_surfaces
 
 WATCHDOG_PERIOD = 0.1
+SIGNAL_PERIOD = 0.2
 DIAGNOSTICS_PERIOD = 1.0
 # The watchdog stays so far behind that a sample delivered late keeps the time of its own stamp.
 WATCHDOG_LAG_NS = 500_000_000
@@ -71,6 +73,8 @@ class MonitorNode(LifecycleNode):
         parameters.declare(self)
         self.add_on_set_parameters_callback(self._on_parameters)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        # Python runs its signal handlers between waits: none may last, however little happens.
+        self._pulse = self.create_timer(SIGNAL_PERIOD, lambda: None, clock=self._steady)
         self._active = False
         self._failure = ''
         self._monitor = Monitor(self._config)
@@ -78,7 +82,7 @@ class MonitorNode(LifecycleNode):
         self._desk: AlarmDesk | None = None
         self._inputs: Inputs | None = None
         self._actions: Actions | None = None
-        self._timers: list[Any] = []
+        self._tickers: list[Any] = []
         self._flows: dict[str, Flow] = {}
         self._bases: dict[str, int] = {}
         self._published_ns: dict[str, int] = {}
@@ -128,7 +132,7 @@ class MonitorNode(LifecycleNode):
         self._bases = dict.fromkeys(self._monitor.bearings, 0)
         self._watch()
         # Timers of the steady clock: those of ROS time stall when a replay steps back.
-        self._timers = [
+        self._tickers = [
             self.create_timer(WATCHDOG_PERIOD, self._watch, clock=self._steady),
             self.create_timer(DIAGNOSTICS_PERIOD, self._diagnose, clock=self._steady),
         ]
@@ -171,9 +175,9 @@ class MonitorNode(LifecycleNode):
         if self._actions is not None:
             self._actions.destroy()
             self._actions = None
-        for timer in self._timers:
+        for timer in self._tickers:
             self.destroy_timer(timer)
-        self._timers = []
+        self._tickers = []
         if self._clips is not None:
             self._clips.close()
 
@@ -298,22 +302,21 @@ def _check(config: MonitorConfig) -> None:
         StateFile(config.state_file)
 
 
-def _spin(node: MonitorNode, told: Sequence[int] = ()) -> None:
-    """Spin until ROS shuts down, or a signal has been noted.
-
-    On a signal rclpy wakes the executor first and shuts down its context after that. A node that
-    has no timer running must not go back to waiting in between.
-    """
+def _spin(node: MonitorNode, told: Sequence[int]) -> None:
+    """Spin until a signal has been noted, or somebody shuts ROS down."""
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    while rclpy.ok() and not told:
-        try:
-            executor.spin_once()
-        except rclpy_implementation.RCLError as error:
-            # Up to ROS 2 Jazzy an invalid lifecycle request raises out of spin.
-            if not rclpy.ok():
-                return
-            node.get_logger().error(f'request refused: {error}')
+    try:
+        while rclpy.ok() and not told:
+            try:
+                executor.spin_once()
+            except rclpy_implementation.RCLError as error:
+                # Up to ROS 2 Jazzy an invalid lifecycle request raises out of spin.
+                if not rclpy.ok():
+                    return
+                node.get_logger().error(f'request refused: {error}')
+    finally:
+        executor.shutdown()
 
 
 def _sentence(error: Exception) -> str:
@@ -323,7 +326,10 @@ def _sentence(error: Exception) -> str:
 
 def _initialise(args: Sequence[str] | None) -> None:
     try:
-        rclpy.init(args=None if args is None else list(args))
+        rclpy.init(
+            args=None if args is None else list(args),
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
     except (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError) as error:
         raise RosError(f'the ROS arguments cannot be used: {_sentence(error)}') from error
 
@@ -331,30 +337,27 @@ def _initialise(args: Sequence[str] | None) -> None:
 def _run(args: Sequence[str] | None, store: Callable[[ClipConfig], ClipStore] | None) -> None:
     """Run the node until it is told to stop."""
     # Noted, not raised: an interrupt in the middle of an import prints a traceback of its own.
-    # From rclpy.init on, ROS's handlers take the context down first, which ends the spinning.
+    # ROS's own handlers stay out: they take ROS down in a thread, under the node's feet.
     told: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: told.append(number))
     _initialise(args)
     node = None
     try:
-        if told:
-            return
         node = MonitorNode(store)
-        if node.config.autostart:
+        # Python runs its handlers between waits, so a wait must end however little happens.
+        node.create_timer(
+            SIGNAL_PERIOD, lambda: None, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
+        if node.config.autostart and not told:
             node.start()
         _spin(node, told)
-    except (StickslipError, RuntimeError):
-        # Told to stop while it starts: what ROS still does then fails in ways of its own.
-        if rclpy.ok():
-            raise
     finally:
         # A second Ctrl-C (a launch system sends one too) must not break the way out.
         _ignore_signals()
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
-        _ignore_signals()
 
 
 def _ignore_signals() -> None:

@@ -146,8 +146,13 @@ def test_the_loop_survives_a_request_that_raises(monkeypatch: pytest.MonkeyPatch
                 raise rclpy_implementation.RCLError('Transition is not registered.')
             running[0] = False
 
+        def shutdown(self) -> None:
+            ended.append(True)
+
+    ended: list[bool] = []
     monkeypatch.setattr(node, 'SingleThreadedExecutor', Executor)
     monkeypatch.setattr(node.rclpy, 'ok', lambda: running[0])
     logger = SimpleNamespace(error=logged.append)
-    node._spin(SimpleNamespace(get_logger=lambda: logger))  # type: ignore[arg-type]
+    node._spin(SimpleNamespace(get_logger=lambda: logger), [])  # type: ignore[arg-type]
+    assert ended == [True]
     assert logged == ['request refused: Transition is not registered.'] * 2
