@@ -11,6 +11,8 @@ from __future__ import annotations
 from enum import Enum
 from typing import NamedTuple
 
+from stickslip_monitor.monitor.word import Word
+
 
 class State(str, Enum):
     """Where an alarm is in its life."""
@@ -43,17 +45,8 @@ class State(str, Enum):
         return self.value
 
 
-class Trigger(str, Enum):
+class Trigger(Word):
     """What can happen to an alarm; each member carries its sentence."""
-
-    sentence: str
-
-    def __new__(cls, name: str, sentence: str) -> Trigger:
-        """Make a member from its name and its sentence."""
-        member = str.__new__(cls, name)
-        member._value_ = name
-        member.sentence = sentence
-        return member
 
     RAISE = 'raise', 'the cause has come'
     CLEAR = 'clear', 'the cause has gone'
@@ -65,9 +58,6 @@ class Trigger(str, Enum):
     UNSHELVE = 'unshelve', 'somebody has taken it back, or its time has passed'
     REMOVE = 'remove', 'somebody has taken it out of service'
     RESTORE = 'restore', 'somebody has returned it to service'
-
-    def __str__(self) -> str:
-        return self.value
 
 
 class Facts(NamedTuple):

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from enum import Enum
 
+from stickslip_monitor.monitor.word import Word
+
 
 class Regime(str, Enum):
     """What can happen at an operating point, in rising order of trouble."""
@@ -18,17 +20,8 @@ class Regime(str, Enum):
         return self.value
 
 
-class Outcome(str, Enum):
+class Outcome(Word):
     """Why an assessment says what it says; each member carries its sentence."""
-
-    sentence: str
-
-    def __new__(cls, name: str, sentence: str) -> Outcome:
-        """Make a member from its name and its sentence."""
-        member = str.__new__(cls, name)
-        member._value_ = name
-        member.sentence = sentence
-        return member
 
     NO_CYCLE = 'no_cycle', 'Beyond the fold: no stick-slip cycle exists at this speed and load.'
     BISTABLE = (
@@ -44,9 +37,6 @@ class Outcome(str, Enum):
     NO_CONTACT = 'no_contact', 'The bearing carries no load: there is no friction.'
     AT_REST = 'at_rest', 'The shaft is at rest: nothing slides.'
     NOT_FINITE = 'not_finite', 'Speed or load is not a finite number.'
-
-    def __str__(self) -> str:
-        return self.value
 
 
 REGIMES = tuple(Regime)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import yaml
 from mcap.reader import make_reader
+from mcap.records import Header
 from rosbags.rosbag2 import Reader, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
@@ -195,7 +196,7 @@ def test_equal_input_gives_equal_bytes(tmp_path: Path) -> None:
         assert first == second
     with (tmp_path / 'a/voyage/voyage_0.mcap').open('rb') as stream:
         header = make_reader(stream).get_header()
-    assert (header.profile, header.library) == ('ros2', 'stickslip_monitor')
+    assert header == Header(profile='ros2', library='stickslip_monitor')
 
 
 def test_a_type_with_a_definition(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
-import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -174,16 +173,10 @@ def test_bearings_of_one_shaft_share_its_speed(make_scene: Callable[..., Scene])
     np.testing.assert_allclose(columns['/fwd'][1], 0.5, rtol=1e-14)
 
 
-def test_memory_does_not_grow_with_duration(make_scene: Callable[..., Scene]) -> None:
+def test_memory_does_not_grow_with_duration(
+    make_scene: Callable[..., Scene], peak_memory: Callable[[Scene, float], int]
+) -> None:
     scene = make_scene(effects=[SPEED, LOAD, {'sensor_noise': NOISE}])
 
-    def peak(duration: float) -> int:
-        tracemalloc.start()
-        for _ in simulate(replace(scene, duration=duration)):
-            pass
-        size = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        return size
-
-    peak(600.0)
-    assert peak(86_400.0) < 1.5 * peak(3_600.0)
+    peak_memory(scene, 600.0)
+    assert peak_memory(scene, 86_400.0) < 1.5 * peak_memory(scene, 3_600.0)

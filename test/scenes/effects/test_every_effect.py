@@ -7,9 +7,7 @@ import importlib
 import re
 import subprocess
 import sys
-import tracemalloc
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -181,20 +179,14 @@ def test_nothing_is_allocated_for_what_is_not_listed(make_scene: MakeScene) -> N
             assert signal.messages().log_time_ns is signal.stamp_ns
 
 
-def test_memory_of_a_day_is_that_of_an_hour(make_scene: MakeScene) -> None:
+def test_memory_of_a_day_is_that_of_an_hour(
+    make_scene: MakeScene, peak_memory: Callable[[Scene, float], int]
+) -> None:
     """All effects but those on the lining, which have tests of their own, and the slow waves."""
     names = set(QUICK) - {*STAGES['lining'], 'load_in_waves', 'cut_off'}
     rates = {'speed': {'rate': 1.0}, 'load': {'rate': 1.0}}
     effects = [{name: EXAMPLES[name]} for name in names]
     scene = make_scene(STAMPED, effects=effects, telemetry=rates)
 
-    def peak(duration: float) -> int:
-        tracemalloc.start()
-        for _ in simulate(replace(scene, duration=duration)):
-            pass
-        size = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        return size
-
-    peak(600.0)
-    assert peak(86_400.0) < 1.2 * peak(3_600.0)
+    peak_memory(scene, 600.0)
+    assert peak_memory(scene, 86_400.0) < 1.2 * peak_memory(scene, 3_600.0)
