@@ -197,6 +197,7 @@ class BagWriter:
         """
         with self._trouble():
             begin = self._file.tell()
+            # Of all that mcap offers, this one has no types.
             self._writer.finish()  # type: ignore[no-untyped-call]
             self._file.seek(begin)
             head = self._file.read(_RECORD_HEAD.size)

@@ -298,6 +298,7 @@ def _clock_ticks(axes: Axes, most: int) -> None:
 
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
+    # matplotlib.dates has no types.
     locator = AutoDateLocator(minticks=3, maxticks=most, tz=timezone.utc)  # type: ignore[no-untyped-call]
     axes.xaxis.set_major_locator(locator)
     formatter = ConciseDateFormatter(locator, tz=timezone.utc)  # type: ignore[no-untyped-call]

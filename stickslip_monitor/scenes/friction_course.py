@@ -21,6 +21,7 @@ STEP = 1.0
 
 def parameters_of(law: FrictionLaw) -> tuple[str, ...]:
     """What may move: the law's own numbers, and a factor on the whole coefficient."""
+    # The protocol does not say that a law is a dataclass; those a configuration can name are.
     own = () if isinstance(law, Tabulated) else tuple(f.name for f in fields(law))  # type: ignore[arg-type]
     return (*own, FACTOR)
 
@@ -32,6 +33,7 @@ def with_parameters(law: FrictionLaw, values: dict[str, float]) -> FrictionLaw:
         PhysicsError: A parameter breaks its rule.
     """
     own = {name: value for name, value in values.items() if name != FACTOR}
+    # A dataclass, as above.
     changed: Any = replace(law, **own) if own else law  # type: ignore[type-var]
     factor = values.get(FACTOR, 1.0)
     if isinstance(changed, Tabulated):

@@ -270,4 +270,5 @@ def read_rows(path: str | Path) -> list[Row]:
 
 def _parsed(line: dict[str, str]) -> Row:
     values = {field.name: _PARSERS[str(field.type)](line[field.name]) for field in fields(Row)}
+    # Each value was parsed by the type of its field, which the type checker cannot follow.
     return Row(**values)  # type: ignore[arg-type]

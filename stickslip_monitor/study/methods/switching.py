@@ -128,6 +128,7 @@ def _contact(speed: float, side: float, earliest: float) -> Event:
     def contact(time: float, y: Array) -> float:
         return side * (speed - float(y[1])) if time > earliest else speed
 
+    # How solve_ivp is told: attributes that its own example puts on a function.
     contact.terminal = True  # type: ignore[attr-defined]
     contact.direction = -1.0  # type: ignore[attr-defined]
     return contact
