@@ -33,6 +33,8 @@ CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
 RATE = 15
 # The clock of a replay reaches the node in steps; at this rate a step is so much recorded time.
 TOLERANCE = 0.05 * RATE
+# A timeout counts recorded time: 5 s of it are over while a busy machine does something else.
+TIMEOUT = 5.0 * RATE
 COLOURS = {'OK': 'green', 'WARN': 'yellow', 'ERROR': 'red'}
 
 console = Console()
@@ -47,6 +49,8 @@ def start_node() -> subprocess.Popen[bytes]:
     """Start the monitor node as a process of its own."""
     command = [sys.executable, '-m', 'stickslip_monitor.live', '--ros-args']
     command += ['--params-file', str(CONFIG), '-p', 'use_sim_time:=true', '--log-level', 'error']
+    for quantity in ('speed', 'load'):
+        command += ['-p', f'aft_stern.{quantity}.timeout:={TIMEOUT}']
     console.print('[bold]1. The node[/], on its own:  ros2 run stickslip_monitor monitor')
     return subprocess.Popen(command)
 
