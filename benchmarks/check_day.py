@@ -21,13 +21,12 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.table import Table, duration, ratio
-from stickslip_monitor.bags.check import check_bag
 from stickslip_monitor.bags.reader import Request, open_bag
 from stickslip_monitor.bags.writer import BagWriter
-from stickslip_monitor.commands.check_json import to_json
-from stickslip_monitor.commands.check_text import to_text
+from stickslip_monitor.commands.check_results import to_json, to_text
 from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.offline.check import check_bag
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'launch_configs' / 'two_bearings.yaml'

@@ -18,9 +18,17 @@ from numpy.typing import NDArray
 from benchmarks.reference import LOAD, bearing
 from benchmarks.table import Table, absent, duration, ratio
 from benchmarks.timing import in_turns
-from stickslip_monitor.physics.bifurcation import fold_speed, hopf_speed, stationary_amplitudes
-from stickslip_monitor.physics.cycle import exact_cycle, exact_fold_speed, exact_unstable_cycle
-from stickslip_monitor.physics.cycle_surface import exact_amplitude, surface_of
+from stickslip_monitor.physics.averaging.boundaries import (
+    fold_speed,
+    hopf_speed,
+    stationary_amplitudes,
+)
+from stickslip_monitor.physics.cycle.cycles import (
+    exact_cycle,
+    exact_fold_speed,
+    exact_unstable_cycle,
+)
+from stickslip_monitor.physics.cycle.surface import exact_amplitude, surface_of
 from stickslip_monitor.physics.friction import Stribeck
 
 RPM = (5.0, 45.0)

@@ -15,12 +15,11 @@ import numpy as np
 from benchmarks.reference import LOAD, bearing
 from benchmarks.table import Table, absent, duration, ratio
 from benchmarks.timing import in_turns
-from stickslip_monitor.physics.cycle import exact_cycle
-from stickslip_monitor.scenes.integrator import FAST, Drive, State, integrate
-from stickslip_monitor.study.methods.event_driven import Samples, turning_points
-from stickslip_monitor.study.methods.method import Method, breakaway, typical_period
-from stickslip_monitor.study.methods.regularised import Regularised
-from stickslip_monitor.study.methods.switching import Switching
+from stickslip_monitor.physics.cycle.cycles import exact_cycle
+from stickslip_monitor.physics.motion.integrator import FAST, Drive, MotionState, integrate
+from stickslip_monitor.study.accuracy.method import Method, breakaway, typical_period
+from stickslip_monitor.study.accuracy.own_methods import Samples, turning_points
+from stickslip_monitor.study.accuracy.time_stepping import Regularised, Switching
 
 RPM, CYCLES = 20.0, 10.0
 BEARING = bearing()
@@ -74,7 +73,7 @@ def run(quick: bool) -> Table:
 def _ours(compiled: bool, span: float) -> float:
     """Amplitude of the late part of a motion, to rounding [m]."""
     drive = Drive.constant(SPEED, LOAD, span)
-    start = State.moving(breakaway(BEARING, SPEED, LOAD), SPEED, drive)
+    start = MotionState.moving(breakaway(BEARING, SPEED, LOAD), SPEED, drive)
     times = np.linspace(span - 0.4 * SPAN, span, 2000)
     motion = integrate(BEARING, drive, start, times, accuracy=FAST, compiled=compiled)
     samples = Samples(

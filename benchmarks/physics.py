@@ -24,7 +24,7 @@ from stickslip_monitor import (
     assess,
     build_config,
 )
-from stickslip_monitor.physics.cycle_surface import surface_of
+from stickslip_monitor.physics.cycle.surface import surface_of
 
 BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
 _SPEEDS = np.linspace(0.0, 0.6, 15)

@@ -22,9 +22,9 @@ from expected_events import expected_events
 from rich.console import Console
 
 from stickslip_monitor.bags.reader import Bag, open_bag
-from stickslip_monitor.bags.truth import has_truth, read_truth
 from stickslip_monitor.commands.simulate import write_bag
 from stickslip_monitor.errors import StickslipError
+from stickslip_monitor.offline.truth import has_truth, read_truth
 from stickslip_monitor.scenes.scene import Scene
 from stickslip_monitor.scenes.scene_file import load_scene
 

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from stickslip_monitor.monitor.lifecycle import ALWAYS, TABLE, Choice, State, Trigger
+from stickslip_monitor.monitor.alarms.lifecycle import ALWAYS, TABLE, AlarmState, Choice, Trigger
 from stickslip_monitor.monitor.table import (
     BEARING_PARAMETERS,
     NODE_PARAMETERS,
@@ -220,7 +220,7 @@ def _targets(choices: tuple[Choice, ...]) -> str:
 def render_life() -> str:
     """The states and transitions of an alarm."""
     lines = ['', '| state | ISA-18.2 | meaning |', '|---|---|---|']
-    lines += [f'| `{state}` | {state.letter} | {state.sentence} |' for state in State]
+    lines += [f'| `{state}` | {state.letter} | {state.sentence} |' for state in AlarmState]
     lines += ['', '| what happens | |', '|---|---|']
     lines += [f'| `{trigger}` | {trigger.sentence} |' for trigger in Trigger]
     lines += ['', '| in state | when | it becomes |', '|---|---|---|']

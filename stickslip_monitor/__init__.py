@@ -6,9 +6,9 @@ from stickslip_monitor.monitor.assessment import Assessment, Outcome, Regime, as
 from stickslip_monitor.monitor.config import MonitorConfig, build_config
 from stickslip_monitor.monitor.monitor import Monitor
 from stickslip_monitor.monitor.signals import Sample, Stream
-from stickslip_monitor.physics.averaging import amplitude_rate
-from stickslip_monitor.physics.bifurcation import (
+from stickslip_monitor.physics.averaging.boundaries import (
     StationaryAmplitudes,
+    amplitude_rate,
     fold_load,
     fold_speed,
     growth_rate,
@@ -16,7 +16,7 @@ from stickslip_monitor.physics.bifurcation import (
     hopf_speed,
     stationary_amplitudes,
 )
-from stickslip_monitor.physics.cycle import (
+from stickslip_monitor.physics.cycle.cycles import (
     Cycle,
     CycleKind,
     exact_cycle,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from stickslip_monitor.monitor.clips import ClipStore
+from stickslip_monitor.monitor.clip_recorder import ClipStore
 from stickslip_monitor.monitor.config import ClipConfig
 from stickslip_monitor.ros import node
 
@@ -22,7 +22,7 @@ def clip_store(config: ClipConfig) -> ClipStore:
         BagError: The folder is not there and cannot be made.
     """
     # Not needed, and not loaded, where no clips are wanted.
-    from stickslip_monitor.bags.clips import ClipFolder
+    from stickslip_monitor.offline.clips import ClipFolder
 
     return ClipFolder(config)
 

@@ -14,16 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from stickslip_monitor.physics.cycle_surface import (
-    VERSION,
-    CycleSurface,
-    Sheet,
-    surface_of,
-)
+from stickslip_monitor.physics.chebyshev import PiecewiseChebyshev1D, PiecewiseChebyshev2D
+from stickslip_monitor.physics.cycle.surface import VERSION, CycleSurface, Sheet, surface_of
 from stickslip_monitor.physics.oscillator import Bearing
-from stickslip_monitor.physics.panels import Panels, Rows
 
-_PARTS: dict[str, type] = {'fold': Rows, 'size': Panels}
+_PARTS: dict[str, type] = {'fold': PiecewiseChebyshev1D, 'size': PiecewiseChebyshev2D}
 
 
 def default_directory() -> Path:

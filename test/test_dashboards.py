@@ -18,9 +18,9 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from stickslip_monitor.bags.check import check_bag
-from stickslip_monitor.bags.verdicts import write_verdicts
 from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.offline.check import check_bag
+from stickslip_monitor.offline.verdicts import write_verdicts
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / 'launch_configs' / 'dashboards'

@@ -13,8 +13,8 @@ import pytest
 
 import stickslip_monitor
 from stickslip_monitor import Stribeck, Tabulated
+from stickslip_monitor.monitor.alarms.lifecycle import TABLE, AlarmState
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.lifecycle import TABLE, State
 from stickslip_monitor.monitor.table import BEARING_PARAMETERS, NODE_PARAMETERS
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -50,7 +50,9 @@ def test_the_life_of_an_alarm_is_fresh(make_docs: ModuleType) -> None:
     assert f'| {row} |' in page.splitlines()
     for (state, trigger), choices in TABLE.items():
         (line,) = re.findall(rf'^\| {state} \| {trigger} \| (.*) \|$', page, flags=re.MULTILINE)
-        assert re.findall(rf'\b({"|".join(State)})\b', line) == [target for _, target in choices]
+        assert re.findall(rf'\b({"|".join(AlarmState)})\b', line) == [
+            target for _, target in choices
+        ]
 
 
 def test_a_stale_page_is_noticed(make_docs: ModuleType, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stickslip_monitor import surface_store
-from stickslip_monitor.physics.cycle_surface import CycleSurface
+from stickslip_monitor.physics.cycle.surface import CycleSurface
 from stickslip_monitor.physics.friction import Coulomb, Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.surface_store import prepare_surfaces, surface_file

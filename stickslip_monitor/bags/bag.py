@@ -7,15 +7,13 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
+from stickslip_monitor.bags.index import FileScan, scan_file
+from stickslip_monitor.bags.metadata import FILE_NAME, read_metadata
+from stickslip_monitor.bags.series import Progress, Source, Wanted, merged, read_series
+from stickslip_monitor.bags.topics import check_request, check_topics, list_topics
+from stickslip_monitor.bags.values import Cut, Message, Request, Series, TopicInfo
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.monitor.fields import FieldPath
-
-from .merge import Source, merged
-from .metadata import FILE_NAME, read_metadata
-from .reading import Progress, Wanted, read_series
-from .scan import FileScan, scan_file
-from .topics import check_request, check_topics, list_topics
-from .values import Cut, Message, Request, Series, TopicInfo
+from stickslip_monitor.fields import FieldPath
 
 
 class Bag:

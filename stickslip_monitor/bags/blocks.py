@@ -1,30 +1,140 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Blocks: the pieces a recording is read in, each a stretch of whole records in memory."""
+"""Chunk decompression that trusts no length it has not seen, whole and cut chunks alike.
+
+Blocks: the pieces a recording is read in, each a stretch of whole records in memory.
+
+Blocks loaded while the one before is worked on: decompression needs no interpreter.
+
+Which messages of a block are wanted: from its message index if it can be believed.
+"""
 
 from __future__ import annotations
 
 import enum
 import zlib
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 
+import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
+import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Chunk
 
+from stickslip_monitor.arrays import IntArray
+from stickslip_monitor.bags.mcap_records import (
+    HEAD,
+    MESSAGE_HEAD,
+    PARSE_ERRORS,
+    PAYLOAD,
+    Contents,
+    scan,
+    view,
+)
 from stickslip_monitor.errors import BagError
 
-from .compression import CompressionError, decompress, decompress_prefix
-from .records import HEAD, PARSE_ERRORS, scan
-from .values import IntArray
+# A cut chunk is fed in small pieces, so that an error inside costs only what follows it.
+_PIECE = 4096
+
+
+class CompressionError(Exception):
+    """The data cannot be decompressed; the text is a clause for a sentence."""
+
+
+def decompress(data: bytes, compression: str, size: int) -> bytes:
+    """Decompress a whole chunk.
+
+    Args:
+        data: Compressed bytes.
+        compression: Name used by MCAP: ``''``, ``'lz4'`` or ``'zstd'``.
+        size: Decompressed size the chunk declares [bytes].
+
+    Returns:
+        Exactly ``size`` bytes.
+
+    Raises:
+        CompressionError: Unknown compression, damaged data, or another size than declared.
+    """
+    try:
+        plain = _WHOLE[compression](data, size)
+    except KeyError:
+        raise CompressionError(f"its compression '{compression}' is unknown") from None
+    except (zstandard.ZstdError, RuntimeError, MemoryError, EOFError):
+        raise CompressionError(f'its {compression} data does not decompress') from None
+    if len(plain) != size:
+        raise CompressionError(f'it holds {len(plain)} bytes where it declares {size}')
+    return plain
+
+
+def decompress_prefix(data: bytes, compression: str, size: int) -> bytes:
+    """Decompress as much as the beginning of a chunk gives.
+
+    Args:
+        data: The compressed bytes that are there, perhaps none.
+        compression: As for :func:`decompress`.
+        size: Decompressed size the chunk declares, a bound on the result [bytes].
+
+    Returns:
+        The bytes that could be restored; empty when the compression is unknown.
+    """
+    if not compression:
+        return data[:size]
+    if compression not in _PIECEWISE:
+        return b''
+    feed = _PIECEWISE[compression]()
+    parts: list[bytes] = []
+    total = 0
+    try:
+        for start in range(0, len(data), _PIECE):
+            parts.append(feed(data[start : start + _PIECE]))
+            total += len(parts[-1])
+            if total >= size:
+                break
+    except (zstandard.ZstdError, RuntimeError, MemoryError, EOFError):
+        pass
+    return b''.join(parts)[:size]
+
+
+def _plain(data: bytes, size: int) -> bytes:
+    return data
+
+
+def _zstd(data: bytes, size: int) -> bytes:
+    if zstandard.frame_content_size(data) == size:
+        return zstandard.ZstdDecompressor().decompress(data)
+    # Without a matching size in the frame the declared one may be garbage: let the output grow.
+    return decompress_prefix(data, 'zstd', size)
+
+
+def _lz4(data: bytes, size: int) -> bytes:
+    plain: bytes = lz4.frame.decompress(data)
+    return plain
+
+
+def _zstd_feed() -> Callable[[bytes], bytes]:
+    return zstandard.ZstdDecompressor().decompressobj().decompress
+
+
+def _lz4_feed() -> Callable[[bytes], bytes]:
+    feed: Callable[[bytes], bytes] = lz4.frame.LZ4FrameDecompressor().decompress
+    return feed
+
+
+_WHOLE: dict[str, Callable[[bytes, int], bytes]] = {'': _plain, 'zstd': _zstd, 'lz4': _lz4}
+_PIECEWISE: dict[str, Callable[[], Callable[[bytes], bytes]]] = {
+    'zstd': _zstd_feed,
+    'lz4': _lz4_feed,
+}
 
 _INDEX_HEAD = HEAD.size + 2 + 4
 
 
-class Kind(enum.Enum):
+class BlockKind(enum.Enum):
     """How a block lies in its file."""
 
     CHUNK = 'chunk'
@@ -46,7 +156,7 @@ class Block:
     """
 
     path: Path
-    kind: Kind
+    kind: BlockKind
     offset: int
     length: int
     start_ns: int
@@ -101,11 +211,11 @@ def load(block: Block) -> Loaded:
     """
     raw = _read(block)
     body, index_data = raw[: block.length], raw[block.length :]
-    if block.kind is Kind.BARE:
+    if block.kind is BlockKind.BARE:
         return Loaded(block, body, b'')
     try:
         chunk = read_chunk(body)
-        if block.kind is Kind.CUT_CHUNK:
+        if block.kind is BlockKind.CUT_CHUNK:
             return Loaded(block, whole_records(chunk), b'')
         return Loaded(block, _restore(chunk), index_data)
     except CompressionError as error:
@@ -158,3 +268,133 @@ def _index_pairs(data: bytes, begin: int, channel: int) -> IntArray | None:
     if int.from_bytes(head[9:11], 'little') != channel or size % 16 or begin + size > len(data):
         return None
     return np.frombuffer(data, np.int64, size // 8, begin).reshape(-1, 2)
+
+
+_WORKERS = 2
+
+
+def prefetch(blocks: Sequence[Block]) -> Iterator[Loaded | DamagedBlock]:
+    """Load blocks in order, a few at a time.
+
+    Args:
+        blocks: What to load.
+
+    Yields:
+        Each block, or what is wrong with it.
+
+    Raises:
+        BagError: A file cannot be read.
+    """
+    with ThreadPoolExecutor(_WORKERS) as pool:
+        waiting: deque[Future[Loaded | DamagedBlock]] = deque()
+        for block in blocks:
+            waiting.append(pool.submit(_load, block))
+            if len(waiting) > _WORKERS:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+
+
+def _load(block: Block) -> Loaded | DamagedBlock:
+    try:
+        return load(block)
+    except DamagedBlock as damage:
+        return damage
+
+
+@dataclass(frozen=True, slots=True)
+class Entries:
+    """Messages of one channel in file order, shape (n,) each.
+
+    ``offset`` is where a message's data begins in the block and ``size`` its length [bytes].
+    """
+
+    channel: int
+    log_time_ns: IntArray
+    offset: IntArray
+    size: IntArray
+
+
+def find_entries(loaded: Loaded, channels: Collection[int]) -> list[Entries]:
+    """Find the messages of some channels in a block.
+
+    Args:
+        loaded: The block.
+        channels: Ids of the channels.
+
+    Returns:
+        The messages of each channel that has any.
+    """
+    found = _from_index(loaded, channels) if loaded.block.index else None
+    if found is None:
+        found = _from_scan(loaded.data, channels)
+    return [entries for entries in found if len(entries.offset)]
+
+
+def list_contents(loaded: Loaded) -> Contents:
+    """List all records of a block, stepping only through what its message index leaves out."""
+    found = _from_index(loaded, loaded.block.index)
+    if not found:
+        return scan(loaded.data)
+    channel = np.concatenate([np.full(len(e.offset), e.channel, np.int64) for e in found])
+    log_time = np.concatenate([entries.log_time_ns for entries in found])
+    begin = np.concatenate([entries.offset for entries in found]) - PAYLOAD
+    end = begin + PAYLOAD + np.concatenate([entries.size for entries in found])
+    contents = Contents(channel, log_time, begin, len(loaded.data))
+    for start, stop in _gaps(np.sort(begin), np.sort(end), len(loaded.data)):
+        part = scan(loaded.data[start:stop])
+        if len(part.channel):
+            return scan(loaded.data)
+        contents.schemas.update(part.schemas)
+        contents.channels.update(part.channels)
+    return contents
+
+
+def _gaps(begin: IntArray, end: IntArray, size: int) -> list[tuple[int, int]]:
+    """Find what lies between records that begin and end at sorted offsets."""
+    starts, stops = np.append(0, end), np.append(begin, size)
+    apart = stops > starts
+    return list(zip(starts[apart].tolist(), stops[apart].tolist(), strict=True))
+
+
+def _from_index(loaded: Loaded, channels: Collection[int]) -> list[Entries] | None:
+    found: list[Entries] = []
+    for channel in channels:
+        pairs = loaded.indexed(channel)
+        if pairs is None:
+            return None
+        entries = _entries(loaded.data, channel, *pairs)
+        if entries is None:
+            return None
+        found.append(entries)
+    return found
+
+
+def _from_scan(data: bytes, channels: Collection[int]) -> list[Entries]:
+    contents = scan(data)
+    found: list[Entries] = []
+    for channel in channels:
+        mine = contents.channel == channel
+        offset = contents.offset[mine]
+        size = view(data, '<i8')[offset + 1] - MESSAGE_HEAD.size
+        found.append(Entries(channel, contents.log_time_ns[mine], offset + PAYLOAD, size))
+    return found
+
+
+def _entries(data: bytes, channel: int, log_time_ns: IntArray, offset: IntArray) -> Entries | None:
+    """Take index entries that point to whole records of the channel and time; None if one lies."""
+    if len(offset) and not 0 <= offset[0] <= offset[-1] <= len(data) - PAYLOAD:
+        return None
+    words = view(data, '<i8')
+    # One word is the kind of record and, but for its highest byte, its length; the next is that
+    # byte, the channel, and more.
+    first = words[offset]
+    size = (first >> 8) - MESSAGE_HEAD.size
+    honest = (
+        ((first & 0xFF) == Opcode.MESSAGE).all()
+        and ((words[offset + 8] & 0xFFFFFF) == channel << 8).all()
+        and (words[offset + HEAD.size + 6] == log_time_ns).all()
+        and (size >= 0).all()
+        and (size <= len(data) - PAYLOAD - offset).all()
+    )
+    return Entries(channel, log_time_ns, offset + PAYLOAD, size) if honest else None

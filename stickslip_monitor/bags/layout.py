@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.monitor.fields import FieldPath
-
-from .schema import NUMBERS, TEXTS, Definitions, short_name
-from .values import BoolArray, IntArray
-from .views import view
+from stickslip_monitor.arrays import BoolArray, IntArray
+from stickslip_monitor.bags.mcap_records import view
+from stickslip_monitor.bags.schema import NUMBERS, TEXTS, Definitions, short_name
+from stickslip_monitor.fields import FieldPath
 
 # Beyond this a message is no telemetry, and its tokens would cost more than they save.
 _MOST_TOKENS = 500
@@ -33,7 +32,7 @@ _LONGEST_TEXT = 256
 _NOT_ASCII = np.uint64(0x8080808080808080)
 
 
-class Kind(enum.Enum):
+class TokenKind(enum.Enum):
     """What a token is."""
 
     NUMBERS = 'numbers'
@@ -45,7 +44,7 @@ class Kind(enum.Enum):
 class Token:
     """A stretch of CDR data: ``count`` numbers of numpy type ``code``, a sequence, or a text."""
 
-    kind: Kind
+    kind: TokenKind
     code: str = 'u1'
     count: int = 1
 
@@ -100,18 +99,22 @@ def _tokens(
         return
     if not definitions[root]:
         # CDR has no empty structure; ROS 2 gives it one unused byte.
-        yield (*prefix, ''), Token(Kind.NUMBERS)
+        yield (*prefix, ''), Token(TokenKind.NUMBERS)
     for member in definitions[root]:
         path = (*prefix, member.name)
         if member.base in NUMBERS:
-            kind = Kind.SEQUENCE if member.is_array and member.size is None else Kind.NUMBERS
+            kind = (
+                TokenKind.SEQUENCE
+                if member.is_array and member.size is None
+                else TokenKind.NUMBERS
+            )
             count = member.size if member.size is not None else 1
             yield path, Token(kind, NUMBERS[member.base], count)
         elif member.base == 'wstring' or (member.is_array and member.size is None):
             yield path, None
         elif member.base in TEXTS:
             for _ in range(1 if member.size is None else member.size):
-                yield path, Token(Kind.TEXT)
+                yield path, Token(TokenKind.TEXT)
         elif member.size is None:
             yield from _tokens(definitions, member.base, path)
         else:
@@ -158,7 +161,7 @@ class Gather:
                     found[target] = self._fetch(token.code, spot)
             end = begin + length * token.item_size
             # Nothing is aligned for the items of a sequence that has none.
-            place = np.where(length > 0, end, place) if token.kind is Kind.SEQUENCE else end
+            place = np.where(length > 0, end, place) if token.kind is TokenKind.SEQUENCE else end
         self.sound &= place <= self.size
         return [found[target] for target in layout.targets]
 
@@ -166,13 +169,13 @@ class Gather:
         self, token: Token, place: int | IntArray
     ) -> tuple[int | IntArray, int | IntArray, int | IntArray]:
         """Find the first item of a token, the end of its length field, and how many items."""
-        if token.kind is Kind.NUMBERS:
+        if token.kind is TokenKind.NUMBERS:
             begin = _align(place, token.item_size)
             return begin, begin, token.count
         place = _align(place, 4)
         length = self._fetch('u4', place).astype(np.int64)
         place = place + 4
-        if token.kind is Kind.TEXT:
+        if token.kind is TokenKind.TEXT:
             self._check_text(place, length)
         return _align(place, token.item_size), place, length
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from .bag import Bag, open_bag
-from .values import Cut, Fault, Message, Request, Series, TopicInfo
+from stickslip_monitor.bags.bag import Bag, open_bag
+from stickslip_monitor.bags.values import Cut, Fault, Message, Request, Series, TopicInfo
 
 __all__ = ['Bag', 'Cut', 'Fault', 'Message', 'Request', 'Series', 'TopicInfo', 'open_bag']

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from stickslip_monitor.monitor.fields import FieldPath
+from stickslip_monitor.fields import FieldPath
 
 # numpy codes, without byte order, of what the mcap-ros2-support decoder reads for each type; it
 # takes char as signed.
@@ -109,7 +109,7 @@ def number_at(definitions: Definitions, root: str, path: FieldPath) -> str:
     Args:
         definitions: From :func:`parse_schema`.
         root: Type of the message.
-        path: From :func:`stickslip_monitor.monitor.fields.parse_field`.
+        path: From :func:`stickslip_monitor.fields.parse_field`.
 
     Returns:
         The primitive at its end, a key of :data:`NUMBERS`.

@@ -11,13 +11,18 @@ from functools import lru_cache
 from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
+from stickslip_monitor.bags.decode import FieldReader
+from stickslip_monitor.bags.index import FileScan
+from stickslip_monitor.bags.schema import (
+    Definitions,
+    SchemaError,
+    number_at,
+    parse_schema,
+    short_name,
+)
+from stickslip_monitor.bags.values import Request, TopicInfo
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.monitor.fields import FieldPath, parse_field
-
-from .plan import Plan
-from .scan import FileScan
-from .schema import Definitions, SchemaError, number_at, parse_schema, short_name
-from .values import Request, TopicInfo
+from stickslip_monitor.fields import FieldPath, parse_field
 
 _MOST_NAMED = 10
 
@@ -117,7 +122,7 @@ def check_request(topics: Mapping[str, TopicInfo], request: Request) -> FieldPat
     return path
 
 
-def make_plan(topic: str, schema: Schema, paths: Sequence[FieldPath]) -> Plan:
+def make_plan(topic: str, schema: Schema, paths: Sequence[FieldPath]) -> FieldReader:
     """Make the plan to read numbers of a topic.
 
     Args:
@@ -141,7 +146,7 @@ def make_plan(topic: str, schema: Schema, paths: Sequence[FieldPath]) -> Plan:
                 f"field '{shown}' of topic '{topic}' ({schema.name}) is no number: {error}"
             ) from None
     try:
-        return Plan(schema, definitions, paths)
+        return FieldReader(schema, definitions, paths)
     except SchemaError as error:
         raise BagError(f"topic '{topic}' ({schema.name}) cannot be read: {error}") from None
 

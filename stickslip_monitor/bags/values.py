@@ -6,12 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-IntArray = NDArray[np.int64]
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from stickslip_monitor.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)

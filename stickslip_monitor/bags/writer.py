@@ -18,11 +18,9 @@ from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 from numpy.typing import ArrayLike
 
+from stickslip_monitor.bags.encode import MESSAGE_TYPES, MessageType, encode_float64s
+from stickslip_monitor.bags.metadata import FILE_NAME, TopicEntry, render_metadata
 from stickslip_monitor.errors import BagError
-
-from .cdr import encode_float64s
-from .definitions import MESSAGE_TYPES, MessageType
-from .metadata import FILE_NAME, TopicEntry, render_metadata
 
 # Fixed, so that equal recordings are equal files whatever version wrote them.
 _LIBRARY = 'stickslip_monitor'

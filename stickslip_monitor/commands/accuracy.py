@@ -21,12 +21,13 @@ from rich.table import Table
 
 from stickslip_monitor.commands.output import add_json, console, print_json
 from stickslip_monitor.drawing.canvas import checked_suffix, save_figure, write_csv
-from stickslip_monitor.drawing.pareto import Mark, Panel, draw_pareto
+from stickslip_monitor.drawing.pareto import MethodMark, Panel, draw_pareto
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.monitor.records import number
+from stickslip_monitor.monitor.messages import number
+from stickslip_monitor.physics.motion import integrator
 from stickslip_monitor.physics.oscillator import Bearing
-from stickslip_monitor.scenes import integrator
-from stickslip_monitor.study.accuracy import (
+from stickslip_monitor.study.accuracy.cases import BASE, CASES, TYPICAL, Case, ladder
+from stickslip_monitor.study.accuracy.measurement import (
     QUICK,
     Effort,
     Row,
@@ -37,10 +38,8 @@ from stickslip_monitor.study.accuracy import (
     read_rows,
     summarise,
 )
-from stickslip_monitor.study.cases import CASES, TYPICAL, Case
-from stickslip_monitor.study.ladder import BASE, ladder
-from stickslip_monitor.study.methods.event_driven import Samples
-from stickslip_monitor.study.methods.method import Method
+from stickslip_monitor.study.accuracy.method import Method
+from stickslip_monitor.study.accuracy.own_methods import Samples
 
 SCHEMA = 'stickslip_monitor/accuracy/1'
 _WIDEST = 220
@@ -84,9 +83,9 @@ def follow(
 ) -> Samples:
     """A stretch of motion at constant speed and load; see :class:`~.event_driven.EventDriven`."""
     drive = integrator.Drive.constant(speed, load, duration)
-    if not isinstance(state, integrator.State):
+    if not isinstance(state, integrator.MotionState):
         assert isinstance(state, float)
-        state = integrator.State(state, 0.0, integrator.Phase.STICK)
+        state = integrator.MotionState(state, 0.0, integrator.Phase.STICK)
     times = np.linspace(0.0, duration, count + 1)
     motion = integrator.integrate(bearing, drive, state, times)
     return Samples(
@@ -95,7 +94,7 @@ def follow(
         velocity=motion.velocity,
         acceleration=motion.acceleration,
         sticks=bool(np.any(motion.transitions.after == integrator.Phase.STICK)),
-        complete=motion.outcome is integrator.Outcome.COMPLETE,
+        complete=motion.outcome is integrator.MotionOutcome.COMPLETE,
         evaluations=motion.expansions,
         state=motion.final,
     )
@@ -155,12 +154,12 @@ def panels(rows: Sequence[Row]) -> tuple[Panel, ...]:
     )
 
 
-def _panel_marks(points: list[tuple[str, str, int, float, float]]) -> tuple[Mark, ...]:
+def _panel_marks(points: list[tuple[str, str, int, float, float]]) -> tuple[MethodMark, ...]:
     errors = [e if math.isfinite(e) else math.inf for *_, e in points]
     alone = [seconds if count == 1 else math.nan for _, _, count, seconds, _ in points]
     front = pareto(alone, errors)
     return tuple(
-        Mark(_short(name), family, seconds, errors[i], i in front, count > 1)
+        MethodMark(_short(name), family, seconds, errors[i], i in front, count > 1)
         for i, (name, family, count, seconds, _) in enumerate(points)
     )
 

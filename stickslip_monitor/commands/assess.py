@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from stickslip_monitor.commands.arguments import parse_load, parse_speed
 from stickslip_monitor.commands.output import add_config, add_json, console, print_json
-from stickslip_monitor.commands.quantities import parse_load, parse_speed
-from stickslip_monitor.monitor.assessment import Assessment, assess
+from stickslip_monitor.monitor.assessment import Assessment, assess, at_index
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.points import at_index
-from stickslip_monitor.monitor.records import number
-from stickslip_monitor.monitor.rungs import Bands
+from stickslip_monitor.monitor.ladder import ConditionClassifier
+from stickslip_monitor.monitor.messages import number
 
 SCHEMA = 'stickslip_monitor/assessment/1'
 _NUMBERS = (
@@ -57,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         speed = parse_speed(args.speed, item.bearing.speed)
         point = assess(item.bearing, np.array([speed]), np.array([load]))
         points.append((item, at_index(point, 0)))
-        warned |= bool(Bands(item.alarm).rungs(point)[0][0])
+        warned |= bool(ConditionClassifier(item.alarm).rungs(point)[0][0])
     if args.json:
         documents = [to_json(item.name, point) for item, point in points]
         print_json(documents if len(documents) > 1 else documents[0])

@@ -17,14 +17,12 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stickslip_monitor.bags.archive import find_bags
-from stickslip_monitor.commands.check_output import Output
-from stickslip_monitor.commands.check_task import Task, check_one
-from stickslip_monitor.commands.meter import Meter
-from stickslip_monitor.commands.output import add_config, add_json
+from stickslip_monitor.commands.check_jobs import Output, Task, check_one
+from stickslip_monitor.commands.output import ProgressBar, add_config, add_json
 from stickslip_monitor.errors import BagError, ConfigurationError
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.offline.archive import find_bags
 
 if TYPE_CHECKING:
     from stickslip_monitor.commands.report import ReportFile
@@ -68,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     listed = len(bags) > 1 or bags != [Path(path) for path in args.bags]
     output = Output(args.json, file, listed, args.clips)
     task = Task(config, file.suffix if file else None, args.mcap, args.clips)
-    with Meter() as meter:
+    with ProgressBar() as meter:
         if listed or args.scheduler is not None:
             # Processes and clusters are not needed for one bag, and cost time to import.
             from stickslip_monitor.commands.check_many import check_many
@@ -104,7 +102,7 @@ def _report_file(args: argparse.Namespace, config: MonitorConfig) -> ReportFile 
 
 
 def _check_mcap(path: str, count: int) -> None:
-    from stickslip_monitor.bags.verdicts import check_target
+    from stickslip_monitor.offline.verdicts import check_target
 
     if count > 1:
         raise BagError(f"recording of verdicts '{path}' is for one bag, not {count}")

@@ -10,19 +10,18 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
-from stickslip_monitor.bags.archive import Stamp, stamp_of
-from stickslip_monitor.commands.check_output import Output
-from stickslip_monitor.commands.check_task import Found, Task, attempt, failed, key_of
-from stickslip_monitor.commands.cores import core_count, on_cores
-from stickslip_monitor.commands.meter import Meter
+from stickslip_monitor.commands.check_jobs import Found, Output, Task, attempt, failed, key_of
+from stickslip_monitor.commands.output import ProgressBar
 from stickslip_monitor.errors import StickslipError
-from stickslip_monitor.fleet import connected, on_cluster
+from stickslip_monitor.offline.archive import Stamp, stamp_of
+from stickslip_monitor.offline.fleet import connected, on_cluster
+from stickslip_monitor.offline.processes import core_count, run_in_processes
 
 Arriving = Generator[tuple[int, Any], None, None]
 
 
 def check_many(
-    task: Task, bags: Sequence[Path], args: argparse.Namespace, output: Output, meter: Meter
+    task: Task, bags: Sequence[Path], args: argparse.Namespace, output: Output, meter: ProgressBar
 ) -> None:
     """Check bags and hand what came of each to the output, in order.
 
@@ -66,10 +65,10 @@ def _found(task: Task, bag: Path, outcome: Any) -> Found:
     return outcome
 
 
-def _on_cores(jobs: int, task: Task, bags: Sequence[Path], meter: Meter) -> Arriving:
+def _on_cores(jobs: int, task: Task, bags: Sequence[Path], meter: ProgressBar) -> Arriving:
     if jobs == 1:
         return ((number, attempt(task, bag, meter.show)) for number, bag in enumerate(bags))
-    return on_cores(attempt, [(task, bag) for bag in bags], jobs)
+    return run_in_processes(attempt, [(task, bag) for bag in bags], jobs)
 
 
 def _on_cluster(

@@ -22,15 +22,15 @@ import numpy as np
 from rich.console import Console
 
 from stickslip_monitor.commands.output import add_config
-from stickslip_monitor.drawing.boundaries import boundaries
 from stickslip_monitor.drawing.map import map_ranges
+from stickslip_monitor.drawing.map_curves import boundaries
 from stickslip_monitor.errors import ConfigurationError, DashboardError, RosError
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME, load_config
 
 if TYPE_CHECKING:
     from stickslip_monitor.dashboard.access import Access
-    from stickslip_monitor.dashboard.board import BearingView, Board, Desk
+    from stickslip_monitor.dashboard.state import BearingView, DashboardState, Desk
 
 DEFAULT_PORT = 8370
 _SPEEDS_DRAWN = 120
@@ -67,13 +67,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     try:
-        from stickslip_monitor.dashboard.board import Board
+        from stickslip_monitor.dashboard.state import DashboardState
     except ImportError as error:
         raise _missing(error) from error
     config = load_config(args.config)
     access = _access(args)
     source = args.bag or args.node
-    board = Board([_view(b) for b in config.bearings], source, replay=args.bag is not None)
+    board = DashboardState(
+        [_view(b) for b in config.bearings], source, replay=args.bag is not None
+    )
     asyncio.run(_serve(args, config, board, access))
     return 0
 
@@ -111,7 +113,7 @@ def _is_loopback(host: str) -> bool:
 
 
 async def _serve(
-    args: argparse.Namespace, config: MonitorConfig, board: Board, access: Access
+    args: argparse.Namespace, config: MonitorConfig, board: DashboardState, access: Access
 ) -> None:
     try:
         from stickslip_monitor.dashboard.server import Server, serve
@@ -129,7 +131,7 @@ def _started(url: str) -> None:
 
 
 @contextmanager
-def _live(args: argparse.Namespace, _: MonitorConfig, board: Board) -> Iterator[Desk]:
+def _live(args: argparse.Namespace, _: MonitorConfig, board: DashboardState) -> Iterator[Desk]:
     """Feed the board by a monitor that runs beside."""
     try:
         from stickslip_monitor.ros.watcher import open_watcher
@@ -153,9 +155,11 @@ def _live(args: argparse.Namespace, _: MonitorConfig, board: Board) -> Iterator[
 
 
 @contextmanager
-def _replay(args: argparse.Namespace, config: MonitorConfig, board: Board) -> Iterator[Desk]:
+def _replay(
+    args: argparse.Namespace, config: MonitorConfig, board: DashboardState
+) -> Iterator[Desk]:
     """Feed the board by a recording."""
-    from stickslip_monitor.commands.dashboard_replay import Replay
+    from stickslip_monitor.dashboard.replay import Replay
 
     replay = Replay(args.bag, config, args.rate, board)
     task = asyncio.get_running_loop().create_task(replay.play())
@@ -167,7 +171,7 @@ def _replay(args: argparse.Namespace, config: MonitorConfig, board: Board) -> It
 
 def _view(config: BearingConfig) -> BearingView:
     """The bearing with its stability map."""
-    from stickslip_monitor.dashboard.board import BearingView, Curves
+    from stickslip_monitor.dashboard.state import BearingView, Curves
 
     bearing, alarm = config.bearing, config.alarm
     speeds, loads = map_ranges(bearing)

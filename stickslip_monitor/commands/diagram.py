@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import argparse
 
-from stickslip_monitor.commands.picture import add_output, speed_range, the_bearing
-from stickslip_monitor.commands.quantities import parse_load
+from stickslip_monitor.commands.arguments import add_output, parse_load, speed_range, the_bearing
 from stickslip_monitor.drawing.branches import bifurcation_diagram, diagram_columns
 from stickslip_monitor.drawing.canvas import checked_suffix, save_figure, write_csv
 from stickslip_monitor.drawing.diagram import draw_diagram
-from stickslip_monitor.drawing.ranges import diagram_speeds
+from stickslip_monitor.drawing.map_curves import diagram_speeds
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.config_file import load_config
 

@@ -21,28 +21,31 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
 
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.commands.arguments import parse_load, parse_speed, the_bearing
 from stickslip_monitor.commands.output import console
-from stickslip_monitor.commands.picture import the_bearing
-from stickslip_monitor.commands.quantities import parse_load, parse_speed
+from stickslip_monitor.drawing.amplitudes import AmplitudePicture, draw_amplitudes
 from stickslip_monitor.drawing.canvas import save_figure, write_csv
-from stickslip_monitor.drawing.findings import AmplitudePicture, draw_amplitudes
-from stickslip_monitor.drawing.findings_friction import FrictionPicture, draw_friction_laws
-from stickslip_monitor.drawing.findings_motion import MotionPicture, draw_motion
+from stickslip_monitor.drawing.findings_curves import (
+    FrictionPicture,
+    MotionPicture,
+    draw_friction_laws,
+    draw_motion,
+)
 from stickslip_monitor.errors import ConfigurationError, DrawingError
 from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.physics.motion.integrator import Drive, MotionState, integrate
 from stickslip_monitor.physics.oscillator import Bearing
-from stickslip_monitor.scenes.integrator import Drive, State, integrate
-from stickslip_monitor.study.findings import (
+from stickslip_monitor.study.findings.published import (
     REFERENCE,
     REFERENCE_LOAD,
     REFERENCE_RPM,
     check_point,
     friction_curves,
+    stick_slip_history,
 )
-from stickslip_monitor.study.findings_history import stick_slip_history
-from stickslip_monitor.study.findings_sweep import Sweep, over_kinetic, over_load, over_speed
+from stickslip_monitor.study.findings.sweeps import Sweep, over_kinetic, over_load, over_speed
 
-FloatArray = NDArray[np.float64]
 FORMATS = ('png', 'svg')
 
 
@@ -142,7 +145,7 @@ def follow(
     """The motion at the given times [s], from event to event, as the history asks for it."""
     drive = Drive.constant(speed, load, float(time[-1]))
     motion = integrate(
-        bearing, drive, State.moving(displacement, 0.0, drive), time, compiled=False
+        bearing, drive, MotionState.moving(displacement, 0.0, drive), time, compiled=False
     )
     return motion.displacement, motion.velocity, motion.sticking
 

@@ -16,26 +16,20 @@ from typing import Any
 
 import numpy as np
 
-from stickslip_monitor.commands.fit_json import to_json
-from stickslip_monitor.commands.fit_text import fragment, print_fit
+from stickslip_monitor.commands.arguments import parse_load, parse_speed
+from stickslip_monitor.commands.fit_results import fragment, print_fit, to_json
 from stickslip_monitor.commands.output import add_json, console, print_json
-from stickslip_monitor.commands.quantities import parse_load, parse_speed
 from stickslip_monitor.drawing.canvas import checked_suffix, save_figure, write_csv
-from stickslip_monitor.drawing.friction_fit import (
-    Boundary,
-    FrictionFitPicture,
-    draw_friction_fit,
-)
+from stickslip_monitor.drawing.friction_fit import Boundary, FrictionFitPicture, draw_friction_fit
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import SPEED_UNITS
-from stickslip_monitor.study.curve_file import Columns, FrictionCurve, read_curve
-from stickslip_monitor.study.fit import fit_stribeck
-from stickslip_monitor.study.fit_result import StribeckFit
-from stickslip_monitor.study.fit_spread import BoundarySpread, boundary_spread
+from stickslip_monitor.study.friction_fit.curve_file import Columns, FrictionCurve, read_curve
+from stickslip_monitor.study.friction_fit.fit import StribeckFit, fit_stribeck
+from stickslip_monitor.study.friction_fit.spread import BoundarySpread, boundary_spread
 
 _FEWEST_DRAWS, _MOST_DRAWS = 100, 1_000_000
 _CURVE_POINTS = 400

@@ -10,16 +10,16 @@ from __future__ import annotations
 
 import argparse
 
-from stickslip_monitor.commands.picture import (
+from stickslip_monitor.commands.arguments import (
     add_output,
+    parse_load,
     parse_range,
     speed_range,
     the_bearing,
 )
-from stickslip_monitor.commands.quantities import parse_load
-from stickslip_monitor.drawing.boundaries import boundaries, map_columns
 from stickslip_monitor.drawing.canvas import checked_suffix, save_figure, write_csv
 from stickslip_monitor.drawing.map import draw_map, map_ranges
+from stickslip_monitor.drawing.map_curves import boundaries, map_columns
 from stickslip_monitor.drawing.track import Track, track_of_scan
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
@@ -57,6 +57,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _track(path: str, config: MonitorConfig, own: BearingConfig) -> Track:
     # Reading bags is not needed for a map as such, and costs time to import.
-    from stickslip_monitor.bags.check import check_bag
+    from stickslip_monitor.offline.check import check_bag
 
     return track_of_scan(check_bag(path, config).bearings[own.name].scan)

@@ -12,19 +12,18 @@ from pathlib import Path
 from typing import Any
 
 from stickslip_monitor import __version__
-from stickslip_monitor.bags.check import BearingReport, CheckReport, InputReport
 from stickslip_monitor.commands.output import json_text, write_whole
+from stickslip_monitor.drawing.canvas import Pixels, drawn, heading, inline_svg, sheet, variable
 from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.drawing.palette import ON_DARK
-from stickslip_monitor.drawing.sheet import Pixels, drawn, heading, sheet
-from stickslip_monitor.drawing.svg import inline_svg, variable
 from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
 from stickslip_monitor.drawing.track import Track, thinned, track_of_scan
 from stickslip_monitor.errors import ReportError
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import load_parameters
-from stickslip_monitor.monitor.spells import spells
-from stickslip_monitor.report import words
+from stickslip_monitor.offline.check import BearingReport, CheckReport, InputReport
+from stickslip_monitor.offline.intervals import condition_intervals
+from stickslip_monitor.report import formatting
 from stickslip_monitor.report.document import (
     BagPart,
     BearingPart,
@@ -34,9 +33,9 @@ from stickslip_monitor.report.document import (
     Report,
     TopicRow,
 )
-from stickslip_monitor.report.findings import Course, finding_of, overall
 from stickslip_monitor.report.page import render
 from stickslip_monitor.report.parts import event_rows, facts, parameter_groups, shares
+from stickslip_monitor.report.summary import Course, finding_of, overall
 
 SUFFIXES = ('.html', '.png', '.json')
 _WIDE, _NARROW = 9.0, 4.4
@@ -190,7 +189,7 @@ def missing_part(path: Path, text: str, anchor: str) -> ReportPart:
 def _case(bag: str, config: MonitorConfig, checked: CheckReport, item: BearingReport) -> _Case:
     start, end = checked.start_ns or 0, checked.end_ns or 0
     own = config.bearing(item.name)
-    parts = spells(item.scan.events, start, end)
+    parts = condition_intervals(item.scan.events, start, end)
     course = Course(own, item.scan, parts, item.seconds, item.worst)
     return _Case(bag, own, course, finding_of(course))
 
@@ -226,13 +225,13 @@ def _bag_part(anchor: str, checked: CheckReport, cases: Sequence[_Case]) -> BagP
         path=str(bag.path),
         span=_span(checked),
         duration=_lasting(checked),
-        messages=words.count(bag.message_count, 'message') + ' on all topics',
+        messages=formatting.count(bag.message_count, 'message') + ' on all topics',
         troubles=tuple(troubles),
         topics=tuple(
-            TopicRow(topic.name, topic.type, words.grouped(topic.count), topic.problem)
+            TopicRow(topic.name, topic.type, formatting.grouped(topic.count), topic.problem)
             for topic in topics[:_MOST_TOPICS]
         ),
-        topics_note=f'{words.count(left, "topic")} more are not listed.' if left > 0 else '',
+        topics_note=f'{formatting.count(left, "topic")} more are not listed.' if left > 0 else '',
         bearings=tuple(
             _bearing_part(f'{anchor}-{case.config.name}', checked.bearings[case.config.name], case)
             for case in cases
@@ -244,18 +243,20 @@ def _span(checked: CheckReport) -> str:
     start, end = checked.start_ns, checked.end_ns
     if start is None or end is None:
         return 'No messages'
-    if not words.is_dated(start):
-        return f'From {words.clock(start)} to {words.clock(end)} on a clock without dates'
+    if not formatting.is_dated(start):
+        return (
+            f'From {formatting.clock(start)} to {formatting.clock(end)} on a clock without dates'
+        )
     return (
-        f'From {words.date(start)} {words.clock(start)} to {words.date(end)}'
-        f' {words.clock(end)} UTC'
+        f'From {formatting.date(start)} {formatting.clock(start)} to {formatting.date(end)}'
+        f' {formatting.clock(end)} UTC'
     )
 
 
 def _lasting(checked: CheckReport) -> str:
     if checked.start_ns is None or checked.end_ns is None:
         return 'no time'
-    return words.duration((checked.end_ns - checked.start_ns) * 1e-9)
+    return formatting.duration((checked.end_ns - checked.start_ns) * 1e-9)
 
 
 def _bearing_part(anchor: str, item: BearingReport, case: _Case) -> BearingPart:
@@ -303,7 +304,7 @@ def _map_picture(anchor: str, case: _Case) -> Picture:
 
 def _timeline_picture(anchor: str, case: _Case) -> Picture:
     timeline = _timeline(case)
-    events = words.count(len(case.course.scan.events), 'event')
+    events = formatting.count(len(case.course.scan.events), 'event')
     text = (
         f'Shaft speed between its stability boundaries, bearing load, margins, predicted'
         f' amplitude and alarm of {case.config.name} over time, with {events} marked. The table'
@@ -332,22 +333,22 @@ def _input_row(item: InputReport, source: InputConfig) -> InputRow:
     gaps, limit = item.gaps, source.timeout_ns * 1e-9
     if gaps.count:
         longest = ', '.join(
-            f'{words.duration(gap.seconds)} from {words.minute(gap.start_ns)}'
+            f'{formatting.duration(gap.seconds)} from {formatting.minute(gap.start_ns)}'
             for gap in gaps.longest
         )
-        shown = f'{gaps.count} longer than {words.duration(limit)}; longest: {longest}'
+        shown = f'{gaps.count} longer than {formatting.duration(limit)}; longest: {longest}'
     else:
-        shown = f'none longer than {words.duration(limit)}'
+        shown = f'none longer than {formatting.duration(limit)}'
     return InputRow(
         what=item.quantity.capitalize(),
         topic=item.topic,
         field=source.field_text,
         type=source.type,
-        messages=words.grouped(item.messages),
-        used=f'{words.grouped(item.used)} ({words.share(item.used, item.messages)})',
+        messages=formatting.grouped(item.messages),
+        used=f'{formatting.grouped(item.used)} ({formatting.share(item.used, item.messages)})',
         rate=f'{gaps.rate:.3g} a second' if gaps.rate == gaps.rate else 'unknown',
         gaps=shown,
         faults=tuple(
-            f'{words.grouped(f.count)} \N{MULTIPLICATION SIGN} {f.text}' for f in item.faults
+            f'{formatting.grouped(f.count)} \N{MULTIPLICATION SIGN} {f.text}' for f in item.faults
         ),
     )

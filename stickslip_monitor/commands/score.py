@@ -22,20 +22,21 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from stickslip_monitor.bags.check import CheckReport, check_bag
+from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.reader import Request
-from stickslip_monitor.bags.truth import TruthRecord, has_truth, read_truth
 from stickslip_monitor.commands.output import add_config, add_json, console, print_json
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.scan import Scan
-from stickslip_monitor.study.recorder_clock import IntArray, on_recorder_clock
+from stickslip_monitor.offline.check import CheckReport, check_bag
+from stickslip_monitor.offline.truth import TruthRecord, has_truth, read_truth
+from stickslip_monitor.study.recorder_clock import on_recorder_clock
 from stickslip_monitor.study.score import (
-    Claim,
     EpisodeScore,
     Score,
     Truth,
+    WarningInterval,
     in_total,
     score_bearing,
 )
@@ -178,7 +179,7 @@ def _episode_json(episode: EpisodeScore) -> dict[str, Any]:
     }
 
 
-def _claim_json(claim: Claim) -> dict[str, Any]:
+def _claim_json(claim: WarningInterval) -> dict[str, Any]:
     return {
         'start': claim.start_ns,
         'end': claim.end_ns,
@@ -273,11 +274,11 @@ def _draw(path: str, judged: Sequence[Judged]) -> None:
             f'--picture shows one bearing in one bag, and here are {names}: give one bag, and'
             ' --bearing where it has several'
         )
-    from stickslip_monitor.drawing.score import Lining, draw_score, save_score
+    from stickslip_monitor.drawing.judged_timeline import LiningTruth, draw_score, save_score
 
     (one,) = judged
     record = one.truth
-    lining = Lining(
+    lining = LiningTruth(
         start_ns=record.start_ns,
         end_ns=record.end_ns,
         episodes=record.episodes,

@@ -17,7 +17,8 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from stickslip_monitor.bags.cdr import (
+from stickslip_monitor.arrays import IntArray
+from stickslip_monitor.bags.encode import (
     encode_bool,
     encode_float64s,
     encode_stamped,
@@ -26,12 +27,12 @@ from stickslip_monitor.bags.cdr import (
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.commands.output import console
 from stickslip_monitor.errors import SceneError
+from stickslip_monitor.offline.truth import BOOL, FLOAT64, STRING
 from stickslip_monitor.scenes.cost import REST, Stopwatch
 from stickslip_monitor.scenes.scene import Scene
 from stickslip_monitor.scenes.scene_file import load_scene
-from stickslip_monitor.scenes.signals import IntArray, Signal
 from stickslip_monitor.scenes.simulator import simulate
-from stickslip_monitor.scenes.truth import BOOL, FLOAT64, STRING
+from stickslip_monitor.scenes.telemetry import Signal
 
 _ENCODERS: Mapping[str, Callable[[Any], list[bytes]]] = {
     BOOL: lambda values: [encode_bool(value) for value in values],

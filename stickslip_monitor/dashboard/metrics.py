@@ -16,10 +16,10 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.exposition import choose_encoder
 from prometheus_client.registry import Collector
 
-from stickslip_monitor.dashboard.board import Board
-from stickslip_monitor.dashboard.status import BearingStatus
-from stickslip_monitor.monitor.alarm import Condition
-from stickslip_monitor.monitor.lifecycle import State
+from stickslip_monitor.dashboard.received import BearingStatus
+from stickslip_monitor.dashboard.state import DashboardState
+from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
+from stickslip_monitor.monitor.ladder import Condition
 
 GAUGES = {
     'speed': ('speed_meters_per_second', 'Surface speed of the journal, negative astern.'),
@@ -51,7 +51,7 @@ _CONDITIONS = ('waiting', *(condition.value for condition in Condition))
 class Metrics(Collector):
     """Reads the board; ``nan`` is never exposed: what has no value is left out."""
 
-    def __init__(self, board: Board) -> None:
+    def __init__(self, board: DashboardState) -> None:
         self._board = board
         self._registry = CollectorRegistry()
         self._registry.register(self)
@@ -139,7 +139,7 @@ def _alarms(record: dict[str, Any]) -> Iterator[Metric]:
         'alarm_state',
         'Whether the alarm is in this state.',
         [*labels, 'state'],
-        [((*names, s.value), a['state'] == s.value) for names, a in alarms for s in State],
+        [((*names, s.value), a['state'] == s.value) for names, a in alarms for s in AlarmState],
     )
     flood = record['flood']
     yield _single('alarms_unacknowledged', 'Alarms that wait.', record['unacknowledged'])

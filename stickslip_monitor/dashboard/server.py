@@ -13,17 +13,12 @@ from typing import Any
 
 from aiohttp import web
 
-from stickslip_monitor.dashboard.access import (
-    COOKIE,
-    Access,
-    add_headers,
-    guard,
-)
-from stickslip_monitor.dashboard.alarms import OFFERED
-from stickslip_monitor.dashboard.board import Board, Desk
+from stickslip_monitor.dashboard.access import COOKIE, Access, add_headers, guard
 from stickslip_monitor.dashboard.metrics import Metrics
+from stickslip_monitor.dashboard.received import OFFERED
+from stickslip_monitor.dashboard.state import DashboardState, Desk
 from stickslip_monitor.errors import ConfigurationError, DashboardError, StickslipError
-from stickslip_monitor.monitor.requests import parse_request
+from stickslip_monitor.monitor.alarms.requests import parse_request
 
 HEARTBEAT = 5.0
 """A stream is never silent for longer [s], so that both ends notice when the other has gone."""
@@ -57,7 +52,7 @@ class Server:
 
     def __init__(
         self,
-        board: Board,
+        board: DashboardState,
         desk: Desk,
         access: Access,
         heartbeat: float = HEARTBEAT,
@@ -163,7 +158,7 @@ def _answer(code: int, text: str) -> web.Response:
 
 async def serve(
     application: web.Application,
-    board: Board,
+    board: DashboardState,
     address: str,
     port: int,
     started: Callable[[str], None],

@@ -15,11 +15,11 @@ from enum import Enum
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stickslip_monitor.drawing.ranges import Range
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.drawing.map_curves import Range
 from stickslip_monitor.monitor.assessment import Regime, assess
-from stickslip_monitor.physics.bifurcation import (
+from stickslip_monitor.physics.averaging.boundaries import (
     fold_speed,
     growth_rate,
     hopf_speed,
@@ -27,7 +27,6 @@ from stickslip_monitor.physics.bifurcation import (
 )
 from stickslip_monitor.physics.oscillator import Bearing
 
-FloatArray = NDArray[np.float64]
 Cycle = tuple[float, bool]
 """Displacement amplitude [m] and stability of one cycle."""
 
@@ -46,7 +45,7 @@ class MarkKind(str, Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class BranchMark:
     """A bifurcation: where a branch ends.
 
     Attributes:
@@ -102,7 +101,7 @@ class Diagram:
     sliding_limit: FloatArray
     growth_rate: FloatArray
     branches: tuple[Branch, ...]
-    marks: tuple[Mark, ...]
+    marks: tuple[BranchMark, ...]
     spans: tuple[Span, ...]
 
 
@@ -255,14 +254,14 @@ class _Tracer:
     def __init__(self, bearing: Bearing, speed: FloatArray) -> None:
         self.bearing, self.speed = bearing, speed
         self.curves: list[tuple[bool, FloatArray]] = []
-        self.marks: list[Mark] = []
+        self.marks: list[BranchMark] = []
 
     def trace(
         self,
         fine: FloatArray,
         cycles: Sequence[tuple[Cycle, ...]],
         changes: Sequence[_Change],
-    ) -> tuple[tuple[Branch, ...], tuple[Mark, ...]]:
+    ) -> tuple[tuple[Branch, ...], tuple[BranchMark, ...]]:
         """Walk up in speed; return branches and marks."""
         panel = np.searchsorted([change.speed for change in changes], fine)
         first = changes[0].before if changes else cycles[0]
@@ -307,12 +306,12 @@ class _Tracer:
             curve, place, amplitude = ends.pop(0)
             self._set(curve, speed, 0.0 if place == 0 else amplitude)
             if place == 0:
-                self.marks.append(Mark(MarkKind.HOPF, speed, 0.0))
+                self.marks.append(BranchMark(MarkKind.HOPF, speed, 0.0))
         for (one, _, low), (other, _, high) in zip(ends[::2], ends[1::2], strict=True):
             amplitude = self._meeting(speed, 0.5 * (low + high))
             self._set(one, speed, amplitude)
             self._set(other, speed, amplitude)
-            self.marks.append(Mark(MarkKind.FOLD, speed, amplitude))
+            self.marks.append(BranchMark(MarkKind.FOLD, speed, amplitude))
 
     def _meeting(self, speed: float, amplitude: float) -> float:
         limit = speed / self.bearing.natural_frequency

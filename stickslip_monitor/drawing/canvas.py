@@ -3,20 +3,29 @@
 
 matplotlib is an extra; it is imported when a picture is asked for and not before. No figure is
 registered with pyplot, so there is none to close: one that is no longer used is gone.
+
+Figures as SVG inside a page: its colours, no file of its own, and no id twice.
+
+Several figures one below the other in one PNG, with words above them.
 """
 
 from __future__ import annotations
 
 import csv
+import io
 import math
+import re
+import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from stickslip_monitor.drawing.palette import INK, MUTED, PAPER
+from stickslip_monitor.drawing.palette import INK, MUTED, ON_DARK, PAPER
 from stickslip_monitor.errors import DrawingError
 
 if TYPE_CHECKING:
@@ -133,3 +142,108 @@ def _writing(path: str | Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise DrawingError(f'{path}: {error.strerror or error}') from error
+
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_IDS = re.compile(r'(\bid="|href="#|url\(#)')
+_COLOUR = re.compile('|'.join(ON_DARK))
+_PATH = re.compile(r'(?<= d=")[^"]+')
+_DECIMALS = re.compile(r'\.(\d)\d+')
+_HEAD = re.compile(r'<svg [^>]*viewBox="([^"]*)"[^>]*>')
+
+
+def inline_svg(figure: Figure, name: str, text: str) -> str:
+    """A figure as an ``svg`` element to be put into a page.
+
+    Args:
+        figure: The figure.
+        name: Put before every id, so that several pictures can share a page.
+        text: What the picture shows, for those who do not see it.
+
+    Returns:
+        The element. The colours of the palette are variables (:func:`variable`) that the page
+        sets, so that a dark page has a dark picture.
+    """
+    file = io.StringIO()
+    with style():
+        figure.savefig(file, format='svg', metadata={'Date': None, 'Creator': None})
+    drawing = file.getvalue()
+    drawing = re.sub(r'<metadata>.*?</metadata>', '', drawing, flags=re.DOTALL)
+    (box,) = _HEAD.findall(drawing)
+    body = drawing[drawing.index('<defs>') : drawing.rindex('</svg>')]
+    body = re.sub(r'<style.*?</style>', '', body, flags=re.DOTALL)
+    body = _IDS.sub(lambda found: f'{found[0]}{name}-', body)
+    # A tenth of a point is finer than any screen shows; more digits double the page.
+    body = _PATH.sub(lambda path: _DECIMALS.sub(r'.\1', path[0]), body)
+    body = body.replace('xlink:href', 'href')
+    body = _COLOUR.sub(lambda found: f'var({variable(found[0])})', body)
+    body = re.sub(r'\n\s*', '\n', body)
+    return f'<svg viewBox="{box}" role="img" aria-label="{escape(text)}">{body}</svg>'
+
+
+def variable(colour: str) -> str:
+    """The name of the variable that holds a colour of the palette."""
+    return f'--c{colour[1:]}'
+
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_SHEET_DPI = 150
+_LINE = 0.22
+_LETTERS = 105
+
+
+Pixels = NDArray[np.uint8]
+
+
+def sheet(rows: Sequence[Pixels]) -> bytes:
+    """Put drawn figures below each other.
+
+    Args:
+        rows: At least one; see :func:`drawn`.
+
+    Returns:
+        The picture as PNG.
+    """
+    width = max(row.shape[1] for row in rows)
+    with style():
+        from matplotlib.image import imsave
+
+        file = io.BytesIO()
+        imsave(file, np.concatenate([_widened(row, width) for row in rows]), metadata={})
+    return file.getvalue()
+
+
+def heading(title: str, lines: Sequence[str] = ()) -> Figure:
+    """A figure of words alone: a title and the lines below it, wrapped to the width."""
+    wrapped = [
+        *((part, 'bold', INK) for part in textwrap.wrap(title, _LETTERS - 15)),
+        *((part, 'normal', MUTED) for line in lines for part in textwrap.wrap(line, _LETTERS)),
+    ]
+    with style():
+        figure = new_figure(WIDTH, _LINE * (len(wrapped) + 2))
+        for number, (part, weight, colour) in enumerate(wrapped):
+            figure.text(
+                0.25 / WIDTH, 1.0 - (number + 1.2) / (len(wrapped) + 2), part,
+                size=12.0 if weight == 'bold' else 10.0, weight=weight, color=colour, va='center',
+                parse_math=False,
+            )  # fmt: skip
+        return figure
+
+
+def drawn(figure: Figure) -> Pixels:
+    """The pixels of a figure, shape (height, width, 3)."""
+    with style():
+        figure.set_dpi(_SHEET_DPI)
+        canvas: Any = figure.canvas
+        canvas.draw()
+        return np.array(canvas.buffer_rgba())[:, :, :3]
+
+
+def _widened(picture: Pixels, width: int) -> Pixels:
+    """The picture with white at its right."""
+    room = ((0, 0), (0, width - picture.shape[1]), (0, 0))
+    return np.pad(picture, room, constant_values=255)

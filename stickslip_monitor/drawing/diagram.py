@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.drawing.branches import Diagram, Mark, MarkKind, bifurcation_diagram
+from stickslip_monitor.drawing.branches import BranchMark, Diagram, MarkKind, bifurcation_diagram
 from stickslip_monitor.drawing.canvas import new_figure, style
-from stickslip_monitor.drawing.labels import Labeller, Place, around
+from stickslip_monitor.drawing.labels import Labeller, LabelPlace, around
+from stickslip_monitor.drawing.map_curves import Range, diagram_speeds
 from stickslip_monitor.drawing.palette import INK, MUTED, PAPER, REGIME_COLOUR, REGIME_FILL
-from stickslip_monitor.drawing.ranges import Range, diagram_speeds
 from stickslip_monitor.monitor.assessment import Regime, assess
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.oscillator import Bearing
@@ -170,11 +170,14 @@ def _regimes(labels: Labeller, bearing: Bearing, diagram: Diagram) -> None:
         if right - left > _NARROWEST:
             middle = (0.5 * (low + high), top)
             labels.point(
-                span.regime.value, middle, (Place(0.0, -6.0, 'center', 'top'),), style='italic'
+                span.regime.value,
+                middle,
+                (LabelPlace(0.0, -6.0, 'center', 'top'),),
+                style='italic',
             )
 
 
-def _marks(labels: Labeller, bearing: Bearing, marks: Sequence[Mark]) -> None:
+def _marks(labels: Labeller, bearing: Bearing, marks: Sequence[BranchMark]) -> None:
     """Label the bifurcations, the outermost of each kind first: where it is crowded they stay."""
     rpm = bearing.speed.factor('rpm')
     for mark in marks:
@@ -196,5 +199,5 @@ def _nothing(labels: Labeller, bearing: Bearing, diagram: Diagram) -> None:
     top = labels.axes.get_ylim()[1]
     labels.point(
         textwrap.fill(sentence, 46), (low + 0.04 * (high - low), 0.88 * top),
-        (Place(0.0, 0.0, 'left', 'top'),), linespacing=1.5,
+        (LabelPlace(0.0, 0.0, 'left', 'top'),), linespacing=1.5,
     )  # fmt: skip

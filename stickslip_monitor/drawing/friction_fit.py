@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.drawing.canvas import new_figure, style
 from stickslip_monitor.drawing.palette import INK, MUTED, PAPER, REGIME_COLOUR, REGIME_FILL
 from stickslip_monitor.monitor.assessment import Regime
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FloatArray = NDArray[np.float64]
 
 _BAND = REGIME_FILL[Regime.STABLE]
 _LINE = REGIME_COLOUR[Regime.STABLE]

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.drawing.palette import INK, MUTED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.text import Annotation
 
-FloatArray = NDArray[np.float64]
 
 _NOT_FITTING = 1e6
 _PAD = 2.0
@@ -32,7 +32,7 @@ _LEADER_FROM = 20.0
 _SHARE = {'left': 0.0, 'bottom': 0.0, 'center': 0.5, 'right': 1.0, 'top': 1.0}
 
 
-class Place(NamedTuple):
+class LabelPlace(NamedTuple):
     """Where a label may stand: offset from its point [points of type], alignment, turn [rad]."""
 
     right: float
@@ -42,18 +42,18 @@ class Place(NamedTuple):
     angle: float = 0.0
 
 
-def around(distance: float) -> tuple[Place, ...]:
+def around(distance: float) -> tuple[LabelPlace, ...]:
     """The places around a point at a distance [points of type], best first."""
     d, s = distance, 0.75 * distance
     return (
-        Place(s, s, 'left', 'bottom'),
-        Place(-s, s, 'right', 'bottom'),
-        Place(s, -s, 'left', 'top'),
-        Place(-s, -s, 'right', 'top'),
-        Place(0.0, d, 'center', 'bottom'),
-        Place(0.0, -d, 'center', 'top'),
-        Place(d, 0.0, 'left', 'center'),
-        Place(-d, 0.0, 'right', 'center'),
+        LabelPlace(s, s, 'left', 'bottom'),
+        LabelPlace(-s, s, 'right', 'bottom'),
+        LabelPlace(s, -s, 'left', 'top'),
+        LabelPlace(-s, -s, 'right', 'top'),
+        LabelPlace(0.0, d, 'center', 'bottom'),
+        LabelPlace(0.0, -d, 'center', 'top'),
+        LabelPlace(d, 0.0, 'left', 'center'),
+        LabelPlace(-d, 0.0, 'right', 'center'),
     )
 
 
@@ -118,7 +118,7 @@ class Labeller:
         self.boxes.append(Box.upright(self._on_paper(x, y)[0], side, side))
 
     def point(
-        self, text: str, xy: tuple[float, float], places: Sequence[Place], **style: Any
+        self, text: str, xy: tuple[float, float], places: Sequence[LabelPlace], **style: Any
     ) -> Annotation | None:
         """Label a point in data coordinates; a far label is tied to it by a thin line."""
         return self._best(text, [(xy, place) for place in places], style)
@@ -162,7 +162,7 @@ class Labeller:
         best = np.argsort(room, axis=None)[::-1][: max(1, room.size // 4) : 8]
         rows, columns = np.unravel_index(best, room.shape)
         centres = self._low + (np.stack([columns, rows], axis=1) + 0.5) * cell
-        candidates = [(self._data(centre), Place(0.0, 0.0)) for centre in centres]
+        candidates = [(self._data(centre), LabelPlace(0.0, 0.0)) for centre in centres]
         i, j = np.nonzero(~inside)
         outside = self._low + (np.stack([j, i], axis=1) + 0.5) * cell
         return self._best(text, candidates, style, outside)
@@ -170,7 +170,7 @@ class Labeller:
     def _best(
         self,
         text: str,
-        candidates: Sequence[tuple[tuple[float, float], Place]],
+        candidates: Sequence[tuple[tuple[float, float], LabelPlace]],
         style: dict[str, Any],
         forbidden: FloatArray | None = None,
     ) -> Annotation | None:
@@ -204,7 +204,7 @@ class Labeller:
         trial.remove()
         return float(extent.width), float(extent.height)
 
-    def _box(self, xy: tuple[float, float], place: Place, width: float, height: float) -> Box:
+    def _box(self, xy: tuple[float, float], place: LabelPlace, width: float, height: float) -> Box:
         cosine, sine = np.cos(place.angle), np.sin(place.angle)
         along = np.array([(cosine, sine), (-sine, cosine)])
         anchor = self._on_paper(*xy)[0] + self._pixels * np.array(place[:2])
@@ -270,7 +270,7 @@ def _tangent(shown: FloatArray, where: float) -> tuple[FloatArray, float]:
     return np.array([x[1], y[1]]), angle
 
 
-def _beside(side: float, distance: float, angle: float) -> Place:
+def _beside(side: float, distance: float, angle: float) -> LabelPlace:
     right, up = side * distance * np.array([-np.sin(angle), np.cos(angle)])
     vertical = {1.0: 'bottom', -1.0: 'top', 0.0: 'center'}[side]
-    return Place(float(right), float(up), 'center', vertical, angle)
+    return LabelPlace(float(right), float(up), 'center', vertical, angle)

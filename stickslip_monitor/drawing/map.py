@@ -6,13 +6,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stickslip_monitor.drawing.boundaries import Boundaries, boundaries
+from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.drawing.canvas import HEIGHT, WIDTH, new_figure, style
 from stickslip_monitor.drawing.labels import Labeller
+from stickslip_monitor.drawing.map_curves import (
+    Boundaries,
+    Range,
+    boundaries,
+    map_loads,
+    map_speeds,
+)
 from stickslip_monitor.drawing.palette import CAUTION_FILL, INK, MUTED, REGIME_FILL
-from stickslip_monitor.drawing.ranges import Range, map_loads, map_speeds
 from stickslip_monitor.drawing.track import Track, draw_track, legend_height
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
@@ -22,7 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FloatArray = NDArray[np.float64]
 
 _CELLS = (110, 160)
 _KILO_FROM = 5000.0

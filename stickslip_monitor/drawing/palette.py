@@ -8,8 +8,8 @@ Fills get darker from stable to unstable, so that they also keep their order in 
 
 from __future__ import annotations
 
-from stickslip_monitor.monitor.alarm import Condition
 from stickslip_monitor.monitor.assessment import Regime
+from stickslip_monitor.monitor.ladder import Condition
 
 INK = '#222222'
 MUTED = '#595959'

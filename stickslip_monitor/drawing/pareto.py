@@ -36,7 +36,7 @@ _FRONT = '#444444'
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class MethodMark:
     """A method in a panel.
 
     Attributes:
@@ -61,7 +61,7 @@ class Panel:
     """One of the panels: its title and what is in it."""
 
     title: str
-    marks: tuple[Mark, ...]
+    marks: tuple[MethodMark, ...]
 
 
 def draw_pareto(panels: tuple[Panel, ...], footnote: str = '') -> Figure:
@@ -145,7 +145,7 @@ def _size(shape: str) -> float:
     return 13.0 if shape == '*' else 8.5
 
 
-def _edge(mark: Mark, colour: str) -> str:
+def _edge(mark: MethodMark, colour: str) -> str:
     return colour if mark.together else INK if mark.front else PAPER
 
 

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.drawing.canvas import new_figure, style
-from stickslip_monitor.drawing.envelope import envelope
 from stickslip_monitor.drawing.palette import (
     CAUTION_FILL,
     CONDITION_COLOUR,
@@ -21,19 +20,18 @@ from stickslip_monitor.drawing.palette import (
     REGIME_COLOUR,
     REGIME_FILL,
 )
-from stickslip_monitor.monitor.alarm import Level
-from stickslip_monitor.monitor.assessment import Regime
+from stickslip_monitor.drawing.track import envelope
+from stickslip_monitor.monitor.assessment import Regime, at_indices
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.points import at_indices
+from stickslip_monitor.monitor.ladder import Level
 from stickslip_monitor.monitor.scan import Scan
-from stickslip_monitor.monitor.spells import Spell, coarsened
 from stickslip_monitor.monitor.verdict import Event
+from stickslip_monitor.offline.intervals import ConditionInterval, coarsened
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FloatArray = NDArray[np.float64]
 
 _POINTS_PER_INCH = 100
 _SPELLS_PER_INCH = 30
@@ -62,7 +60,7 @@ class Timeline:
 
     config: BearingConfig
     scan: Scan
-    spells: Sequence[Spell]
+    spells: Sequence[ConditionInterval]
 
     @property
     def has_cycle(self) -> bool:

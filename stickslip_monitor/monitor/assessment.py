@@ -1,40 +1,212 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verdict of the averaged model on an operating point: regime, margins, amplitudes."""
+"""Words that the monitor speaks in: names with the sentence that explains each.
+
+The words of a verdict: regime and outcome.
+
+The columns of an assessment that are worked out when they are asked for.
+
+The verdict of the averaged model on an operating point: regime, margins, amplitudes.
+
+Taking single operating points out of an assessment of arrays.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from enum import Enum
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stickslip_monitor.monitor.columns import (
-    AT_REST,
-    AVERAGED,
-    BISTABLE,
-    NO_BOUNDARY,
-    NO_CONTACT,
-    NO_CYCLE,
-    NOT_FINITE,
-    STICK_SLIP,
-    Points,
-    column,
-    margin,
-    margin_of_number,
-)
-from stickslip_monitor.monitor.outcome import (
-    OUTCOMES,
-    REGIME_OF_OUTCOME,
-    REGIMES,
-    Outcome,
-    Regime,
-)
-from stickslip_monitor.physics.arrays import flatten, in_blocks, restore
-from stickslip_monitor.physics.bifurcation import damping_per_load, kbm
-from stickslip_monitor.physics.friction import Array
+from stickslip_monitor.arrays import FloatArray, flatten, in_blocks, restore
+from stickslip_monitor.physics.averaging import boundaries
+from stickslip_monitor.physics.averaging.boundaries import averaged_solver, damping_per_load
+from stickslip_monitor.physics.cycle.surface import exact_amplitude
 from stickslip_monitor.physics.oscillator import Bearing
+
+_SentenceEnum = TypeVar('_SentenceEnum', bound='SentenceEnum')
+
+
+class SentenceEnum(str, Enum):
+    """A name; each member carries its sentence."""
+
+    sentence: str
+
+    def __new__(cls: type[_SentenceEnum], name: str, sentence: str) -> _SentenceEnum:
+        """Make a member from its name and its sentence."""
+        member = str.__new__(cls, name)
+        member._value_ = name
+        member.sentence = sentence
+        return member
+
+    def __str__(self) -> str:
+        return str(self.value)
+
+
+class Regime(str, Enum):
+    """What can happen at an operating point, in rising order of trouble."""
+
+    STABLE = 'stable'
+    BISTABLE = 'bistable'
+    UNSTABLE = 'unstable'
+    UNDETERMINED = 'undetermined'
+
+    def __str__(self) -> str:
+        return self.value
+
+
+class Outcome(SentenceEnum):
+    """Why an assessment says what it says; each member carries its sentence."""
+
+    NO_CYCLE = 'no_cycle', 'Beyond the fold: no stick-slip cycle exists at this speed and load.'
+    BISTABLE = (
+        'bistable',
+        'Steady sliding and stick-slip are both stable: which one runs depends on the history.',
+    )
+    STICK_SLIP = 'stick_slip', 'Steady sliding is unstable: stick-slip starts by itself.'
+    NO_BOUNDARY = (
+        'no_boundary',
+        'Friction does not fall fast enough with speed to overcome the damping at this load:'
+        ' no speed has stick-slip.',
+    )
+    NO_CONTACT = 'no_contact', 'The bearing carries no load: there is no friction.'
+    AT_REST = 'at_rest', 'The shaft is at rest: nothing slides.'
+    NOT_FINITE = 'not_finite', 'Speed or load is not a finite number.'
+
+
+REGIMES = tuple(Regime)
+OUTCOMES = tuple(Outcome)
+REGIME_OF_OUTCOME = (
+    Regime.STABLE,
+    Regime.BISTABLE,
+    Regime.UNSTABLE,
+    Regime.STABLE,
+    Regime.STABLE,
+    Regime.UNDETERMINED,
+    Regime.UNDETERMINED,
+)
+"""The regime of each of :data:`OUTCOMES`."""
+
+NO_CYCLE, BISTABLE, STICK_SLIP, NO_BOUNDARY, NO_CONTACT, AT_REST, NOT_FINITE = (
+    np.int8(OUTCOMES.index(outcome))
+    for outcome in (
+        Outcome.NO_CYCLE,
+        Outcome.BISTABLE,
+        Outcome.STICK_SLIP,
+        Outcome.NO_BOUNDARY,
+        Outcome.NO_CONTACT,
+        Outcome.AT_REST,
+        Outcome.NOT_FINITE,
+    )
+)
+
+
+class Points(NamedTuple):
+    """What an assessment stores, each of shape (n,)."""
+
+    speed: FloatArray
+    load: FloatArray
+    code: NDArray[np.int8]
+    hopf: FloatArray
+    fold: FloatArray
+
+
+def column(name: str, bearing: Bearing, points: Points) -> FloatArray:
+    """A column of :data:`ON_DEMAND` of some operating points, shape (n,)."""
+    if name == 'amplitude_exact':
+        return exact_amplitude(bearing, points.speed, points.load, points.fold)
+
+    def part(*columns: NDArray[Any]) -> tuple[FloatArray]:
+        return (_AVERAGED[name](bearing, Points(*columns)),)
+
+    with np.errstate(all='ignore'):
+        (result,) = in_blocks(part, *points)
+    return result
+
+
+def margin(speed: FloatArray, boundary: FloatArray) -> FloatArray:
+    """``V/V_b - 1``, with the sign of ``V - V_b`` to the last bit.
+
+    Args:
+        speed: ``V`` >= 0, shape (n,) [m/s].
+        boundary: Hopf or fold speed, shape (n,) [m/s]; ``nan`` without one, ``inf`` where there is
+            no end to it.
+    """
+    value = (speed - boundary) / boundary
+    unbounded = value != value
+    if unbounded.any():
+        value = np.where(unbounded, np.where(boundary == np.inf, -1.0, np.inf), value)
+    return value
+
+
+def margin_of_number(speed: float, boundary: float, code: int) -> float:
+    """The margin of an operating point: the same operations in Python."""
+    if 0.0 < boundary < math.inf:
+        return (abs(speed) - boundary) / boundary
+    if code == NOT_FINITE:
+        return math.nan
+    return -1.0 if boundary == math.inf else math.inf
+
+
+def _margin(points: Points, boundary: FloatArray) -> FloatArray:
+    return np.where(points.code == NOT_FINITE, np.nan, margin(np.abs(points.speed), boundary))
+
+
+def _hopf_load(bearing: Bearing, points: Points) -> FloatArray:
+    load: FloatArray = boundaries.hopf_load(bearing, points.speed)
+    return load + (points.load - points.load)
+
+
+def _fold_load(bearing: Bearing, points: Points) -> FloatArray:
+    load: FloatArray = boundaries.fold_load(bearing, points.speed)
+    return load + (points.load - points.load)
+
+
+def _growth_rate(bearing: Bearing, points: Points) -> FloatArray:
+    rate: FloatArray = boundaries.growth_rate(bearing, points.speed, points.load)
+    return rate
+
+
+def _amplitude(bearing: Bearing, points: Points) -> FloatArray:
+    inside = (points.code == BISTABLE) | (points.code == STICK_SLIP)
+    return _only(inside, boundaries.stable_amplitude, bearing, points)
+
+
+def _threshold(bearing: Bearing, points: Points) -> FloatArray:
+    return _only(points.code == BISTABLE, boundaries.threshold_amplitude, bearing, points)
+
+
+def _only(
+    where: NDArray[np.bool_],
+    function: Callable[[Bearing, FloatArray, FloatArray], FloatArray],
+    bearing: Bearing,
+    points: Points,
+) -> FloatArray:
+    """A function of speed and load at some points, ``nan`` elsewhere."""
+    rows = np.flatnonzero(where)
+    if 0 < rows.size == where.size:
+        return function(bearing, np.abs(points.speed), points.load)
+    result = np.full(where.shape, np.nan)
+    if rows.size:
+        result[rows] = function(bearing, np.abs(points.speed[rows]), points.load[rows])
+    return result
+
+
+_AVERAGED: dict[str, Callable[[Bearing, Points], FloatArray]] = {
+    'hopf_margin': lambda _, points: _margin(points, points.hopf),
+    'fold_margin': lambda _, points: _margin(points, points.fold),
+    'hopf_load': _hopf_load,
+    'fold_load': _fold_load,
+    'growth_rate': _growth_rate,
+    'amplitude': _amplitude,
+    'threshold_amplitude': _threshold,
+}
+AVERAGED = tuple(_AVERAGED)
+"""Those that averaging gives, in order."""
 
 __all__ = ['COLUMNS', 'OUTCOMES', 'REGIMES', 'Assessment', 'Outcome', 'Regime', 'assess', 'margin']
 
@@ -128,7 +300,7 @@ class Assessment:
     def amplitude_exact(self) -> Any:
         """Displacement amplitude of the exact stick-slip cycle, to 1e-6 [m]; ``nan`` for none.
 
-        See :func:`stickslip_monitor.physics.cycle_surface.exact_amplitude`.
+        See :func:`stickslip_monitor.physics.cycle.surface.exact_amplitude`.
         """
         return self._column('amplitude_exact')
 
@@ -178,9 +350,9 @@ def assess(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Assessment:
     return Assessment(v, n, code, hopf, fold, bearing, points)
 
 
-def _judge(bearing: Bearing, speed: Array, load: Array) -> tuple[NDArray[Any], ...]:
+def _judge(bearing: Bearing, speed: FloatArray, load: FloatArray) -> tuple[NDArray[Any], ...]:
     """Outcome, Hopf and fold speed of flat arrays."""
-    law, solver = bearing.friction, kbm(bearing.friction)
+    law, solver = bearing.friction, averaged_solver(bearing.friction)
     magnitude = np.abs(speed)
     size = magnitude * load
     ordinary = bool(((size > 0.0) & (size < np.inf)).all())
@@ -197,3 +369,37 @@ def _judge(bearing: Bearing, speed: Array, load: Array) -> tuple[NDArray[Any], .
     code = np.where(magnitude == 0.0, AT_REST, code)
     code = np.where(missing == 0.0, code, NOT_FINITE)
     return code, hopf + missing, fold + missing
+
+
+def at_indices(points: Assessment, rows: NDArray[np.intp]) -> Assessment:
+    """The assessment of arrays at some indices of a one-dimensional assessment."""
+    return _picked(points, lambda column: column[rows])
+
+
+def at_index(points: Assessment, index: int) -> Assessment:
+    """The assessment of scalars at an index of a one-dimensional assessment."""
+    return _picked(points, lambda column: column[index].item())
+
+
+def joined(points: Sequence[Assessment]) -> Assessment:
+    """Assessments of scalars, at least one and all of one bearing, as one of arrays."""
+    return Assessment(
+        np.array([point.speed for point in points]),
+        np.array([point.load for point in points]),
+        np.array([point.outcome_code for point in points]),
+        np.array([point.hopf_speed for point in points]),
+        np.array([point.fold_speed for point in points]),
+        points[0]._bearing,
+    )
+
+
+def _picked(points: Assessment, pick: Callable[[NDArray[Any]], Any]) -> Assessment:
+    return Assessment(
+        pick(points.speed),
+        pick(points.load),
+        pick(points.outcome_code),
+        pick(points.hopf_speed),
+        pick(points.fold_speed),
+        points._bearing,
+        _known={name: pick(column) for name, column in points._known.items()},
+    )

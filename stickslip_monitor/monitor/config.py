@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from stickslip_monitor.errors import ConfigurationError, PhysicsError
-from stickslip_monitor.monitor.fields import FieldPath, parse_field
+from stickslip_monitor.fields import FieldPath, parse_field
 from stickslip_monitor.monitor.table import (
     BEARING_PARAMETERS,
     NODE_PARAMETERS,

@@ -13,20 +13,24 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.monitor.alarm import Condition
 from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
-from stickslip_monitor.monitor.rungs import Bands
+from stickslip_monitor.monitor.ladder import (
+    AlarmTrack,
+    Condition,
+    ConditionChange,
+    ConditionClassifier,
+    LastSample,
+)
 from stickslip_monitor.monitor.scan import Scan, scan_bearing
 from stickslip_monitor.monitor.signals import (
     QUANTITIES,
-    Gate,
     Sample,
+    SampleValidator,
     Status,
     Stream,
     number_to_si,
 )
-from stickslip_monitor.monitor.track import AlarmTrack, Change, Heard
 from stickslip_monitor.monitor.trend import Trend, TrendWindow
 from stickslip_monitor.monitor.verdict import Event, Verdict, describe, event_of
 
@@ -51,15 +55,15 @@ class BearingMonitor:
 
     def __init__(self, config: BearingConfig) -> None:
         self.config = config
-        self.gate = Gate(config)
-        self.bands = Bands(config.alarm)
+        self.gate = SampleValidator(config)
+        self.bands = ConditionClassifier(config.alarm)
         self.track = AlarmTrack(config)
         self.now_ns: int | None = None
         self.verdict: Verdict | None = None
         self._window = TrendWindow(config.alarm.trend_window_ns)
         self._inputs = (config.speed, config.load)
         self._values = [math.nan, math.nan]
-        self._heard: list[Heard | None] = [None, None]
+        self._heard: list[LastSample | None] = [None, None]
         # Builds the tables of the friction law now, not when the first sample waits for them.
         assess(config.bearing, 1.0, 1.0)
 
@@ -77,10 +81,10 @@ class BearingMonitor:
             for heard, settings in zip(self._heard, self._inputs, strict=True)
         ]
 
-    def _counting(self, time_ns: int, config: InputConfig) -> Heard:
+    def _counting(self, time_ns: int, config: InputConfig) -> LastSample:
         """A sample believed: it counts for its input's timeout, and at least until now."""
         assert self.now_ns is not None
-        return Heard(time_ns, max(time_ns + config.timeout_ns, self.now_ns))
+        return LastSample(time_ns, max(time_ns + config.timeout_ns, self.now_ns))
 
     def lost(self) -> dict[str, float]:
         """The inputs that do not count at the latest time, with their ages [s]."""
@@ -149,7 +153,7 @@ class BearingMonitor:
         self._window.add(now_ns, speed, load)
         return self.verdict, events + self._events(changes)
 
-    def _events(self, changes: list[Change]) -> list[Event]:
+    def _events(self, changes: list[ConditionChange]) -> list[Event]:
         if not changes:
             return []
         point = self.verdict.assessment if self.verdict else None

@@ -14,18 +14,20 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.monitor.alarm import LADDER, Condition
-from stickslip_monitor.monitor.assessment import Assessment, assess
+from stickslip_monitor.arrays import BoolArray, IntArray
+from stickslip_monitor.monitor.assessment import Assessment, assess, at_index
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.points import at_index
-from stickslip_monitor.monitor.rungs import Bands
-from stickslip_monitor.monitor.signals import Gate, Status, Stream, to_si, value_faults
-from stickslip_monitor.monitor.track import AlarmTrack, Change, Heard
+from stickslip_monitor.monitor.ladder import (
+    LADDER,
+    AlarmTrack,
+    Condition,
+    ConditionChange,
+    ConditionClassifier,
+    LastSample,
+)
+from stickslip_monitor.monitor.signals import SampleValidator, Status, Stream, to_si, value_faults
 from stickslip_monitor.monitor.trend import Trend, window_of
 from stickslip_monitor.monitor.verdict import Event, event_of
-
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 _STATUSES = tuple(Status)
 
@@ -46,14 +48,14 @@ class Scan:
         status: What became of each sample of the stream, a :class:`Status`, shape (m,).
     """
 
-    time_ns: Ints
-    until_ns: Ints
+    time_ns: IntArray
+    until_ns: IntArray
     assessment: Assessment
-    sticking: Bools
-    first: Ints
+    sticking: BoolArray
+    first: IntArray
     rung: NDArray[np.int8]
     events: list[Event]
-    counts: Ints
+    counts: IntArray
     status: NDArray[np.int8]
 
     @property
@@ -78,19 +80,19 @@ class _Believed:
     """
 
     value: NDArray[np.float64]
-    stamp: Ints
-    until: Ints
-    now: Ints
-    first: Ints
-    latest: Ints
-    jump: Bools
+    stamp: IntArray
+    until: IntArray
+    now: IntArray
+    first: IntArray
+    latest: IntArray
+    jump: BoolArray
 
-    def heard(self, i: int) -> list[Heard | None]:
+    def heard(self, i: int) -> list[LastSample | None]:
         """The last sample of each input up to and including sample ``i`` (-1: none)."""
         if i < 0:
             return [None, None]
         return [
-            Heard(int(self.stamp[k]), int(self.until[k])) if k >= self.first[i] else None
+            LastSample(int(self.stamp[k]), int(self.until[k])) if k >= self.first[i] else None
             for k in self.latest[:, i].tolist()
         ]
 
@@ -99,7 +101,7 @@ def scan_bearing(
     config: BearingConfig, stream: Stream, start_ns: int | None, end_ns: int | None
 ) -> Scan:
     """Evaluate the recording of one bearing; see :meth:`Monitor.scan`."""
-    gate = Gate(config)
+    gate = SampleValidator(config)
     si, status = _admit(config, gate, stream)
     samples = _believed(config, stream, si, status)
     evaluated = _paired(config, samples)
@@ -141,18 +143,18 @@ def _as_slice(places: NDArray[np.intp]) -> slice | NDArray[np.intp]:
     return places
 
 
-def _timeouts(config: BearingConfig) -> Ints:
+def _timeouts(config: BearingConfig) -> IntArray:
     return np.array([[config.speed.timeout_ns], [config.load.timeout_ns]])
 
 
-def _rungs(config: BearingConfig, points: Assessment) -> tuple[NDArray[np.int8], Bools]:
+def _rungs(config: BearingConfig, points: Assessment) -> tuple[NDArray[np.int8], BoolArray]:
     if points.speed.size:
-        return Bands(config.alarm).rungs(points)
+        return ConditionClassifier(config.alarm).rungs(points)
     return np.empty(0, dtype=np.int8), np.empty(0, dtype=bool)
 
 
 def _admit(
-    config: BearingConfig, gate: Gate, stream: Stream
+    config: BearingConfig, gate: SampleValidator, stream: Stream
 ) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
     """SI value and status of every sample; counts go to the gate."""
     si = np.empty(stream.value.shape)
@@ -203,7 +205,7 @@ def _believed(
     )
 
 
-def _running_time(time: Ints, jumps: NDArray[np.intp]) -> Ints:
+def _running_time(time: IntArray, jumps: NDArray[np.intp]) -> IntArray:
     """Latest time so far, starting anew at each jump of the clock."""
     edges = [0, *jumps.tolist(), time.size]
     now = time.copy()
@@ -230,9 +232,9 @@ class _Walk:
         self.times = samples.now[_as_slice(evaluated)]
         self.settled = np.zeros(evaluated.size, dtype=np.int8)
         # With the point that each rests on, and the first one since the clock last jumped.
-        self._changes: list[tuple[Change, int, int]] = []
+        self._changes: list[tuple[ConditionChange, int, int]] = []
 
-    def run(self, end_ns: int | None, points: Assessment, sticking: Bools) -> list[Event]:
+    def run(self, end_ns: int | None, points: Assessment, sticking: BoolArray) -> list[Event]:
         """Walk to the end; return the events."""
         for i in self._stops().tolist():
             self._visit(i)
@@ -249,7 +251,7 @@ class _Walk:
             for change, k, low in self._changes
         ]
 
-    def _trend(self, points: Assessment, sticking: Bools, k: int, low: int) -> Trend | None:
+    def _trend(self, points: Assessment, sticking: BoolArray, k: int, low: int) -> Trend | None:
         return None if k < low else trend_at(self.config, self.times, points, sticking, low, k)
 
     def _stops(self) -> NDArray[np.intp]:
@@ -315,7 +317,7 @@ class _Walk:
         changes = self.track.advance(end_ns, samples.heard(n - 1))
         self._note(changes, low, self.evaluated.size)
 
-    def _note(self, changes: list[Change], low: int, high: int) -> None:
+    def _note(self, changes: list[ConditionChange], low: int, high: int) -> None:
         """Record changes that fell due by the passing of time, after the points that precede."""
         for change in changes:
             stale = change.after is Condition.INPUT_STALE
@@ -325,14 +327,19 @@ class _Walk:
             at_point = not stale and k < high and self.times[k] == change.time_ns
             self._record(change, k if at_point else k - 1, k, low)
 
-    def _record(self, change: Change, based_on: int, effective: int, low: int) -> None:
+    def _record(self, change: ConditionChange, based_on: int, effective: int, low: int) -> None:
         self._changes.append((change, based_on, low))
         if change.after is not Condition.INPUT_STALE:
             self.settled[effective:] = LADDER.index(change.after)
 
 
 def trend_at(
-    config: BearingConfig, time_ns: Ints, points: Assessment, sticking: Bools, low: int, k: int
+    config: BearingConfig,
+    time_ns: IntArray,
+    points: Assessment,
+    sticking: BoolArray,
+    low: int,
+    k: int,
 ) -> Trend | None:
     """The trend after a point of a recording.
 
@@ -351,7 +358,7 @@ def trend_at(
     return window.trend(config, bool(sticking[k]))
 
 
-def _until(samples: _Believed, rows: slice | NDArray[np.intp], end_ns: int | None) -> Ints:
+def _until(samples: _Believed, rows: slice | NDArray[np.intp], end_ns: int | None) -> IntArray:
     now = samples.now[rows]
     if not now.size:
         return now

@@ -111,7 +111,7 @@ def number_to_si(config: InputConfig, number: float) -> tuple[float, Status]:
     return si, Status.IMPLAUSIBLE if math.isfinite(si) else Status.NOT_FINITE
 
 
-class Gate:
+class SampleValidator:
     """Decides sample by sample what is believed, from the stamps of a bearing's two inputs."""
 
     def __init__(self, config: BearingConfig) -> None:

@@ -19,8 +19,9 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.physics.bifurcation import fold_speed, growth_rate
+from stickslip_monitor.physics.averaging.boundaries import fold_speed, growth_rate
 from stickslip_monitor.physics.oscillator import Bearing
 
 CONFIDENCE = 0.95
@@ -32,9 +33,6 @@ _HORIZON = 5.0
 _SPREAD = 2.0
 """How much later than the earliest the latest crossing may be."""
 _STEPS = 24
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +86,7 @@ class TrendWindow:
         while self._slots[0][0] <= slot - _SLOTS:
             self._slots.popleft()
 
-    def fill(self, time_ns: Ints, speed: Floats, load: Floats) -> None:
+    def fill(self, time_ns: IntArray, speed: FloatArray, load: FloatArray) -> None:
         """Add to an empty window, all at once, operating points that begin within it."""
         slot, rest = np.divmod(time_ns, self._slot_ns)
         first = np.append(0, np.flatnonzero(np.diff(slot)) + 1)
@@ -121,7 +119,9 @@ class TrendWindow:
         return _reach(config.bearing, sticking, _line(time, speed), _line(time, load), span)
 
 
-def window_of(window_ns: int, time_ns: Ints, speed: Floats, load: Floats) -> TrendWindow:
+def window_of(
+    window_ns: int, time_ns: IntArray, speed: FloatArray, load: FloatArray
+) -> TrendWindow:
     """The window after the last of some operating points, of one segment of the clock.
 
     Args:
@@ -155,13 +155,13 @@ def _pairs(n: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return np.triu_indices(n, 1)
 
 
-def _middle(ordered: Floats) -> float:
+def _middle(ordered: FloatArray) -> float:
     """The median of sorted values; numpy's own takes four times as long for so few."""
     half = ordered.size // 2
     return float(ordered[half] if ordered.size % 2 else 0.5 * (ordered[half - 1] + ordered[half]))
 
 
-def _line(time: Floats, value: Floats) -> Line:
+def _line(time: FloatArray, value: FloatArray) -> Line:
     """The Theil-Sen line through some points of rising times; now is the time 0."""
     i, j = _pairs(time.size)
     slopes = np.sort((value[j] - value[i]) / (time[j] - time[i]))
@@ -182,7 +182,7 @@ def _reach(bearing: Bearing, sticking: bool, speed: Line, load: Line, span: floa
     ]
     rates = np.array(corners)[:, :, np.newaxis]
 
-    def crossed(time: Floats) -> NDArray[np.bool_]:
+    def crossed(time: FloatArray) -> NDArray[np.bool_]:
         v, n = speed.now + rates[:, 0] * time, load.now + rates[:, 1] * time
         # What comes after a standstill is another story.
         turning = v * speed.now > 0.0

@@ -6,10 +6,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from stickslip_monitor.monitor.alarm import LADDER, Condition
 from stickslip_monitor.monitor.assessment import Assessment, Outcome
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.track import Change
+from stickslip_monitor.monitor.ladder import LADDER, Condition, ConditionChange
 from stickslip_monitor.monitor.trend import CONFIDENCE, Trend
 
 
@@ -66,7 +65,7 @@ class Event:
 
 def event_of(
     config: BearingConfig,
-    change: Change,
+    change: ConditionChange,
     assessment: Assessment | None,
     sticking: bool,
     trend: Trend | None = None,

@@ -15,10 +15,9 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.physics.rules import require_finite, require_not_negative, require_positive
-
-Array = NDArray[np.float64]
 
 
 @runtime_checkable
@@ -35,14 +34,14 @@ class FrictionLaw(Protocol):
     def breakpoints(self) -> tuple[float, ...]:
         """Speeds ``> 0`` at which a quadrature should be split, ascending [m/s]."""
 
-    def coefficient(self, speed: ArrayLike) -> Array:
+    def coefficient(self, speed: ArrayLike) -> FloatArray:
         """Coefficient of friction at a relative speed [m/s], an array of its shape."""
 
-    def slope(self, speed: ArrayLike) -> Array:
+    def slope(self, speed: ArrayLike) -> FloatArray:
         """Slope ``d mu / d|v|`` at a relative speed [m/s], an array of its shape [s/m]."""
 
 
-def _sign(speed: Array) -> Array:
+def _sign(speed: FloatArray) -> FloatArray:
     return np.where(speed < 0.0, -1.0, 1.0)
 
 
@@ -83,13 +82,13 @@ class Stribeck:
         """Multiples of the decay speed: each panel between them is smooth at any ``beta``."""
         return tuple(multiple / self.decay for multiple in (1.0, 4.0, 12.0, 40.0))
 
-    def coefficient(self, speed: ArrayLike) -> Array:
+    def coefficient(self, speed: ArrayLike) -> FloatArray:
         """See :class:`FrictionLaw`."""
         v = np.asarray(speed, dtype=float)
         falling = (self.static - self.kinetic) * np.exp(-self.decay * np.abs(v))
         return _sign(v) * (self.kinetic + falling) + self.viscous * v
 
-    def slope(self, speed: ArrayLike) -> Array:
+    def slope(self, speed: ArrayLike) -> FloatArray:
         """See :class:`FrictionLaw`."""
         v = np.abs(np.asarray(speed, dtype=float))
         return self.viscous - (self.static - self.kinetic) * self.decay * np.exp(-self.decay * v)
@@ -119,12 +118,12 @@ class Coulomb:
         """None: the law is constant on each side of zero."""
         return ()
 
-    def coefficient(self, speed: ArrayLike) -> Array:
+    def coefficient(self, speed: ArrayLike) -> FloatArray:
         """See :class:`FrictionLaw`."""
         v = np.asarray(speed, dtype=float)
         return np.where(v == 0.0, self.static, _sign(v) * self.kinetic)
 
-    def slope(self, speed: ArrayLike) -> Array:
+    def slope(self, speed: ArrayLike) -> FloatArray:
         """See :class:`FrictionLaw`."""
         return np.zeros_like(np.asarray(speed, dtype=float))
 
@@ -150,9 +149,9 @@ class Tabulated:
 
     speed: tuple[float, ...]
     values: tuple[float, ...]
-    cubics: Array = field(init=False, repr=False, compare=False)
-    _begins: Array = field(init=False, repr=False, compare=False)
-    _rises: Array = field(init=False, repr=False, compare=False)
+    cubics: FloatArray = field(init=False, repr=False, compare=False)
+    _begins: FloatArray = field(init=False, repr=False, compare=False)
+    _rises: FloatArray = field(init=False, repr=False, compare=False)
 
     def __init__(self, speed: Sequence[float], coefficient: Sequence[float]) -> None:
         v = _table_column('speed', speed)
@@ -190,16 +189,16 @@ class Tabulated:
         """The measured speeds, where the interpolant changes from one cubic to the next."""
         return tuple(v for v in self.speed if v > 0.0)
 
-    def coefficient(self, speed: ArrayLike) -> Array:
+    def coefficient(self, speed: ArrayLike) -> FloatArray:
         """See :class:`FrictionLaw`."""
         v = np.asarray(speed, dtype=float)
         i, s = self._place(np.minimum(np.maximum(np.abs(v), self.speed[0]), self.speed[-1]))
         a, b, c, d = self.cubics[:, i]
-        value: Array = ((a * s + b) * s + c) * s + d
+        value: FloatArray = ((a * s + b) * s + c) * s + d
         # At v = 0 the positive end, whatever the sign of zero.
         return np.copysign(value, v + 0.0)
 
-    def slope(self, speed: ArrayLike) -> Array:
+    def slope(self, speed: ArrayLike) -> FloatArray:
         """See :class:`FrictionLaw`."""
         v = np.abs(np.asarray(speed, dtype=float))
         inside = np.minimum(np.maximum(v, self.speed[0]), self.speed[-1])
@@ -210,13 +209,13 @@ class Tabulated:
         falls_or_rises = derivative * self._rises[i] > 0.0
         return np.where((v == inside) & falls_or_rises, derivative, 0.0)
 
-    def _place(self, inside: Array) -> tuple[NDArray[np.intp], Array]:
+    def _place(self, inside: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
         """Interval of each measured speed, and the distance from its begin [m/s]."""
         i = np.searchsorted(self._begins[1:], inside, side='right')
         return i, inside - self._begins[i]
 
 
-def _monotone_cubics(v: tuple[float, ...], mu: tuple[float, ...]) -> Array:
+def _monotone_cubics(v: tuple[float, ...], mu: tuple[float, ...]) -> FloatArray:
     # Takes as long to import as all the rest, and only a table needs it.
     from scipy.interpolate import PchipInterpolator
 

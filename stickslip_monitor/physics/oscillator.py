@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError
-from stickslip_monitor.physics.friction import Array, FrictionLaw
+from stickslip_monitor.physics.friction import FrictionLaw
 from stickslip_monitor.physics.rules import require_not_negative, require_positive
 
 SPEED_UNITS = ('rpm', 'rad/s', 'Hz', 'm/s')
@@ -54,11 +55,11 @@ class BearingSpeed:
             raise PhysicsError(f"speed unit '{unit}' is not one of {', '.join(SPEED_UNITS)}")
         return factors[unit]
 
-    def to_surface(self, value: ArrayLike, unit: str) -> Array:
+    def to_surface(self, value: ArrayLike, unit: str) -> FloatArray:
         """Surface speed [m/s] of a shaft speed in the given unit; any shape."""
         return np.multiply(value, self.factor(unit))
 
-    def from_surface(self, speed: ArrayLike, unit: str) -> Array:
+    def from_surface(self, speed: ArrayLike, unit: str) -> FloatArray:
         """Shaft speed in the given unit of a surface speed [m/s]; any shape."""
         return np.divide(speed, self.factor(unit))
 
@@ -148,7 +149,7 @@ class Bearing:
         """Conversions between shaft speed and this bearing's surface speed."""
         return BearingSpeed(self.journal_diameter)
 
-    def equilibrium(self, speed: ArrayLike, load: ArrayLike) -> Array:
+    def equilibrium(self, speed: ArrayLike, load: ArrayLike) -> FloatArray:
         """Deflection of steady sliding ``x_e = N mu(V) / k`` [m]; inputs broadcast.
 
         Args:

@@ -6,10 +6,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from stickslip_monitor.monitor.alarm import Condition, Level
 from stickslip_monitor.monitor.assessment import Regime
-from stickslip_monitor.monitor.records import number
-from stickslip_monitor.monitor.spells import together
+from stickslip_monitor.monitor.ladder import Condition, Level
+from stickslip_monitor.monitor.messages import number
 from stickslip_monitor.monitor.table import (
     BEARING_PARAMETERS,
     NODE_PARAMETERS,
@@ -17,15 +16,10 @@ from stickslip_monitor.monitor.table import (
     Parameter,
 )
 from stickslip_monitor.monitor.verdict import Event
-from stickslip_monitor.report import words
-from stickslip_monitor.report.document import (
-    EventRow,
-    Fact,
-    ParameterGroup,
-    ParameterRow,
-    Share,
-)
-from stickslip_monitor.report.findings import STICKING, Course, place
+from stickslip_monitor.offline.intervals import together
+from stickslip_monitor.report import formatting
+from stickslip_monitor.report.document import EventRow, Fact, ParameterGroup, ParameterRow, Share
+from stickslip_monitor.report.summary import STICKING, Course, place
 
 MOST_EVENTS = 400
 _GRADES = {Level.OK: 'clear', Level.WARN: 'warning', Level.ERROR: 'alarm'}
@@ -37,18 +31,18 @@ def facts(course: Course) -> tuple[Fact, ...]:
     found = [
         Fact(
             'stick-slip predicted',
-            words.duration(sticking) if sticking else 'never',
-            f'{words.share(sticking, course.span)} of the time' if sticking else '',
+            formatting.duration(sticking) if sticking else 'never',
+            f'{formatting.share(sticking, course.span)} of the time' if sticking else '',
         )
     ]
     for name, title, shown in (
-        ('fold_margin', 'least fold margin', words.margin),
-        ('hopf_margin', 'least Hopf margin', words.margin),
-        ('amplitude', 'greatest amplitude', words.millimetres),
+        ('fold_margin', 'least fold margin', formatting.margin),
+        ('hopf_margin', 'least Hopf margin', formatting.margin),
+        ('amplitude', 'greatest amplitude', formatting.millimetres),
     ):
         if name in course.worst:
             extreme = course.worst[name]
-            note = f'{words.minute(extreme.time_ns)}, at {place(course, extreme)}'
+            note = f'{formatting.minute(extreme.time_ns)}, at {place(course, extreme)}'
             found.append(Fact(title, shown(extreme.value), note))
     return tuple(found)
 
@@ -60,9 +54,9 @@ def shares(course: Course) -> tuple[Share, ...]:
         Share(
             regime.value,
             regime.value,
-            words.duration(course.seconds[regime]),
+            formatting.duration(course.seconds[regime]),
             100.0 * course.seconds[regime] / total,
-            words.share(course.seconds[regime], total),
+            formatting.share(course.seconds[regime], total),
         )
         for regime in Regime
         if course.seconds.get(regime, 0.0) > 0.0
@@ -77,12 +71,12 @@ def event_rows(events: Sequence[Event]) -> tuple[tuple[EventRow, ...], str]:
     day = ''
     for i in kept:
         event = events[i]
-        new_day = words.date(event.time_ns)
+        new_day = formatting.date(event.time_ns)
         rows.append(_event_row(i + 1, event, '' if new_day == day else new_day))
         day = new_day
     left = len(events) - len(kept)
     note = (
-        f'{words.count(left, "event")} of {words.grouped(len(events))} are left out here, those'
+        f'{formatting.count(left, "event")} of {formatting.grouped(len(events))} are left out here, those'
         ' of the lower levels first; check --json has them all.'
         if left
         else ''
@@ -94,8 +88,8 @@ def _event_row(number: int, event: Event, date: str) -> EventRow:
     return EventRow(
         number=number,
         date=date,
-        time=words.clock(event.time_ns),
-        iso=words.iso(event.time_ns),
+        time=formatting.clock(event.time_ns),
+        iso=formatting.iso(event.time_ns),
         before=condition_name(event.before),
         after=condition_name(event.after),
         grade=_GRADES[event.after.level],

@@ -16,10 +16,10 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.monitor.annunciator import Action, AlarmChange
-from stickslip_monitor.monitor.causes import AlarmKind
-from stickslip_monitor.monitor.requests import ROS_SERVICE, parse_request
-from stickslip_monitor.ros.messages import ROS_FAULTS
+from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange
+from stickslip_monitor.monitor.alarms.causes import AlarmKind
+from stickslip_monitor.monitor.alarms.requests import ROS_SERVICE, parse_request
+from stickslip_monitor.ros.message_types import ROS_FAULTS
 
 TRIGGERS = {
     'acknowledge': Action.ACKNOWLEDGE,

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The alarms of the live node: their clock, what is told of them, and what is kept."""
+"""How much time has passed without a sample, on clocks that may stop, step or run fast.
+
+The alarms of the live node: their clock, what is told of them, and what is kept.
+"""
 
 from __future__ import annotations
 
@@ -10,20 +13,50 @@ from typing import Any
 from rclpy.lifecycle import LifecycleNode
 
 from stickslip_monitor.errors import AlarmStateError
-from stickslip_monitor.monitor.alarm_records import alarms_record, recall_state, state_record
-from stickslip_monitor.monitor.annunciator import (
-    MONITOR,
-    Action,
-    AlarmChange,
-    Annunciator,
+from stickslip_monitor.monitor.alarms.alarm_records import (
+    alarms_record,
+    recall_state,
+    state_record,
 )
-from stickslip_monitor.monitor.causes import AlarmKind
+from stickslip_monitor.monitor.alarms.annunciator import MONITOR, Action, AlarmChange, Annunciator
+from stickslip_monitor.monitor.alarms.causes import AlarmKind
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.monitor import Update
 from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.monitor.verdict import Event
-from stickslip_monitor.ros.flow import Flow
 from stickslip_monitor.ros.state_file import StateFile
+
+
+class ElapsedTime:
+    """Time since the last sample, for the watchdog.
+
+    While ROS time follows a simulated clock that moves, that clock is the measure. One that
+    stands still (the player has gone) cannot say that an input is lost, so then the steady clock
+    is. A step back, and the first step from zero, count as no time.
+
+    Args:
+        simulated: Whether ROS time follows /clock.
+        steady_ns: The steady clock now [ns].
+        ros_ns: ROS time now [ns].
+    """
+
+    def __init__(self, simulated: bool, steady_ns: int, ros_ns: int) -> None:
+        self._simulated = simulated
+        self.restart(steady_ns, ros_ns)
+
+    def restart(self, steady_ns: int, ros_ns: int) -> None:
+        """A sample has come: the count starts anew."""
+        self._steady_ns, self._ros_ns = steady_ns, ros_ns
+        self._elapsed_ns = 0
+
+    def tick(self, steady_ns: int, ros_ns: int) -> int:
+        """Return the time since the last sample, given both clocks now [ns]."""
+        steady, ros = steady_ns - self._steady_ns, ros_ns - self._ros_ns
+        moving = self._simulated and ros != 0 and self._ros_ns != 0
+        self._steady_ns, self._ros_ns = steady_ns, ros_ns
+        self._elapsed_ns += max(ros, 0) if moving else steady
+        return self._elapsed_ns
+
 
 HEARTBEAT_NS = 60 * 10**9
 """The list is told at least this often, as IEC 62923 asks of any source of alerts."""
@@ -48,7 +81,7 @@ class AlarmDesk:
         self._node, self._publish = node, publish
         self.annunciator = Annunciator(config)
         self._file = StateFile(config.state_file) if config.state_file else None
-        self._flow: Flow | None = None
+        self._flow: ElapsedTime | None = None
         self._begun_ns = self._told_ns = 0
         self._sequence = 0
         self._recall()
@@ -64,7 +97,7 @@ class AlarmDesk:
         self.annunciator.retune(config)
         self.annunciator.restart()
 
-    def start(self, flow: Flow) -> None:
+    def start(self, flow: ElapsedTime) -> None:
         """Tell the list, and let time run from now on, as that flow measures it."""
         self._flow, self._begun_ns = flow, self.annunciator.now_ns
         self._tell([])

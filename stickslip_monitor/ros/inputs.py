@@ -12,7 +12,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.config import MonitorConfig
-from stickslip_monitor.ros.messages import (
+from stickslip_monitor.ros.message_types import (
     ROS_FAULTS,
     check_field,
     message_type,
@@ -32,7 +32,7 @@ _BURST = 50
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class InputReader:
     """One number that a message brings for one bearing."""
 
     bearing: str
@@ -80,10 +80,10 @@ class Inputs:
         self._node = node
         self._receive = receive
         self._tap = tap
-        readings: dict[tuple[str, str], list[Reading]] = {}
+        readings: dict[tuple[str, str], list[InputReader]] = {}
         for bearing in config.bearings:
             for is_load, source in enumerate((bearing.speed, bearing.load)):
-                reading = Reading(bearing.name, is_load, number_reader(source.field))
+                reading = InputReader(bearing.name, is_load, number_reader(source.field))
                 readings.setdefault((source.topic, source.type), []).append(reading)
         self._subscriptions: list[Any] = []
         try:
@@ -104,7 +104,7 @@ class Inputs:
             self._node.destroy_subscription(subscription)
 
     def _callback(
-        self, topic: str, kind: str, readers: list[Reading], queue: list[Any]
+        self, topic: str, kind: str, readers: list[InputReader], queue: list[Any]
     ) -> Callable[[Any], None]:
         stamp = stamp_reader(kind)
         clock = self._node.get_clock()

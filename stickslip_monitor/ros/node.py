@@ -20,18 +20,17 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 from stickslip_monitor.errors import RosError, StickslipError
-from stickslip_monitor.monitor.clips import ClipStore
+from stickslip_monitor.monitor.clip_recorder import ClipStore
 from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig, build_config
 from stickslip_monitor.monitor.config_file import NODE_NAME
 from stickslip_monitor.monitor.monitor import Monitor
 from stickslip_monitor.monitor.verdict import Event, Verdict
 from stickslip_monitor.ros import parameters
 from stickslip_monitor.ros.actions import Actions
-from stickslip_monitor.ros.clips import Clips
-from stickslip_monitor.ros.desk import AlarmDesk
-from stickslip_monitor.ros.flow import Flow
+from stickslip_monitor.ros.desk import AlarmDesk, ElapsedTime
+from stickslip_monitor.ros.event_clips import Clips
 from stickslip_monitor.ros.inputs import Inputs, check_inputs
-from stickslip_monitor.ros.messages import ROS_FAULTS
+from stickslip_monitor.ros.message_types import ROS_FAULTS
 from stickslip_monitor.ros.outputs import Outputs
 from stickslip_monitor.ros.state_file import StateFile
 from stickslip_monitor.surface_store import prepare_surfaces
@@ -83,7 +82,7 @@ class MonitorNode(LifecycleNode):
         self._inputs: Inputs | None = None
         self._actions: Actions | None = None
         self._tickers: list[Any] = []
-        self._flows: dict[str, Flow] = {}
+        self._flows: dict[str, ElapsedTime] = {}
         self._bases: dict[str, int] = {}
         self._published_ns: dict[str, int] = {}
         self._unsaid: dict[str, Verdict] = {}
@@ -127,8 +126,10 @@ class MonitorNode(LifecycleNode):
             return self._failed(f'its inputs cannot be subscribed to: {_sentence(error)}')
         result = super().on_activate(state)
         simulated = self.get_parameter(parameters.USE_SIM_TIME).value is True
-        self._desk.start(Flow(simulated, *self._clocks()))
-        self._flows = {name: Flow(simulated, *self._clocks()) for name in self._monitor.bearings}
+        self._desk.start(ElapsedTime(simulated, *self._clocks()))
+        self._flows = {
+            name: ElapsedTime(simulated, *self._clocks()) for name in self._monitor.bearings
+        }
         self._bases = dict.fromkeys(self._monitor.bearings, 0)
         self._watch()
         # Timers of the steady clock: those of ROS time stall when a replay steps back.

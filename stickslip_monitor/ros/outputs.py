@@ -13,9 +13,14 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64, String
 
 from stickslip_monitor.monitor.config import MonitorConfig
-from stickslip_monitor.monitor.diagnostics import diagnostic_record, state_of
+from stickslip_monitor.monitor.messages import (
+    VERDICT_NUMBERS,
+    diagnostic_record,
+    event_json,
+    state_of,
+    verdict_numbers,
+)
 from stickslip_monitor.monitor.monitor import BearingMonitor
-from stickslip_monitor.monitor.records import VERDICT_NUMBERS, event_json, verdict_numbers
 from stickslip_monitor.monitor.verdict import Event, Verdict
 
 Tap = Callable[[str, Any, int | None], None]

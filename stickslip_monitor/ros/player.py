@@ -16,7 +16,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
 from stickslip_monitor.errors import RosError
-from stickslip_monitor.ros.messages import ROS_FAULTS, message_type
+from stickslip_monitor.ros.message_types import ROS_FAULTS, message_type
 
 CLOCK_PERIOD = 0.02
 _SETTLE = 0.5

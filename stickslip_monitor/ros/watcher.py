@@ -19,8 +19,8 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 
 from stickslip_monitor.errors import RosError
-from stickslip_monitor.monitor.requests import ActionRequest, request_record
-from stickslip_monitor.ros.messages import ROS_FAULTS
+from stickslip_monitor.monitor.alarms.requests import ActionRequest, request_record
+from stickslip_monitor.ros.message_types import ROS_FAULTS
 
 TakeStatus = Callable[[str, int, str, Mapping[str, str]], None]
 TakeAlarms = Callable[[Any], None]

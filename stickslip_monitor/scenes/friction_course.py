@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.physics.friction import FrictionLaw, Tabulated
-
-from .profile import Profile
-from .signals import FloatArray
+from stickslip_monitor.scenes.profile import Profile
 
 FACTOR = 'factor'
 # Of the parameters of all laws, those that a common factor multiplies.

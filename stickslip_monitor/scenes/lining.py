@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lining of one bearing, followed through a scene by the event-driven integrator."""
+"""Episodes of stick-slip: sticks that follow one another while the shaft turns.
+
+At which instants a motion is looked at, and what windows of it tell.
+
+The lining of one bearing, followed through a scene by the event-driven integrator.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +16,204 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.friction import FrictionLaw
+from stickslip_monitor.physics.motion.integrator import (
+    FAST,
+    Drive,
+    Motion,
+    MotionOutcome,
+    MotionState,
+    Phase,
+    integrate,
+)
 from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.scenes import telemetry
+from stickslip_monitor.scenes.friction_course import STEP, FrictionCourse
+from stickslip_monitor.scenes.shaft import Shaft
 
-from .friction_course import STEP, FrictionCourse
-from .integrator import FAST, Drive, Motion, Outcome, Phase, State, integrate
-from .shaft import Shaft
-from .signals import FloatArray
+# A single stick, after a knock or as the shaft breaks away, is no oscillation.
+LEAST_STICKS = 2
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeEvent:
+    """The begin or the end of an episode.
+
+    Attributes:
+        name: ``'first_stick'`` or ``'last_stick'``.
+        known: When it could be known [s].
+        time: When it was [s].
+        sticks: Stretches of sticking up to then.
+        sticking: Time of sticking in them [s].
+    """
+
+    name: str
+    known: float
+    time: float
+    sticks: int
+    sticking: float
+
+
+class Episodes:
+    """Joins sticks to episodes; time only rises.
+
+    An episode is at least two sticks, each of which begins within ``gap`` of the end of the one
+    before. A stick counts from where it begins, while the shaft turns, to the release or to where
+    the shaft comes to rest; one that begins at rest does not count.
+
+    Args:
+        gap: Longest time between two sticks of an episode [s].
+    """
+
+    def __init__(self, gap: float) -> None:
+        self.gap = gap
+        self._first = self._last = 0.0
+        self._sticks = 0
+        self._sticking = 0.0
+        self._open: float | None = None
+
+    def stick(self, time: float) -> list[EpisodeEvent]:
+        """A stick begins while the shaft turns."""
+        events = self.passed(time)
+        if self._sticks == 0:
+            self._first = time
+        elif self._sticks == LEAST_STICKS - 1:
+            events.append(EpisodeEvent('first_stick', time, self._first, 1, self._sticking))
+        self._sticks += 1
+        self._open = time
+        return events
+
+    def release(self, time: float) -> None:
+        """The stick ends, or the shaft comes to rest while it lasts."""
+        if self._open is not None:
+            self._sticking += time - self._open
+            self._last, self._open = time, None
+
+    def passed(self, time: float) -> list[EpisodeEvent]:
+        """Time passes."""
+        if not self._sticks or self._open is not None or time <= self._last + self.gap:
+            return []
+        sticks, sticking = self._sticks, self._sticking
+        self._sticks, self._sticking = 0, 0.0
+        if sticks < LEAST_STICKS:
+            return []
+        known = self._last + self.gap
+        return [EpisodeEvent('last_stick', known, self._last, sticks, sticking)]
+
+
+PERIODS = 4
+"""Natural periods in a window that an amplitude is taken from."""
+_STEPS = 16 * PERIODS
+
+
+class Regular:
+    """The instants ``k / rate`` of a scene, handed out in order.
+
+    Args:
+        rate: Instants per second [Hz].
+        duration: Duration of the scene [s].
+    """
+
+    def __init__(self, rate: float, duration: float) -> None:
+        self._rate = rate
+        self._count = telemetry.count(rate, duration)
+        self._next = 0
+
+    def until(self, end: float) -> FloatArray:
+        """The next instants, up to and with ``end`` [s]."""
+        guess = min(self._count, math.floor(end * self._rate) + 2)
+        time = np.arange(self._next, max(guess, self._next)) / self._rate
+        time = time[: np.searchsorted(time, end, 'right')]
+        self._next += time.size
+        return time
+
+
+class AmplitudeWindows:
+    """The amplitude of a motion in a short window before each instant ``k / rate``, ``k > 0``.
+
+    Args:
+        rate: Windows per second, not above :meth:`highest_rate` [Hz].
+        period: Natural period [s].
+        duration: Duration of the scene [s].
+    """
+
+    def __init__(self, rate: float, period: float, duration: float) -> None:
+        self._rate, self._period = rate, period
+        self._count = telemetry.count(rate, duration)
+        self._next = _STEPS + 1  # the window before the scene's start is not there
+        self._step = PERIODS * period / _STEPS
+        self._kept = np.empty((2, 0))
+
+    @staticmethod
+    def highest_rate(period: float) -> float:
+        """Rate at which windows would touch [Hz]."""
+        return 1.0 / (PERIODS * period)
+
+    def until(self, end: float) -> FloatArray:
+        """The next instants to look at, up to and with ``end`` [s]."""
+        last = min(self._count, math.floor((end + PERIODS * self._period) * self._rate) + 2)
+        number = np.arange(self._next, max(last * (_STEPS + 1), self._next))
+        window, place = np.divmod(number, _STEPS + 1)
+        time = window / self._rate - (_STEPS - place) * self._step
+        time = time[: np.searchsorted(time, end, 'right')]
+        self._next += time.size
+        return time
+
+    def amplitudes(
+        self, displacement: FloatArray, velocity: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Half the peak to peak of each window that is now complete.
+
+        Args:
+            displacement: At the instants handed out last, shape (n,) [m].
+            velocity: The same [m/s].
+
+        Returns:
+            The instants at the windows' ends [s], and the amplitudes [m], both of shape (m,).
+        """
+        kept = np.concatenate([self._kept, [displacement, velocity]], axis=1)
+        begin = self._next - kept.shape[1]
+        whole = kept.shape[1] // (_STEPS + 1)
+        cut = whole * (_STEPS + 1)
+        self._kept = kept[:, cut:]
+        x, v = kept[:, :cut].reshape(2, whole, _STEPS + 1)
+        numbers = begin // (_STEPS + 1) + np.arange(whole)
+        return numbers / self._rate, half_peak_to_peak(x, v, self._step)
+
+
+def half_peak_to_peak(x: FloatArray, v: FloatArray, step: float) -> FloatArray:
+    """Half of the largest less the smallest displacement of sampled motions.
+
+    Between two samples the motion is taken for the cubic through their displacements and
+    velocities, which sixteen samples in a period of a harmonic motion follow to 6e-5.
+
+    Args:
+        x: Displacements, shape (m, n) [m].
+        v: Velocities, shape (m, n) [m/s].
+        step: Time between samples [s].
+
+    Returns:
+        Shape (m,) [m].
+    """
+    before, after = step * v[:, :-1], step * v[:, 1:]
+    rise = np.diff(x, axis=1)
+    turns = before * after < 0.0
+    # The cubic's derivative is a s^2 + b s + c, with s from 0 to 1.
+    a = 3.0 * (before + after - 2.0 * rise)
+    b = 2.0 * (3.0 * rise - 2.0 * before - after)
+    q = -0.5 * (b + np.copysign(np.sqrt(np.maximum(b * b - 4.0 * a * before, 0.0)), b))
+    with np.errstate(divide='ignore', invalid='ignore'):
+        first, second = before / q, q / a
+    s = np.where(turns, np.where((first >= 0.0) & (first <= 1.0), first, second), 0.0)
+    turning = x[:, :-1] + s * (before + s * (b / 2.0 + s * a / 3.0))
+    highest = np.maximum(x.max(axis=1), turning.max(axis=1))
+    lowest = np.minimum(x.min(axis=1), turning.min(axis=1))
+    amplitude: FloatArray = 0.5 * (highest - lowest)
+    return amplitude
+
 
 # The drive is linear between instants of this rate [Hz]; it must carry the ripple of a
 # propeller's blades, and a disturbance that reaches beyond the natural frequency.
@@ -31,7 +225,7 @@ _PLACES = 12
 
 
 @dataclass(frozen=True, slots=True)
-class Knock:
+class Impulse:
     """A blow on the lining: its time since the scene's start [s], and its impulse [N s]."""
 
     time: float
@@ -86,7 +280,7 @@ class Lining:
         shaft: Shaft,
         course: FrictionCourse,
         deviation: float,
-        knocks: Sequence[Knock],
+        knocks: Sequence[Impulse],
         random: np.random.Generator,
         duration: float,
     ) -> None:
@@ -139,11 +333,11 @@ class Lining:
             rests=self._rests(nodes),
         )
 
-    def _start(self) -> State:
+    def _start(self) -> MotionState:
         _, speed, load = self._nodes[:, 0].tolist()
         bearing = replace(self.config.bearing, friction=self._course.at(0.0))
         place = float(bearing.equilibrium(speed, load)) if speed else 0.0
-        return State(round(place, _PLACES), speed)
+        return MotionState(round(place, _PLACES), speed)
 
     def _drive_at(self, time: FloatArray) -> FloatArray:
         """Time, speed and load with its fluctuation, shape (3, n)."""
@@ -186,9 +380,9 @@ class Lining:
         state = self._state
         if impulse:
             relative = state.relative_speed - impulse / bearing.mass
-            state = State(state.displacement, relative)
+            state = MotionState(state.displacement, relative)
         motion = integrate(bearing, Drive.sampled(*nodes), state, times, accuracy=FAST)
-        if motion.outcome is not Outcome.COMPLETE:
+        if motion.outcome is not MotionOutcome.COMPLETE:
             raise SceneError(
                 f'lining_motion of {self.config.name}: after {motion.span[1]:g} s,'
                 f' {motion.outcome.value}'

@@ -1,8 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A quantity that follows a table in time, piecewise linearly."""
+"""A quantity that follows a table in time, piecewise linearly.
+
+A quantity that goes from level to level: a profile that is told in steps.
+
+Reads a table of a quantity over time: a CSV file with the columns ``time`` and ``value``.
+"""
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -11,12 +17,11 @@ from typing import Any
 
 import numpy as np
 
+from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import SceneError
+from stickslip_monitor.scenes.settings import Settings, is_number, too_large
 
-from .settings import Settings, is_number, too_large
-from .signals import FloatArray
-
-KEYS = ('bearing', 'unit', 'points', 'table')
+PROFILE_KEYS = ('bearing', 'unit', 'points', 'table')
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,9 +84,6 @@ def read_values(settings: Settings, unit: str, duration: float, folder: Path) ->
     if 'table' in settings and 'points' in settings:
         raise SceneError(f'{settings.name} has points and a table: give one of them')
     if 'table' in settings:
-        # Only a scene with a table pays for reading one.
-        from .table_file import read_table
-
         rows = read_table(folder / settings.text('table', 'the path of a CSV file'))
         return Profile.of(check_points(rows, duration), unit)
     return Profile.of(read_rows(settings, 'points', 'point', unit, duration), unit)
@@ -155,3 +157,83 @@ def check_times(rows: Sequence[tuple[str, Any]], duration: float) -> None:
                 f'{name} is at {after:g} s, but times must rise and the one before is at'
                 f' {before:g} s'
             )
+
+
+STEP_KEYS = ('bearing', 'unit', 'steps', 'rise')
+
+
+def read_steps(settings: Settings, units: Sequence[str], duration: float) -> Profile:
+    """Read ``unit``, ``steps`` and ``rise`` of an effect.
+
+    Each step [time in s, level] begins at its time and takes ``rise`` [s]: neither a shaft nor
+    the load on a bearing jumps. The first level holds from the scene's start.
+
+    Args:
+        settings: The effect's settings.
+        units: The units allowed.
+        duration: The scene's duration [s].
+
+    Raises:
+        SceneError: A step is no pair of numbers, its time breaks a rule, or it begins before the
+            one before it has ended.
+    """
+    unit = settings.choice('unit', units)
+    rise = settings.number('rise', 's', above=0.0)
+    steps = read_rows(settings, 'steps', 'step', unit, duration)
+    points, label = [steps[0]], settings.label('steps')
+    for number, ((_, before), (time, level)) in enumerate(pairwise(steps), 2):
+        if time < points[-1][0]:
+            raise SceneError(
+                f'{label}: step {number} is at {time:g} s, but the one before takes'
+                f' until {points[-1][0]:g} s'
+            )
+        points += [(time, before)] if time > points[-1][0] else []
+        points.append((time + rise, level))
+    return Profile.of(points, unit)
+
+
+HEADER = ['time', 'value']
+
+
+def read_table(path: Path) -> list[tuple[str, list[float]]]:
+    """Read a table.
+
+    Args:
+        path: The file. Its first line is ``time,value``; empty lines and lines that begin with
+            ``#`` are passed over.
+
+    Returns:
+        For each row what it is called in sentences, and time [s] and value.
+
+    Raises:
+        SceneError: The file cannot be read, has no rows, or a line is not two numbers.
+    """
+    try:
+        lines = path.read_text('utf-8-sig').splitlines()
+    except OSError as error:
+        raise SceneError(f"table '{path}' cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise SceneError(f"table '{path}' cannot be read: it is not UTF-8 text") from error
+    cells = [
+        (number, [cell.strip() for cell in next(csv.reader([line]))])
+        for number, line in enumerate(lines, 1)
+        if line.strip() and not line.lstrip().startswith('#')
+    ]
+    if not cells or cells[0][1] != HEADER:
+        raise SceneError(f"table '{path}' must begin with a line 'time,value'")
+    if len(cells) == 1:
+        raise SceneError(f"table '{path}' has no rows")
+    return [
+        (f"table '{path}' line {number}", _numbers(path, number, row)) for number, row in cells[1:]
+    ]
+
+
+def _numbers(path: Path, number: int, row: list[str]) -> list[float]:
+    try:
+        time, value = map(float, row)
+    except ValueError:
+        text = ','.join(row)
+        raise SceneError(
+            f"table '{path}' line {number} = '{text}' must be two numbers: time in s, value"
+        ) from None
+    return [time, value]

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stickslip_monitor.monitor.config import MonitorConfig
-
-from .cost import Stopwatch
-from .effects.effect import Frame
-from .effects.registry import Run, build_run
-from .settings import Settings
-from .shaft import Shaft
-from .signals import Channel
+from stickslip_monitor.scenes.cost import Stopwatch
+from stickslip_monitor.scenes.effects.effect import BuildContext
+from stickslip_monitor.scenes.effects.registry import SceneRun, build_run
+from stickslip_monitor.scenes.settings import Settings
+from stickslip_monitor.scenes.shaft import Shaft
+from stickslip_monitor.scenes.telemetry import Channel
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +41,7 @@ class Scene:
     channels: tuple[Channel, ...]
     effects: tuple[Settings, ...]
 
-    def build(self, stopwatch: Stopwatch | None = None) -> Run:
+    def build(self, stopwatch: Stopwatch | None = None) -> SceneRun:
         """Build one run of the scene.
 
         Args:
@@ -51,7 +50,7 @@ class Scene:
         Raises:
             SceneError: A setting breaks its rule.
         """
-        frame = Frame(
+        frame = BuildContext(
             self.duration,
             self.seed,
             self.channels,

@@ -9,11 +9,10 @@ from typing import Any
 
 from stickslip_monitor.errors import ConfigurationError, SceneError
 from stickslip_monitor.monitor.config_file import load_config, load_yaml
-
-from .channels import read_channels
-from .effects.registry import read_effects
-from .scene import Scene
-from .settings import Settings
+from stickslip_monitor.scenes.effects.registry import read_effects
+from stickslip_monitor.scenes.scene import Scene
+from stickslip_monitor.scenes.settings import Settings
+from stickslip_monitor.scenes.telemetry import read_channels
 
 SCHEMA = 'stickslip_monitor/scene/1'
 KEYS = (

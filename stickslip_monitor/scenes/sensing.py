@@ -9,8 +9,9 @@ from typing import Protocol
 
 import numpy as np
 
-from .shaft import Shaft
-from .signals import Channel, FloatArray
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.scenes.shaft import Shaft
+from stickslip_monitor.scenes.telemetry import Channel
 
 # Time constants and windows that the grid can resolve and hold [s].
 SHORTEST, LONGEST = 1e-3, 600.0

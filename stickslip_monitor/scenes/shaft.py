@@ -4,17 +4,23 @@
 Nothing is sampled here. A channel of telemetry, a sensor that averages between its samples, the
 lining's integrator and the truth in the recording each ask at instants of their own, and get the
 same bits at the same instant, in whatever blocks they ask.
+
+What effects work on, stretch by stretch of time.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 
-from .signals import Channel, FloatArray
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.offline.truth import Column
+from stickslip_monitor.scenes import telemetry
+from stickslip_monitor.scenes.telemetry import Channel, Signal
 
 
 class Term(Protocol):
@@ -103,3 +109,31 @@ def _sum(terms: Sequence[Term], time: FloatArray) -> FloatArray:
     for term in terms:
         total += term.at(time)
     return total
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimeBlock:
+    """A stretch of a scene; effects change its signals or put others in their place.
+
+    Attributes:
+        start: Its begin since the scene's start [s].
+        end: Its end [s].
+        duration: Duration of the scene [s].
+        shaft: The operating point as it is, at any instant.
+        signals: What the sensor of each topic sends.
+        truth: What no sensor tells; a topic that may have messages is there even without any.
+    """
+
+    start: float
+    end: float
+    duration: float
+    shaft: Shaft
+    signals: dict[str, Signal]
+    truth: list[Column] = field(default_factory=list)
+
+    def instants(self, rate: float) -> FloatArray:
+        """The regular instants of this block at a rate [Hz], shape (n,) [s].
+
+        Those of all blocks together are ``k / rate`` from 0 to the scene's end, each once.
+        """
+        return np.array(telemetry.numbers(rate, self.start, self.end, self.duration)) / rate

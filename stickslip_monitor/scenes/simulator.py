@@ -8,20 +8,20 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import SceneError
-
-from . import sampling
-from .block import Block
-from .effects.registry import Run
-from .scene import Scene
-from .signals import Channel, FloatArray, Signal
+from stickslip_monitor.scenes import telemetry
+from stickslip_monitor.scenes.effects.registry import SceneRun
+from stickslip_monitor.scenes.scene import Scene
+from stickslip_monitor.scenes.shaft import TimeBlock
+from stickslip_monitor.scenes.telemetry import Channel, Signal
 
 BLOCK_LENGTH = 60.0
 
 
 def simulate(
-    scene: Scene, block_length: float = BLOCK_LENGTH, run: Run | None = None
-) -> Iterator[Block]:
+    scene: Scene, block_length: float = BLOCK_LENGTH, run: SceneRun | None = None
+) -> Iterator[TimeBlock]:
     """Run a scene.
 
     Speeds and loads start at zero (a shaft at rest, no load), and each effect adds its own. The
@@ -45,15 +45,15 @@ def simulate(
         start = number * block_length
         end = finish if number == last else (number + 1) * block_length
         signals = {c.topic: _measured(scene, run, c, start, end) for c in scene.channels}
-        block = Block(start, end, scene.duration, run.shaft, signals)
+        block = TimeBlock(start, end, scene.duration, run.shaft, signals)
         for effect in run.effects:
             effect.apply(block)
         yield block
 
 
-def _measured(scene: Scene, run: Run, channel: Channel, start: float, end: float) -> Signal:
+def _measured(scene: Scene, run: SceneRun, channel: Channel, start: float, end: float) -> Signal:
     """What a channel's sensor makes of the shaft from ``start`` to before ``end``."""
-    span = sampling.numbers(channel.rate, start, end, scene.duration)
+    span = telemetry.numbers(channel.rate, start, end, scene.duration)
     numbers = np.array(span, np.int64)
     time = numbers / channel.rate
     stamp_ns = scene.start_ns + np.rint(numbers * (1e9 / channel.rate)).astype(np.int64)

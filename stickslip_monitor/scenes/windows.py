@@ -1,20 +1,39 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When an effect acts: windows in time, a share of the samples, or a share within windows."""
+"""Random streams by name: what one effect draws never changes what another draws.
+
+When an effect acts: windows in time, a share of the samples, or a share within windows.
+"""
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 from stickslip_monitor.errors import SceneError
+from stickslip_monitor.scenes.settings import Settings, is_number
 
-from .settings import Settings, is_number
-from .signals import BoolArray, FloatArray, IntArray
 
-KEYS = ('windows', 'share')
+def random_stream(seed: int, *names: str) -> np.random.Generator:
+    """The random stream of a name.
+
+    Args:
+        seed: The scene's seed, not negative.
+        names: Who draws: the effect, and within it the topic.
+
+    Returns:
+        A generator that depends on the seed and the names alone, on every machine.
+    """
+    digest = hashlib.sha256('\0'.join(names).encode()).digest()
+    key = tuple(int.from_bytes(digest[k : k + 4], 'little') for k in range(0, 16, 4))
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=key)))
+
+
+WINDOW_KEYS = ('windows', 'share')
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +97,7 @@ def _check(name: str, window: Any, duration: float) -> None:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Occasions:
+class SampleMask:
     """Which samples an effect hits.
 
     Attributes:
@@ -100,7 +119,9 @@ class Occasions:
         return hit
 
 
-def read_occasions(settings: Settings, duration: float, random: np.random.Generator) -> Occasions:
+def read_sample_mask(
+    settings: Settings, duration: float, random: np.random.Generator
+) -> SampleMask:
     """Read ``windows`` and ``share``, of which at least one is there.
 
     Args:
@@ -115,5 +136,5 @@ def read_occasions(settings: Settings, duration: float, random: np.random.Genera
         raise SceneError(f'{settings.name} must have windows, a share of the samples, or both')
     windows = read_windows(settings, duration) if 'windows' in settings else None
     if 'share' not in settings:
-        return Occasions(windows, 1.0, None)
-    return Occasions(windows, settings.number('share', '-', above=0.0, most=1.0), random)
+        return SampleMask(windows, 1.0, None)
+    return SampleMask(windows, settings.number('share', '-', above=0.0, most=1.0), random)

@@ -14,13 +14,12 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.scan import Scan, scan_bearing
 from stickslip_monitor.monitor.signals import Status, Stream
 
-IntArray = NDArray[np.int64]
 _EARLIEST = np.iinfo(np.int64).min
 
 

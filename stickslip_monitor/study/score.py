@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Judges a monitor's warnings by what the lining really did.
+"""Sets of time: sorted, disjoint intervals [ns], each with its begin and without its end.
+
+Judges a monitor's warnings by what the lining really did.
 
 The truth is of two kinds. *Episodes* of stick-slip say what happened; the *true margins*, of the
 operating point without noise and of the friction there really was, say what could happen. A
@@ -26,12 +28,47 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.monitor.alarm import LADDER, Condition
 from stickslip_monitor.monitor.config import AlarmConfig
-from stickslip_monitor.monitor.spells import spells
+from stickslip_monitor.monitor.ladder import LADDER, Condition
 from stickslip_monitor.monitor.verdict import Event
+from stickslip_monitor.offline.intervals import condition_intervals
 
-from .intervals import Interval, Intervals, intersection, merged, seconds
+Interval = tuple[int, int]
+Intervals = Sequence[Interval]
+
+
+def merged(intervals: Iterable[Interval]) -> list[Interval]:
+    """Sort intervals, join those that overlap or touch, and drop the empty ones."""
+    found: list[Interval] = []
+    for start, end in sorted(intervals):
+        if end <= start:
+            continue
+        if found and start <= found[-1][1]:
+            found[-1] = (found[-1][0], max(end, found[-1][1]))
+        else:
+            found.append((start, end))
+    return found
+
+
+def intersection(first: Intervals, second: Intervals) -> list[Interval]:
+    """What two sets have in common."""
+    found: list[Interval] = []
+    i = k = 0
+    while i < len(first) and k < len(second):
+        start, end = max(first[i][0], second[k][0]), min(first[i][1], second[k][1])
+        if start < end:
+            found.append((start, end))
+        if first[i][1] <= second[k][1]:
+            i += 1
+        else:
+            k += 1
+    return found
+
+
+def seconds(intervals: Iterable[Interval]) -> float:
+    """Length of a set [s]."""
+    return sum(end - start for start, end in intervals) / 1e9
+
 
 _CAUTION, _BISTABLE, _STICK_SLIP = (
     LADDER.index(c) for c in (Condition.CAUTION, Condition.BISTABLE, Condition.STICK_SLIP)
@@ -91,7 +128,7 @@ class EpisodeScore:
 
 
 @dataclass(frozen=True, slots=True)
-class Claim:
+class WarningInterval:
     """A stretch of time in which the monitor warned.
 
     Attributes:
@@ -126,8 +163,8 @@ class Score:
 
     seconds: float
     episodes: tuple[EpisodeScore, ...]
-    warnings: tuple[Claim, ...]
-    alarms: tuple[Claim, ...]
+    warnings: tuple[WarningInterval, ...]
+    alarms: tuple[WarningInterval, ...]
     sticking: float
     unpredicted: float
     unwarned: float
@@ -155,7 +192,7 @@ class Score:
         return [e.alarm_lead for e in self.episodes if e.alarm_lead is not None]
 
     @property
-    def false_claims(self) -> list[Claim]:
+    def false_claims(self) -> list[WarningInterval]:
         """Warnings and alarms that claim what was never true."""
         return [claim for claim in (*self.warnings, *self.alarms) if claim.holds is False]
 
@@ -225,7 +262,7 @@ def in_total(scores: Iterable[Score]) -> Score:
 def _said(events: Sequence[Event], window: Interval) -> Iterator[tuple[int, int, int, bool]]:
     """Start, end, rung and whether an input was lost, of each spell of the alarm."""
     rung = 0
-    for spell in spells(events, *window):
+    for spell in condition_intervals(events, *window):
         lost = spell.condition is Condition.INPUT_STALE
         rung = rung if lost else LADDER.index(spell.condition)
         start, end = max(spell.start_ns, window[0]), min(spell.end_ns, window[1])
@@ -276,10 +313,10 @@ class _Judge:
         step = int(np.median(np.diff(truth.time_ns))) if truth.time_ns.size > 1 else 0
         self.slack_ns = alarm.on_delay_ns + step
 
-    def claim(self, stretch: Interval, highest: Condition) -> Claim:
+    def claim(self, stretch: Interval, highest: Condition) -> WarningInterval:
         """A stretch with the worst of its conditions, judged."""
         reach = (stretch[0] - self.slack_ns, stretch[1])
-        return Claim(*stretch, highest, self._holds(reach, highest))
+        return WarningInterval(*stretch, highest, self._holds(reach, highest))
 
     def _holds(self, reach: Interval, highest: Condition) -> bool | None:
         if intersection(self.sticking, [reach]):

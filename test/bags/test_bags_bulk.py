@@ -18,11 +18,11 @@ from mcap.records import Schema
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_ros2.decoder import DecoderFactory
 
-from stickslip_monitor.bags.decode import Decoder, Reading
+from stickslip_monitor.bags.decode import DecodedValue, Decoder
 from stickslip_monitor.bags.layout import compile_layout
 from stickslip_monitor.bags.reader import Request, open_bag
 from stickslip_monitor.bags.schema import parse_schema
-from stickslip_monitor.monitor.fields import parse_field, read_field
+from stickslip_monitor.fields import parse_field, read_field
 
 HEADER = """\
 ================================================================================
@@ -282,7 +282,7 @@ def decoded(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     sizes: list[int] = []
     read = Decoder.read
 
-    def counted(self: Decoder, data: bytes) -> Reading:
+    def counted(self: Decoder, data: bytes) -> DecodedValue:
         sizes.append(len(data))
         return read(self, data)
 

@@ -21,7 +21,7 @@ from mcap.reader import make_reader
 from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, IndexType, Writer
 
-from stickslip_monitor.bags.compression import decompress_prefix
+from stickslip_monitor.bags.blocks import decompress_prefix
 from stickslip_monitor.bags.reader import Bag, Request, open_bag
 from stickslip_monitor.errors import BagError
 

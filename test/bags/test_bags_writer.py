@@ -18,14 +18,14 @@ from rosbags.rosbag2 import Reader, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
-from stickslip_monitor.bags.cdr import (
+from stickslip_monitor.bags.encode import (
+    MESSAGE_TYPES,
     STAMPED_FIELDS,
     encode_bool,
     encode_float64,
     encode_stamped,
     encode_string,
 )
-from stickslip_monitor.bags.definitions import MESSAGE_TYPES
 from stickslip_monitor.bags.reader import Request, open_bag
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.errors import BagError

@@ -20,13 +20,12 @@ import pytest
 
 from stickslip_monitor import Monitor, Stream
 from stickslip_monitor.bags.bag import Bag
-from stickslip_monitor.bags.check import BearingReport, CheckReport, InputReport
-from stickslip_monitor.bags.gaps import find_gaps
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.extremes import worst
+from stickslip_monitor.offline.check import BearingReport, CheckReport, InputReport, find_gaps
+from stickslip_monitor.offline.intervals import worst
 
 ROOT = Path(__file__).parents[2]
 BAG = ROOT / 'bags' / 'coast_down'

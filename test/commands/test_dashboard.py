@@ -18,10 +18,10 @@ from typing import Any
 
 import pytest
 
-from stickslip_monitor.bags.check import check_bag
 from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.records import event_record
+from stickslip_monitor.monitor.messages import event_record
+from stickslip_monitor.offline.check import check_bag
 
 pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
 
@@ -94,7 +94,7 @@ def test_a_recording_is_played_to_its_end(start: Callable[..., str]) -> None:
 
 def test_a_replay_takes_the_time_of_the_recording() -> None:
     """At rate 100 it takes a hundredth of it, on a clock that runs as it is slept."""
-    from stickslip_monitor.commands import dashboard_replay
+    from stickslip_monitor.dashboard import replay
 
     now = [0.0]
     shown: list[tuple[float, int]] = []
@@ -113,10 +113,10 @@ def test_a_replay_takes_the_time_of_the_recording() -> None:
         now[0] += seconds
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(dashboard_replay.time, 'monotonic', lambda: now[0])
-        patch.setattr(dashboard_replay.asyncio, 'sleep', sleep)
+        patch.setattr(replay.time, 'monotonic', lambda: now[0])
+        patch.setattr(replay.asyncio, 'sleep', sleep)
         board: Any = Board()
-        replay = dashboard_replay.Replay(str(BAG), load_config(CONFIG), 100.0, board)
+        replay = replay.Replay(str(BAG), load_config(CONFIG), 100.0, board)
         asyncio.run(replay.play())
     bag = check_bag(BAG, load_config(CONFIG)).bag
     assert bag.start_ns is not None

@@ -41,7 +41,7 @@ class Ship:
     """
 
     def __init__(self, board: Any) -> None:
-        from stickslip_monitor.monitor.annunciator import Annunciator
+        from stickslip_monitor.monitor.alarms.annunciator import Annunciator
         from stickslip_monitor.monitor.config_file import load_config
         from stickslip_monitor.monitor.monitor import Monitor
 
@@ -76,7 +76,7 @@ class Ship:
 
     def show(self) -> None:
         """Say how things are."""
-        from stickslip_monitor.monitor.diagnostics import diagnostic_record, state_of
+        from stickslip_monitor.monitor.messages import diagnostic_record, state_of
 
         record = diagnostic_record('stickslip_monitor', state_of(self.monitor.bearings[BEARING]))
         time_ns = T0 + round(self.seconds * 1e9)
@@ -94,7 +94,7 @@ class Ship:
             )
 
     def _tell(self, changes: list[Any]) -> None:
-        from stickslip_monitor.monitor.alarm_records import alarms_record
+        from stickslip_monitor.monitor.alarms.alarm_records import alarms_record
 
         time_ns = T0 + round(self.seconds * 1e9)
         if changes or self.board.alarms is None:
@@ -109,13 +109,13 @@ class Dashboard:
 
         from stickslip_monitor.commands.dashboard import _view
         from stickslip_monitor.dashboard.access import Access
-        from stickslip_monitor.dashboard.board import Board
         from stickslip_monitor.dashboard.server import Server
+        from stickslip_monitor.dashboard.state import DashboardState
         from stickslip_monitor.monitor.config_file import load_config
 
         self._loop = asyncio.new_event_loop()
         views = [_view(bearing) for bearing in load_config(REFERENCE).bearings]
-        self.board = Board(views, '/stickslip_monitor')
+        self.board = DashboardState(views, '/stickslip_monitor')
         self.ship = Ship(self.board)
         access = Access(token, frozenset({'ship.test'}))
         self._app = Server(self.board, self.ship, access, heartbeat, 2.0).application()

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from stickslip_monitor.monitor.annunciator import Action
-from stickslip_monitor.monitor.causes import AlarmKind
-from stickslip_monitor.monitor.requests import ActionRequest
+from stickslip_monitor.monitor.alarms.annunciator import Action
+from stickslip_monitor.monitor.alarms.causes import AlarmKind
+from stickslip_monitor.monitor.alarms.requests import ActionRequest
 
 ALARM = '[data-alarm="aft_stern/stick_slip"]'
 STANDS = 'document.querySelector(".bearing .badge")?.dataset.reason'
@@ -162,7 +162,7 @@ def test_it_comes_back_after_it_was_turned_away(
     """A browser by itself tries again after a broken connection, but not after a refusal."""
     dashboard.sail(60.0, 1000.0)
     with monkeypatch.context() as crowded:
-        crowded.setattr('stickslip_monitor.dashboard.streams.MOST_READERS', 0)
+        crowded.setattr('stickslip_monitor.dashboard.state.MOST_READERS', 0)
         browser.open(dashboard.url)
         browser.until('document.body.dataset.link === "lost"')
     browser.until(f'{STANDS} === "normal"')

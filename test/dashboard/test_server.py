@@ -156,7 +156,7 @@ def test_a_reader_that_left_is_forgotten(dashboard: Any, kit: Any) -> None:
 def test_more_readers_than_there_is_room_for(
     dashboard: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr('stickslip_monitor.dashboard.streams.MOST_READERS', 1)
+    monkeypatch.setattr('stickslip_monitor.dashboard.state.MOST_READERS', 1)
 
     async def work(session: Any) -> None:
         async with session.get(f'{dashboard.url}events') as stream:

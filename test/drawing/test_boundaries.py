@@ -10,13 +10,15 @@ import pytest
 from scipy.special import i1e
 
 from stickslip_monitor import Bearing, Coulomb, Stribeck, Tabulated, assess, stationary_amplitudes
-from stickslip_monitor.drawing.boundaries import (
+from stickslip_monitor.drawing.map_curves import (
     amplitude_levels,
     amplitude_load,
     boundaries,
     caution_load,
+    map_loads,
+    map_speeds,
+    onset_load,
 )
-from stickslip_monitor.drawing.ranges import map_loads, map_speeds, onset_load
 
 RPM = math.pi * 0.1 / 60.0
 REFERENCE = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, 10.0), 0.1)

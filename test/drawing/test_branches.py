@@ -17,7 +17,7 @@ from stickslip_monitor.drawing.branches import (
     bifurcation_diagram,
     diagram_columns,
 )
-from stickslip_monitor.drawing.ranges import diagram_speeds
+from stickslip_monitor.drawing.map_curves import diagram_speeds
 
 RPM = math.pi * 0.1 / 60.0
 LOAD = 1000.0

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from stickslip_monitor.drawing.envelope import envelope
+from stickslip_monitor.drawing.track import envelope
 
 VALUES = arrays(
     np.float64,

@@ -23,10 +23,10 @@ from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.drawing.palette import CONDITION_COLOUR, REGIME_COLOUR, REGIME_FILL
 from stickslip_monitor.drawing.track import Track, TrackEvent, track_of_scan
 from stickslip_monitor.errors import DrawingError
-from stickslip_monitor.monitor.alarm import Condition
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.ladder import Condition
 
 pytest.importorskip('matplotlib')
 CONFIG = load_config(Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml')

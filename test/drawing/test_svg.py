@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from stickslip_monitor.drawing.canvas import inline_svg, variable
 from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.drawing.palette import (
     CAUTION_FILL,
@@ -21,7 +22,6 @@ from stickslip_monitor.drawing.palette import (
     REGIME_COLOUR,
     REGIME_FILL,
 )
-from stickslip_monitor.drawing.svg import inline_svg, variable
 from stickslip_monitor.monitor.config_file import load_config
 
 pytest.importorskip('matplotlib')

@@ -13,9 +13,9 @@ import pytest
 from stickslip_monitor import Monitor, Stream
 from stickslip_monitor.drawing.palette import CONDITION_COLOUR
 from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
-from stickslip_monitor.monitor.alarm import Condition
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.spells import spells
+from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.offline.intervals import condition_intervals
 
 pytest.importorskip('matplotlib')
 CONFIG = load_config(Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml')
@@ -31,7 +31,7 @@ def timeline(
     stream = Stream(times, np.tile([False, True], len(speeds)), values)
     end = start + len(speeds) * step
     scan = Monitor(CONFIG).scan({'aft_stern': stream}, start, end)['aft_stern']
-    return Timeline(CONFIG.bearings[0], scan, spells(scan.events, start, end))
+    return Timeline(CONFIG.bearings[0], scan, condition_intervals(scan.events, start, end))
 
 
 def panels(figure: Any) -> dict[str, Any]:
@@ -120,7 +120,9 @@ def test_a_clock_that_jumps_back_is_drawn() -> None:
     stream = Stream(times, np.tile([False, True], 5), np.tile([60.0, 1000.0], 5))
     scan = Monitor(CONFIG).scan({'aft_stern': stream}, START, START + 3 * 10**9)['aft_stern']
     course = Timeline(
-        CONFIG.bearings[0], scan, spells(scan.events, START - 100 * 10**9, START + 3 * 10**9)
+        CONFIG.bearings[0],
+        scan,
+        condition_intervals(scan.events, START - 100 * 10**9, START + 3 * 10**9),
     )
     line = panels(draw_timeline(course))['load'].lines[0]
     assert np.isnan(line.get_ydata()).sum() == 1

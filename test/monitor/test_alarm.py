@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stickslip_monitor.monitor.alarm import LADDER, Alarm, Condition, Level, Step
 from stickslip_monitor.monitor.config import AlarmConfig
+from stickslip_monitor.monitor.ladder import LADDER, Alarm, Condition, Level, LevelChange
 
 TICK = 10**8
 TOP = len(LADDER) - 1
@@ -66,7 +66,7 @@ def _reference(samples: Samples, end: int, on: int, off: int) -> list[tuple[int,
     return changes
 
 
-def _steps(steps: list[Step]) -> list[tuple[int, int, int]]:
+def _steps(steps: list[LevelChange]) -> list[tuple[int, int, int]]:
     assert all(step.time_ns % TICK == 0 for step in steps)
     return [(step.time_ns // TICK, step.before, step.after) for step in steps]
 
@@ -103,14 +103,14 @@ def test_raised_after_the_on_delay_at_its_own_instant() -> None:
     alarm = Alarm(_config(20, 50))
     assert alarm.step(3, 0) == []
     assert alarm.advance(20 * TICK) == []
-    assert alarm.advance(20 * TICK + 1) == [Step(20 * TICK, 0, 3)]
+    assert alarm.advance(20 * TICK + 1) == [LevelChange(20 * TICK, 0, 3)]
     assert alarm.rung == 3
 
 
 def test_a_sample_at_the_instant_decides() -> None:
     still = Alarm(_config(20, 50))
     still.step(3, 0)
-    assert still.step(3, 20 * TICK) == [Step(20 * TICK, 0, 3)]
+    assert still.step(3, 20 * TICK) == [LevelChange(20 * TICK, 0, 3)]
     gone = Alarm(_config(20, 50))
     gone.step(3, 0)
     assert gone.step(0, 20 * TICK) == []
@@ -121,30 +121,36 @@ def test_an_interruption_starts_the_delay_anew() -> None:
     alarm = Alarm(_config(20, 50))
     for time, rung in ((0, 3), (19, 0), (20, 3), (39, 3)):
         assert alarm.step(rung, time * TICK) == []
-    assert alarm.step(3, 40 * TICK) == [Step(40 * TICK, 0, 3)]
+    assert alarm.step(3, 40 * TICK) == [LevelChange(40 * TICK, 0, 3)]
 
 
 def test_a_higher_rung_keeps_the_time_of_the_lower_one() -> None:
     alarm = Alarm(_config(20, 50))
     assert alarm.step(1, 0) == []
     assert alarm.step(3, 15 * TICK) == []
-    assert alarm.advance(100 * TICK) == [Step(20 * TICK, 0, 1), Step(35 * TICK, 1, 3)]
+    assert alarm.advance(100 * TICK) == [
+        LevelChange(20 * TICK, 0, 1),
+        LevelChange(35 * TICK, 1, 3),
+    ]
 
 
 def test_falls_rung_by_rung() -> None:
     alarm = Alarm(_config(0, 50))
-    assert alarm.step(4, 0) == [Step(0, 0, 4)]
+    assert alarm.step(4, 0) == [LevelChange(0, 0, 4)]
     assert alarm.step(2, 10 * TICK) == []
     assert alarm.step(0, 30 * TICK) == []
-    assert alarm.advance(100 * TICK) == [Step(60 * TICK, 4, 2), Step(80 * TICK, 2, 0)]
+    assert alarm.advance(100 * TICK) == [
+        LevelChange(60 * TICK, 4, 2),
+        LevelChange(80 * TICK, 2, 0),
+    ]
 
 
 def test_without_delays_every_change_is_at_once() -> None:
     alarm = Alarm(_config(0, 0))
     assert [alarm.step(r, 7) for r in (0, 4, 1, 1)] == [
         [],
-        [Step(7, 0, 4)],
-        [Step(7, 4, 1)],
+        [LevelChange(7, 0, 4)],
+        [LevelChange(7, 4, 1)],
         [],
     ]
 
@@ -160,7 +166,7 @@ def test_restart_keeps_the_rung_and_forgets_the_time() -> None:
     # Time may also have gone back.
     alarm.restart()
     assert alarm.step(0, -500 * TICK) == []
-    assert alarm.advance(0) == [Step(-450 * TICK, 3, 0)]
+    assert alarm.advance(0) == [LevelChange(-450 * TICK, 3, 0)]
 
 
 @pytest.mark.parametrize('seen', [8, 30])
@@ -169,7 +175,7 @@ def test_a_delay_made_shorter_while_it_runs_ends_no_earlier_than_now(seen: int) 
     alarm.step(3, 0)
     alarm.advance(seen * TICK)
     alarm.config = _config(2, 2)
-    assert alarm.advance(40 * TICK) == [Step(seen * TICK, 0, 3)]
+    assert alarm.advance(40 * TICK) == [LevelChange(seen * TICK, 0, 3)]
 
 
 def test_a_delay_made_longer_while_it_runs() -> None:
@@ -178,7 +184,7 @@ def test_a_delay_made_longer_while_it_runs() -> None:
     alarm.advance(15 * TICK)
     alarm.config = _config(50, 20)
     assert alarm.advance(49 * TICK) == []
-    assert alarm.advance(51 * TICK) == [Step(50 * TICK, 0, 3)]
+    assert alarm.advance(51 * TICK) == [LevelChange(50 * TICK, 0, 3)]
 
 
 def test_conditions() -> None:

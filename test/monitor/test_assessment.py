@@ -15,7 +15,7 @@ from stickslip_monitor.monitor.assessment import (
     Regime,
     assess,
 )
-from stickslip_monitor.physics.bifurcation import (
+from stickslip_monitor.physics.averaging.boundaries import (
     fold_load,
     fold_speed,
     growth_rate,

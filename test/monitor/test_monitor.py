@@ -11,7 +11,7 @@ import pytest
 
 from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_config
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.monitor.alarm import Condition
+from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.monitor import Update
 from stickslip_monitor.monitor.signals import QUANTITIES, Status
 

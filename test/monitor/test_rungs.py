@@ -12,9 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stickslip_monitor import MonitorConfig, assess
-from stickslip_monitor.monitor.alarm import LADDER, Condition
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.rungs import Bands, latched
+from stickslip_monitor.monitor.ladder import LADDER, Condition, ConditionClassifier, latched
 
 Configure = Callable[..., MonitorConfig]
 LOAD = 1000.0
@@ -28,9 +27,9 @@ def _course(
     config: BearingConfig, speeds: list[float], load: float = LOAD
 ) -> tuple[list[Condition], list[bool]]:
     """The same course in one piece and point by point, which must agree."""
-    whole = Bands(config.alarm)
+    whole = ConditionClassifier(config.alarm)
     rungs, sticking = whole.rungs(assess(config.bearing, np.array(speeds), load))
-    single = Bands(config.alarm)
+    single = ConditionClassifier(config.alarm)
     for k, speed in enumerate(speeds):
         rung, stick = single.rungs(assess(config.bearing, np.array([speed]), load))
         assert (rung[0], stick[0]) == (rungs[k], sticking[k])
@@ -69,7 +68,9 @@ def test_at_rest_or_unloaded_it_has_stopped(
     config = configure().bearing('aft')
     speeds = np.array([UNSTABLE, pause[0], INSIDE])
     loads = np.array([LOAD, pause[1], LOAD])
-    rungs, sticking = Bands(config.alarm).rungs(assess(config.bearing, speeds, loads))
+    rungs, sticking = ConditionClassifier(config.alarm).rungs(
+        assess(config.bearing, speeds, loads)
+    )
     assert sticking.tolist() == [True, False, False]
     assert [LADDER[r] for r in rungs] == [
         Condition.STICK_SLIP,
@@ -127,7 +128,7 @@ def test_deadband_of_the_amplitude_starts_anew_with_the_sticking(
 def test_a_new_limit_applies_to_the_next_point(configure: Configure) -> None:
     config = configure().bearing('aft')
     point = assess(config.bearing, np.array([UNSTABLE]), LOAD)
-    bands = Bands(config.alarm)
+    bands = ConditionClassifier(config.alarm)
     assert LADDER[bands.rungs(point)[0][0]] is Condition.STICK_SLIP
     bands.config = configure(alarm__amplitude_limit=1e-6).bearing('aft').alarm
     assert LADDER[bands.rungs(point)[0][0]] is Condition.AMPLITUDE

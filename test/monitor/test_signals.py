@@ -10,7 +10,7 @@ import pytest
 from stickslip_monitor import MonitorConfig
 from stickslip_monitor.monitor.signals import (
     STATUS_SENTENCES,
-    Gate,
+    SampleValidator,
     Status,
     to_si,
     value_faults,
@@ -90,7 +90,7 @@ def test_every_rejection_has_a_sentence() -> None:
 
 
 def test_gate_judges_the_stamps_of_each_input(configure: Configure) -> None:
-    gate = Gate(configure(speed__timeout=3.0, load__timeout=5.0).bearing('aft'))
+    gate = SampleValidator(configure(speed__timeout=3.0, load__timeout=5.0).bearing('aft'))
     script = [
         (SPEED, 10 * SECOND, Status.ACCEPTED),
         (LOAD, 2 * SECOND, Status.ACCEPTED),
@@ -111,7 +111,7 @@ def test_gate_judges_the_stamps_of_each_input(configure: Configure) -> None:
 
 
 def test_a_fault_goes_before_the_stamp_and_leaves_it(configure: Configure) -> None:
-    gate = Gate(configure().bearing('aft'))
+    gate = SampleValidator(configure().bearing('aft'))
     assert gate.admit(SPEED, 5, Status.NOT_FINITE) is Status.NOT_FINITE
     assert gate.admit(SPEED, 5, Status.IMPLAUSIBLE) is Status.IMPLAUSIBLE
     assert gate.admit(SPEED, 5, 0) is Status.ACCEPTED

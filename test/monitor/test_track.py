@@ -7,8 +7,13 @@ from collections.abc import Callable
 import pytest
 
 from stickslip_monitor import MonitorConfig
-from stickslip_monitor.monitor.alarm import LADDER, Condition
-from stickslip_monitor.monitor.track import AlarmTrack, Change, Heard
+from stickslip_monitor.monitor.ladder import (
+    LADDER,
+    AlarmTrack,
+    Condition,
+    ConditionChange,
+    LastSample,
+)
 
 SECOND = 10**9
 STICK = LADDER.index(Condition.STICK_SLIP)
@@ -26,11 +31,11 @@ def track(configure: Configure) -> AlarmTrack:
     )
 
 
-def _heard(speed: float, load: float) -> list[Heard | None]:
+def _heard(speed: float, load: float) -> list[LastSample | None]:
     """Inputs heard at these seconds, with the timeouts of the fixture."""
     return [
-        Heard(round(speed * SECOND), round((speed + 3) * SECOND)),
-        Heard(round(load * SECOND), round((load + 4) * SECOND)),
+        LastSample(round(speed * SECOND), round((speed + 3) * SECOND)),
+        LastSample(round(load * SECOND), round((load + 4) * SECOND)),
     ]
 
 
@@ -40,7 +45,7 @@ def test_inputs_never_heard_are_lost_after_their_timeout(track: AlarmTrack) -> N
     assert track.advance(8 * SECOND, NOTHING) == []
     assert not track.stale
     raised = track.advance(20 * SECOND, NOTHING)
-    assert raised == [Change(8 * SECOND, NORMAL, STALE, {'speed': math.inf})]
+    assert raised == [ConditionChange(8 * SECOND, NORMAL, STALE, {'speed': math.inf})]
     assert track.condition is STALE
     assert track.lost(20 * SECOND, NOTHING) == {'speed': math.inf, 'load': math.inf}
 
@@ -51,7 +56,7 @@ def test_lost_at_its_deadline_with_its_age(track: AlarmTrack) -> None:
     assert track.advance(round(12.5 * SECOND), inputs) == []
     assert track.lost(round(12.5 * SECOND) - 1, inputs) == {}
     (raised,) = track.advance(round(12.5 * SECOND) + 1, inputs)
-    assert raised == Change(round(12.5 * SECOND), NORMAL, STALE, {'load': 4.0})
+    assert raised == ConditionChange(round(12.5 * SECOND), NORMAL, STALE, {'load': 4.0})
     assert track.lost(14 * SECOND, inputs) == {'speed': 4.0, 'load': 5.5}
 
 
@@ -71,14 +76,16 @@ def test_recovers_with_the_next_point_to_the_rung_of_before(track: AlarmTrack) -
     track.advance(0, NOTHING)
     track.apply(STICK, 0)
     inputs = _heard(0.0, 0.0)
-    assert track.advance(2 * SECOND, inputs) == [Change(SECOND, NORMAL, SLIPPING)]
+    assert track.advance(2 * SECOND, inputs) == [ConditionChange(SECOND, NORMAL, SLIPPING)]
     (raised,) = track.advance(9 * SECOND, inputs)
     assert (raised.before, raised.after) == (SLIPPING, STALE)
-    assert track.apply(0, 9 * SECOND) == [Change(9 * SECOND, STALE, SLIPPING)]
+    assert track.apply(0, 9 * SECOND) == [ConditionChange(9 * SECOND, STALE, SLIPPING)]
     # What has been off during the silence is not known: the delay runs from the recovery.
     again = _heard(9.0, 9.0)
     assert track.advance(11 * SECOND, again) == []
-    assert track.advance(11 * SECOND + 1, again) == [Change(11 * SECOND, SLIPPING, NORMAL)]
+    assert track.advance(11 * SECOND + 1, again) == [
+        ConditionChange(11 * SECOND, SLIPPING, NORMAL)
+    ]
 
 
 def test_a_delay_that_ends_before_the_loss_comes_first(track: AlarmTrack) -> None:
@@ -94,9 +101,9 @@ def test_a_delay_that_ends_before_the_loss_comes_first(track: AlarmTrack) -> Non
 def test_a_delay_that_would_end_after_the_loss_is_forgotten(track: AlarmTrack) -> None:
     track.advance(0, NOTHING)
     track.apply(STICK, round(2.5 * SECOND))
-    changes = track.advance(60 * SECOND, [Heard(0, 3 * SECOND), Heard(0, 4 * SECOND)])
+    changes = track.advance(60 * SECOND, [LastSample(0, 3 * SECOND), LastSample(0, 4 * SECOND)])
     assert [(c.time_ns, c.after) for c in changes] == [(3 * SECOND, STALE)]
-    assert track.apply(STICK, 60 * SECOND) == [Change(60 * SECOND, STALE, NORMAL)]
+    assert track.apply(STICK, 60 * SECOND) == [ConditionChange(60 * SECOND, STALE, NORMAL)]
 
 
 def test_restart_waits_anew(track: AlarmTrack) -> None:
@@ -112,7 +119,7 @@ def test_restart_while_lost_stays_lost(track: AlarmTrack) -> None:
     track.advance(60 * SECOND, NOTHING)
     track.restart(0)
     assert track.condition is STALE
-    assert track.apply(0, SECOND) == [Change(SECOND, STALE, NORMAL)]
+    assert track.apply(0, SECOND) == [ConditionChange(SECOND, STALE, NORMAL)]
 
 
 def test_shorter_timeout_of_an_input_never_heard_ends_no_earlier_than_now(

@@ -11,9 +11,8 @@ from scipy.optimize import brentq
 from scipy.special import i1e
 
 from stickslip_monitor import MonitorConfig, assess
-from stickslip_monitor.monitor.alarm import Condition
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.track import Change
+from stickslip_monitor.monitor.ladder import Condition, ConditionChange
 from stickslip_monitor.monitor.trend import Trend
 from stickslip_monitor.monitor.verdict import describe, event_of
 
@@ -132,7 +131,7 @@ def test_before_any_point(aft: BearingConfig) -> None:
 
 def test_event_carries_the_change_and_the_assessment(aft: BearingConfig) -> None:
     point = assess(aft.bearing, 20.0 * PER_RPM, 1000.0)
-    change = Change(7, Condition.NORMAL, Condition.STICK_SLIP)
+    change = ConditionChange(7, Condition.NORMAL, Condition.STICK_SLIP)
     event = event_of(aft, change, point, True)
     assert (event.bearing, event.time_ns, event.before, event.after) == (
         'aft',

@@ -165,7 +165,7 @@ def brute_force() -> BruteForce:
 @pytest.fixture(scope='session')
 def taylor() -> ModuleType:
     """The exact cycle by Taylor series in 40 digits: test_cycle_reference.py."""
-    path = Path(__file__).with_name('test_cycle_reference.py')
+    path = Path(__file__).with_name('cycle') / 'test_cycles_reference.py'
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None
     assert spec.loader is not None

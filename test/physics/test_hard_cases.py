@@ -16,7 +16,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from scipy.special import i1e
 
-from stickslip_monitor.physics.bifurcation import (
+from stickslip_monitor.physics.averaging.boundaries import (
     fold_load,
     fold_speed,
     growth_rate,
@@ -24,7 +24,7 @@ from stickslip_monitor.physics.bifurcation import (
     hopf_speed,
     stationary_amplitudes,
 )
-from stickslip_monitor.physics.cycle import (
+from stickslip_monitor.physics.cycle.cycles import (
     CycleKind,
     exact_cycle,
     exact_fold_speed,

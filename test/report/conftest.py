@@ -12,9 +12,8 @@ import pytest
 from stickslip_monitor import Monitor, Stream
 from stickslip_monitor.monitor.assessment import REGIMES
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.extremes import worst
-from stickslip_monitor.monitor.spells import spells
-from stickslip_monitor.report.findings import Course
+from stickslip_monitor.offline.intervals import condition_intervals, worst
+from stickslip_monitor.report.summary import Course
 
 CONFIG = load_config(Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml')
 START = 1_777_874_400 * 10**9
@@ -33,7 +32,7 @@ def course() -> Callable[..., Course]:
         lasting = (scan.until_ns - scan.time_ns) * 1e-9
         codes = np.asarray(scan.assessment.regime_code)
         totals = {r: float(lasting[codes == i].sum()) for i, r in enumerate(REGIMES)}
-        parts = spells(scan.events, START, end)
+        parts = condition_intervals(scan.events, START, end)
         return Course(CONFIG.bearings[0], scan, parts, totals, worst(scan))
 
     return make

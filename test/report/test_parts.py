@@ -7,17 +7,11 @@ from collections.abc import Callable
 
 import pytest
 
-from stickslip_monitor.monitor.alarm import Condition
+from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.table import BEARING_PARAMETERS
 from stickslip_monitor.monitor.verdict import Event
-from stickslip_monitor.report.findings import Course
-from stickslip_monitor.report.parts import (
-    MOST_EVENTS,
-    event_rows,
-    facts,
-    parameter_groups,
-    shares,
-)
+from stickslip_monitor.report.parts import MOST_EVENTS, event_rows, facts, parameter_groups, shares
+from stickslip_monitor.report.summary import Course
 
 DAY_NS = 86_400 * 10**9
 START = 1_777_852_800 * 10**9  # a midnight

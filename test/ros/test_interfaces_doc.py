@@ -12,11 +12,10 @@ import pytest
 
 from stickslip_monitor import Monitor, Sample, build_config
 from stickslip_monitor.commands import assess as assess_command
-from stickslip_monitor.monitor.alarm_records import alarms_record
-from stickslip_monitor.monitor.annunciator import Action, Annunciator
-from stickslip_monitor.monitor.diagnostics import diagnostic_values, state_of
-from stickslip_monitor.monitor.records import event_record
-from stickslip_monitor.monitor.requests import ActionRequest, request_record
+from stickslip_monitor.monitor.alarms.alarm_records import alarms_record
+from stickslip_monitor.monitor.alarms.annunciator import Action, Annunciator
+from stickslip_monitor.monitor.alarms.requests import ActionRequest, request_record
+from stickslip_monitor.monitor.messages import diagnostic_values, event_record, state_of
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'interfaces.md'
 

@@ -13,9 +13,9 @@ from std_msgs.msg import Byte, Float64, Header
 
 from stickslip_monitor import build_config
 from stickslip_monitor.errors import RosError
-from stickslip_monitor.monitor.fields import parse_field
+from stickslip_monitor.fields import parse_field
 from stickslip_monitor.ros.inputs import check_inputs
-from stickslip_monitor.ros.messages import number_reader, stamp_reader
+from stickslip_monitor.ros.message_types import number_reader, stamp_reader
 
 JOINT = 'sensor_msgs/msg/JointState'
 COVARIANCE = 'magnetic_field_covariance'

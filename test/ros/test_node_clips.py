@@ -13,8 +13,8 @@ import pytest
 import yaml
 
 from stickslip_monitor import build_config
-from stickslip_monitor.bags.check import check_bag
 from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.offline.check import check_bag
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 

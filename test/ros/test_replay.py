@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stickslip_monitor.bags.check import check_bag
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.monitor.config import build_config
-from stickslip_monitor.monitor.records import event_record
+from stickslip_monitor.monitor.messages import event_record
+from stickslip_monitor.offline.check import check_bag
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 

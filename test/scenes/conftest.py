@@ -13,8 +13,8 @@ import yaml
 
 from stickslip_monitor.scenes.scene import Scene
 from stickslip_monitor.scenes.scene_file import load_scene
-from stickslip_monitor.scenes.signals import Messages
 from stickslip_monitor.scenes.simulator import simulate
+from stickslip_monitor.scenes.telemetry import Messages
 
 BEARING: dict[str, Any] = {
     'mass': 50.0,

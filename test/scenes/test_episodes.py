@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from stickslip_monitor.scenes.episodes import EpisodeEvent, Episodes
+from stickslip_monitor.scenes.lining import EpisodeEvent, Episodes
 
 
 def watch(

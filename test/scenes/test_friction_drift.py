@@ -12,11 +12,7 @@ import pytest
 
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
-from stickslip_monitor.scenes.friction_course import (
-    FrictionCourse,
-    parameters_of,
-    with_parameters,
-)
+from stickslip_monitor.scenes.friction_course import FrictionCourse, parameters_of, with_parameters
 from stickslip_monitor.scenes.profile import Profile
 from stickslip_monitor.scenes.scene import Scene
 from stickslip_monitor.scenes.simulator import simulate

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.scenes import integrator
+from stickslip_monitor.physics.motion import integrator
 from stickslip_monitor.scenes.scene import Scene
 from stickslip_monitor.scenes.simulator import simulate
 

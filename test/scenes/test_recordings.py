@@ -20,11 +20,11 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from stickslip_monitor import exact_fold_speed
-from stickslip_monitor.bags.check import check_bag
 from stickslip_monitor.bags.reader import Request, open_bag
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.monitor.signals import Status
+from stickslip_monitor.offline.check import check_bag
 from stickslip_monitor.scenes.scene import Scene
 from stickslip_monitor.scenes.scene_file import load_scene
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stickslip_monitor.study.intervals import Interval, intersection, merged, seconds
+from stickslip_monitor.study.score import Interval, intersection, merged, seconds
 
 intervals = st.lists(st.tuples(st.integers(0, 40), st.integers(0, 40)), max_size=8)
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stickslip_monitor.monitor.alarm import Condition
 from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.verdict import Event
-from stickslip_monitor.study.score import Claim, Score, Truth, in_total, score_bearing
+from stickslip_monitor.study.score import Score, Truth, WarningInterval, in_total, score_bearing
 
 ROOT = Path(__file__).resolve().parents[2]
 ALARM = replace(
@@ -150,8 +150,8 @@ def test_a_false_alarm_is_told_from_the_true_warning_around_it() -> None:
     said = events((20, BISTABLE), (40, STICK_SLIP), (50, BISTABLE), (80, NORMAL))
     score = judge(said, truth([], [(0, 0.5, 0.5), (18, 0.2, -0.1), (75, 0.5, 0.5)]))
     second = 10**9
-    assert score.warnings == (Claim(20 * second, 80 * second, BISTABLE, True),)
-    assert score.alarms == (Claim(40 * second, 50 * second, STICK_SLIP, False),)
+    assert score.warnings == (WarningInterval(20 * second, 80 * second, BISTABLE, True),)
+    assert score.alarms == (WarningInterval(40 * second, 50 * second, STICK_SLIP, False),)
     assert score.false_claims == list(score.alarms)
     assert score.false_per_hour == pytest.approx(36.0)
     assert not score.is_good

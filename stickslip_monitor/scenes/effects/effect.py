@@ -10,20 +10,19 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from stickslip_monitor.bags.cdr import STAMPED_FIELDS
+from stickslip_monitor.bags.encode import STAMPED_FIELDS
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.signals import QUANTITIES
 from stickslip_monitor.monitor.table import LOAD_UNITS
 from stickslip_monitor.physics.oscillator import SPEED_UNITS
-from stickslip_monitor.scenes.block import Block
 from stickslip_monitor.scenes.cost import Stopwatch
 from stickslip_monitor.scenes.friction_course import FrictionCourse
-from stickslip_monitor.scenes.randomness import random_stream
 from stickslip_monitor.scenes.sensing import Memory, Sensor
 from stickslip_monitor.scenes.settings import Settings
-from stickslip_monitor.scenes.shaft import Shaft, SpeedTerm, Term
-from stickslip_monitor.scenes.signals import Channel
+from stickslip_monitor.scenes.shaft import Shaft, SpeedTerm, Term, TimeBlock
+from stickslip_monitor.scenes.telemetry import Channel
+from stickslip_monitor.scenes.windows import random_stream
 
 UNITS: Mapping[str, Sequence[str]] = {'speed': SPEED_UNITS, 'load': LOAD_UNITS}
 
@@ -32,19 +31,19 @@ UNITS: Mapping[str, Sequence[str]] = {'speed': SPEED_UNITS, 'load': LOAD_UNITS}
 class Effect(Protocol):
     """An effect on what the sensors send and on what is recorded of it."""
 
-    def apply(self, block: Block) -> None:
+    def apply(self, block: TimeBlock) -> None:
         """Change the signals of the next block; blocks come in order of time, each once."""
 
 
 @dataclass(frozen=True, slots=True)
-class Cut:
+class RecordingCut:
     """The end of a recorder in mid-write, at a time since the scene's start [s]."""
 
     time: float
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class BuildContext:
     """What effects may know of their scene while they are built.
 
     Attributes:
@@ -176,7 +175,9 @@ class Frame:
         blank = Sensor(self.shaft, channel)
         self.sensors.setdefault(channel.topic, blank).memories.append(self._watched(memory))
 
-    def build(self, name: str, builder: Builder, settings: Settings) -> Effect | Cut | None:
+    def build(
+        self, name: str, builder: Builder, settings: Settings
+    ) -> Effect | RecordingCut | None:
         """Build one effect."""
         if self.stopwatch is None:
             return builder(settings, self)
@@ -216,5 +217,20 @@ def require_header(channel: Channel, otherwise: str) -> None:
         )
 
 
-# None where the shaft or the sensors of the frame have got all there is of the effect.
-Builder = Callable[[Settings, Frame], Effect | Cut | None]
+# None where the shaft or the sensors of the context have got all there is of the effect.
+SENSOR_KEYS = ('bearing', *QUANTITIES)
+"""Settings of an effect that is told for each quantity."""
+Builder = Callable[[Settings, BuildContext], Effect | RecordingCut | None]
+
+
+@dataclass(frozen=True, slots=True)
+class EffectKind:
+    """What a scene file may ask for by a name.
+
+    Attributes:
+        keys: The settings it takes.
+        build: Builds it for one run of a scene; what acts through the shaft returns ``None``.
+    """
+
+    keys: tuple[str, ...]
+    build: Builder

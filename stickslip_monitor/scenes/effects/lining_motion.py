@@ -1,5 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The motion of the lining, by the event-driven integrator, and the truth about its sticking.
+"""A parameter of the friction law that moves in time, by temperature, wear or running-in.
+
+``{parameter, points: [[time in s, value], ...], bearing}`` or ``table`` for ``points``. The
+parameter is one of the law's own (``static``, ``kinetic``, ``decay``, ``viscous``), or ``factor``,
+which multiplies the whole coefficient. Only the lining feels it; the monitor goes on believing
+its configuration.
+
+The truth about the operating point: speed, load and margins without any sensor.
+
+``{rate, bearing}``
+
+The motion of the lining, by the event-driven integrator, and the truth about its sticking.
 
 ``{disturbance: {standard_deviation, unit}, knocks: [[time in s, impulse in N s], ...],
 amplitude: {rate}, motion: {rate}, bearing}``
@@ -15,28 +26,126 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from stickslip_monitor.errors import SceneError
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.errors import PhysicsError, SceneError
+from stickslip_monitor.monitor.assessment import margin
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.table import LOAD_UNITS
-from stickslip_monitor.scenes.block import Block
-from stickslip_monitor.scenes.episodes import EpisodeEvent, Episodes
-from stickslip_monitor.scenes.lining import Knock, Lining, Walk
-from stickslip_monitor.scenes.profile import check_points
-from stickslip_monitor.scenes.randomness import random_stream
-from stickslip_monitor.scenes.sampler import Regular, Windows
+from stickslip_monitor.offline.truth import BOOL, FLOAT64, STRING, Column, event_text, topic
+from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_speed
+from stickslip_monitor.scenes.effects.effect import BuildContext, EffectKind
+from stickslip_monitor.scenes.friction_course import (
+    STEP,
+    FrictionCourse,
+    parameters_of,
+    with_parameters,
+)
+from stickslip_monitor.scenes.lining import (
+    AmplitudeWindows,
+    EpisodeEvent,
+    Episodes,
+    Impulse,
+    Lining,
+    Regular,
+    Walk,
+)
+from stickslip_monitor.scenes.profile import Profile, check_points, read_values
 from stickslip_monitor.scenes.settings import Settings
-from stickslip_monitor.scenes.signals import FloatArray
-from stickslip_monitor.scenes.truth import BOOL, FLOAT64, STRING, Column, event_text, topic
+from stickslip_monitor.scenes.shaft import TimeBlock
+from stickslip_monitor.scenes.windows import random_stream
 
-from .effect import Frame
+FRICTION_DRIFT_KEYS = ('bearing', 'parameter', 'points', 'table')
 
-KEYS = ('bearing', 'disturbance', 'knocks', 'amplitude', 'motion')
-_HIGHEST_RATE = 100_000.0
+
+def build_friction_drift(settings: Settings, context: BuildContext) -> None:
+    """Let the parameter move."""
+    drift = read_values(settings, 'value', context.duration, context.folder)
+    for config in context.bearings(settings, settings.text('parameter', 'what moves')):
+        law = config.bearing.friction
+        name = settings.choice('parameter', parameters_of(law))
+        _check(settings, config, name, drift)
+        course = context.courses.setdefault(config.name, FrictionCourse(law))
+        course.drifts[name] = drift
+
+
+def _check(settings: Settings, config: BearingConfig, name: str, drift: Profile) -> None:
+    """What holds at the points holds between them: every rule of a law is a bound."""
+    for time, value in zip(drift.times.tolist(), drift.values.tolist(), strict=True):
+        if value < 0.0:
+            raise SceneError(
+                f'{settings.name}: {name} = {value:g} at {time:g} s must not be negative'
+            )
+        try:
+            with_parameters(config.bearing.friction, {name: value})
+        except PhysicsError as error:
+            raise SceneError(f'{settings.name} at {time:g} s: {error}') from error
+
+
+OPERATING_POINT_KEYS = ('bearing', 'rate')
+_HIGHEST_POINT_RATE = 1000.0
+# The last digits of an exponential differ between processors, and recordings must not.
+_DIGITS = 9
+
+
+@dataclass(frozen=True, slots=True)
+class OperatingPoint:
+    """Tells the operating points of some bearings, each with the course of its friction."""
+
+    rate: float
+    bearings: list[tuple[BearingConfig, FrictionCourse]]
+
+    def apply(self, block: TimeBlock) -> None:
+        """Tell those of a block."""
+        time = block.instants(self.rate)
+        for config, course in self.bearings:
+            speed, load = block.shaft.speed(config.name, time), block.shaft.load(config.name, time)
+            hopf, fold = _margins(config, course, time, speed, load)
+            values = {'speed': speed, 'load': load, 'hopf_margin': hopf, 'fold_margin': fold}
+            block.truth.extend(
+                Column(topic(config.name, name), FLOAT64, time, value)
+                for name, value in values.items()
+            )
+
+
+def _margins(
+    config: BearingConfig,
+    course: FrictionCourse,
+    time: FloatArray,
+    speed: FloatArray,
+    load: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Hopf and fold margin by the friction that there really is, each shape (n,)."""
+    step = time // STEP if course.moves else np.zeros(time.size)
+    felt = load * course.factor_at(time)
+    edges = [0, *(np.flatnonzero(np.diff(step)) + 1).tolist(), time.size]
+    hopf, fold = np.empty(time.size), np.empty(time.size)
+    for low, high in pairwise(edges):
+        if low < high:
+            bearing = replace(config.bearing, friction=course.shape_at(float(time[low])))
+            hopf[low:high] = hopf_speed(bearing, felt[low:high])
+            fold[low:high] = fold_speed(bearing, felt[low:high])
+    return _rounded(margin(np.abs(speed), hopf)), _rounded(margin(np.abs(speed), fold))
+
+
+def _rounded(margins: FloatArray) -> FloatArray:
+    return np.asarray(np.round(margins, _DIGITS))
+
+
+def build_operating_point(settings: Settings, context: BuildContext) -> OperatingPoint:
+    """Build the effect."""
+    rate = settings.number('rate', 'Hz', above=0.0, most=_HIGHEST_POINT_RATE)
+    bearings = context.bearings(settings)
+    return OperatingPoint(rate, [(config, context.course(config)) for config in bearings])
+
+
+LINING_MOTION_KEYS = ('bearing', 'disturbance', 'knocks', 'amplitude', 'motion')
+_HIGHEST_MOTION_RATE = 100_000.0
 # Natural periods without a stick after which an episode is over: longer than a ring-down, and than
 # the ripple of the blades takes to stop sticking and to let it begin again.
 _GAP = 50.0
@@ -107,7 +216,7 @@ class _Told:
     watch: _Watch
     start_ns: int
     duration: float
-    amplitude: Windows | None
+    amplitude: AmplitudeWindows | None
     motion: Regular | None
     pending: dict[str, _Pending] = field(default_factory=dict)
 
@@ -174,13 +283,13 @@ class LiningMotion:
 
     told: list[_Told]
 
-    def apply(self, block: Block) -> None:
+    def apply(self, block: TimeBlock) -> None:
         """Follow them through a block."""
         for told in self.told:
             block.truth.extend(told.columns(block.end))
 
 
-def build(settings: Settings, frame: Frame) -> LiningMotion:
+def build_lining_motion(settings: Settings, context: BuildContext) -> LiningMotion:
     """Build the effect."""
     own = settings.section(
         'disturbance',
@@ -190,25 +299,29 @@ def build(settings: Settings, frame: Frame) -> LiningMotion:
     unit = own.choice('unit', LOAD_UNITS)
     factor = 1000.0 if unit == 'kN' else 1.0
     deviation = factor * own.number('standard_deviation', unit, least=0.0)
-    knocks = _knocks(settings, frame.duration)
+    knocks = _knocks(settings, context.duration)
     return LiningMotion(
-        [_told(settings, frame, c, deviation, knocks) for c in frame.bearings(settings)]
+        [_told(settings, context, c, deviation, knocks) for c in context.bearings(settings)]
     )
 
 
 def _told(
-    settings: Settings, frame: Frame, config: BearingConfig, deviation: float, knocks: list[Knock]
+    settings: Settings,
+    context: BuildContext,
+    config: BearingConfig,
+    deviation: float,
+    knocks: list[Impulse],
 ) -> _Told:
     period = 2.0 * math.pi / config.bearing.natural_frequency
-    random = random_stream(frame.seed, settings.name, config.name)
-    course = frame.course(config)
+    random = random_stream(context.seed, settings.name, config.name)
+    course = context.course(config)
     return _Told(
-        lining=Lining(config, frame.shaft, course, deviation, knocks, random, frame.duration),
+        lining=Lining(config, context.shaft, course, deviation, knocks, random, context.duration),
         watch=_Watch(period),
-        start_ns=frame.start_ns,
-        duration=frame.duration,
-        amplitude=_amplitude(settings, period, frame.duration),
-        motion=_motion(settings, frame.duration),
+        start_ns=context.start_ns,
+        duration=context.duration,
+        amplitude=_amplitude(settings, period, context.duration),
+        motion=_motion(settings, context.duration),
     )
 
 
@@ -220,17 +333,17 @@ def _rate(settings: Settings, key: str, most: float) -> float | None:
     )
 
 
-def _amplitude(settings: Settings, period: float, duration: float) -> Windows | None:
-    rate = _rate(settings, 'amplitude', Windows.highest_rate(period))
-    return None if rate is None else Windows(rate, period, duration)
+def _amplitude(settings: Settings, period: float, duration: float) -> AmplitudeWindows | None:
+    rate = _rate(settings, 'amplitude', AmplitudeWindows.highest_rate(period))
+    return None if rate is None else AmplitudeWindows(rate, period, duration)
 
 
 def _motion(settings: Settings, duration: float) -> Regular | None:
-    rate = _rate(settings, 'motion', _HIGHEST_RATE)
+    rate = _rate(settings, 'motion', _HIGHEST_MOTION_RATE)
     return None if rate is None else Regular(rate, duration)
 
 
-def _knocks(settings: Settings, duration: float) -> list[Knock]:
+def _knocks(settings: Settings, duration: float) -> list[Impulse]:
     if 'knocks' not in settings:
         return []
     what = 'a list of blows [time in s, impulse in N s]'
@@ -239,7 +352,14 @@ def _knocks(settings: Settings, duration: float) -> list[Knock]:
         raise settings.broken('knocks', f'must be {what}')
     label = settings.label('knocks')
     rows = [(f'{label}: blow {number}', blow) for number, blow in enumerate(listed, 1)]
-    knocks = [Knock(*point) for point in check_points(rows, duration)]
+    knocks = [Impulse(*point) for point in check_points(rows, duration)]
     if any(knock.time == duration for knock in knocks):
         raise SceneError(f'{label}: no blow can follow at {duration:g} s, where the scene ends')
     return knocks
+
+
+EFFECTS = {
+    'friction_drift': EffectKind(FRICTION_DRIFT_KEYS, build_friction_drift),
+    'operating_point': EffectKind(OPERATING_POINT_KEYS, build_operating_point),
+    'lining_motion': EffectKind(LINING_MOTION_KEYS, build_lining_motion),
+}

@@ -9,21 +9,16 @@ from __future__ import annotations
 import importlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from types import ModuleType
 from typing import Any
 
 from stickslip_monitor.errors import SceneError
+from stickslip_monitor.scenes.effects.effect import BuildContext, Effect, EffectKind, RecordingCut
 from stickslip_monitor.scenes.sensing import Sensor
 from stickslip_monitor.scenes.settings import Settings, suggestion
 from stickslip_monitor.scenes.shaft import Shaft
 
-from .effect import Cut, Effect, Frame
-
-_HERE = 'stickslip_monitor.scenes.effects'
-
 # By stage; stages act in this order, and so do the effects of a stage, whatever the order in the
-# file. Each effect is a module of its name, with KEYS, the settings it takes, and build(settings,
-# frame). What 'shaft' and 'turning' add is a function of time; 'sensing' follows it between the
+# file. What 'shaft' and 'turning' add is a function of time; 'sensing' follows it between the
 # samples; the others change block after block.
 STAGES: Mapping[str, tuple[str, ...]] = {
     'shaft': (
@@ -36,12 +31,32 @@ STAGES: Mapping[str, tuple[str, ...]] = {
     'recording': ('clock_jitter', 'clock_jump', 'out_of_order', 'repeated_stamps', 'dropout'),
     'file': ('cut_off',),
 }  # fmt: skip
+# The module of each effect, whose table ``EFFECTS`` has it; only what a scene lists is imported.
+MODULES: Mapping[str, tuple[str, ...]] = {
+    'profiles': ('speed_profile', 'speed_steps', 'manoeuvre', 'load_profile', 'load_steps'),
+    'disturbances': ('load_in_waves', 'blade_ripple', 'misalignment'),
+    'filters': ('filtering', 'averaging'),
+    'sensor': ('bias', 'sensor_noise', 'spikes', 'quantisation', 'stuck', 'not_a_number'),
+    'recorder': (
+        'clock_jitter',
+        'clock_jump',
+        'out_of_order',
+        'repeated_stamps',
+        'dropout',
+        'cut_off',
+    ),
+    'lining_motion': ('friction_drift', 'operating_point', 'lining_motion'),
+}
 # Each effect's module; its place is its place in the order of action.
-EFFECTS = {name: f'{_HERE}.{name}' for names in STAGES.values() for name in names}
+EFFECTS = {
+    name: next(module for module, own in MODULES.items() if name in own)
+    for names in STAGES.values()
+    for name in names
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Run:
+class SceneRun:
     """What one run of a scene consists of.
 
     Attributes:
@@ -54,7 +69,7 @@ class Run:
     shaft: Shaft
     sensors: dict[str, Sensor]
     effects: list[Effect]
-    cut: Cut | None = None
+    cut: RecordingCut | None = None
 
 
 def read_effects(listed: Any) -> tuple[Settings, ...]:
@@ -87,14 +102,17 @@ def _settings(number: int, entry: Any) -> Settings:
     if not isinstance(name, str) or name not in EFFECTS:
         hint = suggestion(name, list(EFFECTS))
         raise SceneError(f"effects: entry {number} is unknown effect '{name}'; {hint}")
-    return Settings(name, content, _module(name).KEYS)
+    return Settings(name, content, effect_kind(name).keys)
 
 
-def _module(name: str) -> ModuleType:
-    return importlib.import_module(EFFECTS[name])
+def effect_kind(name: str) -> EffectKind:
+    """The settings and the builder of an effect; its module is imported now."""
+    module = importlib.import_module(f'{__package__}.{EFFECTS[name]}')
+    kinds: dict[str, EffectKind] = module.EFFECTS
+    return kinds[name]
 
 
-def build_run(effects: Iterable[Settings], frame: Frame) -> Run:
+def build_run(effects: Iterable[Settings], context: BuildContext) -> SceneRun:
     """Build effects for one run of a scene, in the order given.
 
     Raises:
@@ -103,9 +121,9 @@ def build_run(effects: Iterable[Settings], frame: Frame) -> Run:
     acting: list[Effect] = []
     cut = None
     for settings in effects:
-        built = frame.build(settings.name, _module(settings.name).build, settings)
-        if isinstance(built, Cut):
+        built = context.build(settings.name, effect_kind(settings.name).build, settings)
+        if isinstance(built, RecordingCut):
             cut = built
         elif built is not None:
             acting.append(built)
-    return Run(frame.shaft, frame.sensors, acting, cut)
+    return SceneRun(context.shaft, context.sensors, acting, cut)

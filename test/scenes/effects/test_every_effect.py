@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 import subprocess
 import sys
@@ -19,12 +18,12 @@ from stickslip_monitor.commands.simulate import write_bag
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.scenes.effects import effect as effect_module
 from stickslip_monitor.scenes.effects import lining_motion
-from stickslip_monitor.scenes.effects.registry import EFFECTS, STAGES
-from stickslip_monitor.scenes.randomness import random_stream
+from stickslip_monitor.scenes.effects.registry import EFFECTS, STAGES, effect_kind
 from stickslip_monitor.scenes.scene import Scene
 from stickslip_monitor.scenes.scene_file import KEYS, load_scene
-from stickslip_monitor.scenes.signals import Messages
 from stickslip_monitor.scenes.simulator import simulate
+from stickslip_monitor.scenes.telemetry import Messages
+from stickslip_monitor.scenes.windows import random_stream
 
 MakeScene = Callable[..., Scene]
 MessagesOf = Callable[..., dict[str, Messages]]
@@ -65,7 +64,7 @@ def test_every_effect_has_an_example_and_its_place() -> None:
     told = set(re.findall(r'`(\w+)`', settings))
     assert told >= set(EFFECTS)
     for name in set(EFFECTS) - set(STAGES['lining']):
-        keys = set(importlib.import_module(EFFECTS[name]).KEYS)
+        keys = set(effect_kind(name).keys)
         assert told >= keys - {'bearing', 'speed', 'load'}
 
 
@@ -157,13 +156,14 @@ def test_effect_that_is_listed_alone_imports_no_other() -> None:
         'import sys\n'
         'from stickslip_monitor.scenes import scene_file, simulator\n'
         'from stickslip_monitor.scenes.effects.registry import EFFECTS, read_effects\n'
-        'loaded = lambda: {n for n, m in EFFECTS.items() if m in sys.modules}\n'
+        'here = "stickslip_monitor.scenes.effects."\n'
+        'loaded = lambda: {m for m in EFFECTS.values() if here + m in sys.modules}\n'
         'assert loaded() == set(), loaded()\n'
-        'heavy = {"scipy.signal", "numba", "stickslip_monitor.scenes.integrator"}\n'
+        'heavy = {"scipy.signal", "numba", "stickslip_monitor.physics.motion.integrator"}\n'
         'assert not heavy & set(sys.modules), heavy & set(sys.modules)\n'
         'for number, name in enumerate(EFFECTS, 1):\n'
         '    read_effects([{name: {}}])\n'
-        '    assert loaded() == set(list(EFFECTS)[:number]), (name, loaded())\n'
+        '    assert loaded() == set(list(EFFECTS.values())[:number]), (name, loaded())\n'
     )
     subprocess.run([sys.executable, '-c', code], check=True)
 

@@ -14,13 +14,13 @@ import pytest
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from stickslip_monitor.bags.check import check_bag
 from stickslip_monitor.bags.reader import Request, open_bag
 from stickslip_monitor.commands.simulate import write_bag
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.signals import Status
+from stickslip_monitor.offline.check import check_bag
 from stickslip_monitor.scenes.scene import Scene
-from stickslip_monitor.scenes.signals import Messages
+from stickslip_monitor.scenes.telemetry import Messages
 
 MakeScene = Callable[..., Scene]
 MessagesOf = Callable[..., dict[str, Messages]]

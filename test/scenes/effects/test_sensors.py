@@ -13,7 +13,7 @@ import pytest
 
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.scenes.scene import Scene
-from stickslip_monitor.scenes.signals import Messages
+from stickslip_monitor.scenes.telemetry import Messages
 
 MakeScene = Callable[..., Scene]
 MessagesOf = Callable[..., dict[str, Messages]]

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Speeds and loads as a person types them: ``20rpm``, ``0.1 m/s``, ``1000N``, ``1.2kN``.
+
+What the drawing commands share: which bearing, which range, where to write.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+from collections.abc import Callable
+
+from stickslip_monitor.commands.output import add_config
+from stickslip_monitor.drawing.map_curves import Range
+from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.table import LOAD_UNITS
+from stickslip_monitor.physics.oscillator import SPEED_UNITS, BearingSpeed
+
+_QUANTITY = re.compile(r'\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z/]*)\s*')
+
+
+def _split(what: str, text: str, units: tuple[str, ...]) -> tuple[float, str]:
+    match = _QUANTITY.fullmatch(text)
+    if match is None or match.group(2) not in units or not math.isfinite(float(match.group(1))):
+        raise ConfigurationError(
+            f"{what} '{text}' must be a number with a unit: one of {', '.join(units)}"
+        )
+    return float(match.group(1)), match.group(2)
+
+
+def parse_speed(text: str, conversion: BearingSpeed, what: str = 'speed') -> float:
+    """Surface speed [m/s] from a text such as ``'20rpm'``; the unit is required."""
+    value, unit = _split(what, text, SPEED_UNITS)
+    return float(conversion.to_surface(value, unit))
+
+
+def parse_load(text: str, what: str = 'load') -> float:
+    """Load [N] from a text such as ``'1.2kN'``; the unit is required."""
+    value, unit = _split(what, text, LOAD_UNITS)
+    return value * (1000.0 if unit == 'kN' else 1.0)
+
+
+def add_output(parser: argparse.ArgumentParser) -> None:
+    """Declare what both drawing commands take: the bearing and where to write."""
+    add_config(parser)
+    parser.add_argument('--bearing', help='which bearing, where several are configured')
+    parser.add_argument(
+        '--output', '-o', required=True, metavar='FILE', help='file to write: .png, .svg or .csv'
+    )
+
+
+def the_bearing(config: MonitorConfig, name: str | None) -> BearingConfig:
+    """The bearing of that name; the only one there is if no name is given.
+
+    Raises:
+        ConfigurationError: There is none of that name, or no name and several bearings.
+    """
+    if name is None and len(config.bearings) > 1:
+        names = ', '.join(bearing.name for bearing in config.bearings)
+        raise ConfigurationError(f'several bearings are configured: choose --bearing from {names}')
+    return config.bearings[0] if name is None else config.bearing(name)
+
+
+def speed_range(text: str | None, config: BearingConfig) -> Range | None:
+    """Surface speeds [m/s] from a text such as ``'5rpm:45rpm'``; ``None`` for no text."""
+    conversion = config.bearing.speed
+    return parse_range(text, 'speeds', lambda part: parse_speed(part, conversion, 'speeds'))
+
+
+def parse_range(text: str | None, what: str, parse: Callable[[str], float]) -> Range | None:
+    """Two quantities with a colon between them, not negative and rising.
+
+    Raises:
+        ConfigurationError: The text is anything else; it is named, with the rule.
+    """
+    if text is None:
+        return None
+    parts = text.split(':')
+    if len(parts) != 2:
+        raise ConfigurationError(f"{what} '{text}' must be LOW:HIGH, each with its unit")
+    low, high = parse(parts[0]), parse(parts[1])
+    if not 0.0 <= low < high:
+        raise ConfigurationError(
+            f"{what} '{text}' must rise from its first value, not below 0, to its second"
+        )
+    return low, high

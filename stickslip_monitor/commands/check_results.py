@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a check found as the documented JSON object; the printed text is made from it too.
+
+What a check found as text: a line for each event, so that a day of them is written at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from stickslip_monitor.monitor.ladder import Level
+from stickslip_monitor.monitor.messages import event_records, number, point_record
+from stickslip_monitor.offline.check import BearingReport, CheckReport, InputReport
+
+SCHEMA = 'stickslip_monitor/check/1'
+
+
+def to_json(report: CheckReport) -> dict[str, Any]:
+    """The report as a JSON object."""
+    bag = report.bag
+    start, end = bag.start_ns, bag.end_ns
+    return {
+        'schema': SCHEMA,
+        'path': str(bag.path),
+        'start': start,
+        'end': end,
+        'duration': None if start is None or end is None else (end - start) * 1e-9,
+        'messages': bag.message_count,
+        'topics': {
+            name: {'type': topic.type, 'messages': topic.count, 'problem': topic.problem or None}
+            for name, topic in bag.topics.items()
+        },
+        'cuts': [
+            {'file': str(cut.path), 'offset': cut.offset, 'size': cut.size, 'text': cut.text}
+            for cut in bag.cuts
+        ],
+        'warnings': list(bag.warnings),
+        'bearings': {name: _bearing_record(item) for name, item in report.bearings.items()},
+    }
+
+
+def error_json(path: Path, text: str) -> dict[str, Any]:
+    """What stands in the place of a bag that could not be checked."""
+    return {'schema': SCHEMA, 'path': str(path), 'error': text}
+
+
+def _bearing_record(item: BearingReport) -> dict[str, Any]:
+    return {
+        'events': event_records(item.scan.events),
+        'seconds': {regime.value: seconds for regime, seconds in item.seconds.items()},
+        'worst': {
+            name: {'time': extreme.time_ns, 'value': number(extreme.value)}
+            | {k: v for k, v in point_record(extreme.point).items() if k in _OF_WORST[name]}
+            for name, extreme in item.worst.items()
+        },
+        'evaluations': int(item.scan.time_ns.size),
+        'data': item.complaints,
+        'inputs': {each.quantity: _input(each) for each in item.inputs},
+    }
+
+
+_OF_WORST = {
+    'hopf_margin': ('speed', 'load'),
+    'fold_margin': ('speed', 'load'),
+    'amplitude': ('speed', 'load', 'amplitude_exact'),
+}
+
+
+def _input(item: InputReport) -> dict[str, Any]:
+    return {
+        'topic': item.topic,
+        'messages': item.messages,
+        'used': item.used,
+        'rate': number(item.gaps.rate),
+        'gaps': item.gaps.count,
+        'longest_gaps': [
+            {'time': gap.start_ns, 'seconds': gap.seconds} for gap in item.gaps.longest
+        ],
+    }
+
+
+_GREEN, _YELLOW, _RED, _BOLD, _END = (f'\x1b[{code}m' for code in (32, 33, 31, 1, 0))
+_OF_LEVEL = {Level.OK.name: _GREEN, Level.WARN.name: _YELLOW, Level.ERROR.name: _RED}
+_WORST = (('hopf_margin', ''), ('fold_margin', ''), ('amplitude', ' m'))
+
+
+def to_text(document: Mapping[str, Any], coloured: bool) -> str:
+    """The text of one bag.
+
+    Args:
+        document: What ``check --json`` prints of it.
+        coloured: Whether it goes to a terminal that knows colours.
+    """
+    return ''.join(f'{line}\n' for line in _lines(document, _Paint(coloured)))
+
+
+class _Paint:
+    """Colours, or none."""
+
+    def __init__(self, coloured: bool) -> None:
+        self._coloured = coloured
+
+    def __call__(self, colour: str, text: str) -> str:
+        return f'{colour}{text}{_END}' if self._coloured else text
+
+
+def plain(text: str) -> str:
+    """A text without what would do something to a terminal."""
+    return ''.join(c if c.isprintable() else '\N{REPLACEMENT CHARACTER}' for c in text)
+
+
+def _lines(document: Mapping[str, Any], paint: _Paint) -> Iterator[str]:
+    seconds = document['duration'] or 0.0
+    path = paint(_BOLD, plain(document['path']))
+    yield f'{path}: {document["messages"]} messages in {seconds:.1f} s'
+    data = paint(_YELLOW, 'data:')
+    for text in (*(cut['text'] for cut in document['cuts']), *document['warnings']):
+        yield f'{data} {plain(text)}'
+    for name, topic in document['topics'].items():
+        if topic['problem']:
+            text = f'topic {name} not readable: {topic["problem"]}'
+            yield f'{data} {plain(text)}'
+    for name, item in document['bearings'].items():
+        yield from _bearing_lines(name, item, document['start'] or 0, paint)
+
+
+def _bearing_lines(name: str, item: Mapping[str, Any], start: int, paint: _Paint) -> Iterator[str]:
+    for text in item['data']:
+        yield f'{paint(_YELLOW, "data:")} {plain(text)}'
+    events = item['events']
+    yield f'{name}: {len(events) or "no"} events'
+    if events:
+        yield paint(_BOLD, f'  {"time [s]":>10}  {"from":<15}  {"to":<15}  what')
+    for event in events:
+        seconds = (event['time'] - start) * 1e-9
+        after = paint(_OF_LEVEL[event['level']], f'{event["to"]:<15}')
+        text = plain(event['text'].removeprefix(f'{name}: '))
+        yield f'  {seconds:>10.2f}  {event["from"]:<15}  {after}  {text}'
+    spent = ', '.join(f'{regime} {seconds:.1f} s' for regime, seconds in item['seconds'].items())
+    yield f'time in each regime: {spent}'
+    for quantity, unit in _WORST:
+        if quantity in item['worst']:
+            yield _worst(quantity, unit, item['worst'][quantity], start)
+
+
+def _worst(quantity: str, unit: str, extreme: Mapping[str, Any], start: int) -> str:
+    exact = extreme.get('amplitude_exact')
+    beside = '' if exact is None else f' (exact cycle: {exact:.4g} m)'
+    return (
+        f'worst {quantity.replace("_", " ")}: {extreme["value"]:.4g}{unit}{beside}'
+        f' at {(extreme["time"] - start) * 1e-9:.2f} s'
+    )

@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The state of a bearing, read back from its diagnostic status.
+
+Live and in a replay the dashboard is fed with the same texts, so that it has one way in.
+
+The list of alarms as it comes from the monitor, and what can be done about each.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA
+from stickslip_monitor.monitor.alarms.annunciator import Action
+from stickslip_monitor.monitor.alarms.lifecycle import TABLE, AlarmState
+from stickslip_monitor.monitor.alarms.requests import ActionRequest
+from stickslip_monitor.monitor.signals import QUANTITIES, Status
+
+NUMBERS = {
+    'speed': 'speed [m/s]',
+    'rpm': 'shaft speed [rpm]',
+    'load': 'load [N]',
+    'hopf_speed': 'hopf speed [m/s]',
+    'fold_speed': 'fold speed [m/s]',
+    'hopf_margin': 'hopf margin',
+    'fold_margin': 'fold margin',
+    'growth_rate': 'growth rate [1/s]',
+    'amplitude': 'amplitude [m]',
+    'amplitude_exact': 'amplitude of the exact cycle [m]',
+    'threshold_amplitude': 'threshold amplitude [m]',
+}
+"""The numbers of an operating point, by the keys of the diagnostics that they come from."""
+STATUSES = {status.name.lower(): status.name.lower().replace('_', ' ') for status in Status}
+BELIEVED = [status.name.lower() for status in Status if status.believed]
+
+
+@dataclass(frozen=True, slots=True)
+class BearingStatus:
+    """A bearing at an instant.
+
+    Attributes:
+        time_ns: When, on the clock of the monitor [ns].
+        text: What the monitor says, for a person.
+        words: ``reason``, ``regime`` and ``outcome``; those that are known.
+        sticking: Whether stick-slip is predicted; ``None`` before the first operating point.
+        numbers: By the names of :data:`NUMBERS`; those that are known, ``inf`` and ``nan`` too.
+        ages: Ages of the inputs that are lost [s].
+        counts: Samples of each input by status.
+    """
+
+    time_ns: int
+    text: str
+    words: dict[str, str]
+    sticking: bool | None
+    numbers: dict[str, float]
+    ages: dict[str, float]
+    counts: dict[str, dict[str, int]]
+
+    def believed(self, quantity: str) -> int:
+        """Samples of an input that were used."""
+        return sum(self.counts.get(quantity, {}).get(name, 0) for name in BELIEVED)
+
+
+def read_status(time_ns: int, text: str, values: Mapping[str, str]) -> BearingStatus:
+    """Read a diagnostic status; what is not there, or no number, is left out.
+
+    Args:
+        time_ns: Its time stamp [ns].
+        text: Its message.
+        values: Its key-value pairs.
+    """
+    sticking = values.get('stick-slip predicted')
+    counts = {
+        quantity: {
+            name: int(count)
+            for name, words in STATUSES.items()
+            if (count := _number(values, f'{quantity} samples {words}')) is not None
+            and math.isfinite(count)
+        }
+        for quantity in QUANTITIES
+    }
+    return BearingStatus(
+        time_ns,
+        text,
+        {word: values[word] for word in ('reason', 'regime', 'outcome') if word in values},
+        None if sticking is None else sticking == 'true',
+        _numbers(values, NUMBERS),
+        _numbers(values, {quantity: f'{quantity} age [s]' for quantity in QUANTITIES}),
+        counts,
+    )
+
+
+def _numbers(values: Mapping[str, str], keys: Mapping[str, str]) -> dict[str, float]:
+    found = {name: _number(values, key) for name, key in keys.items()}
+    return {name: number for name, number in found.items() if number is not None}
+
+
+def _number(values: Mapping[str, str], key: str) -> float | None:
+    try:
+        return float(values[key])
+    except (KeyError, ValueError):
+        return None
+
+
+def status_record(status: BearingStatus) -> dict[str, Any]:
+    """A status for the page; ``null`` where a number has no value."""
+    numbers = {name: _finite(status.numbers.get(name)) for name in NUMBERS}
+    return {
+        'time': status.time_ns // 1_000_000,
+        'text': status.text,
+        'reason': status.words.get('reason', 'waiting'),
+        'regime': status.words.get('regime'),
+        'outcome': status.words.get('outcome'),
+        'sticking': status.sticking,
+        **numbers,
+        'inputs': {
+            quantity: {
+                'lost': quantity in status.ages,
+                'age': _finite(status.ages.get(quantity)),
+                'counts': counts,
+            }
+            for quantity, counts in status.counts.items()
+        },
+    }
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None
+
+
+OFFERED = (Action.ACKNOWLEDGE, Action.SILENCE, Action.RESET, Action.SHELVE, Action.UNSHELVE)
+"""What a dashboard may ask for. To lock the shaft or to take an alarm out of service is left to
+the services: it makes alarms mean nothing, and is not for a tap on a phone."""
+_TYPES: dict[str, Any] = {
+    'time': int,
+    'sounding': bool,
+    'unacknowledged': int,
+    'flood': dict,
+    'changes': list,
+    'alarms': list,
+}
+_TABLE = {(state.value, trigger.value) for state, trigger in TABLE}
+_ALARM = ('bearing', 'alarm', 'priority', 'state', 'by', 'text')
+_CHANGE = ('bearing', 'alarm', 'priority', 'what', 'from', 'to', 'by', 'text')
+
+
+def checked_alarms(document: Any, bearings: Collection[str]) -> dict[str, Any] | None:
+    """A list of alarms for the page, times in milliseconds; ``None`` where it is none.
+
+    Args:
+        document: What should be the monitor's list.
+        bearings: Names of the bearings that are shown; those of others are left out.
+    """
+    if not isinstance(document, dict) or document.get('schema') != ALARM_SCHEMA:
+        return None
+    if any(not isinstance(document.get(key), kind) for key, kind in _TYPES.items()):
+        return None
+    if not all(_texts(a, _ALARM) for a in document['alarms']):
+        return None
+    if not all(_texts(c, _CHANGE) for c in document['changes']):
+        return None
+    own = [alarm for alarm in document['alarms'] if alarm['bearing'] in bearings]
+    return {
+        'time': document['time'] // 1_000_000,
+        'sounding': document['sounding'],
+        'unacknowledged': document['unacknowledged'],
+        'flood': document['flood'],
+        'alarms': [_alarm(alarm) for alarm in own],
+        'changes': [
+            {key: change[key] for key in _CHANGE} | {'time': _milliseconds(change.get('time'))}
+            for change in document['changes']
+        ],
+    }
+
+
+def _texts(record: Any, keys: Collection[str]) -> bool:
+    return isinstance(record, dict) and all(isinstance(record.get(key), str) for key in keys)
+
+
+def _alarm(alarm: dict[str, Any]) -> dict[str, Any]:
+    times = {key: _milliseconds(alarm.get(key)) for key in ('since', 'changed', 'shelved_until')}
+    flags = {key: bool(alarm.get(key)) for key in ('active', 'sounding', 'silenced')}
+    record = {key: alarm[key] for key in _ALARM} | times | flags
+    record['suppressed_by'] = [str(reason) for reason in alarm.get('suppressed_by') or ()]
+    record['actions'] = [action.value for action in OFFERED if _possible(record, action)]
+    return record
+
+
+def _milliseconds(time_ns: Any) -> int | None:
+    return time_ns // 1_000_000 if isinstance(time_ns, int) else None
+
+
+def _possible(alarm: dict[str, Any], action: Action) -> bool:
+    if action is Action.SILENCE:
+        return bool(alarm['sounding'])
+    # To put aside what does not stand is possible, but nothing to offer.
+    quiet = action is Action.SHELVE and alarm['state'] in (
+        AlarmState.NORMAL,
+        AlarmState.SUPPRESSED,
+    )
+    return (alarm['state'], action.value) in _TABLE and not quiet
+
+
+def offered(alarms: dict[str, Any] | None, request: ActionRequest) -> bool:
+    """Whether there is anything that a request could change, as far as is known here."""
+    return alarms is not None and any(
+        request.action.value in alarm['actions']
+        and request.bearing in (None, alarm['bearing'])
+        and request.kind in (None, alarm['alarm'])
+        for alarm in alarms['alarms']
+    )

@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The alarms as plain records for JSON: what is published, and what is kept over a restart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from stickslip_monitor.errors import AlarmStateError
+from stickslip_monitor.monitor.alarms.annunciator import (
+    WAITING,
+    AlarmChange,
+    Annunciator,
+    LiveAlarm,
+)
+from stickslip_monitor.monitor.alarms.causes import AlarmKind
+from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
+
+ALARM_SCHEMA = 'stickslip_monitor/alarm/1'
+STATE_SCHEMA = 'stickslip_monitor/alarm_state/1'
+_STATES = {state.value: state for state in AlarmState}
+_KEPT: dict[str, tuple[type, ...]] = {
+    'state': (str,),
+    'active': (bool,),
+    'occurred': (bool,),
+    'suppressed_by': (list,),
+    'since': (int, type(None)),
+    'changed': (int, type(None)),
+    'by': (str,),
+    'shelf_left': (int,),
+    'text': (str,),
+}
+
+
+def alarms_record(
+    annunciator: Annunciator, changes: Iterable[AlarmChange], time_ns: int, sequence: int
+) -> dict[str, Any]:
+    """Every alarm as it stands, and what has just happened; the fields are in interfaces.md."""
+    flood = annunciator.flood
+    return {
+        'schema': ALARM_SCHEMA,
+        'time': time_ns,
+        'sequence': sequence,
+        'sounding': annunciator.sounding,
+        'unacknowledged': sum(alarm.state in WAITING for alarm in annunciator),
+        'flood': {
+            'alarms_10min': flood.lately,
+            'most_10min': flood.most,
+            'flooding': flood.flooding,
+        },
+        'changes': [change_record(change) for change in changes],
+        'alarms': [alarm_record(annunciator, alarm) for alarm in annunciator],
+    }
+
+
+def change_record(change: AlarmChange) -> dict[str, Any]:
+    """One thing that happened to an alarm."""
+    return {
+        'time': change.time_ns,
+        'bearing': change.bearing,
+        'alarm': change.kind.value,
+        'priority': change.kind.priority.name.lower(),
+        'what': change.what,
+        'from': change.before.value,
+        'to': change.after.value,
+        'by': change.by,
+        'text': change.text,
+    }
+
+
+def alarm_record(annunciator: Annunciator, alarm: LiveAlarm) -> dict[str, Any]:
+    """One alarm as it stands."""
+    return {
+        'bearing': alarm.bearing,
+        'alarm': alarm.kind.value,
+        'priority': alarm.kind.priority.name.lower(),
+        'state': alarm.state.value,
+        'active': alarm.active,
+        'sounding': alarm.sounding,
+        'silenced': alarm.silenced,
+        'latching': annunciator.latching(alarm),
+        'suppressed_by': list(alarm.suppressed_by),
+        'shelved_until': alarm.shelved_until_ns,
+        'since': alarm.since_ns,
+        'changed': alarm.changed_ns,
+        'by': alarm.by,
+        'count': alarm.count,
+        'text': alarm.text,
+    }
+
+
+def state_record(annunciator: Annunciator, time_ns: int) -> dict[str, Any]:
+    """What is to be kept over a restart."""
+    return {
+        'schema': STATE_SCHEMA,
+        'time': time_ns,
+        'bearings': {
+            name: {
+                'shaft_locked': annunciator.causes[name].shaft_locked,
+                'alarms': {
+                    kind.value: _kept(alarm, annunciator.now_ns) for kind, alarm in own.items()
+                },
+            }
+            for name, own in annunciator.alarms.items()
+        },
+    }
+
+
+def _kept(alarm: LiveAlarm, now_ns: int) -> dict[str, Any]:
+    return {
+        'state': alarm.state.value,
+        'active': alarm.active,
+        'occurred': alarm.occurred,
+        'suppressed_by': list(alarm.suppressed_by),
+        'since': alarm.since_ns,
+        'changed': alarm.changed_ns,
+        'by': alarm.by,
+        'shelf_left': max(alarm.shelf_end_ns - now_ns, 0),
+        'text': alarm.text,
+    }
+
+
+def recall_state(annunciator: Annunciator, document: Any, time_ns: int) -> None:
+    """Take over what was kept, into an annunciator that is still fresh.
+
+    Bearings that are no longer configured are passed over; new ones start fresh. The time that
+    has passed meanwhile, as far as the clock can tell, counts for the shelves.
+
+    Raises:
+        AlarmStateError: The document is not one of :func:`state_record`; nothing is taken over.
+    """
+    kept_ns = _entry(document, 'time', (int,), 'the document')
+    if document.get('schema') != STATE_SCHEMA:
+        raise AlarmStateError(f'schema = {document.get("schema")!r} must be {STATE_SCHEMA!r}')
+    bearings = _entry(document, 'bearings', (dict,), 'the document')
+    passed_ns = max(time_ns - kept_ns, 0)
+    plans = [_plan(annunciator, name, bearings[name]) for name in bearings]
+    for plan in plans:
+        for alarm, record in plan:
+            _take_over(alarm, record, annunciator.now_ns, passed_ns, kept_ns)
+    for name, causes in annunciator.causes.items():
+        causes.shaft_locked = bearings.get(name, {}).get('shaft_locked', False)
+    annunciator.restart()
+
+
+def _plan(
+    annunciator: Annunciator, name: str, record: Any
+) -> list[tuple[LiveAlarm, dict[str, Any]]]:
+    _entry(record, 'shaft_locked', (bool,), name)
+    alarms = _entry(record, 'alarms', (dict,), name)
+    kinds = {kind.value for kind in AlarmKind}
+    for kind in alarms:
+        if kind not in kinds:
+            raise AlarmStateError(f'{name}: there is no alarm {kind!r}')
+        for key, types in _KEPT.items():
+            _entry(alarms[kind], key, types, f'{name}.{kind}')
+        if alarms[kind]['state'] not in _STATES:
+            raise AlarmStateError(f'{name}.{kind}: there is no state {alarms[kind]["state"]!r}')
+    own = annunciator.alarms.get(name, {})
+    return [(alarm, alarms[kind.value]) for kind, alarm in own.items() if kind.value in alarms]
+
+
+def _entry(record: Any, key: str, types: tuple[type, ...], where: str) -> Any:
+    if not isinstance(record, dict) or key not in record:
+        raise AlarmStateError(f"{where} has no '{key}'")
+    if type(record[key]) not in types:
+        raise AlarmStateError(f'{where}: {key} = {record[key]!r} is not of its type')
+    return record[key]
+
+
+def _take_over(
+    alarm: LiveAlarm, record: dict[str, Any], now_ns: int, passed_ns: int, kept_ns: int
+) -> None:
+    alarm.state = _STATES[record['state']]
+    alarm.active, alarm.occurred = record['active'], record['occurred']
+    alarm.since_ns, alarm.changed_ns = record['since'], record['changed']
+    alarm.by, alarm.text = record['by'], record['text']
+    alarm.suppressed_by = tuple(record['suppressed_by'])
+    if alarm.state is AlarmState.SHELVED:
+        alarm.shelf_end_ns = now_ns + max(record['shelf_left'] - passed_ns, 0)
+        alarm.shelved_until_ns = kept_ns + record['shelf_left']

@@ -1,0 +1,341 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All alarms of all bearings, and what people do with them.
+
+It reads no clock. ``now_ns`` is a running time that never goes back, whatever clocks do: shelves,
+silences and delays are measured on it. ``time_ns`` is the stamp that a change is given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from enum import Enum
+
+from stickslip_monitor.monitor.alarms.causes import LATCHING, RUNG_OF, AlarmKind, Causes
+from stickslip_monitor.monitor.alarms.flood import Flood, FloodFigures
+from stickslip_monitor.monitor.alarms.lifecycle import AlarmState, Facts, Trigger, follow
+from stickslip_monitor.monitor.assessment import Outcome
+from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.signals import Status
+from stickslip_monitor.monitor.verdict import Event, Verdict
+
+MONITOR, TIMER = 'monitor', 'timer'
+"""Who did it, where it was not a person."""
+UNSILENCE = 'unsilence'
+ON_SHOW = (AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED)
+WAITING = (AlarmState.UNACKNOWLEDGED, AlarmState.RETURNED)
+STANDING = (AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED, AlarmState.RETURNED)
+_TRIGGERS = {trigger.value: trigger for trigger in Trigger}
+
+
+class Action(str, Enum):
+    """What a person can do; ``suppress`` says that the shaft is locked."""
+
+    ACKNOWLEDGE = 'acknowledge'
+    SILENCE = 'silence'
+    RESET = 'reset'
+    SHELVE = 'shelve'
+    UNSHELVE = 'unshelve'
+    SUPPRESS = 'suppress'
+    UNSUPPRESS = 'unsuppress'
+    REMOVE = 'remove'
+    RESTORE = 'restore'
+
+    def __str__(self) -> str:
+        return self.value
+
+
+@dataclass(slots=True)
+class LiveAlarm:
+    """One alarm of one bearing, as it stands.
+
+    Attributes:
+        bearing: Name of the bearing.
+        kind: What it is about.
+        state: Where it is in its life.
+        active: Whether its cause is there.
+        occurred: Whether that has been so since the alarm was last normal, or reset.
+        silenced: Whether its sound is off; a flag beside the state.
+        suppressed_by: Why its cause means nothing now; empty where it counts.
+        since_ns: Stamp of the cause's coming [ns]; ``None`` before the first.
+        changed_ns: Stamp of the last change of state [ns].
+        by: Who made that change.
+        shelved_until_ns: Stamp at which the shelf ends [ns], while shelved.
+        count: How often it was given to people since the start.
+        text: What was last said of its cause.
+        shelf_end_ns, silence_end_ns: When these end, on the running time [ns].
+    """
+
+    bearing: str
+    kind: AlarmKind
+    state: AlarmState = AlarmState.NORMAL
+    active: bool = False
+    occurred: bool = False
+    silenced: bool = False
+    suppressed_by: tuple[str, ...] = ()
+    since_ns: int | None = None
+    changed_ns: int | None = None
+    by: str = ''
+    shelved_until_ns: int | None = None
+    count: int = 0
+    text: str = ''
+    shelf_end_ns: int = 0
+    silence_end_ns: int = 0
+
+    @property
+    def sounding(self) -> bool:
+        """Whether it calls for attention aloud."""
+        return self.state is AlarmState.UNACKNOWLEDGED and not self.silenced
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmChange:
+    """Something that happened to an alarm.
+
+    Attributes:
+        time_ns: When [ns].
+        bearing: Name of the bearing.
+        kind: Which alarm.
+        what: The :class:`Trigger` or :class:`Action`; ``unsilence`` where a silence ran out.
+        before: The state before.
+        after: The state from then on.
+        by: Who did it: a person's name, ``ros service``, ``monitor`` or ``timer``.
+        text: What was last said of the alarm's cause.
+    """
+
+    time_ns: int
+    bearing: str
+    kind: AlarmKind
+    what: str
+    before: AlarmState
+    after: AlarmState
+    by: str
+    text: str
+
+    @property
+    def raised(self) -> bool:
+        """Whether people are given an alarm that they were not given before."""
+        return self.after is AlarmState.UNACKNOWLEDGED and self.before not in WAITING
+
+
+class Annunciator:
+    """The alarms of a configuration.
+
+    Args:
+        config: The validated configuration.
+
+    Attributes:
+        alarms: Of each bearing its alarms by kind, worst first.
+    """
+
+    def __init__(self, config: MonitorConfig) -> None:
+        self.config = config
+        self.now_ns = 0
+        self.causes = {b.name: Causes(b) for b in config.bearings}
+        self.alarms = {
+            b.name: {kind: LiveAlarm(b.name, kind) for kind in AlarmKind} for b in config.bearings
+        }
+        self._flood = Flood()
+
+    def __iter__(self) -> Iterator[LiveAlarm]:
+        """Every alarm."""
+        return (alarm for own in self.alarms.values() for alarm in own.values())
+
+    @property
+    def sounding(self) -> bool:
+        """Whether any alarm calls for attention aloud."""
+        return any(alarm.sounding for alarm in self)
+
+    @property
+    def flood(self) -> FloodFigures:
+        """How many alarms people were given lately."""
+        return self._flood.figures(self.now_ns)
+
+    def retune(self, config: MonitorConfig) -> None:
+        """Take over new delays, limits and times; no state is lost."""
+        self.config = config
+        for bearing in config.bearings:
+            self.causes[bearing.name].config = bearing
+
+    def restart(self) -> None:
+        """The monitor starts afresh: what it knew is believed until it knows again."""
+        for name, old in self.causes.items():
+            own = self.alarms[name].values()
+            self.causes[name] = Causes(old.config, {alarm.kind for alarm in own if alarm.active})
+            self.causes[name].shaft_locked = old.shaft_locked
+
+    def advance(self, now_ns: int, time_ns: int) -> list[AlarmChange]:
+        """Let running time pass; a time before the latest one counts as the latest."""
+        self.now_ns = max(now_ns, self.now_ns)
+        changes = []
+        for name, causes in self.causes.items():
+            causes.advance(self.now_ns)
+            changes += self._sync(name, time_ns)
+            changes += self._run_out(self.alarms[name].values(), time_ns)
+        return changes
+
+    def take_event(self, event: Event) -> list[AlarmChange]:
+        """The condition of a bearing has changed."""
+        self.causes[event.bearing].take_event(event, self.now_ns)
+        return self._sync(event.bearing, event.time_ns)
+
+    def take_fault(
+        self, bearing: str, is_load: int, status: Status, time_ns: int
+    ) -> list[AlarmChange]:
+        """A sample of one input (0 speed, 1 load) was refused for its value."""
+        self.causes[bearing].take_fault(is_load, status, self.now_ns)
+        return self._sync(bearing, time_ns)
+
+    def take_verdict(self, verdict: Verdict) -> list[AlarmChange]:
+        """An operating point was measured."""
+        resting = verdict.assessment.outcome is Outcome.AT_REST
+        if self.causes[verdict.bearing].take_point(resting, self.now_ns):
+            return self._sync(verdict.bearing, verdict.time_ns)
+        return []
+
+    def act(
+        self,
+        action: Action,
+        time_ns: int,
+        by: str,
+        bearing: str | None = None,
+        kind: AlarmKind | None = None,
+    ) -> list[AlarmChange]:
+        """Do what a person asks for.
+
+        Args:
+            action: What. To shelve without a kind is to shelve what stands now, so that whatever
+                comes later is still given.
+            time_ns: When [ns].
+            by: Who.
+            bearing: The bearing; all of them without.
+            kind: The alarm; all of them without. The shaft is locked for all.
+
+        Returns:
+            What came of it; empty where there was nothing to do.
+
+        Raises:
+            ConfigurationError: There is no such bearing.
+        """
+        if bearing is not None:
+            self.config.bearing(bearing)
+        names = self.alarms if bearing is None else [bearing]
+        if action in (Action.SUPPRESS, Action.UNSUPPRESS):
+            return [c for n in names for c in self._lock(action, n, time_ns, by)]
+        chosen = [
+            alarm for name in names for alarm in self._chosen(self.alarms[name], action, kind)
+        ]
+        if action is Action.SILENCE:
+            return [self._silence(alarm, time_ns, by) for alarm in chosen if alarm.sounding]
+        trigger = _TRIGGERS[action.value]
+        return [c for alarm in chosen for c in self._fire(alarm, trigger, time_ns, by)]
+
+    def _chosen(
+        self, own: dict[AlarmKind, LiveAlarm], action: Action, kind: AlarmKind | None
+    ) -> list[LiveAlarm]:
+        if kind is not None:
+            return [own[kind]]
+        if action is Action.SHELVE:
+            return [alarm for alarm in own.values() if alarm.state in STANDING]
+        return list(own.values())
+
+    def _lock(self, action: Action, name: str, time_ns: int, by: str) -> list[AlarmChange]:
+        locked = action is Action.SUPPRESS
+        if self.causes[name].shaft_locked == locked:
+            return []
+        self.causes[name].shaft_locked = locked
+        changes = self._sync(name, time_ns, by)
+        # An alarm that waits for somebody stays as it is; that it was asked is told all the same.
+        told = {change.kind for change in changes}
+        return changes + [
+            _change(alarm, time_ns, action.value, alarm.state, by)
+            for alarm in self.alarms[name].values()
+            if alarm.kind not in told
+        ]
+
+    def _silence(self, alarm: LiveAlarm, time_ns: int, by: str) -> AlarmChange:
+        alarm.silenced = True
+        alarm.silence_end_ns = self.now_ns + self.config.silence_time_ns
+        return _change(alarm, time_ns, Action.SILENCE.value, alarm.state, by)
+
+    def _run_out(self, alarms: Iterable[LiveAlarm], time_ns: int) -> list[AlarmChange]:
+        changes = []
+        for alarm in alarms:
+            if alarm.state is AlarmState.SHELVED and self.now_ns >= alarm.shelf_end_ns:
+                changes += self._fire(alarm, Trigger.UNSHELVE, time_ns, TIMER)
+            if alarm.silenced and self.now_ns >= alarm.silence_end_ns:
+                alarm.silenced = False
+                changes.append(_change(alarm, time_ns, UNSILENCE, alarm.state, TIMER))
+        return changes
+
+    def _sync(self, name: str, time_ns: int, by: str = MONITOR) -> list[AlarmChange]:
+        """Bring the alarms of a bearing up to their causes, worst first."""
+        causes, changes = self.causes[name], []
+        for alarm in self.alarms[name].values():
+            active = causes.holds(alarm.kind)
+            reasons = tuple(causes.suppression(alarm.kind, self.now_ns))
+            alarm.text = causes.texts.get(alarm.kind, alarm.text)
+            triggers = []
+            if bool(reasons) != bool(alarm.suppressed_by):
+                triggers.append(Trigger.SUPPRESS if reasons else Trigger.UNSUPPRESS)
+            if active != alarm.active:
+                triggers.append(Trigger.RAISE if active else Trigger.CLEAR)
+                alarm.since_ns = time_ns if active else alarm.since_ns
+            alarm.active, alarm.suppressed_by = active, reasons
+            for trigger in triggers:
+                changes += self._fire(alarm, trigger, time_ns, by)
+        return changes
+
+    def _facts(self, alarm: LiveAlarm) -> Facts:
+        worse = (
+            other
+            for other in self.alarms[alarm.bearing].values()
+            if RUNG_OF.get(other.kind, 0) > RUNG_OF.get(alarm.kind, len(AlarmKind))
+        )
+        return Facts(
+            suppressed=bool(alarm.suppressed_by),
+            covered=alarm.active and any(o.active and o.state in ON_SHOW for o in worse),
+            active=alarm.active,
+            held=alarm.occurred and self.latching(alarm),
+        )
+
+    def latching(self, alarm: LiveAlarm) -> bool:
+        """Whether an alarm stays until it is reset."""
+        return alarm.kind in LATCHING and self.causes[alarm.bearing].config.alarm.latch
+
+    def _fire(
+        self, alarm: LiveAlarm, trigger: Trigger, time_ns: int, by: str
+    ) -> list[AlarmChange]:
+        before = alarm.state
+        after = follow(before, trigger, self._facts(alarm))
+        if alarm.suppressed_by:
+            # Suppression goes on acting for as long as its reason holds.
+            after = follow(after, Trigger.SUPPRESS, self._facts(alarm))
+        alarm.state = after
+        _remember(alarm)
+        if after is before:
+            return []
+        alarm.changed_ns, alarm.by, alarm.shelved_until_ns = time_ns, by, None
+        # An alarm that flickers keeps its silence.
+        alarm.silenced = alarm.silenced and after in WAITING
+        if after is AlarmState.SHELVED:
+            alarm.shelf_end_ns = self.now_ns + self.config.shelve_time_ns
+            alarm.shelved_until_ns = time_ns + self.config.shelve_time_ns
+        change = _change(alarm, time_ns, trigger.value, before, by)
+        if change.raised:
+            alarm.count += 1
+            self._flood.add(self.now_ns)
+        return [change]
+
+
+def _remember(alarm: LiveAlarm) -> None:
+    if alarm.state in ON_SHOW or (alarm.state is AlarmState.SHELVED and alarm.active):
+        alarm.occurred = True
+    elif alarm.state in (AlarmState.NORMAL, AlarmState.SUPPRESSED, AlarmState.OUT_OF_SERVICE):
+        alarm.occurred = False
+
+
+def _change(alarm: LiveAlarm, time_ns: int, what: str, before: AlarmState, by: str) -> AlarmChange:
+    return AlarmChange(
+        time_ns, alarm.bearing, alarm.kind, what, before, alarm.state, by, alarm.text
+    )

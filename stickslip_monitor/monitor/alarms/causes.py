@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the alarms of one bearing are about: kinds, causes, and when these mean nothing.
+
+Thresholds, deadbands and delays of the ladder are those of :mod:`.rungs` and :mod:`.alarm`; its
+events are taken here as they come. What the ladder does not know (an input that comes and goes,
+absurd values, a shaft that starts to turn) has its delays here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Set
+from enum import Enum, IntEnum
+
+from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.ladder import LADDER, Condition
+from stickslip_monitor.monitor.signals import QUANTITIES, STATUS_SENTENCES, Status
+from stickslip_monitor.monitor.verdict import Event
+
+AT_REST, START_UP, SHAFT_LOCKED = 'at_rest', 'start_up', 'shaft_locked'
+"""Why alarms are suppressed by design."""
+
+
+class Priority(IntEnum):
+    """How urgent an alarm is, in the words of IEC 62923."""
+
+    CAUTION = 1
+    WARNING = 2
+    ALARM = 3
+
+
+class AlarmKind(str, Enum):
+    """What an alarm of a bearing is about."""
+
+    priority: Priority
+    sentence: str
+
+    def __new__(cls, name: str, priority: Priority, sentence: str) -> AlarmKind:
+        """Make a member from its name, its priority and its sentence."""
+        member = str.__new__(cls, name)
+        member._value_ = name
+        member.priority = priority
+        member.sentence = sentence
+        return member
+
+    AMPLITUDE_LIMIT = 'amplitude_limit', Priority.ALARM, Condition.AMPLITUDE.sentence
+    STICK_SLIP = 'stick_slip', Priority.ALARM, Condition.STICK_SLIP.sentence
+    BISTABLE = 'bistable', Priority.WARNING, Condition.BISTABLE.sentence
+    MARGIN_LOW = 'margin_low', Priority.CAUTION, Condition.CAUTION.sentence
+    INPUT_LOST = 'input_lost', Priority.WARNING, Condition.INPUT_STALE.sentence
+    INPUT_IMPLAUSIBLE = (
+        'input_implausible',
+        Priority.CAUTION,
+        'An input keeps bringing values that cannot be.',
+    )
+
+    def __str__(self) -> str:
+        return self.value
+
+
+RUNG_OF = {
+    AlarmKind.AMPLITUDE_LIMIT: LADDER.index(Condition.AMPLITUDE),
+    AlarmKind.STICK_SLIP: LADDER.index(Condition.STICK_SLIP),
+    AlarmKind.BISTABLE: LADDER.index(Condition.BISTABLE),
+    AlarmKind.MARGIN_LOW: LADDER.index(Condition.CAUTION),
+}
+"""The alarms of the ladder, worst first, and the rung from which each has its cause."""
+LATCHING = (AlarmKind.AMPLITUDE_LIMIT, AlarmKind.STICK_SLIP)
+"""The alarms that latch where latching is configured."""
+
+
+class Causes:
+    """The causes of one bearing's alarms; ``now_ns`` is a running time that never goes back.
+
+    Args:
+        config: The bearing.
+        recalled: Causes that held before a restart: they are believed until the bearing has been
+            watched for long enough to know.
+
+    Attributes:
+        shaft_locked: Whether somebody says that the shaft is locked.
+        texts: What was last said of each cause, for a person.
+    """
+
+    def __init__(self, config: BearingConfig, recalled: Set[AlarmKind] = frozenset()) -> None:
+        self.config = config
+        self.recalled = recalled
+        self.shaft_locked = False
+        self.texts: dict[AlarmKind, str] = {}
+        self._recalled_until: int | None = None
+        self._rung = 0
+        self._lost = False
+        self._lost_until: int | None = None
+        self._absurd_since: int | None = None
+        self._absurd_last = 0
+        self._absurd = False
+        self._resting = False
+        self._resting_asked = False
+        self._resting_since = 0
+        self._start_up_until = 0
+
+    def holds(self, kind: AlarmKind) -> bool:
+        """Whether the cause is there."""
+        if kind in self.recalled:
+            return True
+        if kind is AlarmKind.INPUT_LOST:
+            return self._lost or self._lost_until is not None
+        if kind is AlarmKind.INPUT_IMPLAUSIBLE:
+            return self._absurd
+        return self._rung >= RUNG_OF[kind]
+
+    def suppression(self, kind: AlarmKind, now_ns: int) -> list[str]:
+        """Why the cause means nothing now; empty where it counts."""
+        reasons = [SHAFT_LOCKED] if self.shaft_locked else []
+        if kind in RUNG_OF:
+            reasons += [AT_REST] if self._resting else []
+            reasons += [START_UP] if now_ns < self._start_up_until else []
+        return reasons
+
+    def take_event(self, event: Event, now_ns: int) -> None:
+        """The bearing's condition has changed."""
+        if event.after is Condition.INPUT_STALE:
+            self._lost, self._lost_until = True, None
+            self.texts[AlarmKind.INPUT_LOST] = event.text
+            return
+        if event.before is Condition.INPUT_STALE:
+            delay = self.config.alarm.input_off_delay_ns
+            self._lost, self._lost_until = False, now_ns + delay if delay else None
+        before, self._rung = self._rung, LADDER.index(event.after)
+        for kind, rung in RUNG_OF.items():
+            if before < rung <= self._rung or rung == self._rung:
+                self.texts[kind] = event.text
+
+    def take_fault(self, is_load: int, status: Status, now_ns: int) -> None:
+        """A sample's value could not be believed.
+
+        One absurd value is a glitch: the cause is there when they keep coming, within the
+        off-delay of one another, for the on-delay. It is gone when none has come for the inputs'
+        own off-delay.
+        """
+        alarm, quantity = self.config.alarm, QUANTITIES[is_load]
+        source = self.config.load if is_load else self.config.speed
+        self._settle_absurd(now_ns)
+        if self._absurd_since is None:
+            self._absurd_since = now_ns
+        self._absurd_last = now_ns
+        self._absurd = self._absurd or now_ns - self._absurd_since >= alarm.on_delay_ns
+        self.texts[AlarmKind.INPUT_IMPLAUSIBLE] = (
+            f'{self.config.name}: Input {quantity} implausible: values on {source.topic} are'
+            f' {STATUS_SENTENCES[status]}.'
+        )
+
+    def take_point(self, resting: bool, now_ns: int) -> bool:
+        """An operating point was measured; return whether anything may have changed."""
+        if self.recalled and self._recalled_until is None:
+            alarm = self.config.alarm
+            self._recalled_until = now_ns + alarm.on_delay_ns + alarm.off_delay_ns
+        if resting != self._resting_asked:
+            self._resting_asked, self._resting_since = resting, now_ns
+        return resting != self._resting and self._settle_rest(now_ns)
+
+    def advance(self, now_ns: int) -> None:
+        """Let time pass."""
+        if self._lost_until is not None and now_ns >= self._lost_until:
+            self._lost_until = None
+        self._settle_absurd(now_ns)
+        if self._recalled_until is not None and now_ns >= self._recalled_until:
+            self.recalled, self._recalled_until = frozenset(), None
+        self._settle_rest(now_ns)
+
+    def _settle_absurd(self, now_ns: int) -> None:
+        alarm = self.config.alarm
+        delay = alarm.input_off_delay_ns if self._absurd else alarm.off_delay_ns
+        if now_ns - self._absurd_last >= delay:
+            self._absurd, self._absurd_since = False, None
+
+    def _settle_rest(self, now_ns: int) -> bool:
+        """Come to rest after the off-delay, start to turn after the on-delay."""
+        alarm, asked = self.config.alarm, self._resting_asked
+        delay = alarm.off_delay_ns if asked else alarm.on_delay_ns
+        if asked == self._resting or now_ns - self._resting_since < delay:
+            return False
+        self._resting = asked
+        if not asked:
+            self._start_up_until = now_ns + alarm.startup_inhibit_ns
+        return True

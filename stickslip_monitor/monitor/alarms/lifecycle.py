@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The life of one alarm: states, what can happen, and one table of transitions.
+
+The states are those of ANSI/ISA-18.2 and IEC 62682, whose letters they carry, but for one: an
+alarm that latches and is not yet acknowledged waits as returned-unacknowledged, so that a latched
+alarm is always an acknowledged one.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import NamedTuple
+
+from stickslip_monitor.monitor.assessment import SentenceEnum
+
+
+class AlarmState(str, Enum):
+    """Where an alarm is in its life."""
+
+    letter: str
+    sentence: str
+
+    def __new__(cls, name: str, letter: str, sentence: str) -> AlarmState:
+        """Make a member from its name, its letter in ISA-18.2 and its sentence."""
+        member = str.__new__(cls, name)
+        member._value_ = name
+        member.letter = letter
+        member.sentence = sentence
+        return member
+
+    NORMAL = 'normal', 'A', 'The cause is absent, and nothing waits for anybody.'
+    UNACKNOWLEDGED = 'unacknowledged', 'B', 'The cause is there and nobody has acknowledged it.'
+    ACKNOWLEDGED = 'acknowledged', 'C', 'The cause is there and somebody knows.'
+    RETURNED = (
+        'returned_unacknowledged',
+        'D, E',
+        'The cause came and went and nobody has acknowledged it.',
+    )
+    LATCHED = 'latched', 'F', 'The cause is gone and acknowledged; the alarm waits for its reset.'
+    SHELVED = 'shelved', 'G', 'Put aside by somebody until a set time.'
+    SUPPRESSED = 'suppressed', 'H', 'Kept quiet by design: here the cause means nothing.'
+    OUT_OF_SERVICE = 'out_of_service', 'I', 'Taken out of service until somebody restores it.'
+
+    def __str__(self) -> str:
+        return self.value
+
+
+class Trigger(SentenceEnum):
+    """What can happen to an alarm; each member carries its sentence."""
+
+    RAISE = 'raise', 'the cause has come'
+    CLEAR = 'clear', 'the cause has gone'
+    SUPPRESS = 'suppress', 'a reason for suppression holds'
+    UNSUPPRESS = 'unsuppress', 'no reason for suppression holds any longer'
+    ACKNOWLEDGE = 'acknowledge', 'somebody has taken note'
+    RESET = 'reset', 'somebody has released the latch'
+    SHELVE = 'shelve', 'somebody has put it aside'
+    UNSHELVE = 'unshelve', 'somebody has taken it back, or its time has passed'
+    REMOVE = 'remove', 'somebody has taken it out of service'
+    RESTORE = 'restore', 'somebody has returned it to service'
+
+
+class Facts(NamedTuple):
+    """What a transition may depend on.
+
+    Attributes:
+        suppressed: A reason for suppression by design holds.
+        covered: The cause is there, and a worse alarm of the same ladder is there and on show.
+        active: The cause is there.
+        held: The alarm latches, and its cause has been there since its last reset.
+    """
+
+    suppressed: bool = False
+    covered: bool = False
+    active: bool = False
+    held: bool = False
+
+
+Choice = tuple[str, AlarmState]
+ALWAYS = ''
+
+_AGAIN: tuple[Choice, ...] = (
+    ('covered', AlarmState.ACKNOWLEDGED),
+    ('active', AlarmState.UNACKNOWLEDGED),
+)
+_ASIDE: tuple[Choice, ...] = (('suppressed', AlarmState.SUPPRESSED),)
+_HELD: tuple[Choice, ...] = (('held', AlarmState.RETURNED),)
+_BACK: tuple[Choice, ...] = ((ALWAYS, AlarmState.NORMAL),)
+_COME: tuple[Choice, ...] = (
+    ('covered', AlarmState.ACKNOWLEDGED),
+    (ALWAYS, AlarmState.UNACKNOWLEDGED),
+)
+_DONE: tuple[Choice, ...] = (('held', AlarmState.LATCHED), (ALWAYS, AlarmState.NORMAL))
+_SHELF: tuple[Choice, ...] = ((ALWAYS, AlarmState.SHELVED),)
+_AWAY: tuple[Choice, ...] = ((ALWAYS, AlarmState.OUT_OF_SERVICE),)
+
+# State and trigger lead to the first choice whose fact holds. What is not in the table does not
+# change the state, and a person's action that is not in it is refused.
+#
+# Suppression takes no alarm away that waits for somebody, whether unacknowledged or latched; but
+# while it holds, none of them is raised.
+TABLE: dict[tuple[AlarmState, Trigger], tuple[Choice, ...]] = {
+    (AlarmState.NORMAL, Trigger.RAISE): _COME,
+    (AlarmState.NORMAL, Trigger.SUPPRESS): ((ALWAYS, AlarmState.SUPPRESSED),),
+    (AlarmState.NORMAL, Trigger.SHELVE): _SHELF,
+    (AlarmState.NORMAL, Trigger.REMOVE): _AWAY,
+    (AlarmState.UNACKNOWLEDGED, Trigger.CLEAR): ((ALWAYS, AlarmState.RETURNED),),
+    (AlarmState.UNACKNOWLEDGED, Trigger.ACKNOWLEDGE): ((ALWAYS, AlarmState.ACKNOWLEDGED),),
+    (AlarmState.UNACKNOWLEDGED, Trigger.SHELVE): _SHELF,
+    (AlarmState.UNACKNOWLEDGED, Trigger.REMOVE): _AWAY,
+    (AlarmState.ACKNOWLEDGED, Trigger.CLEAR): _DONE,
+    (AlarmState.ACKNOWLEDGED, Trigger.SUPPRESS): (
+        ('held', AlarmState.ACKNOWLEDGED),
+        (ALWAYS, AlarmState.SUPPRESSED),
+    ),
+    (AlarmState.ACKNOWLEDGED, Trigger.SHELVE): _SHELF,
+    (AlarmState.ACKNOWLEDGED, Trigger.REMOVE): _AWAY,
+    (AlarmState.RETURNED, Trigger.RAISE): (
+        ('suppressed', AlarmState.RETURNED),
+        (ALWAYS, AlarmState.UNACKNOWLEDGED),
+    ),
+    (AlarmState.RETURNED, Trigger.UNSUPPRESS): (('active', AlarmState.UNACKNOWLEDGED),),
+    (AlarmState.RETURNED, Trigger.ACKNOWLEDGE): _DONE,
+    (AlarmState.RETURNED, Trigger.SHELVE): _SHELF,
+    (AlarmState.RETURNED, Trigger.REMOVE): _AWAY,
+    (AlarmState.LATCHED, Trigger.RAISE): (('suppressed', AlarmState.LATCHED), *_COME),
+    (AlarmState.LATCHED, Trigger.UNSUPPRESS): _AGAIN,
+    (AlarmState.LATCHED, Trigger.RESET): _BACK,
+    (AlarmState.LATCHED, Trigger.REMOVE): _AWAY,
+    (AlarmState.SHELVED, Trigger.UNSHELVE): (*_ASIDE, *_AGAIN, *_HELD, *_BACK),
+    (AlarmState.SHELVED, Trigger.REMOVE): _AWAY,
+    (AlarmState.SUPPRESSED, Trigger.UNSUPPRESS): (*_AGAIN, *_BACK),
+    (AlarmState.SUPPRESSED, Trigger.SHELVE): _SHELF,
+    (AlarmState.SUPPRESSED, Trigger.REMOVE): _AWAY,
+    (AlarmState.OUT_OF_SERVICE, Trigger.RESTORE): (*_ASIDE, *_AGAIN, *_BACK),
+}
+
+
+def follow(state: AlarmState, trigger: Trigger, facts: Facts) -> AlarmState:
+    """The state after something happened; the same one where the table has no row for it."""
+    for fact, target in TABLE.get((state, trigger), ()):
+        if fact == ALWAYS or getattr(facts, fact):
+            return target
+    return state

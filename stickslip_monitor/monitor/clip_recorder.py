@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Event clips: the messages around an alarm, kept in bounded memory until they are a clip.
+
+Nothing is written here and no clock is read: the recorder is told of messages, of events and of
+the time, and hands out whole clips. All times are those of the samples.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+from stickslip_monitor.monitor.config import ClipConfig
+from stickslip_monitor.monitor.ladder import Condition, Level
+from stickslip_monitor.monitor.verdict import Event
+
+# What a message takes beside its data, in memory and in the file, roughly [bytes].
+_OVERHEAD = 100
+
+
+class ClipMessage(NamedTuple):
+    """One message, encoded in CDR."""
+
+    time_ns: int
+    topic: str
+    type: str
+    data: bytes
+
+    @property
+    def size(self) -> int:
+        """The bytes it counts for."""
+        return len(self.data) + _OVERHEAD
+
+
+@dataclass(frozen=True, slots=True)
+class Clip:
+    """The messages around an alarm.
+
+    Attributes:
+        bearing: The bearing whose alarm began it.
+        condition: What the alarm said.
+        time_ns: When it began [ns].
+        messages: In order of arrival.
+        definitions: The ``ros2msg`` definition of each type that is not built in.
+    """
+
+    bearing: str
+    condition: Condition
+    time_ns: int
+    messages: tuple[ClipMessage, ...]
+    definitions: Mapping[str, str] = field(default_factory=dict)
+
+
+class ClipStore(Protocol):
+    """Where clips go."""
+
+    def write(self, clip: Clip) -> Iterator[None]:
+        """Write a clip a little at each step.
+
+        Raises:
+            StickslipError: It cannot be written; the text says why.
+        """
+
+
+def begins_clip(event: Event) -> bool:
+    """Whether a change of the alarm is one to keep a clip of."""
+    return event.raised and event.after.level is Level.ERROR
+
+
+class ClipRecorder:
+    """Keeps the last messages, and takes a clip when an alarm begins.
+
+    A further alarm while a clip is taken lengthens it. Half of a clip's size is for what was
+    before the alarm; a clip that is full ends there.
+
+    Args:
+        config: How long and how large.
+        definitions: The ``ros2msg`` definition of each type that is not built in; may grow.
+    """
+
+    def __init__(self, config: ClipConfig, definitions: Mapping[str, str] | None = None) -> None:
+        self.config = config
+        self._definitions = {} if definitions is None else definitions
+        self.now_ns = 0
+        self._past: deque[ClipMessage] = deque()
+        self._past_size = 0
+        self._event: Event | None = None
+        self._taken: list[ClipMessage] = []
+        self._taken_size = 0
+        self._end_ns = 0
+        self._done: list[Clip] = []
+
+    def add(self, message: ClipMessage) -> None:
+        """Take a message."""
+        self.advance(message.time_ns)
+        self._past.append(message)
+        self._past_size += message.size
+        self._forget()
+        if self._event is not None:
+            self._taken.append(message)
+            self._taken_size += message.size
+            if self._taken_size >= self.config.size:
+                self.finish()
+
+    def note(self, event: Event) -> None:
+        """Take notice of a change of an alarm, whose messages have been added."""
+        if not begins_clip(event):
+            return
+        self._end_ns = event.time_ns + self.config.around_ns
+        if self._event is None:
+            self._event = event
+            self._taken = list(self._past)
+            self._taken_size = self._past_size
+
+    def advance(self, time_ns: int) -> None:
+        """Let time pass. A step back by more than a clip's length is a jump of the clock."""
+        if time_ns < self.now_ns - self.config.around_ns:
+            self.finish()
+            self._past.clear()
+            self._past_size = 0
+            self.now_ns = time_ns
+        self.now_ns = max(self.now_ns, time_ns)
+        if self._event is not None and self.now_ns > self._end_ns:
+            self.finish()
+
+    def clips(self) -> list[Clip]:
+        """The clips that have become whole since the last call."""
+        done, self._done = self._done, []
+        return done
+
+    def finish(self) -> None:
+        """End the clip that is being taken with what there is."""
+        if self._event is None:
+            return
+        self._done.append(
+            Clip(
+                self._event.bearing,
+                self._event.after,
+                self._event.time_ns,
+                tuple(self._taken),
+                dict(self._definitions),
+            )
+        )
+        self._event, self._taken = None, []
+
+    def _forget(self) -> None:
+        """Drop what is too old, or too much."""
+        oldest = self.now_ns - self.config.around_ns
+        while self._past and (
+            self._past[0].time_ns < oldest or self._past_size > self.config.size // 2
+        ):
+            self._past_size -= self._past.popleft().size

@@ -1,0 +1,250 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Events and verdicts as what is published and written, the same live and offline.
+
+The diagnostic status of a bearing: what the node publishes and what a checked bag is given.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip_monitor.monitor.assessment import Assessment, joined
+from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.ladder import Condition, Level
+from stickslip_monitor.monitor.monitor import BearingMonitor
+from stickslip_monitor.monitor.signals import QUANTITIES, Status
+from stickslip_monitor.monitor.trend import Trend
+from stickslip_monitor.monitor.verdict import Event
+
+WARNING_SCHEMA = 'stickslip_monitor/warning/1'
+_POINT_FIELDS = (
+    'speed',
+    'load',
+    'hopf_speed',
+    'fold_speed',
+    'hopf_margin',
+    'fold_margin',
+    'growth_rate',
+    'amplitude',
+    'amplitude_exact',
+    'amplitude_error',
+    'threshold_amplitude',
+)
+# Fewer than make a surface of cycles worth building: that would take a second, and let what one
+# recording's numbers are, in the seventh digit, depend on those checked before it.
+_TOGETHER = 2048
+VERDICT_NUMBERS = ('amplitude', 'amplitude_exact', 'hopf_margin', 'fold_margin')
+"""The numbers of a verdict that have a topic of their own, by the topic's last part."""
+
+
+def output_topics(bearings: Iterable[str], node: str) -> dict[str, str]:
+    """The topics of a node of that full name, with their message types, in order.
+
+    Args:
+        bearings: Names of the bearings.
+        node: The node's full name, ``/stickslip_monitor`` say.
+    """
+    topics: dict[str, str] = {}
+    for bearing in bearings:
+        topics |= {f'{node}/{bearing}/{name}': 'std_msgs/msg/Float64' for name in VERDICT_NUMBERS}
+        topics[f'{node}/{bearing}/regime'] = 'std_msgs/msg/String'
+    return topics | {
+        f'{node}/warnings': 'std_msgs/msg/String',
+        '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
+    }
+
+
+def verdict_numbers(point: Assessment) -> dict[str, Any]:
+    """What the topics of :data:`VERDICT_NUMBERS` say, in their order.
+
+    Args:
+        point: An assessment of scalars, or of arrays.
+
+    Returns:
+        Numbers of the assessment's shape by topic; an amplitude is 0 where no cycle exists.
+    """
+    amplitudes = (np.where(np.isnan(a), 0.0, a) for a in (point.amplitude, point.amplitude_exact))
+    numbers = (*amplitudes, point.hopf_margin, point.fold_margin)
+    return dict(zip(VERDICT_NUMBERS, numbers, strict=True))
+
+
+def number(value: float) -> float | None:
+    """A float for JSON, which has no infinity and no NaN."""
+    return value if math.isfinite(value) else None
+
+
+def point_record(point: Assessment | None) -> dict[str, Any]:
+    """Regime, outcome and numbers of an assessment of scalars; all ``None`` without one."""
+    if point is None:
+        return dict.fromkeys(('regime', 'outcome', *_POINT_FIELDS))
+    return _point_record(point, [getattr(point, name) for name in _POINT_FIELDS])
+
+
+def _point_record(point: Assessment, numbers: Sequence[float]) -> dict[str, Any]:
+    return {
+        'regime': point.regime.value,
+        'outcome': point.outcome.value,
+        **{name: number(value) for name, value in zip(_POINT_FIELDS, numbers, strict=True)},
+    }
+
+
+def event_record(event: Event) -> dict[str, Any]:
+    """One event; the fields are documented in docs/interfaces.md."""
+    return _event_record(event, point_record(event.assessment))
+
+
+def event_records(events: Sequence[Event]) -> list[dict[str, Any]]:
+    """Events of one bearing; their numbers are worked out together."""
+    known = [event.assessment for event in events if event.assessment is not None]
+    rows = (
+        row
+        for start in range(0, len(known), _TOGETHER)
+        for row in _numbers(joined(known[start : start + _TOGETHER]))
+    )
+    records = []
+    for event in events:
+        point = event.assessment
+        own = point_record(None) if point is None else _point_record(point, next(rows))
+        records.append(_event_record(event, own))
+    return records
+
+
+def _numbers(points: Assessment) -> Iterator[Sequence[float]]:
+    """The numbers of each point of an assessment of arrays."""
+    return zip(*(getattr(points, name).tolist() for name in _POINT_FIELDS), strict=True)
+
+
+def _event_record(event: Event, point: dict[str, Any]) -> dict[str, Any]:
+    return {
+        'schema': WARNING_SCHEMA,
+        'bearing': event.bearing,
+        'time': event.time_ns,
+        'from': event.before.value,
+        'to': event.after.value,
+        'level': event.after.level.name,
+        'reason': event.after.value,
+        'sticking': event.sticking,
+        **point,
+        'input_age': {name: number(age) for name, age in event.lost.items()},
+        'text': event.text,
+    }
+
+
+def event_json(event: Event) -> str:
+    """One event as the text of a message."""
+    return json.dumps(event_record(event), allow_nan=False)
+
+
+WAITING = 'Waiting for the first speed and load.'
+
+
+@dataclass(frozen=True, slots=True)
+class BearingState:
+    """A bearing at an instant.
+
+    Attributes:
+        config: The bearing.
+        condition: What the alarm says.
+        text: What it says, for a person.
+        assessment: The last assessment, of scalars; ``None`` before the first.
+        sticking: Whether that one predicts stick-slip.
+        lost: The inputs that are lost, with their ages [s].
+        trend: When that prediction changes at the present rate; ``None`` if unknown.
+        counts: Samples by quantity (speed, load) and :class:`Status`, shape (2, 6).
+    """
+
+    config: BearingConfig
+    condition: Condition
+    text: str
+    assessment: Assessment | None
+    sticking: bool
+    trend: Trend | None
+    lost: dict[str, float]
+    counts: NDArray[np.int64]
+
+    @property
+    def waiting(self) -> bool:
+        """Whether nothing is known yet: no operating point, nor that an input is lost."""
+        return self.assessment is None and self.condition is not Condition.INPUT_STALE
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosticRecord:
+    """The fields of a ``diagnostic_msgs/DiagnosticStatus``, without ROS."""
+
+    level: Level
+    name: str
+    hardware_id: str
+    message: str
+    values: dict[str, str]
+
+
+def state_of(bearing: BearingMonitor) -> BearingState:
+    """The state of a bearing that is monitored live."""
+    verdict, trend = bearing.verdict, bearing.trend()
+    return BearingState(
+        bearing.config,
+        bearing.track.condition,
+        bearing.text(trend),
+        verdict.assessment if verdict else None,
+        verdict.sticking if verdict else False,
+        trend,
+        bearing.lost(),
+        bearing.gate.counts,
+    )
+
+
+def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:
+    """The diagnostic status of a bearing, as the node of that name publishes it."""
+    name = state.config.name
+    return DiagnosticRecord(
+        level=Level.WARN if state.waiting else state.condition.level,
+        name=f'{node}: {name}',
+        hardware_id=name,
+        message=f'{name}: {WAITING}' if state.waiting else state.text,
+        values={
+            key: value if isinstance(value, str) else f'{value:.9g}'
+            for key, value in diagnostic_values(state).items()
+        },
+    )
+
+
+def diagnostic_values(state: BearingState) -> dict[str, str | float]:
+    """The key-value pairs of a bearing's diagnostic status: one number a key, unit in the key."""
+    reason = 'waiting' if state.waiting else state.condition.value
+    result: dict[str, str | float] = {'reason': reason}
+    point = state.assessment
+    if point is not None:
+        rpm = state.config.bearing.speed.from_surface(point.speed, 'rpm')
+        result |= {
+            'regime': point.regime.value,
+            'outcome': point.outcome.value,
+            'stick-slip predicted': str(state.sticking).lower(),
+            'speed [m/s]': point.speed,
+            'shaft speed [rpm]': float(rpm),
+            'load [N]': point.load,
+            'hopf speed [m/s]': point.hopf_speed,
+            'fold speed [m/s]': point.fold_speed,
+            'hopf margin': point.hopf_margin,
+            'fold margin': point.fold_margin,
+            'growth rate [1/s]': point.growth_rate,
+            'amplitude [m]': point.amplitude,
+            'amplitude of the exact cycle [m]': point.amplitude_exact,
+            'error of the amplitude': point.amplitude_error,
+            'threshold amplitude [m]': point.threshold_amplitude,
+            'time to boundary [s]': state.trend.seconds if state.trend else math.nan,
+        }
+    for name, age in state.lost.items():
+        result[f'{name} age [s]'] = age
+    for row, name in enumerate(QUANTITIES):
+        for status in Status:
+            label = status.name.lower().replace('_', ' ')
+            result[f'{name} samples {label}'] = int(state.counts[row, status])
+    return result

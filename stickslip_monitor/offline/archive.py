@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Finding the recordings of an archive, and telling whether one has changed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from stickslip_monitor.bags.bag import natural
+from stickslip_monitor.bags.metadata import FILE_NAME
+
+Stamp = tuple[tuple[str, int, int], ...]
+
+
+def find_bags(paths: Iterable[str | Path]) -> list[Path]:
+    """Find the recordings that are meant by some paths.
+
+    Args:
+        paths: MCAP files, rosbag2 folders, and folders that hold such at any depth.
+
+    Returns:
+        Each recording once, in the order of the paths, those of a folder by name (10 after 9). A
+        path under which there is none stays as it is: opening it says why.
+    """
+    found: dict[Path, Path] = {}
+    for path in map(Path, paths):
+        for bag in _within(path) or [path]:
+            found.setdefault(bag.resolve(), bag)
+    return list(found.values())
+
+
+def _within(path: Path) -> list[Path]:
+    if not path.is_dir() or _is_bag(path, (entry.name for entry in path.iterdir())):
+        return [path]
+    return sorted(_walk(path), key=lambda bag: [natural(part) for part in bag.parts])
+
+
+def _walk(folder: Path) -> Iterator[Path]:
+    for where, folders, files in os.walk(folder):
+        # Drafts of recordings that are being written begin with a dot.
+        folders[:] = [name for name in folders if not name.startswith('.')]
+        if _is_bag(Path(where), files):
+            folders.clear()
+            yield Path(where)
+
+
+def _is_bag(folder: Path, names: Iterable[str]) -> bool:
+    """Whether a folder is a recording; several loose files in a folder are parts of one."""
+    return any(
+        name == FILE_NAME or (name.endswith('.mcap') and not name.startswith('.'))
+        for name in names
+        if (folder / name).is_file()
+    )
+
+
+def stamp_of(bag: Path) -> Stamp:
+    """Name, size [bytes] and time of the last change [ns] of each file of a recording.
+
+    A recording that cannot be looked at has an empty stamp: opening it says why.
+    """
+    try:
+        files = sorted(bag.iterdir()) if bag.is_dir() else [bag]
+        states = [(file.name, file.stat()) for file in files]
+    except OSError:
+        return ()
+    return tuple((name, state.st_size, state.st_mtime_ns) for name, state in states)

@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How regularly the messages of an input came, and where they did not.
+
+The monitor over a recorded bag: every bearing scanned, and what was wrong with the data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip_monitor.arrays import IntArray
+from stickslip_monitor.bags.reader import Bag, Fault, Request, Series, open_bag
+from stickslip_monitor.monitor.assessment import REGIMES, Regime
+from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
+from stickslip_monitor.monitor.monitor import Monitor
+from stickslip_monitor.monitor.scan import Scan
+from stickslip_monitor.monitor.signals import QUANTITIES, STATUS_SENTENCES, Status, Stream
+from stickslip_monitor.offline.intervals import Extreme, worst
+from stickslip_monitor.surface_store import prepare_surfaces
+
+_MOST_NAMED = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """A time without messages: the last stamp before it [ns] and how long it lasted [s]."""
+
+    start_ns: int
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Gaps:
+    """The rhythm of a topic.
+
+    Attributes:
+        rate: Messages a second between the gaps [1/s]; ``nan`` for fewer than two.
+        count: Gaps, that is, intervals longer than the limit.
+        longest: The longest of them, longest first, at most five.
+    """
+
+    rate: float
+    count: int
+    longest: tuple[Gap, ...]
+
+
+def find_gaps(stamp_ns: IntArray, limit_ns: int) -> Gaps:
+    """Find the intervals between messages that are longer than a limit.
+
+    Args:
+        stamp_ns: Stamps in order of arrival, shape (n,) [ns]; steps back count as no time.
+        limit_ns: The longest interval that is no gap [ns].
+
+    Returns:
+        The gaps and the rate apart from them.
+    """
+    interval = np.diff(stamp_ns)
+    long = np.flatnonzero(interval > limit_ns)
+    lasting = interval[long]
+    regular = interval.size - long.size
+    passed = float(np.maximum(interval, 0).sum() - lasting.sum()) * 1e-9
+    order = np.argsort(-lasting, kind='stable')[:_MOST_NAMED]
+    named = [Gap(int(stamp_ns[long[i]]), float(lasting[i]) / 1e9) for i in order]
+    return Gaps(regular / passed if passed > 0.0 else np.nan, int(long.size), tuple(named))
+
+
+@dataclass(frozen=True, slots=True)
+class InputReport:
+    """What came of one input of a bearing.
+
+    Attributes:
+        quantity: ``'speed'`` or ``'load'``.
+        topic: Where it was read.
+        messages: Messages on the topic.
+        used: Samples that were believed.
+        faults: What was wrong with the others, and jumps of the clock.
+        gaps: How regularly they came; a gap is longer than the input's timeout.
+    """
+
+    quantity: str
+    topic: str
+    messages: int
+    used: int
+    faults: tuple[Fault, ...]
+    gaps: Gaps
+
+    @property
+    def complaints(self) -> list[str]:
+        """What was wrong, one clause for each kind."""
+        place = f'{self.quantity} on {self.topic}'
+        found = [f'{place}: {fault.count} x {fault.text}' for fault in self.faults]
+        return found if self.used else [*found, f'{place}: no usable sample']
+
+
+@dataclass(frozen=True, slots=True)
+class BearingReport:
+    """What the monitor says of one bearing over a recording.
+
+    Attributes:
+        name: Name of the bearing.
+        scan: All verdicts and events.
+        seconds: Time spent in each regime [s]; time without a usable operating point counts as
+            undetermined.
+        worst: The least Hopf and fold margin and the greatest predicted amplitude, by name;
+            a quantity that never had a value is absent.
+        inputs: What came of speed and load.
+        stream: The samples.
+    """
+
+    name: str
+    scan: Scan
+    seconds: dict[Regime, float]
+    worst: dict[str, Extreme]
+    inputs: tuple[InputReport, ...]
+    stream: Stream
+
+    @property
+    def complaints(self) -> list[str]:
+        """What was wrong with the samples, one clause for each kind."""
+        return [text for item in self.inputs for text in item.complaints]
+
+    @property
+    def has_warnings(self) -> bool:
+        """Whether any event raised a warning or an alarm."""
+        return any(event.after.level for event in self.scan.events)
+
+
+@dataclass(frozen=True, slots=True)
+class CheckReport:
+    """The result of checking one bag.
+
+    Attributes:
+        bag: The bag.
+        bearings: What the monitor says of each bearing, by name.
+        start_ns: When the recording begins, on the clock of the samples [ns].
+        end_ns: When it ends; both are ``None`` in a recording without messages.
+    """
+
+    bag: Bag
+    bearings: dict[str, BearingReport]
+    start_ns: int | None
+    end_ns: int | None
+
+    @property
+    def has_warnings(self) -> bool:
+        """Whether any bearing has warnings."""
+        return any(bearing.has_warnings for bearing in self.bearings.values())
+
+
+def check_bag(
+    path: str | Path, config: MonitorConfig, progress: Callable[[int, int], None] | None = None
+) -> CheckReport:
+    """Run the monitor over a bag.
+
+    Args:
+        path: A rosbag2 folder or an .mcap file.
+        config: The configuration; its topics must be in the bag.
+        progress: Called with bytes read and bytes in all.
+
+    Returns:
+        The report.
+
+    Raises:
+        BagError: The bag cannot be read, lacks a topic, or a field leads to no number.
+    """
+    bag = open_bag(path)
+    requests = {b.name: (_request(b.speed), _request(b.load)) for b in config.bearings}
+    series = bag.read({r for pair in requests.values() for r in pair}, progress)
+    streams = {
+        name: _stream(series[speed], series[load]) for name, (speed, load) in requests.items()
+    }
+    start, end = _span(bag, streams)
+    prepare_surfaces(item.bearing for item in config.bearings)
+    monitor = Monitor(config)
+
+    def report(bearing: BearingConfig) -> BearingReport:
+        name = bearing.name
+        scan = monitor.scan({name: streams[name]}, start, end)[name]
+        own = [series[request] for request in requests[name]]
+        return _report(bearing, scan, own, streams[name], start, end)
+
+    # Bearings know nothing of each other, and arithmetic on arrays needs no interpreter.
+    with ThreadPoolExecutor(len(config.bearings)) as pool:
+        reports = dict(zip(streams, pool.map(report, config.bearings), strict=True))
+    return CheckReport(bag, reports, start, end)
+
+
+def _request(source: InputConfig) -> Request:
+    return Request(source.topic, source.field_text, source.type)
+
+
+def _stream(speed: Series, load: Series) -> Stream:
+    """Merge two series into the order in which the bag holds their messages."""
+    sequence = np.concatenate([speed.sequence, load.sequence])
+    order = np.argsort(sequence, kind='stable')
+    is_load = np.arange(sequence.size) >= speed.sequence.size
+    return Stream(
+        np.concatenate([speed.stamp_ns, load.stamp_ns])[order],
+        is_load[order],
+        np.concatenate([speed.value, load.value])[order],
+    )
+
+
+def _span(bag: Bag, streams: dict[str, Stream]) -> tuple[int | None, int | None]:
+    """Start and end of the recording on the clock of the samples.
+
+    Stamps in headers may be from another clock than the recorder's: then the samples' own span
+    counts.
+    """
+    times = [stream.time_ns for stream in streams.values() if stream.time_ns.size]
+    if bag.start_ns is None or bag.end_ns is None or not times:
+        return bag.start_ns, bag.end_ns
+    first, last = min(int(t[0]) for t in times), max(int(t.max()) for t in times)
+    if first < bag.start_ns or last > bag.end_ns:
+        return first, last
+    return bag.start_ns, bag.end_ns
+
+
+def _report(
+    config: BearingConfig,
+    scan: Scan,
+    series: list[Series],
+    stream: Stream,
+    start_ns: int | None,
+    end_ns: int | None,
+) -> BearingReport:
+    span = (end_ns - start_ns) * 1e-9 if start_ns is not None and end_ns is not None else 0.0
+    return BearingReport(
+        config.name,
+        scan,
+        _seconds(scan, span),
+        worst(scan),
+        _inputs(config, scan, series),
+        stream,
+    )
+
+
+def _seconds(scan: Scan, span: float) -> dict[Regime, float]:
+    lasting = (scan.until_ns - scan.time_ns) * 1e-9
+    totals = np.bincount(
+        np.asarray(scan.assessment.regime_code), weights=lasting, minlength=len(REGIMES)
+    )
+    seconds = {regime: float(totals[i]) for i, regime in enumerate(REGIMES)}
+    seconds[Regime.UNDETERMINED] += max(0.0, span - float(lasting.sum()))
+    return seconds
+
+
+def _inputs(config: BearingConfig, scan: Scan, series: list[Series]) -> tuple[InputReport, ...]:
+    sources = (config.speed, config.load)
+    return tuple(
+        InputReport(
+            quantity,
+            source.topic,
+            int(own.value.size),
+            int(counts[: Status.CLOCK_JUMP + 1].sum()),
+            (*own.faults, *_faults(counts)),
+            find_gaps(own.stamp_ns, source.timeout_ns),
+        )
+        for quantity, source, own, counts in zip(
+            QUANTITIES, sources, series, scan.counts, strict=True
+        )
+    )
+
+
+def _faults(counts: NDArray[np.int64]) -> list[Fault]:
+    return [
+        Fault(int(counts[status]), sentence)
+        for status, sentence in STATUS_SENTENCES.items()
+        if counts[status]
+    ]

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A folder of event clips: small MCAP files, the oldest of which make room for the newest."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import re
+import time
+from collections.abc import Iterator
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+from stickslip_monitor.bags.encode import MESSAGE_TYPES
+from stickslip_monitor.bags.writer import BagWriter
+from stickslip_monitor.errors import BagError
+from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder
+from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig
+from stickslip_monitor.monitor.verdict import Event
+from stickslip_monitor.offline.check import CheckReport
+from stickslip_monitor.offline.verdicts import NODE, messages, topics
+
+_SLICE = 500
+_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+_NAME = r'\d{8}T\d{6}Z_[a-z0-9_]+(-\d+)?\.mcap'
+_OURS, _DRAFT = re.compile(_NAME), re.compile(rf'\.{_NAME}\.\d+\.draft')
+# Another monitor may be writing into the folder [s].
+_STALE = 3600.0
+
+
+class ClipFolder:
+    """Writes clips into a folder and keeps the newest of them.
+
+    Args:
+        config: The folder, and how many clips it holds.
+
+    Raises:
+        BagError: The folder is not there and cannot be made.
+    """
+
+    def __init__(self, config: ClipConfig) -> None:
+        self.path = Path(config.directory).expanduser()
+        self._most = config.most
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise BagError(
+                f"clips.directory = '{config.directory}' cannot be made: {error.strerror or error}"
+            ) from error
+        self._sweep()
+
+    def write(self, clip: Clip) -> Iterator[None]:
+        """Write a clip, some messages at each step; then drop the oldest that are too many.
+
+        Raises:
+            BagError: It cannot be written; nothing of it stays.
+        """
+        with BagWriter(self._free(clip)) as writer:
+            known: set[str] = set()
+            for number, message in enumerate(clip.messages, 1):
+                if message.topic not in known:
+                    known.add(message.topic)
+                    kind = message.type
+                    own = None if kind in MESSAGE_TYPES else clip.definitions.get(kind)
+                    writer.add_topic(message.topic, kind, own)
+                writer.write(message.topic, message.time_ns, message.data)
+                if number % _SLICE == 0:
+                    yield
+        self._drop_oldest()
+
+    def clips(self) -> list[Path]:
+        """The clips of the folder, the oldest first; other files are none of ours."""
+        found = [path for path in self.path.iterdir() if _OURS.fullmatch(path.name)]
+        return sorted(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
+
+    def _free(self, clip: Clip) -> Path:
+        """A name that is not taken: when, which bearing, what."""
+        when = _EPOCH + timedelta(seconds=clip.time_ns // 10**9)
+        stem = f'{when:%Y%m%dT%H%M%SZ}_{clip.bearing}_{clip.condition.value}'
+        for number in itertools.count(1):
+            path = self.path / f'{stem}{f"-{number}" if number > 1 else ""}.mcap'
+            if not path.exists():
+                return path
+        raise AssertionError('unreachable: the numbers do not end')
+
+    def _sweep(self) -> None:
+        """Remove what a crash left of clips that were being written."""
+        for path in self.path.iterdir():
+            old = _DRAFT.fullmatch(path.name) and time.time() - path.stat().st_mtime > _STALE
+            if old:
+                path.unlink(missing_ok=True)
+
+    def _drop_oldest(self) -> None:
+        for path in self.clips()[: -self._most]:
+            with contextlib.suppress(FileNotFoundError):
+                path.unlink()
+
+
+def write_clips(checked: CheckReport, config: MonitorConfig, store: ClipFolder) -> int:
+    """Write a clip of every alarm in a checked bag.
+
+    Args:
+        checked: What the check found.
+        config: The configuration it was checked with.
+        store: Where to.
+
+    Returns:
+        How many clips were written.
+
+    Raises:
+        BagError: One cannot be written, or the bag cannot be read again.
+    """
+    definitions = {kind: text for _, kind, text in topics(checked, config) if text is not None}
+    recorder = ClipRecorder(config.clips, definitions)
+    events = iter(sorted(_events(checked), key=lambda event: event.time_ns))
+    count = 0
+    for message in messages(checked, config):
+        recorder.add(ClipMessage(message.log_time_ns, message.topic, message.type, message.data))
+        if message.topic == f'/{NODE}/warnings':
+            recorder.note(next(events))
+        count += _store(recorder, store)
+    recorder.finish()
+    return count + _store(recorder, store)
+
+
+def _events(checked: CheckReport) -> Iterator[Event]:
+    for bearing in checked.bearings.values():
+        yield from bearing.scan.events
+
+
+def _store(recorder: ClipRecorder, store: ClipFolder) -> int:
+    clips = recorder.clips()
+    for clip in clips:
+        for _ in store.write(clip):
+            pass
+    return len(clips)

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The stretches of a recording between two changes of the alarm.
+
+The worst moments of a recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip_monitor.monitor.assessment import Assessment, at_index
+from stickslip_monitor.monitor.ladder import LADDER, Condition
+from stickslip_monitor.monitor.scan import Scan
+from stickslip_monitor.monitor.verdict import Event
+
+_SEVERITY = (Condition.NORMAL, Condition.INPUT_STALE, *LADDER[1:])
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionInterval:
+    """A stretch of time in one condition [ns]."""
+
+    start_ns: int
+    end_ns: int
+    condition: Condition
+
+    @property
+    def seconds(self) -> float:
+        """How long it lasted [s]; 0 where the clock jumped back in it."""
+        return max(0, self.end_ns - self.start_ns) * 1e-9
+
+
+def condition_intervals(
+    events: Iterable[Event], start_ns: int, end_ns: int
+) -> list[ConditionInterval]:
+    """The conditions of a recording one after the other.
+
+    Args:
+        events: The changes of one bearing's alarm, in order.
+        start_ns: When the recording begins [ns]; the condition is normal from then on.
+        end_ns: When it ends [ns].
+
+    Returns:
+        The spells in order; the first is of no length where the first change is at the start.
+    """
+    found = [ConditionInterval(start_ns, end_ns, Condition.NORMAL)]
+    for event in events:
+        last = found.pop()
+        found += [
+            ConditionInterval(last.start_ns, event.time_ns, last.condition),
+            ConditionInterval(event.time_ns, end_ns, event.after),
+        ]
+    return found
+
+
+def coarsened(parts: Sequence[ConditionInterval], most: int) -> list[ConditionInterval]:
+    """Fewer spells that show the same at a glance: of each stretch of time the worst condition.
+
+    Args:
+        parts: Spells that follow each other.
+        most: How many spells to return at most; fewer than that stay as they are.
+
+    Returns:
+        Spells over the same time. A stretch that touches several takes the most severe of them,
+        so that none is lost.
+    """
+    start, end = parts[0].start_ns, max(spell.end_ns for spell in parts)
+    if len(parts) <= most or end <= start:
+        return list(parts)
+    worst = [Condition.NORMAL] * most
+    for spell in parts:
+        first = (spell.start_ns - start) * most // (end - start)
+        last = -((start - spell.end_ns) * most // (end - start))
+        for k in range(max(0, first), min(most, max(last, first + 1))):
+            worst[k] = max(worst[k], spell.condition, key=_SEVERITY.index)
+    edges = [start + (end - start) * k // most for k in range(most + 1)]
+    found: list[ConditionInterval] = []
+    for k, condition in enumerate(worst):
+        begin = found.pop().start_ns if found and found[-1].condition is condition else edges[k]
+        found.append(ConditionInterval(begin, edges[k + 1], condition))
+    return found
+
+
+def together(
+    parts: Iterable[ConditionInterval], conditions: Collection[Condition]
+) -> list[ConditionInterval]:
+    """The spells spent in any of some conditions; those that follow each other are one."""
+    found: list[ConditionInterval] = []
+    for spell in parts:
+        if spell.condition not in conditions:
+            continue
+        if found and found[-1].end_ns == spell.start_ns:
+            spell = ConditionInterval(found.pop().start_ns, spell.end_ns, spell.condition)
+        found.append(spell)
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Extreme:
+    """The worst value of a quantity in a recording, and the operating point it came from."""
+
+    time_ns: int
+    value: float
+    point: Assessment
+
+
+def worst(scan: Scan) -> dict[str, Extreme]:
+    """The least Hopf and fold margin, and the greatest amplitude while stick-slip is predicted.
+
+    Args:
+        scan: The verdicts on one bearing.
+
+    Returns:
+        The moments by name; a quantity that never had a value is absent.
+    """
+    point = scan.assessment
+    sticking_amplitude = np.where(scan.sticking, point.amplitude, np.nan)
+    columns: dict[str, NDArray[np.float64]] = {
+        'hopf_margin': np.where(np.isfinite(point.hopf_margin), point.hopf_margin, np.nan),
+        'fold_margin': np.where(np.isfinite(point.fold_margin), point.fold_margin, np.nan),
+        'amplitude': -sticking_amplitude,
+    }
+    found = {}
+    for name, column in columns.items():
+        if not np.all(np.isnan(column)):
+            i = int(np.nanargmin(column))
+            value = float(abs(column[i]) if name == 'amplitude' else column[i])
+            found[name] = Extreme(int(scan.time_ns[i]), value, at_index(point, i))
+    return found

@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where stick-slip begins and ends: Hopf and fold boundaries, growth rate, stationary cycles.
+
+The Hopf boundary is where the equilibrium loses its stability, ``N mu'(V) + c = 0``. The fold is
+the last speed (at a load) with a stick-slip cycle under first-order KBM averaging; there the
+unstable cycle meets the sliding limit ``a = V``. Speeds astern mirror speeds ahead. A law with
+several unstable speed ranges is described by its highest Hopf speed.
+
+Conventions of every function: inputs broadcast; a 0-d result comes back as ``float``; ``nan`` says
+that there is no such boundary, ``inf`` that no finite speed or load bounds it.
+
+First-order KBM averaging of the bearing: how fast the amplitude of a vibration grows.
+
+With ``x - x_e = A cos psi`` and the velocity amplitude ``a = omega A``,
+
+    ``dA/dt = (N S(a; V) - c a/2) / (m omega)``
+    ``S(a; V) = (1/pi) integral_0^pi mu(V - a cos t) cos t dt``
+
+(Krylov, Bogoliubov and Mitropolsky's first approximation; the phase average vanishes by
+symmetry). The functions here serve every friction law, in closed form where there is one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import i1e
+
+from stickslip_monitor.arrays import FloatArray, flatten, mapped
+from stickslip_monitor.physics.averaging import closed_form, numerical
+from stickslip_monitor.physics.averaging.dimensionless import harmonic_beyond_limit
+from stickslip_monitor.physics.averaging.quadrature import crossing_angle, friction_harmonic
+from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck
+from stickslip_monitor.physics.oscillator import Bearing
+
+
+def averaged_solver(law: FrictionLaw) -> ModuleType:
+    """The module that solves the averaged equations of a law."""
+    return closed_form if type(law) is Stribeck else numerical
+
+
+def damping_per_load(bearing: Bearing, load: FloatArray) -> FloatArray:
+    """``q = c/N`` [s/m]; ``inf`` where there is no load. What it warns of means nothing."""
+    return np.where(load > 0.0, bearing.damping / load, np.inf)
+
+
+def hopf_speed(bearing: Bearing, load: ArrayLike) -> Any:
+    """Hopf speed ``V_H`` [m/s] at a load [N]: below it steady sliding is unstable."""
+    law = bearing.friction
+    return mapped(
+        lambda n: averaged_solver(law).hopf_speed(law, damping_per_load(bearing, n)), load
+    )
+
+
+def fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
+    """Fold speed ``V_F`` [m/s] at a load [N]: above it no stick-slip cycle exists."""
+    law = bearing.friction
+    return mapped(
+        lambda n: averaged_solver(law).fold_speed(law, damping_per_load(bearing, n)), load
+    )
+
+
+def _load_at(bearing: Bearing, slope: FloatArray) -> FloatArray:
+    falling = slope > 0.0
+    return np.where(falling, bearing.damping / np.where(falling, slope, 1.0), np.nan)
+
+
+def hopf_load(bearing: Bearing, speed: ArrayLike) -> Any:
+    """Load [N] above which steady sliding at a surface speed [m/s] is unstable.
+
+    An exponential law falls at every speed, so the load is ``inf`` only where it is too large for
+    a float.
+    """
+    law = bearing.friction
+    if isinstance(law, Stribeck) and law.viscous == 0.0:
+        return mapped(lambda v: closed_form.hopf_load(law, np.abs(v), bearing.damping), speed)
+    return mapped(lambda v: _load_at(bearing, -law.slope(v)), speed)
+
+
+def fold_load(bearing: Bearing, speed: ArrayLike) -> Any:
+    """Load [N] above which a stick-slip cycle exists at a surface speed [m/s]."""
+    law = bearing.friction
+    return mapped(
+        lambda v: _load_at(bearing, averaged_solver(law).peak_slope(law, np.abs(v))), speed
+    )
+
+
+def growth_rate(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
+    """Growth rate of a small disturbance of steady sliding, ``(-N mu'(V) - c)/(2 m)`` [1/s].
+
+    Args:
+        bearing: The bearing.
+        speed: Surface speed [m/s].
+        load: Load [N]; a negative one carries no friction.
+    """
+
+    def rate(v: FloatArray, n: FloatArray) -> FloatArray:
+        drive = np.maximum(n, 0.0) * -bearing.friction.slope(v)
+        return (drive - bearing.damping) / (2.0 * bearing.mass)
+
+    return mapped(rate, speed, load)
+
+
+@dataclass(frozen=True, slots=True)
+class StationaryAmplitudes:
+    """Displacement amplitudes of all limit cycles under first-order KBM averaging.
+
+    Attributes:
+        amplitude: Ascending along the last axis and padded with ``nan``, shape of the broadcast
+            inputs plus one axis [m].
+        stable: Whether a disturbance of that cycle dies out; same shape, ``False`` as padding.
+    """
+
+    amplitude: FloatArray
+    stable: NDArray[np.bool_]
+
+
+def stationary_amplitudes(
+    bearing: Bearing, speed: ArrayLike, load: ArrayLike
+) -> StationaryAmplitudes:
+    """Amplitudes ``A`` > 0 at which ``dA/dt = 0``, with their stability.
+
+    Args:
+        bearing: The bearing.
+        speed: Surface speed [m/s].
+        load: Load [N]; broadcasts with ``speed``.
+
+    Returns:
+        All cycles of all points; none at rest, without load or where an input is not finite.
+    """
+    shape, (v, n) = flatten(speed, load)
+    v = np.abs(v)
+    usable = np.isfinite(v) & np.isfinite(n) & (v > 0.0)
+    with np.errstate(all='ignore'):
+        a, stable = _cycles(bearing, v[usable], n[usable])
+        width = a.shape[1]
+        amplitude, stability = np.full((v.size, width), np.nan), np.zeros((v.size, width))
+        amplitude[usable] = a / bearing.natural_frequency
+    stability[usable] = stable
+    exists = ~np.isnan(amplitude)
+    used = np.flatnonzero(exists.any(axis=0))
+    return StationaryAmplitudes(
+        amplitude[:, used].reshape(*shape, used.size),
+        ((stability > 0.0) & exists)[:, used].reshape(*shape, used.size),
+    )
+
+
+def _cycles(
+    bearing: Bearing, speed: FloatArray, load: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    law = bearing.friction
+    if type(law) is Stribeck:
+        return closed_form.cycles(law, speed, bearing.damping, load)
+    return numerical.cycles(law, speed, damping_per_load(bearing, load))
+
+
+def stable_amplitude(bearing: Bearing, speed: FloatArray, load: FloatArray) -> FloatArray:
+    """Amplitude of the largest stable cycle [m] where there is one, each shape (n,)."""
+    q = damping_per_load(bearing, load)
+    return averaged_solver(bearing.friction).stable_amplitude(bearing.friction, speed, q) / (
+        bearing.natural_frequency
+    )
+
+
+def threshold_amplitude(bearing: Bearing, speed: FloatArray, load: FloatArray) -> FloatArray:
+    """Amplitude of the smallest unstable cycle [m] of bistable points, each shape (n,)."""
+    law = bearing.friction
+    if type(law) is Stribeck:
+        velocity = closed_form.threshold_amplitude(law, speed, bearing.damping, load)
+    else:
+        velocity = numerical.threshold_amplitude(law, speed, damping_per_load(bearing, load))
+    return velocity / bearing.natural_frequency
+
+
+_CLOSED_FORM_REACH, _CLOSED_FORM_RATIO = 2.0, 8.0
+
+
+def harmonic(law: FrictionLaw, speed: ArrayLike, amplitude: ArrayLike) -> FloatArray:
+    """``S(a; V)``, the in-phase harmonic of the friction coefficient over a cycle.
+
+    Args:
+        law: Friction law.
+        speed: Surface speed ``V`` [m/s]; astern mirrors ahead.
+        amplitude: Velocity amplitude ``a`` >= 0 [m/s]; broadcasts with ``speed``.
+
+    Returns:
+        ``S`` [-], shape of the broadcast inputs.
+    """
+    v, a = np.broadcast_arrays(np.abs(np.asarray(speed, float)), np.asarray(amplitude, float))
+    moving = a > 0.0
+    result = np.zeros(v.shape)
+    result[moving] = _HARMONICS.get(type(law), friction_harmonic)(law, v[moving], a[moving])
+    return result
+
+
+def _coulomb(law: FrictionLaw, speed: FloatArray, amplitude: FloatArray) -> FloatArray:
+    assert isinstance(law, Coulomb)
+    reach = np.maximum(amplitude, speed)
+    sine = np.sqrt((reach - speed) * (reach + speed)) / reach
+    return -(2.0 / np.pi) * law.kinetic * sine
+
+
+def _stribeck(law: FrictionLaw, speed: FloatArray, amplitude: FloatArray) -> FloatArray:
+    assert isinstance(law, Stribeck)
+    delta = law.static - law.kinetic
+    v, alpha = law.decay * speed, law.decay * amplitude
+    result = np.empty_like(v)
+    near = alpha <= v
+    result[near] = delta * i1e(alpha[near]) * np.exp(alpha[near] - v[near])
+    # An angle close to pi/2 no longer tells the amplitude to the last digit.
+    close = (alpha <= v + _CLOSED_FORM_REACH) & (amplitude <= _CLOSED_FORM_RATIO * speed)
+    beyond = ~near & close & (delta != 0.0)
+    if beyond.any():
+        theta = crossing_angle(speed[beyond], amplitude[beyond], 0.0)
+        ratio = law.kinetic / delta
+        result[beyond] = delta * harmonic_beyond_limit(v[beyond], theta, ratio)
+    far = ~near & ~beyond
+    falling = Stribeck(law.static, law.kinetic, law.decay)
+    result[far] = friction_harmonic(falling, speed[far], amplitude[far])
+    return result - 0.5 * law.viscous * amplitude
+
+
+_HARMONICS = {Coulomb: _coulomb, Stribeck: _stribeck}
+
+
+def amplitude_rate(
+    bearing: Bearing, speed: ArrayLike, load: ArrayLike, amplitude: ArrayLike
+) -> FloatArray:
+    """Growth ``dA/dt`` of a vibration of displacement amplitude ``A`` under first-order KBM.
+
+    Args:
+        bearing: The bearing.
+        speed: Surface speed ``V`` [m/s].
+        load: Load ``N`` >= 0 [N].
+        amplitude: Displacement amplitude ``A`` >= 0 [m]; all three broadcast.
+
+    Returns:
+        ``dA/dt`` [m/s], shape of the broadcast inputs.
+    """
+    omega = bearing.natural_frequency
+    a = omega * np.asarray(amplitude, dtype=float)
+    drive = np.asarray(load, dtype=float) * harmonic(bearing.friction, speed, a)
+    return (drive - 0.5 * bearing.damping * a) / (bearing.mass * omega)

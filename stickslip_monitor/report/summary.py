@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verdict in words: what happened to a bearing, and to all of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from stickslip_monitor.monitor.assessment import Regime
+from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.scan import Scan
+from stickslip_monitor.offline.intervals import ConditionInterval, Extreme, together
+from stickslip_monitor.report import formatting
+from stickslip_monitor.report.document import Finding
+
+STICKING = (Condition.STICK_SLIP, Condition.AMPLITUDE)
+_MOST_NAMED = 10
+_GRADES = ('clear', 'unknown', 'warning', 'alarm')
+_WORDS = {
+    'clear': 'Clear',
+    'unknown': 'No verdict',
+    'warning': 'Warning',
+    'alarm': 'Alarm',
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """What happened to one bearing in one recording.
+
+    Attributes:
+        config: The bearing.
+        scan: Its verdicts and events.
+        spells: The alarm's conditions from start to end.
+        seconds: Time in each regime [s].
+        worst: The worst moments by name.
+    """
+
+    config: BearingConfig
+    scan: Scan
+    spells: Sequence[ConditionInterval]
+    seconds: Mapping[Regime, float]
+    worst: Mapping[str, Extreme]
+
+    @property
+    def span(self) -> float:
+        """How long the recording is [s]."""
+        return max(0, self.spells[-1].end_ns - self.spells[0].start_ns) * 1e-9
+
+
+def place(course: Course, extreme: Extreme) -> str:
+    """The operating point of an extreme, in words."""
+    speed = float(course.config.bearing.speed.from_surface(extreme.point.speed, 'rpm'))
+    return f'{formatting.rpm(speed)} and {formatting.load(extreme.point.load)}'
+
+
+def finding_of(course: Course) -> Finding:
+    """What is said of one bearing: the verdict first."""
+    name = course.config.name
+    if not course.scan.time_ns.size:
+        text = f'{name}: nothing can be said, because no usable operating point was recorded.'
+        return _finding('unknown', text, _lost(course))
+    sticking = together(course.spells, STICKING)
+    near = together(course.spells, (Condition.CAUTION, Condition.BISTABLE))
+    if sticking:
+        return _finding('alarm', _stuck(course, sticking), _amplitude(course), _lost(course))
+    if near:
+        return _finding('warning', _close(course, near), _least(course), _lost(course))
+    lost = _lost(course)
+    limits = ' as far as can be said' if lost else ''
+    clear = f'{name}: no stick-slip was predicted, and the bearing kept clear of it{limits}.'
+    grade = 'unknown' if _lost_seconds(course) > 0.5 * course.span else 'clear'
+    return _finding('warning' if lost and grade == 'clear' else grade, clear, _least(course), lost)
+
+
+def _finding(grade: str, *sentences: str) -> Finding:
+    return Finding(grade, _WORDS[grade], tuple(text for text in sentences if text))
+
+
+def _total(parts: Iterable[ConditionInterval]) -> float:
+    return sum(spell.seconds for spell in parts)
+
+
+def _when(parts: Sequence[ConditionInterval]) -> str:
+    """When the spells were, as the end of a sentence."""
+    first, last = parts[0].start_ns, parts[-1].end_ns
+    day, other = formatting.date(first), formatting.date(last)
+    zone = ' UTC' if day else ''
+    if len(parts) == 1 and day == other:
+        return f'from {formatting.minute(first)} to {formatting.minute(last)}{zone}' + _on(day)
+    later = f'{formatting.minute(last)}{zone}{_on(other)}'
+    earlier = (
+        formatting.minute(first) if day == other else f'{formatting.minute(first)}{zone}{_on(day)}'
+    )
+    return f'between {earlier} and {later}'
+
+
+def _on(day: str) -> str:
+    return f' on {day}' if day else ''
+
+
+def _stuck(course: Course, sticking: Sequence[ConditionInterval]) -> str:
+    total = formatting.duration(_total(sticking))
+    often = '' if len(sticking) == 1 else f' in {len(sticking)} spells'
+    return f'{course.config.name}: stick-slip was predicted for {total}{often}, {_when(sticking)}.'
+
+
+def _amplitude(course: Course) -> str:
+    extreme = course.worst.get('amplitude')
+    if extreme is None:
+        return ''
+    text = (
+        f'The greatest predicted amplitude was {formatting.millimetres(extreme.value)}'
+        f' ({formatting.millimetres(extreme.point.amplitude_exact)} by the exact cycle), at'
+        f' {place(course, extreme)}'
+    )
+    limit = course.config.alarm.amplitude_limit
+    above = together(course.spells, (Condition.AMPLITUDE,))
+    if above:
+        text += (
+            f'; the alarm for the limit of {formatting.millimetres(limit)} stood for'
+            f' {formatting.duration(_total(above))}'
+        )
+    elif math.isfinite(limit):
+        below = 'below' if extreme.value <= limit else 'and not for long above'
+        text += f', {below} the limit of {formatting.millimetres(limit)}'
+    return f'{text}.'
+
+
+def _close(course: Course, near: Sequence[ConditionInterval]) -> str:
+    inside = _total(together(course.spells, (Condition.BISTABLE,)))
+    text = f'{course.config.name}: no stick-slip was predicted, but the bearing was'
+    if inside:
+        text += (
+            f' for {formatting.duration(inside)} where a disturbance could have started it, and'
+        )
+    text += f' within the caution margin or closer for {formatting.duration(_total(near))}'
+    return f'{text}, {_when(near)}.'
+
+
+def _least(course: Course) -> str:
+    extreme = course.worst.get('fold_margin')
+    if extreme is None:
+        return 'At no recorded load does any speed have a stick-slip cycle.'
+    return f'The least fold margin was {formatting.margin(extreme.value)}, at {place(course, extreme)}.'
+
+
+def _lost_seconds(course: Course) -> float:
+    return _total(together(course.spells, (Condition.INPUT_STALE,)))
+
+
+def _lost(course: Course) -> str:
+    seconds = _lost_seconds(course)
+    if not seconds:
+        return ''
+    return (
+        f'An input was missing for {formatting.duration(seconds)}'
+        f' ({formatting.share(seconds, course.span)} of the time): nothing can be said of that time.'
+    )
+
+
+def overall(parts: Sequence[tuple[str, Finding]]) -> Finding:
+    """The verdict over all bearings of all recordings.
+
+    Args:
+        parts: Name of the recording and finding of each bearing in it.
+    """
+    if len(parts) == 1:
+        return parts[0][1]
+    grade = max((finding.grade for _, finding in parts), key=_GRADES.index)
+    counts = {g: sum(finding.grade == g for _, finding in parts) for g in _GRADES}
+    of = f'of {len(parts)} {_cases(parts)}'
+    if counts['alarm']:
+        text = f'Stick-slip was predicted in {counts["alarm"]} {of}.'
+    elif counts['warning']:
+        text = f'No stick-slip was predicted; {counts["warning"]} {of} gave warnings.'
+    elif counts['unknown']:
+        text = f'No stick-slip was predicted, but of {counts["unknown"]} {of} little can be said.'
+    else:
+        text = f'No stick-slip was predicted in any {of}.'
+    worst = [
+        f'{name}, {finding.sentences[0]}' for name, finding in parts if finding.grade != 'clear'
+    ]
+    return _finding(grade, text, *worst[:_MOST_NAMED])
+
+
+def _cases(parts: Sequence[tuple[str, Finding]]) -> str:
+    """What is counted: recordings, bearings, or both."""
+    recordings = len({name for name, _ in parts})
+    if recordings == len(parts):
+        return 'recordings'
+    return 'bearings' if recordings == 1 else 'bearings in recordings'

@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The definition of a message type as text, from what rclpy knows of it.
+
+The ``.msg`` files of a type are not part of every installation; its Python class always is. What
+it does not tell, constants and default values, has no part in how a message is encoded.
+
+Message types by name, the number in a message, and the time it carries.
+"""
+
+from __future__ import annotations
+
+import importlib
+import re
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.exceptions import NameValidationException
+
+from stickslip_monitor.errors import RosError
+from stickslip_monitor.fields import FieldPath
+from stickslip_monitor.monitor.config import InputConfig
+
+_RULE = '=' * 80
+_PLAIN = {
+    'boolean': 'bool',
+    'octet': 'byte',
+    'float': 'float32',
+    'double': 'float64',
+}
+_SEQUENCE = re.compile(r'sequence<(?P<item>.+?)(?:, *(?P<most>\d+))?>')
+_ARRAY_TYPE = re.compile(r'(?P<item>.+)\[(?P<size>\d+)\]')
+_BOUNDED = re.compile(r'(?P<kind>w?string)<(?P<most>\d+)>')
+
+
+def definition(name: str) -> str:
+    """The concatenated ``ros2msg`` definition of a type such as ``sensor_msgs/msg/JointState``.
+
+    Raises:
+        RosError: It is not installed.
+    """
+    parts: dict[str, str] = {}
+    waiting = [name.replace('/msg/', '/')]
+    while waiting:
+        current = waiting.pop(0)
+        if current not in parts:
+            fields = _fields(current)
+            parts[current] = ''.join(f'{kind} {field}\n' for field, kind in fields.items())
+            waiting += [kind.split('[')[0] for kind in fields.values() if '/' in kind]
+    own, *others = parts.items()
+    return own[1] + ''.join(f'{_RULE}\nMSG: {kind}\n{text}' for kind, text in others)
+
+
+def _fields(short_name: str) -> dict[str, str]:
+    package, _, kind = short_name.partition('/')
+    message: Any = message_type(f'{package}/msg/{kind}')
+    return {name: _type(text) for name, text in message.get_fields_and_field_types().items()}
+
+
+def _type(text: str) -> str:
+    """A field's type as rclpy names it, in the words of a ``.msg`` file."""
+    if match := _SEQUENCE.fullmatch(text):
+        most = f'<={match["most"]}' if match['most'] else ''
+        return f'{_type(match["item"])}[{most}]'
+    if match := _ARRAY_TYPE.fullmatch(text):
+        return f'{_type(match["item"])}[{match["size"]}]'
+    if match := _BOUNDED.fullmatch(text):
+        return f'{match["kind"]}<={match["most"]}'
+    return _PLAIN.get(text, text)
+
+
+# What rclpy raises where a publisher or subscription cannot be made.
+ROS_FAULTS = (NameValidationException, RuntimeError, ValueError)
+_NUMBERS = re.compile(r'(boolean|octet|byte|char|float|double|long double|u?int(8|16|32|64))')
+_ARRAY = re.compile(r'sequence<(?P<seq>[^,>]+)(,\s*\d+)?>|(?P<arr>[^\[<]+)\[(?P<size>\d+)\]')
+
+
+def message_type(name: str) -> Any:
+    """The Python class of a message type such as ``std_msgs/msg/Float64``.
+
+    Raises:
+        RosError: Its package is not installed or has no such message.
+    """
+    package, _, message = name.partition('/msg/')
+    try:
+        return getattr(importlib.import_module(f'{package}.msg'), message)
+    except ImportError as error:
+        raise RosError(
+            f"message type '{name}' is not available: package {package} is not installed"
+        ) from error
+    except AttributeError as error:
+        raise RosError(f"package {package} has no message type '{message}'") from error
+
+
+def check_field(name: str, config: InputConfig) -> None:
+    """Check that a field path leads to a number.
+
+    Args:
+        name: What the input is called in the error, e.g. ``aft_stern.speed``.
+        config: The input.
+
+    Raises:
+        RosError: It does not; the text names the step and the fields there are.
+    """
+    current = config.type
+    for step in config.field:
+        current = _follow(name, config, current, step)
+    if not _NUMBERS.fullmatch(current):
+        raise RosError(
+            f"{name}.field '{config.field_text}' of {config.type} is a {current}, not a number"
+        )
+
+
+def _follow(name: str, config: InputConfig, current: str, step: str | int) -> str:
+    if isinstance(step, int):
+        match = _ARRAY.fullmatch(current)
+        if match is None:
+            raise RosError(
+                f"{name}.field '{config.field_text}': [{step}] needs an array, but there is a"
+                f' {current}'
+            )
+        if match['size'] and step >= int(match['size']):
+            raise RosError(
+                f"{name}.field '{config.field_text}': index {step} is outside {current}"
+            )
+        return match['seq'] or match['arr']
+    fields = {}
+    if '/' in current:
+        fields = message_type(_full_name(current)).get_fields_and_field_types()
+    if step not in fields:
+        there = ', '.join(fields) or f'none, it is a {current}'
+        raise RosError(
+            f"{name}.field '{config.field_text}': {current} has no field '{step}'; it has: {there}"
+        )
+    return str(fields[step])
+
+
+def _full_name(name: str) -> str:
+    package, message = name.split('/')[0], name.split('/')[-1]
+    return f'{package}/msg/{message}'
+
+
+def stamp_reader(type_name: str) -> Callable[[Any], int] | None:
+    """A function that reads ``header.stamp`` [ns], or ``None`` where the type has no header."""
+    fields = message_type(type_name).get_fields_and_field_types()
+    if next(iter(fields.items()), None) != ('header', 'std_msgs/Header'):
+        return None
+
+    def read(message: Any) -> int:
+        stamp = message.header.stamp
+        return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+    return read
+
+
+def number_reader(path: FieldPath) -> Callable[[Any], float]:
+    """A function that reads the number at a path; ``nan`` where an array is too short."""
+
+    def read(message: Any) -> float:
+        value = message
+        try:
+            for step in path:
+                value = value[step] if isinstance(step, int) else getattr(value, step)
+        except IndexError:
+            return float('nan')
+        if isinstance(value, bytes):
+            value = value[0]
+        return float(value)
+
+    return read

@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Time stamps that scatter: ``{speed: {standard_deviation in s}, load: {..}, bearing}``.
+
+Clocks of the sensors that jump: ``{jumps: [[time in s, by s], ...], bearing}``.
+
+A jump shifts all later stamps; several add up. Without a header a message's stamp is the
+recorder's own time, by which every reader sorts: such a topic can jump forward only.
+
+Messages that arrive late, behind younger ones.
+
+``{speed: {delay in s, share, windows}, load: {..}, bearing}``; the stamp stays that of the
+measurement, so the message must have one.
+
+Messages that come twice, with one stamp: ``{speed: {share, windows}, load: {..}, bearing}``.
+
+Messages that are lost: ``{speed: {share, windows}, load: {..}, bearing}``.
+
+A recorder that stops in mid-write: ``{time in s}``.
+
+Nothing is written from then on; the file ends in the middle of its last chunk, without its index,
+and a folder has no metadata.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stickslip_monitor.arrays import FloatArray, IntArray
+from stickslip_monitor.errors import SceneError
+from stickslip_monitor.monitor.signals import QUANTITIES
+from stickslip_monitor.scenes.effects.effect import (
+    SENSOR_KEYS,
+    BuildContext,
+    Effect,
+    EffectKind,
+    RecordingCut,
+    require_header,
+)
+from stickslip_monitor.scenes.profile import read_rows
+from stickslip_monitor.scenes.settings import Settings
+from stickslip_monitor.scenes.shaft import TimeBlock
+from stickslip_monitor.scenes.windows import WINDOW_KEYS as OCCASIONS
+from stickslip_monitor.scenes.windows import SampleMask, read_sample_mask
+
+
+@dataclass(frozen=True, slots=True)
+class ClockJitter:
+    """Shifts stamps; ``sources`` holds for each topic standard deviation [s] and stream."""
+
+    sources: dict[str, tuple[float, np.random.Generator]]
+
+    def apply(self, block: TimeBlock) -> None:
+        """Shift the stamps of the next samples; none comes to lie before 1970."""
+        for topic, (deviation, random) in self.sources.items():
+            stamp_ns = block.signals[topic].stamp_ns
+            shift = random.standard_normal(stamp_ns.size) * (deviation * 1e9)
+            stamp_ns += np.rint(shift).astype(np.int64)
+            np.maximum(stamp_ns, 0, out=stamp_ns)
+
+
+def build_clock_jitter(settings: Settings, context: BuildContext) -> Effect:
+    """Build the effect."""
+    sources = {}
+    for channel, own in context.sensors_of(settings, ['standard_deviation'], 'the jitter'):
+        # A clock that is a minute off is not jittering.
+        deviation = own.number('standard_deviation', 's', least=0.0, most=10.0)
+        sources[channel.topic] = deviation, context.random(settings, channel)
+    return ClockJitter(sources)
+
+
+CLOCK_JUMP_KEYS = ('bearing', 'jumps')
+# Ten years.
+_LONGEST = 3.2e8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClockJump:
+    """Shifts stamps.
+
+    Attributes:
+        topics: The topics whose clock jumps.
+        times: When, rising, shape (n,) [s].
+        shifts_ns: The shift before the first and from each on, shape (n + 1,) [ns].
+    """
+
+    topics: tuple[str, ...]
+    times: FloatArray
+    shifts_ns: IntArray
+
+    def apply(self, block: TimeBlock) -> None:
+        """Shift the stamps of the next samples."""
+        for topic in self.topics:
+            signal = block.signals[topic]
+            past = np.searchsorted(self.times, signal.time, side='right')
+            signal.stamp_ns[:] += self.shifts_ns[past]
+
+
+def build_clock_jump(settings: Settings, context: BuildContext) -> Effect:
+    """Build the effect."""
+    rows = read_rows(settings, 'jumps', 'jump', 's', context.duration)
+    for number, (_, by) in enumerate(rows, 1):
+        if not 0.0 < abs(by) <= _LONGEST:
+            raise SceneError(
+                f'{settings.label("jumps")}: jump {number} is by {by:g} s, which must not be 0 nor'
+                f' beyond {_LONGEST:g} s'
+            )
+    channels = [c for quantity in QUANTITIES for c in context.pick(settings, quantity)]
+    if any(by < 0.0 for _, by in rows):
+        for channel in channels:
+            require_header(channel, 'its clock can only jump forward')
+    times = np.array([time for time, _ in rows])
+    shifts = np.cumsum([0, *(round(by * 1e9) for _, by in rows)])
+    edges = [*times.tolist(), context.duration]
+    for number, shift in enumerate(shifts[1:].tolist()):
+        first, last = (
+            context.start_ns + shift + round(t * 1e9) for t in edges[number : number + 2]
+        )
+        if first < 0 or any(last >= channel.stamps_end_ns for channel in channels):
+            raise SceneError(
+                f'{settings.label("jumps")}: jump {number + 1} takes the clock out of the range of'
+                ' time stamps: from 1970, in headers to 2038, else to 2262'
+            )
+    return ClockJump(tuple(c.topic for c in channels), times, shifts)
+
+
+@dataclass(frozen=True, slots=True)
+class OutOfOrder:
+    """Delays messages; ``delays`` holds for each topic delay [ns] and which are delayed."""
+
+    delays: dict[str, tuple[int, SampleMask]]
+
+    def apply(self, block: TimeBlock) -> None:
+        """Delay those of the next messages that are hit."""
+        for topic, (delay_ns, occasions) in self.delays.items():
+            signal = block.signals[topic]
+            if signal.arrival_ns is not None:  # always so: see build
+                signal.arrival_ns[occasions.hit(signal.time)] += delay_ns
+
+
+def build_out_of_order(settings: Settings, context: BuildContext) -> Effect:
+    """Build the effect."""
+    delays = {}
+    keys = ['delay', *OCCASIONS]
+    for channel, own in context.sensors_of(settings, keys, 'which messages arrive late'):
+        require_header(channel, 'none of its messages can be out of order')
+        # A shorter delay overtakes nothing.
+        delay = own.number('delay', 's', above=1.0 / channel.rate, most=60.0)
+        occasions = read_sample_mask(own, context.duration, context.random(settings, channel))
+        delays[channel.topic] = round(delay * 1e9), occasions
+    return OutOfOrder(delays)
+
+
+@dataclass(frozen=True, slots=True)
+class RepeatedStamps:
+    """Repeats messages of some signals; ``occasions`` says which for each topic."""
+
+    occasions: dict[str, SampleMask]
+
+    def apply(self, block: TimeBlock) -> None:
+        """Repeat those of the next messages that are hit."""
+        for topic, occasions in self.occasions.items():
+            signal = block.signals[topic]
+            block.signals[topic] = signal.repeated(occasions.hit(signal.time))
+
+
+def build_repeated_stamps(settings: Settings, context: BuildContext) -> Effect:
+    """Build the effect."""
+    return RepeatedStamps(
+        {
+            channel.topic: read_sample_mask(
+                own, context.duration, context.random(settings, channel)
+            )
+            for channel, own in context.sensors_of(
+                settings, OCCASIONS, 'which messages come twice'
+            )
+        }
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Dropout:
+    """Loses messages of some signals; ``occasions`` says which for each topic."""
+
+    occasions: dict[str, SampleMask]
+
+    def apply(self, block: TimeBlock) -> None:
+        """Lose those of the next messages that are hit."""
+        for topic, occasions in self.occasions.items():
+            signal = block.signals[topic]
+            block.signals[topic] = signal.lost(occasions.hit(signal.time))
+
+
+def build_dropout(settings: Settings, context: BuildContext) -> Effect:
+    """Build the effect."""
+    return Dropout(
+        {
+            channel.topic: read_sample_mask(
+                own, context.duration, context.random(settings, channel)
+            )
+            for channel, own in context.sensors_of(settings, OCCASIONS, 'which messages are lost')
+        }
+    )
+
+
+CUT_OFF_KEYS = ('time',)
+
+
+def build_cut_off(settings: Settings, context: BuildContext) -> RecordingCut:
+    """Build the cut."""
+    context.once(settings)
+    return RecordingCut(settings.number('time', 's', above=0.0, most=context.duration))
+
+
+EFFECTS = {
+    'clock_jitter': EffectKind(SENSOR_KEYS, build_clock_jitter),
+    'clock_jump': EffectKind(CLOCK_JUMP_KEYS, build_clock_jump),
+    'out_of_order': EffectKind(SENSOR_KEYS, build_out_of_order),
+    'repeated_stamps': EffectKind(SENSOR_KEYS, build_repeated_stamps),
+    'dropout': EffectKind(SENSOR_KEYS, build_dropout),
+    'cut_off': EffectKind(CUT_OFF_KEYS, build_cut_off),
+}

@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads a measured friction curve from a CSV file, as test benches and spreadsheets write it."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.errors import FitError
+from stickslip_monitor.physics.oscillator import SPEED_UNITS, BearingSpeed
+
+NAMES = {
+    'speed': (
+        'speed', 'velocity', 'v', 'sliding speed', 'sliding velocity', 'relative speed',
+        'relative velocity', 'surface speed', 'shaft speed', 'n',
+    ),
+    'coefficient': (
+        'coefficient', 'mu', 'μ', 'cof', 'friction', 'friction coefficient',
+        'coefficient of friction',
+    ),
+    'std': (
+        'std', 'sigma', 'σ', 'sd', 'uncertainty', 'standard deviation', 'coefficient std',
+        'mu std', 'std mu',
+    ),
+    'weight': ('weight', 'weights', 'w'),
+}  # fmt: skip
+"""The headings by which each quantity is recognised, in lower case and without their unit."""
+
+_UNITS = {unit.lower(): unit for unit in SPEED_UNITS} | {
+    'r/min': 'rpm', '1/min': 'rpm', 'rev/min': 'rpm', 'min-1': 'rpm', '1/s': 'Hz', 'm s-1': 'm/s',
+}  # fmt: skip
+_NO_UNIT = ('', '-', '1')
+_HEADING = re.compile(r'(.*?)\s*[\[(]([^\])]*)[\])]\s*')
+_DELIMITERS = ',;\t'
+_TOO_LARGE = 1e100
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrictionCurve:
+    """A measured friction curve.
+
+    Attributes:
+        speed: Sliding speeds >= 0, in any order, shape (n,) [m/s].
+        coefficient: Coefficients of friction, shape (n,) [-].
+        std: Standard deviation of each coefficient, of which only the ratios matter, shape (n,).
+        line: The line of the file that each point came from, shape (n,).
+        unit: The unit that the speeds were written in.
+        unit_source: Where that unit was found, for the user.
+    """
+
+    speed: FloatArray
+    coefficient: FloatArray
+    std: FloatArray
+    line: NDArray[np.int64]
+    unit: str = 'm/s'
+    unit_source: str = 'given'
+
+    @classmethod
+    def of(cls, speed: ArrayLike, coefficient: ArrayLike, std: ArrayLike = 1.0) -> FrictionCurve:
+        """A curve from arrays in SI; its lines are the points' numbers from 1."""
+        v, mu = np.asarray(speed, dtype=float), np.asarray(coefficient, dtype=float)
+        each = np.broadcast_to(np.asarray(std, dtype=float), mu.shape)
+        return cls(v, mu, each, np.arange(1, mu.size + 1))
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """Which columns to read, by their headings; ``None`` where they are to be recognised."""
+
+    speed: str | None = None
+    coefficient: str | None = None
+    std: str | None = None
+    weight: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    line: int
+    cells: list[str]
+
+
+def read_curve(
+    path: str | Path,
+    columns: Columns | None = None,
+    unit: str | None = None,
+    journal_diameter: float | None = None,
+) -> FrictionCurve:
+    """Read a curve.
+
+    Cells are separated by comma, semicolon or tab; with the latter two the decimal sign may be a
+    comma. Blank lines and lines that start with ``#`` are skipped. The first other line has the
+    headings, which may have a unit in brackets: ``speed [rpm]``. Weights are those of squared
+    residuals, ``1/std^2``.
+
+    Args:
+        path: The file.
+        columns: The headings of the columns to read; by default they are recognised.
+        unit: Unit of the speeds; by default the one in the heading, else m/s.
+        journal_diameter: ``D`` > 0 [m], for speeds in a unit of turning.
+
+    Raises:
+        FitError: The file breaks a rule; the text names file, line, column, value and rule.
+    """
+    rows, delimiter = _rows(path)
+    chosen = _choose(path, rows[0], columns or Columns())
+    heading = rows[0].cells[chosen['speed']]
+    unit, source = _unit(path, rows[0].line, heading, unit)
+    values = {
+        quantity: np.array(
+            [_number(path, row, rows[0], index, quantity, delimiter) for row in rows[1:]]
+        )
+        for quantity, index in chosen.items()
+    }
+    factor = 1.0
+    if unit != 'm/s':
+        if journal_diameter is None:
+            raise FitError(
+                f"{path}: speeds in {unit} need the journal's diameter: give --journal-diameter in"
+                ' m (or --config)'
+            )
+        factor = BearingSpeed(journal_diameter).factor(unit)
+    std = values.get('std', np.ones(len(rows) - 1))
+    if 'weight' in values:
+        std = values['weight'] ** -0.5
+    lines = np.array([row.line for row in rows[1:]], dtype=np.int64)
+    return FrictionCurve(values['speed'] * factor, values['coefficient'], std, lines, unit, source)
+
+
+def _rows(path: str | Path) -> tuple[list[_Row], str]:
+    """Headings and data, and what separates the cells."""
+    try:
+        text = Path(path).read_text(encoding='utf-8-sig')
+    except OSError as error:
+        raise FitError(f'{path}: {error.strerror or error}') from error
+    except UnicodeDecodeError as error:
+        raise FitError(f'{path} is not a text file in UTF-8: {error.reason}') from error
+    lines = [
+        (number, line)
+        for number, line in enumerate(text.splitlines(), start=1)
+        if line.strip() and not line.lstrip().startswith('#')
+    ]
+    if not lines:
+        raise FitError(f'{path} is empty: it must have a line of headings and the points')
+    delimiter = max(_DELIMITERS, key=lines[0][1].count)
+    rows = [_Row(number, _cells(path, number, line, delimiter)) for number, line in lines]
+    if len(rows) == 1:
+        raise FitError(f'{path} has headings (line {rows[0].line}) but no points')
+    return rows, delimiter
+
+
+def _cells(path: str | Path, number: int, line: str, delimiter: str) -> list[str]:
+    try:
+        (row,) = csv.reader([line], delimiter=delimiter, strict=True)
+    except (csv.Error, ValueError) as error:
+        raise FitError(f'{path}, line {number}: {error}') from error
+    return [cell.strip() for cell in row]
+
+
+def _split(heading: str) -> tuple[str, str]:
+    """A heading's name in lower case, and its unit."""
+    match = _HEADING.fullmatch(heading)
+    name, unit = match.groups() if match else (heading, '')
+    name = ' '.join(name.replace('_', ' ').lower().split())
+    for ending in ('rpm', 'hz'):
+        if not unit and name.endswith(f' {ending}'):
+            return name.removesuffix(f' {ending}'), ending
+    return name, unit.strip()
+
+
+def _choose(path: str | Path, headings: _Row, columns: Columns) -> dict[str, int]:
+    """The index of each quantity's column; std and weight only where there is one."""
+    asked = {quantity: getattr(columns, quantity) for quantity in NAMES}
+    if asked['std'] is not None and asked['weight'] is not None:
+        raise FitError('give --std-column or --weight-column, not both')
+    found = {q: _index(path, headings, q, asked[q]) for q in NAMES}
+    chosen = {quantity: index for quantity, index in found.items() if index is not None}
+    for quantity in ('speed', 'coefficient'):
+        if quantity not in chosen:
+            raise FitError(
+                f'{path}, line {headings.line}: no column for the {quantity} among'
+                f' {_listed(headings)}: name it with --{quantity}-column'
+            )
+    if 'std' in chosen and 'weight' in chosen:
+        del chosen['weight' if asked['weight'] is None else 'std']
+    return chosen
+
+
+def _listed(headings: _Row) -> str:
+    return ', '.join(repr(cell) for cell in headings.cells)
+
+
+def _index(path: str | Path, headings: _Row, quantity: str, asked: str | None) -> int | None:
+    cells = headings.cells
+    wanted = NAMES[quantity] if asked is None else (_split(asked)[0],)
+    found = [k for k, cell in enumerate(cells) if cell == asked]
+    found = found or [k for k, cell in enumerate(cells) if _split(cell)[0] in wanted]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        several = ', '.join(repr(cells[k]) for k in found)
+        raise FitError(
+            f'{path}, line {headings.line}: several columns may be the {quantity}: {several}; name'
+            f' one with --{quantity}-column'
+        )
+    if asked is None:
+        return None
+    raise FitError(
+        f"{path}, line {headings.line}: --{quantity}-column '{asked}' is none of the columns"
+        f' {_listed(headings)}'
+    )
+
+
+def _unit(path: str | Path, line: int, heading: str, asked: str | None) -> tuple[str, str]:
+    """The unit of the speeds and where it was found."""
+    written = _split(heading)[1]
+    unit = _UNITS.get(' '.join(written.lower().split()))
+    if written and unit is None:
+        raise FitError(
+            f"{path}, line {line}, column '{heading}': unit '{written}' must be one of"
+            f' {", ".join(SPEED_UNITS)}'
+        )
+    if asked is not None and unit is not None and asked != unit:
+        raise FitError(
+            f"{path}, line {line}, column '{heading}' is in {unit}, and --speed-unit says {asked}:"
+            ' they must agree'
+        )
+    if asked is not None:
+        return asked, '--speed-unit'
+    return (unit, 'the heading') if unit else ('m/s', 'assumed: the heading states none')
+
+
+def _number(
+    path: str | Path, row: _Row, headings: _Row, index: int, quantity: str, delimiter: str
+) -> float:
+    """One cell as a number that keeps the rule of its quantity."""
+    where = f"{path}, line {row.line}, column '{headings.cells[index]}'"
+    if index >= len(row.cells):
+        raise FitError(
+            f'{where}: the line has {_count(row.cells, "cell")} and the headings'
+            f' {len(headings.cells)}: no value is there'
+        )
+    text = row.cells[index]
+    plain = text.replace(',', '.') if delimiter != ',' else text
+    try:
+        value = float(plain)
+    except ValueError:
+        raise FitError(f"{where}: '{text}' must be a number") from None
+    if not abs(value) < _TOO_LARGE:
+        raise FitError(f"{where}: '{text}' must be a finite number below {_TOO_LARGE:g}")
+    if quantity == 'speed' and value < 0.0:
+        raise FitError(f"{where}: '{text}' must not be negative: give the amount of the speed")
+    if quantity in ('std', 'weight') and not value > 1.0 / _TOO_LARGE:
+        raise FitError(f"{where}: '{text}' must be greater than 0")
+    return value
+
+
+def _count(items: Sequence[str], what: str) -> str:
+    return f'{len(items)} {what}{"" if len(items) == 1 else "s"}'

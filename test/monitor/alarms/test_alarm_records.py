@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is published of the alarms, and what survives a restart."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from stickslip_monitor import MonitorConfig
+from stickslip_monitor.errors import AlarmStateError
+from stickslip_monitor.monitor.alarms.alarm_records import (
+    alarms_record,
+    recall_state,
+    state_record,
+)
+from stickslip_monitor.monitor.alarms.annunciator import Action, Annunciator
+from stickslip_monitor.monitor.alarms.causes import AlarmKind
+from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.verdict import Event
+
+SECOND = 10**9
+T0 = 1_700_000_000 * SECOND
+
+
+@pytest.fixture
+def config(configure: Callable[..., MonitorConfig]) -> MonitorConfig:
+    return replace(configure(), shelve_time_ns=600 * SECOND, silence_time_ns=30 * SECOND)
+
+
+def _event(second: int, before: Condition, after: Condition) -> Event:
+    return Event('aft', T0 + second * SECOND, before, after, None, False, {}, f'aft: {after}')
+
+
+@pytest.fixture
+def stuck(config: MonitorConfig) -> Annunciator:
+    """Stick-slip since second 1, not acknowledged."""
+    annunciator = Annunciator(config)
+    annunciator.advance(1 * SECOND, T0 + SECOND)
+    annunciator.take_event(_event(1, Condition.NORMAL, Condition.STICK_SLIP))
+    return annunciator
+
+
+def restarted(old: Annunciator, down: int, second: int = 2) -> Annunciator:
+    """A new annunciator after a restart that took some seconds."""
+    document = json.loads(json.dumps(state_record(old, T0 + second * SECOND)))
+    new = Annunciator(old.config)
+    recall_state(new, document, T0 + (second + down) * SECOND)
+    return new
+
+
+def test_the_record(stuck: Annunciator) -> None:
+    changes = stuck.act(Action.ACKNOWLEDGE, T0 + 2 * SECOND, 'Ada')
+    record = json.loads(json.dumps(alarms_record(stuck, changes, T0 + 2 * SECOND, 7)))
+    assert {key: record[key] for key in ('schema', 'time', 'sequence', 'sounding')} == {
+        'schema': 'stickslip_monitor/alarm/1',
+        'time': T0 + 2 * SECOND,
+        'sequence': 7,
+        'sounding': False,
+    }
+    assert record['unacknowledged'] == 0
+    assert record['flood'] == {'alarms_10min': 1, 'most_10min': 1, 'flooding': False}
+    assert record['changes'] == [
+        {
+            'time': T0 + 2 * SECOND,
+            'bearing': 'aft',
+            'alarm': 'stick_slip',
+            'priority': 'alarm',
+            'what': 'acknowledge',
+            'from': 'unacknowledged',
+            'to': 'acknowledged',
+            'by': 'Ada',
+            'text': 'aft: stick_slip',
+        }
+    ]
+    alarms = {alarm['alarm']: alarm for alarm in record['alarms']}
+    assert list(alarms) == [kind.value for kind in AlarmKind]
+    assert alarms['stick_slip'] == {
+        'bearing': 'aft',
+        'alarm': 'stick_slip',
+        'priority': 'alarm',
+        'state': 'acknowledged',
+        'active': True,
+        'sounding': False,
+        'silenced': False,
+        'latching': False,
+        'suppressed_by': [],
+        'shelved_until': None,
+        'since': T0 + SECOND,
+        'changed': T0 + 2 * SECOND,
+        'by': 'Ada',
+        'count': 1,
+        'text': 'aft: stick_slip',
+    }
+
+
+def test_what_waits_and_sounds_is_counted(stuck: Annunciator) -> None:
+    record = alarms_record(stuck, [], T0, 0)
+    assert (record['sounding'], record['unacknowledged']) == (True, 1)
+
+
+def test_an_acknowledgement_survives_a_restart(stuck: Annunciator) -> None:
+    stuck.act(Action.ACKNOWLEDGE, T0 + 2 * SECOND, 'Ada')
+    new = restarted(stuck, 10)
+    new.advance(100 * SECOND, T0 + 100 * SECOND)
+    alarm = new.alarms['aft'][AlarmKind.STICK_SLIP]
+    assert (alarm.state, alarm.by, alarm.text) == ('acknowledged', 'Ada', 'aft: stick_slip')
+    assert new.take_event(_event(101, Condition.NORMAL, Condition.STICK_SLIP)) == []
+    assert not new.sounding
+
+
+def test_an_unacknowledged_alarm_survives_a_restart(stuck: Annunciator) -> None:
+    new = restarted(stuck, 10)
+    assert new.sounding
+    assert new.flood.lately == 0
+
+
+@pytest.mark.parametrize(
+    ('down', 'left'),
+    # Shelved for 600 s at second 2; a clock that went back says that no time has passed.
+    [(0, 600), (100, 500), (10_000, 0), (-10_000, 600)],
+)
+def test_the_shelf_survives_a_restart(stuck: Annunciator, down: int, left: int) -> None:
+    stuck.act(Action.SHELVE, T0 + 2 * SECOND, 'Ada')
+    new = restarted(stuck, down)
+    alarm = new.alarms['aft'][AlarmKind.STICK_SLIP]
+    assert alarm.shelved_until_ns == T0 + 602 * SECOND
+    new.advance(left * SECOND - 1, T0)
+    assert alarm.state == ('shelved' if left else 'unacknowledged')
+    new.advance(left * SECOND, T0)
+    assert alarm.state == 'unacknowledged'
+
+
+def test_a_locked_shaft_survives_a_restart(stuck: Annunciator) -> None:
+    stuck.act(Action.ACKNOWLEDGE, T0, 'Ada')
+    stuck.act(Action.SUPPRESS, T0, 'Ada')
+    new = restarted(stuck, 10)
+    new.advance(SECOND, T0)
+    assert {alarm.state.value for alarm in new} == {'suppressed'}
+    new.act(Action.UNSUPPRESS, T0, 'Ada')
+    assert new.alarms['aft'][AlarmKind.STICK_SLIP].state == 'unacknowledged'
+
+
+def test_other_bearings_are_passed_over(stuck: Annunciator) -> None:
+    document = state_record(stuck, T0)
+    document['bearings']['bow'] = document['bearings'].pop('aft')
+    new = Annunciator(stuck.config)
+    recall_state(new, document, T0)
+    assert {alarm.state.value for alarm in new} == {'normal'}
+
+
+def _spoilt(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
+    *way, last = path.split('.')
+    place = document
+    for step in way:
+        place = place[step]
+    if value is KeyError:
+        del place[last]
+    else:
+        place[last] = value
+    return document
+
+
+@pytest.mark.parametrize(
+    ('path', 'value', 'text'),
+    [
+        ('schema', 'stickslip_monitor/alarm_state/2', "'stickslip_monitor/alarm_state/2' must be"),
+        ('time', '12', "the document: time = '12' is not of its type"),
+        ('time', True, 'time = True is not of its type'),
+        ('bearings', KeyError, "the document has no 'bearings'"),
+        ('bearings.aft', [], "aft has no 'shaft_locked'"),
+        (
+            'bearings.aft.alarms.stick_slip.state',
+            'loud',
+            "aft.stick_slip: there is no state 'loud'",
+        ),
+        ('bearings.aft.alarms.stick_slip.by', None, 'aft.stick_slip: by = None'),
+        ('bearings.aft.alarms.stick_slip.active', KeyError, "aft.stick_slip has no 'active'"),
+        ('bearings.aft.alarms.smoke', {}, "aft: there is no alarm 'smoke'"),
+    ],
+)
+def test_a_damaged_state_is_named_and_nothing_is_taken_over(
+    stuck: Annunciator, path: str, value: Any, text: str
+) -> None:
+    document = _spoilt(state_record(stuck, T0), path, value)
+    new = Annunciator(stuck.config)
+    with pytest.raises(AlarmStateError) as caught:
+        recall_state(new, document, T0)
+    assert text in str(caught.value)
+    assert {alarm.state.value for alarm in new} == {'normal'}
+
+
+@pytest.mark.parametrize('document', [None, 5, [], 'text', {}])
+def test_what_is_no_state_at_all(stuck: Annunciator, document: Any) -> None:
+    with pytest.raises(AlarmStateError, match='the document has no'):
+        recall_state(stuck, document, T0)

@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The annunciator against a bookkeeper who knows no states, only what people have been told.
+
+The bookkeeper notes for each alarm whether its cause is there, whether it was given to people and
+not acknowledged since, and whether somebody put it away. That is enough to say when an alarm is
+lost, or given without a cause.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import hypothesis.strategies as st
+from hypothesis import settings
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+
+from stickslip_monitor import assess, build_config
+from stickslip_monitor.monitor.alarms.alarm_records import (
+    alarms_record,
+    recall_state,
+    state_record,
+)
+from stickslip_monitor.monitor.alarms.annunciator import (
+    Action,
+    AlarmChange,
+    Annunciator,
+    LiveAlarm,
+)
+from stickslip_monitor.monitor.alarms.causes import RUNG_OF, AlarmKind
+from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
+from stickslip_monitor.monitor.ladder import LADDER, Condition
+from stickslip_monitor.monitor.signals import Status
+from stickslip_monitor.monitor.verdict import Event, Verdict
+
+SECOND = 10**9
+REFERENCE = {
+    'mass': 50.0,
+    'damping': 400.0,
+    'stiffness': 2.0e6,
+    'journal_diameter': 0.1,
+    'friction.static': 0.3,
+    'friction.kinetic': 0.1,
+    'friction.decay': 10.0,
+    'speed.topic': '/n',
+    'speed.unit': 'rpm',
+    'load.topic': '/f',
+    'load.unit': 'N',
+    'alarm.on_delay': 2.0,
+    'alarm.off_delay': 5.0,
+    'alarm.input_off_delay': 4.0,
+}
+PUT_AWAY = {AlarmState.SHELVED, AlarmState.OUT_OF_SERVICE}
+WAITING = {AlarmState.UNACKNOWLEDGED, AlarmState.RETURNED}
+LADDER_KINDS = list(RUNG_OF)  # worst first
+
+
+class Life(RuleBasedStateMachine):
+    @initialize(latch=st.booleans(), inhibit=st.sampled_from([0.0, 20.0]))
+    def begin(self, latch: bool, inhibit: float) -> None:
+        values = REFERENCE | {'alarm.latch': latch, 'alarm.startup_inhibit': inhibit}
+        config = build_config({'bearings': ['b']} | {f'b.{k}': v for k, v in values.items()})
+        config = replace(config, shelve_time_ns=60 * SECOND, silence_time_ns=30 * SECOND)
+        self.config = config
+        self.points = [assess(config.bearings[0].bearing, speed, 1e3) for speed in (0.0, 0.1)]
+        self.annunciator = Annunciator(config)
+        self.now = 0
+        self.condition = Condition.NORMAL
+        self.rung = 0
+        self.waiting: set[AlarmKind] = set()
+        self.told: list[AlarmChange] = []
+
+    def own(self) -> dict[AlarmKind, LiveAlarm]:
+        return self.annunciator.alarms['b']
+
+    def heard(self, changes: list[AlarmChange]) -> None:
+        self.told += changes
+        for change in changes:
+            alarm = self.own()[change.kind]
+            if change.what == 'raise':
+                # No alarm without a cause; and none while the cause means nothing.
+                assert alarm.active
+                assert not (change.raised and alarm.suppressed_by)
+            if change.raised:
+                assert alarm.active
+                self.waiting.add(change.kind)
+            if change.what in ('acknowledge', 'shelve', 'remove'):
+                self.waiting.discard(change.kind)
+
+    @rule(seconds=st.sampled_from([0.0, 0.5, 1.0, 4.0, 5.0, 20.0, 61.0, -30.0]))
+    def time_passes(self, seconds: float) -> None:
+        self.now += round(seconds * SECOND)
+        self.heard(self.annunciator.advance(self.now, self.now))
+
+    @rule(condition=st.sampled_from(Condition))
+    def condition_changes(self, condition: Condition) -> None:
+        if condition is self.condition:
+            return
+        event = Event('b', self.now, self.condition, condition, None, False, {}, str(condition))
+        self.condition = condition
+        rung, self.rung = self.rung, LADDER.index(condition) if condition in LADDER else self.rung
+        before = {kind: alarm.state for kind, alarm in self.own().items()}
+        changes = self.annunciator.take_event(event)
+        self.heard(changes)
+        given = [c.kind for c in changes if c.raised and c.what == 'raise' and c.kind in RUNG_OF]
+        if self.rung <= rung:
+            # Easing gives nothing, and of several rungs at once only the worst on show is given.
+            assert given == []
+        assert len(given) <= 1
+        # No cause is lost: whoever is in service gets the worst alarm that has come.
+        free = [
+            kind
+            for kind in LADDER_KINDS
+            if rung < RUNG_OF[kind] <= self.rung
+            and before[kind] in (AlarmState.NORMAL, AlarmState.LATCHED)
+            and not self.own()[kind].suppressed_by
+            and not self.annunciator.causes['b'].recalled
+        ]
+        worse = {k for k in LADDER_KINDS if self.own()[k].state is AlarmState.UNACKNOWLEDGED}
+        assert not free or worse & set(LADDER_KINDS[: LADDER_KINDS.index(free[0]) + 1])
+
+    @rule(is_load=st.integers(0, 1))
+    def absurd_value(self, is_load: int) -> None:
+        self.heard(self.annunciator.take_fault('b', is_load, Status.NOT_FINITE, self.now))
+
+    @rule(turning=st.integers(0, 1))
+    def operating_point(self, turning: int) -> None:
+        verdict = Verdict('b', self.now, self.points[turning], False, self.condition)
+        self.heard(self.annunciator.take_verdict(verdict))
+
+    @rule(
+        action=st.sampled_from(Action),
+        kind=st.one_of(st.none(), st.sampled_from(AlarmKind)),
+        bearing=st.sampled_from([None, 'b']),
+    )
+    def person_acts(self, action: Action, kind: AlarmKind | None, bearing: str | None) -> None:
+        changes = self.annunciator.act(action, self.now, 'Ada', bearing, kind)
+        assert {change.by for change in changes} <= {'Ada'}
+        self.heard(changes)
+
+    @precondition(lambda self: self.now > 0)
+    @rule(down=st.sampled_from([0, 10 * SECOND, 1000 * SECOND, -(10**18)]))
+    def node_restarts(self, down: int) -> None:
+        document = state_record(self.annunciator, self.now)
+        fresh = Annunciator(self.config)
+        recall_state(fresh, document, self.now + down)
+        for kind, alarm in self.own().items():
+            found = fresh.alarms['b'][kind]
+            assert (found.state, found.since_ns, found.by) == (
+                alarm.state,
+                alarm.since_ns,
+                alarm.by,
+            )
+        self.annunciator, self.now = fresh, 0
+        self.condition, self.rung = Condition.NORMAL, 0
+
+    @invariant()
+    def no_alarm_is_lost(self) -> None:
+        if hasattr(self, 'annunciator'):
+            waits = {kind for kind, alarm in self.own().items() if alarm.state in WAITING}
+            assert self.waiting <= waits
+            # What waits was given, or lay with its latch on the shelf.
+            assert all(self.own()[kind].occurred for kind in waits)
+
+    @invariant()
+    def what_is_on_show_has_its_cause(self) -> None:
+        if hasattr(self, 'annunciator'):
+            for alarm in self.annunciator:
+                if alarm.state in (AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED):
+                    assert alarm.active
+                if alarm.state is AlarmState.NORMAL:
+                    assert not alarm.active
+                    assert not alarm.suppressed_by
+                if alarm.state in (AlarmState.RETURNED, AlarmState.LATCHED):
+                    assert not alarm.active or alarm.suppressed_by
+                if alarm.state is AlarmState.SUPPRESSED:
+                    assert alarm.suppressed_by
+                assert alarm.sounding <= (alarm.state is AlarmState.UNACKNOWLEDGED)
+
+    @invariant()
+    def memory_is_bounded(self) -> None:
+        if hasattr(self, 'annunciator'):
+            record: dict[str, Any] = alarms_record(self.annunciator, [], self.now, 0)
+            assert len(record['alarms']) == len(AlarmKind)
+            assert len(self.annunciator._flood._times) <= 1000
+            given = sum(alarm.count for alarm in self.annunciator)
+            assert record['flood']['alarms_10min'] <= record['flood']['most_10min'] <= given
+
+
+TestLife = Life.TestCase
+TestLife.settings = settings(max_examples=200, stateful_step_count=50, deadline=None)

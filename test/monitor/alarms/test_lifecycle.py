@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The table of an alarm's life, held to what ISA-18.2 asks of any."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import pytest
+
+from stickslip_monitor.monitor.alarms.lifecycle import (
+    ALWAYS,
+    TABLE,
+    AlarmState,
+    Facts,
+    Trigger,
+    follow,
+)
+
+EVERY_FACTS = [Facts(*values) for values in product((False, True), repeat=len(Facts._fields))]
+CAUSES = (Trigger.RAISE, Trigger.CLEAR, Trigger.SUPPRESS, Trigger.UNSUPPRESS)
+WAITING = (AlarmState.UNACKNOWLEDGED, AlarmState.RETURNED)
+
+
+def reachable(begin: AlarmState) -> set[AlarmState]:
+    """The states that some course of triggers and facts leads to."""
+    found, open_ends = {begin}, [begin]
+    while open_ends:
+        state = open_ends.pop()
+        new = {follow(state, trigger, facts) for trigger in Trigger for facts in EVERY_FACTS}
+        open_ends += new - found
+        found |= new
+    return found
+
+
+@pytest.mark.parametrize('begin', AlarmState)
+def test_every_state_is_reached_from_every_state(begin: AlarmState) -> None:
+    assert reachable(begin) == set(AlarmState)
+
+
+def test_every_row_ends_with_a_choice_that_always_holds_or_leaves_the_state() -> None:
+    for (state, trigger), choices in TABLE.items():
+        facts = [fact for fact, _ in choices]
+        assert len(set(facts)) == len(facts), (state, trigger)
+        assert all(fact == ALWAYS or fact in Facts._fields for fact in facts)
+        assert ALWAYS not in facts[:-1], (state, trigger)
+
+
+@pytest.mark.parametrize('facts', EVERY_FACTS)
+def test_only_a_person_takes_an_unacknowledged_alarm_away(facts: Facts) -> None:
+    for state, trigger in product(WAITING, CAUSES):
+        assert follow(state, trigger, facts) in WAITING
+
+
+def test_only_a_reset_or_removal_takes_a_latch_away() -> None:
+    left = {
+        trigger
+        for trigger, facts in product(Trigger, EVERY_FACTS)
+        if not facts.active
+        and follow(AlarmState.LATCHED, trigger, facts) is not AlarmState.LATCHED
+    }
+    # 'raise' and 'covered' come with an active cause.
+    assert left - {Trigger.RAISE, Trigger.UNSUPPRESS} == {Trigger.RESET, Trigger.REMOVE}
+
+
+@pytest.mark.parametrize('trigger', [t for t in Trigger if t is not Trigger.RAISE])
+def test_nothing_but_a_cause_gives_an_alarm(trigger: Trigger) -> None:
+    for state, facts in product(AlarmState, EVERY_FACTS):
+        if follow(state, trigger, facts) is AlarmState.UNACKNOWLEDGED is not state:
+            assert facts.active
+            assert not facts.suppressed or trigger is Trigger.UNSUPPRESS
+
+
+@pytest.mark.parametrize('facts', [f for f in EVERY_FACTS if f.suppressed])
+def test_no_alarm_is_given_while_suppressed(facts: Facts) -> None:
+    for state in AlarmState:
+        if state is AlarmState.NORMAL:
+            continue  # Never normal while suppressed: it is suppressed at once.
+        if follow(state, Trigger.RAISE, facts) is AlarmState.UNACKNOWLEDGED:
+            assert state is AlarmState.UNACKNOWLEDGED
+
+
+@pytest.mark.parametrize('trigger', Trigger)
+def test_clear_and_cover_never_give_an_alarm(trigger: Trigger) -> None:
+    covered = Facts(covered=True, active=True)
+    for state in AlarmState:
+        if follow(state, trigger, covered) is AlarmState.UNACKNOWLEDGED:
+            # One that was given before and still waits.
+            assert state in WAITING
+
+
+# ANSI/ISA-18.2-2016, figure of alarm state transitions, and IEC 62682: the standard's letters.
+PUBLISHED = [
+    ('A', Trigger.RAISE, 'B'),
+    ('B', Trigger.ACKNOWLEDGE, 'C'),
+    ('B', Trigger.CLEAR, 'D, E'),
+    ('C', Trigger.CLEAR, 'A'),
+    ('D, E', Trigger.ACKNOWLEDGE, 'A'),
+    ('D, E', Trigger.RAISE, 'B'),
+    ('A', Trigger.SHELVE, 'G'),
+    ('B', Trigger.SHELVE, 'G'),
+    ('C', Trigger.SHELVE, 'G'),
+    ('G', Trigger.UNSHELVE, 'A'),
+    ('A', Trigger.SUPPRESS, 'H'),
+    ('C', Trigger.SUPPRESS, 'H'),
+    ('H', Trigger.UNSUPPRESS, 'A'),
+    ('A', Trigger.REMOVE, 'I'),
+    ('B', Trigger.REMOVE, 'I'),
+    ('C', Trigger.REMOVE, 'I'),
+    ('I', Trigger.RESTORE, 'A'),
+    ('F', Trigger.RESET, 'A'),
+    ('F', Trigger.RAISE, 'B'),
+]
+
+
+@pytest.mark.parametrize(('before', 'trigger', 'after'), PUBLISHED)
+def test_the_published_transitions(before: str, trigger: Trigger, after: str) -> None:
+    by_letter = {state.letter: state for state in AlarmState}
+    assert follow(by_letter[before], trigger, Facts()) is by_letter[after]
+
+
+@pytest.mark.parametrize(
+    ('state', 'trigger'),
+    [
+        (AlarmState.SHELVED, Trigger.UNSHELVE),
+        (AlarmState.SUPPRESSED, Trigger.UNSUPPRESS),
+        (AlarmState.OUT_OF_SERVICE, Trigger.RESTORE),
+    ],
+)
+def test_what_comes_back_with_its_cause_is_given_again(
+    state: AlarmState, trigger: Trigger
+) -> None:
+    assert follow(state, trigger, Facts(active=True)) is AlarmState.UNACKNOWLEDGED
+    assert follow(state, trigger, Facts(active=True, covered=True)) is AlarmState.ACKNOWLEDGED
+
+
+def test_a_latching_alarm_is_acknowledged_and_then_reset() -> None:
+    held, state = Facts(held=True), AlarmState.NORMAL
+    for trigger, after in (
+        (Trigger.RAISE, AlarmState.UNACKNOWLEDGED),
+        (Trigger.CLEAR, AlarmState.RETURNED),
+        (Trigger.RESET, AlarmState.RETURNED),
+        (Trigger.ACKNOWLEDGE, AlarmState.LATCHED),
+        (Trigger.RESET, AlarmState.NORMAL),
+    ):
+        state = follow(state, trigger, held)
+        assert state is after
+    assert follow(AlarmState.ACKNOWLEDGED, Trigger.CLEAR, held) is AlarmState.LATCHED

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a clip holds: counted by hand at one message a second."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder
+from stickslip_monitor.monitor.config import ClipConfig
+from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.verdict import Event
+
+NS, T0 = 10**9, 1_777_874_400
+AROUND = 10
+CONFIG = ClipConfig('folder', AROUND * NS, 5, 5_000_000)
+
+
+def message(second: float, size: int = 0) -> ClipMessage:
+    return ClipMessage(round((T0 + second) * NS), '/a', 'std_msgs/msg/Float64', bytes(size))
+
+
+def event(
+    second: float,
+    after: Condition = Condition.STICK_SLIP,
+    before: Condition = Condition.NORMAL,
+    bearing: str = 'aft',
+) -> Event:
+    return Event(bearing, round((T0 + second) * NS), before, after, None, False, {}, '')
+
+
+def seconds(clip: Clip) -> list[int]:
+    return [m.time_ns // NS - T0 for m in clip.messages]
+
+
+def run(recorder: ClipRecorder, stop: int, *events: Event, size: int = 0) -> list[Clip]:
+    """One message a second up to ``stop``; each event after the message of its second."""
+    found = []
+    for second in range(stop):
+        recorder.add(message(second, size))
+        for each in events:
+            if each.time_ns // NS - T0 == second:
+                recorder.note(each)
+        found += recorder.clips()
+    return found
+
+
+def test_a_clip_has_the_time_before_and_after() -> None:
+    (clip,) = run(ClipRecorder(CONFIG), 100, event(50))
+    assert seconds(clip) == list(range(40, 61))
+    assert (clip.bearing, clip.condition) == ('aft', Condition.STICK_SLIP)
+    assert clip.time_ns == (T0 + 50) * NS
+
+
+def test_a_further_alarm_lengthens_it() -> None:
+    (clip,) = run(ClipRecorder(CONFIG), 100, event(50), event(55, Condition.AMPLITUDE))
+    assert seconds(clip) == list(range(40, 66))
+    assert clip.condition is Condition.STICK_SLIP
+
+
+def test_a_later_alarm_has_its_own_and_they_overlap() -> None:
+    first, second = run(ClipRecorder(CONFIG), 100, event(50), event(65))
+    assert seconds(first) == list(range(40, 61))
+    assert seconds(second) == list(range(55, 76))
+
+
+@pytest.mark.parametrize(
+    ('before', 'after', 'kept'),
+    [
+        (Condition.NORMAL, Condition.CAUTION, False),
+        (Condition.NORMAL, Condition.BISTABLE, False),
+        (Condition.BISTABLE, Condition.STICK_SLIP, True),
+        (Condition.NORMAL, Condition.INPUT_STALE, True),
+        (Condition.AMPLITUDE, Condition.STICK_SLIP, False),
+        (Condition.INPUT_STALE, Condition.STICK_SLIP, False),
+        (Condition.STICK_SLIP, Condition.NORMAL, False),
+    ],
+)
+def test_alarms_begin_clips_and_nothing_else(
+    before: Condition, after: Condition, kept: bool
+) -> None:
+    assert len(run(ClipRecorder(CONFIG), 100, event(50, after, before))) == kept
+
+
+def test_without_messages_time_ends_it() -> None:
+    recorder = ClipRecorder(CONFIG)
+    run(recorder, 21, event(20))
+    recorder.advance((T0 + 30) * NS)
+    assert recorder.clips() == []
+    recorder.advance((T0 + 30) * NS + 1)
+    (clip,) = recorder.clips()
+    assert seconds(clip) == list(range(10, 21))
+
+
+def test_what_there_is_can_be_had_at_once() -> None:
+    recorder = ClipRecorder(CONFIG)
+    run(recorder, 21, event(20))
+    recorder.finish()
+    assert len(recorder.clips()) == 1
+    recorder.finish()
+    assert recorder.clips() == []
+
+
+def test_a_clock_that_jumps_back_ends_it_and_starts_anew() -> None:
+    recorder = ClipRecorder(CONFIG)
+    run(recorder, 53, event(50))
+    found = run(recorder, 30, event(5))
+    assert [seconds(clip) for clip in found] == [list(range(40, 53)), list(range(16))]
+
+
+def test_disorder_within_the_time_of_a_clip_is_no_jump() -> None:
+    recorder = ClipRecorder(CONFIG)
+    run(recorder, 50)
+    recorder.add(message(45))
+    recorder.note(event(49))
+    recorder.advance((T0 + 60) * NS)
+    (clip,) = recorder.clips()
+    assert seconds(clip) == [*range(39, 50), 45]
+
+
+@given(st.integers(1, 3000), st.integers(10_000, 60_000))
+def test_memory_and_size_are_bounded(each: int, most: int) -> None:
+    config = ClipConfig('folder', 10**6 * NS, 5, most)
+    found = run(ClipRecorder(config), 200, event(100), size=each)
+    recorder = ClipRecorder(config)
+    run(recorder, 200, event(100), size=each)
+    recorder.finish()
+    for clip in found + recorder.clips():
+        total = sum(m.size for m in clip.messages)
+        assert total < most + each + 200
+        assert any(m.time_ns == (T0 + 100) * NS for m in clip.messages)
+    kept = [m.size for m in recorder._past]
+    assert sum(kept) <= most // 2 + each + 200
+
+
+def test_definitions_that_came_until_then_are_in_the_clip() -> None:
+    definitions: dict[str, str] = {}
+    recorder = ClipRecorder(CONFIG, definitions)
+    recorder.add(message(0))
+    recorder.note(event(0))
+    definitions['a/msg/B'] = 'int8 x\n'
+    recorder.finish()
+    (clip,) = recorder.clips()
+    definitions['a/msg/C'] = 'int8 x\n'
+    assert clip.definitions == {'a/msg/B': 'int8 x\n'}

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Finding the recordings of an archive."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from stickslip_monitor.offline.archive import find_bags, stamp_of
+
+
+def make(folder: Path, *names: str) -> None:
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(b'x')
+
+
+@pytest.fixture
+def ship(tmp_path: Path) -> Path:
+    make(
+        tmp_path,
+        'ship/voyage_10/voyage_10_0.mcap',
+        'ship/voyage_2/metadata.yaml',
+        'ship/voyage_2/voyage_2_0.mcap',
+        'ship/2025/may/may_0.mcap',
+        'ship/2025/may/deeper/not_looked_for_0.mcap',
+        'ship/.draft/draft_0.mcap',
+        'ship/2025/.half.mcap',
+        'ship/README.md',
+        'ship/db3/metadata.yaml',
+    )
+    return tmp_path / 'ship'
+
+
+def test_a_folder_stands_for_the_recordings_in_it_by_number_not_by_letter(ship: Path) -> None:
+    found = [str(bag.relative_to(ship)) for bag in find_bags([ship])]
+    assert found == ['2025/may', 'db3', 'voyage_2', 'voyage_10']
+
+
+def test_recordings_come_in_the_order_in_which_they_are_named_and_once(ship: Path) -> None:
+    file = ship / 'voyage_10' / 'voyage_10_0.mcap'
+    asked = [ship / 'voyage_10', file, ship / '2025' / '..' / 'voyage_10', ship / '2025']
+    assert find_bags(asked) == [ship / 'voyage_10', file, ship / '2025' / 'may']
+
+
+def test_a_recording_through_a_link_is_the_same_recording(ship: Path) -> None:
+    (ship / 'link').symlink_to(ship / 'voyage_2')
+    found = find_bags([ship / 'voyage_2', ship / 'link'])
+    assert found == [ship / 'voyage_2']
+
+
+def test_what_is_none_stays_as_it_is(tmp_path: Path) -> None:
+    (tmp_path / 'empty').mkdir()
+    asked = [tmp_path / 'nowhere', tmp_path / 'empty']
+    assert find_bags(asked) == asked
+
+
+def test_a_stamp_changes_with_the_recording_and_with_nothing_else(ship: Path) -> None:
+    bag, file = ship / 'voyage_2', ship / 'voyage_2' / 'voyage_2_0.mcap'
+    before = stamp_of(bag)
+    file.read_bytes()
+    assert stamp_of(bag) == before
+    os.utime(file, ns=(0, 1))
+    touched = stamp_of(bag)
+    assert touched != before
+    file.write_bytes(b'longer')
+    os.utime(file, ns=(0, 1))
+    assert stamp_of(bag) != touched
+    assert stamp_of(ship / 'nowhere') == ()
+    assert stamp_of(file) == (('voyage_2_0.mcap', 6, 1),)

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The folder of clips: what is in a file, how many there are, and whose files they are."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from stickslip_monitor.bags.encode import encode_float64
+from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.cli import main
+from stickslip_monitor.errors import BagError
+from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage
+from stickslip_monitor.monitor.config import ClipConfig
+from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.offline.check import check_bag
+from stickslip_monitor.offline.clips import ClipFolder, write_clips
+
+ROOT = Path(__file__).parents[2]
+CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
+NS, T0 = 10**9, 1_777_874_400 * 10**9  # 2026-05-04 06:00:00 UTC
+
+
+def clip(number: int = 0, count: int = 3) -> Clip:
+    messages = [
+        ClipMessage(T0 + i * NS, '/a', 'std_msgs/msg/Float64', encode_float64(i))
+        for i in range(count)
+    ]
+    messages.append(ClipMessage(T0, '/b', 'my_msgs/msg/Odd', b'\0\1\0\0\7\0\0\0'))
+    definitions = {'my_msgs/msg/Odd': 'int32 x\n'}
+    return Clip('aft', Condition.STICK_SLIP, T0 + number * NS, tuple(messages), definitions)
+
+
+def folder(path: Path, most: int = 3) -> ClipFolder:
+    return ClipFolder(ClipConfig(str(path), most=most))
+
+
+def write(store: ClipFolder, item: Clip) -> int:
+    return sum(1 for _ in store.write(item))
+
+
+def test_a_clip_is_a_recording_named_by_time_bearing_and_alarm(tmp_path: Path) -> None:
+    store = folder(tmp_path / 'new' / 'clips')
+    write(store, clip())
+    (path,) = store.clips()
+    assert path.name == '20260504T060000Z_aft_stick_slip.mcap'
+    bag = open_bag(path)
+    assert {name: topic.count for name, topic in bag.topics.items()} == {'/a': 3, '/b': 1}
+    assert bag.definition('/b') == 'int32 x\n'
+    assert bag.warnings == ()
+
+
+def test_it_is_written_a_little_at_a_time_and_appears_when_whole(tmp_path: Path) -> None:
+    store = folder(tmp_path)
+    steps = store.write(clip(count=1800))
+    for _ in range(3):
+        next(steps)
+        assert store.clips() == []
+    assert next(steps, 'end') == 'end'
+    assert len(store.clips()) == 1
+
+
+def test_one_that_is_given_up_leaves_nothing(tmp_path: Path) -> None:
+    steps = folder(tmp_path).write(clip(count=1800))
+    next(steps)
+    steps.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_oldest_make_room_and_other_files_stay(tmp_path: Path) -> None:
+    other = tmp_path / '20200101T000000Z_mine.MCAP'
+    other.touch()
+    store = folder(tmp_path, most=3)
+    for number in range(5):
+        write(store, clip(number))
+        newest = store.clips()[-1]
+        os.utime(newest, (1000 + number, 1000 + number))
+    kept = [path.name[:16] for path in store.clips()]
+    assert kept == [f'20260504T06000{i}Z' for i in (2, 3, 4)]
+    assert other.exists()
+
+
+def test_the_same_instant_again_gets_a_number(tmp_path: Path) -> None:
+    store = folder(tmp_path)
+    for _ in range(3):
+        write(store, clip())
+    names = {path.name for path in store.clips()}
+    stem = '20260504T060000Z_aft_stick_slip'
+    assert names == {f'{stem}.mcap', f'{stem}-2.mcap', f'{stem}-3.mcap'}
+
+
+def test_what_a_crash_left_is_swept_when_it_is_old(tmp_path: Path) -> None:
+    name = '.20260504T060000Z_aft_stick_slip.mcap.0.draft'
+    old, new, other = tmp_path / name, tmp_path / name.replace('.0.', '.1.'), tmp_path / '.x.draft'
+    for path in (old, new, other):
+        path.touch()
+    os.utime(old, (1000, 1000))
+    os.utime(other, (1000, 1000))
+    folder(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([new.name, other.name])
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    (tmp_path / 'file').touch()
+    with pytest.raises(BagError, match=r"clips\.directory = '.*file/clips' cannot be made"):
+        folder(tmp_path / 'file' / 'clips')
+
+
+# --- the clips of a recorded bag ---------------------------------------------------------------
+
+
+def test_a_checked_bag_has_a_clip_around_each_alarm(tmp_path: Path) -> None:
+    config = load_config(CONFIG)
+    found = check_bag(ROOT / 'bags' / 'coast_down', config)
+    store = folder(tmp_path)
+    # Stick-slip and, less than two minutes on, its amplitude limit: two alarms, two clips.
+    alarms = [
+        e for e in found.bearings['aft_stern'].scan.events if e.raised and e.after.level == 2
+    ]
+    assert len(alarms) == 2
+    assert write_clips(found, config, store) == 2
+    for path, alarm in zip(sorted(tmp_path.iterdir()), alarms, strict=True):
+        bag = open_bag(path)
+        assert bag.start_ns is not None
+        assert bag.end_ns is not None
+        assert 0 <= bag.start_ns - (alarm.time_ns - 60 * NS) < NS
+        assert -NS < bag.end_ns - (alarm.time_ns + 60 * NS) <= 0
+        assert {'/shaft/speed', '/bearing/aft_stern/load', '/stickslip_monitor/warnings'} <= set(
+            bag.topics
+        )
+        assert bag.topics['/shaft/speed'].count == pytest.approx(1200, abs=2)
+        texts = [e.text for e in check_bag(path, config).bearings['aft_stern'].scan.events]
+        assert texts
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / 'clips'
+    bag, config = ROOT / 'bags' / 'coast_down', str(CONFIG)
+    assert main(['check', str(bag), '--clips', str(out), '--config', config]) == 1
+    assert f'2 clips written into {out}' in capsys.readouterr().err
+    assert len(list(out.iterdir())) == 2

@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Calls on a real Dask cluster of two worker processes, one of which is killed in the middle."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import pytest
+
+from stickslip_monitor.cli import main
+from stickslip_monitor.errors import FleetError
+from stickslip_monitor.offline import fleet
+from stickslip_monitor.offline.fleet import connected, on_cluster
+
+distributed = pytest.importorskip('distributed')
+ROOT = Path(__file__).parents[2]
+CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
+LIMIT = 60.0
+
+
+@pytest.fixture(scope='module')
+def address() -> Iterator[str]:
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+def wait_for(condition: Callable[[], Any]) -> Any:
+    limit = time.monotonic() + LIMIT
+    while not (found := condition()):
+        assert time.monotonic() < limit, 'waited in vain'
+        time.sleep(0.01)
+    return found
+
+
+def diary(folder: Path) -> list[tuple[int, int]]:
+    """Number and process of each call that was begun."""
+    names = (path.name.split('_') for path in folder.glob('*_*'))
+    return [(int(number), int(process)) for number, process, _ in names]
+
+
+def squared_slowly(folder: Path) -> Callable[[int], int]:
+    """A function that notes its beginning and waits for leave to end."""
+
+    def square(number: int) -> int:
+        # Nested, so that it goes to the workers as code: they do not know this file.
+        import os
+        import time
+        from pathlib import Path
+
+        Path(folder, f'{number}_{os.getpid()}_{time.monotonic_ns()}').touch()
+        limit = time.monotonic() + 60.0
+        while not Path(folder, 'leave').exists() and time.monotonic() < limit:
+            time.sleep(0.01)
+        return number * number
+
+    return square
+
+
+def test_a_worker_killed_in_the_middle_loses_nothing_and_doubles_nothing(
+    address: str, tmp_path: Path
+) -> None:
+    calls = {f'square-{number}-{tmp_path}': (number,) for number in range(20)}
+    with connected(address) as client:
+        arriving = on_cluster(client, squared_slowly(tmp_path), calls)
+        found: list[tuple[str, int]] = []
+        reader = Thread(target=lambda: found.extend(arriving))
+        reader.start()
+        at_work = wait_for(lambda: len({p for _, p in diary(tmp_path)}) == 2 and diary(tmp_path))
+        number, victim = at_work[0]
+        os.kill(victim, signal.SIGKILL)
+        (tmp_path / 'leave').touch()
+        reader.join(LIMIT)
+    assert Counter(key for key, _ in found) == Counter(list(calls))
+    assert dict(found) == {key: number**2 for key, (number,) in calls.items()}
+    begun = [process for each, process in diary(tmp_path) if each == number]
+    # The call that was killed was begun again, by another process.
+    assert begun.count(victim) == 1
+    assert len(begun) > 1
+
+
+def test_an_exception_is_the_outcome_of_its_call_alone(address: str) -> None:
+    with connected(address) as client:
+        calls = {f'invert-{value}': (value,) for value in (2, 0, 4)}
+        found = dict(on_cluster(client, lambda value: 1 / value, calls))
+    assert (found['invert-2'], found['invert-4']) == (0.5, 0.25)
+    assert isinstance(found['invert-0'], ZeroDivisionError)
+
+
+def test_a_bag_that_kills_every_worker_is_given_up(address: str) -> None:
+    def die(number: int) -> int:
+        import os
+        import signal
+
+        if number == 1:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return number
+
+    with connected(address) as client:
+        found = dict(on_cluster(client, die, {f'die-{n}': (n,) for n in range(3)}))
+    assert (found['die-0'], found['die-2']) == (0, 2)
+    assert isinstance(found['die-1'], FleetError)
+    assert 'every worker that did it died' in str(found['die-1'])
+
+
+def archive(folder: Path) -> list[Path]:
+    """Recordings with and without warnings, one cut, and one that is none."""
+    names = ('coast_down', 'voyage', 'two_bearings', 'history_above', 'cut_short')
+    for name in names:
+        shutil.copytree(ROOT / 'bags' / name, folder / name)
+    (folder / 'broken').mkdir()
+    (folder / 'broken' / 'broken_0.mcap').write_bytes(b'no recording')
+    return sorted(folder.iterdir())
+
+
+def checked(capsys: pytest.CaptureFixture[str], *arguments: object) -> Any:
+    assert main(['check', *map(str, arguments), '--config', str(CONFIG), '--json']) == 2
+    return json.loads(capsys.readouterr().out)
+
+
+def test_an_archive_is_checked_as_on_this_machine(
+    address: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bags = archive(tmp_path)
+    there = checked(capsys, tmp_path, '--scheduler', address)
+    assert [document['path'] for document in there] == [str(bag) for bag in bags]
+    assert [document['path'] for document in there if 'error' in document] == [str(bags[0])]
+    assert there == checked(capsys, tmp_path, '--jobs', 1)
+
+
+def test_a_report_has_the_pictures_that_the_workers_drew(
+    address: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(ROOT / 'bags' / 'history_above', tmp_path / 'archive' / 'history_above')
+    (tmp_path / 'archive' / 'broken.mcap').mkdir()
+    (tmp_path / 'archive' / 'broken.mcap' / 'metadata.yaml').touch()
+    page = tmp_path / 'page.html'
+    checked(capsys, tmp_path / 'archive', '--scheduler', address, '--report', page)
+    text = page.read_text('utf-8')
+    # A map and a course of the one that could be checked, each in two widths.
+    assert text.count('<svg') == 4
+    assert 'this recording could not be checked' in text
+
+
+# --- what goes wrong ---------------------------------------------------------------------------
+
+
+def refusal(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    bag = ROOT / 'bags' / 'voyage'
+    assert main(['check', str(bag), '--config', str(CONFIG), *map(str, arguments)]) == 2
+    said = capsys.readouterr()
+    assert said.out == ''
+    (line,) = said.err.splitlines()
+    return line
+
+
+def test_a_scheduler_that_is_not_there_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(fleet, '_PATIENCE', 0.5)
+    with closing(socket.socket()) as taken:
+        # Bound but not listening: nobody answers, and nobody else gets the port.
+        taken.bind(('127.0.0.1', 0))
+        address = f'tcp://127.0.0.1:{taken.getsockname()[1]}'
+        line = refusal(capsys, '--scheduler', address)
+    assert line == f"ERROR: scheduler '{address}' cannot be reached: no answer in 0.5 s"
+    assert 'known schemes' in refusal(capsys, '--scheduler', 'ftp://ship:1')
+    assert "missing port number in address 'ship'" in refusal(capsys, '--scheduler', 'ship')
+
+
+def test_a_worker_is_no_scheduler(address: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with connected(address) as client:
+        (worker, *_) = client.scheduler_info()['workers']
+    assert refusal(capsys, '--scheduler', worker).endswith('it is a Worker of Dask')
+
+
+def test_another_version_on_the_workers_is_refused(
+    address: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # Here only: the workers are processes of their own.
+    monkeypatch.setattr(fleet, '__version__', '9.9')
+    line = refusal(capsys, '--scheduler', address)
+    assert re.search(r'worker \S+ of .* has stickslip_monitor 0\.\S+, not 9\.9 as here', line)
+
+
+CLUSTER = """
+import distributed, time
+if __name__ == '__main__':
+    cluster = distributed.LocalCluster(
+        n_workers=1, processes=False, dashboard_address=None, protocol='tcp'
+    )
+    print(cluster.scheduler_address, flush=True)
+    time.sleep(60)
+"""
+
+
+def test_a_scheduler_that_goes_away_is_told() -> None:
+    def wait(seconds: float) -> float:
+        import time
+
+        time.sleep(seconds)
+        return seconds
+
+    with subprocess.Popen(
+        [sys.executable, '-c', CLUSTER], stdout=subprocess.PIPE, text=True
+    ) as cluster:
+        assert cluster.stdout is not None
+        try:
+            with connected(cluster.stdout.readline().strip()) as client:
+                arriving = on_cluster(client, wait, {'short': (0.0,), 'long': (60.0,)})
+                assert next(arriving) == ('short', 0.0)
+                cluster.kill()
+                with pytest.raises(FleetError, match='was lost with 1 calls to do'):
+                    next(arriving)
+        finally:
+            cluster.kill()
+
+
+@pytest.mark.parametrize('option', [('--jobs', 2), ('--mcap', 'x.mcap'), ('--clips', 'x')])
+def test_what_writes_on_this_machine_does_not_go_there(
+    option: tuple[str, object], capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = refusal(capsys, '--scheduler', 'tcp://ship:8786', *option)
+    assert line.startswith(f'ERROR: {option[0]} does not go with --scheduler')

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The truth in a recording, from bags written by hand."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stickslip_monitor.bags.encode import encode_string
+from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.bags.writer import BagWriter
+from stickslip_monitor.errors import BagError
+from stickslip_monitor.offline.truth import TruthRecord, has_truth, read_truth
+
+SECOND = 1_000_000_000
+EVENTS = '/truth/aft/events'
+
+
+def event(name: str, second: float, **more: Any) -> str:
+    record = {'schema': 'stickslip_monitor/truth/1', 'bearing': 'aft', 'event': name}
+    return json.dumps(record | {'time': round(second * SECOND)} | more)
+
+
+def write(
+    path: Path, events: Sequence[tuple[float, str]], kind: str = 'std_msgs/msg/String'
+) -> Path:
+    """A bag of 100 s with events told at some seconds, and speed on a topic of its own."""
+    with BagWriter(path) as writer:
+        writer.add_topic('/shaft/speed', 'std_msgs/msg/Float64')
+        writer.add_topic(EVENTS, kind)
+        writer.write_float64('/shaft/speed', [0, 100 * SECOND], [1.0, 2.0])
+        for second, text in events:
+            writer.write(EVENTS, round(second * SECOND), encode_string(text))
+    return path
+
+
+def read(path: Path) -> TruthRecord:
+    return read_truth(open_bag(path), 'aft')
+
+
+def test_episodes_and_span(tmp_path: Path) -> None:
+    path = write(
+        tmp_path / 'a.mcap',
+        [
+            (0, event('start', 0)),
+            (11, event('first_stick', 10.5)),
+            (21, event('last_stick', 20.25, sticks=7, sticking=0.3)),
+            (50, event('first_stick', 49)),
+            (60, event('last_stick', 59.5)),
+            (90, event('end', 90)),
+        ],
+    )
+    truth = read(path)
+    assert (truth.start_ns, truth.end_ns) == (0, 90 * SECOND)
+    assert truth.episodes == (
+        (10_500_000_000, 20_250_000_000),
+        (49 * SECOND, 59_500_000_000),
+    )
+    assert truth.amplitude.value.size == truth.fold_margin.time_ns.size == 0
+
+
+def test_an_episode_that_goes_on_ends_with_the_truth(tmp_path: Path) -> None:
+    told = [(0, event('start', 0)), (11, event('first_stick', 10)), (90, event('end', 90))]
+    assert read(write(tmp_path / 'a.mcap', told)).episodes == ((10 * SECOND, 90 * SECOND),)
+
+
+def test_a_recording_that_was_cut_is_known_to_its_end(tmp_path: Path) -> None:
+    told = [(0, event('start', 0)), (11, event('first_stick', 10))]
+    truth = read(write(tmp_path / 'a.mcap', told))
+    assert truth.end_ns == 100 * SECOND
+    assert truth.episodes == ((10 * SECOND, 100 * SECOND),)
+
+
+def test_numbers_keep_every_bit(tmp_path: Path) -> None:
+    values = {
+        'hopf_margin': [np.inf, 1 / 3],
+        'fold_margin': [0.1, -0.2],
+        'amplitude': [1e-300, 3e-4],
+    }
+    path = tmp_path / 'a.mcap'
+    with BagWriter(path) as writer:
+        writer.add_topic(EVENTS, 'std_msgs/msg/String')
+        writer.write(EVENTS, 5, encode_string(event('start', 0)))
+        for name, column in values.items():
+            writer.add_topic(f'/truth/aft/{name}', 'std_msgs/msg/Float64')
+            writer.write_float64(f'/truth/aft/{name}', [5, 9], column)
+    truth = read(path)
+    for name, column in values.items():
+        numbers = getattr(truth, name)
+        assert numbers.value.tolist() == column
+        assert numbers.time_ns.tolist() == [5, 9]
+
+
+def test_no_truth_is_named(tmp_path: Path) -> None:
+    path = write(tmp_path / 'a.mcap', [(0, event('start', 0))])
+    assert not has_truth(open_bag(path), 'fore')
+    with pytest.raises(BagError) as caught:
+        read_truth(open_bag(path), 'fore')
+    assert str(caught.value) == (
+        f"bag '{path}' holds no truth about fore: topic '/truth/fore/events' is not in it; it is"
+        ' about aft'
+    )
+
+
+@pytest.mark.parametrize(
+    'text', ['', 'no json', '[]', '{}', '{"schema": "stickslip_monitor/truth/2"}',
+             '{"schema": "stickslip_monitor/truth/1", "event": "start", "time": null}']
+)  # fmt: skip
+def test_events_of_another_kind_are_named(tmp_path: Path, text: str) -> None:
+    path = write(tmp_path / 'a.mcap', [(0, text)])
+    with pytest.raises(BagError) as caught:
+        read(path)
+    assert str(caught.value) == (
+        f"topic '{EVENTS}' of bag '{path}' holds an event that is no stickslip_monitor/truth/1"
+    )
+
+
+def test_events_of_another_type_are_named(tmp_path: Path) -> None:
+    path = write(tmp_path / 'a.mcap', [], 'std_msgs/msg/Float64')
+    with pytest.raises(BagError, match=r'is no std_msgs/msg/String$'):
+        read(path)

@@ -1,0 +1,307 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Verdicts written beside the inputs: read by other readers, and held to the live monitor."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stickslip_monitor import Monitor, build_config
+from stickslip_monitor.bags.encode import MESSAGE_TYPES, StatusFields, encode_diagnostics
+from stickslip_monitor.bags.reader import Request, open_bag
+from stickslip_monitor.bags.writer import BagWriter
+from stickslip_monitor.cli import main
+from stickslip_monitor.errors import BagError
+from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.messages import diagnostic_record, event_record, state_of
+from stickslip_monitor.monitor.verdict import Event, Verdict
+from stickslip_monitor.offline.check import CheckReport, check_bag
+from stickslip_monitor.offline.verdicts import messages, write_verdicts
+
+ROOT = Path(__file__).parents[2]
+CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
+NS, START = 10**9, 1_777_874_400 * 10**9
+# docs/interfaces.md, by hand.
+TOPICS = {
+    '/stickslip_monitor/aft/amplitude': 'std_msgs/msg/Float64',
+    '/stickslip_monitor/aft/amplitude_exact': 'std_msgs/msg/Float64',
+    '/stickslip_monitor/aft/hopf_margin': 'std_msgs/msg/Float64',
+    '/stickslip_monitor/aft/fold_margin': 'std_msgs/msg/Float64',
+    '/stickslip_monitor/aft/regime': 'std_msgs/msg/String',
+    '/stickslip_monitor/warnings': 'std_msgs/msg/String',
+    '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
+}
+
+
+def config_of(**changes: Any) -> MonitorConfig:
+    values = {
+        'bearings': ['aft'],
+        'aft.mass': 50.0,
+        'aft.damping': 400.0,
+        'aft.stiffness': 2.0e6,
+        'aft.journal_diameter': 0.1,
+        'aft.friction.static': 0.3,
+        'aft.friction.kinetic': 0.1,
+        'aft.friction.decay': 10.0,
+        'aft.speed.topic': '/shaft',
+        'aft.speed.unit': 'rpm',
+        'aft.load.topic': '/load',
+        'aft.load.type': 'geometry_msgs/msg/WrenchStamped',
+        'aft.load.field': 'wrench.force.z',
+        'aft.load.unit': 'N',
+    }
+    return build_config(values | changes)
+
+
+SAMPLES: list[tuple[int, int, float]] = [
+    # A second each of speed and load: in, out, garbage, 20 s of silence on the load, and on.
+    *((t, q, (60.0 if t < 10 else 20.0, 1000.0)[q]) for t in range(30) for q in (0, 1)),
+    (30, 0, float('nan')),
+    (31, 0, 1e9),
+    *((t, 0, 60.0) for t in range(32, 52)),
+    *((t, q, (60.0, 1000.0)[q]) for t in range(52, 70) for q in (0, 1)),
+]
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording with garbage and silence; the load has a header."""
+    path = tmp_path_factory.mktemp('bag') / 'in'
+    from stickslip_monitor.bags.encode import encode_float64, encode_stamped
+
+    with BagWriter(path) as writer:
+        writer.add_topic('/shaft', 'std_msgs/msg/Float64')
+        writer.add_topic('/load', 'geometry_msgs/msg/WrenchStamped')
+        writer.add_topic('/other', 'std_msgs/msg/Float64')
+        for second, is_load, value in SAMPLES:
+            at = START + second * NS
+            if is_load:
+                kind = 'geometry_msgs/msg/WrenchStamped'
+                (data,) = encode_stamped(kind, 'wrench.force.z', [at], [value])
+                writer.write('/load', at, data)
+            else:
+                writer.write('/shaft', at, encode_float64(value))
+        writer.write('/other', START, encode_float64(1.0))
+    return path
+
+
+@pytest.fixture(scope='module')
+def checked(bag: Path) -> CheckReport:
+    return check_bag(bag, config_of())
+
+
+@pytest.fixture(scope='module')
+def written(checked: CheckReport, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp('out') / 'out.mcap'
+    write_verdicts(checked, config_of(), path)
+    return path
+
+
+def rosbags_messages(path: Path) -> list[tuple[str, int, Any]]:
+    """All messages as an independent reader decodes them, by the definitions in the file."""
+    from rosbags.highlevel import AnyReader
+
+    with AnyReader([path]) as reader:
+        return [
+            (connection.topic, time_ns, reader.deserialize(raw, connection.msgtype))
+            for connection, time_ns, raw in reader.messages()
+        ]
+
+
+def live(until: int | None = None) -> tuple[list[Verdict], list[Event], Monitor]:
+    """The same samples one by one through the monitor as the node uses it."""
+    monitor = Monitor(config_of())
+    verdicts, events = [], monitor.advance(START)
+    for second, is_load, value in SAMPLES:
+        if until is not None and second > until:
+            break
+        update = monitor.bearings['aft'].update(is_load, START + second * NS, value)
+        verdicts += [update.verdict] if update.verdict else []
+        events += update.events
+    if until is not None:
+        events += monitor.advance(START + until * NS)
+    return verdicts, events, monitor
+
+
+def test_topics_are_those_of_the_node_beside_the_inputs(written: Path) -> None:
+    found = {name: topic.type for name, topic in open_bag(written).topics.items()}
+    inputs = {'/shaft': 'std_msgs/msg/Float64', '/load': 'geometry_msgs/msg/WrenchStamped'}
+    assert found == TOPICS | inputs
+
+
+def test_another_reader_sees_what_the_live_monitor_says(written: Path) -> None:
+    verdicts, events, _ = live()
+    said = rosbags_messages(written)
+    for name, value in (
+        ('amplitude', lambda p: 0.0 if np.isnan(p.amplitude) else p.amplitude),
+        ('amplitude_exact', lambda p: np.nan_to_num(p.amplitude_exact)),
+        ('hopf_margin', lambda p: p.hopf_margin),
+        ('fold_margin', lambda p: p.fold_margin),
+        ('regime', lambda p: p.regime.value),
+    ):
+        own = [(t, m.data) for topic, t, m in said if topic == f'/stickslip_monitor/aft/{name}']
+        assert own == [(v.time_ns, value(v.assessment)) for v in verdicts]
+    # In bulk and one by one the exact amplitude may come by different ways, alike to 1e-6.
+    exact = [m.data for topic, _, m in said if topic.endswith('/amplitude_exact')]
+    alone = np.nan_to_num([v.assessment.amplitude_exact for v in verdicts])
+    np.testing.assert_allclose(exact, alone, rtol=1e-6)
+    assert alone.max() > 0.0
+    warnings = [(t, json.loads(m.data)) for topic, t, m in said if topic.endswith('/warnings')]
+    assert warnings == [(e.time_ns, event_record(e)) for e in events]
+    assert {'stick_slip', 'input_stale'} <= {record['to'] for _, record in warnings}
+
+
+def test_inputs_are_copied_byte_by_byte_with_their_times(bag: Path, written: Path) -> None:
+    before, after = (
+        [(m.topic, m.log_time_ns, m.data) for m in open_bag(path).messages(['/shaft', '/load'])]
+        for path in (bag, written)
+    )
+    assert after == before
+
+
+def test_the_file_lies_in_order_of_time(written: Path) -> None:
+    times = [t for _, t, _ in rosbags_messages(written)]
+    assert times == sorted(times)
+
+
+def test_our_reader_gives_the_same_check_again(written: Path, checked: CheckReport) -> None:
+    again = check_bag(written, config_of())
+    first, second = (
+        [event_record(event) for event in found.bearings['aft'].scan.events]
+        for found in (checked, again)
+    )
+    assert first == second
+    request = Request('/stickslip_monitor/aft/fold_margin', 'data', 'std_msgs/msg/Float64')
+    series = open_bag(written).read([request])[request]
+    expected = checked.bearings['aft'].scan.assessment.fold_margin
+    np.testing.assert_array_equal(series.value, expected)
+
+
+def test_diagnostics_are_those_of_the_live_monitor(written: Path) -> None:
+    arrays = {t: m for topic, t, m in rosbags_messages(written) if topic == '/diagnostics'}
+    seconds = [t for t in arrays if (t - START) % NS == 0]
+    assert seconds == [START + s * NS for s in range(70)]
+    for second in (0, 5, 12, 29, 31, 36, 45, 51, 52, 69):
+        _, _, monitor = live(second)
+        expected = diagnostic_record('stickslip_monitor', state_of(monitor.bearings['aft']))
+        message = arrays[START + second * NS]
+        assert message.header.stamp.sec * NS + message.header.stamp.nanosec == START + second * NS
+        (status,) = message.status
+        assert (status.level, status.name, status.hardware_id) == (
+            expected.level,
+            'stickslip_monitor: aft',
+            'aft',
+        )
+        assert {pair.key: pair.value for pair in status.values} == expected.values
+        assert status.message == expected.message
+
+
+def test_every_change_has_its_diagnostics(written: Path, checked: CheckReport) -> None:
+    arrays = {t: m for topic, t, m in rosbags_messages(written) if topic == '/diagnostics'}
+    for event in checked.bearings['aft'].scan.events:
+        values = {pair.key: pair.value for pair in arrays[event.time_ns].status[0].values}
+        assert 'reason' in values
+
+
+def test_a_publish_period_thins_the_values_and_keeps_the_changes(bag: Path) -> None:
+    config = config_of(publish_period=5.0)
+    found = check_bag(bag, config)
+    counts = Counter(m.topic for m in messages(found, config))
+    times = [m.log_time_ns for m in messages(found, config) if m.topic.endswith('/regime')]
+    changes = {event.time_ns for event in found.bearings['aft'].scan.events}
+    assert counts['/stickslip_monitor/aft/regime'] < 30
+    early = [b for a, b in pairwise(times) if b - a < 5 * NS]
+    scan = found.bearings['aft'].scan
+    # What comes early is the first evaluation at or after a change.
+    firsts = {int(t) for c in changes for t in scan.time_ns[scan.time_ns >= c][:1]}
+    assert early
+    assert set(early) <= firsts
+
+
+def test_a_clock_that_jumps_back_is_written(tmp_path: Path) -> None:
+    from stickslip_monitor.bags.encode import encode_float64, encode_stamped
+
+    with BagWriter(tmp_path / 'in') as writer:
+        writer.add_topic('/shaft', 'std_msgs/msg/Float64')
+        writer.add_topic('/load', 'geometry_msgs/msg/WrenchStamped')
+        for second in range(60):
+            at, stamp = START + second * NS, START + (second % 30) * NS
+            kind = 'geometry_msgs/msg/WrenchStamped'
+            (data,) = encode_stamped(kind, 'wrench.force.z', [stamp], [1000.0])
+            writer.write('/load', at, data)
+            writer.write('/shaft', at, encode_float64(20.0))
+    found = check_bag(tmp_path / 'in', config_of())
+    write_verdicts(found, config_of(), tmp_path / 'out.mcap')
+    counts = Counter(topic for topic, _, _ in rosbags_messages(tmp_path / 'out.mcap'))
+    evaluations = found.bearings['aft'].scan.time_ns.size
+    assert counts['/stickslip_monitor/aft/regime'] == evaluations
+
+
+def test_diagnostics_are_encoded_as_another_library_encodes_them() -> None:
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kind = 'diagnostic_msgs/msg/DiagnosticArray'
+    ours = get_types_from_msg(MESSAGE_TYPES[kind].definition, kind)
+    for name in (kind, 'diagnostic_msgs/msg/DiagnosticStatus', 'diagnostic_msgs/msg/KeyValue'):
+        assert store.fielddefs[name] == ours[name]
+    t = store.types
+    values = {'a': '1', 'key [m/s]': 'µ', '': ''}
+    status = t['diagnostic_msgs/msg/DiagnosticStatus'](
+        2, 'n: aft', 'text', 'aft', [t['diagnostic_msgs/msg/KeyValue'](*p) for p in values.items()]
+    )
+    other = t['diagnostic_msgs/msg/DiagnosticStatus'](0, 'x', '', 'yy', [])
+    header = t['std_msgs/msg/Header'](t['builtin_interfaces/msg/Time'](7, 8), '')
+    expected = store.serialize_cdr(t[kind](header, [status, other]), kind)
+    made = encode_diagnostics(
+        7 * NS + 8,
+        [
+            StatusFields(2, 'n: aft', 'text', 'aft', values),
+            StatusFields(0, 'x', '', 'yy', {}),
+        ],
+    )
+    assert made == bytes(expected)
+
+
+# --- the command -------------------------------------------------------------------------------
+
+
+def check(*arguments: object) -> int:
+    return main(['check', *map(str, arguments), '--config', str(CONFIG)])
+
+
+def test_the_command_writes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / 'out.mcap'
+    assert check(ROOT / 'bags' / 'coast_down', '--mcap', out, '--json') == 1
+    document = json.loads(capsys.readouterr().out)['bearings']['aft_stern']
+    topics = open_bag(out).topics
+    assert topics['/stickslip_monitor/warnings'].count == len(document['events'])
+    assert topics['/stickslip_monitor/aft_stern/amplitude'].count == document['evaluations']
+
+
+@pytest.mark.parametrize(
+    ('bags', 'name', 'words'),
+    [
+        (1, 'out.bag', 'must end in .mcap'),
+        (1, 'there.mcap', 'exists already and is not overwritten'),
+        (2, 'out.mcap', 'is for one bag, not 2'),
+    ],
+)
+def test_what_cannot_be_written_is_named_before_the_check(
+    bags: int, name: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'there.mcap').touch()
+    assert check(*[f'nowhere_{number}' for number in range(bags)], '--mcap', tmp_path / name) == 2
+    assert words in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ['there.mcap']
+
+
+def test_a_definition_is_only_asked_of_what_is_there(bag: Path) -> None:
+    with pytest.raises(BagError, match="topic '/none' is not in the bag"):
+        open_bag(bag).definition('/none')

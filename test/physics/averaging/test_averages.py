@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+from typing import Any
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from stickslip_monitor.physics.averaging.boundaries import amplitude_rate, harmonic
+from stickslip_monitor.physics.averaging.quadrature import friction_harmonic
+from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
+from stickslip_monitor.physics.oscillator import Bearing
+
+STRIBECK = Stribeck(0.30, 0.10, 10.0)
+CLOSED = {
+    'stribeck': STRIBECK,
+    'viscous': Stribeck(0.30, 0.10, 10.0, 0.05),
+    'rising': Stribeck(0.10, 0.30, 10.0),
+    'flat': Stribeck(0.2, 0.2, 10.0),
+    'frictionless sliding': Stribeck(0.2, 0.0, 3.0),
+    'nearly flat': Stribeck(0.2 + 1e-9, 0.2, 10.0),
+    'sharp': Stribeck(0.3, 0.1, 1e4),
+    'blunt': Stribeck(0.3, 0.1, 1e-3),
+    'coulomb': Coulomb(0.3, 0.1),
+}
+NEAR = [0.0, 1e-16, 2e-16, 1e-15, 1e-14, 1e-12, 1e-9, 1e-6, 1e-3]
+RATIOS = np.unique(
+    np.concatenate(
+        [
+            [1e-12, 1e-6, 1e-3, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9],
+            1.0 - np.array(NEAR),
+            1.0 + np.array(NEAR),
+            [1.01, 1.05, 1.2, 1.5, 2.0, 3.0, 10.0, 1e3, 1e6],
+        ]
+    )
+)
+
+
+@pytest.mark.parametrize('law', CLOSED.values(), ids=CLOSED)
+def test_closed_form_and_split_quadrature_agree(law: FrictionLaw) -> None:
+    """Two independent methods to 1e-12 of the static coefficient, across the sliding limit."""
+    v, ratio = np.meshgrid([1e-6, 1e-3, 0.05, 0.2, 1.0, 30.0, 1e3], RATIOS)
+    v, a = v.ravel(), (v * ratio).ravel()
+    quadrature = friction_harmonic(law, v, a)
+    assert np.isfinite(quadrature).all()
+    scale = law.static + 0.5 * getattr(law, 'viscous', 0.0) * a
+    assert np.max(np.abs(harmonic(law, v, a) - quadrature) / scale) < 1e-12
+
+
+@pytest.mark.parametrize('beta_v', [1e-4, 0.02, 0.5, 2.1, 20.0, 300.0, 1e4])
+@pytest.mark.parametrize('ratio', [0.01, 0.8, 1.0 - 1e-14, 1.0 + 1e-14, 1.0 + 1e-6, 1.02, 1.6])
+def test_harmonic_is_the_averaging_integral(beta_v: float, ratio: float, oracle: Any) -> None:
+    """PHYSICS.md's integral by mpmath at 40 digits, for the closed form and the quadrature.
+
+    Near the sliding limit and below it the relative error stays at rounding, too.
+    """
+    v, law = beta_v / 10.0, STRIBECK
+    a = v * ratio
+    g = oracle.groups(Bearing(1.0, 1.0, 1.0, law, 0.1), v, 1.0)
+    delta = mp.mpf(law.static) - mp.mpf(law.kinetic)
+    exact = delta * oracle.harmonic(g.v, g.decay * mp.mpf(a), g.r)
+    closed = float(harmonic(law, v, a))
+    assert abs(closed - exact) < 1e-14
+    assert abs(float(friction_harmonic(law, np.array(v), np.array(a))) - exact) < 1e-14
+    if a <= v and abs(exact) > 1e-25:  # where 40 digits resolve it
+        assert abs(closed - exact) <= 1e-12 * abs(exact)
+
+
+def test_below_the_limit_the_average_is_a_bessel_function() -> None:
+    """PHYSICS.md: ``S = Delta exp(-beta V) I1(beta a)`` with mpmath's Bessel function."""
+    for v, a in ((0.05, 0.049), (1.0, 0.3), (40.0, 39.9), (1e3, 999.0)):
+        exact = (mp.mpf(0.3) - mp.mpf(0.1)) * mp.besseli(1, 10 * mp.mpf(a))
+        exact *= mp.exp(-10 * mp.mpf(v))
+        assert float(harmonic(STRIBECK, v, a)) == pytest.approx(float(exact), rel=1e-12)
+
+
+def test_coulomb_average_is_elementary() -> None:
+    """``-(2 mu_k/pi) sqrt(1 - V^2/a^2)`` beyond the limit, 0 before: the integral done by hand."""
+    law = Coulomb(0.3, 0.1)
+    a = np.array([0.1, 0.2, 0.2 * (1 + 1e-13), 0.25, 4.0])
+    v = mp.mpf(0.2)
+    exact = [
+        float(-2 * mp.mpf(0.1) / mp.pi * mp.sqrt(max(0, 1 - (v / mp.mpf(x)) ** 2))) for x in a
+    ]
+    np.testing.assert_allclose(harmonic(law, 0.2, a), exact, rtol=1e-14)
+    np.testing.assert_allclose(friction_harmonic(law, np.full(5, 0.2), a), exact, rtol=1e-14)
+
+
+@pytest.mark.parametrize('law', [Tabulated([0.0, 0.5], [0.2, 0.2]), Stribeck(0.2, 0.2, 5.0)])
+def test_level_friction_has_no_average_at_all_below_the_limit(law: FrictionLaw) -> None:
+    """A constant times ``cos t`` integrates to exactly 0; rounding would pass for cycles."""
+    a = np.linspace(0.001, 0.3, 500)
+    np.testing.assert_array_equal(harmonic(law, 0.3, a), np.zeros(500))
+
+
+def test_astern_mirrors_ahead_and_no_motion_has_no_average() -> None:
+    a = np.array([0.0, 0.1, 0.3])
+    for law in (*CLOSED.values(), Tabulated([0.0, 0.3], [0.3, 0.1])):
+        np.testing.assert_array_equal(harmonic(law, -0.2, a), harmonic(law, 0.2, a))
+        assert float(harmonic(law, 0.2, 0.0)) == 0.0
+
+
+def test_table_average_is_its_integral(brute_force: Any) -> None:
+    """SciPy's adaptive quadrature, split at every bend of the table and at the reversal."""
+    law = Tabulated([0.0, 0.05, 0.12, 0.3, 0.8], [0.31, 0.22, 0.24, 0.10, 0.13])
+    for v in (0.03, 0.2, 0.9):
+        for ratio in (0.2, 0.99, 1.0001, 1.3, 6.0):
+            expected = brute_force.harmonic(law, v, v * ratio)
+            assert float(harmonic(law, v, v * ratio)) == pytest.approx(expected, abs=1e-12)
+
+
+def test_densely_sampled_table_approaches_the_closed_form() -> None:
+    """Halving the step of the table must shrink the error by the interpolant's order (> 2)."""
+    v, a = np.full(4, 0.15), np.array([0.05, 0.12, 0.16, 0.2])
+    errors = []
+    for count in (40, 80, 160):
+        speed = np.linspace(0.0, 1.0, count + 1)
+        table = Tabulated(speed, STRIBECK.coefficient(speed))
+        errors.append(np.max(np.abs(harmonic(table, v, a) - harmonic(STRIBECK, v, a))))
+    assert errors[0] < 2e-3
+    assert errors[1] < errors[0] / 3.5
+    assert errors[2] < errors[1] / 3.5
+
+
+def test_amplitude_rate_is_the_energy_balance(reference: Bearing) -> None:
+    """``m omega^2 A dA/dt`` is the power that friction and damper put into ``u = A cos psi``.
+
+    The mean of (N mu(V - x') - c x') x' over a cycle, with x' = -a sin psi, by a midpoint sum
+    over 2 million phases (error below 1e-9 even across the reversal).
+    """
+    speed, load = 0.1, 1000.0
+    psi = (np.arange(2_000_000) + 0.5) * np.pi / 1e6
+    for amplitude in (1e-4, 4e-4, 5.5e-4):
+        velocity = -200.0 * amplitude * np.sin(psi)
+        force = load * STRIBECK.coefficient(speed - velocity) - 400.0 * velocity
+        expected = np.mean(force * velocity) / (50.0 * 200.0**2 * amplitude)
+        got = float(amplitude_rate(reference, speed, load, amplitude))
+        assert got == pytest.approx(expected, rel=1e-5, abs=1e-9)
+
+
+def test_amplitude_rate_broadcasts_and_starts_at_the_growth_rate(reference: Bearing) -> None:
+    """For A -> 0 it is ``sigma A`` with PHYSICS.md's sigma (first Taylor term of I1)."""
+    speed, load = np.array([[0.1], [0.2]]), np.array([500.0, 1000.0, 0.0])
+    rate = amplitude_rate(reference, speed, load, 1e-9)
+    assert rate.shape == (2, 3)
+    sigma = (load * 0.2 * 10.0 * np.exp(-10.0 * speed) - 400.0) / 100.0
+    np.testing.assert_allclose(rate, sigma * 1e-9, rtol=1e-9)
+    np.testing.assert_array_equal(amplitude_rate(reference, speed, load, 0.0), np.zeros((2, 3)))

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The general solver, held against what the closed forms and brute force say."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from stickslip_monitor.physics.averaging import numerical, slope_table
+from stickslip_monitor.physics.averaging.boundaries import averaged_solver, stationary_amplitudes
+from stickslip_monitor.physics.averaging.quadrature import friction_harmonic
+from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
+from stickslip_monitor.physics.oscillator import Bearing
+
+STRIBECK = Stribeck(0.30, 0.10, 10.0)
+# c/N [s/m] of kappa = 0.5, 0.2, 0.02, 0.002
+DAMPING = np.array([1.0, 0.4, 0.04, 0.004])
+
+
+def test_only_the_stribeck_law_itself_has_closed_forms() -> None:
+    assert averaged_solver(Coulomb(0.3, 0.1)) is numerical
+    assert averaged_solver(Tabulated([0.0, 1.0], [0.3, 0.1])) is numerical
+    assert averaged_solver(STRIBECK) is not numerical
+
+
+def test_hopf_speed_is_the_logarithm() -> None:
+    """PHYSICS.md's ``-ln(kappa)/beta`` at 40 digits, found without being told."""
+    delta = mp.mpf(0.3) - mp.mpf(0.1)
+    exact = [float(-mp.log(mp.mpf(q) / (delta * 10)) / 10) for q in DAMPING]
+    np.testing.assert_allclose(numerical.hopf_speed(STRIBECK, DAMPING), exact, rtol=1e-12)
+
+
+def test_fold_and_amplitudes_are_bracketed_by_the_integral(oracle: Any) -> None:
+    """The 40-digit balance changes its sign within 1e-11 of what scan and polish return."""
+    fold, hopf = numerical.fold_speed(STRIBECK, DAMPING), numerical.hopf_speed(STRIBECK, DAMPING)
+    speed = 0.5 * (fold + hopf)
+    amplitude, stable = numerical.cycles(STRIBECK, speed, DAMPING)
+    np.testing.assert_array_equal(stable, [[0.0, 1.0]] * 4)
+    for i, q in enumerate(DAMPING):
+        g = oracle.groups(Bearing(1.0, q, 1.0, STRIBECK, 0.1), speed[i], 1.0)
+        near = mp.mpf('1e-11')
+        v = g.decay * mp.mpf(fold[i])
+        assert oracle.fold_excess(g, v * (1 - near)) > 0 > oracle.fold_excess(g, v * (1 + near))
+        unstable, largest = (g.decay * mp.mpf(a) for a in amplitude[i])
+        assert (
+            oracle.balance(g, unstable * (1 - near)) < 0 < oracle.balance(g, unstable * (1 + near))
+        )
+        assert (
+            oracle.balance(g, largest * (1 - near)) > 0 > oracle.balance(g, largest * (1 + near))
+        )
+
+
+def test_peak_slope_is_the_average_at_the_sliding_limit() -> None:
+    """For the Stribeck law ``max_a 2 S/a`` stands at ``a = V``: ``2 Delta beta I1e(v)/v``."""
+    delta = mp.mpf(0.3) - mp.mpf(0.1)
+    for speed in (0.001, 0.05, 0.2, 1.0, 30.0):
+        v = 10 * mp.mpf(speed)
+        exact = 2 * delta * 10 * mp.exp(-v) * mp.besseli(1, v) / v
+        got = numerical.peak_slope(STRIBECK, np.array([speed]))[0]
+        assert got == pytest.approx(float(exact), rel=1e-12)
+
+
+def test_peak_slope_of_a_table_is_the_maximum(brute_force: Any) -> None:
+    """The highest of a scan of 2000 amplitudes, of its cusp at ``a = V`` and of ``a = 0``."""
+    law = Tabulated(
+        [0.0, 0.02, 0.06, 0.2, 0.22, 0.3, 0.9], [0.4, 0.2, 0.2, 0.26, 0.16, 0.15, 0.15]
+    )
+    for speed in (0.01, 0.1, 0.21, 0.25, 0.35, 0.6, 2.0):
+        _, slope = brute_force.balance(law, speed, 0.0)
+        limit = 2.0 * brute_force.harmonic(law, speed, speed) / speed
+        highest = max(slope.max(), limit, -float(law.slope(speed)))
+        got = numerical.peak_slope(law, np.array([speed]))[0]
+        assert got >= highest - 1e-6
+        assert got == pytest.approx(highest, rel=1e-5)
+
+
+def test_amplitudes_are_the_smallest_threshold_and_the_largest_cycle() -> None:
+    """Of all the cycles; a threshold needs a quiet state inside it."""
+    law = Tabulated(
+        [0.0, 0.02, 0.06, 0.2, 0.22, 0.3, 0.9], [0.4, 0.2, 0.2, 0.26, 0.16, 0.15, 0.15]
+    )
+    speed, q = np.array([0.2, 0.225, 0.25, 0.5]), np.full(4, 0.25)
+    threshold = numerical.threshold_amplitude(law, speed, q)
+    largest = numerical.stable_amplitude(law, speed, q)
+    every = stationary_amplitudes(Bearing(1.0, 0.25, 1.0, law, 0.1), speed, 1.0)
+    assert threshold[0] == every.amplitude[0, 0]
+    assert np.isnan(threshold[1])  # unstable equilibrium: nothing to exceed
+    assert largest[0] == every.amplitude[0, 3]
+    assert largest[1] == every.amplitude[1, 2]
+    assert np.isnan([threshold[3], largest[3]]).all()
+
+
+def test_flat_friction_has_no_cycles_from_rounding() -> None:
+    """Without damping the average of a constant is exactly 0, not a cloud of sign changes."""
+    speed = np.geomspace(1e-3, 1e3, 50)
+    for law in (
+        Tabulated([0.0, 0.5], [0.2, 0.2]),
+        Tabulated([0.0, 0.1, 0.2, 0.5], [0.1, 0.2, 0.25, 0.3]),
+        Coulomb(0.3, 0.1),
+    ):
+        assert numerical.cycles(law, speed, np.zeros(50))[0].shape == (50, 0)
+        np.testing.assert_array_equal(numerical.peak_slope(law, speed) > 0.0, np.zeros(50, bool))
+
+
+def test_without_damping_a_table_reaches_any_speed() -> None:
+    """Above its last point only a motion that dips into the fall is driven: ``a > V - v_last``."""
+    law = Tabulated([0.0, 0.1, 0.2, 0.5], [0.3, 0.2, 0.15, 0.1])
+    assert numerical.fold_speed(law, np.zeros(1))[0] == np.inf
+    amplitude, stable = numerical.cycles(law, np.array([2.0]), np.zeros(1))
+    assert stable[0].tolist() == [0.0, 1.0]
+    assert amplitude[0, 0] <= 1.5 * (1.0 + 1e-6)
+    assert amplitude[0, 1] > 2.0
+
+
+def _random_tables(count: int) -> list[Tabulated]:
+    rng = np.random.default_rng(5)
+    tables = []
+    for size in rng.integers(3, 14, count).tolist():
+        speed = np.cumsum(rng.uniform(0.01, 0.15, size)) - 0.01
+        coefficient = rng.uniform(0.05, 0.4, size)
+        falling = rng.random() < 0.5
+        tables.append(Tabulated(speed, np.sort(coefficient)[::-1] if falling else coefficient))
+    return tables
+
+
+def _points(law: Tabulated, count: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(6)
+    speed = rng.uniform(0.005, 1.3 * law.speed[-1], count) * rng.choice([1.0, 1.0, 0.1], count)
+    steepest = slope_table.slope_table(law).peak.max()
+    return speed, max(steepest, 1e-3) * np.exp(rng.uniform(np.log(1e-3), 0.0, count))
+
+
+def test_the_table_of_a_law_hides_no_cycle() -> None:
+    """A scan eight times as fine, of the average itself, changes its sign as often.
+
+    Two cycles closer together than that scan is fine may be found in addition.
+    """
+    fine = np.unique(
+        np.concatenate(
+            [
+                g + np.diff(slope_table.GRID) * k / 8
+                for k in range(8)
+                for g in [slope_table.GRID[:-1]]
+            ]
+        )
+    )[1:]
+    for law in _random_tables(4):
+        speed, q = _points(law, 60)
+        x, v = (grid.ravel() for grid in np.meshgrid(fine, speed))
+        above = slope_table.slope_surface(law, x, v).reshape(60, -1) > q[:, None]
+        changes = np.count_nonzero(above[:, 1:] != above[:, :-1], axis=1)
+        amplitude, stable = numerical.cycles(law, speed, q)
+        found = np.count_nonzero(~np.isnan(amplitude), axis=1)
+        assert np.all((found == changes) | (found == changes + 2))
+        assert np.mean(found == changes) > 0.98
+        slope = 2.0 * friction_harmonic(
+            law,
+            np.repeat(speed, amplitude.shape[1]),
+            np.where(np.isnan(amplitude), 1.0, amplitude).ravel(),
+        )
+        slope = slope.reshape(amplitude.shape) / amplitude
+        there = ~np.isnan(amplitude)
+        np.testing.assert_allclose(
+            slope[there], np.broadcast_to(q[:, None], slope.shape)[there], rtol=1e-9
+        )
+        np.testing.assert_array_equal(
+            numerical.has_cycle(law, speed, q, np.full(60, np.inf)), (stable > 0.0).any(axis=1)
+        )
+
+
+def test_the_fold_of_a_table_is_where_the_highest_average_passes() -> None:
+    """The whole grid of amplitudes, refined about its highest point, just below and above."""
+    for law in _random_tables(5):
+        q = _points(law, 60)[1]
+        fold = numerical.fold_speed(law, q)
+        q, fold = q[np.isfinite(fold)], fold[np.isfinite(fold)]
+
+        def highest(speed: np.ndarray, law: Tabulated = law) -> np.ndarray:
+            rows = slope_table.surface_rows(law, speed)
+            return slope_table.peak_and_place(law, speed, rows)[0]
+
+        assert np.all(highest(fold * (1.0 - 1e-9)) >= q)
+        assert np.all(highest(fold * (1.0 + 1e-9)) <= q)
+
+
+def test_a_point_of_a_table_never_depends_on_its_neighbours() -> None:
+    law = _random_tables(1)[0]
+    speed, q = _points(law, 40)
+    fold = numerical.fold_speed(law, q)
+    amplitude = numerical.stable_amplitude(law, speed, q)
+    for i in range(40):
+        v1, q1 = speed[i : i + 1], q[i : i + 1]
+        np.testing.assert_array_equal(numerical.fold_speed(law, q1), fold[i : i + 1])
+        np.testing.assert_array_equal(
+            numerical.stable_amplitude(law, v1, q1), amplitude[i : i + 1]
+        )

@@ -1,0 +1,417 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The exact stick-slip cycle against PHYSICS.md, closed forms and Taylor series in 40 digits."""
+
+from __future__ import annotations
+
+import math
+
+import mpmath as mp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.integrate import solve_ivp
+
+from stickslip_monitor.physics.averaging.boundaries import stationary_amplitudes
+from stickslip_monitor.physics.cycle.cycles import (
+    CycleKind,
+    exact_cycle,
+    exact_fold_speed,
+    exact_unstable_cycle,
+)
+from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
+from stickslip_monitor.physics.oscillator import Bearing
+
+pytestmark = pytest.mark.filterwarnings('error')
+
+BENCH = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
+LAW = Stribeck(0.3, 0.1, 1.0)
+
+
+def unit_bearing(zeta: float, law: FrictionLaw = LAW) -> Bearing:
+    """omega = m = k = 1: with ``LAW`` the speed is ``beta V`` and ``eta = 0.2 N``."""
+    return Bearing(1.0, 2.0 * zeta, 1.0, law, 0.1)
+
+
+def rpm(value: float) -> float:
+    return float(BENCH.speed.to_surface(value, 'rpm'))
+
+
+@pytest.mark.parametrize(
+    ('speed', 'amplitude', 'period'),
+    [
+        (10, 0.296953, 31.9456),
+        (20, 0.556755, 31.5903),
+        (30, 0.804800, 31.4606),
+        (38, 1.000212, None),
+        (40, 1.048880, 31.423),
+    ],
+)
+def test_the_bench_of_physics_md(speed, amplitude, period):
+    cycle = exact_cycle(BENCH, rpm(speed), 1000.0)
+    assert cycle.kind is CycleKind.STICK_SLIP
+    assert cycle.amplitude * 1e3 == pytest.approx(amplitude, abs=6e-7)
+    if period:
+        assert cycle.period * 1e3 == pytest.approx(period, abs=5e-4 if speed == 40 else 6e-5)
+
+
+# eta, kappa, beta V, refinement of the reference where a boundary layer needs it
+POINTS = [
+    (0.2, 0.2, 0.1, 4),
+    (0.2, 0.2, 2.0, 4),
+    (0.2, 0.2, 2.13, 4),
+    (0.2, 0.0, 1e-9, 4),
+    (1e-6, 0.2, 1e-4, 4),
+    (5.0, 0.2, 1.0, 4),
+    (5.0, 0.01, 18.0, 4),
+    (100.0, 0.018, 1.0, 4),
+    (1e3, 0.0, 1e-9, 4),
+]
+
+
+@pytest.mark.parametrize(('eta', 'kappa', 'speed', 'refine'), POINTS)
+def test_taylor_series_in_40_digits(taylor, eta, kappa, speed, refine):
+    bearing, load = unit_bearing(kappa * eta / 2.0), eta / 0.2
+    cycle = exact_cycle(bearing, speed, load)
+    force = mp.mpf(load) / mp.mpf(speed)
+    static, kinetic = force * mp.mpf(0.3), force * mp.mpf(0.1)
+    amplitude, period, stick = taylor.stick_slip(
+        mp.mpf(bearing.damping) / 2, static, kinetic, mp.mpf(speed), refine
+    )
+    assert cycle.kind is CycleKind.STICK_SLIP
+    assert cycle.amplitude / speed == pytest.approx(float(amplitude), rel=2e-14)
+    assert cycle.period == pytest.approx(float(period), rel=2e-14)
+    assert cycle.stick_fraction == pytest.approx(float(stick), rel=1e-11)
+
+
+@pytest.mark.parametrize('speed', [1e-9, 1e-3, 0.3, 10.0, 1e3])
+def test_undamped_coulomb_in_closed_form(speed):
+    # Slip is a circle of radius sqrt(g^2 + 1) about steady sliding, from (g, 1) to (-g, 1).
+    g = 10.0 * 0.2 / speed
+    cycle = exact_cycle(unit_bearing(0.0, Coulomb(0.3, 0.1)), speed, 10.0)
+    period = math.pi + 2.0 * math.atan2(1.0, g) + 2.0 * g
+    assert cycle.amplitude == pytest.approx(speed * math.hypot(1.0, g), rel=4e-15)
+    assert cycle.period == pytest.approx(period, rel=4e-15)
+    assert cycle.stick_fraction == pytest.approx(2.0 * g / period, rel=1e-12)
+
+
+def damped_coulomb_fold(zeta: float, drop: float) -> mp.mpf:
+    """Where the spiral from (drop/V, 1) about steady sliding grazes the belt, in closed form."""
+    damped = mp.sqrt(1 - mp.mpf(zeta) ** 2)
+
+    def miss(speed, time):
+        # From the start u0 = g - 2 zeta, y = 1 to y = 1 with y' = 0, which is u = -2 zeta.
+        u0 = mp.mpf(drop) / speed - 2 * mp.mpf(zeta)
+        decay, c, s = mp.exp(-zeta * time), mp.cos(damped * time), mp.sin(damped * time)
+        u = decay * (u0 * c + (1 + zeta * u0) / damped * s)
+        y = decay * (c - (u0 + zeta) / damped * s)
+        return u + 2 * mp.mpf(zeta), y - 1
+
+    return mp.findroot(miss, (mp.mpf(2.2), mp.mpf(5.5)))[0]
+
+
+def test_the_fold_of_damped_coulomb_in_closed_form():
+    expected = damped_coulomb_fold(0.05, 2.0)
+    fold = exact_fold_speed(unit_bearing(0.05, Coulomb(0.3, 0.1)), 10.0)
+    assert fold == pytest.approx(float(expected), rel=1e-14)
+
+
+def test_the_fold_of_physics_md():
+    fold = exact_fold_speed(BENCH, 1000.0)
+    assert fold == pytest.approx(0.2131982, abs=6e-8)
+    assert BENCH.speed.from_surface(fold, 'rpm') == pytest.approx(40.7179, abs=6e-5)
+
+
+@pytest.mark.parametrize(
+    ('eta', 'kappa'), [(1e-6, 0.2), (1e-3, 0.9), (0.2, 0.01), (5.0, 0.2), (20.0, 0.01)]
+)
+def test_both_sides_of_the_fold(eta, kappa):
+    bearing, load = unit_bearing(kappa * eta / 2.0), eta / 0.2
+    fold = exact_fold_speed(bearing, load)
+    below, above = exact_cycle(bearing, fold * np.array([1.0 - 1e-12, 1.0 + 1e-12]), load).kind
+    assert below == CycleKind.STICK_SLIP
+    assert above == CycleKind.NONE
+
+
+def test_stick_grows_with_the_square_root_of_the_distance_from_the_fold():
+    # A grazing contact: the chord of a parabola. Closed form in the limit.
+    fold = exact_fold_speed(BENCH, 1000.0)
+    near, far = exact_cycle(BENCH, fold * (1.0 - np.array([1e-12, 1e-10])), 1000.0).stick_fraction
+    assert far / near == pytest.approx(10.0, rel=1e-2)
+
+
+@pytest.mark.parametrize('eta', [1e-6, 1e-4])
+def test_weak_friction_meets_averaging(eta):
+    # Averaging is exact to first order in eta: its error falls with eta.
+    bearing, load, speed = unit_bearing(0.1 * eta), eta / 0.2, 1.5
+    exact = exact_cycle(bearing, speed, load)
+    both = stationary_amplitudes(bearing, speed, load)
+    assert exact.kind is CycleKind.OVERTAKING
+    assert exact.stick_fraction == 0.0
+    assert 0.0 < exact.multiplier < 1.0
+    assert exact.amplitude == pytest.approx(both.amplitude[both.stable][0], rel=10.0 * eta)
+    unstable = exact_unstable_cycle(bearing, 1.8, load).amplitude
+    both = stationary_amplitudes(bearing, 1.8, load)
+    assert unstable == pytest.approx(both.amplitude[~both.stable][0], rel=10.0 * eta)
+
+
+@pytest.mark.parametrize(
+    ('zeta', 'eta', 'speed'),
+    # In the second the phase ahead of the belt spans two steps, the last of which only just began.
+    [(1e-4, 0.001, 2.0), (1e-3, 0.01083144557832, 0.5647044), (0.0, 0.05, 1.2)],
+)
+def test_overtaking_closes_under_the_reference(taylor, zeta, eta, speed):
+    # One round by Taylor series in 40 digits, starting where the solver says the cycle starts.
+    bearing, load = unit_bearing(zeta), eta / 0.2
+    cycle = exact_cycle(bearing, speed, load)
+    force = mp.mpf(load) / mp.mpf(speed)
+    law = (mp.mpf(bearing.damping) / 2, force * mp.mpf(0.3), force * mp.mpf(0.1), mp.mpf(speed))
+    _, displacement, _ = cycle.waveform(2)
+    start = mp.mpf(float(displacement[0] / speed))
+    behind, x, (top, bottom) = taylor.slip_phase(taylor.Slip(*law), start)
+    ahead, end, _ = taylor.slip_phase(taylor.Slip(*law, side=-1), x, turns=0)
+    assert float(end) == pytest.approx(float(start), abs=1e-13)
+    assert cycle.period == pytest.approx(float(behind + ahead), rel=1e-12)
+    assert cycle.amplitude / speed == pytest.approx(float(top - bottom) / 2.0, rel=1e-13)
+
+
+@pytest.mark.parametrize('zeta', [1e-3, 1e-5, 0.0])
+def test_hardly_damped_every_point_below_the_fold_has_its_cycle(zeta):
+    # The lining passes the belt for moments only here and there; the fold is found by itself.
+    rng = np.random.default_rng(3)
+    bearing, load = unit_bearing(zeta), 10.0 * max(zeta, 1e-3) * 2.0 ** rng.uniform(1, 4, 80)
+    fold = np.asarray(exact_fold_speed(bearing, load))
+    speed = np.where(np.isfinite(fold), fold, 3.0) * rng.uniform(0.05, 1.0, 80)
+    cycle = exact_cycle(bearing, speed, load)
+    assert set(cycle.kind) == {CycleKind.STICK_SLIP, CycleKind.OVERTAKING}
+    some = np.flatnonzero(cycle.kind == CycleKind.OVERTAKING)[::10]
+    alone = [exact_cycle(bearing, speed[i], load[i]).amplitude for i in some]
+    np.testing.assert_allclose(alone, cycle.amplitude[some], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('eta', 'kappa', 'speed'), [(0.2, 0.2, 1.78), (0.2, 0.2, 2.1319), (1e-6, 0.2, 1.8)]
+)
+def test_the_unstable_cycle_and_its_multiplier(taylor, eta, kappa, speed):
+    # The return map in 40 digits: its fixed point, and its slope by a difference of 1e-15.
+    bearing, load = unit_bearing(kappa * eta / 2.0), eta / 0.2
+    cycle = exact_unstable_cycle(bearing, speed, load)
+    assert cycle.kind is CycleKind.PURE_SLIP
+    force = mp.mpf(load) / mp.mpf(speed)
+    law = (mp.mpf(bearing.damping) / 2, force * mp.mpf(0.3), force * mp.mpf(0.1), mp.mpf(speed))
+    _, displacement, _ = cycle.waveform(2)
+    x = mp.mpf(float(np.min(displacement))) / mp.mpf(speed)
+    (top, bottom), period = taylor.return_map(*law, x)
+    step = mp.mpf(10) ** -15
+    slope = (taylor.return_map(*law, x + step)[0][1] - bottom) / step
+    assert cycle.multiplier == pytest.approx(float(slope), rel=1e-12)
+    assert float((bottom - x) / (slope - 1)) == pytest.approx(0.0, abs=1e-14)
+    assert cycle.amplitude / speed == pytest.approx(float(top - bottom) / 2.0, rel=1e-13)
+    assert cycle.period == pytest.approx(float(period), rel=1e-13)
+
+
+def test_the_unstable_cycle_of_physics_md():
+    cycle = exact_unstable_cycle(BENCH, rpm(34.0), 1000.0)
+    assert cycle.amplitude * 1e3 == pytest.approx(0.592815, abs=6e-7)
+
+
+def test_branches_meet_at_the_fold():
+    # Both end in the orbit that grazes the belt, however stiff: eta = 20 is a canard.
+    for eta, kappa in ((0.2, 0.2), (20.0, 0.01)):
+        bearing, load = unit_bearing(kappa * eta / 2.0), eta / 0.2
+        speed = exact_fold_speed(bearing, load) * (1.0 - 1e-12)
+        stable = exact_cycle(bearing, speed, load).amplitude
+        assert exact_unstable_cycle(bearing, speed, load).amplitude == pytest.approx(
+            stable, rel=1e-10
+        )
+
+
+def by_events(bearing: Bearing, speed: float, load: float) -> tuple[float, float]:
+    """Amplitude and period by an embedded Runge-Kutta method with events, in the lab frame."""
+    c, mu, static = bearing.damping, bearing.friction.coefficient, bearing.friction.static
+
+    def slip(side):
+        def rate(_, s):
+            # The law of the side it slips on, also a little beyond the contact.
+            v = max(side * (speed - s[1]), 1e-300)
+            return [s[1], side * load * float(mu(v)) - c * s[1] - s[0]]
+
+        return rate
+
+    def contact(_, s):
+        return s[1] - speed
+
+    x, side, time, extremes = load * static - c * speed, 1.0, 0.0, []
+    for _ in range(4):
+        # The start of a slip phase is itself a contact: leave it first.
+        begin = 1e-2
+        first = solve_ivp(slip(side), (0, begin), [x, speed], 'DOP853', rtol=1e-13, atol=1e-14)
+        state = list(first.y[:, -1])
+        contact.terminal = True
+        turn = lambda _, s: s[1]  # noqa: E731
+        run = solve_ivp(
+            slip(side), (begin, 60.0), state, 'DOP853', events=[contact, turn],
+            rtol=1e-13, atol=1e-14, max_step=0.01,
+        )  # fmt: skip
+        extremes += [s[0] for s in run.y_events[1]]
+        x, time = run.y_events[0][-1][0], time + run.t_events[0][-1]
+        if abs(x + c * speed) <= static * load:
+            time += (load * static - c * speed - x) / speed
+            break
+        side = -side
+    return (max(extremes) - min(extremes)) / 2.0, time
+
+
+def test_a_table_by_events():
+    law = Tabulated([0.0, 0.1, 0.3, 1.0, 5.0], [0.3, 0.2, 0.12, 0.1, 0.11])
+    bearing = unit_bearing(0.05, law)
+    for speed in (0.3, 2.0):
+        cycle = exact_cycle(bearing, speed, 10.0)
+        amplitude, period = by_events(bearing, speed, 10.0)
+        assert cycle.amplitude == pytest.approx(amplitude, rel=1e-10)
+        assert cycle.period == pytest.approx(period, rel=1e-9)
+
+
+def test_overshoot_past_the_belt_and_sticking_again():
+    # Friction vanishes at speed, so the lining comes back faster than the belt can stop it.
+    bearing = unit_bearing(0.0, Tabulated([0.0, 1.0, 1.2], [0.3, 0.3, 0.0]))
+    cycle = exact_cycle(bearing, 1.0, 10.0)
+    _, _, velocity = cycle.waveform(4001)
+    assert np.max(velocity) > 1.1
+    assert cycle.stick_fraction > 0.1
+    amplitude, period = by_events(bearing, 1.0, 10.0)
+    assert cycle.amplitude == pytest.approx(amplitude, rel=1e-9)
+    assert cycle.period == pytest.approx(period, rel=1e-8)
+
+
+def test_a_turning_point_on_a_measured_speed(sampled):
+    # Steady sliding at a knot of the table: the same cycle as from the table's functions alone.
+    law = Tabulated([0.0, 0.1, 0.3, 1.0, 5.0], [0.3, 0.2, 0.12, 0.1, 0.11])
+    known = exact_cycle(unit_bearing(0.05, law), 0.3, 10.0)
+    other = exact_cycle(unit_bearing(0.05, sampled(law)), 0.3, 10.0)
+    assert known.amplitude == pytest.approx(other.amplitude, rel=1e-11)
+
+
+@pytest.mark.parametrize('speed', [0.05, 0.3, 1.0, 1.5])
+def test_a_law_known_by_its_two_functions_only(sampled, speed):
+    # The same law twice: analytically, and sampled. Differences are formed by subtraction there.
+    for law in (Stribeck(0.3, 0.1, 1.0, 0.01), Coulomb(0.3, 0.1)):
+        known = exact_cycle(unit_bearing(0.02, law), speed, 5.0)
+        other = exact_cycle(unit_bearing(0.02, sampled(law)), speed, 5.0)
+        assert other.kind == known.kind == CycleKind.STICK_SLIP
+        assert other.amplitude == pytest.approx(known.amplitude, rel=1e-10)
+        assert other.period == pytest.approx(known.period, rel=1e-10)
+
+
+def test_many_points_in_one_call_are_the_points_one_by_one():
+    speeds, loads = np.linspace(0.02, 0.25, 40)[:, None], np.linspace(500.0, 1500.0, 20)
+    together = exact_cycle(BENCH, speeds, loads)
+    assert together.amplitude.shape == together.kind.shape == (40, 20)
+    for i, j in ((0, 0), (20, 10), (39, 19), (35, 3)):
+        alone = exact_cycle(BENCH, speeds[i, 0], loads[j])
+        assert together.kind[i, j] == alone.kind
+        assert_allclose(together.amplitude[i, j], alone.amplitude, rtol=1e-13)
+        assert_allclose(together.period[i, j], alone.period, rtol=1e-13)
+
+
+def test_the_waveform_closes_and_obeys_the_equation():
+    cycle = exact_cycle(BENCH, 0.1, 1000.0)
+    time, x, v = cycle.waveform(20001)
+    assert x[0] == pytest.approx(x[-1], rel=1e-13)
+    assert v[0] == pytest.approx(v[-1], rel=1e-13) == pytest.approx(0.1)
+    assert (np.max(x) - np.min(x)) / 2.0 == pytest.approx(cycle.amplitude, rel=1e-7)
+    assert np.mean(v == 0.1) == pytest.approx(cycle.stick_fraction, abs=2e-4)
+    force = 1000.0 * BENCH.friction.coefficient(0.1 - v) - 400.0 * v - 2.0e6 * x
+    acceleration = (v[2:] - v[:-2]) / (time[2:] - time[:-2])
+    slipping = np.all([v[k : v.size - 2 + k] != 0.1 for k in range(3)], axis=0)
+    # Central differences: their error is the step squared.
+    assert_allclose(50.0 * acceleration[slipping], force[1:-1][slipping], atol=2e-2)
+
+
+def test_the_waveform_of_many_points():
+    cycle = exact_cycle(BENCH, [0.1, 0.3, -0.1], 1000.0)
+    time, x, v = cycle.waveform(11)
+    assert time.shape == x.shape == v.shape == (3, 11)
+    assert np.all(np.isnan(x[1]))
+    # Astern everything is mirrored.
+    assert_array_equal(x[2], -x[0])
+    assert_array_equal(v[2], -v[0])
+    assert cycle.amplitude[2] == cycle.amplitude[0]
+
+
+@pytest.mark.parametrize(
+    ('speed', 'load', 'kind'),
+    [
+        (0.3, 1000.0, CycleKind.NONE),
+        (0.0, 1000.0, CycleKind.AT_REST),
+        (0.1, 0.0, CycleKind.NO_CONTACT),
+        (0.1, -5.0, CycleKind.NO_CONTACT),
+        (math.nan, 1000.0, CycleKind.NOT_FINITE),
+        (0.1, math.inf, CycleKind.NOT_FINITE),
+        (1e-300, 1000.0, CycleKind.UNRESOLVED),
+    ],
+)
+def test_points_without_a_cycle_say_why(speed, load, kind):
+    cycle = exact_cycle(BENCH, speed, load)
+    assert cycle.kind is kind
+    assert cycle.kind.sentence.endswith('.')
+    assert math.isnan(cycle.amplitude)
+    assert math.isnan(cycle.period)
+
+
+@pytest.mark.parametrize(
+    'bearing',
+    [
+        unit_bearing(0.0, Stribeck(0.3, 0.3, 10.0)),
+        unit_bearing(0.1, Stribeck(0.1, 0.3, 100.0)),
+        unit_bearing(0.0, Coulomb(0.1, 0.3)),
+        unit_bearing(0.0, Tabulated([0.0, 1.0], [0.1, 0.3])),
+    ],
+)
+def test_friction_that_does_not_fall_has_no_cycle(bearing):
+    # Bendixson's criterion: no region of growth, no isolated cycle.
+    assert exact_cycle(bearing, 0.3, 50.0).kind is CycleKind.NONE
+    assert exact_unstable_cycle(bearing, 0.3, 50.0).kind is CycleKind.NONE
+    assert math.isnan(exact_fold_speed(bearing, 50.0))
+
+
+def test_without_damping_there_is_a_cycle_at_every_speed():
+    assert exact_fold_speed(unit_bearing(0.0), 1.0) == math.inf
+    assert exact_fold_speed(unit_bearing(0.0, Coulomb(0.3, 0.1)), 1.0) == math.inf
+
+
+def test_fold_conventions():
+    assert_array_equal(np.isnan(exact_fold_speed(BENCH, [0.0, -1.0, math.nan, 100.0])), True)
+    assert exact_fold_speed(BENCH, [[900.0], [1100.0]]).shape == (2, 1)
+
+
+# The model is meant for underdamped linings: pairs with zeta above 0.95 are left out.
+_HARD = [
+    (eta, kappa)
+    for eta in (1e-6, 1e-3, 0.2, 5.0, 100.0, 1e3)
+    for kappa in (0.0, 0.0018, 0.2, 0.9)
+    if kappa * eta / 2.0 <= 0.95
+]
+
+
+@pytest.mark.parametrize(('eta', 'kappa'), _HARD)
+def test_hard_cases_end_named_and_bounded(eta, kappa):
+    bearing = unit_bearing(kappa * eta / 2.0)
+    cycle = exact_cycle(bearing, np.array([1e-9, 1e-4, 0.01, 1.0, 10.0, 1e4]), eta / 0.2)
+    exists = cycle.kind <= CycleKind.OVERTAKING
+    assert_array_equal(exists | (cycle.kind == CycleKind.NONE), True)
+    assert np.all(np.isfinite(cycle.amplitude[exists]))
+    assert np.all(np.isfinite(cycle.period[exists]))
+    assert np.max(cycle.evaluations[cycle.kind != CycleKind.OVERTAKING]) < 1500
+    assert np.max(cycle.evaluations) < 20000
+    # Once gone with rising speed the cycle stays gone.
+    assert np.all(np.diff(exists.astype(int)) <= 0)
+
+
+def test_amplitude_is_continuous_from_crawling_to_the_fold():
+    # A step in it would show as a second difference far from its neighbours'.
+    fold = exact_fold_speed(BENCH, 1000.0)
+    speed = np.linspace(0.0, fold, 402)[1:-1]
+    amplitude = exact_cycle(BENCH, speed, 1000.0).amplitude
+    assert np.all(np.diff(amplitude) > 0.0)
+    bend = np.diff(amplitude, 2)
+    assert np.max(np.abs(np.diff(bend))) < 0.03 * np.max(np.abs(bend))

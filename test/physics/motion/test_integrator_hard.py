@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The integrator where numbers break, against other methods and closed forms.
+
+The exact cycle is another method (collocation from one breakaway to the next), which
+test/physics holds to Taylor series in 40 digits at the same hard places.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from stickslip_monitor.physics.cycle.cycles import CycleKind, exact_cycle, exact_fold_speed
+from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
+from stickslip_monitor.physics.motion.integrator import (
+    Drive,
+    Motion,
+    MotionOutcome,
+    MotionState,
+    Phase,
+    integrate,
+)
+from stickslip_monitor.physics.oscillator import Bearing
+
+pytestmark = pytest.mark.filterwarnings('error')
+
+REFERENCE = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, 10.0), 0.1)
+LOAD = 1000.0
+
+
+@pytest.fixture(autouse=True)
+def _raising() -> Iterator[None]:
+    with np.errstate(divide='raise', over='raise', invalid='raise'):
+        yield
+
+
+def breakaway(bearing: Bearing, speed: float, load: float) -> MotionState:
+    limit = bearing.friction.static * load - bearing.damping * speed
+    return MotionState(limit / bearing.stiffness, 0.0)
+
+
+@pytest.mark.parametrize(('side', 'sticks'), [(-1.0, True), (1.0, False)])
+@pytest.mark.parametrize('load', [LOAD, 25.0 * LOAD])
+def test_a_distance_of_1e_12_from_the_fold_decides(side: float, sticks: bool, load: float) -> None:
+    """Below the fold every passage grazes the belt and sticks; above it the first one misses."""
+    speed = exact_fold_speed(REFERENCE, load) * (1.0 + side * 1e-12)
+    period = 2.0 * math.pi / REFERENCE.natural_frequency
+    motion = integrate(
+        REFERENCE,
+        Drive.constant(speed, load, 10.5 * period),
+        breakaway(REFERENCE, speed, load),
+        compiled=False,
+    )
+    phases = motion.transitions.after.tolist()
+    if sticks:
+        assert len(phases) >= 15
+        assert set(phases[::2]) == {Phase.FORWARD}
+        assert set(phases[1::2]) == {Phase.STICK}
+    else:
+        assert phases == [Phase.FORWARD]
+
+
+SHARP, FEW = Stribeck(0.3, 0.1, 1e5), Tabulated([0.02, 0.5], [0.3, 0.1])
+# Bearing, speed [m/s], load [N]
+CYCLES = {
+    'beta V = 1e4': (replace(REFERENCE, friction=SHARP), 0.1, 1e4),
+    'crawling': (REFERENCE, 1e-9, LOAD),
+    'no damping': (replace(REFERENCE, damping=0.0), 0.1, LOAD),
+    'zeta 0.9': (replace(REFERENCE, damping=1.8e4), 0.1, 5e5),
+    'eta 5': (REFERENCE, 0.1, 2.5e4),
+    'eta 1e3': (REFERENCE, 0.1, 5e6),
+    'two points': (replace(REFERENCE, friction=FEW), 0.1, 5e3),
+}
+
+
+@pytest.mark.parametrize('name', CYCLES)
+def test_hard_cycles_are_the_exact_ones(name: str) -> None:
+    bearing, speed, load = CYCLES[name]
+    exact = exact_cycle(bearing, speed, load)
+    assert exact.kind is CycleKind.STICK_SLIP
+    slip = exact.period * (1.0 - exact.stick_fraction)
+    # Where the motion is small against the deflection it is about, its digits are fewer.
+    start = breakaway(bearing, speed, load)
+    grain = 1e-16 * start.displacement / exact.amplitude
+    motion = integrate(
+        bearing,
+        Drive.constant(speed, load, 1.5 * exact.period),
+        start,
+        # Close together at both ends, where a strongly driven lining turns.
+        0.5 * slip * (1.0 - np.cos(np.linspace(0.0, np.pi, 4001))),
+        compiled=False,
+    )
+    times, phases = motion.transitions.time, motion.transitions.after
+    releases = times[(phases == Phase.FORWARD) & (motion.transitions.before == Phase.STICK)]
+    assert releases[:2] == pytest.approx([0.0, exact.period], rel=1e-11 + grain)
+    assert times[phases == Phase.STICK][0] == pytest.approx(slip, rel=1e-11 + grain)
+    # Each extreme by the parabola through its sample.
+    ends = [int(function(motion.displacement)) for function in (np.argmax, np.argmin)]
+    x, v, a = motion.displacement[ends], motion.velocity[ends], motion.acceleration[ends]
+    turns = x - np.divide(0.5 * v**2, a, out=np.zeros(2), where=a != 0.0)
+    assert 0.5 * (turns[0] - turns[1]) == pytest.approx(exact.amplitude, rel=1e-8 + grain)
+    assert motion.expansions < 200
+
+
+def test_weak_friction_overtakes_the_belt_as_the_exact_cycle_does() -> None:
+    """eta = 1e-6: a million cycles to settle, but the cycle itself closes in one."""
+    bearing, speed, load = replace(REFERENCE, damping=4e-4), 0.1, 5e-3
+    exact = exact_cycle(bearing, speed, load)
+    assert exact.kind is CycleKind.OVERTAKING
+    _, x, _ = exact.waveform(2)
+    start = MotionState(float(x[0]), 0.0, Phase.FORWARD)
+    drive = Drive.constant(speed, load, 1.01 * exact.period)
+    motion = integrate(bearing, drive, start, compiled=False)
+    assert motion.transitions.after.tolist() == [Phase.BACKWARD, Phase.FORWARD]
+    assert motion.transitions.time[1] == pytest.approx(exact.period, rel=1e-13)
+    assert motion.expansions < 30
+
+
+def test_undamped_crawl_in_closed_form() -> None:
+    """Coulomb at 1e-9 m/s: two days and seven hours of stick, then half a free swing."""
+    bearing, speed = replace(REFERENCE, friction=Coulomb(0.3, 0.1), damping=0.0), 1e-9
+    omega, reach = bearing.natural_frequency, 0.2 * LOAD / bearing.stiffness
+    slip = 2.0 * (math.pi - math.atan(reach * omega / speed)) / omega
+    stick = 2.0 * reach / speed
+    motion = integrate(
+        bearing,
+        Drive.constant(speed, LOAD, 2.5 * stick),
+        breakaway(bearing, speed, LOAD),
+        compiled=False,
+    )
+    expected = [0.0, slip, slip + stick, 2.0 * slip + stick]
+    expected += [2.0 * (slip + stick), 3.0 * slip + 2.0 * stick]
+    assert motion.transitions.time == pytest.approx(expected, rel=1e-13)
+    assert motion.steps < 40
+
+
+@pytest.mark.parametrize('load', [LOAD, 2.5e4])
+def test_rising_friction_damps_as_its_slope_says(load: float) -> None:
+    """mu_k > mu_s: about steady sliding ``m u'' + (c + N mu') u' + k u = 0``, mu' > 0."""
+    bearing, speed, small = replace(REFERENCE, friction=Stribeck(0.1, 0.3, 10.0)), 0.1, 1e-9
+    damping = bearing.damping + load * 0.2 * 10.0 * math.exp(-1.0)
+    rate = damping / (2.0 * bearing.mass)
+    turn = math.sqrt(bearing.natural_frequency**2 - rate**2)
+    times = np.linspace(0.0, 2.0 / rate, 41)
+    rest = float(bearing.equilibrium(speed, load))
+    drive = Drive.constant(speed, load, float(times[-1]))
+    plus, minus = (
+        integrate(bearing, drive, MotionState(rest + u, speed), times, compiled=False)
+        for u in (small, -small)
+    )
+    u = 0.5 * (plus.displacement - minus.displacement)
+    shape = np.cos(turn * times) + rate / turn * np.sin(turn * times)
+    assert u == pytest.approx(small * np.exp(-rate * times) * shape, abs=1e-5 * small)
+    assert plus.transitions.time.size == 0
+
+
+def passage(start: float, fall: float, sign: float, times: np.ndarray) -> Motion:
+    """Steady sliding, disturbed a little, while the shaft slows down evenly."""
+    duration = float(times[-1])
+    drive = Drive.sampled([0.0, duration], [start, start - fall * duration], [LOAD] * 2)
+    rest = float(REFERENCE.equilibrium(start, LOAD))
+    return integrate(
+        REFERENCE, drive, MotionState(rest + sign * 1e-8, start), times, compiled=False
+    )
+
+
+@pytest.mark.parametrize('start', [0.175, 0.19])
+@pytest.mark.parametrize('fall', [0.01, 0.0025])
+def test_slow_passage_through_hopf_goes_out_as_far_as_it_came_in(
+    start: float, fall: float
+) -> None:
+    """Way in, way out (Neishtadt 1987): a disturbance is back where its growth rate integrates
+    to zero, at a speed that does not depend on how fast the shaft slows down.
+
+    ``integral (N Delta beta exp(-beta V) - c) dV = 0`` from entry to exit, past V_H = 0.1609 m/s.
+    """
+
+    def balance(speed: float) -> float:
+        return 200.0 * (math.exp(-10.0 * speed) - math.exp(-10.0 * start)) - 400.0 * (
+            start - speed
+        )
+
+    hopf = -math.log(0.2) / 10.0
+    way_out = brentq(balance, 0.05, hopf - 1e-4)
+    exit_time = (start - way_out) / fall
+    times = np.linspace(0.0, exit_time + 1.0, int((exit_time + 1.0) / 1e-3))
+    plus, minus = passage(start, fall, 1.0, times), passage(start, fall, -1.0, times)
+    x = 0.5 * (plus.displacement - minus.displacement)
+    v = 0.5 * (plus.velocity - minus.velocity) / REFERENCE.natural_frequency
+    size = np.hypot(x, v)
+    # A mean over ten periods, and the logarithm is all but straight there.
+    late = times > (start - hopf) / fall
+    logs = np.convolve(np.log(size / 1e-8), np.full(314, 1.0 / 314.0), mode='same')
+    crossed = times[late][np.argmax(logs[late] > 0.0)]
+    assert start - fall * crossed == pytest.approx(way_out, abs=0.02 * (hopf - way_out))
+    # The onset is delayed: far below V_H the shaft still turns quietly.
+    assert way_out < 0.94 * hopf
+    assert plus.transitions.time.size == 0
+
+
+def test_every_outcome_is_named() -> None:
+    """A load of 1e300 N is beyond the numbers, and says so."""
+    motion = integrate(
+        REFERENCE, Drive.constant(0.1, 1e300, 0.1), MotionState(1e-3, 0.05), compiled=False
+    )
+    assert motion.outcome in (MotionOutcome.NOT_FINITE, MotionOutcome.EXHAUSTED)

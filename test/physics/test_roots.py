@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from stickslip_monitor.physics.roots import newton_on_bracket, root_on_bracket
+
+Array = NDArray[np.float64]
+
+
+def _cube(x: Array, c: Array) -> tuple[Array, Array]:
+    return c - x**3, -3.0 * x * x
+
+
+def test_newton_finds_cube_roots() -> None:
+    """``numpy.cbrt``; every element has its own bracket, parameter and start."""
+    c = np.array([1e-9, 0.5, 8.0, 1e6, 729.0])
+    low, high = np.zeros(5), np.array([1.0, 1.0, 100.0, 1e3, 9.0])
+    root = newton_on_bracket(_cube, low, high, 0.5 * (low + high), (c,))
+    np.testing.assert_allclose(root, np.cbrt(c), rtol=4e-16)
+
+
+def _kink(x: Array) -> tuple[Array, Array]:
+    return np.where(x < 0.25, 1.0, 0.25 - x), np.where(x < 0.25, 0.0, -1.0)
+
+
+def _overshoot(x: Array) -> tuple[Array, Array]:
+    y = 50.0 * (x - 0.2)
+    return -np.arctan(y), -50.0 / (1.0 + y * y)
+
+
+@pytest.mark.parametrize('start', [0.0, 1e-12, 0.3, 0.7, 1.0])
+@pytest.mark.parametrize(
+    ('function', 'root', 'tolerance'),
+    [
+        (lambda x: (-((x - 0.3) ** 9), -9.0 * (x - 0.3) ** 8), 0.3, 1e-2),
+        (_kink, 0.25, 1e-9),
+        (_overshoot, 0.2, 2e-15),
+        (lambda x: (0.6 - x, np.full_like(x, 5.0)), 0.6, 2e-15),
+        (lambda x: (0.6 - x, np.zeros_like(x)), 0.6, 2e-15),
+        (lambda x: (-np.cbrt(x - 0.4), np.full_like(x, -np.inf)), 0.4, 2e-15),
+    ],
+    ids=['flat', 'kink', 'overshoot', 'wrong slope', 'no slope', 'vertical'],
+)
+def test_newton_is_safeguarded(
+    function: Callable[[Array], tuple[Array, Array]], root: float, tolerance: float, start: float
+) -> None:
+    """Bisection must take over where a bare Newton step stalls, cycles or leaves the bracket."""
+    got = newton_on_bracket(function, np.zeros(1), np.ones(1), np.full(1, start))
+    assert got[0] == pytest.approx(root, abs=tolerance)
+
+
+def test_newton_without_a_root_goes_to_the_end_that_is_nearest_to_one() -> None:
+    """The documented convention for a function of one sign."""
+    beyond = np.array([3.0, -2.0])
+    got = newton_on_bracket(
+        lambda x, c: (c - x, -np.ones_like(x)),
+        np.zeros(2),
+        np.ones(2),
+        np.full(2, 0.5),
+        (beyond,),
+    )
+    np.testing.assert_allclose(got, [1.0, 0.0], atol=1e-9)
+
+
+def _between(function: Callable[..., Array], low: Array, high: Array, *more: Array) -> Array:
+    ends = function(low, *more), function(high, *more)
+    return root_on_bracket(function, low, high, ends, more)
+
+
+def test_roots_of_either_direction() -> None:
+    c = np.array([1e-6, 0.5, 2.0, 30.0])
+    ends = np.zeros(4), np.full(4, 5.0)
+    rising = _between(lambda x, k: np.expm1(x) - k, *ends, c)
+    falling = _between(lambda x, k: k - np.expm1(x), *ends, c)
+    np.testing.assert_allclose(rising, np.log1p(c), rtol=1e-14)
+    np.testing.assert_allclose(falling, np.log1p(c), rtol=1e-14)
+
+
+def test_a_kink_and_a_pole_of_the_slope_are_passed() -> None:
+    kink = _between(lambda x: np.where(x < 0.9, -1e-3, x - 0.9), np.zeros(1), np.ones(1))
+    steep = _between(lambda x: np.cbrt(x - 0.123), np.zeros(1), np.ones(1))
+    assert kink[0] == pytest.approx(0.9, abs=1e-14)
+    assert steep[0] == pytest.approx(0.123, abs=1e-14)
+
+
+def test_no_equations_have_no_roots() -> None:
+    none = np.empty(0)
+    assert newton_on_bracket(_cube, none, none, none, (none,)).size == 0
+    assert _between(lambda x: x, none, none).size == 0
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.floats(1e-12, 1e12), min_size=1, max_size=8))
+def test_a_root_never_depends_on_its_neighbours(values: list[float]) -> None:
+    c = np.array(values)
+    low, high = np.zeros_like(c), np.maximum(c, 1.0)
+    newton = newton_on_bracket(_cube, low, high, 0.3 * high, (c,))
+    between = _between(lambda x, k: x**3 - k, low, high, c)
+    for i in range(c.size):
+        l1, h1, c1 = (array[i : i + 1] for array in (low, high, c))
+        assert newton_on_bracket(_cube, l1, h1, 0.3 * h1, (c1,)) == newton[i]
+        assert _between(lambda x, k: x**3 - k, l1, h1, c1) == between[i]
+    np.testing.assert_allclose(newton, np.cbrt(c), rtol=1e-14)
+    np.testing.assert_allclose(between, np.cbrt(c), rtol=1e-12)

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verdict in words.
+
+At 1000 N the reference bearing has its Hopf speed at 30.74 rpm and its fold at 40.72 rpm; its
+alarm has an on-delay of 2 s, an off-delay of 5 s and a limit of 0.9 mm. The times follow by hand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from stickslip_monitor.report.document import Finding
+from stickslip_monitor.report.summary import Course, finding_of, overall
+
+Make = Callable[..., Course]
+
+
+def said(finding: Finding) -> str:
+    return ' '.join(finding.sentences).replace('\N{NO-BREAK SPACE}', ' ')
+
+
+def test_clear(course: Make) -> None:
+    finding = finding_of(course([60.0] * 30))
+    assert finding.grade == 'clear'
+    assert finding.sentences[0] == (
+        'aft_stern: no stick-slip was predicted, and the bearing kept clear of it.'
+    )
+    # 60 / 40.7231 - 1
+    assert 'least fold margin was +47.3 %, at 60.0 rpm and 1000 N' in said(finding)
+
+
+def test_stick_slip_comes_first(course: Make) -> None:
+    # In from second 10 (alarm at 12), out at 20 (no cycle: cleared at 25).
+    finding = finding_of(course([60.0] * 10 + [20.0] * 10 + [60.0] * 20))
+    assert finding.grade == 'alarm'
+    assert finding.sentences[0].replace('\N{NO-BREAK SPACE}', ' ') == (
+        'aft_stern: stick-slip was predicted for 13 s, from 06:00:12 to 06:00:25 UTC on'
+        ' 2026-05-04.'
+    )
+    # At 20 rpm first-order KBM has 0.52688 mm and the exact cycle 0.556755 mm.
+    assert (
+        '0.527 mm (0.557 mm by the exact cycle), at 20.0 rpm and 1000 N, below the limit'
+        in said(finding)
+    )
+
+
+def test_spells_are_counted(course: Make) -> None:
+    once = [20.0] * 10 + [60.0] * 20
+    text = said(finding_of(course([60.0] * 10 + once + once)))
+    assert 'stick-slip was predicted for 26 s in 2 spells, between 06:00:12 and' in text
+
+
+def test_close(course: Make) -> None:
+    finding = finding_of(course([60.0] * 10 + [43.0] * 10 + [60.0] * 20))
+    assert finding.grade == 'warning'
+    assert 'no stick-slip was predicted, but the bearing was within the caution margin' in said(
+        finding
+    )
+    assert 'a disturbance' not in said(finding)
+    bistable = said(finding_of(course([60.0] * 10 + [35.0] * 10 + [60.0] * 20)))
+    assert 'for 13 s where a disturbance could have started it' in bistable
+
+
+def test_lost_time_is_said_and_is_no_clear_verdict(course: Make) -> None:
+    # The last samples at second 29 count for 5 s, so from 34 on an input is lost.
+    some = finding_of(course([60.0] * 30, seconds=40))
+    assert some.grade == 'warning'
+    assert 'An input was missing for 6.0 s (15 % of the time)' in said(some)
+    assert finding_of(course([60.0] * 30, seconds=300)).grade == 'unknown'
+
+
+def test_nothing_usable(course: Make) -> None:
+    finding = finding_of(course([], seconds=60))
+    assert (finding.grade, finding.word) == ('unknown', 'No verdict')
+    assert 'nothing can be said' in said(finding)
+
+
+@pytest.mark.parametrize(
+    ('grades', 'grade', 'text'),
+    [
+        (['clear', 'clear'], 'clear', 'No stick-slip was predicted in any of 2 recordings.'),
+        (['clear', 'alarm'], 'alarm', 'Stick-slip was predicted in 1 of 2 recordings.'),
+        (['warning', 'clear'], 'warning', 'No stick-slip was predicted; 1 of 2 recordings gave'),
+        (['unknown', 'clear'], 'unknown', 'but of 1 of 2 recordings little can be said.'),
+    ],
+)
+def test_the_worst_counts_overall(grades: list[str], grade: str, text: str) -> None:
+    parts = [(f'bag{i}', Finding(g, g, (f'aft: {g}.',))) for i, g in enumerate(grades)]
+    finding = overall(parts)
+    assert finding.grade == grade
+    assert text in finding.sentences[0]
+    assert len(finding.sentences) == 1 + sum(g != 'clear' for g in grades)
+
+
+def test_bearings_of_one_recording_are_called_so() -> None:
+    parts = [('bag', Finding('clear', 'Clear', (f'{n}: fine.',))) for n in ('aft', 'forward')]
+    assert overall(parts).sentences == ('No stick-slip was predicted in any of 2 bearings.',)
+    assert overall(parts[:1]) == parts[0][1]
