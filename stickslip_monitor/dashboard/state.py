@@ -125,7 +125,7 @@ _NO_ANSWER = 'the monitor has not answered: nothing is known to be done'
 
 
 class Desk(Protocol):
-    """Where the alarms are; what it does, the board hears from :meth:`DashboardState.take_alarms`."""
+    """Where the alarms are; what it does arrives by :meth:`DashboardState.take_alarms`."""
 
     def act(self, request: ActionRequest) -> None:
         """Hand a request on.

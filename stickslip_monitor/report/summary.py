@@ -144,7 +144,8 @@ def _least(course: Course) -> str:
     extreme = course.worst.get('fold_margin')
     if extreme is None:
         return 'At no recorded load does any speed have a stick-slip cycle.'
-    return f'The least fold margin was {formatting.margin(extreme.value)}, at {place(course, extreme)}.'
+    least = formatting.margin(extreme.value)
+    return f'The least fold margin was {least}, at {place(course, extreme)}.'
 
 
 def _lost_seconds(course: Course) -> float:
@@ -157,7 +158,8 @@ def _lost(course: Course) -> str:
         return ''
     return (
         f'An input was missing for {formatting.duration(seconds)}'
-        f' ({formatting.share(seconds, course.span)} of the time): nothing can be said of that time.'
+        f' ({formatting.share(seconds, course.span)} of the time):'
+        ' nothing can be said of that time.'
     )
 
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError
-from stickslip_monitor.physics.motion import kernel as kernel
+from stickslip_monitor.physics.motion import kernel
 from stickslip_monitor.physics.motion import step_series as layout
 from stickslip_monitor.physics.motion.compiled import is_compiled, march_function, vector
 from stickslip_monitor.physics.motion.kernel_law import KernelLaw, kernel_law
@@ -42,13 +42,13 @@ __all__ = [
     'EXACT',
     'FAST',
     'Accuracy',
-    'PhaseChange',
     'Drive',
     'Energy',
     'Motion',
     'MotionOutcome',
-    'Phase',
     'MotionState',
+    'Phase',
+    'PhaseChange',
     'Transitions',
     'integrate',
     'integrate_blocks',

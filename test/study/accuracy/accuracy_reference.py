@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Reference amplitudes of study/accuracy/cases.py: Taylor series in 40 digits, in the lab frame, SI units.
+"""Reference amplitudes of study/accuracy/cases.py: Taylor series in 40 digits, lab frame, SI.
 
 ``m x'' + c x' + k x = N s mu(|V - x'|)`` is expanded in time with ``s`` the sign of the relative
 speed; contact with the belt and turning points are roots of the series. It shares no code with
-any method of the ladder. ``python test/study/accuracy/accuracy_reference.py`` prints the constants.
+any method of the ladder; ``python test/study/accuracy/accuracy_reference.py`` prints the
+constants.
 """
 
 from __future__ import annotations
