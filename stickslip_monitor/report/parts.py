@@ -76,8 +76,8 @@ def event_rows(events: Sequence[Event]) -> tuple[tuple[EventRow, ...], str]:
         day = new_day
     left = len(events) - len(kept)
     note = (
-        f'{formatting.count(left, "event")} of {formatting.grouped(len(events))} are left out here,'
-        ' those of the lower levels first; check --json has them all.'
+        f'{formatting.count(left, "event")} of {formatting.grouped(len(events))} are left out'
+        ' here, those of the lower levels first; check --json has them all.'
         if left
         else ''
     )

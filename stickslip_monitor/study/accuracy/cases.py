@@ -4,8 +4,8 @@
 The operating points on which methods are compared, from easy to hard, with references.
 
 The reference amplitudes are those of ``test/study/accuracy/accuracy_reference.py``: Taylor series
-in 40 digits by mpmath, in the lab frame and in SI units, which shares no code with any method. A test
-computes some of them again.
+in 40 digits by mpmath, in the lab frame and in SI units, which shares no code with any method. A
+test computes some of them again.
 """
 
 from __future__ import annotations
