@@ -1,40 +1,62 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Keeps the surfaces of exact cycles on disk, so that a bearing's is built once."""
+"""Keeps what is computed once for a bearing, its exact folds and cycles, on disk.
+
+A file is never trusted: it begins with a digest of the bearing and of all that follows. Whatever
+does not agree with it, or is not a regular file of the usual size, is computed anew.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import io
 import os
+import stat
 import tempfile
-import zipfile
 from collections.abc import Iterable
-from dataclasses import fields
+from dataclasses import astuple, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from stickslip_monitor.physics.chebyshev import PiecewiseChebyshev1D, PiecewiseChebyshev2D
-from stickslip_monitor.physics.cycle.surface import VERSION, CycleSurface, Sheet, surface_of
+from stickslip_monitor.physics.chebyshev import Pieces, PiecewiseChebyshev2D
+from stickslip_monitor.physics.cycle.surface import CycleSurface, surface_of
+from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
 from stickslip_monitor.physics.oscillator import Bearing
 
-_PARTS: dict[str, type] = {'fold': PiecewiseChebyshev1D, 'size': PiecewiseChebyshev2D}
+# Part of every file's name: a file from another version is of no use.
+_VERSION = 2
+_LARGEST = 64_000_000
+_DIGEST = hashlib.sha256().digest_size
+_FOLDS = 'folds'
 
 
-def default_directory() -> Path:
-    """Where the user's caches are, after the XDG base directory specification."""
-    base = os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache'
-    return Path(base) / 'stickslip_monitor'
+def default_directory() -> Path | None:
+    """Where the user's caches are, after the XDG base directory specification.
+
+    Returns:
+        ``None`` for a user without a home, as a bare user id in a container.
+    """
+    base = os.environ.get('XDG_CACHE_HOME', '')
+    # The specification has relative paths ignored.
+    if Path(base).is_absolute():
+        return Path(base) / 'stickslip_monitor'
+    try:
+        return Path.home() / '.cache' / 'stickslip_monitor'
+    except RuntimeError:
+        return None
 
 
 def surface_file(bearing: Bearing) -> str:
     """Name of a bearing's file, made from all that its surface depends on."""
-    content = f'{VERSION} {bearing!r}'
-    return f'surface-{hashlib.sha256(content.encode()).hexdigest()[:32]}.npz'
+    return f'surface-{hashlib.sha256(_key(bearing)).hexdigest()[:32]}.npz'
+
+
+def _key(bearing: Bearing) -> bytes:
+    return f'{_VERSION} {bearing!r}'.encode()
 
 
 def prepare_surfaces(bearings: Iterable[Bearing], directory: Path | None = None) -> list[str]:
-    """Make the surface of every bearing ready for use, from disk where it is there.
+    """Make the folds and the surface of every bearing ready for use, from disk where they are.
 
     Args:
         bearings: The bearings.
@@ -48,48 +70,90 @@ def prepare_surfaces(bearings: Iterable[Bearing], directory: Path | None = None)
     for bearing in bearings:
         surface = surface_of(bearing)
         if not surface.prepared:
-            complaints += _prepare(surface, folder / surface_file(bearing))
+            complaints += _prepare(surface, folder)
     return complaints
 
 
-def _prepare(surface: CycleSurface, path: Path) -> list[str]:
-    sheet = _read(path)
-    if sheet is not None:
-        surface.sheets[0] = sheet
+def _prepare(surface: CycleSurface, folder: Path | None) -> list[str]:
+    # Of a law of the user's own nobody knows what its name stands for.
+    known = type(surface.bearing.friction) in (Stribeck, Coulomb, Tabulated)
+    if not known:
+        surface.prepare()
+        return []
+    if folder is None:
+        surface.prepare()
+        return [_complaint('the user has no home directory')]
+    path = folder / surface_file(surface.bearing)
+    if _read(path, surface):
         return []
     surface.prepare()
     try:
-        _write(path, surface.sheets[0])
+        _write(path, surface)
     except OSError as error:
-        return [f'The surface of exact cycles is built anew at every start: {error}.']
+        return [_complaint(str(error))]
     return []
 
 
-def _read(path: Path) -> Sheet | None:
-    """The sheet of a file; ``None`` where there is none, or a damaged one."""
+def _complaint(why: str) -> str:
+    return f'The surface of exact cycles is built anew at every start: {why}.'
+
+
+def _read(path: Path, surface: CycleSurface) -> bool:
+    """Take the surface from a file; ``False`` where there is none, or not a whole one."""
     try:
-        with np.load(path, allow_pickle=False) as arrays:
-            parts: dict[str, Any] = {
-                name: kind(*(arrays[f'{name}.{field.name}'] for field in fields(kind)))
-                for name, kind in _PARTS.items()
-            }
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-        return None
-    return Sheet(**parts)
+        content = _content(path)
+    except OSError:
+        return False
+    if content[:_DIGEST] != _digest(surface.bearing, content[_DIGEST:]):
+        return False
+    with np.load(io.BytesIO(content[_DIGEST:]), allow_pickle=False) as arrays:
+        names = {name.partition('.')[0] for name in arrays.files}
+        for name in names - {_FOLDS}:
+            columns = (arrays[f'{name}.{field.name}'] for field in fields(PiecewiseChebyshev2D))
+            surface.sheets[int(name)] = PiecewiseChebyshev2D(*columns)
+        surface.folds.pieces = Pieces(
+            *(arrays[f'{_FOLDS}.{field.name}'] for field in fields(Pieces))
+        )
+    return True
 
 
-def _write(path: Path, sheet: Sheet) -> None:
+def _content(path: Path) -> bytes:
+    """All of a regular file of a size that it can have; nothing of any other."""
+    # Opening a pipe would wait for its writer.
+    descriptor = os.open(path, os.O_RDONLY | getattr(os, 'O_NONBLOCK', 0))
+    with os.fdopen(descriptor, 'rb') as file:
+        regular = stat.S_ISREG(os.fstat(descriptor).st_mode)
+        content = file.read(_LARGEST + 1) if regular else b''
+    return content if len(content) <= _LARGEST else b''
+
+
+def _digest(bearing: Bearing, payload: bytes) -> bytes:
+    return hashlib.sha256(_key(bearing) + payload).digest()
+
+
+def _named(sheets: dict[int, PiecewiseChebyshev2D]) -> dict[str, PiecewiseChebyshev2D]:
+    return {str(octave): sheet for octave, sheet in sheets.items()}
+
+
+def _write(path: Path, surface: CycleSurface) -> None:
     """Write a file that is whole as soon as it has its name."""
-    arrays = {
-        f'{name}.{field.name}': getattr(getattr(sheet, name), field.name)
-        for name, kind in _PARTS.items()
-        for field in fields(kind)
+    parts: dict[str, Pieces | PiecewiseChebyshev2D] = {
+        _FOLDS: surface.folds.pieces,
+        **_named(surface.sheets),
     }
+    arrays = {
+        f'{name}.{field.name}': column
+        for name, part in parts.items()
+        for field, column in zip(fields(part), astuple(part), strict=True)
+    }
+    payload = io.BytesIO()
+    np.savez(payload, **arrays)
+    content = payload.getvalue()
     path.parent.mkdir(parents=True, exist_ok=True)
     descriptor, draft = tempfile.mkstemp(dir=path.parent, suffix='.part')
     try:
         with os.fdopen(descriptor, 'wb') as file:
-            np.savez(file, **arrays)
+            file.write(_digest(surface.bearing, content) + content)
         Path(draft).replace(path)
     except BaseException:
         Path(draft).unlink()

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import os
+import random
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -20,15 +22,15 @@ SPEED, LOAD, FOLD = np.array([0.1]), np.array([1000.0]), np.array([0.2132256])
 
 @pytest.fixture
 def built(monkeypatch) -> list[Bearing]:
-    """Every call starts with surfaces of its own, as a new process does; lists what was built."""
+    """Lists the bearings whose surfaces were built."""
     made: list[Bearing] = []
-    build = CycleSurface._build
+    prepare = CycleSurface.prepare
 
-    def counting(self, number):
+    def counting(self):
         made.append(self.bearing)
-        return build(self, number)
+        prepare(self)
 
-    monkeypatch.setattr(CycleSurface, '_build', counting)
+    monkeypatch.setattr(CycleSurface, 'prepare', counting)
     return made
 
 
@@ -71,27 +73,66 @@ def test_every_property_that_counts_has_a_file_of_its_own():
     assert len({surface_file(bearing) for bearing in (BEARING, *others)}) == 9
 
 
-@pytest.mark.parametrize('keep', [0, 10, 3000])
-def test_a_cut_file_is_built_anew_and_mended(tmp_path, built, surfaces, keep):
+def _mutants(whole: bytes, count: int) -> Iterator[bytes]:
+    """Cuts, changed bytes, removed and doubled stretches of a file; none of them itself."""
+    rng = random.Random(7)
+    yield from (b'', whole[:10], whole[:3000], whole + b'x', bytes(len(whole)))
+    for number in range(count):
+        start, length = rng.randrange(len(whole)), rng.randrange(1, 200)
+        stop = min(start + length, len(whole))
+        changed = bytes(byte ^ rng.randrange(1, 256) for byte in whole[start:stop])
+        middle = (changed[:1], changed, b'', whole[start:stop] * 2)[number % 4]
+        rest = whole[start + 1 :] if number % 4 == 0 else whole[stop:]
+        yield whole[:start] + middle + rest
+
+
+def test_no_damaged_file_is_believed(tmp_path, surfaces):
     prepare_surfaces([BEARING], tmp_path)
     path = tmp_path / surface_file(BEARING)
     whole = path.read_bytes()
-    path.write_bytes(whole[:keep])
-    surfaces.clear()
-    assert prepare_surfaces([BEARING], tmp_path) == []
-    assert len(built) == 2
-    assert path.stat().st_size == len(whole)
+    fresh = CycleSurface(BEARING)
+    for mutant in _mutants(whole, 3000):
+        path.write_bytes(mutant)
+        assert not surface_store._read(path, fresh)
+    assert not fresh.sheets
 
 
-def test_a_changed_byte_is_noticed(tmp_path, built, surfaces):
+@pytest.mark.parametrize('damage', ['cut', 'foreign', 'plain arrays', 'pipe', 'folder', 'huge'])
+def test_what_is_not_a_surface_of_the_bearing_is_built_anew(
+    tmp_path, built, surfaces, damage, monkeypatch
+):
     prepare_surfaces([BEARING], tmp_path)
     path = tmp_path / surface_file(BEARING)
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 0x55
-    path.write_bytes(content)
+    whole = path.read_bytes()
+    stiffer = Bearing(50.0, 400.0, 2.1e6, Stribeck(0.30, 0.10, 10.0), 0.100)
+    if damage == 'cut':
+        path.write_bytes(whole[:3000])
+    elif damage == 'foreign':
+        prepare_surfaces([stiffer], tmp_path)
+        (tmp_path / surface_file(stiffer)).replace(path)
+    elif damage == 'plain arrays':
+        np.savez(path, **{'folds.cell': np.zeros(1280)})
+    elif damage == 'huge':
+        monkeypatch.setattr(surface_store, '_LARGEST', len(whole) - 1)
+    else:
+        path.unlink()
+        os.mkfifo(path) if damage == 'pipe' else path.mkdir()
     surfaces.clear()
-    prepare_surfaces([BEARING], tmp_path)
-    assert len(built) == 2
+    built.clear()
+    complaints = prepare_surfaces([BEARING], tmp_path)
+    assert built == [BEARING]
+    assert surfaces[BEARING].prepared
+    assert bool(complaints) is (damage == 'folder')
+    assert damage == 'folder' or path.read_bytes() == whole
+
+
+def test_a_user_without_a_home_gets_a_sentence_and_a_surface(monkeypatch, surfaces):
+    monkeypatch.delenv('XDG_CACHE_HOME', raising=False)
+    monkeypatch.delenv('HOME', raising=False)
+    monkeypatch.setattr('os.path.expanduser', lambda path: path)
+    (complaint,) = prepare_surfaces([BEARING])
+    assert complaint.endswith('at every start: the user has no home directory.')
+    assert surfaces[BEARING].prepared
 
 
 def test_a_place_that_cannot_be_written_is_told_and_stops_nothing(tmp_path, surfaces):
@@ -104,11 +145,10 @@ def test_a_place_that_cannot_be_written_is_told_and_stops_nothing(tmp_path, surf
 
 
 def test_a_full_disk_leaves_no_half_written_file(tmp_path, surfaces, monkeypatch):
-    def full(file, **arrays):
-        file.write(b'PK')
+    def full(self, target):
         raise OSError(28, os.strerror(28))
 
-    monkeypatch.setattr(surface_store.np, 'savez', full)
+    monkeypatch.setattr('pathlib.Path.replace', full)
     (complaint,) = prepare_surfaces([BEARING], tmp_path)
     assert 'No space left' in complaint
     assert list(tmp_path.iterdir()) == []
@@ -120,6 +160,8 @@ def test_the_default_place_follows_the_base_directory_specification(monkeypatch,
     monkeypatch.delenv('XDG_CACHE_HOME')
     monkeypatch.setenv('HOME', str(tmp_path / 'home'))
     place = tmp_path / 'home' / '.cache' / 'stickslip_monitor'
+    assert surface_store.default_directory() == place
+    monkeypatch.setenv('XDG_CACHE_HOME', 'relative')
     assert surface_store.default_directory() == place
 
 

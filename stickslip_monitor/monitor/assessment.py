@@ -26,6 +26,7 @@ from stickslip_monitor.arrays import FloatArray, flatten, in_blocks, restore
 from stickslip_monitor.physics.averaging import boundaries
 from stickslip_monitor.physics.averaging.boundaries import averaged_solver, damping_per_load
 from stickslip_monitor.physics.cycle.surface import exact_amplitude
+from stickslip_monitor.physics.fold_curve import fold_curve
 from stickslip_monitor.physics.oscillator import Bearing
 
 _SentenceEnum = TypeVar('_SentenceEnum', bound='SentenceEnum')
@@ -113,6 +114,7 @@ class Points(NamedTuple):
     code: NDArray[np.int8]
     hopf: FloatArray
     fold: FloatArray
+    exact_fold: FloatArray
 
 
 def column(name: str, bearing: Bearing, points: Points) -> FloatArray:
@@ -173,11 +175,14 @@ def _growth_rate(bearing: Bearing, points: Points) -> FloatArray:
 
 def _amplitude(bearing: Bearing, points: Points) -> FloatArray:
     inside = (points.code == BISTABLE) | (points.code == STICK_SLIP)
+    # Where only the exact model has a cycle averaging has no amplitude.
+    inside &= np.abs(points.speed) < points.fold
     return _only(inside, boundaries.stable_amplitude, bearing, points)
 
 
 def _threshold(bearing: Bearing, points: Points) -> FloatArray:
-    return _only(points.code == BISTABLE, boundaries.threshold_amplitude, bearing, points)
+    inside = (points.code == BISTABLE) & (np.abs(points.speed) < points.fold)
+    return _only(inside, boundaries.threshold_amplitude, bearing, points)
 
 
 def _only(
@@ -199,6 +204,8 @@ def _only(
 _AVERAGED: dict[str, Callable[[Bearing, Points], FloatArray]] = {
     'hopf_margin': lambda _, points: _margin(points, points.hopf),
     'fold_margin': lambda _, points: _margin(points, points.fold),
+    'exact_fold_margin': lambda _, points: _margin(points, points.exact_fold),
+    'stability_margin': lambda _, points: _margin(points, np.fmax(points.fold, points.exact_fold)),
     'hopf_load': _hopf_load,
     'fold_load': _fold_load,
     'growth_rate': _growth_rate,
@@ -213,8 +220,16 @@ __all__ = ['COLUMNS', 'OUTCOMES', 'REGIMES', 'Assessment', 'Outcome', 'Regime', 
 _REGIME_NAMES = np.array([regime.value for regime in REGIMES])
 _OUTCOME_NAMES = np.array([outcome.value for outcome in OUTCOMES])
 _REGIME_CODES = np.array([REGIMES.index(regime) for regime in REGIME_OF_OUTCOME], np.int8)
-COLUMNS = ('speed', 'load', 'outcome_code', 'hopf_speed', 'fold_speed', *AVERAGED)
-"""The names of what averaging says of every operating point."""
+COLUMNS = (
+    'speed',
+    'load',
+    'outcome_code',
+    'hopf_speed',
+    'fold_speed',
+    'exact_fold_speed',
+    *AVERAGED,
+)
+"""The names of what is told of every operating point."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,6 +244,7 @@ class Assessment:
         outcome_code: Index into :data:`OUTCOMES`.
         hopf_speed: Highest unstable speed at this load [m/s]; ``nan`` without one.
         fold_speed: Highest speed with a stick-slip cycle at this load [m/s]; ``nan`` without one.
+        exact_fold_speed: The same of the exact model, which does not average.
     """
 
     speed: Any
@@ -236,6 +252,7 @@ class Assessment:
     outcome_code: Any
     hopf_speed: Any
     fold_speed: Any
+    exact_fold_speed: Any
     _bearing: Bearing = field(repr=False, compare=False)
     _points: Points | None = field(default=None, repr=False, compare=False)
     _known: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
@@ -249,7 +266,14 @@ class Assessment:
     def _work_out(self, name: str) -> Any:
         points = self._points
         if points is None:
-            stored = self.speed, self.load, self.outcome_code, self.hopf_speed, self.fold_speed
+            stored = (
+                self.speed,
+                self.load,
+                self.outcome_code,
+                self.hopf_speed,
+                self.fold_speed,
+                self.exact_fold_speed,
+            )
             points = Points(*(np.asarray(column).reshape(-1) for column in stored))
         shape = () if isinstance(self.outcome_code, int) else self.outcome_code.shape
         return restore(column(name, self._bearing, points), shape)
@@ -267,6 +291,33 @@ class Assessment:
         if isinstance(self.outcome_code, int):
             return margin_of_number(self.speed, self.fold_speed, self.outcome_code)
         return self._column('fold_margin')
+
+    @property
+    def exact_fold_margin(self) -> Any:
+        """``|V|/V_F - 1`` [-] with the exact fold speed; negative inside, ``inf`` without one."""
+        if isinstance(self.outcome_code, int):
+            return margin_of_number(self.speed, self.exact_fold_speed, self.outcome_code)
+        return self._column('exact_fold_margin')
+
+    @property
+    def stability_limit(self) -> Any:
+        """The higher of the two fold speeds [m/s]; ``nan`` without either."""
+        if isinstance(self.outcome_code, int):
+            # A speed that does not exist is less than any.
+            fold, exact = self.fold_speed, self.exact_fold_speed
+            return exact if exact > fold or fold != fold else fold
+        return np.fmax(self.fold_speed, self.exact_fold_speed)
+
+    @property
+    def stability_margin(self) -> Any:
+        """The smaller of the two fold margins [-], which decides.
+
+        Not negative only where neither the averaged nor the exact model has a cycle.
+        """
+        if isinstance(self.outcome_code, int):
+            # A margin that does not exist is infinite in both.
+            return min(self.fold_margin, self.exact_fold_margin)
+        return self._column('stability_margin')
 
     @property
     def hopf_load(self) -> Any:
@@ -331,7 +382,7 @@ class Assessment:
 
 
 def assess(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Assessment:
-    """Assess operating points of a bearing by first-order KBM averaging.
+    """Assess operating points of a bearing by first-order KBM averaging and the exact fold.
 
     Args:
         bearing: The bearing.
@@ -346,29 +397,32 @@ def assess(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Assessment:
     with np.errstate(all='ignore'):
         columns = in_blocks(partial(_judge, bearing), v, n)
     points = Points(v, n, *columns)
-    v, n, code, hopf, fold = (restore(column, shape) for column in points)
-    return Assessment(v, n, code, hopf, fold, bearing, points)
+    v, n, code, hopf, fold, exact = (restore(column, shape) for column in points)
+    return Assessment(v, n, code, hopf, fold, exact, bearing, points)
 
 
 def _judge(bearing: Bearing, speed: FloatArray, load: FloatArray) -> tuple[NDArray[Any], ...]:
-    """Outcome, Hopf and fold speed of flat arrays."""
+    """Outcome, Hopf speed and both fold speeds of flat arrays."""
     law, solver = bearing.friction, averaged_solver(bearing.friction)
     magnitude = np.abs(speed)
     size = magnitude * load
     ordinary = bool(((size > 0.0) & (size < np.inf)).all())
     q = bearing.damping / load if ordinary else damping_per_load(bearing, load)
     hopf, fold = solver.boundaries(law, q)
-    code = np.where(fold != fold, NO_BOUNDARY, NO_CYCLE)
-    code = np.where(solver.has_cycle(law, magnitude, q, fold), BISTABLE, code)
+    curve = fold_curve(bearing)
+    exact = curve.speed(load, fold)
+    code = np.where((fold != fold) & (exact != exact), NO_BOUNDARY, NO_CYCLE)
+    averaged = solver.has_cycle(law, magnitude, q, fold)
+    code = np.where(curve.has_cycle(magnitude, load, fold, exact, averaged), BISTABLE, code)
     code = np.where(solver.equilibrium_is_unstable(law, magnitude, q, hopf), STICK_SLIP, code)
     if ordinary:
-        return code, hopf, fold
+        return code, hopf, fold, exact
     # 0, or nan where an input is not finite.
     missing = (speed - speed) + (load - load)
     code = np.where(load <= 0.0, NO_CONTACT, code)
     code = np.where(magnitude == 0.0, AT_REST, code)
     code = np.where(missing == 0.0, code, NOT_FINITE)
-    return code, hopf + missing, fold + missing
+    return code, hopf + missing, fold + missing, exact + missing
 
 
 def at_indices(points: Assessment, rows: NDArray[np.intp]) -> Assessment:
@@ -389,6 +443,7 @@ def joined(points: Sequence[Assessment]) -> Assessment:
         np.array([point.outcome_code for point in points]),
         np.array([point.hopf_speed for point in points]),
         np.array([point.fold_speed for point in points]),
+        np.array([point.exact_fold_speed for point in points]),
         points[0]._bearing,
     )
 
@@ -400,6 +455,7 @@ def _picked(points: Assessment, pick: Callable[[NDArray[Any]], Any]) -> Assessme
         pick(points.outcome_code),
         pick(points.hopf_speed),
         pick(points.fold_speed),
+        pick(points.exact_fold_speed),
         points._bearing,
         _known={name: pick(column) for name, column in points._known.items()},
     )

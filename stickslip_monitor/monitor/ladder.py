@@ -205,7 +205,7 @@ class ConditionClassifier:
         Returns:
             The rung of the alarm's ladder and whether stick-slip is predicted, each shape (n,).
         """
-        code, margin = point.outcome_code, point.fold_margin
+        code, margin = point.outcome_code, point.stability_margin
         resting = code == _AT_REST
         clear_margin = self.config.caution_margin + self.config.hysteresis
 
@@ -234,7 +234,7 @@ class ConditionClassifier:
 
     def rung(self, point: Assessment) -> tuple[int, bool]:
         """:meth:`rungs` of an assessment of scalars."""
-        config, code, margin = self.config, point.outcome_code, point.fold_margin
+        config, code, margin = self.config, point.outcome_code, point.stability_margin
         if code == _STICK_SLIP:
             self.sticking = True
         elif code != _BISTABLE:

@@ -107,7 +107,7 @@ def describe(
         return f'{where}. {point.outcome.sentence}{_trend_text(trend, sticking)}'
     if sticking:
         where += f', predicted amplitude {point.amplitude * 1e3:.3g} mm'
-    where += f', fold margin {point.fold_margin:+.1%}.{_way_out(config, condition, point)}'
+    where += f', fold margin {point.stability_margin:+.1%}.{_way_out(config, condition, point)}'
     return where + _trend_text(trend, sticking)
 
 
@@ -151,13 +151,13 @@ def _about(seconds: float) -> str:
 
 
 def _way_out(config: BearingConfig, condition: Condition, point: Assessment) -> str:
-    if condition is Condition.NORMAL or not math.isfinite(point.fold_speed):
+    if condition is Condition.NORMAL or not math.isfinite(point.stability_limit):
         return ''
     alarm, near = config.alarm, condition is Condition.CAUTION
     margin = alarm.caution_margin + alarm.hysteresis if near else 0.0
-    if point.fold_margin > margin:
+    if point.stability_margin > margin:
         return ''
-    out = f' Ends above {_speed_text(config, point, point.fold_speed * (1.0 + margin))}'
+    out = f' Ends above {_speed_text(config, point, point.stability_limit * (1.0 + margin))}'
     if not near and point.fold_load < point.load:
         out += f' or below {point.fold_load / 1e3:.4g} kN'
     return f'{out}.'

@@ -21,6 +21,8 @@ from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
 NODES = 8
 DEPTH = 2
 CELLS = 2**DEPTH
+# Of the polynomials of one variable.
+FINE = 64
 # Index of the panel of a cell that none covers.
 NOWHERE = -1
 
@@ -73,27 +75,82 @@ class PiecewiseChebyshev2D:
 
 
 @dataclass(frozen=True, slots=True)
-class PiecewiseChebyshev1D:
-    """Polynomials of one variable y >= 0 on parts of equal width.
+class Pieces:
+    """Polynomials of one variable on the parts of unit intervals, halved where needed.
 
     Attributes:
-        width: That width, shape ().
-        good: Whether the polynomial of a part is good enough, shape (parts,).
-        powers: Its coefficients of ``t^j``, ``t`` in [-1, 1], shape (parts, NODES).
+        cell: Polynomial of each cell, :data:`NOWHERE` for none, FINE to a unit.
+        centre: Middle of each part, shape (p,).
+        half: Half its width, shape (p,).
+        powers: Coefficients of ``t^j``, ``t`` in [-1, 1], shape (NODES, p).
     """
 
-    width: float
-    good: BoolArray
+    cell: NDArray[np.int32]
+    centre: FloatArray
+    half: FloatArray
     powers: FloatArray
 
-    def locate(self, y: FloatArray) -> IndexArray:
-        """The part of every point, shape (n,)."""
-        part: IndexArray = np.minimum((y / self.width).astype(np.intp), self.good.size - 1)
-        return part
-
     def value(self, part: IndexArray, y: FloatArray) -> FloatArray:
-        """The polynomial of a part at a point of it, shape (n,)."""
-        return horner(self.powers.T.take(part, axis=1), 2.0 * (y / self.width - part) - 1.0)
+        """The polynomial of a part at a point of it, shape (n,); no element sees another."""
+        t = (y - self.centre.take(part)) / self.half.take(part)
+        return horner(self.powers.take(part, axis=1), t)
+
+    def with_unit(
+        self, unit: int, function: Callable[[FloatArray], FloatArray], tolerance: float
+    ) -> Pieces:
+        """These and the interval [unit, unit + 1].
+
+        Args:
+            unit: Its begin, within the cells.
+            function: Values >= 0, from ``y``, called with all nodes of one level of halving at
+                once; where it jumps to 0 or ``inf`` the larger value counts.
+            tolerance: Of the last coefficients, relative to the first.
+        """
+        cell, parts = self.cell.copy(), []
+        count, corners, size = self.centre.size, FINE * unit + FINE // 2 * np.arange(2), FINE // 2
+        while corners.size:
+            centre = (corners + 0.5 * size) / FINE
+            values = function((centre[:, None] + 0.5 * size / FINE * _POINTS).ravel())
+            powers, good = _fitted(values.reshape(-1, NODES), tolerance, last=size == 1)
+            for corner in corners[good]:
+                cell[corner : corner + size] = count
+                count += 1
+            parts.append((centre[good], np.full(good.sum(), 0.5 * size / FINE), powers[good]))
+            size //= 2
+            corners = (corners[~good, None] + size * np.arange(2)).ravel()
+        centre, half, powers = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return Pieces(
+            cell,
+            np.concatenate([self.centre, centre]),
+            np.concatenate([self.half, half]),
+            np.concatenate([self.powers, powers.T], axis=1),
+        )
+
+
+def no_pieces(units: int) -> Pieces:
+    """No polynomials yet, on [0, units]."""
+    cell = np.full(units * FINE, NOWHERE, dtype=np.int32)
+    return Pieces(cell, np.zeros(0), np.zeros(0), np.zeros((NODES, 0)))
+
+
+def _fitted(values: FloatArray, tolerance: float, last: bool) -> tuple[FloatArray, BoolArray]:
+    """Coefficients of powers for values at the nodes, and whether they are good enough."""
+    finite: BoolArray = np.asarray(np.isfinite(values).all(axis=1))
+    coefficients = np.where(finite[:, None], values, 0.0) @ _TO_CHEBYSHEV.T
+    size = np.abs(coefficients)
+    good: BoolArray = finite & (size[:, -2:].sum(axis=1) <= tolerance * size[:, 0])
+    powers: FloatArray = coefficients @ _TO_POWERS.T
+    # A line, or the largest value where there is a jump.
+    top, least = values.max(axis=1), values.min(axis=1)
+    even: BoolArray = np.asarray(top == least)
+    whole = finite & (least > 0.0)
+    ends = np.where(whole[:, None], values[:, [0, -1]], 0.0)
+    rise = 0.5 * (ends[:, 1] - ends[:, 0]) / _POINTS[-1]
+    rough = even | (~good & last)
+    powers[rough] = 0.0
+    powers[rough, 0] = np.where(whole, ends[:, 0] + rise * _POINTS[-1], top)[rough]
+    powers[rough, 1] = np.where(whole & ~even, rise, 0.0)[rough]
+    return powers, good | rough
 
 
 def horner(powers: FloatArray, t: FloatArray) -> FloatArray:
@@ -102,25 +159,6 @@ def horner(powers: FloatArray, t: FloatArray) -> FloatArray:
     for row in powers[-2::-1]:
         result = result * t + row
     return result
-
-
-def build_rows(
-    function: Callable[[FloatArray], FloatArray], units: int, parts: int, tolerance: float
-) -> PiecewiseChebyshev1D:
-    """Approximate a function of one variable on [0, units].
-
-    Args:
-        function: Called with all nodes at once.
-        units: Length of the range.
-        parts: Polynomials for each unit.
-        tolerance: Of the last coefficients, relative to the first.
-    """
-    width = 1.0 / parts
-    nodes = (np.arange(units * parts)[:, None] + 0.5 * (_POINTS + 1.0)) * width
-    coefficients = function(nodes.ravel()).reshape(nodes.shape) @ _TO_CHEBYSHEV.T
-    size = np.abs(coefficients)
-    good = size[:, -2:].sum(axis=1) <= tolerance * size[:, 0]
-    return PiecewiseChebyshev1D(width, good, coefficients @ _TO_POWERS.T)
 
 
 def build(

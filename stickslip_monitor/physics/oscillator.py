@@ -142,7 +142,9 @@ class Bearing:
     @property
     def damping_ratio(self) -> float:
         """``zeta = c / (2 sqrt(k m))`` [-]."""
-        return self.damping / (2.0 * math.sqrt(self.stiffness * self.mass))
+        # The product of two tiny numbers is 0.
+        root = math.sqrt(self.stiffness * self.mass)
+        return self.damping / (2.0 * (root or math.sqrt(self.stiffness) * math.sqrt(self.mass)))
 
     @property
     def speed(self) -> BearingSpeed:

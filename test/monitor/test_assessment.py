@@ -23,6 +23,7 @@ from stickslip_monitor.physics.averaging.boundaries import (
     hopf_speed,
     stationary_amplitudes,
 )
+from stickslip_monitor.physics.cycle.cycles import exact_cycle, exact_fold_speed
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
 from stickslip_monitor.physics.oscillator import Bearing
 
@@ -118,9 +119,11 @@ def test_regime_agrees_with_the_margin_to_the_last_bit(law: str, load: float) ->
         verdict = assess(bearing, speed, load)
         assert (verdict.hopf_margin < 0.0) is (verdict.regime is Regime.UNSTABLE)
         assert verdict.amplitude > 0.0
-    for speed in _around(fold_speed(bearing, load)):
+    point = assess(bearing, 1.0, load)
+    for speed in (*_around(point.fold_speed), *_around(point.exact_fold_speed)):
         verdict = assess(bearing, speed, load)
-        assert (verdict.fold_margin < 0.0) is (verdict.regime is Regime.BISTABLE)
+        assert (verdict.stability_margin < 0.0) is (verdict.regime is Regime.BISTABLE)
+        assert (verdict.exact_fold_margin < 0.0) is (speed < point.exact_fold_speed)
         assert (verdict.fold_margin < 0.0) is (verdict.amplitude > 0.0)
 
 
@@ -169,7 +172,12 @@ def test_assessment_repeats_the_physics(name: str) -> None:
     np.testing.assert_array_equal(
         verdict.regime == 'unstable', growth_rate(bearing, speed, load) > 0.0
     )
-    np.testing.assert_array_equal(verdict.regime == 'stable', ~inside)
+    exact = np.isfinite(exact_cycle(bearing, speed, load).amplitude)
+    np.testing.assert_array_equal(verdict.regime == 'stable', ~inside & ~exact)
+    tolerance = 1e-9 if isinstance(bearing.friction, Stribeck) else 1e-4
+    np.testing.assert_allclose(
+        verdict.exact_fold_speed, exact_fold_speed(bearing, load), rtol=tolerance
+    )
 
 
 def test_table_that_is_unstable_again_at_a_higher_speed() -> None:
@@ -186,13 +194,14 @@ def test_table_that_is_unstable_again_at_a_higher_speed() -> None:
 
 
 @pytest.mark.parametrize('damping', [0.0, 400.0])
-@pytest.mark.parametrize('name', ['rising', 'level', 'coulomb'])
+@pytest.mark.parametrize('name', ['rising', 'level'])
 def test_friction_that_does_not_fall_has_no_boundary(name: str, damping: float) -> None:
     verdict = assess(_with_law(LAWS[name], damping), 0.1, 1e5)
     assert verdict.outcome is Outcome.NO_BOUNDARY
     assert verdict.regime is Regime.STABLE
-    assert verdict.hopf_margin == verdict.fold_margin == np.inf
+    assert verdict.hopf_margin == verdict.fold_margin == verdict.stability_margin == np.inf
     assert np.isnan([verdict.hopf_speed, verdict.fold_speed, verdict.amplitude]).all()
+    assert np.isnan(verdict.exact_fold_speed)
     assert np.isnan([verdict.hopf_load, verdict.fold_load]).all()
 
 
@@ -254,9 +263,10 @@ def test_no_number_raises_or_warns(name: str, damping: float) -> None:
     verdict = assess(bearing, speed[:, None], load)
     assert set(verdict.regime.ravel()) <= {'stable', 'bistable', 'unstable'}
     inside = np.isin(verdict.regime, ['bistable', 'unstable'])
-    np.testing.assert_array_equal(np.isnan(verdict.amplitude), ~inside)
+    averaged = inside & ~((verdict.regime == 'bistable') & ~(verdict.fold_margin < 0.0))
+    np.testing.assert_array_equal(np.isnan(verdict.amplitude), ~averaged)
     assert not np.isnan([verdict.hopf_margin, verdict.fold_margin, verdict.growth_rate]).any()
-    if damping:
+    if damping and name != 'coulomb':
         assert not inside[:, load < 100.0].any()
     one = assess(bearing, 1e300, 5e-324)
     assert one.regime is Regime(str(verdict.regime[-1, 0]))
@@ -285,7 +295,8 @@ def test_no_bearing_raises_or_warns(
     verdict = assess(Bearing(mass, damping, stiffness, law, 0.1), speed, [1e-3, 1.0, 1e6, 1e30])
     assert set(verdict.regime.ravel()) <= {'stable', 'bistable', 'unstable'}
     inside = np.isin(verdict.regime, ['bistable', 'unstable'])
-    np.testing.assert_array_equal(np.isnan(verdict.amplitude), ~inside)
+    averaged = inside & ~((verdict.regime == 'bistable') & ~(verdict.fold_margin < 0.0))
+    np.testing.assert_array_equal(np.isnan(verdict.amplitude), ~averaged)
 
 
 def test_scalars_in_numbers_out() -> None:
@@ -329,7 +340,7 @@ def test_every_outcome_has_a_regime_and_a_sentence() -> None:
     }
     assert set(expected) == set(OUTCOMES)
     for code, outcome in enumerate(OUTCOMES):
-        verdict = Assessment(0.0, 0.0, code, 0.0, 0.0, BEARING)
+        verdict = Assessment(0.0, 0.0, code, 0.0, 0.0, 0.0, BEARING)
         assert verdict.outcome is outcome
         assert verdict.regime is expected[outcome]
         assert outcome.sentence.endswith('.')
@@ -387,6 +398,38 @@ def test_where_no_cycle_exists_there_is_no_exact_amplitude(speed: float, load: f
     assert type(verdict.amplitude_exact) is float
     assert np.isnan(verdict.amplitude_exact)
     assert np.isnan(verdict.amplitude_error)
+
+
+@pytest.mark.parametrize(
+    ('law', 'revolutions', 'load', 'averaged', 'exact', 'millimetres'),
+    [
+        # The exact fold by bisection of single slip phases, the averaged one in closed form.
+        (Stribeck(0.3, 0.1, 1e3), 10.6, 1000.0, 10.302, 10.946, None),
+        (Stribeck(0.3, 0.1, 1e4), 6.541, 1000.0, 4.7993, 7.8030, 0.18856),
+        (Stribeck(0.3, 0.1, 50.0), 215.0, 2e4, 206.034, 218.920, None),
+        (Coulomb(0.3, 0.1), 7.19, 1000.0, np.nan, 7.1936, None),
+    ],
+)
+def test_what_only_the_exact_model_sustains_is_not_stable(
+    law: FrictionLaw,
+    revolutions: float,
+    load: float,
+    averaged: float,
+    exact: float,
+    millimetres: float | None,
+) -> None:
+    verdict = assess(_with_law(law), revolutions * RPM, load)
+    assert verdict.fold_speed / RPM == pytest.approx(averaged, rel=1e-4, nan_ok=True)
+    assert verdict.exact_fold_speed / RPM == pytest.approx(exact, rel=1e-4)
+    assert verdict.outcome is Outcome.BISTABLE
+    assert np.isnan(verdict.amplitude)
+    assert verdict.amplitude_exact > 0.0
+    assert verdict.stability_margin == verdict.exact_fold_margin < 0.0 < verdict.fold_margin
+    if millimetres is not None:
+        assert 1e3 * verdict.amplitude_exact == pytest.approx(millimetres, abs=2e-5)
+    above = assess(_with_law(law), verdict.exact_fold_speed * (1.0 + 1e-5), load)
+    assert above.regime is Regime.STABLE
+    assert above.stability_margin > 0.0
 
 
 def test_between_the_exact_fold_and_that_of_averaging_only_one_has_a_cycle() -> None:

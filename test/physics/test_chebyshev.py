@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from stickslip_monitor.physics import chebyshev
 from stickslip_monitor.physics.chebyshev import NODES, NOWHERE
@@ -98,14 +97,29 @@ def test_no_point_sees_its_neighbours():
     np.testing.assert_array_equal(together, alone)
 
 
-def test_rows_follow_a_function_of_one_variable():
-    rows = chebyshev.build_rows(lambda y: 2.0 + np.sin(y), 3, 2, 1e-8)
-    y = np.append(RNG.uniform(0.0, 3.0, 500), [0.0, 3.0])
-    assert rows.good.all()
-    np.testing.assert_allclose(rows.value(rows.locate(y), y), 2.0 + np.sin(y), rtol=1e-9)
+def _pieces(function, units, tolerance):
+    pieces = chebyshev.no_pieces(units)
+    for unit in range(units):
+        pieces = pieces.with_unit(unit, function, tolerance)
+    return lambda y: pieces.value(pieces.cell[(y * chebyshev.FINE).astype(int)], y)
 
 
-@pytest.mark.parametrize('y', [0.2, 1.7, 2.9])
-def test_a_rough_row_says_so(y):
-    rows = chebyshev.build_rows(lambda y: 1.0 + np.abs(y - 1.7), 3, 1, 1e-8)
-    assert rows.good[rows.locate(np.array([y]))][0] == (y != 1.7)
+def test_pieces_follow_a_function_of_one_variable_whatever_was_built_before():
+    y = np.append(RNG.uniform(0.0, 3.0, 500), 0.0)
+    fit = _pieces(lambda y: 2.0 + np.sin(y), 3, 1e-8)
+    np.testing.assert_allclose(fit(y), 2.0 + np.sin(y), rtol=1e-9)
+    alone = chebyshev.no_pieces(3).with_unit(1, lambda y: 2.0 + np.sin(y), 1e-8)
+    second = y[(y >= 1.0) & (y < 2.0)]
+    part = alone.cell[(second * chebyshev.FINE).astype(int)]
+    np.testing.assert_array_equal(alone.value(part, second), fit(second))
+
+
+def test_pieces_are_halved_at_a_crease_and_keep_the_larger_value_at_a_jump():
+    y = RNG.uniform(0.0, 2.0, 500)
+    crease = _pieces(lambda y: 1.0 + np.abs(y - 1.7), 2, 1e-8)
+    np.testing.assert_allclose(crease(y), 1.0 + np.abs(y - 1.7), atol=0.3 / chebyshev.FINE)
+    for top in (0.0, np.inf):
+        jump = _pieces(lambda y, top=top: np.where(y < 0.7, 2.0, top), 2, 1e-8)
+        near = np.abs(y - 0.7) < 1.0 / chebyshev.FINE
+        np.testing.assert_array_equal(jump(y)[~near], np.where(y < 0.7, 2.0, top)[~near])
+        assert (jump(y)[near] >= np.where(y < 0.7, 2.0, top)[near]).all()

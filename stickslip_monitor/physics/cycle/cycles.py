@@ -29,6 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 from stickslip_monitor.arrays import FloatArray, flatten, mapped, restore
 from stickslip_monitor.physics.averaging import boundaries
 from stickslip_monitor.physics.cycle import stable, unstable, waveform
+from stickslip_monitor.physics.friction import Coulomb, Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
 
 
@@ -226,14 +227,6 @@ def exact_unstable_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) ->
     return table.cycle()
 
 
-def _scale(bearing: Bearing, load: FloatArray, averaged: FloatArray) -> FloatArray:
-    """A finite speed [m/s] to look for the fold about."""
-    breaks = bearing.friction.breakpoints
-    drop = bearing.friction.static * load / (bearing.mass * bearing.natural_frequency)
-    typical = np.full(load.size, breaks[0]) if breaks else drop
-    return np.where(np.isfinite(averaged), averaged, typical)
-
-
 def exact_fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
     """The exact fold [m/s]: the last speed at which a stick-slip cycle exists.
 
@@ -248,11 +241,11 @@ def exact_fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
     def fold(n: FloatArray) -> FloatArray:
         out = np.full(n.size, np.nan)
         loaded = n > 0.0
-        averaged = np.asarray(boundaries.fold_speed(bearing, n[loaded]), dtype=float)
-        guess = _scale(bearing, n[loaded], averaged)
-        exact = stable.fold(bearing, n[loaded], guess)
-        # Without damping a cycle gains energy at every speed, and averaging says so exactly.
-        out[loaded] = np.where(np.isposinf(averaged), np.inf, exact)
+        if isinstance(bearing.friction, Stribeck | Coulomb):
+            averaged = np.asarray(boundaries.fold_speed(bearing, n[loaded]), dtype=float)
+            out[loaded] = stable.fold(bearing, n[loaded], averaged)
+        else:
+            out[loaded] = stable.polished_fold(bearing, n[loaded])
         return out
 
     return mapped(fold, load)

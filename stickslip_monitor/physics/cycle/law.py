@@ -26,7 +26,7 @@ from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, T
 # Size, against the friction itself, below which differences of it are mostly rounding.
 _GRAIN = 1e-7
 # The one-sided limit of a law at v = 0+ is taken here: v = 0 itself is set-valued.
-_ALMOST_REST = 1e-300
+ALMOST_REST = 1e-300
 
 
 class ScaledLaw(Protocol):
@@ -197,8 +197,8 @@ class ScaledGeneral:
     @property
     def jump(self) -> FloatArray:
         """See :class:`ScaledLaw`."""
-        moving = float(self.law.coefficient(_ALMOST_REST))
-        return self.force[:, 0] * (_breakaway(self.law) - moving)
+        moving = float(self.law.coefficient(ALMOST_REST))
+        return self.force[:, 0] * (breakaway(self.law) - moving)
 
     @property
     def grain(self) -> FloatArray:
@@ -220,18 +220,22 @@ class ScaledGeneral:
     def rise(self, z: FloatArray) -> FloatArray:
         """See :class:`ScaledLaw`."""
         v = self.speed * (self.reference + z)
-        lost = self.top - self.law.coefficient(np.maximum(v, _ALMOST_REST))
-        return self.force * (lost - self.law.slope(_ALMOST_REST) * np.minimum(v, 0.0))
+        lost = self.top - self.law.coefficient(np.maximum(v, ALMOST_REST))
+        return self.force * (lost - self.law.slope(ALMOST_REST) * np.minimum(v, 0.0))
 
     def slope(self, z: FloatArray) -> FloatArray:
         """See :class:`ScaledLaw`."""
-        v = np.maximum(self.speed * (self.reference + z), _ALMOST_REST)
+        v = np.maximum(self.speed * (self.reference + z), ALMOST_REST)
         return -self.force * self.speed * self.law.slope(v)
 
 
-def _breakaway(law: FrictionLaw) -> float:
-    # Filippov's convex hull: sticking carries whatever slow sliding does.
-    return max(law.static, float(law.coefficient(_ALMOST_REST)))
+def breakaway(law: FrictionLaw) -> float:
+    """The coefficient that sticking can carry [-].
+
+    Whatever slow sliding carries, it does too: the set-valued law at rest is Filippov's convex
+    hull.
+    """
+    return max(law.static, float(law.coefficient(ALMOST_REST)))
 
 
 def _stribeck(law: Stribeck, force: FloatArray, speed: FloatArray, reference: float) -> ScaledLaw:
@@ -253,7 +257,7 @@ def _table(law: Tabulated, force: FloatArray, speed: FloatArray, reference: floa
 def _general(
     law: FrictionLaw, force: FloatArray, speed: FloatArray, reference: float
 ) -> ScaledLaw:
-    top = law.coefficient(speed) if reference else np.full_like(speed, _breakaway(law))
+    top = law.coefficient(speed) if reference else np.full_like(speed, breakaway(law))
     return ScaledGeneral(law, force, speed, reference, top)
 
 
@@ -285,7 +289,7 @@ def starting_piece(law: ScaledLaw, speed: FloatArray, reference: float) -> Index
 
 def static_force(law: FrictionLaw, force: FloatArray) -> FloatArray:
     """The largest force that sticking can carry, in units of ``m omega V``, shape (n,)."""
-    return force * _breakaway(law)
+    return force * breakaway(law)
 
 
 def steepest_fall(law: FrictionLaw) -> float:
@@ -294,6 +298,15 @@ def steepest_fall(law: FrictionLaw) -> float:
         return max((law.static - law.kinetic) * law.decay, 0.0) - law.viscous
     if isinstance(law, Coulomb):
         return np.inf if law.static > law.kinetic else 0.0
-    if isinstance(law, Tabulated) and bool(np.all(np.diff(law.values) >= 0.0)):
-        return 0.0
-    return np.inf
+    return _steepest_fall(law) if isinstance(law, Tabulated) else np.inf
+
+
+def _steepest_fall(law: Tabulated) -> float:
+    """The largest ``-slope`` of the cubics: at an end of one, or at the vertex of its slope."""
+    a, b, c, _ = law.cubics
+    width = np.diff(law.speed)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        vertex = np.clip(np.nan_to_num(-b / (3.0 * a)), 0.0, width)
+    places = np.stack([np.zeros_like(width), vertex, width])
+    # Rounding must not make a cycle impossible.
+    return max(float(np.max(-(3.0 * a * places + 2.0 * b) * places - c)), 0.0) * (1.0 + 1e-12)

@@ -31,6 +31,8 @@ _FRICTION_TOLERANCE = 1e-9
 _PICARD, _LIMIT = 18, 30
 _CONVERGED = 1e-15
 _NOTHING = 1e-300
+# A multiple of the rows that any linear algebra library takes together.
+_ROWS = 16
 
 
 def _tables() -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -102,6 +104,19 @@ class SlipStep:
     iterations: IndexArray
 
 
+def _times(rows: FloatArray, matrix: FloatArray) -> FloatArray:
+    """``rows @ matrix``, in which no row sees how many there are.
+
+    Linear algebra libraries take the last rows, short of a block, in another order of sums.
+    """
+    short = -rows.shape[0] % _ROWS
+    if not short:
+        return rows @ matrix
+    padded = np.concatenate([rows, np.zeros((short, rows.shape[1]))])
+    product: FloatArray = (padded @ matrix)[: rows.shape[0]]
+    return product
+
+
 def _guess(motion: SlipMotion, e: FloatArray, z: FloatArray, h: FloatArray) -> FloatArray:
     column = z[:, None]
     damping = motion.damping[:, None]
@@ -150,9 +165,9 @@ def solve_step(
         for count in range(_LIMIT):
             damping = motion.damping[:, None]
             rise = motion.law.rise(nodes)
-            offset = e0 + half * ((motion.drift - nodes) @ _QUADRATURE)
+            offset = e0 + half * _times(motion.drift - nodes, _QUADRATURE)
             rate = offset - 2.0 * damping * nodes + rise
-            change = z0 + half * (rate @ _QUADRATURE) - nodes
+            change = z0 + half * _times(rate, _QUADRATURE) - nodes
             if count >= _PICARD:
                 change = _newton(motion, nodes, half, change)
             nodes = nodes + change
@@ -164,8 +179,8 @@ def solve_step(
                 where = index[done]
                 out.e[where], out.z[where] = offset[done], nodes[done]
                 out.rise[where], out.rate[where] = rise[done], rate[done]
-                tail = np.max(np.abs(rate[done] @ _TAIL), axis=1)
-                layer = np.max(np.abs(rise[done] @ _TAIL), axis=1)
+                tail = np.max(np.abs(_times(rate[done], _TAIL)), axis=1)
+                layer = np.max(np.abs(_times(rise[done], _TAIL)), axis=1)
                 size = np.max(np.abs(rise[done]), axis=1) + motion.law.grain[done] + _NOTHING
                 out.error[where] = np.maximum(
                     2.0 * np.abs(half[done, 0]) * tail / scale[done],
@@ -186,7 +201,7 @@ def solve_step(
 
 def integral(start: FloatArray | float, values: FloatArray, h: FloatArray) -> FloatArray:
     """Legendre coefficients of ``start + integral`` of nodal values, shape (n, nodes + 1)."""
-    series = 0.5 * h[:, None] * (values @ _TO_INTEGRAL)
+    series = 0.5 * h[:, None] * _times(values, _TO_INTEGRAL)
     series[:, 0] += start
     return series
 
