@@ -179,14 +179,14 @@ class _Course:
         k = int(np.searchsorted(self._times, time_ns, 'right')) - 1
         i = int(self._rows[k]) if k >= 0 else -1
         point = at_index(self._scan.assessment, i) if i >= 0 else None
-        sticking = bool(i >= 0 and self._scan.sticking[i])
+        standing = self._scan.course.at(i)
         e = int(np.searchsorted(self._event_times, time_ns, 'right')) - 1
         condition = self.events[e].after if e >= 0 else Condition.NORMAL
         lost = self._lost(time_ns)
         stale = condition is Condition.INPUT_STALE
         trend = self._trend(i) if i >= 0 and not stale else None
         text = describe(
-            self.config, condition, point, sticking, lost if stale else {}, trend=trend
+            self.config, condition, point, standing, lost if stale else {}, trend=trend
         )
         counts = np.array(
             [
@@ -194,7 +194,7 @@ class _Course:
                 for row in range(len(QUANTITIES))
             ]
         )
-        return BearingState(self.config, condition, text, point, sticking, trend, lost, counts)
+        return BearingState(self.config, condition, text, point, standing, trend, lost, counts)
 
     def _trend(self, i: int) -> Trend | None:
         scan = self._scan
