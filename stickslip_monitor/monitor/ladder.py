@@ -146,28 +146,30 @@ def follow(
         State and count after each point, each shape (n,).
     """
     on, count = np.zeros(times.size, bool), np.zeros(times.size, np.int64)
-    places = [np.flatnonzero(asked) for asked in asks]
     for begin, end in pairwise([*starts.tolist(), times.size]):
         latch.restart()
         k, size = begin, _FEW
         while k < end:
             if latch.count == 0:
                 # Nothing is added to an empty count before the next point that asks.
-                own = places[latch.on]
-                j = int(np.searchsorted(own, max(k - 1, begin)))
-                until = min(end, max(k, int(own[j]))) if j < own.size else end
+                until = _next(asks[latch.on], max(k - 1, begin), end)
                 on[k:until] = latch.on
-                k = until
+                k = max(k, until)
             high = min(end, k + size)
             taken = _take_many(latch, asks[latch.on], k, high, k == begin, on, count)
-            switched = k + taken < high
-            if switched:
+            if k + taken < high:
                 latch.switch(int(times[k + taken]))
                 on[k + taken] = latch.on
                 k, size = k + taken + 1, _FEW
             else:
                 k, size = high, min(4 * size, _MANY)
     return on, count
+
+
+def _next(asks: BoolArray, begin: int, end: int) -> int:
+    """The first point from ``begin`` on that asks; ``end`` without one."""
+    place = begin + int(asks[begin:end].argmax())
+    return place if asks[place] else end
 
 
 def _take_many(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from stickslip_monitor.arrays import BoolArray, IntArray
 from stickslip_monitor.monitor.assessment import Assessment, assess, at_index
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.freshness import Fresh, lasts
+from stickslip_monitor.monitor.freshness import Fresh
 from stickslip_monitor.monitor.ladder import (
     LADDER,
     AlarmTrack,
@@ -81,6 +81,7 @@ class _Believed:
 
     Attributes:
         value: SI values, shape (n,).
+        is_load: Whether it is a load, shape (n,).
         stamp: Time of each measurement, shape (n,) [ns].
         until: Until when each counts by its input's timeout, shape (n,) [ns].
         now: The monitor's time at each, shape (n,) [ns].
@@ -91,12 +92,18 @@ class _Believed:
     """
 
     value: NDArray[np.float64]
+    is_load: BoolArray
     stamp: IntArray
     until: IntArray
     now: IntArray
     first: IntArray
     latest: IntArray
     jump: BoolArray
+
+    def of_input(self, is_load: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """The samples of an input, and the number of its last sample so far, shape (n,)."""
+        mine = self.is_load == bool(is_load)
+        return np.flatnonzero(mine), np.cumsum(mine) - 1
 
     def heard(self, i: int) -> list[LastSample | None]:
         """The last sample of each input up to and including sample ``i`` (-1: none)."""
@@ -121,10 +128,11 @@ def scan_bearing(
     points = assess(config.bearing, speed, load)
     # The first point of each stretch between two jumps, for all points of that stretch.
     begin = np.searchsorted(evaluated, np.append(0, np.flatnonzero(samples.jump)))
-    first = np.repeat(begin, np.diff(np.append(begin, evaluated.size)))
+    lengths = np.diff(np.append(begin, evaluated.size))
+    first = np.repeat(begin, lengths)
     times = samples.now[rows]
     course = ConditionClassifier(config.bearing, config.alarm).follow(
-        points, times, np.unique(first), _futures(config, samples, rows), _fresh(samples, rows)
+        points, times, begin[lengths > 0], _futures(config, samples, rows), _fresh(samples, rows)
     )
     walk = _Walk(config, samples, evaluated, course, start_ns)
     return Scan(
@@ -143,32 +151,26 @@ def _futures(
     config: BearingConfig, samples: _Believed, rows: slice | NDArray[np.intp]
 ) -> NDArray[np.float64]:
     """The speed that the trend leads to, at each point, shape (n,) [m/s]."""
-    speeds = np.flatnonzero(samples.latest[0] == np.arange(samples.now.size))
-    first = np.searchsorted(speeds, samples.first[speeds])
-    found = futures(
-        samples.now[speeds], samples.value[speeds], np.unique(first), config.alarm.look_ahead_ns
-    )
-    return found[np.searchsorted(speeds, samples.latest[0][rows])]
+    own, number = samples.of_input(0)
+    starts = np.append(0, np.flatnonzero(np.diff(samples.first[own])) + 1)[: own.size]
+    ahead_ns = config.alarm.look_ahead_ns
+    return futures(samples.now[own], samples.value[own], starts, ahead_ns)[number[rows]]
 
 
 def _fresh(samples: _Believed, rows: slice | NDArray[np.intp]) -> Fresh:
     """How long each point counts."""
-    rhythm, until = np.zeros(0, np.int64), np.zeros(0, np.int64)
-    for k, latest in enumerate(samples.latest):
-        own = np.flatnonzero(latest == np.arange(samples.now.size))
+    gaps, ends = [], []
+    for k in range(2):
+        own, number = samples.of_input(k)
         gap = np.diff(samples.stamp[own], prepend=samples.stamp[own[:1]])
         gap[np.flatnonzero(np.diff(samples.first[own])) + 1] = 0
-        gap[1:] = np.maximum(
-            gap[1:], np.where(samples.first[own[1:]] == samples.first[own[:-1]], gap[:-1], 0)
-        )
-        ends = samples.now[own] + lasts(gap)
-        place = np.searchsorted(own, latest[rows])
-        rhythm = np.maximum(rhythm, gap[place]) if k else gap[place]
-        until = np.minimum(until, ends[place]) if k else ends[place]
+        gap[1:] = np.maximum(gap[1:], np.where(gap[1:] > 0, gap[:-1], 0))
+        gaps.append(gap[number[rows]])
+        ends.append((samples.now[own] + gap + gap // 2)[number[rows]])
     now = samples.now[rows]
-    # The clock may have jumped between a point and the next; nothing is counted across a jump.
-    covered = np.minimum(np.append(now[1:], now[-1:]), until) - now
-    return Fresh(np.maximum(covered, 0), rhythm)
+    # Nothing is counted across a jump of the clock.
+    covered = np.minimum(np.append(now[1:], now[-1:]), np.minimum(*ends)) - now
+    return Fresh(np.maximum(covered, 0), np.maximum(*gaps))
 
 
 def _paired(config: BearingConfig, samples: _Believed) -> NDArray[np.intp]:
@@ -228,6 +230,7 @@ def _believed(
     now = _running_time(stamp, np.flatnonzero(jump))
     return _Believed(
         value=si[keep],
+        is_load=is_load,
         stamp=stamp,
         until=np.maximum(stamp + np.where(is_load, load_timeout, speed_timeout), now),
         now=now,
