@@ -70,7 +70,7 @@ class AlarmConfig:
     latch: bool = False
     startup_inhibit_ns: int = 0
     trend_window_ns: int = 0
-    onset_growth: float = 2.0
+    onset_growth: float = 3.0
     look_ahead_ns: int = 20 * 10**9
 
 

@@ -194,6 +194,8 @@ _STICK_SLIP = OUTCOMES.index(Outcome.STICK_SLIP)
 _NO_CONTACT = OUTCOMES.index(Outcome.NO_CONTACT)
 _AT_REST = OUTCOMES.index(Outcome.AT_REST)
 
+_STICK_RUNG = LADDER.index(Condition.STICK_SLIP)
+
 E_FOLD = 2**32
 """Growth is counted in parts of this many to an e-fold."""
 ONSET = 6.0
@@ -203,7 +205,9 @@ DECAY = 4.8
 HOLDS = (1, 6, 60)
 """The off-delay of a rung that is raised for the first, second and further time [off_delay]."""
 _MEMORY = 60
-"""How long raising a rung is remembered [off_delay]."""
+"""A rung raised again sooner than this after it was cleared keeps returning [off_delay]."""
+_CLEAR = 3
+"""How much faster the hold of a predicted stick-slip passes clear of the caution band."""
 
 
 def decision_margin(point: Assessment) -> Any:
@@ -222,7 +226,7 @@ class Standing:
         growth: How far a disturbance has grown while stick-slip is not predicted [e-folds].
         clears: In how many seconds the rung clears if the point stays where it is; ``None``
             while the point holds it.
-        raised: How often this rung was raised within sixty off-delays.
+        raised: How often this rung has been raised, each time soon after it was cleared.
         future: The speed that the trend of the last seconds leads to [m/s]; ``nan`` if unknown.
     """
 
@@ -246,6 +250,11 @@ QUIET = Standing()
 def held_ns(config: AlarmConfig, raised: int) -> int:
     """How long a rung must be gone to be cleared, when it was raised so often lately [ns]."""
     return config.off_delay_ns * HOLDS[min(max(raised, 1), len(HOLDS)) - 1]
+
+
+def _pace(rung: int, raised: int) -> int:
+    """How much faster a raised rung's delay passes clear of the caution band."""
+    return _CLEAR if rung >= _STICK_RUNG and raised > 1 else 1
 
 
 class _Growth(Latch):
@@ -293,45 +302,67 @@ class _Growth(Latch):
 
 
 class _Rung(Latch):
-    """Whether a rung is raised."""
+    """Whether a rung is raised.
 
-    def __init__(self, config: AlarmConfig, at_once: bool) -> None:
+    Args:
+        config: The alarm.
+        rung: Which rung of the ladder.
+    """
+
+    def __init__(self, config: AlarmConfig, rung: int) -> None:
         super().__init__()
-        self.config, self.at_once = config, at_once
-        self.raised: list[int] = []
+        self.config = config
+        self.rung = rung
+        self.raised = 0
         self.history: list[int] | None = None
+        self._cleared: int | None = None
         self.fresh = Fresh(np.empty(0, np.int64), np.empty(0, np.int64))
         self.asks: tuple[BoolArray, BoolArray] = (np.empty(0, bool), np.empty(0, bool))
+        self.clear = np.empty(0, bool)
 
     def restart(self) -> None:
         """The clock jumped."""
         self.count = 0
-        self.raised.clear()
+        self._cleared = None
 
     def due(self) -> int:
         """The delay that runs [ns]."""
         if self.on:
-            return held_ns(self.config, len(self.raised))
+            return held_ns(self.config, self.raised)
         # Growth is a delay of its own.
-        return 0 if self.at_once and self.config.onset_growth else self.config.on_delay_ns
+        return (
+            0 if self.rung == _STICK_RUNG and self.config.onset_growth else self.config.on_delay_ns
+        )
 
     def switch(self, time_ns: int) -> None:
-        """Remember when it is raised."""
+        """Count how often it keeps returning."""
         super().switch(time_ns)
-        if self.on:
-            since = time_ns - _MEMORY * self.config.off_delay_ns
-            self.raised = [time for time in self.raised if time > since] + [time_ns]
-            if self.history is not None:
-                self.history.append(len(self.raised))
+        if not self.on:
+            self._cleared = time_ns
+            return
+        memory = _MEMORY * self.config.off_delay_ns
+        again = self._cleared is not None and time_ns - self._cleared < memory
+        self.raised = self.raised + 1 if again else 1
+        if self.history is not None:
+            self.history.append(self.raised)
 
-    def step(self, asked: bool, covered: int, rhythm: int) -> int:
-        """What an interval adds, given what was asked at its point."""
+    def pace(self) -> int:
+        """How much faster the delay that runs passes clear of the caution band."""
+        return _pace(self.rung, self.raised) if self.on else 1
+
+    def step(self, asked: bool, clear: bool, covered: int, rhythm: int) -> int:
+        """What an interval adds, given what was asked at its point, and whether it was clear."""
         own = credit(covered, rhythm, self.due())
+        if clear:
+            own *= self.pace()
         return own if asked else -own
 
     def steps(self, lo: int, hi: int) -> IntArray:
         """:meth:`step` of many points."""
         own = credits(self.fresh.covered[lo:hi], self.fresh.rhythm[lo:hi], self.due())
+        pace = self.pace()
+        if pace > 1:
+            own = np.where(self.clear[lo:hi], own * pace, own)
         return np.where(self.asks[self.on][lo:hi], own, -own)
 
 
@@ -385,7 +416,7 @@ class ConditionClassifier:
     def __init__(self, bearing: Bearing, config: AlarmConfig) -> None:
         self.bearing = bearing
         self.growth = _Growth(bearing, config)
-        self.levels = [_Rung(config, k == 3) for k in range(1, len(LADDER))]
+        self.levels = [_Rung(config, k) for k in range(1, len(LADDER))]
         self.config = config
         self._before: list[tuple[bool, bool]] = []
         self._point: Assessment | None = None
@@ -429,7 +460,9 @@ class ConditionClassifier:
         growth.take(step, asks[growth.on], time_ns)
         now = [asks, *_asked(self.config, point, future, growth.on)]
         for k, level in enumerate(self.levels, 1):
-            step = level.step(before[k][level.on], covered, rhythm) if before else 0
+            step = (
+                level.step(before[k][level.on], before[1][True], covered, rhythm) if before else 0
+            )
             level.take(step, now[k][level.on], time_ns)
         self._before, self._point = now, point
         return self._standing(future)
@@ -442,8 +475,9 @@ class ConditionClassifier:
         if not rung:
             return Standing(0, growth.on, asked, grown, None, 0, future)
         level = self.levels[rung - 1]
-        clears = (level.due() - level.count) * 1e-9 if now[rung][True] else None
-        return Standing(rung, growth.on, asked, grown, clears, len(level.raised), future)
+        pace = level.pace() if now[1][True] else 1
+        clears = (level.due() - level.count) * 1e-9 / pace if now[rung][True] else None
+        return Standing(rung, growth.on, asked, grown, clears, level.raised, future)
 
     def _rate(self, asked: bool) -> float:
         """The growth rate at the point before; not needed where nothing can shrink."""
@@ -476,6 +510,7 @@ class ConditionClassifier:
         levels = []
         for k, (level, asks) in enumerate(zip(self.levels, asked, strict=True), 1):
             level.fresh, level.asks, level.history = fresh, asks, []
+            level.clear = asked[0][True]
             on, count = follow(level, asks, times, starts)
             rung[on] = k
             raises = np.flatnonzero(on & ~np.append(False, on[:-1]))
@@ -530,7 +565,8 @@ class Course:
         level = self.levels[rung - 1]
         raised = level.raised(k)
         left = held_ns(self.config, raised) - int(level.count[k])
-        clears = left * 1e-9 if level.asks[True][k] else None
+        pace = _pace(rung, raised) if self.levels[0].asks[True][k] else 1
+        clears = left * 1e-9 / pace if level.asks[True][k] else None
         return Standing(rung, sticking, asked, grown, clears, raised, future)
 
 

@@ -242,7 +242,7 @@ BEARING_PARAMETERS = (
     Parameter(
         'alarm.onset_growth',
         'float',
-        2.0,
+        3.0,
         'How far a disturbance of steady sliding must have grown for stick-slip to be predicted;'
         ' it sticks at about 6. Less warns earlier and falsely more often; 0 predicts stick-slip'
         ' at the first point below the Hopf speed.',
