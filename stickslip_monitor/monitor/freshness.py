@@ -9,6 +9,7 @@ than a delay needs its values, a value counts for less than the time that it las
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -18,11 +19,6 @@ SHARE = 3
 """A value at its input's rhythm counts for at most one part in this many of a delay."""
 
 
-def lasts(rhythm: int | IntArray) -> int | IntArray:
-    """For how long a value counts [ns], from the rhythm of its input [ns]."""
-    return rhythm + rhythm // 2
-
-
 def credit(covered: int, rhythm: int, delay: int) -> int:
     """The time that counts towards a delay [ns], of the time since a point that is covered."""
     if rhythm * SHARE <= delay:
@@ -30,13 +26,18 @@ def credit(covered: int, rhythm: int, delay: int) -> int:
     return int(covered * (delay / SHARE / rhythm))
 
 
-def credits(covered: IntArray, rhythm: IntArray, delay: int) -> IntArray:
+def credit_of_many(covered: IntArray, rhythm: IntArray, delay: int) -> IntArray:
     """:func:`credit` of many points, shape (n,)."""
     if not rhythm.size or int(rhythm.max()) * SHARE <= delay:
         return covered
     slow = rhythm * SHARE > delay
     weighed = (covered * (delay / SHARE / np.where(slow, rhythm, 1))).astype(np.int64)
     return np.where(slow, weighed, covered)
+
+
+def lasts(rhythm: Any) -> Any:
+    """For how long a value counts [ns], from the rhythm of its input [ns]; of one or of many."""
+    return rhythm + rhythm // 2
 
 
 class Rhythm:
@@ -62,7 +63,7 @@ class Rhythm:
         gap = 0 if self._last is None else stamp_ns - self._last
         self.gap_ns = max(gap, self._before)
         self._last, self._before = stamp_ns, gap
-        self.until_ns = now_ns + self.gap_ns + self.gap_ns // 2
+        self.until_ns = now_ns + lasts(self.gap_ns)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,11 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The conditions of an alarm, and the switch with an integrating delay that raises and clears them.
+"""The conditions of an alarm, and how grave each is.
 
-An integrating delay counts up while a condition holds and down while it does not, so that one odd
-sample in thirty delays a change by a thirtieth and no more (the continuous form of the
-``n1``-of-``n`` delay timers of J. Xu and T. Chen, J. Process Control 23, 2013, 382-395).
-
-The rule of the decision: from operating points in order of time to a rung of the alarm's ladder.
+The rule of the decision: from operating points to a rung of the alarm's ladder.
 
 *Stick-slip runs* once a small disturbance has had the time to grow. Far below the sliding limit
 its amplitude obeys ``d(ln A)/dt = g(V, N)``, the growth rate of the averaged equation, and it does
@@ -13,7 +9,7 @@ not shrink below what noise always brings; so the monitor integrates ``E' = g``,
 predicts stick-slip from ``E = alarm.onset_growth`` on. It ends when the point has been where no
 cycle exists for :data:`DECAY` times ``2 m/c``, net time, both ways.
 
-The rungs are raised and cleared by integrating delays (:mod:`.alarm`) whose increments no single
+The rungs are raised and cleared by integrating delays (:mod:`.latch`) whose increments no single
 value can dominate (:mod:`.freshness`). A rung that keeps returning is held (:data:`HOLDS`).
 
 The condition of one bearing in time: the alarm's rung, and inputs that are lost and return.
@@ -25,7 +21,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,13 +29,11 @@ from numpy.typing import NDArray
 from stickslip_monitor.arrays import BoolArray, IntArray
 from stickslip_monitor.monitor.assessment import OUTCOMES, Assessment, Outcome
 from stickslip_monitor.monitor.config import AlarmConfig, BearingConfig
-from stickslip_monitor.monitor.freshness import Fresh, credit, credits, lasts
+from stickslip_monitor.monitor.freshness import Fresh, credit, credit_of_many, lasts
+from stickslip_monitor.monitor.latch import Latch, follow
 from stickslip_monitor.monitor.signals import QUANTITIES
 from stickslip_monitor.physics.averaging.boundaries import growth_rate
 from stickslip_monitor.physics.oscillator import Bearing
-
-# Points of a recording that are summed at once: at first, and at most.
-_FEW, _MANY = 64, 65536
 
 
 class Level(IntEnum):
@@ -87,108 +80,6 @@ LADDER = (
     Condition.STICK_SLIP,
     Condition.AMPLITUDE,
 )
-
-
-class Latch:
-    """A two-state switch with an integrating delay.
-
-    While a point asks for the other state, what passes since that point is added to a count; while
-    it does not, it is taken off again, but never below 0. The state changes at the first point
-    that asks for it with the count at :meth:`due` or above. The counts are whole numbers, so a
-    recording summed in bulk gives exactly what its samples give one by one.
-
-    Attributes:
-        on: The state.
-        count: How far the change of state has come, >= 0.
-    """
-
-    def __init__(self) -> None:
-        self.on = False
-        self.count = 0
-
-    def due(self) -> int:
-        """The count at which the state changes, >= 0."""
-        raise NotImplementedError
-
-    def steps(self, lo: int, hi: int) -> IntArray:
-        """What each point from ``lo`` to before ``hi`` of a recording adds to the count."""
-        raise NotImplementedError
-
-    def restart(self) -> None:
-        """The clock jumped: what has been counted is forgotten, the state stays."""
-        self.count = 0
-
-    def switch(self, time_ns: int) -> None:
-        """Change the state at a time [ns]."""
-        self.on = not self.on
-        self.count = 0
-
-    def take(self, step: int, asks: bool, time_ns: int) -> None:
-        """Take a point: what has passed since the one before, and whether it asks for a change."""
-        self.count = max(0, self.count + step)
-        if asks and self.count >= self.due():
-            self.switch(time_ns)
-
-
-def follow(
-    latch: Latch, asks: tuple[BoolArray, BoolArray], times: IntArray, starts: IntArray
-) -> tuple[BoolArray, IntArray]:
-    """Take all points of a recording at once, as :meth:`Latch.take` takes them one by one.
-
-    Args:
-        latch: The latch; its state goes on from where it is.
-        asks: Whether each point asks for a change where the latch is off, and where it is on, each
-            shape (n,).
-        times: Time of each point, shape (n,) [ns].
-        starts: The points before which the clock jumped, the first included, shape (m,).
-
-    Returns:
-        State and count after each point, each shape (n,).
-    """
-    on, count = np.zeros(times.size, bool), np.zeros(times.size, np.int64)
-    for begin, end in pairwise([*starts.tolist(), times.size]):
-        latch.restart()
-        k, size = begin, _FEW
-        while k < end:
-            if latch.count == 0:
-                # Nothing is added to an empty count before the next point that asks.
-                until = _next(asks[latch.on], max(k - 1, begin), end)
-                on[k:until] = latch.on
-                k = max(k, until)
-            high = min(end, k + size)
-            taken = _take_many(latch, asks[latch.on], k, high, k == begin, on, count)
-            if k + taken < high:
-                latch.switch(int(times[k + taken]))
-                on[k + taken] = latch.on
-                k, size = k + taken + 1, _FEW
-            else:
-                k, size = high, min(4 * size, _MANY)
-    return on, count
-
-
-def _next(asks: BoolArray, begin: int, end: int) -> int:
-    """The first point from ``begin`` on that asks; ``end`` without one."""
-    place = begin + int(asks[begin:end].argmax())
-    return place if asks[place] else end
-
-
-def _take_many(
-    latch: Latch, asks: BoolArray, lo: int, hi: int, first: bool, on: BoolArray, count: IntArray
-) -> int:
-    """Count over some points; return how many of them come before the next change of state."""
-    if lo >= hi:
-        return 0
-    # What a point adds passes between it and the next.
-    steps = latch.steps(lo - 1, hi - 1) if not first else np.append(0, latch.steps(lo, hi - 1))
-    total = np.cumsum(steps)
-    counted = total - np.minimum(np.minimum.accumulate(total), -latch.count)
-    change = asks[lo:hi] & (counted >= latch.due())
-    taken = int(change.argmax()) if change.any() else hi - lo
-    on[lo : lo + taken], count[lo : lo + taken] = latch.on, counted[:taken]
-    if taken:
-        latch.count = int(counted[taken - 1])
-    return taken
-
 
 _STICK_SLIP = OUTCOMES.index(Outcome.STICK_SLIP)
 _NO_CONTACT = OUTCOMES.index(Outcome.NO_CONTACT)
@@ -258,16 +149,23 @@ def _pace(rung: int, raised: int) -> int:
 
 
 class _Growth(Latch):
-    """Whether stick-slip is predicted to run: off until grown, on until died out."""
+    """Whether stick-slip is predicted to run: off until grown, on until died out.
+
+    Args:
+        bearing: The bearing.
+        config: The alarm.
+
+    Attributes:
+        points: Of a recording: the assessment of arrays, shape (n,).
+    """
+
+    points: Assessment
 
     def __init__(self, bearing: Bearing, config: AlarmConfig) -> None:
-        super().__init__()
-        self.bearing, self.config = bearing, config
+        super().__init__(config)
+        self.bearing = bearing
         time = 2.0 * bearing.mass / bearing.damping if bearing.damping > 0.0 else math.inf
         self.decay_ns = int(min(DECAY * time * 1e9, 2.0**62))
-        self.points: Assessment | None = None
-        self.fresh = Fresh(np.empty(0, np.int64), np.empty(0, np.int64))
-        self.asks: tuple[BoolArray, BoolArray] = (np.empty(0, bool), np.empty(0, bool))
 
     def due(self) -> int:
         """The onset's growth, or the time to die out; without a memory both are 0."""
@@ -292,9 +190,8 @@ class _Growth(Latch):
         covered, rhythm = self.fresh.covered[lo:hi], self.fresh.rhythm[lo:hi]
         asked = self.asks[self.on][lo:hi]
         if self.on:
-            own = credits(covered, rhythm, self.due())
+            own = credit_of_many(covered, rhythm, self.due())
             return np.where(asked, own, -own)
-        assert self.points is not None
         rate = growth_rate(self.bearing, self.points.speed[lo:hi], self.points.load[lo:hi])
         most = self._most(np.asarray(lasts(rhythm), float))
         grown = np.rint(np.clip(rate, -most, most) * covered * (E_FOLD / 1e9)).astype(np.int64)
@@ -307,18 +204,21 @@ class _Rung(Latch):
     Args:
         config: The alarm.
         rung: Which rung of the ladder.
+
+    Attributes:
+        raised: How often it has been raised, each time soon after it was cleared.
+        history: Of a recording: :attr:`raised` after each time it was.
+        clear: Of a recording: whether each point is clear of the caution band, shape (n,).
     """
 
+    clear: BoolArray
+
     def __init__(self, config: AlarmConfig, rung: int) -> None:
-        super().__init__()
-        self.config = config
+        super().__init__(config)
         self.rung = rung
         self.raised = 0
         self.history: list[int] | None = None
         self._cleared: int | None = None
-        self.fresh = Fresh(np.empty(0, np.int64), np.empty(0, np.int64))
-        self.asks: tuple[BoolArray, BoolArray] = (np.empty(0, bool), np.empty(0, bool))
-        self.clear = np.empty(0, bool)
 
     def restart(self) -> None:
         """The clock jumped."""
@@ -329,10 +229,9 @@ class _Rung(Latch):
         """The delay that runs [ns]."""
         if self.on:
             return held_ns(self.config, self.raised)
-        # Growth is a delay of its own.
-        return (
-            0 if self.rung == _STICK_RUNG and self.config.onset_growth else self.config.on_delay_ns
-        )
+        if self.rung == _STICK_RUNG and self.config.onset_growth:
+            return 0  # growth is a delay of its own
+        return self.config.on_delay_ns
 
     def switch(self, time_ns: int) -> None:
         """Count how often it keeps returning."""
@@ -359,7 +258,7 @@ class _Rung(Latch):
 
     def steps(self, lo: int, hi: int) -> IntArray:
         """:meth:`step` of many points."""
-        own = credits(self.fresh.covered[lo:hi], self.fresh.rhythm[lo:hi], self.due())
+        own = credit_of_many(self.fresh.covered[lo:hi], self.fresh.rhythm[lo:hi], self.due())
         pace = self.pace()
         if pace > 1:
             own = np.where(self.clear[lo:hi], own * pace, own)
@@ -450,22 +349,29 @@ class ConditionClassifier:
             covered: How much of the time since the point before that one counted [ns].
             rhythm: That one's rhythm [ns].
         """
-        growth, before = self.growth, self._before
-        asks = _grown(point)
-        step = 0
-        if before:
-            asked = before[0][growth.on]
-            rate = self._rate(asked)
-            step = growth.step(rate, asked, covered, rhythm)
-        growth.take(step, asks[growth.on], time_ns)
+        steps = self._steps(covered, rhythm)
+        growth, asks = self.growth, _grown(point)
+        growth.take(steps[0], asks[growth.on], time_ns)
         now = [asks, *_asked(self.config, point, future, growth.on)]
-        for k, level in enumerate(self.levels, 1):
-            step = (
-                level.step(before[k][level.on], before[1][True], covered, rhythm) if before else 0
-            )
-            level.take(step, now[k][level.on], time_ns)
+        for level, step, asked in zip(self.levels, steps[1:], now[1:], strict=True):
+            level.take(step, asked[level.on], time_ns)
         self._before, self._point = now, point
         return self._standing(future)
+
+    def _steps(self, covered: int, rhythm: int) -> list[int]:
+        """What has passed since the point before, for the growth and each rung."""
+        before, growth = self._before, self.growth
+        if not before:
+            return [0] * (1 + len(self.levels))
+        asked, clear = before[0][growth.on], before[1][True]
+        grown = growth.step(self._rate(asked), asked, covered, rhythm)
+        return [
+            grown,
+            *(
+                level.step(asks[level.on], clear, covered, rhythm)
+                for level, asks in zip(self.levels, before[1:], strict=True)
+            ),
+        ]
 
     def _standing(self, future: float) -> Standing:
         now, growth = self._before, self.growth
@@ -483,13 +389,14 @@ class ConditionClassifier:
         """The growth rate at the point before; not needed where nothing can shrink."""
         if self.growth.on or self._point is None or not (asked or self.growth.count):
             return 0.0
-        return self._point.growth_rate
+        rate: float = self._point.growth_rate
+        return rate
 
     def follow(
         self,
         points: Assessment,
         times: IntArray,
-        starts: IntArray,
+        starts: NDArray[np.intp],
         futures: NDArray[np.float64],
         fresh: Fresh,
     ) -> Course:
@@ -504,23 +411,30 @@ class ConditionClassifier:
         """
         growth = self.growth
         growth.points, growth.fresh, growth.asks = points, fresh, _grown(points)
-        sticking, grown = follow(growth, growth.asks, times, starts)
+        sticking, grown = follow(growth, times, starts)
         asked = _asked(self.config, points, futures, sticking)
         rung = np.zeros(times.size, np.int8)
         levels = []
         for k, (level, asks) in enumerate(zip(self.levels, asked, strict=True), 1):
             level.fresh, level.asks, level.history = fresh, asks, []
             level.clear = asked[0][True]
-            on, count = follow(level, asks, times, starts)
+            on, count = follow(level, times, starts)
             rung[on] = k
-            raises = np.flatnonzero(on & ~np.append(False, on[:-1]))
+            raises = np.flatnonzero(on & ~np.append(False, on)[:-1])
             levels.append(_LevelCourse(asks, count, raises, level.history))
         return Course(self.config, futures, rung, sticking, grown, levels)
 
 
 @dataclass(frozen=True, slots=True)
 class _LevelCourse:
-    """One rung over a recording: what the points ask, its count, where it was raised, how often."""
+    """One rung over a recording.
+
+    Attributes:
+        asks: What the points ask, each shape (n,).
+        count: Shape (n,).
+        raises: The points at which it was raised.
+        history: How often it had lately been, at each of these.
+    """
 
     asks: tuple[BoolArray, BoolArray]
     count: IntArray

@@ -12,8 +12,10 @@ from __future__ import annotations
 import math
 from collections import deque
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import FloatArray, IntArray
 
@@ -71,22 +73,14 @@ class SpeedTrend:
         if not early[0]:
             return math.nan
         ages = [total[0] * time_ns - total[1] for total in (late, early)]
-        return _line(late[0], ages[0], late[2], early[0], ages[1], early[2], ahead_ns)
+        return float(_line((late[0], ages[0], late[2]), (early[0], ages[1], early[2]), ahead_ns))
 
 
-def _line(
-    late: float,
-    late_age: float,
-    late_sum: float,
-    early: float,
-    age: float,
-    total: float,
-    ahead: int,
-) -> float:
-    """The speed [m/s] on the line through two means, given counts, ages [ns] and sums."""
-    now, before = late_sum / late, total / early
-    when = late_age / late
-    slope = (now - before) / (age / early - when)
+def _line(late: tuple[Any, ...], early: tuple[Any, ...], ahead: int) -> Any:
+    """The speed [m/s] on the line through two means: counts, sums of ages [ns], of speeds."""
+    now, before = late[2] / late[0], early[2] / early[0]
+    when = late[1] / late[0]
+    slope = (now - before) / (early[1] / early[0] - when)
     return (now + slope * (when + ahead)) / _UNIT
 
 
@@ -125,7 +119,7 @@ def _of_segment(time_ns: IntArray, speed: FloatArray, ahead_ns: int) -> FloatArr
     since = time_ns - time_ns[0]
     times = np.append(zero, np.cumsum(since))
 
-    def begin(back: int) -> IntArray:
+    def begin(back: int) -> NDArray[np.intp]:
         place = np.searchsorted(number, number - back)
         return np.repeat(np.append(begins, slot.size)[place], lengths)
 
@@ -136,12 +130,9 @@ def _of_segment(time_ns: IntArray, speed: FloatArray, ahead_ns: int) -> FloatArr
         age = n * since - (times[here] - times[late])
         early_age = m * since - (times[end] - times[early])
         found = _line(
-            n,
-            age,
-            speeds[here] - speeds[late],
-            m,
-            early_age,
-            speeds[end] - speeds[early],
+            (n, age, speeds[here] - speeds[late]),
+            (m, early_age, speeds[end] - speeds[early]),
             ahead_ns,
         )
-    return np.where(m > 0, found, np.nan)
+    found[m == 0] = np.nan
+    return np.asarray(found)

@@ -99,10 +99,10 @@ class BearingMonitor:
         return {} if self.now_ns is None else self.track.lost(self.now_ns, self._heard)
 
     def trend(self) -> Trend | None:
-        """When the prediction of stick-slip changes at the present rate; ``None`` if unknown."""
-        if self.verdict is None or self.track.stale:
+        """When stick-slip begins at the present rate; ``None`` if unknown."""
+        if self.verdict is None or self.track.stale or self.verdict.sticking:
             return None
-        return self._window.trend(self.config, self.verdict.sticking)
+        return self._window.trend(self.config)
 
     @property
     def standing(self) -> Standing:
@@ -191,7 +191,7 @@ class BearingMonitor:
         if not changes:
             return []
         point, standing = self.verdict.assessment if self.verdict else None, self.standing
-        trend = self._window.trend(self.config, standing.sticking)
+        trend = None if standing.sticking else self._window.trend(self.config)
         return [event_of(self.config, change, point, standing, trend) for change in changes]
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from stickslip_monitor.arrays import BoolArray, IntArray
 from stickslip_monitor.monitor.assessment import Assessment, assess, at_index
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.freshness import Fresh
+from stickslip_monitor.monitor.freshness import Fresh, lasts
 from stickslip_monitor.monitor.ladder import (
     LADDER,
     AlarmTrack,
@@ -166,7 +166,7 @@ def _fresh(samples: _Believed, rows: slice | NDArray[np.intp]) -> Fresh:
         gap[np.flatnonzero(np.diff(samples.first[own])) + 1] = 0
         gap[1:] = np.maximum(gap[1:], np.where(gap[1:] > 0, gap[:-1], 0))
         gaps.append(gap[number[rows]])
-        ends.append((samples.now[own] + gap + gap // 2)[number[rows]])
+        ends.append((samples.now[own] + lasts(gap))[number[rows]])
     now = samples.now[rows]
     # Nothing is counted across a jump of the clock.
     covered = np.minimum(np.append(now[1:], now[-1:]), np.minimum(*ends)) - now
@@ -292,9 +292,9 @@ class _Walk:
         ]
 
     def _trend(self, points: Assessment, k: int, low: int) -> Trend | None:
-        if k < low:
+        if k < low or self.course.sticking[k]:
             return None
-        return trend_at(self.config, self.times, points, self.course.sticking, low, k)
+        return trend_at(self.config, self.times, points, low, k)
 
     def _stops(self) -> NDArray[np.intp]:
         samples = self.samples
@@ -345,12 +345,7 @@ class _Walk:
 
 
 def trend_at(
-    config: BearingConfig,
-    time_ns: IntArray,
-    points: Assessment,
-    sticking: BoolArray,
-    low: int,
-    k: int,
+    config: BearingConfig, time_ns: IntArray, points: Assessment, low: int, k: int
 ) -> Trend | None:
     """The trend after a point of a recording.
 
@@ -358,7 +353,6 @@ def trend_at(
         config: The bearing.
         time_ns: Times of the operating points, shape (n,) [ns].
         points: Their assessment, shape (n,).
-        sticking: Whether each predicts stick-slip, shape (n,).
         low: Index of the first point since the clock last jumped.
         k: Index of the point.
     """
@@ -366,7 +360,7 @@ def trend_at(
     window = window_of(
         config.alarm.trend_window_ns, time_ns[rows], points.speed[rows], points.load[rows]
     )
-    return window.trend(config, bool(sticking[k]))
+    return window.trend(config)
 
 
 def _until(samples: _Believed, rows: slice | NDArray[np.intp], end_ns: int | None) -> IntArray:

@@ -16,7 +16,7 @@ from stickslip_monitor.monitor.ladder import (
     ConditionChange,
     Standing,
 )
-from stickslip_monitor.monitor.trend import CONFIDENCE, Trend
+from stickslip_monitor.monitor.trend import Trend
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,11 +126,11 @@ def describe(
         what = f'Speed and load are back. {what}'
     where = f'{config.name}: {what} At {_point_text(config, point)}'
     if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NO_BOUNDARY):
-        return f'{where}. {point.outcome.sentence}{_trend_text(trend, standing.sticking)}'
+        return f'{where}. {point.outcome.sentence}{_trend_text(trend)}'
     if standing.sticking and math.isfinite(point.amplitude):
         where += f', predicted amplitude {point.amplitude * 1e3:.3g} mm'
     where += f', fold margin {point.fold_margin:+.1%}.{_way_out(config, standing, point)}'
-    return where + _trend_text(trend, standing.sticking)
+    return where + _trend_text(trend)
 
 
 _OVER = {
@@ -186,14 +186,13 @@ def _speed_text(config: BearingConfig, point: Assessment, speed: float) -> str:
     return f'{rpm:.4g} rpm' + (' astern' if point.speed < 0.0 else '')
 
 
-def _trend_text(trend: Trend | None, sticking: bool) -> str:
+def _trend_text(trend: Trend | None) -> str:
     if trend is None:
         return ''
-    what = 'Stick-slip would end' if sticking else 'Stick-slip'
     earliest, latest = _about(trend.earliest), _about(trend.latest)
-    spread = f'{earliest} to {latest} at {CONFIDENCE:.0%}, ' if earliest != latest else ''
+    spread = f'{earliest} to {latest} at 90%, ' if earliest != latest else ''
     return (
-        f' {what} in about {_about(trend.seconds)} at this rate'
+        f' Steady sliding turns unstable in about {_about(trend.seconds)} at this rate'
         f' ({spread}judged by the last {trend.span:.0f} s).'
     )
 

@@ -198,9 +198,9 @@ class _Course:
 
     def _trend(self, i: int) -> Trend | None:
         scan = self._scan
-        return trend_at(
-            self.config, scan.time_ns, scan.assessment, scan.sticking, int(scan.first[i]), i
-        )
+        if scan.sticking[i]:
+            return None
+        return trend_at(self.config, scan.time_ns, scan.assessment, int(scan.first[i]), i)
 
     def _lost(self, time_ns: int) -> dict[str, float]:
         """The inputs whose timeout has passed, with their ages [s]."""
