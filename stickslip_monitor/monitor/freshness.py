@@ -8,6 +8,7 @@ than a delay needs its values, a value counts for less than the time that it las
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +24,7 @@ def credit(covered: int, rhythm: int, delay: int) -> int:
     """The time that counts towards a delay [ns], of the time since a point that is covered."""
     if rhythm * SHARE <= delay:
         return covered
-    return int(covered * (delay / SHARE / rhythm))
+    return math.ceil(covered * (delay / SHARE / rhythm))
 
 
 def credit_of_many(covered: IntArray, rhythm: IntArray, delay: int) -> IntArray:
@@ -31,8 +32,8 @@ def credit_of_many(covered: IntArray, rhythm: IntArray, delay: int) -> IntArray:
     if not rhythm.size or int(rhythm.max()) * SHARE <= delay:
         return covered
     slow = rhythm * SHARE > delay
-    weighed = (covered * (delay / SHARE / np.where(slow, rhythm, 1))).astype(np.int64)
-    return np.where(slow, weighed, covered)
+    weighed = np.ceil(covered * (delay / SHARE / np.where(slow, rhythm, 1)))
+    return np.where(slow, weighed.astype(np.int64), covered)
 
 
 def lasts(rhythm: Any) -> Any:

@@ -225,5 +225,4 @@ def _reach(
     earliest, latest = float(times.min()), float(times.max())
     if latest > _SPREAD * earliest:
         return None
-    seconds = math.sqrt(earliest * latest)
-    return Trend(seconds, earliest / _WIDER, latest * _WIDER, span)
+    return Trend(float(times[0]), earliest / _WIDER, latest * _WIDER, span)
