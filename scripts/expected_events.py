@@ -5,11 +5,14 @@ This is independent of the package's physics and of its monitor, so that bags ca
 knows the Stribeck law without viscous rise. With ``K = N Delta beta / c``, ``w = beta V`` and
 ``I1e(x) = exp(-x) I1(x)``:
 
-    unstable                      K exp(-w) > 1
+    growth rate                   g = (c/2m) (K exp(-w) - 1)
     within (1 + m) times the fold K 2 I1e(x)/x > 1,  x = w/(1 + m)
     amplitude above A             N S(a; V) > c a/2,  a = omega A; for a <= V always, since
                                   a cycle, where there is one, is larger than V
     S(a; V) = (1/pi) integral_0^pi mu(V - a cos t) cos t dt, in two pieces about arccos(V/a)
+
+The rule of the decision is followed from sample to sample in the plainest way: the growth of a
+disturbance, the time since the fold, and a counter for each condition.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from itertools import groupby, pairwise, product
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -189,33 +192,6 @@ def noise(scene: Scene, config: BearingConfig) -> tuple[float, float]:
     return deviation['speed'], deviation['load']
 
 
-@dataclass(frozen=True, slots=True)
-class _Crossing:
-    name: str
-    inside: bool
-    time: float
-    earliest: float
-    latest: float
-
-
-def _crossings(scene: Scene, config: BearingConfig, track: Track) -> Iterator[_Crossing]:
-    """Every crossing of every boundary, with the spread that noise can give it."""
-    spread = noise(scene, config)
-    for name, inside in boundaries(config).items():
-        nominal = _roots(inside, track)
-        shifted = [
-            _roots(_shifted(inside, up * spread[0], more * spread[1]), track)
-            for up, more in product((-SIGMAS, SIGMAS), repeat=2)
-        ]
-        if any(len(other) != len(nominal) for other in shifted):
-            raise ValueError(
-                f'{config.name}: noise decides whether the boundary {name} is crossed'
-            )
-        for k, (time, is_in) in enumerate(nominal):
-            ends = [other[k][0] for other in shifted]
-            yield _Crossing(name, is_in, time, min(ends), max(ends))
-
-
 def _shifted(inside: Inside, speed_error: float, load_error: float) -> Inside:
     return lambda speed, load: inside(speed + speed_error, load + load_error)
 
@@ -232,49 +208,171 @@ def _roots(inside: Inside, track: Track) -> list[tuple[float, bool]]:
 
 
 def _of_bearing(scene: Scene, config: BearingConfig, track: Track) -> Iterator[ExpectedEvent]:
-    """Walk from crossing to crossing; a track that starts inside a boundary crosses it there."""
-    alarm = config.alarm
-    start = track.at(0.0)
-    period = sum(1.0 / c.rate for c in scene.channels if config in c.bearings)
-    inside = dict.fromkeys(boundaries(config), False)
-    memory = _Memory()
-    rung = 0
-    crossings = [
-        _Crossing(name, True, 0.0, 0.0, 0.0)
-        for name, is_inside in boundaries(config).items()
-        if is_inside(*start) > 0.0
+    """Follow the rule without noise, and with it at its worst on both signals."""
+    rates = [channel.rate for channel in scene.channels if config in channel.bearings]
+    spread = noise(scene, config)
+    nominal = _follow(config, track, max(rates), 0.0, 0.0)
+    shifted = [
+        _follow(config, track, max(rates), up * spread[0], more * spread[1])
+        for up, more in product((-SIGMAS, SIGMAS), repeat=2)
     ]
-    crossings += sorted(_crossings(scene, config, track), key=lambda c: c.time)
-    for time, group in groupby(crossings, key=lambda c: c.time):
-        together = list(group)
-        inside |= {crossing.name: crossing.inside for crossing in together}
-        before, rung = rung, memory.rung(inside)
+    if any([row[1:] for row in other] != [row[1:] for row in nominal] for other in shifted):
+        raise ValueError(f'{config.name}: noise decides which alarms are due')
+    for k, (time, before, after) in enumerate(nominal):
+        times = [time, *(other[k][0] for other in shifted)]
+        boundary, crossing = _crossing(config, track, time, before, after)
+        yield ExpectedEvent(
+            bearing=config.name,
+            before=_LADDER[before],
+            after=_LADDER[after],
+            boundary=boundary,
+            crossing=crossing,
+            time=time,
+            earliest=min(times) - 1.0 / max(rates),
+            latest=max(times) + sum(1.0 / rate for rate in rates),
+        )
+
+
+def _crossing(
+    config: BearingConfig, track: Track, time: float, before: int, after: int
+) -> tuple[str, float]:
+    """The boundary that a change is about, and where the track crosses it nearest in time."""
+    raised = after > before
+    name = (None, 'caution', 'fold', 'hopf', 'amplitude')[after] if raised else 'fold'
+    name = 'caution_clear' if not raised and after == 0 else name
+    assert name is not None
+    roots = [at for at, is_in in _roots(boundaries(config)[name], track) if is_in is raised]
+    return name, min(roots, key=lambda at: abs(at - time), default=0.0)
+
+
+def _follow(
+    config: BearingConfig, track: Track, rate: float, speed_error: float, load_error: float
+) -> list[tuple[float, int, int]]:
+    """The changes of rung of a track sampled at a rate [Hz]: time [s], before, after."""
+    found, rule, rung = [], _Rule(config, 1.0 / rate, speed_error, load_error), 0
+    for k in range(math.floor(float(track.time[-1]) * rate + 1e-9) + 1):
+        before, rung = rung, rule.take(*track.at(k / rate))
         if rung != before:
-            delay = (alarm.on_delay_ns if rung > before else alarm.off_delay_ns) * 1e-9
-            yield ExpectedEvent(
-                bearing=config.name,
-                before=_LADDER[before],
-                after=_LADDER[rung],
-                boundary=together[-1].name,
-                crossing=time,
-                time=time + delay,
-                earliest=min(c.earliest for c in together) + delay,
-                latest=max(c.latest for c in together) + delay + period,
-            )
+            found.append((k / rate, before, rung))
+    return found
 
 
-class _Memory:
-    """What the past adds: stick-slip lasts to the fold, deadbands delay the clearing."""
+class _Counter:
+    """A condition with an integrating delay, which keeps longer when it keeps returning."""
 
-    def __init__(self) -> None:
-        self.sticking = self.near = self.over = False
+    def __init__(self, on_delay: float, off_delay: float, patient: bool) -> None:
+        self.on_delay, self.off_delay, self.patient = on_delay, off_delay, patient
+        self.on = False
+        self.seconds = 0.0
+        self.times = 0
+        self.cleared = -math.inf
 
-    def rung(self, inside: dict[str, bool]) -> int:
-        """The rung of the alarm's ladder."""
-        self.sticking = inside['hopf'] or (self.sticking and inside['fold'])
-        self.near = inside['caution'] or (self.near and inside['caution_clear'])
-        above = inside.get('amplitude', False)
-        clear = not inside.get('amplitude_clear', False)
-        self.over = self.sticking and (above or (self.over and not clear))
-        holds = (self.near, inside['fold'], self.sticking, self.over)
-        return max((k for k, held in enumerate(holds, 1) if held), default=0)
+    def due(self) -> float:
+        """The delay that runs [s]."""
+        if not self.on:
+            return self.on_delay
+        return self.off_delay * {1: 1, 2: 6}.get(self.times, 60)
+
+    def count(self, up: bool, seconds: float, period: float, clear: bool) -> None:
+        """Time passes after a point that asks for a change, or not."""
+        share = min(1.0, self.due() / 3.0 / period)
+        pace = 3.0 if self.on and self.patient and self.times > 1 and clear else 1.0
+        self.seconds = max(0.0, self.seconds + (1.0 if up else -1.0) * share * pace * seconds)
+
+    def look(self, asks: bool, now: float) -> None:
+        """Change where a point asks for it and the delay is over."""
+        if not asks or self.seconds < self.due() - 1e-9:
+            return
+        self.on, self.seconds = not self.on, 0.0
+        if self.on:
+            self.times = self.times + 1 if now - self.cleared < 60 * self.off_delay else 1
+        else:
+            self.cleared = now
+
+
+class _Rule:
+    """The rule of the decision on the samples of one bearing, which come at a period [s]."""
+
+    def __init__(
+        self, config: BearingConfig, period: float, speed_error: float, load_error: float
+    ) -> None:
+        alarm, bearing = config.alarm, config.bearing
+        self.alarm, self.period = alarm, period
+        self.half = bearing.damping / (2.0 * bearing.mass)
+        self.inside = {
+            name: _shifted(own, speed_error, load_error)
+            for name, own in boundaries(config).items()
+        }
+        self.speed_error = speed_error
+        on, off = alarm.on_delay_ns * 1e-9, alarm.off_delay_ns * 1e-9
+        delays = [on, on, 0.0 if alarm.onset_growth else on, on]
+        self.counters = [_Counter(delay, off, k > 1) for k, delay in enumerate(delays)]
+        self.sticking = False
+        self.grown = self.gone = 0.0
+        self.speeds: list[float] = []
+        self.before: tuple[dict[str, float], list[tuple[bool, bool]]] | None = None
+        self.now = -period
+
+    def take(self, speed: float, load: float) -> int:
+        """Take a point; return the rung."""
+        self.now += self.period
+        # The first value of an input does not count: nothing is known of its rhythm.
+        if self.before is not None and self.now > 1.5 * self.period:
+            self._pass(*self.before)
+        self.speeds.append(speed + self.speed_error)
+        depths = {name: inside(speed, load) for name, inside in self.inside.items()}
+        self._latch(depths)
+        asks = self._asks(depths, load)
+        for counter, own in zip(self.counters, asks, strict=True):
+            counter.look(own[counter.on], self.now)
+        self.before = depths, asks
+        return max((k for k, counter in enumerate(self.counters, 1) if counter.on), default=0)
+
+    def _pass(self, depths: dict[str, float], asks: list[tuple[bool, bool]]) -> None:
+        """The period after the point before has passed."""
+        most = self.alarm.onset_growth / 2.0 / (1.5 * self.period)
+        rate = min(max(self.half * depths['hopf'], -most), most)
+        self.grown = 0.0 if self.sticking else max(0.0, self.grown + rate * self.period)
+        share = min(self.period, 4.8 / self.half / 3.0)
+        self.gone = max(0.0, self.gone + (-share if depths['fold'] > 0.0 else share))
+        for counter, own in zip(self.counters, asks, strict=True):
+            counter.count(own[counter.on], self.period, self.period, asks[0][True])
+
+    def _latch(self, depths: dict[str, float]) -> None:
+        if self.sticking:
+            over = self.gone >= (4.8 / self.half if self.alarm.onset_growth else 0.0) - 1e-9
+            self.sticking = depths['fold'] > 0.0 or not over
+        elif depths['hopf'] > 0.0 and self.grown >= self.alarm.onset_growth:
+            self.sticking, self.gone = True, 0.0
+
+    def _asks(self, depths: dict[str, float], load: float) -> list[tuple[bool, bool]]:
+        """For each condition whether it holds, and whether it is clear of it."""
+        sticking = self.sticking
+        coming = sticking or self._coming(load)
+        inside = sticking or depths['fold'] > 0.0
+        over = sticking and depths.get('amplitude', -1.0) > 0.0
+        small = not sticking or depths.get('amplitude_clear', -1.0) <= 0.0
+        near, wide = (coming or depths[n] > 0.0 for n in ('caution', 'caution_clear'))
+        return [(near, not wide), (inside, not inside), (sticking, not sticking), (over, small)]
+
+    def _coming(self, load: float) -> bool:
+        """Whether the trend of the last seconds takes the speed below the fold."""
+        late, early = self._mean(0.0, 1.75), self._mean(5.0, 10.0)
+        ahead = self.alarm.look_ahead_ns * 1e-9
+        if early is None or late is None or not ahead:
+            return False
+        slope = (late[1] - early[1]) / (early[0] - late[0])
+        future = late[1] + slope * (late[0] + ahead)
+        # The errors are in the speeds already.
+        return self.inside['fold'](max(future, 1e-9) - self.speed_error, load) > 0.0
+
+    def _mean(self, first: float, last: float) -> tuple[float, float] | None:
+        """Mean age [s] and mean of the speeds between two ages [s]."""
+        ages = range(round(first / self.period), round(last / self.period) + 1)
+        ages = range(ages.start, min(ages.stop, len(self.speeds)))
+        if not ages:
+            return None
+        known = self.speeds
+        values = [sorted(known[max(0, len(known) - k - 3) : len(known) - k]) for k in ages]
+        middle = [v[len(v) // 2] for v in values]
+        return sum(ages) / len(ages) * self.period, sum(middle) / len(middle)

@@ -18,7 +18,7 @@ from stickslip_monitor.commands.output import add_config, add_json, console, pri
 from stickslip_monitor.monitor.assessment import Assessment, assess, at_index
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.ladder import ConditionClassifier
+from stickslip_monitor.monitor.ladder import warns
 from stickslip_monitor.monitor.messages import number
 
 SCHEMA = 'stickslip_monitor/assessment/1'
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         speed = parse_speed(args.speed, item.bearing.speed)
         point = assess(item.bearing, np.array([speed]), np.array([load]))
         points.append((item, at_index(point, 0)))
-        warned |= bool(ConditionClassifier(item.alarm).rungs(point)[0][0])
+        warned |= warns(item.alarm, points[-1][1])
     if args.json:
         documents = [to_json(item.name, point) for item, point in points]
         print_json(documents if len(documents) > 1 else documents[0])

@@ -70,6 +70,8 @@ class AlarmConfig:
     latch: bool = False
     startup_inhibit_ns: int = 0
     trend_window_ns: int = 0
+    onset_growth: float = 3.0
+    look_ahead_ns: int = 20 * 10**9
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,6 +272,8 @@ def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
             latch=own['alarm.latch'],
             startup_inhibit_ns=nanoseconds(own['alarm.startup_inhibit']),
             trend_window_ns=nanoseconds(own['alarm.trend_window']),
+            onset_growth=own['alarm.onset_growth'],
+            look_ahead_ns=nanoseconds(own['alarm.look_ahead']),
         ),
     )
 

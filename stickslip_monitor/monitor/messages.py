@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.monitor.assessment import Assessment, joined
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.ladder import Condition, Level
+from stickslip_monitor.monitor.ladder import Condition, Level, Standing
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.signals import QUANTITIES, Status
 from stickslip_monitor.monitor.trend import Trend
@@ -131,6 +131,9 @@ def _event_record(event: Event, point: dict[str, Any]) -> dict[str, Any]:
         'level': event.after.level.name,
         'reason': event.after.value,
         'sticking': event.sticking,
+        'growth': event.standing.growth,
+        'clears_in': event.standing.clears,
+        'raised': event.standing.raised,
         **point,
         'input_age': {name: number(age) for name, age in event.lost.items()},
         'text': event.text,
@@ -154,7 +157,7 @@ class BearingState:
         condition: What the alarm says.
         text: What it says, for a person.
         assessment: The last assessment, of scalars; ``None`` before the first.
-        sticking: Whether that one predicts stick-slip.
+        standing: What the alarm rests on.
         lost: The inputs that are lost, with their ages [s].
         trend: When that prediction changes at the present rate; ``None`` if unknown.
         counts: Samples by quantity (speed, load) and :class:`Status`, shape (2, 6).
@@ -164,7 +167,7 @@ class BearingState:
     condition: Condition
     text: str
     assessment: Assessment | None
-    sticking: bool
+    standing: Standing
     trend: Trend | None
     lost: dict[str, float]
     counts: NDArray[np.int64]
@@ -194,7 +197,7 @@ def state_of(bearing: BearingMonitor) -> BearingState:
         bearing.track.condition,
         bearing.text(trend),
         verdict.assessment if verdict else None,
-        verdict.sticking if verdict else False,
+        bearing.standing,
         trend,
         bearing.lost(),
         bearing.gate.counts,
@@ -226,7 +229,7 @@ def diagnostic_values(state: BearingState) -> dict[str, str | float]:
         result |= {
             'regime': point.regime.value,
             'outcome': point.outcome.value,
-            'stick-slip predicted': str(state.sticking).lower(),
+            'stick-slip predicted': str(state.standing.sticking).lower(),
             'speed [m/s]': point.speed,
             'shaft speed [rpm]': float(rpm),
             'load [N]': point.load,
@@ -235,10 +238,13 @@ def diagnostic_values(state: BearingState) -> dict[str, str | float]:
             'hopf margin': point.hopf_margin,
             'fold margin': point.fold_margin,
             'growth rate [1/s]': point.growth_rate,
+            'growth [e-folds]': state.standing.growth,
             'amplitude [m]': point.amplitude,
             'amplitude of the exact cycle [m]': point.amplitude_exact,
             'error of the amplitude': point.amplitude_error,
             'threshold amplitude [m]': point.threshold_amplitude,
+            'clears in [s]': math.nan if state.standing.clears is None else state.standing.clears,
+            'raised lately': state.standing.raised,
             'time to boundary [s]': state.trend.seconds if state.trend else math.nan,
         }
     for name, age in state.lost.items():

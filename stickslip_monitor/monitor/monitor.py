@@ -15,13 +15,17 @@ from dataclasses import dataclass, field
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
+from stickslip_monitor.monitor.freshness import Rhythm
 from stickslip_monitor.monitor.ladder import (
+    QUIET,
     AlarmTrack,
     Condition,
     ConditionChange,
     ConditionClassifier,
     LastSample,
+    Standing,
 )
+from stickslip_monitor.monitor.lookahead import SpeedTrend
 from stickslip_monitor.monitor.scan import Scan, scan_bearing
 from stickslip_monitor.monitor.signals import (
     QUANTITIES,
@@ -51,12 +55,12 @@ class Update:
 
 
 class BearingMonitor:
-    """One bearing: gate, pairing of speed and load, branch memory and alarm."""
+    """One bearing: gate, pairing of speed and load, memories and alarm."""
 
     def __init__(self, config: BearingConfig) -> None:
         self.config = config
         self.gate = SampleValidator(config)
-        self.bands = ConditionClassifier(config.alarm)
+        self.bands = ConditionClassifier(config.bearing, config.alarm)
         self.track = AlarmTrack(config)
         self.now_ns: int | None = None
         self.verdict: Verdict | None = None
@@ -64,6 +68,10 @@ class BearingMonitor:
         self._inputs = (config.speed, config.load)
         self._values = [math.nan, math.nan]
         self._heard: list[LastSample | None] = [None, None]
+        self._rhythms = (Rhythm(), Rhythm())
+        self._speeds = SpeedTrend()
+        # Time of the last point, until when it counts, and its rhythm.
+        self._last: tuple[int, int, int] | None = None
         # Builds the tables of the friction law now, not when the first sample waits for them.
         assess(config.bearing, 1.0, 1.0)
 
@@ -91,17 +99,22 @@ class BearingMonitor:
         return {} if self.now_ns is None else self.track.lost(self.now_ns, self._heard)
 
     def trend(self) -> Trend | None:
-        """When the prediction of stick-slip changes at the present rate; ``None`` if unknown."""
-        if self.verdict is None or self.track.stale:
+        """When stick-slip begins at the present rate; ``None`` if unknown."""
+        if self.verdict is None or self.track.stale or self.verdict.sticking:
             return None
-        return self._window.trend(self.config, self.verdict.sticking)
+        return self._window.trend(self.config)
+
+    @property
+    def standing(self) -> Standing:
+        """What the alarm rests on."""
+        return self.verdict.standing if self.verdict else QUIET
 
     def text(self, trend: Trend | None = None) -> str:
         """What the alarm says now, for a person."""
         lost = self.lost() if self.track.stale else {}
         point = self.verdict.assessment if self.verdict else None
-        sticking = self.verdict.sticking if self.verdict else False
-        return describe(self.config, self.track.condition, point, sticking, lost, trend=trend)
+        condition = self.track.condition
+        return describe(self.config, condition, point, self.standing, lost, trend=trend)
 
     def advance(self, time_ns: int) -> list[Event]:
         """Let time pass without a sample; a time before the latest one changes nothing."""
@@ -121,6 +134,9 @@ class BearingMonitor:
         assert self.now_ns is not None
         self._heard[is_load] = self._counting(time_ns, config)
         self._values[is_load] = si
+        self._rhythms[is_load].add(time_ns, self.now_ns)
+        if not is_load:
+            self._speeds.add(self.now_ns, si, self.config.alarm.look_ahead_ns)
         if not self._paired(self.now_ns):
             return Update(status, None, events)
         return Update(status, *self._evaluate(self.now_ns, events))
@@ -131,11 +147,19 @@ class BearingMonitor:
         if self.now_ns is not None and (jumped or (first and time_ns < self.now_ns)):
             self.now_ns = time_ns
             self._heard = [None, None]
-            self._window.clear()
-            self.track.restart(time_ns)
+            self._restart(time_ns)
             return []
         self.now_ns = time_ns if self.now_ns is None else max(self.now_ns, time_ns)
         return self._events(self.track.advance(self.now_ns, self._heard))
+
+    def _restart(self, time_ns: int) -> None:
+        self._window.clear()
+        self._speeds.restart()
+        for rhythm in self._rhythms:
+            rhythm.restart()
+        self._last = None
+        self.bands.restart()
+        self.track.restart(time_ns)
 
     def _paired(self, now_ns: int) -> bool:
         """Whether both inputs are young enough to make an operating point."""
@@ -147,19 +171,28 @@ class BearingMonitor:
     def _evaluate(self, now_ns: int, events: list[Event]) -> tuple[Verdict, list[Event]]:
         speed, load = self._values
         point = assess(self.config.bearing, speed, load)
-        rung, sticking = self.bands.rung(point)
-        changes = self.track.apply(rung, now_ns)
-        self.verdict = Verdict(self.config.name, now_ns, point, sticking, self.track.condition)
+        standing = self.bands.take(point, now_ns, self._speeds.future, *self._since(now_ns))
+        changes = self.track.apply(standing.rung, now_ns)
+        self.verdict = Verdict(self.config.name, now_ns, point, standing)
         self._window.add(now_ns, speed, load)
         return self.verdict, events + self._events(changes)
+
+    def _since(self, now_ns: int) -> tuple[int, int]:
+        """How much of the time since the last point counted, and that point's rhythm [ns]."""
+        last = self._last
+        until = min(rhythm.until_ns for rhythm in self._rhythms)
+        self._last = now_ns, until, max(rhythm.gap_ns for rhythm in self._rhythms)
+        if last is None:
+            return 0, 0
+        begin, until, rhythm_ns = last
+        return max(0, min(now_ns, until) - begin), rhythm_ns
 
     def _events(self, changes: list[ConditionChange]) -> list[Event]:
         if not changes:
             return []
-        point = self.verdict.assessment if self.verdict else None
-        sticking = self.verdict.sticking if self.verdict else False
-        trend = self._window.trend(self.config, sticking)
-        return [event_of(self.config, change, point, sticking, trend) for change in changes]
+        point, standing = self.verdict.assessment if self.verdict else None, self.standing
+        trend = None if standing.sticking else self._window.trend(self.config)
+        return [event_of(self.config, change, point, standing, trend) for change in changes]
 
 
 class Monitor:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A whole recording at once: the physics in bulk, then a walk over what changes.
 
-Between two changes of rung the alarm can only act by the passing of time, which the next step of
-the walk catches up on. So the walk visits the samples at which the rung changes, the clock jumps,
-or an input has been silent for longer than its timeout, and nothing else.
+The rule of the decision gives the rung after each point in bulk. What is left is a walk over the
+samples at which the rung changes, the clock jumps, or an input has been silent for longer than
+its timeout.
 """
 
 from __future__ import annotations
@@ -17,14 +17,17 @@ from numpy.typing import NDArray
 from stickslip_monitor.arrays import BoolArray, IntArray
 from stickslip_monitor.monitor.assessment import Assessment, assess, at_index
 from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.freshness import Fresh, lasts
 from stickslip_monitor.monitor.ladder import (
     LADDER,
     AlarmTrack,
     Condition,
     ConditionChange,
     ConditionClassifier,
+    Course,
     LastSample,
 )
+from stickslip_monitor.monitor.lookahead import futures
 from stickslip_monitor.monitor.signals import SampleValidator, Status, Stream, to_si, value_faults
 from stickslip_monitor.monitor.trend import Trend, window_of
 from stickslip_monitor.monitor.verdict import Event, event_of
@@ -40,9 +43,8 @@ class Scan:
         time_ns: Times of the evaluated operating points, shape (n,) [ns].
         until_ns: How long each counts: to the next one or to the loss of an input, (n,) [ns].
         assessment: Assessment of arrays, shape (n,).
-        sticking: Whether stick-slip is predicted, shape (n,).
+        course: What the alarm rests on after each point.
         first: Index of the first point since the clock last jumped, shape (n,).
-        rung: The alarm's rung after each point, index into ``LADDER``, shape (n,).
         events: Changes of the alarm, in order.
         counts: Samples by quantity (speed, load) and :class:`Status`, shape (2, 6).
         status: What became of each sample of the stream, a :class:`Status`, shape (m,).
@@ -51,12 +53,21 @@ class Scan:
     time_ns: IntArray
     until_ns: IntArray
     assessment: Assessment
-    sticking: BoolArray
+    course: Course
     first: IntArray
-    rung: NDArray[np.int8]
     events: list[Event]
     counts: IntArray
     status: NDArray[np.int8]
+
+    @property
+    def sticking(self) -> BoolArray:
+        """Whether stick-slip is predicted, shape (n,)."""
+        return self.course.sticking
+
+    @property
+    def rung(self) -> NDArray[np.int8]:
+        """The alarm's rung after each point, index into ``LADDER``, shape (n,)."""
+        return self.course.rung
 
     @property
     def condition(self) -> list[Condition]:
@@ -70,6 +81,7 @@ class _Believed:
 
     Attributes:
         value: SI values, shape (n,).
+        is_load: Whether it is a load, shape (n,).
         stamp: Time of each measurement, shape (n,) [ns].
         until: Until when each counts by its input's timeout, shape (n,) [ns].
         now: The monitor's time at each, shape (n,) [ns].
@@ -80,12 +92,18 @@ class _Believed:
     """
 
     value: NDArray[np.float64]
+    is_load: BoolArray
     stamp: IntArray
     until: IntArray
     now: IntArray
     first: IntArray
     latest: IntArray
     jump: BoolArray
+
+    def of_input(self, is_load: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """The samples of an input, and the number of its last sample so far, shape (n,)."""
+        mine = self.is_load == bool(is_load)
+        return np.flatnonzero(mine), np.cumsum(mine) - 1
 
     def heard(self, i: int) -> list[LastSample | None]:
         """The last sample of each input up to and including sample ``i`` (-1: none)."""
@@ -108,23 +126,51 @@ def scan_bearing(
     rows = _as_slice(evaluated)
     speed, load = (samples.value[latest[rows]] for latest in samples.latest)
     points = assess(config.bearing, speed, load)
-    rungs, sticking = _rungs(config, points)
     # The first point of each stretch between two jumps, for all points of that stretch.
     begin = np.searchsorted(evaluated, np.append(0, np.flatnonzero(samples.jump)))
-    first = np.repeat(begin, np.diff(np.append(begin, evaluated.size)))
-    walk = _Walk(config, samples, evaluated, rungs, start_ns)
-    events = walk.run(end_ns, points, sticking)
+    lengths = np.diff(np.append(begin, evaluated.size))
+    first = np.repeat(begin, lengths)
+    times = samples.now[rows]
+    course = ConditionClassifier(config.bearing, config.alarm).follow(
+        points, times, begin[lengths > 0], _futures(config, samples, rows), _fresh(samples, rows)
+    )
+    walk = _Walk(config, samples, evaluated, course, start_ns)
     return Scan(
-        time_ns=walk.times,
+        time_ns=times,
         until_ns=_until(samples, rows, end_ns),
         assessment=points,
-        sticking=sticking,
+        course=course,
         first=first,
-        rung=walk.settled,
-        events=events,
+        events=walk.run(end_ns, points),
         counts=gate.counts,
         status=status,
     )
+
+
+def _futures(
+    config: BearingConfig, samples: _Believed, rows: slice | NDArray[np.intp]
+) -> NDArray[np.float64]:
+    """The speed that the trend leads to, at each point, shape (n,) [m/s]."""
+    own, number = samples.of_input(0)
+    starts = np.append(0, np.flatnonzero(np.diff(samples.first[own])) + 1)[: own.size]
+    ahead_ns = config.alarm.look_ahead_ns
+    return futures(samples.now[own], samples.value[own], starts, ahead_ns)[number[rows]]
+
+
+def _fresh(samples: _Believed, rows: slice | NDArray[np.intp]) -> Fresh:
+    """How long each point counts."""
+    gaps, ends = [], []
+    for k in range(2):
+        own, number = samples.of_input(k)
+        gap = np.diff(samples.stamp[own], prepend=samples.stamp[own[:1]])
+        gap[np.flatnonzero(np.diff(samples.first[own])) + 1] = 0
+        gap[1:] = np.maximum(gap[1:], np.where(gap[1:] > 0, gap[:-1], 0))
+        gaps.append(gap[number[rows]])
+        ends.append((samples.now[own] + lasts(gap))[number[rows]])
+    now = samples.now[rows]
+    # Nothing is counted across a jump of the clock.
+    covered = np.minimum(np.append(now[1:], now[-1:]), np.minimum(*ends)) - now
+    return Fresh(np.maximum(covered, 0), np.maximum(*gaps))
 
 
 def _paired(config: BearingConfig, samples: _Believed) -> NDArray[np.intp]:
@@ -145,12 +191,6 @@ def _as_slice(places: NDArray[np.intp]) -> slice | NDArray[np.intp]:
 
 def _timeouts(config: BearingConfig) -> IntArray:
     return np.array([[config.speed.timeout_ns], [config.load.timeout_ns]])
-
-
-def _rungs(config: BearingConfig, points: Assessment) -> tuple[NDArray[np.int8], BoolArray]:
-    if points.speed.size:
-        return ConditionClassifier(config.alarm).rungs(points)
-    return np.empty(0, dtype=np.int8), np.empty(0, dtype=bool)
 
 
 def _admit(
@@ -190,6 +230,7 @@ def _believed(
     now = _running_time(stamp, np.flatnonzero(jump))
     return _Believed(
         value=si[keep],
+        is_load=is_load,
         stamp=stamp,
         until=np.maximum(stamp + np.where(is_load, load_timeout, speed_timeout), now),
         now=now,
@@ -215,26 +256,25 @@ def _running_time(time: IntArray, jumps: NDArray[np.intp]) -> IntArray:
 
 
 class _Walk:
-    """Carries the alarm over the samples at which something can change."""
+    """Carries the condition over the samples at which it can change."""
 
     def __init__(
         self,
         config: BearingConfig,
         samples: _Believed,
         evaluated: NDArray[np.intp],
-        rungs: NDArray[np.int8],
+        course: Course,
         start_ns: int | None,
     ) -> None:
-        self.config, self.samples, self.evaluated, self.rungs = config, samples, evaluated, rungs
+        self.config, self.samples, self.evaluated, self.course = config, samples, evaluated, course
         self.track = AlarmTrack(config)
         late_start = samples.now.size > 0 and start_ns is not None and samples.now[0] < start_ns
         self.track.start_ns = int(samples.now[0]) if late_start else start_ns
         self.times = samples.now[_as_slice(evaluated)]
-        self.settled = np.zeros(evaluated.size, dtype=np.int8)
         # With the point that each rests on, and the first one since the clock last jumped.
         self._changes: list[tuple[ConditionChange, int, int]] = []
 
-    def run(self, end_ns: int | None, points: Assessment, sticking: BoolArray) -> list[Event]:
+    def run(self, end_ns: int | None, points: Assessment) -> list[Event]:
         """Walk to the end; return the events."""
         for i in self._stops().tolist():
             self._visit(i)
@@ -245,14 +285,16 @@ class _Walk:
                 self.config,
                 change,
                 at_index(points, k) if k >= 0 else None,
-                bool(k >= 0 and sticking[k]),
-                self._trend(points, sticking, k, low),
+                self.course.at(k),
+                self._trend(points, k, low),
             )
             for change, k, low in self._changes
         ]
 
-    def _trend(self, points: Assessment, sticking: BoolArray, k: int, low: int) -> Trend | None:
-        return None if k < low else trend_at(self.config, self.times, points, sticking, low, k)
+    def _trend(self, points: Assessment, k: int, low: int) -> Trend | None:
+        if k < low or self.course.sticking[k]:
+            return None
+        return trend_at(self.config, self.times, points, low, k)
 
     def _stops(self) -> NDArray[np.intp]:
         samples = self.samples
@@ -272,74 +314,38 @@ class _Walk:
         # What fell due before the clock jumped must happen before the jump forgets it.
         stop[:-1] |= samples.jump[1:]
         stop[0] = True
-        segment = samples.first[self.evaluated]
-        change = np.flatnonzero((np.diff(self.rungs) != 0) | (np.diff(segment) != 0)) + 1
-        stop[self.evaluated[:1]] = True
-        stop[self.evaluated[change]] = True
-        stop[self._at_instants(np.flatnonzero(stop), np.flatnonzero(late), segment)] = True
+        rung = self.course.rung
+        stop[self.evaluated[np.flatnonzero(np.diff(rung, prepend=np.int8(0)))]] = True
+        # A lost input has returned at the next point.
+        returned = np.searchsorted(self.evaluated, np.flatnonzero(late))
+        stop[self.evaluated[returned[returned < self.evaluated.size]]] = True
         return np.flatnonzero(stop)
-
-    def _at_instants(
-        self, stops: NDArray[np.intp], late: NDArray[np.intp], segment: NDArray[np.intp]
-    ) -> NDArray[np.intp]:
-        """The points at which something can end exactly, or at which a lost input has returned."""
-        points = self.evaluated
-        if not points.size:
-            return points
-        before = np.searchsorted(points, late) - 1
-        here = np.searchsorted(points, stops, 'right') - 1
-        last = np.concatenate([before, here, [points.size - 1]])
-        new_instant = np.append(True, (np.diff(self.times) != 0) | (np.diff(segment) != 0))
-        # A delay that ends at an instant ends at the first point of that instant.
-        first = np.maximum.accumulate(np.where(new_instant, np.arange(points.size), 0))
-        returned = np.searchsorted(points, late)
-        chosen = np.concatenate([first[last[last >= 0]], returned[returned < points.size]])
-        return np.asarray(points[chosen], dtype=np.intp)
 
     def _visit(self, i: int) -> None:
         samples = self.samples
         now = int(samples.now[i])
         k = int(np.searchsorted(self.evaluated, i))
+        low = int(np.searchsorted(self.evaluated, samples.first[i]))
         if samples.jump[i]:
             self.track.restart(now)
         else:
-            low = int(np.searchsorted(self.evaluated, samples.first[i]))
-            self._note(self.track.advance(now, samples.heard(i - 1)), low, k)
+            self._note(self.track.advance(now, samples.heard(i - 1)), k - 1, low)
         if k < self.evaluated.size and self.evaluated[k] == i:
-            low = int(np.searchsorted(self.evaluated, samples.first[i]))
-            for change in self.track.apply(int(self.rungs[k]), now):
-                self._record(change, k, k, low)
+            self._note(self.track.apply(int(self.course.rung[k]), now), k, low)
 
     def _finish(self, end_ns: int) -> None:
         samples, n = self.samples, self.samples.now.size
         low = int(np.searchsorted(self.evaluated, samples.first[-1])) if n else 0
         end_ns = max(end_ns, int(samples.now[-1])) if n else end_ns
         changes = self.track.advance(end_ns, samples.heard(n - 1))
-        self._note(changes, low, self.evaluated.size)
+        self._note(changes, self.evaluated.size - 1, low)
 
-    def _note(self, changes: list[ConditionChange], low: int, high: int) -> None:
-        """Record changes that fell due by the passing of time, after the points that precede."""
-        for change in changes:
-            stale = change.after is Condition.INPUT_STALE
-            # The loss of an input follows all points of its instant, a delay the first of them.
-            bound = change.time_ns + 1 if stale else change.time_ns
-            k = low + int(np.searchsorted(self.times[low:high], bound))
-            at_point = not stale and k < high and self.times[k] == change.time_ns
-            self._record(change, k if at_point else k - 1, k, low)
-
-    def _record(self, change: ConditionChange, based_on: int, effective: int, low: int) -> None:
-        self._changes.append((change, based_on, low))
-        if change.after is not Condition.INPUT_STALE:
-            self.settled[effective:] = LADDER.index(change.after)
+    def _note(self, changes: list[ConditionChange], k: int, low: int) -> None:
+        self._changes += [(change, k, low) for change in changes]
 
 
 def trend_at(
-    config: BearingConfig,
-    time_ns: IntArray,
-    points: Assessment,
-    sticking: BoolArray,
-    low: int,
-    k: int,
+    config: BearingConfig, time_ns: IntArray, points: Assessment, low: int, k: int
 ) -> Trend | None:
     """The trend after a point of a recording.
 
@@ -347,7 +353,6 @@ def trend_at(
         config: The bearing.
         time_ns: Times of the operating points, shape (n,) [ns].
         points: Their assessment, shape (n,).
-        sticking: Whether each predicts stick-slip, shape (n,).
         low: Index of the first point since the clock last jumped.
         k: Index of the point.
     """
@@ -355,7 +360,7 @@ def trend_at(
     window = window_of(
         config.alarm.trend_window_ns, time_ns[rows], points.speed[rows], points.load[rows]
     )
-    return window.trend(config, bool(sticking[k]))
+    return window.trend(config)
 
 
 def _until(samples: _Believed, rows: slice | NDArray[np.intp], end_ns: int | None) -> IntArray:

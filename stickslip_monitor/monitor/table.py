@@ -222,9 +222,33 @@ BEARING_PARAMETERS = (
     Parameter(
         'alarm.caution_margin',
         'float',
-        0.1,
-        'Caution while the fold margin is below this.',
+        0.2,
+        'Caution while the fold margin is below this: wide enough for the error of the friction'
+        ' law and of the load, and for the time that the crew needs.',
         minimum=0.0,
+        live=True,
+    ),
+    Parameter(
+        'alarm.look_ahead',
+        'float',
+        20.0,
+        'Caution also where the trend of the last seconds takes the speed below the fold within'
+        ' this time; 0 for not looking ahead.',
+        unit='s',
+        minimum=0.0,
+        maximum=600.0,
+        live=True,
+    ),
+    Parameter(
+        'alarm.onset_growth',
+        'float',
+        3.0,
+        'How far a disturbance of steady sliding must have grown for stick-slip to be predicted;'
+        ' it sticks at about 6. Less warns earlier and falsely more often; 0 predicts stick-slip'
+        ' at the first point below the Hopf speed.',
+        unit='e-folds',
+        minimum=0.0,
+        maximum=20.0,
         live=True,
     ),
     Parameter(

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When stick-slip begins or ends if speed and load go on changing as they do.
+"""When stick-slip begins if speed and load go on changing as they do.
 
 The rates are Theil-Sen slopes (the median of the slopes between all pairs) of the means of time
 slots, with Sen's distribution-free confidence interval (P. K. Sen, J. Am. Stat. Assoc. 63, 1968,
-1379-1389). The path is followed to where steady sliding turns unstable, or, while it sticks, to
-the fold; once for the slopes themselves and once for each corner of their intervals. What comes
-out is told only if all of these agree well enough.
+1379-1389). The path is followed to where steady sliding turns unstable: with the slopes
+themselves, with each corner of their intervals, and with the slopes of either half of the window,
+which differ where the trend bends; each with the boundary where it is said to be, and a tenth
+higher and lower. What comes out is told only if all of these agree well enough.
 """
 
 from __future__ import annotations
@@ -21,27 +22,30 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.physics.averaging.boundaries import fold_speed, growth_rate
+from stickslip_monitor.physics.averaging.boundaries import growth_rate
 from stickslip_monitor.physics.oscillator import Bearing
 
-CONFIDENCE = 0.95
-_QUANTILE = 1.959963984540054  # of the normal distribution, two-sided, for that confidence
+_QUANTILE = 1.959963984540054  # of the normal distribution, two-sided, for 95 %
 _SLOTS = 30
 _FEWEST = 8
-_HORIZON = 5.0
+_HORIZON = 2.0
 """How far ahead of the window it is looked [windows]: further is not a forecast."""
-_SPREAD = 2.0
+_SPREAD = 3.0
 """How much later than the earliest the latest crossing may be."""
+_ERRORS = (1.0, 0.9, 1.1)
+"""Speeds relative to which the boundary may lie where it is said to be."""
+_WIDER = 1.25
+"""How much wider than the cases the interval is, either way: ships change their mind."""
 _STEPS = 24
 
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """When the prediction of stick-slip changes, counted from the last operating point.
+    """When steady sliding turns unstable, counted from the last operating point.
 
     Attributes:
-        seconds: Time until stick-slip begins, or ends while it runs [s].
-        earliest: The least that the confidence intervals of the rates allow [s].
+        seconds: Time until then [s].
+        earliest: The least of the interval that holds nine in ten such times [s].
         latest: The most [s].
         span: Time over which the rates were taken [s].
     """
@@ -103,8 +107,8 @@ class TrendWindow:
         self._slots.extend(map(list, zip(*(column.tolist() for column in columns), strict=True)))
         self._last_ns = int(time_ns[-1])
 
-    def trend(self, config: BearingConfig, sticking: bool) -> Trend | None:
-        """When the prediction changes; ``None`` where that cannot be said."""
+    def trend(self, config: BearingConfig) -> Trend | None:
+        """When steady sliding turns unstable; ``None`` where that cannot be said."""
         if len(self._slots) < _FEWEST:
             return None
         time, speed, load = np.array(
@@ -116,7 +120,12 @@ class TrendWindow:
         span = float(-time[0])
         if 2.0 * span < _SLOTS * self._slot_ns * 1e-9:
             return None
-        return _reach(config.bearing, sticking, _line(time, speed), _line(time, load), span)
+        lines = _line(time, speed), _line(time, load)
+        halves = [
+            tuple(_slope(time[part], value[part]) for value in (speed, load))
+            for part in (slice(None, time.size // 2), slice(time.size // 2, None))
+        ]
+        return _reach(config.bearing, *lines, halves, span)
 
 
 def window_of(
@@ -161,6 +170,12 @@ def _middle(ordered: FloatArray) -> float:
     return float(ordered[half] if ordered.size % 2 else 0.5 * (ordered[half - 1] + ordered[half]))
 
 
+def _slope(time: FloatArray, value: FloatArray) -> float:
+    """The Theil-Sen slope through some points."""
+    i, j = _pairs(time.size)
+    return _middle(np.sort((value[j] - value[i]) / (time[j] - time[i])))
+
+
 def _line(time: FloatArray, value: FloatArray) -> Line:
     """The Theil-Sen line through some points of rising times; now is the time 0."""
     i, j = _pairs(time.size)
@@ -175,24 +190,29 @@ def _line(time: FloatArray, value: FloatArray) -> Line:
     return Line(now, slope, float(low), float(high))
 
 
-def _reach(bearing: Bearing, sticking: bool, speed: Line, load: Line, span: float) -> Trend | None:
-    corners = [
+def _reach(
+    bearing: Bearing,
+    speed: Line,
+    load: Line,
+    halves: list[tuple[float, ...]],
+    span: float,
+) -> Trend | None:
+    rates = [
         (speed.slope, load.slope),
         *product((speed.low, speed.high), (load.low, load.high)),
+        *halves,
     ]
-    rates = np.array(corners)[:, :, np.newaxis]
+    # Each with the boundary where it is said to be, and at both ends of its own error.
+    cases = np.array([(*rate, error) for error in _ERRORS for rate in rates])[:, :, np.newaxis]
 
     def crossed(time: FloatArray) -> NDArray[np.bool_]:
-        v, n = speed.now + rates[:, 0] * time, load.now + rates[:, 1] * time
+        v, n = speed.now + cases[:, 0] * time, load.now + cases[:, 1] * time
         # What comes after a standstill is another story.
         turning = v * speed.now > 0.0
-        if sticking:
-            fold = fold_speed(bearing, n)
-            return turning & (np.isnan(fold) | (np.abs(v) > fold))
-        return turning & (np.asarray(growth_rate(bearing, v, n)) > 0.0)
+        return turning & (np.asarray(growth_rate(bearing, v * cases[:, 2], n)) > 0.0)
 
     steps = np.linspace(0.0, 1.0, _STEPS + 1)
-    begin, width = np.zeros((rates.shape[0], 1)), _HORIZON * span
+    begin, width = np.zeros((cases.shape[0], 1)), _HORIZON * span
     for _ in range(2):
         time = begin + width * steps
         over = crossed(time)
@@ -205,4 +225,4 @@ def _reach(bearing: Bearing, sticking: bool, speed: Line, load: Line, span: floa
     earliest, latest = float(times.min()), float(times.max())
     if latest > _SPREAD * earliest:
         return None
-    return Trend(float(times[0]), earliest, latest, span)
+    return Trend(float(times[0]), earliest / _WIDER, latest * _WIDER, span)

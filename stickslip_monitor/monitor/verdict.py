@@ -8,8 +8,15 @@ from dataclasses import dataclass
 
 from stickslip_monitor.monitor.assessment import Assessment, Outcome
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.ladder import LADDER, Condition, ConditionChange
-from stickslip_monitor.monitor.trend import CONFIDENCE, Trend
+from stickslip_monitor.monitor.ladder import (
+    LADDER,
+    ONSET,
+    QUIET,
+    Condition,
+    ConditionChange,
+    Standing,
+)
+from stickslip_monitor.monitor.trend import Trend
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,15 +27,23 @@ class Verdict:
         bearing: Name of the bearing.
         time_ns: Time of the operating point: the later of its two measurements [ns].
         assessment: The averaged model's assessment, of scalars.
-        sticking: Whether stick-slip is predicted, with the memory of the bistable range.
-        condition: What the alarm says.
+        standing: What the alarm rests on.
     """
 
     bearing: str
     time_ns: int
     assessment: Assessment
-    sticking: bool
-    condition: Condition
+    standing: Standing
+
+    @property
+    def sticking(self) -> bool:
+        """Whether stick-slip is predicted to run."""
+        return self.standing.sticking
+
+    @property
+    def condition(self) -> Condition:
+        """What the alarm says."""
+        return self.standing.condition
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +56,11 @@ class Event:
         before: The condition before.
         after: The condition from then on.
         assessment: The last assessment up to then; ``None`` where there was none yet.
-        sticking: Whether that one predicted stick-slip.
+        sticking: Whether stick-slip was predicted to run.
         lost: The inputs that are lost, with their ages [s]; ``inf`` for one never received.
         text: What happened, for a person.
+        standing: What the alarm rested on.
+        says: What the condition says by itself, whatever came before.
     """
 
     bearing: str
@@ -54,6 +71,8 @@ class Event:
     sticking: bool
     lost: dict[str, float]
     text: str
+    standing: Standing = QUIET
+    says: str = ''
 
     @property
     def raised(self) -> bool:
@@ -67,20 +86,22 @@ def event_of(
     config: BearingConfig,
     change: ConditionChange,
     assessment: Assessment | None,
-    sticking: bool,
+    standing: Standing,
     trend: Trend | None = None,
 ) -> Event:
-    """A change of alarm with the assessment and the trend that it rests on."""
-    text = describe(config, change.after, assessment, sticking, change.lost, change.before, trend)
+    """A change of alarm with what it rests on."""
+    before, after, lost = change.before, change.after, change.lost
     return Event(
         config.name,
         change.time_ns,
-        change.before,
-        change.after,
+        before,
+        after,
         assessment,
-        sticking,
-        change.lost,
-        text,
+        standing.sticking,
+        lost,
+        describe(config, after, assessment, standing, lost, before, trend),
+        standing,
+        describe(config, after, assessment, standing, lost, None, trend),
     )
 
 
@@ -88,27 +109,62 @@ def describe(
     config: BearingConfig,
     condition: Condition,
     point: Assessment | None,
-    sticking: bool,
+    standing: Standing,
     lost: dict[str, float],
     before: Condition | None = None,
     trend: Trend | None = None,
 ) -> str:
-    """One or two sentences: what, where, how bad, and what would leave the condition."""
+    """One or a few sentences: what, where, how bad, and what would leave the condition."""
     if lost:
         return f'{config.name}: {_lost_text(config, lost)}'
     if point is None or condition is Condition.INPUT_STALE:
         return f'{config.name}: {condition.sentence}'
-    eased = before in LADDER[2:] and condition in LADDER[1 : LADDER.index(before)]
-    what = f'Eased from {before} to {condition}.' if eased else condition.sentence
+    what = _what(config, standing, point)
+    if before in LADDER[2:] and condition in LADDER[1 : LADDER.index(before)]:
+        what = f'Eased from {before}. {what}'
     if before is Condition.INPUT_STALE:
         what = f'Speed and load are back. {what}'
     where = f'{config.name}: {what} At {_point_text(config, point)}'
     if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NO_BOUNDARY):
-        return f'{where}. {point.outcome.sentence}{_trend_text(trend, sticking)}'
-    if sticking:
+        return f'{where}. {point.outcome.sentence}{_trend_text(trend)}'
+    if standing.sticking and math.isfinite(point.amplitude):
         where += f', predicted amplitude {point.amplitude * 1e3:.3g} mm'
-    where += f', fold margin {point.stability_margin:+.1%}.{_way_out(config, condition, point)}'
-    return where + _trend_text(trend, sticking)
+    where += f', fold margin {point.stability_margin:+.1%}.{_way_out(config, standing, point)}'
+    return where + _trend_text(trend)
+
+
+_OVER = {
+    Condition.CAUTION: 'No longer close to the stick-slip region',
+    Condition.BISTABLE: 'No longer inside the bistable range',
+    Condition.STICK_SLIP: 'Stick-slip no longer predicted',
+    Condition.AMPLITUDE: 'Stick-slip no longer predicted above the amplitude limit',
+}
+
+
+def _what(config: BearingConfig, standing: Standing, point: Assessment) -> str:
+    """What the alarm says, what is about to change, and whether it fluctuates."""
+    condition, asked = standing.condition, LADDER[standing.asked]
+    if standing.clears is not None:
+        what = f'{_OVER[condition]}: {condition} clears in {_about(max(standing.clears, 1.0))}.'
+    elif point.outcome is Outcome.STICK_SLIP and not standing.sticking:
+        what = f'Steady sliding is unstable: stick-slip is starting{_starting(standing, point)}.'
+    elif standing.asked > standing.rung:
+        delay = config.alarm.on_delay_ns * 1e-9
+        what = f'{asked.sentence[:-1]}, but not yet for {delay:g} s.'
+    elif condition is Condition.CAUTION and point.stability_margin > config.alarm.caution_margin:
+        what = 'The speed is falling towards the stick-slip region.'
+    else:
+        what = condition.sentence
+    if standing.raised > 1:
+        what += f' Fluctuating across the boundary: raised {standing.raised} times lately.'
+    return what
+
+
+def _starting(standing: Standing, point: Assessment) -> str:
+    """When a disturbance will have grown to the sliding limit."""
+    rate = point.growth_rate
+    left = (ONSET - standing.growth) / rate if rate > 0.0 else math.inf
+    return f', in about {_about(max(left, 1.0))}' if left < 600.0 else ' slowly'
 
 
 def _lost_text(config: BearingConfig, lost: dict[str, float]) -> str:
@@ -130,14 +186,13 @@ def _speed_text(config: BearingConfig, point: Assessment, speed: float) -> str:
     return f'{rpm:.4g} rpm' + (' astern' if point.speed < 0.0 else '')
 
 
-def _trend_text(trend: Trend | None, sticking: bool) -> str:
+def _trend_text(trend: Trend | None) -> str:
     if trend is None:
         return ''
-    what = 'Stick-slip would end' if sticking else 'Stick-slip'
     earliest, latest = _about(trend.earliest), _about(trend.latest)
-    spread = f'{earliest} to {latest} at {CONFIDENCE:.0%}, ' if earliest != latest else ''
+    spread = f'{earliest} to {latest} at 90%, ' if earliest != latest else ''
     return (
-        f' {what} in about {_about(trend.seconds)} at this rate'
+        f' Steady sliding turns unstable in about {_about(trend.seconds)} at this rate'
         f' ({spread}judged by the last {trend.span:.0f} s).'
     )
 
@@ -150,7 +205,8 @@ def _about(seconds: float) -> str:
     return f'{seconds / 60.0:.1f} min'
 
 
-def _way_out(config: BearingConfig, condition: Condition, point: Assessment) -> str:
+def _way_out(config: BearingConfig, standing: Standing, point: Assessment) -> str:
+    condition = standing.condition
     if condition is Condition.NORMAL or not math.isfinite(point.stability_limit):
         return ''
     alarm, near = config.alarm, condition is Condition.CAUTION

@@ -179,14 +179,14 @@ class _Course:
         k = int(np.searchsorted(self._times, time_ns, 'right')) - 1
         i = int(self._rows[k]) if k >= 0 else -1
         point = at_index(self._scan.assessment, i) if i >= 0 else None
-        sticking = bool(i >= 0 and self._scan.sticking[i])
+        standing = self._scan.course.at(i)
         e = int(np.searchsorted(self._event_times, time_ns, 'right')) - 1
         condition = self.events[e].after if e >= 0 else Condition.NORMAL
         lost = self._lost(time_ns)
         stale = condition is Condition.INPUT_STALE
         trend = self._trend(i) if i >= 0 and not stale else None
         text = describe(
-            self.config, condition, point, sticking, lost if stale else {}, trend=trend
+            self.config, condition, point, standing, lost if stale else {}, trend=trend
         )
         counts = np.array(
             [
@@ -194,13 +194,13 @@ class _Course:
                 for row in range(len(QUANTITIES))
             ]
         )
-        return BearingState(self.config, condition, text, point, sticking, trend, lost, counts)
+        return BearingState(self.config, condition, text, point, standing, trend, lost, counts)
 
     def _trend(self, i: int) -> Trend | None:
         scan = self._scan
-        return trend_at(
-            self.config, scan.time_ns, scan.assessment, scan.sticking, int(scan.first[i]), i
-        )
+        if scan.sticking[i]:
+            return None
+        return trend_at(self.config, scan.time_ns, scan.assessment, int(scan.first[i]), i)
 
     def _lost(self, time_ns: int) -> dict[str, float]:
         """The inputs whose timeout has passed, with their ages [s]."""

@@ -11,11 +11,13 @@ import pytest
 
 from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_config
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.ladder import LADDER, Condition
 from stickslip_monitor.monitor.monitor import Update
 from stickslip_monitor.monitor.signals import QUANTITIES, Status
 
 SECOND = 10**9
+# The first point below the Hopf speed decides, and no delay waits for a second one.
+AT_ONCE = {'alarm__onset_growth': 0.0, 'alarm__on_delay': 0.0}
 Configure = Callable[..., MonitorConfig]
 # Reference bearing at 1000 N (PHYSICS.md): Hopf 30.738 rpm, fold 40.723 rpm.
 UNSTABLE, INSIDE, CAUTION, QUIET = 20.0, 35.0, 43.0, 60.0
@@ -55,7 +57,7 @@ def test_a_point_needs_both_inputs(configure: Configure) -> None:
     assert update.verdict is not None
     assert update.verdict.bearing == 'aft'
     assert update.verdict.time_ns == SECOND
-    assert update.verdict.sticking
+    assert update.verdict.standing.asked == LADDER.index(Condition.BISTABLE)
     assert update.verdict.assessment.speed == pytest.approx(20.0 * math.pi * 0.1 / 60.0)
     assert update.verdict.assessment.load == 1000.0
     assert update.verdict.assessment.amplitude == pytest.approx(0.52688e-3, rel=1e-4)
@@ -83,11 +85,13 @@ def test_coast_down_and_recovery(configure: Configure) -> None:
     speeds += [CAUTION] * 5 + [QUIET] * 8
     events = [e for time, rpm in enumerate(speeds) for e in _point(monitor, time, rpm)]
     assert events == [
-        (7.0, 'normal', 'caution'),
-        (12.0, 'caution', 'bistable'),
-        (17.0, 'bistable', 'stick_slip'),
-        # Coming up it sticks until the fold, so it is left only with the caution of 25 s.
-        (28.0, 'stick_slip', 'caution'),
+        # A value of each second counts for a third of the delay at most: three of them.
+        (8.0, 'normal', 'caution'),
+        (13.0, 'caution', 'bistable'),
+        # Growth is 3 per second; a value may bring a sixth of what is due for each 0.5 s it lasts.
+        (18.0, 'bistable', 'stick_slip'),
+        # Coming up it sticks until the fold, passed at 25 s, and dies out in 1.2 s.
+        (31.0, 'stick_slip', 'caution'),
         (33.0, 'caution', 'normal'),
     ]
 
@@ -124,7 +128,11 @@ def test_rejected_samples_do_not_keep_an_input_alive(configure: Configure) -> No
 
 
 def test_bearings_are_independent(reference: dict[str, Any]) -> None:
-    changes = {'aft.alarm.on_delay': 0.0, 'forward.alarm.on_delay': 0.0}
+    changes = {
+        f'{name}.alarm.{k}': 0.0
+        for name in ('aft', 'forward')
+        for k in ('on_delay', 'onset_growth')
+    }
     monitor = Monitor(_two(reference, **changes))
     assert _point(monitor, 100.0, QUIET, 'aft') == []
     # The other bearing's clock runs by its own samples.
@@ -177,18 +185,19 @@ def test_a_first_sample_before_the_start_moves_the_start(configure: Configure) -
 
 
 def test_the_clock_jumps_back(configure: Configure) -> None:
-    monitor = Monitor(configure(alarm__on_delay=2.0, alarm__off_delay=2.0))
-    for time in (100.0, 101.0, 102.0):
-        events = _point(monitor, time, UNSTABLE)
-    assert events == [(102.0, 'normal', 'stick_slip')]
+    monitor = Monitor(configure(alarm__on_delay=0.0, alarm__off_delay=2.0))
+    for time in (97.0, 98.0, 99.0, 100.0, 101.0, 102.0):
+        _point(monitor, time, UNSTABLE)
+    assert monitor.condition('aft') is Condition.STICK_SLIP
     _point(monitor, 103.0, QUIET)
     update = _feed(monitor, 0.0, 'speed', QUIET)
     assert (update.status, update.verdict, update.events) == (Status.CLOCK_JUMP, None, [])
     assert monitor.condition('aft') is Condition.STICK_SLIP
     assert _feed(monitor, 0.0, 'load', 1000.0).status is Status.ACCEPTED
-    # The off-delay runs from the jump, not from the time before it.
-    assert _point(monitor, 1.0, QUIET) == []
-    assert _point(monitor, 2.0, QUIET) == [(2.0, 'stick_slip', 'normal')]
+    # The delays run from the jump: it dies out in 1.2 s, and the off-delay is 2 s.
+    times = np.arange(0.1, 6.0, 0.1)
+    events = [event for time in times for event in _point(monitor, time, QUIET)]
+    assert events == [(pytest.approx(0.1 + 1.2 + 2.0, abs=0.01), 'stick_slip', 'normal')]
 
 
 def test_after_a_jump_the_other_input_must_speak_again(configure: Configure) -> None:
@@ -251,7 +260,7 @@ def test_sensors_whose_clocks_differ_by_more_are_never_paired(configure: Configu
 
 
 def test_event_text_names_speed_load_amplitude_and_way_out(configure: Configure) -> None:
-    monitor = Monitor(configure(alarm__on_delay=0.0))
+    monitor = Monitor(configure(**AT_ONCE))
     _feed(monitor, 0.0, 'speed', UNSTABLE)
     (event,) = _feed(monitor, 0.0, 'load', 1000.0).events
     assert event.text.startswith(
@@ -263,33 +272,21 @@ def test_event_text_names_speed_load_amplitude_and_way_out(configure: Configure)
     assert event.assessment.amplitude == pytest.approx(0.52688e-3, rel=1e-4)
 
 
-def test_a_delayed_event_rests_on_the_point_before_it(configure: Configure) -> None:
-    monitor = Monitor(configure(alarm__on_delay=2.0, speed__timeout=60.0, load__timeout=60.0))
-    _point(monitor, 0.0, UNSTABLE)
-    (event,) = _feed(monitor, 5.0, 'speed', QUIET).events
-    assert _brief(event) == (2.0, 'normal', 'stick_slip')
-    assert 'At 20 rpm' in event.text
-    assert event.sticking
-
-
 def test_retune_keeps_the_state(configure: Configure) -> None:
     monitor = Monitor(configure(alarm__on_delay=10.0))
-    _point(monitor, 0.0, UNSTABLE)
-    _point(monitor, 4.0, INSIDE)
+    for time in range(8):
+        assert _point(monitor, time, INSIDE) == []
     monitor.retune(configure(alarm__on_delay=6.0))
-    # Still sticking, and the delay has run since 0 s.
-    update = _feed(monitor, 8.0, 'speed', INSIDE)
-    assert [_brief(e) for e in update.events] == [(6.0, 'normal', 'stick_slip')]
-    assert update.verdict is not None
-    assert update.verdict.sticking
-    assert monitor.bearings['aft'].gate.counts.sum() == 5
+    # The delay has counted since 1 s.
+    assert _point(monitor, 8.0, INSIDE) == [(8.0, 'normal', 'bistable')]
+    assert monitor.bearings['aft'].gate.counts.sum() == 18
 
 
 def test_retune_takes_over_scale_deadband_and_limit(configure: Configure) -> None:
-    monitor = Monitor(configure(alarm__on_delay=0.0))
+    monitor = Monitor(configure(**AT_ONCE))
     _point(monitor, 0.0, UNSTABLE)
     changed = configure(
-        alarm__on_delay=0.0, load__scale=2.0, alarm__amplitude_limit=1e-6, speed__maximum=0.11
+        **AT_ONCE, load__scale=2.0, alarm__amplitude_limit=1e-6, speed__maximum=0.11
     )
     monitor.retune(changed)
     update = _feed(monitor, 1.0, 'load', 600.0)
@@ -333,7 +330,7 @@ def test_a_longer_timeout_reaches_an_input_already_heard(configure: Configure) -
 
 def test_retune_before_the_first_sample(configure: Configure) -> None:
     monitor = Monitor(configure())
-    monitor.retune(configure(alarm__on_delay=0.0))
+    monitor.retune(configure(**AT_ONCE))
     assert _point(monitor, 0.0, UNSTABLE) == [(0.0, 'normal', 'stick_slip')]
 
 
@@ -406,7 +403,7 @@ def test_scan_leaves_the_monitor_alone(configure: Configure) -> None:
     monitor = Monitor(configure())
     _point(monitor, 0.0, QUIET)
     stream = Stream(np.array([5, 5]) * SECOND, np.array([False, True]), np.array([20.0, 1e3]))
-    assert monitor.scan({'aft': stream})['aft'].sticking.tolist() == [True]
+    assert monitor.scan({'aft': stream})['aft'].time_ns.tolist() == [5 * SECOND]
     assert monitor.bearings['aft'].now_ns == 0
     with pytest.raises(ConfigurationError, match="bearing 'bow' is not configured"):
         monitor.scan({'bow': stream})

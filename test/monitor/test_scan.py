@@ -69,6 +69,28 @@ def _recordings(draw: Any) -> Stream:
     return Stream(np.array(times, np.int64), np.array(loads, bool), np.array(values, float))
 
 
+@st.composite
+def _voyages(draw: Any) -> Stream:
+    """Minutes of telemetry that moves about the boundaries, with odd values and jumps."""
+    period = draw(st.sampled_from([SECOND // 10, SECOND // 3, SECOND, 5 * SECOND // 2]))
+    lag = draw(st.sampled_from([0, period // 3]))
+    levels = draw(st.lists(st.sampled_from([15.0, 25.0, 30.0, 34.0, 42.0, 60.0]), min_size=2))
+    count = draw(st.integers(20, 150))
+    rng = np.random.default_rng(draw(st.integers(0, 99)))
+    speed = np.interp(np.linspace(0, 1, count), np.linspace(0, 1, len(levels)), levels)
+    odd = rng.random((2, count)) < draw(st.sampled_from([0.0, 0.03, 0.3]))
+    speed = np.where(odd[0], rng.choice([0.0, 60.0, 20.0, np.nan], count), speed)
+    load = 1000.0 + draw(st.sampled_from([0.0, 300.0])) * rng.standard_normal(count)
+    load = np.where(odd[1], rng.choice([0.0, 2500.0], count), load)
+    time = np.arange(count) * period
+    times = np.stack([time, time + lag], axis=1).reshape(-1)
+    if draw(st.booleans()):
+        # A replay that starts over, and a gap.
+        times[count:] -= draw(st.sampled_from([200, -7])) * SECOND
+    values = np.stack([speed, load], axis=1).reshape(-1)
+    return Stream(times.astype(np.int64), np.arange(2 * count) % 2 == 1, values)
+
+
 def _bits(value: float) -> bytes:
     return np.float64(value).tobytes()
 
@@ -79,8 +101,10 @@ def _same_point(left: Assessment, right: Assessment) -> bool:
 
 @settings(max_examples=400, deadline=None)
 @given(
-    stream=_recordings(),
-    delays=st.sampled_from([{}, {'alarm__on_delay': 0.0, 'alarm__off_delay': 0.0}]),
+    stream=_recordings() | _voyages(),
+    delays=st.sampled_from(
+        [{}, {'alarm__on_delay': 0.0, 'alarm__off_delay': 0.0}, {'alarm__onset_growth': 0.0}]
+    ),
     start=st.sampled_from([None, -20 * SECOND, -SECOND]),
     tail=st.sampled_from([0, SECOND, 60 * SECOND]),
 )
@@ -105,7 +129,9 @@ def test_scan_equals_update(
 
     assert scan.time_ns.tolist() == [v.time_ns for v in verdicts]
     assert scan.condition == [v.condition for v in verdicts]
-    assert scan.sticking.tolist() == [v.sticking for v in verdicts]
+    assert [repr(scan.course.at(k)) for k in range(len(verdicts))] == [
+        repr(v.standing) for v in verdicts
+    ]
     for name in COLUMNS:
         column = getattr(scan.assessment, name)
         assert [_bits(x) for x in column] == [_bits(getattr(v.assessment, name)) for v in verdicts]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When stick-slip begins or ends at the present rate: closed forms, and silence where it is none.
+"""When steady sliding turns unstable at the present rate: closed forms, and silence elsewhere.
 
 Reference bearing, Stribeck: N (mu_s - mu_k) beta exp(-beta V) = c at the Hopf boundary, so
-V_H = ln(N / 200 N) / 10 s/m, 0.160944 m/s at 1000 N; the fold solves 2 I1e(v)/v = c/(N beta 0.2).
+V_H = ln(N / 200 N) / 10 s/m, 0.160944 m/s at 1000 N.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import brentq
-from scipy.special import i1e
 from scipy.stats import theilslopes
 
 from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream
@@ -25,7 +24,6 @@ from stickslip_monitor.monitor.trend import Trend, TrendWindow, _line, window_of
 SECOND = 10**9
 T0 = 1_700_000_000 * SECOND
 HOPF = math.log(5.0) / 10.0
-FOLD = brentq(lambda v: 2.0 * i1e(v) / v - 0.2, 0.1, 10.0, xtol=1e-14) / 10.0
 RPM = math.pi * 0.1 / 60.0
 Configure = Callable[..., MonitorConfig]
 Floats = Any
@@ -36,13 +34,11 @@ def aft(configure: Configure) -> BearingConfig:
     return configure().bearing('aft')
 
 
-def _trend(
-    config: BearingConfig, time: Floats, speed: Floats, load: Floats, sticking: bool = False
-) -> Trend | None:
+def _trend(config: BearingConfig, time: Floats, speed: Floats, load: Floats) -> Trend | None:
     stamps = T0 + np.round(np.asarray(time) * SECOND).astype(np.int64)
     speed, load = np.broadcast_to(speed, stamps.shape), np.broadcast_to(load, stamps.shape)
     window = window_of(config.alarm.trend_window_ns, stamps, speed, load)
-    return window.trend(config, sticking)
+    return window.trend(config)
 
 
 TIME = np.arange(0.0, 60.0, 0.1)
@@ -54,86 +50,63 @@ def test_slowing_down_to_the_hopf_speed(aft: BearingConfig) -> None:
     trend = _trend(aft, TIME, 0.25 - rate * (TIME - NOW), 1000.0)
     assert trend is not None
     assert trend.seconds == pytest.approx(40.0, abs=0.5)
-    assert trend.earliest == pytest.approx(trend.latest) == pytest.approx(trend.seconds)
+    # The boundary may lie a tenth higher or lower, and the interval is a quarter wider yet.
+    assert trend.earliest == pytest.approx((0.25 - HOPF / 0.9) / rate / 1.25, abs=0.5)
+    assert trend.latest == pytest.approx((0.25 - HOPF / 1.1) / rate * 1.25, abs=0.5)
     assert trend.span == pytest.approx(29.5, abs=1.0)
 
 
 @pytest.mark.parametrize('sign', [1.0, -1.0])
 def test_a_growing_load(aft: BearingConfig, sign: float) -> None:
     # At 0.1 m/s steady sliding turns unstable above 200 N exp(1) = 543.66 N.
-    rate = (200.0 * math.e - 400.0) / 50.0
+    rate = (200.0 * math.e - 400.0) / 30.0
     trend = _trend(aft, TIME, 0.1 * sign, 400.0 + rate * (TIME - NOW))
     assert trend is not None
-    assert trend.seconds == pytest.approx(50.0, abs=0.5)
+    assert trend.seconds == pytest.approx(30.0, abs=0.5)
 
 
 def test_from_where_there_is_no_boundary_yet(aft: BearingConfig) -> None:
     # Below 200 N no speed has stick-slip; at 0.02 m/s it begins at 200 N exp(0.2).
-    rate = (200.0 * math.exp(0.2) - 150.0) / 60.0
+    rate = (200.0 * math.exp(0.2) - 150.0) / 40.0
     trend = _trend(aft, TIME, 0.02, 150.0 + rate * (TIME - NOW))
     assert trend is not None
-    assert trend.seconds == pytest.approx(60.0, abs=0.5)
+    assert trend.seconds == pytest.approx(40.0, abs=0.5)
 
 
 def test_both_at_once(aft: BearingConfig) -> None:
-    speed, load = 0.30 - 0.002 * (TIME - NOW), 800.0 + 5.0 * (TIME - NOW)
+    speed, load = 0.30 - 0.004 * (TIME - NOW), 800.0 + 10.0 * (TIME - NOW)
     expected = brentq(
-        lambda t: 0.30 - 0.002 * t - math.log((800.0 + 5.0 * t) / 200.0) / 10.0, 0.0, 150.0
+        lambda t: 0.30 - 0.004 * t - math.log((800.0 + 10.0 * t) / 200.0) / 10.0, 0.0, 70.0
     )
     trend = _trend(aft, TIME, speed, load)
     assert trend is not None
     assert trend.seconds == pytest.approx(expected, abs=0.5)
 
 
-def test_speeding_up_out_of_stick_slip(aft: BearingConfig) -> None:
-    rate = (FOLD - 0.15) / 25.0
-    trend = _trend(aft, TIME, 0.15 + rate * (TIME - NOW), 1000.0, sticking=True)
-    assert trend is not None
-    assert trend.seconds == pytest.approx(25.0, abs=0.5)
-
-
-def test_a_load_taken_off_ends_it_too(aft: BearingConfig) -> None:
-    # At 0.1 m/s the fold lies at c / (beta 0.2 * 2 I1e(1)), and there is none below 200 N.
-    load = 400.0 / (10.0 * 0.2 * 2.0 * i1e(1.0))
-    rate = (1000.0 - load) / 30.0
-    trend = _trend(aft, TIME, 0.1, 1000.0 - rate * (TIME - NOW), sticking=True)
-    assert trend is not None
-    assert trend.seconds == pytest.approx(30.0, abs=0.5)
-
-
-def test_down_to_a_load_without_any_fold(aft: BearingConfig) -> None:
-    # At 0.005 m/s the fold lies at 210.19 N, and below 200 N there is none.
-    load = 400.0 / (10.0 * 0.2 * 2.0 * i1e(0.05) / 0.05)
-    trend = _trend(aft, TIME, 0.005, 250.0 - 5.0 * (TIME - NOW), sticking=True)
-    assert trend is not None
-    assert trend.seconds == pytest.approx((250.0 - load) / 5.0, abs=0.5)
-
-
 @pytest.mark.parametrize(
-    ('speed', 'load', 'sticking'),
+    'speed',
     [
-        (0.25, 1000.0, False),  # steady
-        (0.25 + 1e-3 * (TIME - NOW), 1000.0, False),  # going away
-        (0.25 - 1e-4 * (TIME - NOW), 1000.0, False),  # 15 minutes off: no forecast
-        (0.15 - 1e-3 * (TIME - NOW), 1000.0, False),  # there already
-        (0.0, 1000.0, False),  # at rest
-        (0.1, 1000.0, True),  # sticks, and nothing changes
-        (0.05 - 3e-3 * (TIME - NOW), 1000.0, True),  # sticks until it stops, and then astern
+        0.25,  # steady
+        0.25 + 1e-3 * (TIME - NOW),  # going away
+        0.25 - 1e-3 * (TIME - NOW),  # a minute and a half off: no forecast
+        0.15 - 1e-3 * (TIME - NOW),  # there already
+        0.0,  # at rest
+        0.18 + 0.07 * np.exp((NOW - 30.0 - TIME) / 8.0),  # levels off
     ],
 )
-def test_silence(aft: BearingConfig, speed: Floats, load: Floats, sticking: bool) -> None:
-    assert _trend(aft, TIME, speed, load, sticking) is None
+def test_silence(aft: BearingConfig, speed: Floats) -> None:
+    assert _trend(aft, TIME, speed, 1000.0) is None
 
 
 def test_silence_until_there_is_enough(aft: BearingConfig) -> None:
     def after(seconds: float, rate: float, step: float = 0.1) -> Trend | None:
         time = np.arange(0.0, seconds, step)
-        return _trend(aft, time, 0.25 - rate * time, 1000.0)
+        return _trend(aft, time, 0.3 - rate * time, 1000.0)
 
     assert after(14.0, rate=0.004) is None  # half a window of 30 s
     assert after(17.0, rate=0.004) is not None
-    assert after(60.0, rate=0.001, step=5.0) is None  # 6 points
-    assert after(60.0, rate=0.001, step=2.0) is not None
+    assert after(30.0, rate=0.002, step=5.0) is None  # 6 points
+    assert after(30.0, rate=0.002, step=2.0) is not None
 
 
 def test_a_window_of_zero_is_silent(configure: Configure) -> None:
@@ -179,7 +152,7 @@ def test_what_is_too_uncertain_is_not_told(aft: BearingConfig) -> None:
         found.append(_trend(aft, TIME, speed, 1000.0))
     told = [trend for trend in found if trend is not None]
     assert 10 < len(told) < 90
-    assert all(trend.latest <= 2.0 * trend.earliest for trend in told)
+    assert all(trend.latest <= 3.0 * 1.25**2 * trend.earliest for trend in told)
 
 
 def test_one_slot_in_five_that_is_wrong_changes_little(aft: BearingConfig) -> None:
@@ -227,10 +200,10 @@ def test_memory_is_bounded_whatever_the_rate() -> None:
 
 def test_the_rate_of_the_telemetry_does_not_matter(aft: BearingConfig) -> None:
     times = [
-        _trend(aft, time, 0.3 - 0.002 * (time - time[-1]), 1000.0)
+        _trend(aft, time, 0.3 - 0.004 * (time - time[-1]), 1000.0)
         for time in (np.arange(0.0, 60.0, step) for step in (0.01, 0.1, 1.0, 2.5))
     ]
-    expected = (0.3 - HOPF) / 0.002
+    expected = (0.3 - HOPF) / 0.004
     assert [t.seconds for t in times if t] == [pytest.approx(expected, rel=0.01)] * 4
 
 
@@ -246,33 +219,32 @@ def test_the_text_of_a_warning(configure: Configure) -> None:
     texts, trends = {}, {}
     for half in range(500):
         time, now = half / 2.0, T0 + half * SECOND // 2
-        # 60 rpm down to 25 rpm at 0.2 rpm/s, and up again.
-        rpm = max(60.0 - 0.2 * time, 25.0) if time < 200.0 else 25.0 + 0.4 * (time - 200.0)
+        # 65 rpm down to 25 rpm at 0.4 rpm/s, and up again.
+        rpm = max(65.0 - 0.4 * time, 25.0) if time < 200.0 else 25.0 + 0.4 * (time - 200.0)
         events = monitor.update(Sample('aft', 'load', now, 1000.0)).events
         for event in events + monitor.update(Sample('aft', 'speed', now, rpm)).events:
             texts.setdefault(str(event.after), event.text)
-            trends.setdefault(str(event.after), (HOPF / RPM - rpm) / -0.2)
-    # Caution 2 s after 44.795 rpm: 44.395 rpm, and 30.738 rpm is 68.3 s away.
-    end = 'Ends above 45.61 rpm. Stick-slip in about 70 s at this rate (judged by the last 29 s).'
-    assert texts['caution'].endswith(end)
-    assert trends['caution'] == pytest.approx(68.0, abs=0.5)
-    assert 'Stick-slip in about 50 s at this rate' in texts['bistable']
+            trends.setdefault(str(event.after), (HOPF / RPM - rpm) / -0.4)
+    # Caution 2 s after 1.2 times 40.723 rpm: 48.07 rpm, and 30.738 rpm is 43.3 s away.
+    assert 'Ends above 49.68 rpm. Steady sliding turns unstable in about 45 s' in texts['caution']
+    assert trends['caution'] == pytest.approx(43.3, abs=0.6)
+    assert 'Steady sliding turns unstable in about 25 s at this rate' in texts['bistable']
     # Where it sticks and the speed still falls, there is nothing to say.
     assert 'rate' not in texts['stick_slip']
 
 
-def test_while_it_lasts_the_text_says_when_it_ends(configure: Configure) -> None:
+def test_nothing_is_said_while_it_sticks_or_an_input_is_lost(configure: Configure) -> None:
     monitor = Monitor(_monitor_config(configure))
     bearing = monitor.bearings['aft']
-    for tenth in range(600):
+    trends = []
+    for tenth in range(900):
         now = T0 + tenth * SECOND // 10
         monitor.update(Sample('aft', 'load', now, 1000.0))
-        monitor.update(Sample('aft', 'speed', now, 20.0 + 0.02 * tenth))
-    # 32 rpm, and the fold at 40.723 rpm is 43.6 s away.
-    trend = bearing.trend()
-    assert trend is not None
-    assert trend.seconds == pytest.approx((FOLD / RPM - 31.98) / 0.2, abs=0.5)
-    assert 'Stick-slip would end in about 45 s at this rate' in bearing.text(trend)
+        monitor.update(Sample('aft', 'speed', now, 60.0 - 0.04 * tenth))
+        trends.append(bearing.trend())
+    assert trends[400] is not None
+    assert bearing.standing.sticking
+    assert trends[-1] is None
     monitor.advance(now + 100 * SECOND)
     assert bearing.trend() is None
 
@@ -281,7 +253,7 @@ def test_a_jump_of_the_clock_starts_anew(configure: Configure) -> None:
     monitor = Monitor(_monitor_config(configure))
     for tenth in range(300):
         monitor.update(Sample('aft', 'load', T0 + tenth * SECOND // 10, 1000.0))
-        monitor.update(Sample('aft', 'speed', T0 + tenth * SECOND // 10, 60.0 - 0.02 * tenth))
+        monitor.update(Sample('aft', 'speed', T0 + tenth * SECOND // 10, 60.0 - 0.06 * tenth))
     assert monitor.bearings['aft'].trend() is not None
     monitor.update(Sample('aft', 'speed', T0 - 60 * SECOND, 54.0))
     monitor.update(Sample('aft', 'load', T0 - 60 * SECOND, 1000.0))
@@ -333,7 +305,6 @@ def test_batch_and_stream_say_the_same(configure: Configure) -> None:
         assert [event.text for event in scan.events] == [event.text for event in events]
         spoken += [event.text for event in events if 'at this rate' in event.text]
     # That was no comparison of silence with silence.
-    assert len(spoken) > 20
-    assert any('would end' in text for text in spoken)
+    assert len(spoken) > 10
     assert any('astern' in text for text in spoken)
     assert len({re.findall(r'about (\S+)', text)[0] for text in spoken}) > 3

@@ -12,7 +12,7 @@ from scipy.special import i1e
 
 from stickslip_monitor import MonitorConfig, assess
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.ladder import Condition, ConditionChange
+from stickslip_monitor.monitor.ladder import LADDER, QUIET, Condition, ConditionChange, Standing
 from stickslip_monitor.monitor.trend import Trend
 from stickslip_monitor.monitor.verdict import describe, event_of
 
@@ -31,7 +31,13 @@ def _text(
     config: BearingConfig, condition: Condition, rpm: float, load: float, sticking: bool = False
 ) -> str:
     point = assess(config.bearing, rpm * PER_RPM, load)
-    return describe(config, condition, point, sticking, {})
+    return describe(config, condition, point, _standing(condition, sticking), {})
+
+
+def _standing(condition: Condition, sticking: bool = False) -> Standing:
+    """A rung that the point asks for."""
+    rung = LADDER.index(condition)
+    return Standing(rung, sticking, asked=rung)
 
 
 def _fold_kilonewton(rpm: float) -> float:
@@ -69,7 +75,7 @@ def test_caution_ends_beyond_its_deadband(configure: Configure) -> None:
 def test_caution_names_the_speed_only(aft: BearingConfig) -> None:
     # A lower load ends the bistable range, but at which one the caution ends is not known.
     text = _text(aft, Condition.CAUTION, 35.0, 1000.0)
-    assert f'Ends above {1.12 * FOLD / PER_RPM:.4g} rpm.' in text
+    assert f'Ends above {1.22 * FOLD / PER_RPM:.4g} rpm.' in text
     assert 'below' not in text
 
 
@@ -81,7 +87,8 @@ def test_normal_has_no_way_out(aft: BearingConfig) -> None:
 
 
 def test_a_condition_that_is_only_held_by_its_delay_names_no_way_out(aft: BearingConfig) -> None:
-    assert 'Ends' not in _text(aft, Condition.STICK_SLIP, 60.0, 1000.0)
+    point = assess(aft.bearing, 60.0 * PER_RPM, 1000.0)
+    assert 'Ends' not in describe(aft, Condition.STICK_SLIP, point, Standing(3, clears=5.0), {})
 
 
 @pytest.mark.parametrize(
@@ -112,7 +119,7 @@ def test_a_law_that_always_sticks_names_no_endless_speed(configure: Configure) -
 def test_lost_inputs_name_their_topics_and_ages(aft: BearingConfig) -> None:
     lost = {'speed': 5.0, 'load': math.inf}
     point = assess(aft.bearing, 0.1, 1000.0)
-    assert describe(aft, Condition.INPUT_STALE, point, True, lost) == (
+    assert describe(aft, Condition.INPUT_STALE, point, QUIET, lost) == (
         'aft: Input speed lost: nothing believable on /shaft/speed for 5 s.'
         ' Input load lost: nothing believable on /bearing/aft/load so far.'
     )
@@ -120,19 +127,19 @@ def test_lost_inputs_name_their_topics_and_ages(aft: BearingConfig) -> None:
 
 def test_lost_without_an_age_does_not_speak_of_an_old_point(aft: BearingConfig) -> None:
     point = assess(aft.bearing, 0.1, 1000.0)
-    assert describe(aft, Condition.INPUT_STALE, point, True, {}) == (
+    assert describe(aft, Condition.INPUT_STALE, point, QUIET, {}) == (
         'aft: An input is lost: nothing can be predicted.'
     )
 
 
 def test_before_any_point(aft: BearingConfig) -> None:
-    assert describe(aft, Condition.NORMAL, None, False, {}) == 'aft: No stick-slip predicted.'
+    assert describe(aft, Condition.NORMAL, None, QUIET, {}) == 'aft: No stick-slip predicted.'
 
 
 def test_event_carries_the_change_and_the_assessment(aft: BearingConfig) -> None:
     point = assess(aft.bearing, 20.0 * PER_RPM, 1000.0)
     change = ConditionChange(7, Condition.NORMAL, Condition.STICK_SLIP)
-    event = event_of(aft, change, point, True)
+    event = event_of(aft, change, point, _standing(Condition.STICK_SLIP, sticking=True))
     assert (event.bearing, event.time_ns, event.before, event.after) == (
         'aft',
         7,
@@ -150,20 +157,69 @@ TREND = Trend(seconds=41.3, earliest=33.4, latest=52.6, span=29.2)
 @pytest.mark.parametrize(
     ('trend', 'words'),
     [
-        (TREND, 'in about 40 s at this rate (35 s to 55 s at 95%, judged by the last 29 s).'),
+        (TREND, 'in about 40 s at this rate (35 s to 55 s at 90%, judged by the last 29 s).'),
         (
             Trend(150.0, 149.0, 151.0, 60.0),
             'in about 2.5 min at this rate (judged by the last 60 s).',
         ),
-        (Trend(7.2, 6.0, 9.0, 30.0), 'in about 7 s at this rate (6 s to 9 s at 95%, judged by'),
+        (Trend(7.2, 6.0, 9.0, 30.0), 'in about 7 s at this rate (6 s to 9 s at 90%, judged by'),
     ],
 )
-def test_when_it_begins_or_ends(aft: BearingConfig, trend: Trend, words: str) -> None:
+def test_when_it_begins(aft: BearingConfig, trend: Trend, words: str) -> None:
     point = assess(aft.bearing, 42.0 * PER_RPM, 1000.0)
-    quiet = describe(aft, Condition.CAUTION, point, False, {}, trend=trend)
-    assert f'. Stick-slip {words}' in quiet
-    sticking = describe(aft, Condition.STICK_SLIP, point, True, {}, trend=trend)
-    assert f'. Stick-slip would end {words}' in sticking
+    quiet = describe(aft, Condition.CAUTION, point, QUIET, {}, trend=trend)
+    assert f'. Steady sliding turns unstable {words}' in quiet
+
+
+# 20 rpm: the growth rate is 3.0184 per second, so 6 - 1.5 e-folds take 1.49 s.
+@pytest.mark.parametrize(
+    ('rpm', 'standing', 'what'),
+    [
+        (
+            60.0,
+            Standing(1, clears=4.2),
+            'No longer close to the stick-slip region: caution clears in 4 s. At',
+        ),
+        (
+            60.0,
+            Standing(3, clears=4.2),
+            'Stick-slip no longer predicted: stick_slip clears in 4 s. At',
+        ),
+        (
+            20.0,
+            Standing(2, asked=2, growth=1.5),
+            'Steady sliding is unstable: stick-slip is starting, in about 1 s. At',
+        ),
+        (
+            30.73,
+            Standing(2, asked=2),
+            'Steady sliding is unstable: stick-slip is starting slowly. At',
+        ),
+        (20.0, Standing(0, True, asked=3), 'Stick-slip predicted, but not yet for 2 s. At'),
+        (43.0, Standing(0, asked=1), 'Close to the stick-slip region, but not yet for 2 s. At'),
+        (60.0, Standing(1, asked=1), 'The speed is falling towards the stick-slip region. At'),
+        (
+            35.0,
+            Standing(2, asked=2, raised=3),
+            'can start stick-slip. Fluctuating across the boundary: raised 3 times lately. At',
+        ),
+    ],
+)
+def test_the_text_says_what_is_about_to_change(
+    aft: BearingConfig, rpm: float, standing: Standing, what: str
+) -> None:
+    point = assess(aft.bearing, rpm * PER_RPM, 1000.0)
+    text = describe(aft, standing.condition, point, standing, {})
+    assert what in text
+    assert 'No stick-slip predicted' not in text
+
+
+def test_an_eased_condition_says_so_and_an_alarm_does_not(aft: BearingConfig) -> None:
+    point = assess(aft.bearing, 43.0 * PER_RPM, 1000.0)
+    change = ConditionChange(7, Condition.STICK_SLIP, Condition.CAUTION)
+    event = event_of(aft, change, point, Standing(1, asked=1))
+    assert event.text.startswith('aft: Eased from stick_slip. Close to the stick-slip region. At')
+    assert event.says == _text(aft, Condition.CAUTION, 43.0, 1000.0)
 
 
 def test_astern(aft: BearingConfig) -> None:
@@ -174,5 +230,5 @@ def test_astern(aft: BearingConfig) -> None:
 
 def test_inputs_that_are_back(aft: BearingConfig) -> None:
     point = assess(aft.bearing, 60.0 * PER_RPM, 1000.0)
-    text = describe(aft, Condition.NORMAL, point, False, {}, Condition.INPUT_STALE)
+    text = describe(aft, Condition.NORMAL, point, QUIET, {}, Condition.INPUT_STALE)
     assert text.startswith('aft: Speed and load are back. No stick-slip predicted. At 60 rpm')

@@ -128,7 +128,7 @@ class Causes:
         before, self._rung = self._rung, LADDER.index(event.after)
         for kind, rung in RUNG_OF.items():
             if before < rung <= self._rung or rung == self._rung:
-                self.texts[kind] = event.text
+                self.texts[kind] = event.says or event.text
 
     def take_fault(self, is_load: int, status: Status, now_ns: int) -> None:
         """A sample's value could not be believed.

@@ -29,7 +29,7 @@ from stickslip_monitor.monitor.alarms.annunciator import (
 )
 from stickslip_monitor.monitor.alarms.causes import RUNG_OF, AlarmKind
 from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
-from stickslip_monitor.monitor.ladder import LADDER, Condition
+from stickslip_monitor.monitor.ladder import LADDER, QUIET, Condition
 from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.monitor.verdict import Event, Verdict
 
@@ -125,7 +125,7 @@ class Life(RuleBasedStateMachine):
 
     @rule(turning=st.integers(0, 1))
     def operating_point(self, turning: int) -> None:
-        verdict = Verdict('b', self.now, self.points[turning], False, self.condition)
+        verdict = Verdict('b', self.now, self.points[turning], QUIET)
         self.heard(self.annunciator.take_verdict(verdict))
 
     @rule(

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The speed that the trend of the last seconds leads to.
+
+The trend is that between two means of the speed, of the last two seconds and of five to ten
+seconds ago; each value is first replaced by the median of itself and the two before, so that an
+odd one does not matter. Sums are of whole numbers, so that a recording in bulk gives exactly what
+its samples give one by one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip_monitor.arrays import FloatArray, IntArray
+
+_SLOT_NS = 500_000_000
+# Slots before the present one: from which on the late mean is taken, and the early one.
+_LATE, _EARLY_END, _EARLY = 3, 10, 20
+_UNIT = 2.0**24
+"""Speeds are summed in parts of this many to a m/s."""
+_FASTEST = 1000.0
+"""Faster ones [m/s] are cut off, so that every sum is exact."""
+
+
+class SpeedTrend:
+    """The last ten seconds of one shaft's speed."""
+
+    def __init__(self) -> None:
+        self._slots: deque[list[int]] = deque()
+        self._last: list[float] = []
+        self.future = math.nan
+
+    def restart(self) -> None:
+        """The clock jumped."""
+        self._slots.clear()
+        self._last.clear()
+        self.future = math.nan
+
+    def add(self, time_ns: int, speed: float, ahead_ns: int) -> None:
+        """Take a speed [m/s]; :attr:`future` is then that in ``ahead_ns``, or ``nan``.
+
+        Args:
+            time_ns: Its time, not before the one before [ns].
+            speed: The speed [m/s].
+            ahead_ns: How far ahead [ns]; 0 for not looking ahead.
+        """
+        self._last = [*self._last[-2:], speed]
+        middle = sorted(self._last)[1] if len(self._last) == 3 else speed
+        slot = time_ns // _SLOT_NS
+        if not self._slots or self._slots[-1][0] != slot:
+            self._slots.append([slot, 0, 0, 0])
+            while self._slots[0][0] < slot - _EARLY:
+                self._slots.popleft()
+        own = self._slots[-1]
+        own[1] += 1
+        own[2] += time_ns
+        own[3] += round(min(max(middle, -_FASTEST), _FASTEST) * _UNIT)
+        self.future = self._future(slot, time_ns, ahead_ns) if ahead_ns else math.nan
+
+    def _future(self, slot: int, time_ns: int, ahead_ns: int) -> float:
+        late, early = [0, 0, 0], [0, 0, 0]
+        for number, n, time, total in self._slots:
+            if number >= slot - _LATE:
+                late = [late[0] + n, late[1] + time, late[2] + total]
+            elif number <= slot - _EARLY_END:
+                early = [early[0] + n, early[1] + time, early[2] + total]
+        if not early[0]:
+            return math.nan
+        ages = [total[0] * time_ns - total[1] for total in (late, early)]
+        return float(_line((late[0], ages[0], late[2]), (early[0], ages[1], early[2]), ahead_ns))
+
+
+def _line(late: tuple[Any, ...], early: tuple[Any, ...], ahead: int) -> Any:
+    """The speed [m/s] on the line through two means: counts, sums of ages [ns], of speeds."""
+    now, before = late[2] / late[0], early[2] / early[0]
+    when = late[1] / late[0]
+    slope = (now - before) / (early[1] / early[0] - when)
+    return (now + slope * (when + ahead)) / _UNIT
+
+
+def futures(time_ns: IntArray, speed: FloatArray, starts: IntArray, ahead_ns: int) -> FloatArray:
+    """:attr:`SpeedTrend.future` after each of some speeds.
+
+    Args:
+        time_ns: Their times, not falling between jumps of the clock, shape (n,) [ns].
+        speed: Shape (n,) [m/s].
+        starts: The speeds before which the clock jumped, the first included, shape (m,).
+        ahead_ns: How far ahead [ns]; 0 for not looking ahead.
+    """
+    found = np.full(time_ns.size, np.nan)
+    if not ahead_ns:
+        return found
+    for begin, end in pairwise([*starts.tolist(), time_ns.size]):
+        own = slice(begin, end)
+        found[own] = _of_segment(time_ns[own], speed[own], ahead_ns)
+    return found
+
+
+def _of_segment(time_ns: IntArray, speed: FloatArray, ahead_ns: int) -> FloatArray:
+    middle = speed.copy()
+    first, second, third = speed[:-2], speed[1:-1], speed[2:]
+    middle[2:] = np.maximum(
+        np.minimum(first, second), np.minimum(np.maximum(first, second), third)
+    )
+    slot = time_ns // _SLOT_NS
+    begins = np.append(0, np.flatnonzero(np.diff(slot)) + 1)
+    number = slot[begins]
+    lengths = np.diff(np.append(begins, slot.size))
+    # Sums may overflow; their differences are right nonetheless.
+    zero = np.zeros(1, np.int64)
+    units = np.rint(np.clip(middle, -_FASTEST, _FASTEST) * _UNIT)
+    speeds = np.append(zero, np.cumsum(units.astype(np.int64)))
+    since = time_ns - time_ns[0]
+    times = np.append(zero, np.cumsum(since))
+
+    def begin(back: int) -> NDArray[np.intp]:
+        place = np.searchsorted(number, number - back)
+        return np.repeat(np.append(begins, slot.size)[place], lengths)
+
+    late, end, early = begin(_LATE), begin(_EARLY_END - 1), begin(_EARLY)
+    here = np.arange(1, slot.size + 1)
+    n, m = here - late, end - early
+    with np.errstate(all='ignore'):
+        age = n * since - (times[here] - times[late])
+        early_age = m * since - (times[end] - times[early])
+        found = _line(
+            (n, age, speeds[here] - speeds[late]),
+            (m, early_age, speeds[end] - speeds[early]),
+            ahead_ns,
+        )
+    found[m == 0] = np.nan
+    return np.asarray(found)
