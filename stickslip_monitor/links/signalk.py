@@ -200,7 +200,7 @@ class SignalKValues:
     def values(self, bearing: str, status: Mapping[str, str] | None) -> Update:
         """The values of a bearing; null where its inputs are lost, or with no status at all."""
         known = status is not None and REGIME in status and status.get('reason') != 'input_stale'
-        numbers = {
+        numbers: dict[str, float | str | None] = {
             name: _diagnostic(name, status or {}) if known else None
             for name in self._names(bearing)
         }
