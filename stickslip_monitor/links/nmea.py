@@ -91,6 +91,11 @@ class NmeaInput:
     number: int = 0
     name: str = ''
 
+    @property
+    def label(self) -> str:
+        """What it is, for a person."""
+        return f'{self.sentence} {self.name or f"{self.kind} {self.number}"}'
+
     def read(self, fields: Sequence[str]) -> list[float]:
         """The numbers of a sentence of the right kind; NaN where it says that it has none."""
         if self.sentence == 'XDR':

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from typing import Any
 
@@ -240,9 +240,9 @@ class _Alarm:
         key: Bearing and alarm.
         path: Its path.
         token: Names this occurrence of the alarm.
+        value: What was sent last.
         source: The source under which it is sent.
         revision: Counts what is sent.
-        value: What was sent last.
         base: Whether the server had it acknowledged and silenced when last heard; ``None``
             before the first echo of this occurrence.
     """
@@ -250,9 +250,9 @@ class _Alarm:
     key: tuple[str, str]
     path: str
     token: str
+    value: dict[str, Any]
     source: str = SOURCE
     revision: int = 0
-    value: dict[str, Any] = field(default_factory=dict)
     base: tuple[bool, bool] | None = None
 
     def update(self, value: Mapping[str, Any] | None = None) -> Update:
@@ -281,12 +281,13 @@ class Notifications:
         self._run, self._count = run, 0
         keys = [(name, kind.value) for name in bearings for kind in AlarmKind]
         paths = {key: f'notifications.{prefix}.{camel(key[0])}.{camel(key[1])}' for key in keys}
+        begun = {**NORMAL, 'data': {'occurrence': f'{run}-0'}}
         self._alarms = {
-            path: _Alarm(key, path, f'{run}-0', value=NORMAL) for key, path in paths.items()
+            path: _Alarm(key, path, f'{run}-0', value=begun) for key, path in paths.items()
         }
         self._by_key = {alarm.key: alarm for alarm in self._alarms.values()}
         self._monitor = _Alarm(
-            ('', MONITOR), f'notifications.{prefix}.{MONITOR}', f'{run}-0', value=NORMAL
+            ('', MONITOR), f'notifications.{prefix}.{MONITOR}', f'{run}-0', value=begun
         )
 
     def take_alarms(self, record: Mapping[str, Any]) -> list[Update]:
@@ -313,13 +314,13 @@ class Notifications:
 
     def _change(self, own: _Alarm, record: Mapping[str, Any]) -> list[Update]:
         lifecycle = record['state']
-        before = own.value.get('data', {}).get('lifecycle')
+        before = own.value['data'].get('lifecycle')
         again = lifecycle == AlarmState.UNACKNOWLEDGED.value != before
         if again:
             self._count += 1
             own.token, own.base = f'{self._run}-{self._count}', None
         value = _notification(record, own.token)
-        if value == {**own.value, 'data': {**own.value.get('data', {}), 'revision': 0}}:
+        if value == {**own.value, 'data': {**own.value['data'], 'revision': 0}}:
             return []
         own.revision += 1
         value['data']['revision'] = own.revision
@@ -412,7 +413,7 @@ def _notification(record: Mapping[str, Any], token: str) -> dict[str, Any]:
 
 
 def _waits(own: _Alarm) -> bool:
-    return own.value.get('data', {}).get('lifecycle') in _WAITING
+    return own.value['data'].get('lifecycle') in _WAITING
 
 
 def _token(value: object) -> str:

@@ -96,14 +96,14 @@ class Dashboard:
     def __init__(self, token: str = '', port: int = 0, heartbeat: float = 0.3) -> None:
         from aiohttp import web
 
-        from stickslip_monitor.commands.dashboard import _view
+        from stickslip_monitor.commands.dashboard import bearing_view
         from stickslip_monitor.dashboard.access import Access
         from stickslip_monitor.dashboard.server import Server
         from stickslip_monitor.dashboard.state import DashboardState
         from stickslip_monitor.monitor.config_file import load_config
 
         self._loop = asyncio.new_event_loop()
-        views = [_view(bearing) for bearing in load_config(REFERENCE).bearings]
+        views = [bearing_view(bearing) for bearing in load_config(REFERENCE).bearings]
         self.board = DashboardState(views, '/stickslip_monitor')
         self.ship = Ship(self.board)
         access = Access(token, frozenset({'ship.test'}))
