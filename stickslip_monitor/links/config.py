@@ -257,12 +257,12 @@ def _input(
         return SignalKInput(bearing.name, is_load, path, own['source'], timeout)
     sentence = 'XDR' if is_load else 'RPM'
     _require(own['sentence'] == sentence, f'{name}.sentence', own['sentence'], sentence)
-    _check_unit(bearing, is_load, name, 'N' if is_load else 'rpm', sentence)
     kinds = ('N',) if is_load else ('S', 'E')
     rule = 'N, a force' if is_load else 'S for a shaft or E for an engine'
     _require(own['kind'] in kinds, f'{name}.kind', own['kind'], rule)
     rule = 'given: the name of the transducer'
     _require(own['name'] or not is_load, f'{name}.name', own['name'], rule)
+    _check_unit(bearing, is_load, name, 'N' if is_load else 'rpm', sentence)
     return NmeaInput(
         bearing.name, is_load, sentence, own['talker'], own['kind'], own['number'], own['name']
     )

@@ -114,8 +114,10 @@ class Port(asyncio.DatagramProtocol, asyncio.Protocol):
     async def _connect(self) -> None:
         where: Any = (self.url.hostname, self.url.port)
         ends = {'local_addr': where} if self._listens else {'remote_addr': where}
+        # A socket that may broadcast is not connected, and then hears of no refusal.
+        broadcast = None if self._listens else (self.url.hostname or '').endswith('.255')
         make = asyncio.get_running_loop().create_datagram_endpoint
-        self._transport, _ = await make(lambda: self, **ends, allow_broadcast=True)
+        self._transport, _ = await make(lambda: self, **ends, allow_broadcast=broadcast)
 
     def _write(self, data: bytes) -> None:
         if self._transport is not None and not self._listens:
