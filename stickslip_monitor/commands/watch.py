@@ -77,7 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     try:
-        import aiohttp  # noqa: F401
+        from stickslip_monitor.links import signalk_client
     except ImportError as error:
         raise LinkError(
             f"watch needs the extra 'links' ({error}): pip install 'stickslip_monitor[links]'"
@@ -254,7 +254,8 @@ def _monitor(
             from stickslip_monitor.ros.bridge import Bridge
 
             feed.act = watcher.act
-            yield Bridge(watcher.node, config, links.labels).take, asyncio.Event().wait
+            bridge = Bridge(watcher.node, args.node, config, links.labels)
+            yield bridge.take, asyncio.Event().wait
         return
     from stickslip_monitor.links.live import LiveMonitor
 

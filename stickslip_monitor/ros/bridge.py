@@ -22,6 +22,7 @@ class Bridge:
 
     Args:
         node: The node that publishes.
+        monitor: Full name of the monitor's node, to which names of topics are relative.
         config: The configuration of the monitor.
         inputs: Bearing and whether it is the load, of each input.
 
@@ -30,7 +31,11 @@ class Bridge:
     """
 
     def __init__(
-        self, node: Node, config: MonitorConfig, inputs: Iterable[tuple[str, int]]
+        self,
+        node: Node,
+        monitor: str,
+        config: MonitorConfig,
+        inputs: Iterable[tuple[str, int]],
     ) -> None:
         self._publishers: dict[tuple[str, int], Publisher[Float64]] = {}
         topics = set()
@@ -47,7 +52,9 @@ class Bridge:
                 continue
             topics.add(source.topic)
             try:
-                publisher = node.create_publisher(Float64, source.topic, _DEPTH)
+                publisher = node.create_publisher(
+                    Float64, _resolved(source.topic, monitor), _DEPTH
+                )
             except ROS_FAULTS as error:
                 raise RosError(f'{source.topic} cannot be published: {error}') from error
             self._publishers[name, is_load] = publisher
@@ -56,3 +63,10 @@ class Bridge:
         """Publish one number."""
         if (bearing, is_load) in self._publishers:
             self._publishers[bearing, is_load].publish(Float64(data=value))
+
+
+def _resolved(topic: str, monitor: str) -> str:
+    """The full name of a topic, as the monitor's node resolves it."""
+    if topic.startswith('~'):
+        return f'{monitor}{topic[1:]}'
+    return topic if topic.startswith('/') else f'{monitor.rpartition("/")[0]}/{topic}'
