@@ -35,7 +35,7 @@ def missing() -> str:
     if shutil.which('node') is None:
         return 'node is not installed (version 20 or later)'
     if not (FOLDER / 'node_modules' / 'signalk-server').is_dir():
-        return f'signalk-server is not installed: make {FOLDER.name}'
+        return 'signalk-server is not installed: make signalk-server'
     return ''
 
 
