@@ -19,6 +19,7 @@ import uuid
 from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
@@ -76,12 +77,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    try:
-        from stickslip_monitor.links import signalk_client
-    except ImportError as error:
-        raise LinkError(
-            f"watch needs the extra 'links' ({error}): pip install 'stickslip_monitor[links]'"
-        ) from error
+    if find_spec('aiohttp') is None:
+        raise LinkError("watch needs the extra 'links': pip install 'stickslip_monitor[links]'")
     logging.basicConfig(level=logging.INFO, format='%(asctime)s %(levelname)s %(message)s')
     config, links = load_watch(args.config, args.node is not None)
     if args.request_token:
@@ -220,6 +217,7 @@ def _board(args: argparse.Namespace, config: MonitorConfig) -> DashboardState | 
         from stickslip_monitor.dashboard.state import DashboardState
     except ImportError as error:
         raise missing_extra(error) from error
+    assert Server  # imports prometheus_client, which the page needs
     return DashboardState([bearing_view(b) for b in config.bearings], args.node or args.config)
 
 
