@@ -34,7 +34,7 @@ from stickslip_monitor.commands.dashboard import (
 )
 from stickslip_monitor.commands.output import add_config
 from stickslip_monitor.errors import ConfigurationError, LinkError
-from stickslip_monitor.links.config import SECTION, LinksConfig, build_links, is_loopback
+from stickslip_monitor.links.link_config import SECTION, LinksConfig, build_links, is_loopback
 from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.config import MonitorConfig, bearing_names, build_config
@@ -45,7 +45,7 @@ from stickslip_monitor.surface_store import prepare_surfaces
 
 if TYPE_CHECKING:
     from stickslip_monitor.dashboard.state import DashboardState
-    from stickslip_monitor.links.live import Sink
+    from stickslip_monitor.links.live_monitor import Sink
     from stickslip_monitor.links.nmea_client import NmeaClient, Take
     from stickslip_monitor.links.signalk_client import SignalKClient
 
@@ -212,20 +212,18 @@ async def _watch(args: argparse.Namespace, config: MonitorConfig, links: LinksCo
 def _board(args: argparse.Namespace, config: MonitorConfig) -> DashboardState | None:
     if args.port is None:
         return None
-    try:
-        from stickslip_monitor.dashboard.server import Server
-        from stickslip_monitor.dashboard.state import DashboardState
-    except ImportError as error:
-        raise missing_extra(error) from error
-    assert Server  # imports prometheus_client, which the page needs
+    from stickslip_monitor.dashboard.state import DashboardState
+
     return DashboardState([bearing_view(b) for b in config.bearings], args.node or args.config)
 
 
 async def _serve(args: argparse.Namespace, board: DashboardState | None, feed: Feed) -> None:
     """Serve the page, or wait, until a signal comes."""
     if board is not None:
-        from stickslip_monitor.dashboard.server import Server, serve
-
+        try:
+            from stickslip_monitor.dashboard.server import Server, serve
+        except ImportError as error:
+            raise missing_extra(error) from error
         application = Server(board, feed, page_access(args)).application()
         await serve(application, board, args.host, args.port, say_address)
         return
@@ -255,7 +253,7 @@ def _monitor(
             bridge = Bridge(watcher.node, args.node, config, links.labels)
             yield bridge.take, asyncio.Event().wait
         return
-    from stickslip_monitor.links.live import LiveMonitor
+    from stickslip_monitor.links.live_monitor import LiveMonitor
 
     if config.clips.directory:
         _log.warning('clips.directory is not used: event clips are taken by the ROS 2 node')

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from stickslip_monitor.errors import StickslipError
-from stickslip_monitor.links.config import NmeaLink
+from stickslip_monitor.links.link_config import NmeaLink
 from stickslip_monitor.links.nmea import Alerts, NmeaInput, samples
 from stickslip_monitor.links.ports import Port, open_port
 from stickslip_monitor.monitor.alarms.live_alarms import Log

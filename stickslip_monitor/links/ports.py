@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from stickslip_monitor.errors import LinkError
-from stickslip_monitor.links.config import check_port
+from stickslip_monitor.links.link_config import check_port
 
 SILENT = 30.0
 """A port that should bring lines and has brought none for so long is opened again [s]."""

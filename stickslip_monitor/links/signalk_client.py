@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 import aiohttp
 
 from stickslip_monitor.errors import LinkError, StickslipError
-from stickslip_monitor.links.config import SignalKLink, is_loopback
+from stickslip_monitor.links.link_config import SignalKLink, is_loopback
 from stickslip_monitor.links.nmea_client import Take, TellLink
 from stickslip_monitor.links.signalk import (
     SAFE_ACTIONS,

@@ -17,7 +17,7 @@ import pytest
 
 from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links import ports
-from stickslip_monitor.links.config import NmeaLink
+from stickslip_monitor.links.link_config import NmeaLink
 from stickslip_monitor.links.nmea import NmeaInput, sentence
 from stickslip_monitor.links.nmea_client import NmeaClient
 from stickslip_monitor.links.ports import Port, open_port

@@ -19,7 +19,7 @@ pytest.importorskip('aiohttp', reason="the extra 'links' is not installed")
 from benchmarks.signalk_servers import SmallServer
 from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links import signalk_client
-from stickslip_monitor.links.config import SignalKLink
+from stickslip_monitor.links.link_config import SignalKLink
 from stickslip_monitor.links.signalk import SignalKInput, SignalKInputs
 from stickslip_monitor.links.signalk_client import SignalKClient, request_token
 from stickslip_monitor.monitor.alarms.causes import AlarmKind

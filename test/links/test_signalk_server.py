@@ -18,8 +18,8 @@ import aiohttp
 
 from benchmarks.signalk_servers import RealServer, missing
 from stickslip_monitor import build_config
-from stickslip_monitor.links.config import SignalKLink
-from stickslip_monitor.links.live import LiveMonitor
+from stickslip_monitor.links.link_config import SignalKLink
+from stickslip_monitor.links.live_monitor import LiveMonitor
 from stickslip_monitor.links.signalk import SignalKInput, SignalKInputs
 from stickslip_monitor.links.signalk_client import SignalKClient
 

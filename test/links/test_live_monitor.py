@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from stickslip_monitor import build_config
-from stickslip_monitor.links.live import LiveMonitor
+from stickslip_monitor.links.live_monitor import LiveMonitor
 from stickslip_monitor.monitor.alarms.annunciator import Action
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
 
