@@ -64,6 +64,8 @@ setup(
         'ros': ROS,
         # Checks a fleet's recordings on a Dask cluster.
         'fleet': ['distributed>=2024.1'],
+        # Signal K and NMEA 0183; with `dashboard` the page, too.
+        'links': ['aiohttp>=3.9'],
         'report': ['jinja2>=3.0', 'matplotlib>=3.5'],
         # Compiles the inner loops of the time integrator; without it they run in Python.
         'sim': ['numba>=0.57'],
@@ -75,6 +77,7 @@ setup(
             'hypothesis>=6.60',
             'mpmath>=1.2',
             'numba>=0.57',
+            'pynmeagps>=1.0.40',
             'pytest>=7',
             'pytest-xdist>=3',
             'ros-kilted-geometry-msgs==5.5.1' + WHERE_ROS_HAS_WHEELS,

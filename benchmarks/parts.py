@@ -1,7 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parts of the benchmarks, in the order of the page."""
 
-PARTS: tuple[str, ...] = ('reading', 'physics', 'diagram', 'integration', 'check_day', 'node')
+PARTS: tuple[str, ...] = (
+    'reading',
+    'physics',
+    'diagram',
+    'integration',
+    'check_day',
+    'node',
+    'links',
+)
 """Modules of this package with ``run(quick: bool) -> Table``."""
 SOAK = 'soak'
 """The part that takes ten minutes and is run by itself."""

@@ -27,6 +27,7 @@ COMMANDS = {
     'play': 'publish a bag to ROS 2, with /clock',
     'score': 'judge the warnings over simulated bags by the truth',
     'simulate': 'make a bag from a scene file',
+    'watch': "watch bearings on the ship's own buses, Signal K and NMEA 0183",
 }
 
 

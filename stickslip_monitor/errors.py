@@ -50,3 +50,7 @@ class DashboardError(StickslipError):
 
 class FleetError(StickslipError):
     """A cluster cannot be reached, is lost, or cannot do what was asked."""
+
+
+class LinkError(StickslipError):
+    """One of the ship's buses cannot be used as configured."""

@@ -31,6 +31,7 @@ from stickslip_monitor.monitor.config_file import NODE_NAME, load_config
 if TYPE_CHECKING:
     from stickslip_monitor.dashboard.access import Access
     from stickslip_monitor.dashboard.state import BearingView, DashboardState, Desk
+    from stickslip_monitor.ros.watcher import TakeStatus, Watcher
 
 DEFAULT_PORT = 8370
 _SPEEDS_DRAWN = 120
@@ -40,17 +41,9 @@ _LOCALHOST = 'localhost'
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_config(parser)
-    parser.add_argument(
-        '--host', default='127.0.0.1', metavar='ADDRESS', help='listen here (default 127.0.0.1)'
-    )
+    add_page(parser)
     parser.add_argument(
         '--port', type=int, default=DEFAULT_PORT, help=f'0 for any (default {DEFAULT_PORT})'
-    )
-    parser.add_argument(
-        '--token-file', metavar='FILE', help='file with the token that opens the page'
-    )
-    parser.add_argument(
-        '--name', action='append', default=[], help='host name by which people reach this machine'
     )
     parser.add_argument('--bag', metavar='BAG', help='replay this recording instead of ROS 2')
     parser.add_argument(
@@ -58,6 +51,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--node', default=f'/{NODE_NAME}', help=f"the monitor's full name (default /{NODE_NAME})"
+    )
+
+
+def add_page(parser: argparse.ArgumentParser) -> None:
+    """Declare what a page needs beside its port, and where a node's diagnostics are."""
+    parser.add_argument(
+        '--host', default='127.0.0.1', metavar='ADDRESS', help='listen here (default 127.0.0.1)'
+    )
+    parser.add_argument(
+        '--token-file', metavar='FILE', help='file with the token that opens the page'
+    )
+    parser.add_argument(
+        '--name', action='append', default=[], help='host name by which people reach this machine'
     )
     parser.add_argument(
         '--diagnostics', default='/diagnostics', metavar='TOPIC', help='(default /diagnostics)'
@@ -69,29 +75,36 @@ def run(args: argparse.Namespace) -> int:
     try:
         from stickslip_monitor.dashboard.state import DashboardState
     except ImportError as error:
-        raise _missing(error) from error
+        raise missing_extra(error) from error
     config = load_config(args.config)
-    access = _access(args)
+    access = page_access(args)
     source = args.bag or args.node
     board = DashboardState(
-        [_view(b) for b in config.bearings], source, replay=args.bag is not None
+        [bearing_view(b) for b in config.bearings], source, replay=args.bag is not None
     )
     asyncio.run(_serve(args, config, board, access))
     return 0
 
 
-def _missing(error: ImportError) -> DashboardError:
+def missing_extra(error: ImportError) -> DashboardError:
+    """What to install for a page."""
     return DashboardError(
         f"a dashboard needs the extra 'dashboard' ({error}):"
         " pip install 'stickslip_monitor[dashboard]'"
     )
 
 
-def _access(args: argparse.Namespace) -> Access:
+def page_access(args: argparse.Namespace) -> Access:
+    """Who may see the page.
+
+    Raises:
+        ConfigurationError: The port is none.
+        DashboardError: The page would be open to others without a token.
+    """
     try:
         from stickslip_monitor.dashboard.access import Access, read_token
     except ImportError as error:
-        raise _missing(error) from error
+        raise missing_extra(error) from error
     if not 0 <= args.port <= 65535:
         raise ConfigurationError(f'--port {args.port} must be from 0 to 65535')
     token = '' if args.token_file is None else read_token(args.token_file)
@@ -118,14 +131,15 @@ async def _serve(
     try:
         from stickslip_monitor.dashboard.server import Server, serve
     except ImportError as error:
-        raise _missing(error) from error
+        raise missing_extra(error) from error
     open_desk = _replay if args.bag is not None else _live
     with open_desk(args, config, board) as desk:
         application = Server(board, desk, access).application()
-        await serve(application, board, args.host, args.port, _started)
+        await serve(application, board, args.host, args.port, say_address)
 
 
-def _started(url: str) -> None:
+def say_address(url: str) -> None:
+    """Say where the page is."""
     Console(markup=False, highlight=False, soft_wrap=True).print(f'Dashboard on {url}')
     sys.stdout.flush()
 
@@ -133,12 +147,25 @@ def _started(url: str) -> None:
 @contextmanager
 def _live(args: argparse.Namespace, _: MonitorConfig, board: DashboardState) -> Iterator[Desk]:
     """Feed the board by a monitor that runs beside."""
+    with listen_to_node(args, board.take_status, board.take_alarms) as watcher:
+        yield watcher
+
+
+@contextmanager
+def listen_to_node(
+    args: argparse.Namespace, take_status: TakeStatus, take_alarms: Callable[[Any], None]
+) -> Iterator[Watcher]:
+    """Listen to a node from a thread of its own, and take what it says on the running loop.
+
+    Raises:
+        RosError: ROS 2 is not there.
+    """
     try:
         from stickslip_monitor.ros.watcher import open_watcher
     except ImportError as error:
         raise RosError(
             f'ROS 2 is not available ({error}): source its setup file, or install this package'
-            " with the extra 'ros'; or replay a recording with --bag"
+            " with the extra 'ros'"
         ) from error
     loop = asyncio.get_running_loop()
 
@@ -149,7 +176,7 @@ def _live(args: argparse.Namespace, _: MonitorConfig, board: DashboardState) -> 
         return hand_over
 
     with open_watcher(
-        args.node, args.diagnostics, on_loop(board.take_status), on_loop(board.take_alarms)
+        args.node, args.diagnostics, on_loop(take_status), on_loop(take_alarms)
     ) as watcher:
         yield watcher
 
@@ -169,7 +196,7 @@ def _replay(
         task.cancel()
 
 
-def _view(config: BearingConfig) -> BearingView:
+def bearing_view(config: BearingConfig) -> BearingView:
     """The bearing with its stability map."""
     from stickslip_monitor.dashboard.state import BearingView, Curves
 

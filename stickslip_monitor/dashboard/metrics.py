@@ -70,6 +70,9 @@ class Metrics(Collector):
         board = self._board
         yield _single('monitor_up', 'Whether the monitor is heard (1) or not (0).', board.there)
         yield _single('dashboard_readers', 'Pages that are open.', len(board.hub.readers))
+        if board.links:
+            text, links = "Whether a link to the ship's buses works.", board.links.items()
+            yield _family('link_up', text, ['link'], [([name], up) for name, up in links])
         silent = board.silent_for
         if silent is not None:
             text = 'Time since anything was heard of the monitor.'

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import math
 import time
 from collections.abc import Iterator
@@ -13,19 +14,16 @@ from heapq import merge
 from stickslip_monitor.bags.reader import Request, Series, open_bag
 from stickslip_monitor.dashboard.state import DashboardState
 from stickslip_monitor.errors import BagError, ConfigurationError
-from stickslip_monitor.monitor.alarms.alarm_records import alarms_record
-from stickslip_monitor.monitor.alarms.annunciator import AlarmChange, Annunciator
+from stickslip_monitor.monitor.alarms.live_alarms import LiveAlarms
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.config import InputConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME
 from stickslip_monitor.monitor.messages import diagnostic_record, state_of
 from stickslip_monitor.monitor.monitor import Monitor
-from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.surface_store import prepare_surfaces
 
 _SHOWN_EVERY = 0.2
 _TURN = 0.01
-_FAULTS = (Status.NOT_FINITE, Status.IMPLAUSIBLE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,24 +63,22 @@ class Replay:
             raise BagError(f"bag '{path}' has no sample of the configured inputs")
         prepare_surfaces(item.bearing for item in config.bearings)
         self._monitor = Monitor(config)
-        self._annunciator = Annunciator(config)
+        self._alarms = LiveAlarms(
+            config, lambda: self._log_ns, board.take_alarms, logging.getLogger(NODE_NAME)
+        )
         self._log_ns = self._start_ns = self._samples[0].log_ns
         # How far the clock of the samples is from the recorder's, bearing by bearing [ns].
         self._ahead_ns = dict.fromkeys(
             self._monitor.bearings, self._samples[0].stamp_ns - self._start_ns
         )
-        self._sequence = 0
 
     def act(self, request: ActionRequest) -> None:
         """Do what a person asks for."""
-        changes = self._annunciator.act(
-            request.action, self._log_ns, request.by, request.bearing, request.kind
-        )
-        self._tell(changes)
+        self._alarms.act(request.action, request.by, request.bearing, request.kind)
 
     async def play(self) -> None:
         """Play it to its end."""
-        self._tell([])
+        self._alarms.begin()
         begin, shown, slept = time.monotonic(), -math.inf, time.monotonic()
         for sample in self._samples:
             while True:
@@ -106,9 +102,8 @@ class Replay:
         """Let the recorder's time pass without a sample."""
         self._log_ns = max(self._log_ns, log_ns)
         for name, bearing in self._monitor.bearings.items():
-            for event in bearing.advance(self._time_ns(name)):
-                self._tell(self._annunciator.take_event(event))
-        self._tell(self._annunciator.advance(self._log_ns - self._start_ns, self._log_ns))
+            self._alarms.feed_events(bearing.advance(self._time_ns(name)))
+        self._alarms.advance(self._log_ns - self._start_ns)
 
     def _time_ns(self, bearing: str) -> int:
         return self._log_ns + self._ahead_ns[bearing]
@@ -118,21 +113,7 @@ class Replay:
         update = self._monitor.bearings[name].update(is_load, time_ns, sample.value)
         if update.status.believed:
             self._ahead_ns[name] = time_ns - sample.log_ns
-        changes: list[AlarmChange] = []
-        if update.status in _FAULTS:
-            changes += self._annunciator.take_fault(name, is_load, update.status, time_ns)
-        if update.verdict is not None:
-            changes += self._annunciator.take_verdict(update.verdict)
-        for event in update.events:
-            changes += self._annunciator.take_event(event)
-        self._tell(changes)
-
-    def _tell(self, changes: list[AlarmChange]) -> None:
-        if changes or self._sequence == 0:
-            self._sequence += 1
-            self._board.take_alarms(
-                alarms_record(self._annunciator, changes, self._log_ns, self._sequence)
-            )
+        self._alarms.feed(name, is_load, time_ns, update)
 
     def _show(self) -> None:
         for name, bearing in self._monitor.bearings.items():

@@ -192,6 +192,10 @@ class DashboardState:
         source: Where it comes from, for a person: the node's name, or the recording's.
         replay: Whether it comes from a recording.
         clock: Time that never steps [s].
+
+    Attributes:
+        alarms: The newest list of alarms.
+        links: Of each of the ship's buses whether it works, where buses are watched.
     """
 
     def __init__(
@@ -206,6 +210,7 @@ class DashboardState:
         self._clock = clock
         self.hub = Hub(f'{time.time_ns() // 1_000_000:x}')
         self.alarms: dict[str, Any] | None = None
+        self.links: dict[str, bool] = {}
         self._log: deque[dict[str, Any]] = deque(maxlen=LOG)
         self._heard_at: float | None = None
         self._was_there = False

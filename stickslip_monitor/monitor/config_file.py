@@ -123,6 +123,20 @@ def _node_parameters(path: str | Path, document: Any) -> dict[str, Any]:
     return {key: value for key, value in merged.items() if not is_ros_parameter(key)}
 
 
+def load_section(path: str | Path, section: str) -> dict[str, Any]:
+    """The parameters of one section of a parameter file, by their dotted names.
+
+    Raises:
+        ConfigurationError: The file cannot be read, or has no such section.
+    """
+    document = load_yaml(path)
+    content = document.get(section) if isinstance(document, Mapping) else None
+    parameters = content.get('ros__parameters') if isinstance(content, Mapping) else None
+    if not isinstance(parameters, Mapping):
+        raise ConfigurationError(f"{path} has no section '{section}:' with 'ros__parameters:'")
+    return dict(_flattened('', parameters))
+
+
 def is_ros_parameter(name: str) -> bool:
     """Whether a parameter is one that every ROS 2 node has."""
     return name in _ROS_OWN or name.startswith(_ROS_OWN_SECTION)

@@ -202,7 +202,7 @@ class MonitorNode(LifecycleNode):
             self._publish(verdict, bool(update.events))
         self._announce(update.events)
         assert self._desk is not None
-        self._desk.take_update(name, is_load, time_ns, update)
+        self._desk.feed(name, is_load, time_ns, update)
 
     def _publish(self, verdict: Verdict, changed: bool) -> None:
         now = self._steady.now().nanoseconds
@@ -238,7 +238,7 @@ class MonitorNode(LifecycleNode):
                 events += bearing.advance(self._bases[name] + elapsed)
         self._announce(events)
         assert self._desk is not None
-        self._desk.take_events(events)
+        self._desk.feed_events(events)
         self._desk.tick(steady, now)
         if self._clips is not None:
             times = [b.now_ns for b in self._monitor.bearings.values() if b.now_ns is not None]

@@ -6,6 +6,7 @@ from __future__ import annotations
 import asyncio
 import base64
 import json
+import logging
 import shutil
 import subprocess
 import threading
@@ -41,37 +42,38 @@ class Ship:
     """
 
     def __init__(self, board: Any) -> None:
-        from stickslip_monitor.monitor.alarms.annunciator import Annunciator
+        from stickslip_monitor.monitor.alarms.live_alarms import LiveAlarms
         from stickslip_monitor.monitor.config_file import load_config
         from stickslip_monitor.monitor.monitor import Monitor
 
         config = load_config(REFERENCE)
-        self.board = board
-        self.monitor, self.annunciator = Monitor(config), Annunciator(config)
+        self.board, self.monitor = board, Monitor(config)
         self.seconds = 0.0
         self.asked: list[Any] = []
         self.deaf = False
-        self._tell([])
+        log = logging.getLogger('ship')
+        self.alarms = LiveAlarms(config, lambda: self.time_ns, board.take_alarms, log)
+        self.alarms.begin()
+
+    @property
+    def time_ns(self) -> int:
+        return T0 + round(self.seconds * 1e9)
 
     def sail(self, rpm: float, load: float, seconds: float = 1.0) -> None:
         """So long at an operating point, with a sample of each input a second."""
         for _ in range(max(round(seconds), 1)):
             self.seconds += 1.0
-            time_ns = T0 + round(self.seconds * 1e9)
             for is_load, value in enumerate((rpm, load)):
-                update = self.monitor.bearings[BEARING].update(is_load, time_ns, value)
-                for event in update.events:
-                    self._tell(self.annunciator.take_event(event))
-            self._tell(self.annunciator.advance(round(self.seconds * 1e9), time_ns))
+                update = self.monitor.bearings[BEARING].update(is_load, self.time_ns, value)
+                self.alarms.feed(BEARING, is_load, self.time_ns, update)
+            self.alarms.advance(round(self.seconds * 1e9))
         self.show()
 
     def wait(self, seconds: float) -> None:
         """So long without a sample."""
         self.seconds += seconds
-        time_ns = T0 + round(self.seconds * 1e9)
-        for event in self.monitor.bearings[BEARING].advance(time_ns):
-            self._tell(self.annunciator.take_event(event))
-        self._tell(self.annunciator.advance(round(self.seconds * 1e9), time_ns))
+        self.alarms.feed_events(self.monitor.bearings[BEARING].advance(self.time_ns))
+        self.alarms.advance(round(self.seconds * 1e9))
         self.show()
 
     def show(self) -> None:
@@ -79,26 +81,13 @@ class Ship:
         from stickslip_monitor.monitor.messages import diagnostic_record, state_of
 
         record = diagnostic_record('stickslip_monitor', state_of(self.monitor.bearings[BEARING]))
-        time_ns = T0 + round(self.seconds * 1e9)
-        self.board.take_status(BEARING, time_ns, record.message, record.values)
+        self.board.take_status(BEARING, self.time_ns, record.message, record.values)
 
     def act(self, request: Any) -> None:
         """Do what is asked for."""
         self.asked.append(request)
         if not self.deaf:
-            time_ns = T0 + round(self.seconds * 1e9)
-            self._tell(
-                self.annunciator.act(
-                    request.action, time_ns, request.by, request.bearing, request.kind
-                )
-            )
-
-    def _tell(self, changes: list[Any]) -> None:
-        from stickslip_monitor.monitor.alarms.alarm_records import alarms_record
-
-        time_ns = T0 + round(self.seconds * 1e9)
-        if changes or self.board.alarms is None:
-            self.board.take_alarms(alarms_record(self.annunciator, changes, time_ns, 1))
+            self.alarms.act(request.action, request.by, request.bearing, request.kind)
 
 
 class Dashboard:
@@ -107,14 +96,14 @@ class Dashboard:
     def __init__(self, token: str = '', port: int = 0, heartbeat: float = 0.3) -> None:
         from aiohttp import web
 
-        from stickslip_monitor.commands.dashboard import _view
+        from stickslip_monitor.commands.dashboard import bearing_view
         from stickslip_monitor.dashboard.access import Access
         from stickslip_monitor.dashboard.server import Server
         from stickslip_monitor.dashboard.state import DashboardState
         from stickslip_monitor.monitor.config_file import load_config
 
         self._loop = asyncio.new_event_loop()
-        views = [_view(bearing) for bearing in load_config(REFERENCE).bearings]
+        views = [bearing_view(bearing) for bearing in load_config(REFERENCE).bearings]
         self.board = DashboardState(views, '/stickslip_monitor')
         self.ship = Ship(self.board)
         access = Access(token, frozenset({'ship.test'}))

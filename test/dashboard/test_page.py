@@ -192,7 +192,7 @@ def test_hostile_texts_stay_text(dashboard: Any, page: Any) -> None:
 
     def poison() -> None:
         ship = dashboard.ship
-        for causes in ship.annunciator.causes.values():
+        for causes in ship.alarms.annunciator.causes.values():
             causes.texts = dict.fromkeys(AlarmKind, HOSTILE)
         ship.board.take_status('aft_stern', 1, HOSTILE, {'reason': HOSTILE, 'regime': HOSTILE})
         ship.act(ActionRequest(Action.ACKNOWLEDGE, HOSTILE))

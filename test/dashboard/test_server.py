@@ -130,7 +130,9 @@ def test_fifty_readers_and_one_that_never_reads(dashboard: Any, kit: Any) -> Non
         for _ in range(10):
             await asyncio.to_thread(dashboard.do, storm)
         assert (
-            {'', 'status aft_stern'} <= set(one._waiting) <= {'', 'status aft_stern', 'monitor '}
+            {'', 'status aft_stern'}
+            <= set(one._waiting)
+            <= {'', 'status aft_stern', 'monitor ', 'alarms '}
         )
         await asyncio.to_thread(dashboard.sail, 70.0, 500.0)
         return await asyncio.gather(*tasks)

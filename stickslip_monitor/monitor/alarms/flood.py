@@ -37,13 +37,15 @@ class Flood:
 
     def add(self, now_ns: int) -> None:
         """An alarm was given."""
-        self._times.append(now_ns)
-        self._most = max(self._most, self.figures(now_ns).lately)
-
-    def figures(self, now_ns: int) -> FloodFigures:
-        """The figures at a time not before the latest alarm."""
+        self._flooding = self.figures(now_ns).flooding
         while self._times and now_ns - self._times[0] >= WINDOW_NS:
             self._times.popleft()
-        lately = len(self._times)
-        self._flooding = lately >= END if self._flooding else lately > BEGIN
-        return FloodFigures(lately, max(self._most, lately), self._flooding)
+        self._times.append(now_ns)
+        self._flooding = self._flooding or len(self._times) > BEGIN
+        self._most = max(self._most, len(self._times))
+
+    def figures(self, now_ns: int) -> FloodFigures:
+        """The figures at a time not before the latest alarm; reading them changes nothing."""
+        # Between two alarms the count only falls, so a flood that is over now stays over.
+        lately = sum(now_ns - time_ns < WINDOW_NS for time_ns in self._times)
+        return FloodFigures(lately, self._most, self._flooding and lately >= END)

@@ -1,0 +1,331 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Watch bearings on the ship's own buses, Signal K and NMEA 0183, and give the alarms to them.
+
+Without --node the monitor runs in this process, and no ROS is needed. With --node it stands beside
+a running monitor: what the buses bring is published on its topics, and its alarms go to the buses.
+The section /stickslip_links of the parameter file says which bus brings and takes what.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import logging
+import os
+import signal
+import socket
+import time
+import uuid
+from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+from stickslip_monitor.commands.dashboard import (
+    add_page,
+    bearing_view,
+    listen_to_node,
+    missing_extra,
+    page_access,
+    say_address,
+)
+from stickslip_monitor.commands.output import add_config
+from stickslip_monitor.errors import ConfigurationError, LinkError
+from stickslip_monitor.links.link_config import SECTION, LinksConfig, build_links, is_loopback
+from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA
+from stickslip_monitor.monitor.alarms.requests import ActionRequest
+from stickslip_monitor.monitor.config import MonitorConfig, bearing_names, build_config
+from stickslip_monitor.monitor.config_file import NODE_NAME, load_parameters, load_section
+from stickslip_monitor.monitor.signals import QUANTITIES
+from stickslip_monitor.ros.state_file import StateFile
+from stickslip_monitor.surface_store import prepare_surfaces
+
+if TYPE_CHECKING:
+    from stickslip_monitor.dashboard.state import DashboardState
+    from stickslip_monitor.links.live_monitor import Sink
+    from stickslip_monitor.links.nmea_client import NmeaClient, Take
+    from stickslip_monitor.links.signalk_client import SignalKClient
+
+    Client = NmeaClient | SignalKClient
+
+SILENT = 3.0
+"""A node of which nothing has been heard for so long is not believed to be there [s]."""
+_TICK = 0.5
+_log = logging.getLogger(NODE_NAME)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add_config(parser)
+    parser.add_argument(
+        '--node',
+        nargs='?',
+        const=f'/{NODE_NAME}',
+        help=f'stand beside the monitor of this full name (/{NODE_NAME} where none is given)',
+    )
+    parser.add_argument('--port', type=int, help='serve the page of `stickslip dashboard`, too')
+    add_page(parser)
+    parser.add_argument(
+        '--request-token',
+        action='store_true',
+        help='ask the Signal K server for a token, write it to signalk.token_file, and end',
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command."""
+    if find_spec('aiohttp') is None:
+        raise LinkError("watch needs the extra 'links': pip install 'stickslip_monitor[links]'")
+    logging.basicConfig(level=logging.INFO, format='%(asctime)s %(levelname)s %(message)s')
+    config, links = load_watch(args.config, args.node is not None)
+    if args.request_token:
+        return asyncio.run(_request_token(links))
+    asyncio.run(_watch(args, config, links))
+    return 0
+
+
+def load_watch(path: str, with_node: bool) -> tuple[MonitorConfig, LinksConfig]:
+    """Read and validate a parameter file with its section of links.
+
+    Raises:
+        ConfigurationError: It cannot be read or breaks a rule; the text names the file.
+    """
+    parameters, section = load_parameters(path), load_section(path, SECTION)
+    try:
+        if not with_node:
+            # Without ROS an input needs no topic.
+            for name in bearing_names(parameters):
+                for quantity in QUANTITIES:
+                    parameters.setdefault(f'{name}.{quantity}.topic', f'{name}/{quantity}')
+        config = build_config(parameters)
+        links = build_links(section, config)
+        return (config if with_node else _labelled(config, links)), links
+    except ConfigurationError as error:
+        raise ConfigurationError(f'{path}: {error}') from error
+
+
+def _labelled(config: MonitorConfig, links: LinksConfig) -> MonitorConfig:
+    """The configuration with every input called what it is on its bus."""
+    labels = links.labels
+    for bearing in config.bearings:
+        for is_load, quantity in enumerate(QUANTITIES):
+            if (bearing.name, is_load) not in labels:
+                raise ConfigurationError(
+                    f"{SECTION}: '{bearing.name}.{quantity}' is missing: without --node every"
+                    ' input comes from a bus'
+                )
+    return replace(
+        config,
+        bearings=tuple(
+            replace(
+                b,
+                speed=replace(b.speed, topic=labels[b.name, 0]),
+                load=replace(b.load, topic=labels[b.name, 1]),
+            )
+            for b in config.bearings
+        ),
+    )
+
+
+class Feed:
+    """Hands what the monitor says to everything that shows it.
+
+    Attributes:
+        sinks: What shows it.
+        act: Takes what people ask of the monitor.
+    """
+
+    act: Callable[[ActionRequest], None]
+
+    def __init__(self) -> None:
+        self.sinks: list[Sink] = []
+        self._heard = -SILENT
+
+    @property
+    def there(self) -> bool:
+        """Whether the monitor is heard."""
+        return time.monotonic() - self._heard < SILENT
+
+    def take_status(
+        self, bearing: str, time_ns: int, text: str, values: Mapping[str, str]
+    ) -> None:
+        """The diagnostic status of a bearing has come."""
+        self._heard = time.monotonic()
+        for sink in self.sinks:
+            sink.take_status(bearing, time_ns, text, values)
+
+    def take_alarms(self, record: Any) -> None:
+        """The list of alarms has come; what is none is ignored."""
+        if isinstance(record, dict) and record.get('schema') == ALARM_SCHEMA:
+            for sink in self.sinks:
+                sink.take_alarms(record)
+
+
+class LinkStates:
+    """Which links work; every change is logged, and shown on the board where there is one."""
+
+    def __init__(self, board: DashboardState | None) -> None:
+        self._up: dict[str, bool] = {} if board is None else board.links
+
+    def tell(self, name: str, up: bool, why: str) -> None:
+        """A link works, or does not and why."""
+        before = self._up.get(name)
+        self._up[name] = up
+        if before is not up:
+            (_log.info if up else _log.error)(f'{name}: {"works" if up else why}')
+
+
+async def _watch(args: argparse.Namespace, config: MonitorConfig, links: LinksConfig) -> None:
+    board = _board(args, config)
+    for complaint in prepare_surfaces(b.bearing for b in config.bearings):
+        _log.warning(complaint)
+    feed, states = Feed(), LinkStates(board)
+    with _monitor(args, config, links, feed) as (take, run_monitor):
+        clients = _clients(config, links, take, feed, states)
+        feed.sinks += [*clients, *([] if board is None else [board])]
+        for client in clients:
+            await client.start()
+        tasks = [
+            asyncio.create_task(work)
+            for work in (
+                _serve(args, board, feed),
+                run_monitor(),
+                _tick(clients, feed),
+                *(client.run() for client in clients),
+            )
+        ]
+        try:
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()
+            for client in clients:
+                await client.finish()
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def _board(args: argparse.Namespace, config: MonitorConfig) -> DashboardState | None:
+    if args.port is None:
+        return None
+    from stickslip_monitor.dashboard.state import DashboardState
+
+    return DashboardState([bearing_view(b) for b in config.bearings], args.node or args.config)
+
+
+async def _serve(args: argparse.Namespace, board: DashboardState | None, feed: Feed) -> None:
+    """Serve the page, or wait, until a signal comes."""
+    if board is not None:
+        try:
+            from stickslip_monitor.dashboard.server import Server, serve
+        except ImportError as error:
+            raise missing_extra(error) from error
+        application = Server(board, feed, page_access(args)).application()
+        await serve(application, board, args.host, args.port, say_address)
+        return
+    stop, loop = asyncio.Event(), asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.set)
+    await stop.wait()
+
+
+async def _tick(clients: Sequence[Client], feed: Feed) -> None:
+    while True:
+        for client in clients:
+            client.tick(feed.there)
+        await asyncio.sleep(_TICK)
+
+
+@contextmanager
+def _monitor(
+    args: argparse.Namespace, config: MonitorConfig, links: LinksConfig, feed: Feed
+) -> Iterator[tuple[Take, Callable[[], Coroutine[Any, Any, Any]]]]:
+    """What takes samples, and what has to run for it."""
+    if args.node is not None:
+        with listen_to_node(args, feed.take_status, feed.take_alarms) as watcher:
+            from stickslip_monitor.ros.bridge import Bridge
+
+            feed.act = watcher.act
+            bridge = Bridge(watcher.node, args.node, config, links.labels)
+            yield bridge.take, asyncio.Event().wait
+        return
+    from stickslip_monitor.links.live_monitor import LiveMonitor
+
+    if config.clips.directory:
+        _log.warning('clips.directory is not used: event clips are taken by the ROS 2 node')
+    store = StateFile(config.state_file) if config.state_file else None
+    live = LiveMonitor(config, [feed], _log, store)
+    feed.act = live.act
+    yield live.take, live.run
+
+
+def _clients(
+    config: MonitorConfig, links: LinksConfig, take: Take, feed: Feed, states: LinkStates
+) -> list[Client]:
+    """What speaks to the buses."""
+    from stickslip_monitor.links.nmea_client import NmeaClient
+    from stickslip_monitor.links.signalk import SignalKInputs
+    from stickslip_monitor.links.signalk_client import SignalKClient
+
+    clients: list[Client] = []
+    names = [b.name for b in config.bearings]
+    if links.signalk is not None:
+        token = _token(links.signalk.token_file)
+        inputs = SignalKInputs(links.signalk_inputs, _log.warning)
+        theirs = {item.bearing for item in links.signalk_inputs if item.is_load}
+        own_load = [name for name in names if name not in theirs]
+        clients.append(
+            SignalKClient(
+                links.signalk, token, inputs, names, own_load, take, feed.act, states.tell, _log
+            )
+        )
+    if links.nmea is not None:
+        _warn_of_udp(links)
+        clients.append(
+            NmeaClient(links.nmea, links.nmea_inputs, names, take, feed.act, states.tell, _log)
+        )
+    return clients
+
+
+def _warn_of_udp(links: LinksConfig) -> None:
+    url = urlsplit(links.nmea.listen if links.nmea else '')
+    if url.scheme == 'udp' and not is_loopback(url.hostname):
+        _log.warning(
+            'nmea.listen: a datagram proves nothing of its sender; use a network of ships'
+            ' instruments only'
+        )
+
+
+def _token(path: str) -> str:
+    """The token of a file that nobody else can read; empty without a file."""
+    if not path:
+        return ''
+    from stickslip_monitor.dashboard.access import read_token
+
+    token = read_token(path)
+    if Path(path).stat().st_mode & 0o077:
+        raise LinkError(f"signalk.token_file = '{path}' can be read by others: chmod 600 it")
+    return token
+
+
+async def _request_token(links: LinksConfig) -> int:
+    from stickslip_monitor.links.signalk_client import request_token
+
+    if links.signalk is None or not links.signalk.token_file:
+        raise LinkError('--request-token needs signalk.url and signalk.token_file')
+    path = Path(links.signalk.token_file).absolute()
+    if not path.parent.is_dir():
+        raise LinkError(f"signalk.token_file = '{path}': there is no folder {path.parent}")
+    # The same for the same machine and file, so that the officer sees one device, not many.
+    client_id = str(uuid.uuid5(uuid.NAMESPACE_URL, f'{socket.gethostname()}{path}'))
+    token = await request_token(links.signalk, client_id, _log.info)
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+    with os.fdopen(descriptor, 'w', encoding='ascii') as file:
+        os.fchmod(descriptor, 0o600)
+        file.write(f'{token}\n')
+    _log.info(f'The token is in {path}')
+    return 0

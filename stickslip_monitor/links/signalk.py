@@ -1,0 +1,436 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Signal K, pure: deltas into samples, alarms and values into deltas, and people's acts back.
+
+Frames are the JSON documents of a server's stream; times are seconds of a steady clock.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from typing import Any
+
+from stickslip_monitor.monitor.alarms.annunciator import Action
+from stickslip_monitor.monitor.alarms.causes import AlarmKind, Priority
+from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
+from stickslip_monitor.monitor.alarms.requests import ActionRequest
+
+BY = 'signal k'
+"""Who acts: the server does not tell which of its users."""
+SOURCE = 'stickslip_monitor'
+SAFE_ACTIONS = (2, 24)
+"""Before this version a server takes an acknowledgement from anybody who reaches its port."""
+Update = dict[str, Any]
+"""One update of a delta: a source and its values, or their meta data."""
+_SEVERITIES = {Priority.ALARM: 'alarm', Priority.WARNING: 'warn', Priority.CAUTION: 'alert'}
+_KINDS = {kind.value: kind for kind in AlarmKind}
+_WAITING = (AlarmState.UNACKNOWLEDGED.value, AlarmState.RETURNED.value)
+_KNOWN = (AlarmState.ACKNOWLEDGED.value, AlarmState.LATCHED.value)
+
+
+def camel(name: str) -> str:
+    """A name of ours as a part of a path: ``aft_stern`` becomes ``aftStern``."""
+    head, *rest = name.split('_')
+    return head + ''.join(part.capitalize() for part in rest)
+
+
+def version_of(hello: Mapping[str, Any]) -> tuple[int, int]:
+    """Major and minor version that a server tells; (0, 0) where it tells none."""
+    found = re.match(r'v?(\d+)\.(\d+)', str(hello.get('version', '')))
+    return (int(found[1]), int(found[2])) if found else (0, 0)
+
+
+def is_hello(frame: object) -> bool:
+    """Whether a frame is a server's greeting."""
+    return isinstance(frame, dict) and isinstance(frame.get('self'), str) and 'version' in frame
+
+
+def _seconds(stamp: object) -> float:
+    """A time stamp in seconds of the epoch; NaN where it is none."""
+    try:
+        time = datetime.fromisoformat(str(stamp).replace('Z', '+00:00'))
+    except ValueError:
+        return math.nan
+    return (time if time.tzinfo else time.replace(tzinfo=timezone.utc)).timestamp()
+
+
+def _updates(frame: object, own: str) -> Iterator[Update]:
+    """The updates of a delta about our own vessel; of anything else none."""
+    if isinstance(frame, dict) and frame.get('context', own) == own:
+        updates = frame.get('updates')
+        for update in updates if isinstance(updates, list) else ():
+            if isinstance(update, dict):
+                yield update
+
+
+def _values(update: Update) -> Iterator[tuple[str, Any]]:
+    values = update.get('values')
+    for item in values if isinstance(values, list) else ():
+        if isinstance(item, dict) and isinstance(item.get('path'), str):
+            yield item['path'], item.get('value')
+
+
+@dataclass(slots=True)
+class SignalKInput:
+    """A path that is an input of a bearing.
+
+    Attributes:
+        bearing: Name of the bearing.
+        is_load: Whether it is the load (else the speed).
+        path: The path.
+        source: The only source to believe; empty to stay with the first that is heard.
+        timeout: After so long without a value it is silent [s].
+        heard: The source that is believed now, and when it was heard last.
+    """
+
+    bearing: str
+    is_load: int
+    path: str
+    source: str
+    timeout: float
+    heard: tuple[str, float] | None = None
+
+    def admits(self, source: str, now: float) -> bool:
+        """Whether a value of a source is to be taken."""
+        if self.source:
+            return source == self.source
+        if self.heard and self.heard[0] != source and now - self.heard[1] <= self.timeout:
+            return False
+        self.heard = source, now
+        return True
+
+
+class SignalKInputs:
+    """Samples out of deltas.
+
+    Args:
+        inputs: What to read.
+        log: Told once of each source that is left aside.
+    """
+
+    def __init__(self, inputs: Sequence[SignalKInput], log: Callable[[str], object]) -> None:
+        self._inputs, self._log = inputs, log
+        self._own = ''
+        self._server_ahead = 0.0
+        self._stamps: dict[tuple[str, str], object] = {}
+        self._begun: set[tuple[str, str]] = set()
+        self._left_aside: set[tuple[str, str]] = set()
+
+    def greet(self, hello: Mapping[str, Any], now: float) -> None:
+        """A connection begins: what comes first of each source may be old."""
+        self._own = hello['self']
+        self._server_ahead = _seconds(hello.get('timestamp')) - now
+        self._begun.clear()
+
+    def subscription(self, extra: Iterable[str] = ()) -> dict[str, Any]:
+        """The frame that asks for our paths. No period: it would count per path, not source."""
+        paths = dict.fromkeys([*(item.path for item in self._inputs), *extra])
+        return {'context': 'vessels.self', 'subscribe': [{'path': path} for path in paths]}
+
+    def take(self, frame: object, now: float) -> Iterator[tuple[str, int, float]]:
+        """Bearing, whether load, and number (NaN for what is none) of every sample."""
+        for update in _updates(frame, self._own):
+            source, stamp = str(update.get('$source', '')), update.get('timestamp')
+            for path, value in _values(update):
+                items = [item for item in self._inputs if item.path == path]
+                if items and self._fresh((path, source), stamp, items, now):
+                    for item in items:
+                        if item.admits(source, now):
+                            yield item.bearing, item.is_load, _number(value)
+                        else:
+                            self._tell_aside(path, source)
+
+    def _fresh(
+        self, key: tuple[str, str], stamp: object, items: list[SignalKInput], now: float
+    ) -> bool:
+        """Whether a value is neither a repetition nor one that the server had kept."""
+        if stamp is not None and self._stamps.get(key) == stamp:
+            return False
+        self._stamps[key] = stamp
+        if key in self._begun:
+            return True
+        self._begun.add(key)
+        # By the server's clock; with a stamp that cannot be read it may be of any age.
+        age = now + self._server_ahead - _seconds(stamp)
+        return age <= max(item.timeout for item in items)
+
+    def _tell_aside(self, path: str, source: str) -> None:
+        if (path, source) not in self._left_aside:
+            self._left_aside.add((path, source))
+            self._log(f"Signal K: source '{source}' of {path} is left aside; another is heard")
+
+
+def _number(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.nan
+
+
+VALUES = {
+    'foldMargin': ('fold margin', 'ratio', 'Margin to the fold; negative inside.'),
+    'hopfMargin': ('hopf margin', 'ratio', 'Margin to the Hopf boundary; negative inside.'),
+    'stickSlipAmplitude': ('amplitude [m]', 'm', 'Predicted amplitude of stick-slip.'),
+    'load': ('load [N]', 'N', 'Load of the bearing.'),
+}
+"""Of each value its key in the diagnostics, its unit, and what it is."""
+REGIME = 'regime'
+MONITOR = 'monitor'
+
+
+class SignalKValues:
+    """The state of the bearings as values of paths.
+
+    Args:
+        prefix: Path before the bearings' names.
+        own_load: Bearings whose load comes from elsewhere, and is therefore sent.
+    """
+
+    def __init__(self, prefix: str, own_load: Iterable[str]) -> None:
+        self._prefix, self._own_load = prefix, frozenset(own_load)
+
+    def _names(self, bearing: str) -> list[str]:
+        return [name for name in VALUES if name != 'load' or bearing in self._own_load]
+
+    def values(self, bearing: str, status: Mapping[str, str] | None) -> Update:
+        """The values of a bearing; null where its inputs are lost, or with no status at all."""
+        known = status is not None and REGIME in status and status.get('reason') != 'input_stale'
+        numbers: dict[str, float | str | None] = {
+            name: _diagnostic(name, status or {}) if known else None
+            for name in self._names(bearing)
+        }
+        numbers[REGIME] = status[REGIME] if known and status else None
+        at = f'{self._prefix}.{camel(bearing)}'
+        values = [{'path': f'{at}.{name}', 'value': value} for name, value in numbers.items()]
+        return {'$source': SOURCE, 'values': values}
+
+    def meta(self, bearing: str) -> Update:
+        """What the values are. No zones: with these the server raises alarms of its own."""
+        at = f'{self._prefix}.{camel(bearing)}'
+        return {
+            '$source': SOURCE,
+            'meta': [
+                {
+                    'path': f'{at}.{name}',
+                    'value': {'units': unit, 'description': text, 'timeout': 5},
+                }
+                for name, (_, unit, text) in VALUES.items()
+                if name in self._names(bearing)
+            ],
+        }
+
+
+def _diagnostic(name: str, status: Mapping[str, str]) -> float | None:
+    value = float(status.get(VALUES[name][0], 'nan'))
+    if math.isfinite(value):
+        return value
+    return 0.0 if name == 'stickSlipAmplitude' else None
+
+
+@dataclass(slots=True)
+class _Alarm:
+    """One notification as the server should have it.
+
+    Attributes:
+        key: Bearing and alarm.
+        path: Its path.
+        token: Names this occurrence of the alarm.
+        value: What was sent last.
+        source: The source under which it is sent.
+        revision: Counts what is sent.
+        base: Whether the server had it acknowledged and silenced when last heard; ``None``
+            before the first echo of this occurrence.
+    """
+
+    key: tuple[str, str]
+    path: str
+    token: str
+    value: dict[str, Any]
+    source: str = SOURCE
+    revision: int = 0
+    base: tuple[bool, bool] | None = None
+
+    def update(self, value: Mapping[str, Any] | None = None) -> Update:
+        """What is to be sent."""
+        return _update(self.source, self.path, value or self.value)
+
+
+def _update(source: str, path: str, value: Mapping[str, Any]) -> Update:
+    return {'$source': source, 'values': [{'path': path, 'value': value}]}
+
+
+NORMAL: dict[str, Any] = {'state': 'normal', 'method': [], 'message': ''}
+
+
+class Notifications:
+    """The alarms as notifications, and what people do with these at the server.
+
+    Args:
+        bearings: Names of the bearings.
+        prefix: Path before their names.
+        run: A token of this run of the program.
+    """
+
+    def __init__(self, bearings: Iterable[str], prefix: str, run: str) -> None:
+        self.pattern = f'notifications.{prefix}.*'
+        self._run, self._count = run, 0
+        keys = [(name, kind.value) for name in bearings for kind in AlarmKind]
+        paths = {key: f'notifications.{prefix}.{camel(key[0])}.{camel(key[1])}' for key in keys}
+        begun = {**NORMAL, 'data': {'occurrence': f'{run}-0'}}
+        self._alarms = {
+            path: _Alarm(key, path, f'{run}-0', value=begun) for key, path in paths.items()
+        }
+        self._by_key = {alarm.key: alarm for alarm in self._alarms.values()}
+        self._monitor = _Alarm(
+            ('', MONITOR), f'notifications.{prefix}.{MONITOR}', f'{run}-0', value=begun
+        )
+
+    def take_alarms(self, record: Mapping[str, Any]) -> list[Update]:
+        """What to send where a list of alarms differs from what was sent."""
+        updates: list[Update] = []
+        for record_ in record['alarms']:
+            own = self._by_key.get((record_['bearing'], record_['alarm']))
+            if own is not None:
+                updates += self._change(own, record_)
+        return updates
+
+    def take_monitor(self, text: str) -> list[Update]:
+        """Say what is wrong with the monitor itself; empty if nothing is."""
+        state = {'state': 'warn', 'method': ['visual']} if text else {}
+        value = {**NORMAL, **state, 'message': text, 'data': {'occurrence': self._monitor.token}}
+        if value == self._monitor.value:
+            return []
+        self._monitor.value = value
+        return [self._monitor.update()]
+
+    def all(self) -> list[Update]:
+        """Everything as it stands, for a server that has forgotten it or may have."""
+        return [alarm.update() for alarm in (*self._alarms.values(), self._monitor)]
+
+    def _change(self, own: _Alarm, record: Mapping[str, Any]) -> list[Update]:
+        lifecycle = record['state']
+        before = own.value['data'].get('lifecycle')
+        again = lifecycle == AlarmState.UNACKNOWLEDGED.value != before
+        if again:
+            self._count += 1
+            own.token, own.base = f'{self._run}-{self._count}', None
+        value = _notification(record, own.token)
+        if value == {**own.value, 'data': {**own.value['data'], 'revision': 0}}:
+            return []
+        own.revision += 1
+        value['data']['revision'] = own.revision
+        own.value = value
+        # What was acknowledged would stay so at the server, and the new alarm mute.
+        cleared = [own.update(NORMAL)] if again and before in _KNOWN else []
+        return [*cleared, own.update()]
+
+    def hears(self, frame: object, own_vessel: str) -> bool:
+        """Whether a frame brings back what this run has sent: the proof that we may write."""
+        return any(
+            _token(value).startswith(f'{self._run}-')
+            for update in _updates(frame, own_vessel)
+            for _, value in _values(update)
+        )
+
+    def take_echo(
+        self, frame: object, own_vessel: str
+    ) -> tuple[list[Update], list[ActionRequest]]:
+        """What the server says of our notifications: what to send, and what people ask."""
+        updates: list[Update] = []
+        requests: list[ActionRequest] = []
+        for update in _updates(frame, own_vessel):
+            source = str(update.get('$source', ''))
+            for path, value in _values(update):
+                own = self._alarms.get(path)
+                if own is None or not isinstance(value, dict):
+                    continue
+                if _token(value) == own.token and source == own.source:
+                    updates += self._settle(own, value)
+                    requests += self._asked(own, value)
+                elif source != own.source and _leftover(source, value):
+                    updates.append(_update(source, path, NORMAL))
+        return updates, requests
+
+    def _settle(self, own: _Alarm, value: Mapping[str, Any]) -> list[Update]:
+        """The first echo of an occurrence is where people start from."""
+        if own.base is not None:
+            return []
+        born = _status(value)
+        fresh = f'{SOURCE}.{own.token}'
+        if born == (False, False) or not _waits(own) or own.source == fresh:
+            own.base = born
+            return []
+        # Up to 2.26 a server keeps an acknowledgement over the end of an alarm: a source that
+        # it has not seen starts without.
+        old, own.source = own.update(NORMAL), fresh
+        return [old, own.update()]
+
+    def _asked(self, own: _Alarm, value: Mapping[str, Any]) -> list[ActionRequest]:
+        if own.base is None:
+            return []
+        before, own.base = own.base, _status(value)
+        acknowledged, silenced = (
+            now and not was for was, now in zip(before, own.base, strict=True)
+        )
+        # An older client takes the sound away; never an acknowledgement.
+        current = value.get('data', {}).get('revision') == own.revision
+        quiet = current and 'sound' not in _methods(value) and 'sound' in own.value['method']
+        bearing, kind = own.key
+        if acknowledged and _waits(own):
+            return [ActionRequest(Action.ACKNOWLEDGE, BY, bearing, _KINDS[kind])]
+        if (silenced or quiet) and 'sound' in own.value['method']:
+            return [ActionRequest(Action.SILENCE, BY, bearing, _KINDS[kind])]
+        return []
+
+
+def _notification(record: Mapping[str, Any], token: str) -> dict[str, Any]:
+    """An alarm as a notification's value."""
+    lifecycle, kind = record['state'], _KINDS[record['alarm']]
+    waiting, known = lifecycle in _WAITING, lifecycle in _KNOWN
+    text = record['text'] or kind.sentence
+    value = {
+        'state': _SEVERITIES[kind.priority] if waiting or known else 'normal',
+        'method': (['visual', 'sound'] if record['sounding'] else ['visual']) if waiting else [],
+        'message': f'Over: {text}' if lifecycle == AlarmState.RETURNED.value else text,
+        'data': {
+            'bearing': record['bearing'],
+            'alarm': record['alarm'],
+            'lifecycle': lifecycle,
+            'occurrence': token,
+            'revision': 0,
+        },
+    }
+    if known:
+        value['acknowledgeStatus'] = 'Yes'
+    elif waiting and record['silenced']:
+        value['temporarySilenceStatus'] = 'Yes'
+    return value
+
+
+def _waits(own: _Alarm) -> bool:
+    return own.value['data'].get('lifecycle') in _WAITING
+
+
+def _token(value: object) -> str:
+    data = value.get('data') if isinstance(value, dict) else None
+    return str(data.get('occurrence', '')) if isinstance(data, dict) else ''
+
+
+def _status(value: Mapping[str, Any]) -> tuple[bool, bool]:
+    status = value.get('status')
+    known = status if isinstance(status, dict) else {}
+    return known.get('acknowledged') is True, known.get('silenced') is True
+
+
+def _methods(value: Mapping[str, Any]) -> Sequence[str]:
+    method = value.get('method')
+    return method if isinstance(method, list) else ()
+
+
+def _leftover(source: str, value: Mapping[str, Any]) -> bool:
+    return source.startswith(SOURCE) and value.get('state') != 'normal'

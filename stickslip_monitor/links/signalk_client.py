@@ -1,0 +1,332 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The Signal K side of the ship: one websocket, opened again for ever, and all that it carries."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import random
+import ssl
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+from urllib.parse import urlsplit
+
+import aiohttp
+
+from stickslip_monitor.errors import LinkError, StickslipError
+from stickslip_monitor.links.link_config import SignalKLink, is_loopback
+from stickslip_monitor.links.nmea_client import Take, TellLink
+from stickslip_monitor.links.signalk import (
+    SAFE_ACTIONS,
+    Notifications,
+    SignalKInputs,
+    SignalKValues,
+    Update,
+    is_hello,
+    version_of,
+)
+from stickslip_monitor.monitor.alarms.live_alarms import Log
+from stickslip_monitor.monitor.alarms.requests import ActionRequest
+
+IN, OUT = 'signalk_in', 'signalk_out'
+HEARTBEAT = 10.0
+"""A server that answers no ping for half as long again is gone [s]."""
+UNHEARD = 5.0
+"""What has not come back for so long was not taken [s]."""
+REPEAT = 60.0
+"""All alarms are sent again after so long [s]: a server forgets, and others overwrite."""
+BACK_OFF = (0.5, 5.0)
+_VALUES_EVERY = 1.0
+_OUTBOX = 1000
+_ASKED_EVERY = 2.0
+
+
+class _Unusable(LinkError):
+    """The server answers, and waiting does not mend what is wrong."""
+
+
+def ssl_context(ca_file: str) -> ssl.SSLContext:
+    """What checks a server's certificate; there is no way not to.
+
+    Raises:
+        LinkError: The file has no certificate.
+    """
+    try:
+        return ssl.create_default_context(cafile=ca_file or None)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise LinkError(f"signalk.ca_file = '{ca_file}' has no certificate: {reason}") from error
+
+
+class SignalKClient:
+    """Samples in, values and notifications out, people's acts back.
+
+    Args:
+        link: The configuration.
+        token: The token, empty for none.
+        inputs: What to read.
+        bearings: Names of all bearings.
+        own_load: Those whose load comes from elsewhere.
+        take: Takes samples.
+        act: Takes what people ask for.
+        tell: Told of the links ``signalk_in`` and ``signalk_out``.
+        log: Where faults and refused actions are told.
+        heartbeat: See :data:`HEARTBEAT` [s].
+        unheard: See :data:`UNHEARD` [s].
+    """
+
+    def __init__(
+        self,
+        link: SignalKLink,
+        token: str,
+        inputs: SignalKInputs,
+        bearings: Sequence[str],
+        own_load: Sequence[str],
+        take: Take,
+        act: Callable[[ActionRequest], None],
+        tell: TellLink,
+        log: Log,
+        heartbeat: float = HEARTBEAT,
+        unheard: float = UNHEARD,
+    ) -> None:
+        self._link, self._inputs, self._bearings = link, inputs, bearings
+        self._take, self._act, self._tell, self._log = take, act, tell, log
+        self._heartbeat, self._unheard = heartbeat, unheard
+        self._headers = {'Authorization': f'Bearer {token}'} if token else {}
+        self._ssl = ssl_context(link.ca_file)
+        self._values = SignalKValues(link.prefix, own_load)
+        self._alarms = Notifications(bearings, link.prefix, f'{time.time_ns() // 10**6:x}')
+        self._status: dict[str, Mapping[str, str]] = {}
+        self._outbox: deque[Update] = deque(maxlen=_OUTBOX)
+        self._wake = asyncio.Event()
+        self._socket: aiohttp.ClientWebSocketResponse | None = None
+        self._own = ''
+        self._known_once = False
+        self._repeated = self._sent_values = 0.0
+        self._waiting_since: float | None = None
+
+    async def start(self) -> None:
+        """Nothing to be opened beforehand."""
+
+    async def run(self) -> None:
+        """Stay connected until cancelled.
+
+        Raises:
+            LinkError: The first server that answers cannot be used as configured.
+        """
+        wait = BACK_OFF[0]
+        async with aiohttp.ClientSession() as session:
+            while True:
+                try:
+                    await self._connection(session)
+                    reason, wait = 'the server closed the connection', BACK_OFF[0]
+                except _Unusable as error:
+                    if not self._known_once:
+                        raise
+                    reason = str(error)
+                except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
+                    reason = str(error) or 'no answer'
+                self._lost(reason)
+                await asyncio.sleep(wait * random.uniform(0.5, 1.0))
+                wait = min(2.0 * wait, BACK_OFF[1])
+
+    def _lost(self, reason: str) -> None:
+        self._socket, self._waiting_since = None, None
+        self._tell(IN, False, reason)
+        if self._link.prefix:
+            self._tell(OUT, False, reason)
+
+    async def _connection(self, session: aiohttp.ClientSession) -> None:
+        async with await self._open(session) as socket:
+            hello = await self._hello(socket)
+            now = time.monotonic()
+            self._own, self._known_once = hello['self'], True
+            self._inputs.greet(hello, now)
+            extra = [self._alarms.pattern] if self._link.prefix else []
+            await socket.send_str(json.dumps(self._inputs.subscription(extra)))
+            self._socket = socket
+            self._tell(IN, True, '')
+            self._greet(now)
+            sender = asyncio.create_task(self._send_all(socket))
+            try:
+                async for message in socket:
+                    if message.type is aiohttp.WSMsgType.TEXT:
+                        self._on_text(message.data)
+            finally:
+                sender.cancel()
+                self._socket = None
+
+    async def _open(self, session: aiohttp.ClientSession) -> aiohttp.ClientWebSocketResponse:
+        url = f'{self._link.url}/signalk/v1/stream?subscribe=none'
+        try:
+            return await asyncio.wait_for(
+                session.ws_connect(
+                    url, headers=self._headers, heartbeat=self._heartbeat, ssl=self._ssl
+                ),
+                2.0 * self._heartbeat,
+            )
+        except aiohttp.ClientConnectorCertificateError as error:
+            raise _Unusable(
+                f"signalk.url = '{self._link.url}': its certificate does not fit; give that of its"
+                f' signer as signalk.ca_file ({_certificate(error)})'
+            ) from error
+        except aiohttp.WSServerHandshakeError as error:
+            if error.status >= 500:
+                raise
+            raise _Unusable(self._refusal(error.status)) from error
+
+    def _refusal(self, status: int) -> str:
+        if status in (401, 403):
+            what = 'the token is refused: it is wrong, revoked or expired'
+            return f"signalk.token_file = '{self._link.token_file}': {what} ({status})"
+        return f"signalk.url = '{self._link.url}' is no Signal K server: it answers {status}"
+
+    async def _hello(self, socket: aiohttp.ClientWebSocketResponse) -> dict[str, Any]:
+        message = await asyncio.wait_for(socket.receive(), 2.0 * self._heartbeat)
+        try:
+            hello = json.loads(message.data) if message.type is aiohttp.WSMsgType.TEXT else None
+        except ValueError:
+            hello = None
+        if message.type is not aiohttp.WSMsgType.TEXT:
+            raise aiohttp.ClientError('the server closed the connection without a greeting')
+        if not isinstance(hello, dict) or not is_hello(hello):
+            raise _Unusable(f"signalk.url = '{self._link.url}' is no Signal K server")
+        local = is_loopback(urlsplit(self._link.url).hostname)
+        if self._link.accept_actions and version_of(hello) < SAFE_ACTIONS and not local:
+            raise _Unusable(
+                f'signalk.accept_actions must be false with Signal K server'
+                f' {hello["version"]}: before 2.24 it takes an acknowledgement from anybody'
+            )
+        return hello
+
+    def _greet(self, now: float) -> None:
+        """Put back all that a server may have forgotten."""
+        self._outbox.clear()
+        if self._link.prefix:
+            self._outbox += [self._values.meta(name) for name in self._bearings]
+            self._repeat(now)
+
+    def _repeat(self, now: float) -> None:
+        self._repeated = now
+        self._send(self._alarms.all())
+
+    def _send(self, updates: Sequence[Update]) -> None:
+        if self._socket is None or not updates:
+            return
+        self._outbox.extend(updates)
+        self._waiting_since = self._waiting_since or time.monotonic()
+        self._wake.set()
+
+    async def _send_all(self, socket: aiohttp.ClientWebSocketResponse) -> None:
+        while True:
+            while self._outbox:
+                update = self._outbox.popleft()
+                await socket.send_str(json.dumps({'updates': [update]}, allow_nan=False))
+            self._wake.clear()
+            await self._wake.wait()
+
+    def _on_text(self, text: str) -> None:
+        try:
+            frame = json.loads(text)
+        except (ValueError, RecursionError):
+            return
+        for sample in self._inputs.take(frame, time.monotonic()):
+            self._take(*sample)
+        if self._link.prefix:
+            self._on_echo(frame)
+
+    def _on_echo(self, frame: object) -> None:
+        if self._alarms.hears(frame, self._own):
+            self._waiting_since = None
+            self._tell(OUT, True, '')
+        updates, requests = self._alarms.take_echo(frame, self._own)
+        self._send(updates)
+        for request in requests if self._link.accept_actions else ():
+            try:
+                self._act(request)
+            except StickslipError as error:
+                self._log.error(f'Signal K: {request.action} refused: {error}')
+
+    def take_status(
+        self, bearing: str, time_ns: int, text: str, values: Mapping[str, str]
+    ) -> None:
+        """Remember the newest; it is sent once a second."""
+        self._status[bearing] = values
+
+    def take_alarms(self, record: dict[str, Any]) -> None:
+        """Send what has changed at once."""
+        if self._link.prefix:
+            self._send(self._alarms.take_alarms(record))
+
+    def tick(self, there: bool) -> None:
+        """Let time pass: values, repetitions, and whether we are heard."""
+        now = time.monotonic()
+        if not self._link.prefix or self._socket is None:
+            return
+        self._send(self._alarms.take_monitor('' if there else 'The monitor is not heard.'))
+        if there and now - self._sent_values >= _VALUES_EVERY:
+            self._sent_values = now
+            self._outbox += [self._values.values(n, self._status.get(n)) for n in self._bearings]
+            self._wake.set()
+        if now - self._repeated >= REPEAT:
+            self._repeat(now)
+        if self._waiting_since is not None and now - self._waiting_since >= self._unheard:
+            self._tell(OUT, False, 'what is sent does not come back: has the token the right to?')
+
+    async def finish(self) -> None:
+        """Say that we go: no values any more; alarms stand."""
+        socket = self._socket
+        if socket is None or not self._link.prefix:
+            return
+        updates = [self._values.values(name, None) for name in self._bearings]
+        updates += self._alarms.take_monitor('The monitor was stopped.')
+        for update in updates:
+            await socket.send_str(json.dumps({'updates': [update]}))
+
+
+def _certificate(error: aiohttp.ClientConnectorCertificateError) -> str:
+    inner = error.certificate_error
+    return getattr(inner, 'verify_message', '') or str(inner)
+
+
+async def request_token(
+    link: SignalKLink, client_id: str, started: Callable[[str], None], every: float = _ASKED_EVERY
+) -> str:
+    """Ask a server for a token, and wait for an officer to approve it in the server's pages.
+
+    Args:
+        link: The configuration.
+        client_id: A UUID that stays the same.
+        started: Told what to do meanwhile.
+        every: Time between two looks [s].
+
+    Raises:
+        LinkError: The server cannot be asked, or the request is denied.
+    """
+    url, context = link.url, ssl_context(link.ca_file)
+    body = {'clientId': client_id, 'description': 'stickslip_monitor', 'permissions': 'readwrite'}
+    try:
+        async with aiohttp.ClientSession() as session:
+            answer = await _ask(
+                session.post(f'{url}/signalk/v1/access/requests', json=body, ssl=context)
+            )
+            started(f'Approve stickslip_monitor in the pages of {url} (Security, Access Requests)')
+            while answer.get('state') == 'PENDING':
+                await asyncio.sleep(every)
+                answer = await _ask(session.get(f'{url}{answer["href"]}', ssl=context))
+    except (aiohttp.ClientError, OSError, asyncio.TimeoutError, ValueError, KeyError) as error:
+        raise LinkError(f"signalk.url = '{url}' cannot be asked for a token: {error}") from error
+    token = (answer.get('accessRequest') or {}).get('token')
+    if not isinstance(token, str):
+        raise LinkError(f"signalk.url = '{url}': the request for a token was denied")
+    return token
+
+
+async def _ask(request: Any) -> dict[str, Any]:
+    async with request as response:
+        answer = await response.json(content_type=None)
+        if response.status >= 400 or not isinstance(answer, dict):
+            raise aiohttp.ClientError(f'it answers {response.status}: {answer}')
+        return answer

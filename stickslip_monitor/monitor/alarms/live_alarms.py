@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The one feed of the alarm machine: live in the node, beside a ship's buses, and in a replay.
+
+Clock, log, store and publisher are passed in, so that it knows neither ROS nor a file system.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from stickslip_monitor.errors import AlarmStateError
+from stickslip_monitor.monitor.alarms.alarm_records import (
+    alarms_record,
+    recall_state,
+    state_record,
+)
+from stickslip_monitor.monitor.alarms.annunciator import MONITOR, Action, AlarmChange, Annunciator
+from stickslip_monitor.monitor.alarms.causes import AlarmKind
+from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.monitor import Update
+from stickslip_monitor.monitor.signals import Status
+from stickslip_monitor.monitor.verdict import Event
+
+HEARTBEAT_NS = 60 * 10**9
+"""The list is published at least this often, as IEC 62923 asks of any source of alerts."""
+_FAULTS = (Status.NOT_FINITE, Status.IMPLAUSIBLE)
+
+
+class Log(Protocol):
+    """Where people read what happened; a logger of :mod:`logging` or of rclpy."""
+
+    def info(self, text: str, /) -> object:
+        """Something that is as it should be."""
+
+    def error(self, text: str, /) -> object:
+        """Something that is not."""
+
+
+class Store(Protocol):
+    """Keeps one document over a restart."""
+
+    path: Any
+
+    def read(self) -> Any:
+        """The document; ``None`` where there is none yet.
+
+        Raises:
+            AlarmStateError: It cannot be read.
+        """
+
+    def write(self, document: Any) -> None:
+        """Put a new document in the place of the old one.
+
+        Raises:
+            OSError: It cannot be written; the old one is untouched.
+        """
+
+    def set_aside(self) -> Any:
+        """Rename a damaged document and return its new name.
+
+        Raises:
+            OSError: It cannot be renamed.
+        """
+
+
+class LiveAlarms:
+    """The alarms as they live: feeds the annunciator, publishes and keeps what changes.
+
+    Args:
+        config: The configuration.
+        clock: The time for stamps [ns].
+        publish: Called with every new :func:`.alarm_records.alarms_record`.
+        log: Where people's actions, and what cannot be kept, are told.
+        store: What keeps the alarms over a restart; ``None`` for nothing.
+
+    Attributes:
+        annunciator: The alarms; to be changed through this object only.
+    """
+
+    def __init__(
+        self,
+        config: MonitorConfig,
+        clock: Callable[[], int],
+        publish: Callable[[dict[str, Any]], None],
+        log: Log,
+        store: Store | None = None,
+    ) -> None:
+        self._clock, self._publish, self._log, self._store = clock, publish, log, store
+        self.annunciator = Annunciator(config)
+        self._begun_ns = self._published_ns = 0
+        self._sequence = 0
+        self._unkept = ''
+        self._recall()
+
+    def retune(self, config: MonitorConfig) -> None:
+        """Take over new delays, limits and times; no state is lost."""
+        self.annunciator.retune(config)
+
+    def replace(
+        self,
+        config: MonitorConfig,
+        publish: Callable[[dict[str, Any]], None],
+        store: Store | None,
+    ) -> None:
+        """The monitor starts afresh with other inputs."""
+        self._publish, self._store = publish, store
+        self.annunciator.retune(config)
+        self.annunciator.restart()
+
+    def begin(self) -> None:
+        """Publish the list; the time of :meth:`advance` counts from here."""
+        self._begun_ns = self.annunciator.now_ns
+        self._announce([])
+
+    def advance(self, elapsed_ns: int) -> None:
+        """Let time pass, given the running time since :meth:`begin` [ns]."""
+        now_ns = self._begun_ns + elapsed_ns
+        changes = self.annunciator.advance(now_ns, self._clock())
+        if changes or now_ns - self._published_ns >= HEARTBEAT_NS:
+            self._announce(changes)
+
+    def feed(self, bearing: str, is_load: int, time_ns: int, update: Update) -> None:
+        """Take what one sample (of input 0 speed, 1 load) brought to the monitor."""
+        changes = []
+        if update.status in _FAULTS:
+            changes += self.annunciator.take_fault(bearing, is_load, update.status, time_ns)
+        if update.verdict is not None:
+            changes += self.annunciator.take_verdict(update.verdict)
+        for event in update.events:
+            changes += self.annunciator.take_event(event)
+        self._changed(changes)
+
+    def feed_events(self, events: list[Event]) -> None:
+        """Take the changes of condition that passing time brought to the monitor."""
+        self._changed([c for event in events for c in self.annunciator.take_event(event)])
+
+    def act(
+        self, action: Action, by: str, bearing: str | None = None, kind: AlarmKind | None = None
+    ) -> list[AlarmChange]:
+        """Do what a person asks for; see :meth:`Annunciator.act`."""
+        changes = self.annunciator.act(action, self._clock(), by, bearing, kind)
+        self._changed(changes)
+        return changes
+
+    def _changed(self, changes: list[AlarmChange]) -> None:
+        if changes:
+            self._announce(changes)
+
+    def _announce(self, changes: list[AlarmChange]) -> None:
+        self._published_ns = self.annunciator.now_ns
+        self._sequence += 1
+        now_ns = self._clock()
+        self._publish(alarms_record(self.annunciator, changes, now_ns, self._sequence))
+        for change in changes:
+            # What the monitor itself does is in the log as a warning already.
+            if change.by != MONITOR:
+                self._log.info(
+                    f'{change.bearing}/{change.kind}: {change.what} by {change.by},'
+                    f' {change.before} -> {change.after}'
+                )
+        if changes and self._store is not None:
+            self._keep(self._store, state_record(self.annunciator, now_ns))
+
+    def _keep(self, store: Store, document: dict[str, Any]) -> None:
+        """Write the state; a full disk must not stop the monitor, and is told once."""
+        try:
+            store.write(document)
+            self._unkept = ''
+        except OSError as error:
+            if str(error) != self._unkept:
+                self._unkept = str(error)
+                self._log.error(f'the alarms are not kept: {error}')
+
+    def _recall(self) -> None:
+        if self._store is None:
+            return
+        try:
+            document = self._store.read()
+            if document is not None:
+                recall_state(self.annunciator, document, self._clock())
+        except AlarmStateError as error:
+            self._set_aside(self._store, error)
+
+    def _set_aside(self, store: Store, reason: AlarmStateError) -> None:
+        try:
+            end = f'it is now {store.set_aside()}, and the alarms start fresh'
+        except OSError as error:
+            end = f'the alarms start fresh; it cannot be set aside: {error}'
+        self._log.error(f'state_file {store.path} cannot be used: {reason}; {end}')

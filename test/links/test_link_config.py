@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The section of links: what it makes, and one sentence for whatever breaks a rule."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from stickslip_monitor.commands.watch import load_watch
+from stickslip_monitor.errors import ConfigurationError
+
+BEARING = {
+    'mass': 50.0,
+    'damping': 400.0,
+    'stiffness': 2.0e6,
+    'journal_diameter': 0.1,
+    'friction': {'law': 'stribeck', 'static': 0.3, 'kinetic': 0.1, 'decay': 10.0},
+    'speed': {'unit': 'Hz'},
+    'load': {'unit': 'N'},
+}
+SIGNALK = {
+    'signalk.url': 'http://127.0.0.1:3000',
+    'aft.speed': {'from': 'signalk', 'path': 'propulsion.port.revolutions'},
+    'aft.load': {'from': 'signalk', 'path': 'propulsion.port.shaft.aft.load'},
+}
+NMEA = {
+    'nmea.listen': 'udp://127.0.0.1:10110',
+    'aft.speed': {'from': 'nmea', 'sentence': 'RPM', 'kind': 'S', 'number': 2},
+    'aft.load': {'from': 'nmea', 'sentence': 'XDR', 'kind': 'N', 'name': 'AFTLOAD'},
+}
+
+
+class Files:
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / 'ship.yaml'
+
+    def write(self, links: dict[str, Any] | None, **bearing: Any) -> str:
+        document = {'/**': {'ros__parameters': {'bearings': ['aft'], 'aft': BEARING | bearing}}}
+        if links is not None:
+            document['/stickslip_links'] = {'ros__parameters': links}
+        self.path.write_text(yaml.safe_dump(document))
+        return str(self.path)
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Files:
+    return Files(tmp_path)
+
+
+def test_both_buses(files: Files) -> None:
+    config, links = load_watch(files.write(SIGNALK | {'nmea.alerts': 'udp://10.0.0.9:1'}), False)
+    assert links.signalk is not None
+    assert links.nmea is not None
+    assert not links.signalk.accept_actions
+    assert not links.nmea.accept_actions
+    assert links.signalk_inputs[0].timeout == 5.0
+    # What people read names the path; there is no topic.
+    assert config.bearings[0].speed.topic == 'Signal K propulsion.port.revolutions'
+    config, links = load_watch(files.write(NMEA, speed={'unit': 'rpm'}), False)
+    assert links.signalk is None
+    assert config.bearings[0].speed.topic == 'NMEA RPM S 2'
+    assert config.bearings[0].load.topic == 'NMEA XDR AFTLOAD'
+
+
+def test_beside_a_node_topics_are_the_nodes_and_inputs_may_come_from_elsewhere(
+    files: Files,
+) -> None:
+    topics = {'speed': {'unit': 'Hz', 'topic': '/s'}, 'load': {'unit': 'kN', 'topic': '/l'}}
+    links = {key: value for key, value in SIGNALK.items() if key != 'aft.load'}
+    config, made = load_watch(files.write(links, **topics), True)
+    assert config.bearings[0].speed.topic == '/s'
+    assert list(made.labels) == [('aft', 0)]
+    with pytest.raises(ConfigurationError, match=r"'aft\.load' is missing: without --node"):
+        load_watch(files.write(links), False)
+    with pytest.raises(ConfigurationError, match=r"parameter 'aft\.speed\.topic' is missing"):
+        load_watch(files.write(SIGNALK), True)
+
+
+SPEED = 'aft.speed'
+PATH = {'from': 'signalk', 'path': 'a.b'}
+RPM = {'from': 'nmea', 'sentence': 'RPM', 'kind': 'S'}
+
+
+@pytest.mark.parametrize(
+    ('base', 'change', 'text'),
+    [
+        (SIGNALK, {'signalk.url': 'ws://127.0.0.1'}, "signalk.url = 'ws://127.0.0.1' must be an"),
+        (SIGNALK, {'signalk.url': 'http://'}, 'must be an address such as http://127.0.0.1:3000'),
+        (SIGNALK, {'signalk.url': 'http://a:99999'}, 'must be an address'),
+        (SIGNALK, {'signalk.url': 'http://a/signalk/v1/stream'}, 'must be an address'),
+        (
+            SIGNALK,
+            {'signalk.url': 'http://10.0.0.2:3000', 'signalk.token_file': 't'},
+            'must be https://: a token would be sent for all to read',
+        ),
+        (SIGNALK, {'signalk.prefix': 'a..b'}, "signalk.prefix = 'a..b' must be a Signal K path"),
+        (SIGNALK, {'signalk.accept_actions': True}, 'accept_actions = True must be false without'),
+        (SIGNALK, {'signalk.accept_actions': 'yes'}, "= 'yes' must be true or false"),
+        (SIGNALK, {'signalk.tokenfile': 'x'}, "did you mean 'signalk.token_file'?"),
+        (SIGNALK, {'fore.speed': PATH}, "unknown parameter 'fore.speed.from' = 'signalk'"),
+        (SIGNALK, {SPEED: {'path': 'a.b'}}, "parameter 'aft.speed.from' is missing"),
+        (SIGNALK, {SPEED: {'from': 'n2k'}}, "aft.speed.from = 'n2k' must be one of signalk, nmea"),
+        (SIGNALK, {SPEED: {'from': 'signalk'}}, "aft.speed.path = '' must be a Signal K path"),
+        (SIGNALK, {SPEED: PATH | {'path': 'a.*'}}, "aft.speed.path = 'a.*' must be"),
+        (NMEA, {SPEED: RPM | {'sentence': 'RPN'}}, "aft.speed.sentence = 'RPN' must be RPM"),
+        (NMEA, {SPEED: RPM | {'kind': 'P'}}, "aft.speed.kind = 'P' must be S for a shaft or E"),
+        (NMEA, {SPEED: RPM}, "aft.speed.unit = 'Hz' must be rpm, in which RPM gives it"),
+        (SIGNALK, {'signalk.url': ''}, "signalk.url = '' must be given: Signal K is used"),
+        (NMEA, {'nmea.listen': 'udp://127.0.0.1'}, 'must be written udp://127.0.0.1:10110'),
+        (NMEA, {'nmea.listen': 'usb://0'}, "nmea.listen = 'usb://0' must be an address such as"),
+        (NMEA, {'nmea.listen': 'serial://ttyUSB0'}, 'must be serial:///dev/ttyUSB0'),
+        (NMEA, {'nmea.alerts': 'serial:///dev/t?baud=1'}, 'with one of 4800, 9600'),
+        (NMEA, {'nmea.talker': 'i'}, "nmea.talker = 'i' must be two upper-case letters"),
+        (NMEA, {'nmea.manufacturer': 'ABCD'}, 'must be three upper-case letters, or empty'),
+        (NMEA, {'nmea.first_alert': 0}, 'nmea.first_alert = 0 must be a whole number'),
+        (NMEA, {'nmea.heartbeat': 0.0}, 'nmea.heartbeat = 0.0 must be a finite number not below'),
+    ],
+)
+def test_one_sentence_for_whatever_breaks_a_rule(
+    files: Files, base: dict[str, Any], change: dict[str, Any], text: str
+) -> None:
+    unit = 'rpm' if base is NMEA and 'unit' not in text else 'Hz'
+    path = files.write(base | change, speed={'unit': unit})
+    with pytest.raises(ConfigurationError, match=re.escape(text)) as error:
+        load_watch(path, False)
+    assert str(error.value).startswith(path)
+    assert '\n' not in str(error.value)
+
+
+def test_units_are_those_of_the_bus(files: Files) -> None:
+    for quantity, unit, needed in (('speed', 'rpm', 'Hz'), ('load', 'kN', 'N')):
+        path = files.write(SIGNALK, **{quantity: {'unit': unit}})
+        text = f"aft.{quantity}.unit = '{unit}' must be {needed}, in which Signal K gives it"
+        with pytest.raises(ConfigurationError, match=re.escape(text)):
+            load_watch(path, False)
+
+
+def test_a_file_without_the_section(files: Files) -> None:
+    with pytest.raises(ConfigurationError, match="has no section '/stickslip_links:'"):
+        load_watch(files.write(None), False)

@@ -1,0 +1,290 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sentences, by golden strings, by tables, and by another reader."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from datetime import datetime, timezone
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stickslip_monitor.links.nmea import (
+    LONGEST,
+    Alerts,
+    NmeaInput,
+    clean,
+    parse,
+    samples,
+    sentence,
+)
+from stickslip_monitor.monitor.alarms.annunciator import Action
+from stickslip_monitor.monitor.alarms.causes import AlarmKind
+from stickslip_monitor.monitor.alarms.requests import ActionRequest
+
+SPEED = NmeaInput('aft', 0, 'RPM', kind='S', number=1)
+LOAD = NmeaInput('aft', 1, 'XDR', kind='N', name='AFTLOAD')
+NAN = math.nan
+
+
+@pytest.mark.parametrize(
+    ('body', 'expected'),
+    [
+        ('RCRPM,S,1,74.6,30.0,A', [74.6]),
+        ('IIRPM,S,01,-74.6,,A', [-74.6]),
+        ('RCRPM,S,1,74.6,30.0,V', [NAN]),  # invalid: no shaft at 74.6 rpm, and none at rest
+        ('RCRPM,S,1,,30.0,V', [NAN]),
+        ('RCRPM,S,1,,30.0,A', [NAN]),
+        ('RCRPM,S,1,74.6,30.0', [NAN]),  # no flag
+        ('RCRPM,S,1,74.6,30.0,', [NAN]),
+        ('RCRPM,S,1,nan,30.0,A', [NAN]),
+        ('RCRPM,S,1,7_4,30.0,A', [NAN]),
+        ('RCRPM,S,2,74.6,30.0,A', []),
+        ('RCRPM,E,1,74.6,30.0,A', []),
+        ('RCRPM,S', []),
+        ('RCROT,S,1,74.6,30.0,A', []),
+        ('IIXDR,N,998.4,N,AFTLOAD', [998.4]),
+        ('IIXDR,C,20.0,C,OIL,N,998.4,N,AFTLOAD,N,1.0,N,FWDLOAD', [998.4]),
+        ('IIXDR,N,,N,AFTLOAD', [NAN]),
+        ('IIXDR,N,99.8,P,AFTLOAD', []),  # a percentage is no force
+        ('IIXDR,N,998.4,N', []),
+        ('IIXDR', []),
+    ],
+)
+def test_what_a_sentence_brings(body: str, expected: list[float]) -> None:
+    for line in (sentence(body), f'UdPbC\0\\s:RC0001,n:12*39\\{sentence(body)}\r\n'):
+        found = list(samples([SPEED, LOAD], line))
+        assert [value for *_, value in found] == pytest.approx(expected, nan_ok=True)
+        assert {item[:2] for item in found} <= {('aft', 0), ('aft', 1)}
+
+
+def test_a_talker_is_chosen() -> None:
+    port = NmeaInput('aft', 0, 'RPM', talker='RC', kind='S', number=1)
+    assert list(samples([port], sentence('IIRPM,S,1,74.6,30.0,A'))) == []
+    assert list(samples([port], sentence('RCRPM,S,1,74.6,30.0,A'))) == [('aft', 0, 74.6)]
+
+
+@pytest.mark.parametrize(
+    'line',
+    [
+        '$RCRPM,S,1,74.6,30.0,A*00',  # the checksum is 56
+        '$RCRPM,S,1,74.6,30.0,A',
+        '$RCRPM,S,1,7',
+        '',
+        '$',
+        '\xff\xfe$$$***',
+    ],
+)
+def test_a_line_without_its_checksum_is_nothing(line: str) -> None:
+    assert parse(line) is None
+    assert list(samples([SPEED], line)) == []
+
+
+@given(st.text(max_size=100))
+def test_any_line_is_survived(line: str) -> None:
+    assert parse(line) is None or line.count('*')
+    alerts = Alerts(['aft'], 'II', '', 10001, True)
+    assert alerts.obey(line, 0) == ([], None)
+
+
+class Panel:
+    """An alarm list in the form that the monitor publishes, at times of one day."""
+
+    def __init__(self, **options: Any) -> None:
+        settings = {'talker': 'II', 'manufacturer': 'XXX', 'first_alert': 10001}
+        self.alerts = Alerts(['aft'], accept_actions=True, **settings | options)
+
+    def show(
+        self, kind: AlarmKind, state: str, at: str, silenced: bool = False, text: str = ''
+    ) -> list[str]:
+        time = datetime.strptime(f'2026-11-22 {at}', '%Y-%m-%d %H:%M:%S.%f')
+        time_ns = round(time.replace(tzinfo=timezone.utc).timestamp() * 1000) * 10**6
+        change = {'time': time_ns, 'bearing': 'aft', 'alarm': kind.value}
+        alarm = {**change, 'state': state, 'silenced': silenced, 'text': text, 'changed': 0}
+        return self.alerts.take_alarms({'time': 0, 'changes': [change], 'alarms': [alarm]})
+
+
+STUCK = 'aft: Stick-slip predicted at 20 rpm, 1 kN'
+
+
+def test_the_life_of_an_alarm_in_golden_sentences() -> None:
+    panel, kind = Panel(), AlarmKind.STICK_SLIP
+    steps = [
+        ('unacknowledged', '06:00:55.50', False),
+        ('unacknowledged', '06:00:57.00', True),
+        ('unacknowledged', '06:01:27.00', False),
+        ('acknowledged', '06:01:30.00', False),
+        ('normal', '06:02:10.00', False),
+        ('unacknowledged', '06:03:00.00', False),
+        ('returned_unacknowledged', '06:03:10.00', False),
+        ('normal', '06:03:20.00', False),
+    ]
+    lines = [panel.show(kind, state, at, silent, STUCK) for state, at, silent in steps]
+    assert lines[0] == [
+        '$IIALF,2,1,1,060055.50,B,A,V,XXX,10002,1,1,0,STICK-SLIP AFT*68',
+        '$IIALF,2,2,1,,,,,XXX,10002,1,1,0,STICK-SLIP PREDICTED AT 20 RPM 1 KN*50',
+    ]
+    assert lines[1:5] == [
+        ['$IIALF,1,1,2,060057.00,B,A,S,XXX,10002,1,2,0,STICK-SLIP AFT*69'],
+        ['$IIALF,1,1,3,060127.00,B,A,V,XXX,10002,1,3,0,STICK-SLIP AFT*6A'],
+        ['$IIALF,1,1,4,060130.00,B,A,A,XXX,10002,1,4,0,STICK-SLIP AFT*7B'],
+        ['$IIALF,1,1,5,060210.00,B,A,N,XXX,10002,1,5,0,STICK-SLIP AFT*75'],
+    ]
+    assert lines[5][0] == sentence('IIALF,2,1,6,060300.00,B,A,V,XXX,10002,1,6,0,STICK-SLIP AFT')
+    assert lines[6:] == [
+        ['$IIALF,1,1,7,060310.00,B,A,U,XXX,10002,1,7,0,STICK-SLIP AFT*6F'],
+        ['$IIALF,1,1,8,060320.00,B,A,N,XXX,10002,1,8,0,STICK-SLIP AFT*77'],
+    ]
+    assert panel.show(kind, 'normal', '06:03:21.00') == []
+
+
+@pytest.mark.parametrize(
+    ('kind', 'state', 'priority', 'letter', 'identifier'),
+    [
+        (AlarmKind.AMPLITUDE_LIMIT, 'unacknowledged', 'A', 'V', 10001),
+        (AlarmKind.BISTABLE, 'acknowledged', 'W', 'A', 10003),
+        (AlarmKind.BISTABLE, 'unacknowledged', 'W', 'V', 10003),
+        (AlarmKind.MARGIN_LOW, 'unacknowledged', 'C', 'A', 10004),
+        (AlarmKind.INPUT_LOST, 'unacknowledged', 'W', 'V', 10005),
+        (AlarmKind.INPUT_IMPLAUSIBLE, 'acknowledged', 'C', 'A', 10006),
+    ],
+)
+def test_every_kind(
+    kind: AlarmKind, state: str, priority: str, letter: str, identifier: int
+) -> None:
+    line, _ = Panel().show(kind, state, '06:00:00.00', text='aft: text')
+    parsed = parse(line)
+    assert parsed is not None
+    assert parsed[2][3:9] == ['060000.00', 'B', priority, letter, 'XXX', f'{identifier}']
+
+
+@pytest.mark.parametrize('state', ['latched', 'suppressed', 'shelved', 'out_of_service'])
+def test_what_is_put_aside_is_normal_to_a_display(state: str) -> None:
+    panel = Panel()
+    assert panel.show(AlarmKind.STICK_SLIP, state, '06:00:00.00') == []
+    panel.show(AlarmKind.STICK_SLIP, 'acknowledged', '06:00:01.00')
+    (line,) = panel.show(AlarmKind.STICK_SLIP, state, '06:00:02.00')
+    assert ',B,A,N,' in line
+
+
+def test_a_caution_that_is_over_is_normal() -> None:
+    panel = Panel()
+    panel.show(AlarmKind.MARGIN_LOW, 'unacknowledged', '06:00:00.00')
+    (line,) = panel.show(AlarmKind.MARGIN_LOW, 'returned_unacknowledged', '06:00:09.00')
+    assert ',B,C,N,' in line
+
+
+def test_no_manufacturer_code() -> None:
+    line, _ = Panel(manufacturer='').show(AlarmKind.STICK_SLIP, 'unacknowledged', '06:00:55.50')
+    assert line == sentence('IIALF,2,1,1,060055.50,B,A,V,,10002,1,1,0,STICK-SLIP AFT')
+
+
+def test_the_cyclic_list_and_the_heartbeat() -> None:
+    panel = Panel()
+    panel.show(AlarmKind.STICK_SLIP, 'unacknowledged', '06:00:00.00')
+    panel.show(AlarmKind.BISTABLE, 'unacknowledged', '06:00:00.00')
+    panel.show(AlarmKind.BISTABLE, 'acknowledged', '06:00:01.00')
+    listed = panel.alerts.listing()
+    assert listed == ['$IIALC,01,01,00,2,XXX,10002,1,1,XXX,10003,1,2*7E']
+    assert Panel().alerts.listing() == [sentence('IIALC,01,01,00,0')]
+    assert panel.alerts.heartbeat(60.0, True) == '$IIHBT,60.0,A,0*1B'
+    assert panel.alerts.heartbeat(60.0, False) == '$IIHBT,60.0,V,1*0D'
+
+
+def test_a_long_list_is_split_and_counted() -> None:
+    alerts = Alerts([f'b{n}' for n in range(20)], 'II', 'XXX', 9_999_990, False)
+    alarm = {'state': 'unacknowledged', 'silenced': False, 'text': 'x' * 200, 'changed': 0}
+    alarms = [
+        {**alarm, 'bearing': f'b{n}', 'alarm': kind.value} for n in range(20) for kind in AlarmKind
+    ]
+    lines = alerts.take_alarms({'time': 0, 'changes': [], 'alarms': alarms})
+    listed = alerts.listing()
+    assert sum(int(line.split(',')[4].partition('*')[0]) for line in listed) == 120
+    assert {line.split(',')[1] for line in listed} == {'40'}
+    assert max(len(line) + 2 for line in lines + listed) <= LONGEST
+    assert {line.split(',')[3] for line in lines} == set('0123456789')
+
+
+def test_revisions_begin_anew_after_99() -> None:
+    panel = Panel()
+    revisions = []
+    for step in range(102):
+        state = 'acknowledged' if step % 2 else 'unacknowledged'
+        line = panel.show(AlarmKind.BISTABLE, state, '06:00:00.00')[0]
+        revisions.append(int(line.split(',')[11]))
+    assert revisions == [*range(1, 100), 1, 2, 3]
+
+
+ACKNOWLEDGE = '$BNACN,060130.00,XXX,10002,1,A,C*32'
+SILENCE = '$BNACN,060057.00,XXX,10002,1,S,C*20'
+NOW = 6 * 3600 * 10**9 + 91 * 10**9  # 06:01:31
+
+
+@pytest.mark.parametrize(
+    ('state', 'line', 'action', 'answer'),
+    [
+        ('unacknowledged', ACKNOWLEDGE, Action.ACKNOWLEDGE, []),
+        ('unacknowledged', SILENCE, Action.SILENCE, []),
+        ('returned_unacknowledged', ACKNOWLEDGE, Action.ACKNOWLEDGE, []),
+        ('acknowledged', ACKNOWLEDGE, None, ['$IIARC,060131.00,XXX,10002,1,A*4C']),
+        ('normal', SILENCE, None, [sentence('IIARC,060131.00,XXX,10002,1,S')]),
+        (
+            'unacknowledged',
+            '$BNACN,060059.00,XXX,10002,1,O,C*32',
+            None,
+            [sentence('IIARC,060131.00,XXX,10002,1,O')],
+        ),
+        ('unacknowledged', sentence('BNACN,060130.00,XXX,10002,1,A,'), None, []),
+        ('unacknowledged', sentence('BNACN,060130.00,YYY,10002,1,A,C'), None, []),
+        ('unacknowledged', sentence('BNACN,060130.00,XXX,10002,2,A,C'), None, []),
+        ('unacknowledged', sentence('BNACN,060130.00,XXX,99999,1,A,C'), None, []),
+        ('unacknowledged', ACKNOWLEDGE.replace('*32', '*33'), None, []),
+    ],
+)
+def test_what_a_display_asks(
+    state: str, line: str, action: Action | None, answer: list[str]
+) -> None:
+    panel = Panel()
+    panel.show(AlarmKind.STICK_SLIP, state, '06:00:00.00')
+    asked = action and ActionRequest(action, 'nmea', 'aft', AlarmKind.STICK_SLIP)
+    assert panel.alerts.obey(line, NOW) == (answer, asked)
+
+
+def test_a_display_asks_for_everything_again() -> None:
+    panel = Panel()
+    raised = panel.show(AlarmKind.STICK_SLIP, 'unacknowledged', '06:00:55.50', text=STUCK)
+    again, asked = panel.alerts.obey('$BNACN,060058.00,XXX,10002,1,Q,C*2D', NOW)
+    assert asked is None
+    assert again[0].split(',')[4:12] == raised[0].split(',')[4:12]
+
+
+def test_a_caution_is_not_acknowledged_and_without_leave_nothing_is() -> None:
+    panel = Panel()
+    panel.show(AlarmKind.MARGIN_LOW, 'unacknowledged', '06:00:00.00')
+    caution = sentence('BNACN,060130.00,XXX,10004,1,A,C')
+    refused = [sentence('IIARC,060131.00,XXX,10004,1,A')]
+    assert panel.alerts.obey(caution, NOW) == (refused, None)
+    deaf = Alerts(['aft'], 'II', 'XXX', 10001, False)
+    refused = [sentence('IIARC,060131.00,XXX,10002,1,A')]
+    assert deaf.obey(ACKNOWLEDGE, NOW) == (refused, None)
+
+
+@given(st.text(max_size=60))
+def test_reserved_characters_are_never_sent(text: str) -> None:
+    lines = Panel().show(AlarmKind.STICK_SLIP, 'unacknowledged', '06:00:00.00', text=text)
+    for line in lines:
+        assert parse(line) is not None
+        assert len(line) + 2 <= LONGEST
+    assert set(clean(text)) <= set('ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789 .+-%')
+
+
+def test_another_reader_reads_them_all(nmea_reader: Callable[[str], Any]) -> None:
+    panel = Panel()
+    lines = panel.show(AlarmKind.STICK_SLIP, 'unacknowledged', '06:00:55.50', text=STUCK)
+    lines += [*panel.alerts.listing(), panel.alerts.heartbeat(60.0, True)]
+    lines += panel.alerts.obey(sentence('BNACN,060059.00,XXX,10002,1,O,C'), NOW)[0]
+    read = [nmea_reader(line) for line in lines]
+    assert [message.msgID for message in read] == ['ALF', 'ALF', 'ALC', 'HBT', 'ARC']

@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ports over real sockets and a pseudo-terminal: lines both ways, and every way to end."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import pty
+import re
+import socket
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from stickslip_monitor.errors import LinkError
+from stickslip_monitor.links import ports
+from stickslip_monitor.links.link_config import NmeaLink
+from stickslip_monitor.links.nmea import NmeaInput, sentence
+from stickslip_monitor.links.nmea_client import NmeaClient
+from stickslip_monitor.links.ports import Port, open_port
+
+RPM = sentence('RCRPM,S,1,74.6,30.0,A')
+
+
+@pytest.fixture(autouse=True)
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ports, 'AGAIN', 0.02)
+
+
+class End:
+    """A port under test, and what came of it."""
+
+    def __init__(self, address: str, listens: bool = True, silent: float = 60.0) -> None:
+        self.lines: list[str] = []
+        self.states: list[bool] = []
+        self.reasons: list[str] = []
+        self.port = open_port(
+            'nmea.listen', address, self.lines.append, self.tell, listens, silent
+        )
+
+    def tell(self, up: bool, why: str) -> None:
+        if self.states[-1:] != [up]:
+            self.states.append(up)
+        self.reasons.append(why)
+
+
+async def until(condition: Callable[[], Any], what: Callable[[], Any] = lambda: '') -> None:
+    end = asyncio.get_running_loop().time() + 20.0
+    while not condition():
+        assert asyncio.get_running_loop().time() < end, what()
+        await asyncio.sleep(0.01)
+
+
+def on_loop(work: Callable[[], Coroutine[Any, Any, None]]) -> None:
+    async def run() -> None:
+        before = asyncio.all_tasks()
+        try:
+            await asyncio.wait_for(work(), 60.0)
+        finally:
+            for task in asyncio.all_tasks() - before:
+                task.cancel()
+
+    asyncio.run(run())
+
+
+def udp(port: int = 0) -> socket.socket:
+    """A socket of the test at this machine."""
+    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    made.bind(('127.0.0.1', port))
+    made.setblocking(False)
+    return made
+
+
+def free() -> int:
+    with udp() as probe:
+        return int(probe.getsockname()[1])
+
+
+async def at_work(port: Port) -> None:
+    await port.start()
+    asyncio.get_running_loop().create_task(port.run())
+
+
+def test_datagrams_in_with_or_without_an_end_of_line() -> None:
+    async def work() -> None:
+        number = free()
+        end = End(f'udp://127.0.0.1:{number}')
+        await at_work(end.port)
+        assert end.states == []  # open, but nothing is known of a sender
+        with udp() as talker:
+            talker.sendto(RPM.encode(), ('127.0.0.1', number))
+            talker.sendto(f'{RPM}\r\n{RPM}\r\n'.encode(), ('127.0.0.1', number))
+            await until(lambda: len(end.lines) == 3)
+        assert {line.strip() for line in end.lines} == {RPM}
+        assert end.states == [True]
+
+    on_loop(work)
+
+
+def test_datagrams_out_to_somebody_who_comes_late() -> None:
+    async def work() -> None:
+        number = free()
+        end = End(f'udp://127.0.0.1:{number}', listens=False)
+        await at_work(end.port)
+        end.port.send([RPM])
+        await until(lambda: False in end.states, lambda: end.reasons)
+        assert end.reasons[-1] == 'Connection refused'
+        with udp(number) as display:
+            await until(lambda: end.states[-1])
+            end.port.send([RPM, RPM])
+            got: list[bytes] = []
+            while len(got) < 2:
+                got.append(await asyncio.get_running_loop().sock_recv(display, 1000))
+        assert got == [f'{RPM}\r\n'.encode()] * 2
+
+    on_loop(work)
+
+
+def test_a_stream_that_ends_and_comes_back() -> None:
+    async def work() -> None:
+        talkers: list[asyncio.StreamWriter] = []
+        heard: list[bytes] = []
+
+        async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            talkers.append(writer)
+            heard.append(await reader.readline())
+
+        server = await asyncio.start_server(serve, '127.0.0.1', 0)
+        number = server.sockets[0].getsockname()[1]
+        end = End(f'tcp://127.0.0.1:{number}')
+        await at_work(end.port)
+        await until(lambda: talkers)
+        talkers[0].write(b'x' * 5000 + f'\r\n{RPM[:10]}'.encode())
+        await asyncio.sleep(0.05)
+        talkers[0].write(f'{RPM[10:]}\r\n'.encode())
+        await until(lambda: RPM in [line.strip() for line in end.lines])
+        end.port.send([RPM])
+        await until(lambda: heard == [f'{RPM}\r\n'.encode()])
+        talkers[0].close()
+        await until(lambda: len(talkers) == 2)
+        assert end.states == [True, False]  # connected again, but silent
+        talkers[1].write(f'{RPM}\r\n'.encode())
+        await until(lambda: end.states == [True, False, True])
+        server.close()
+
+    on_loop(work)
+
+
+def test_a_server_that_is_not_there_yet_is_waited_for() -> None:
+    async def work() -> None:
+        number = free()
+        end = End(f'tcp://127.0.0.1:{number}')
+        await at_work(end.port)
+        await until(lambda: end.states == [False])
+        assert 'refused' in end.reasons[-1] or 'Connect call failed' in end.reasons[-1]
+        end.port.send([RPM])  # lost, as there is nobody
+
+        async def serve(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            writer.write(f'{RPM}\r\n'.encode())
+
+        server = await asyncio.start_server(serve, '127.0.0.1', number)
+        await until(lambda: end.states == [False, True])
+        server.close()
+
+    on_loop(work)
+
+
+def test_a_serial_line_that_vanishes_and_comes_back(tmp_path: Path) -> None:
+    async def work() -> None:
+        ours, theirs = pty.openpty()
+        device = tmp_path / 'tty'
+        device.symlink_to(os.ttyname(theirs))
+        end = End(f'serial://{device}?baud=38400')
+        await at_work(end.port)
+        os.write(ours, f'{RPM}\r\n'.encode())
+        await until(lambda: end.lines)
+        end.port.send([RPM])
+        await asyncio.sleep(0.05)
+        assert os.read(ours, 1000) == f'{RPM}\r\n'.encode()
+        device.unlink()
+        os.close(theirs)
+        os.close(ours)
+        await until(lambda: end.states == [True, False], lambda: end.reasons)
+        ours, theirs = pty.openpty()
+        device.symlink_to(os.ttyname(theirs))
+        await asyncio.sleep(0.1)
+        os.write(ours, f'{RPM}\r\n'.encode())
+        await until(lambda: end.states == [True, False, True])
+        os.close(theirs)
+        os.close(ours)
+
+    on_loop(work)
+
+
+def test_silence_is_a_fault_where_lines_are_expected() -> None:
+    async def work() -> None:
+        listens = End(f'udp://127.0.0.1:{free()}', silent=0.1)
+        sends = End(f'udp://127.0.0.1:{free()}', listens=False, silent=0.1)
+        await at_work(listens.port)
+        await at_work(sends.port)
+        await until(lambda: listens.states == [False])
+        assert listens.reasons[-1] == 'nothing heard for 0.1 s'
+        assert sends.states == [True]
+
+    on_loop(work)
+
+
+def test_what_cannot_be_opened_at_the_start_is_an_error(tmp_path: Path) -> None:
+    no_line = tmp_path / 'file'
+    no_line.touch()
+
+    async def work() -> None:
+        with udp() as other:
+            taken = f'udp://127.0.0.1:{other.getsockname()[1]}'
+            for address, reason in (
+                (taken, 'Address already in use'),
+                (f'serial://{tmp_path}/none', 'No such file or directory'),
+                (f'serial://{no_line}', 'it is no serial line'),
+            ):
+                text = f"nmea.listen = '{address}' cannot be opened: {reason}"
+                with pytest.raises(LinkError, match=re.escape(text)):
+                    await End(address).port.start()
+
+    on_loop(work)
+
+
+LOST = {'bearing': 'aft', 'alarm': 'input_lost', 'silenced': False, 'changed': 0, 'text': 'aft: x'}
+
+
+class Display:
+    """The other end of both directions: what it got, and a way to say something."""
+
+    def __init__(self) -> None:
+        self.got: list[bytes] = []
+        self.listen = self.alerts = 0
+        self.say: Callable[[str], None] = lambda line: None
+
+    async def by_udp(self) -> None:
+        loop, made = asyncio.get_running_loop(), udp()
+        self.listen, self.alerts = free(), made.getsockname()[1]
+
+        async def hear() -> None:
+            with made:
+                while True:
+                    self.got.append(await loop.sock_recv(made, 1000))
+
+        self.task = loop.create_task(hear())
+        where = ('127.0.0.1', self.listen)
+        self.say = lambda line: made.sendto(f'{line}\r\n'.encode(), where) and None
+
+    async def by_tcp(self) -> None:
+        async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            self.say = lambda line: writer.write(f'{line}\r\n'.encode())
+            while line := await reader.readline():
+                self.got.append(line)
+
+        self.server = await asyncio.start_server(serve, '127.0.0.1', 0)
+        self.listen = self.alerts = self.server.sockets[0].getsockname()[1]
+
+
+@pytest.mark.parametrize('scheme', ['udp', 'tcp'])
+def test_sentences_in_alerts_out_and_acknowledgements_back(
+    scheme: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    samples: list[Any] = []
+    requests: list[str] = []
+    told: list[Any] = []
+
+    def act(request: Any) -> None:
+        requests.append(str(request.action))
+        if request.action == 'acknowledge':
+            raise LinkError('no monitor is there')
+
+    async def work() -> None:
+        display = Display()
+        await (display.by_udp() if scheme == 'udp' else display.by_tcp())
+        client = NmeaClient(
+            NmeaLink(
+                f'{scheme}://127.0.0.1:{display.listen}',
+                f'{scheme}://127.0.0.1:{display.alerts}',
+                *('II', '', 10001, 30.0, 60.0, True),
+            ),
+            [NmeaInput('aft', 0, 'RPM', kind='S', number=1)],
+            ['aft'],
+            lambda *sample: samples.append(sample),
+            act,
+            lambda *state: told.append(state),
+            logging.getLogger('test'),
+        )
+        await client.start()
+        running = asyncio.get_running_loop().create_task(client.run())
+        lost = [{**LOST, 'state': 'unacknowledged'}]
+        client.take_alarms({'time': 0, 'changes': [], 'alarms': lost})
+        client.tick(True)
+        client.tick(True)
+        await until(lambda: len(display.got) == 4)
+        assert [line[3:6] for line in display.got] == [b'ALF', b'ALF', b'ALC', b'HBT']
+        display.say(RPM)
+        for command in 'SAO':
+            display.say(sentence(f'BNACN,060130.00,,10005,1,{command},C'))
+        await until(lambda: len(display.got) == 5, lambda: (display.got, requests))
+        assert display.got[4][3:6] == b'ARC'
+        await client.finish()
+        await until(lambda: len(display.got) == 6)
+        assert display.got[5].startswith(b'$IIHBT,60.0,V,1')
+        running.cancel()
+
+    on_loop(work)
+    assert samples == [('aft', 0, 74.6)]
+    assert requests == ['silence', 'acknowledge']
+    assert ('nmea_in', True, '') in told
+    assert 'acknowledge of aft refused: no monitor is there' in caplog.text

@@ -1,0 +1,398 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The rules of Signal K by tables: samples in, alarms out, and whose act an echo is."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import pytest
+
+from stickslip_monitor.links.signalk import (
+    Notifications,
+    SignalKInput,
+    SignalKInputs,
+    SignalKValues,
+    is_hello,
+    version_of,
+)
+from stickslip_monitor.monitor.alarms.annunciator import Action
+from stickslip_monitor.monitor.alarms.causes import AlarmKind
+from stickslip_monitor.monitor.alarms.requests import ActionRequest
+
+SHIP = 'vessels.urn:mrn:imo:mmsi:230099999'
+PATH = 'propulsion.port.revolutions'
+HELLO = {
+    'name': 'signalk-server',
+    'version': '2.23.0',
+    'self': SHIP,
+    'timestamp': '2026-11-21T22:00:00.000Z',
+}
+
+
+def delta(
+    value: Any,
+    second: float = 0.0,
+    source: str = 'shaft.1',
+    path: str = PATH,
+    context: str = SHIP,
+) -> dict[str, Any]:
+    """One value, stamped so many seconds after the greeting."""
+    minute, rest = divmod(second, 60.0)
+    stamp = f'2026-11-21T22:{int(minute):02}:{rest:06.3f}Z'
+    if second < 0.0:
+        stamp = f'2026-11-21T21:59:{60.0 + second:06.3f}Z'
+    values = [{'path': path, 'value': value}]
+    return {
+        'context': context,
+        'updates': [{'$source': source, 'timestamp': stamp, 'values': values}],
+    }
+
+
+class Reader:
+    """Inputs at a server that greeted at 100 s of our clock."""
+
+    def __init__(self, source: str = '') -> None:
+        self.said: list[str] = []
+        speed = SignalKInput('aft', 0, PATH, source, 5.0)
+        other = SignalKInput('fwd', 0, PATH, '', 5.0)
+        self.inputs = SignalKInputs([speed, other], self.said.append)
+        self.inputs.greet(HELLO, 100.0)
+
+    def take(self, frame: object, second: float = 0.0) -> list[float]:
+        """The values that the first bearing gets."""
+        found = self.inputs.take(frame, 100.0 + second)
+        return [value for bearing, is_load, value in found if (bearing, is_load) == ('aft', 0)]
+
+
+def test_the_subscription_names_its_context_and_no_period() -> None:
+    frame = Reader().inputs.subscription(['notifications.a.*'])
+    assert frame == {
+        'context': 'vessels.self',
+        'subscribe': [{'path': PATH}, {'path': 'notifications.a.*'}],
+    }
+
+
+@pytest.mark.parametrize(
+    ('value', 'expected'),
+    [
+        (1.2433, 1.2433),
+        (-3, -3.0),
+        (0, 0.0),
+        (None, math.nan),
+        ('74.6', math.nan),
+        (True, math.nan),
+        ({'value': 3}, math.nan),
+        ([3.0], math.nan),
+        (10**400, math.nan),
+    ],
+)
+def test_what_is_no_number_is_no_rest(value: Any, expected: float) -> None:
+    assert Reader().take(delta(value)) == pytest.approx([expected], nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    'frame',
+    [
+        "Only 'instant' and 'fixed' policies supported",
+        HELLO,
+        None,
+        [],
+        3,
+        {'updates': 3},
+        {'updates': [3, {'values': 3}, {'values': [3, {'value': 3}, {'path': 3}]}]},
+        delta(3.0, context='vessels.urn:mrn:imo:mmsi:111'),  # somebody else's shaft, by AIS
+        delta(3.0, path='propulsion.port'),
+    ],
+)
+def test_frames_that_bring_nothing(frame: object) -> None:
+    assert Reader().take(frame) == []
+
+
+def test_a_value_that_the_server_had_kept_is_dropped_once() -> None:
+    reader = Reader()
+    assert reader.take(delta(3.0, second=-45.0), 0.1) == []
+    assert reader.take(delta(3.1, second=-44.0), 0.2) == [3.1]  # a clock that is slow all the time
+    assert reader.take(delta(3.2, second=-4.0, source='young'), 0.3) == []  # another is heard
+    reader = Reader()
+    assert reader.take(delta(3.0, second=-4.0), 0.5) == [3.0]
+    reader.inputs.greet({**HELLO, 'timestamp': '2026-11-21T22:01:00.000Z'}, 160.0)
+    assert reader.take(delta(3.0, second=1.0), 60.1) == []  # after a reconnection once more
+    frame = delta(3.0)
+    frame['updates'][0]['timestamp'] = 'yesterday'
+    assert Reader().take(frame) == []
+
+
+def test_a_repetition_is_no_sign_of_life() -> None:
+    reader = Reader()
+    assert reader.take(delta(3.0, second=1.0), 1.0) == [3.0]
+    assert reader.take(delta(3.0, second=1.0), 2.0) == []
+    assert reader.take(delta(3.0, second=2.0), 2.1) == [3.0]
+
+
+def test_one_source_at_a_time() -> None:
+    reader = Reader()
+    steps = [
+        ('a', 1.0, True),
+        ('b', 1.1, False),
+        ('a', 2.0, True),
+        ('b', 2.1, False),
+        ('b', 7.0, False),  # a is silent for 5 s exactly
+        ('b', 7.1, True),
+        ('a', 7.2, False),
+    ]
+    for source, second, taken in steps:
+        assert bool(reader.take(delta(3.0, second, source), second)) is taken, (source, second)
+    assert reader.said == [
+        f"Signal K: source 'b' of {PATH} is left aside; another is heard",
+        f"Signal K: source 'a' of {PATH} is left aside; another is heard",
+    ]
+    chosen = Reader(source='b')
+    assert chosen.take(delta(3.0, 1.0, 'a'), 1.0) == []
+    assert chosen.take(delta(4.0, 1.0, 'b'), 1.0) == [4.0]
+
+
+@pytest.mark.parametrize(
+    ('version', 'expected'),
+    [('2.23.0', (2, 23)), ('v2.24.1-beta', (2, 24)), ('10.1', (10, 1)), ('', (0, 0))],
+)
+def test_versions(version: str, expected: tuple[int, int]) -> None:
+    assert version_of({'version': version}) == expected
+
+
+@pytest.mark.parametrize(
+    ('frame', 'expected'), [(HELLO, True), ({'version': '1'}, False), ('hi', False)]
+)
+def test_greetings(frame: object, expected: bool) -> None:
+    assert is_hello(frame) is expected
+
+
+STATUS = {
+    'reason': 'stick_slip',
+    'regime': 'stick_slip',
+    'fold margin': '-0.508878146',
+    'hopf margin': '-inf',
+    'amplitude [m]': '0.00092',
+    'load [N]': '1000',
+}
+AT = 'propulsion.port.shaft.aftStern.'
+
+
+@pytest.mark.parametrize(
+    ('status', 'expected'),
+    [
+        (STATUS, [-0.508878146, None, 0.00092, 1000.0, 'stick_slip']),
+        ({**STATUS, 'amplitude [m]': 'nan'}, [-0.508878146, None, 0.0, 1000.0, 'stick_slip']),
+        ({**STATUS, 'reason': 'input_stale'}, [None] * 5),  # what was is not what is
+        ({'reason': 'waiting'}, [None] * 5),
+        (None, [None] * 5),
+    ],
+)
+def test_values(status: dict[str, str] | None, expected: list[Any]) -> None:
+    out = SignalKValues('propulsion.port.shaft', ['aft_stern'])
+    update = json.loads(json.dumps(out.values('aft_stern', status), allow_nan=False))
+    assert update['$source'] == 'stickslip_monitor'
+    names = ['foldMargin', 'hopfMargin', 'stickSlipAmplitude', 'load', 'regime']
+    assert update['values'] == [
+        {'path': AT + name, 'value': value} for name, value in zip(names, expected, strict=True)
+    ]
+
+
+def test_meta_has_units_and_no_zones_and_a_load_of_theirs_is_not_ours() -> None:
+    out = SignalKValues('propulsion.port.shaft', [])
+    meta = {item['path']: item['value'] for item in out.meta('aft_stern')['meta']}
+    assert {path: value['units'] for path, value in meta.items()} == {
+        f'{AT}foldMargin': 'ratio',
+        f'{AT}hopfMargin': 'ratio',
+        f'{AT}stickSlipAmplitude': 'm',
+    }
+    assert 'zones' not in json.dumps(meta)
+
+
+STICK = 'notifications.p.aft.stickSlip'
+
+
+class Server:
+    """What a server makes of notifications: 2.23 forgets no acknowledgement of a source."""
+
+    def __init__(self, resets: bool = False) -> None:
+        self.out = Notifications(['aft'], 'p', 'run')
+        self.status: dict[tuple[str, str], dict[str, bool]] = {}
+        self.values: dict[tuple[str, str], dict[str, Any]] = {}
+        self.resets = resets
+        self.asked: list[ActionRequest] = []
+
+    def alarm(
+        self,
+        state: str,
+        kind: AlarmKind = AlarmKind.STICK_SLIP,
+        silenced: bool = False,
+        text: str = 'aft: text',
+    ) -> list[dict[str, Any]]:
+        """The list of alarms changes; what is sent is taken, and echoed, until all is quiet."""
+        alarm = {
+            'bearing': 'aft',
+            'alarm': kind.value,
+            'state': state,
+            'sounding': state == 'unacknowledged' and not silenced,
+            'silenced': silenced,
+            'text': text,
+        }
+        updates = self.out.take_alarms({'alarms': [alarm]})
+        sent = list(updates)
+        while updates:
+            updates = [u for update in updates for u in self.echo(*self.store(update))]
+            sent += updates
+        return [{'source': u['$source'], **u['values'][0]['value']} for u in sent]
+
+    def store(self, update: dict[str, Any]) -> tuple[str, str]:
+        key = update['$source'], update['values'][0]['path']
+        value = self.values[key] = dict(update['values'][0]['value'])
+        status = self.status.setdefault(key, {'acknowledged': False, 'silenced': False})
+        if value['state'] == 'normal' and self.resets:
+            status.update(acknowledged=False, silenced=False)
+        if value.get('acknowledgeStatus') == 'Yes':
+            status['acknowledged'] = True
+        return key
+
+    def echo(self, source: str, path: str = STICK) -> list[dict[str, Any]]:
+        """The server tells of a notification."""
+        value = {**self.values[source, path], 'status': dict(self.status[source, path])}
+        updates, asked = self.out.take_echo(delta(value, source=source, path=path), SHIP)
+        self.asked += asked
+        return updates
+
+    def person(self, source: str = 'stickslip_monitor', **status: bool) -> list[ActionRequest]:
+        """Somebody acts at the server; what we make of it."""
+        self.asked = []
+        self.status[source, STICK].update(status)
+        assert self.echo(source) == []
+        return self.asked
+
+
+ACKNOWLEDGED = [ActionRequest(Action.ACKNOWLEDGE, 'signal k', 'aft', AlarmKind.STICK_SLIP)]
+SILENCED = [ActionRequest(Action.SILENCE, 'signal k', 'aft', AlarmKind.STICK_SLIP)]
+
+
+@pytest.mark.parametrize(
+    ('kind', 'state', 'silenced', 'expected'),
+    [
+        ('stick_slip', 'unacknowledged', False, ('alarm', ['visual', 'sound'], None)),
+        ('bistable', 'unacknowledged', False, ('warn', ['visual', 'sound'], None)),
+        ('margin_low', 'unacknowledged', False, ('alert', ['visual', 'sound'], None)),
+        ('stick_slip', 'unacknowledged', True, ('alarm', ['visual'], 'temporarySilenceStatus')),
+        ('stick_slip', 'acknowledged', False, ('alarm', [], 'acknowledgeStatus')),
+        ('stick_slip', 'latched', False, ('alarm', [], 'acknowledgeStatus')),
+        ('stick_slip', 'returned_unacknowledged', False, ('alarm', ['visual'], None)),
+        ('stick_slip', 'shelved', False, ('normal', [], None)),
+        ('stick_slip', 'suppressed', False, ('normal', [], None)),
+        ('stick_slip', 'out_of_service', False, ('normal', [], None)),
+    ],
+)
+def test_every_state_as_a_notification(
+    kind: str, state: str, silenced: bool, expected: tuple[str, list[str], str | None]
+) -> None:
+    value = Server().alarm(state, AlarmKind(kind), silenced)[-1]
+    flag = {'temporarySilenceStatus', 'acknowledgeStatus'} & set(value)
+    assert (value['state'], value['method'], flag) == (
+        *expected[:2],
+        {expected[2]} if expected[2] else set(),
+    )
+    assert value['data']['lifecycle'] == state
+    over = state == 'returned_unacknowledged'
+    assert value['message'] == ('Over: aft: text' if over else 'aft: text')
+
+
+def test_a_person_acknowledges_and_silences() -> None:
+    server = Server()
+    server.alarm('unacknowledged')
+    assert server.asked == []
+    assert server.person(silenced=True) == SILENCED
+    server.alarm('unacknowledged', silenced=True)
+    assert server.person(acknowledged=True) == ACKNOWLEDGED
+    server.alarm('acknowledged')
+    assert server.person() == []
+
+
+@pytest.mark.parametrize('resets', [False, True])
+def test_twenty_rounds_with_none_invented_and_none_lost(resets: bool) -> None:
+    server = Server(resets)
+    for _ in range(20):
+        server.asked = []
+        sent = server.alarm('unacknowledged')
+        assert server.asked == []
+        assert sent[-1]['method'] == ['visual', 'sound']
+        assert server.status[sent[-1]['source'], STICK]['acknowledged'] is False
+        assert server.person(sent[-1]['source'], acknowledged=True) == ACKNOWLEDGED
+        server.alarm('acknowledged')
+        server.alarm('normal')
+
+
+def test_an_echo_of_an_earlier_occurrence_or_run_is_nobodys_act() -> None:
+    server = Server(resets=True)
+    server.alarm('unacknowledged')
+    late = dict(server.values['stickslip_monitor', STICK])
+    server.alarm('acknowledged')
+    server.alarm('normal')
+    server.alarm('unacknowledged')
+    for token in (late['data']['occurrence'], 'before-3', None):
+        value = {**late, 'data': {'occurrence': token}, 'status': {'acknowledged': True}}
+        frame = delta(value, source='stickslip_monitor', path=STICK)
+        assert server.out.take_echo(frame, SHIP) == ([], [])
+    # One that an earlier run left under a source of its own is put to rest there.
+    frame = delta(late, source='stickslip_monitor.before-3', path=STICK)
+    ((update,), asked) = server.out.take_echo(frame, SHIP)
+    assert asked == []
+    assert update['$source'] == 'stickslip_monitor.before-3'
+    assert update['values'][0]['value']['state'] == 'normal'
+    # Of somebody else's source nothing is said.
+    assert server.out.take_echo(delta(late, source='gps', path=STICK), SHIP) == ([], [])
+
+
+def test_an_alarm_that_latched_and_comes_again_passes_through_normal() -> None:
+    server = Server(resets=True)
+    for state in ('unacknowledged', 'acknowledged', 'latched'):
+        server.alarm(state)
+    states = [(v['state'], v['method']) for v in server.alarm('unacknowledged')]
+    assert states == [('normal', []), ('alarm', ['visual', 'sound'])]
+
+
+def test_a_sound_that_an_older_client_took_away_is_a_silence() -> None:
+    server = Server()
+    server.alarm('unacknowledged')
+    value = server.values['stickslip_monitor', STICK]
+    old = dict(value)
+    value['method'] = []
+    assert server.person() == SILENCED
+    server.alarm('unacknowledged', silenced=True)
+    server.alarm('unacknowledged')
+    # The echo of what was sent before, without sound, comes late.
+    late = {**old, 'method': ['visual'], 'status': {}}
+    frame = delta(late, source='stickslip_monitor', path=STICK)
+    assert server.out.take_echo(frame, SHIP) == ([], [])
+
+
+def test_all_is_sent_again_and_nothing_twice_without_a_change() -> None:
+    server = Server()
+    assert len(server.out.all()) == len(AlarmKind) + 1
+    sent = server.alarm('unacknowledged')
+    assert server.alarm('unacknowledged') == []
+    again = [u for u in server.out.all() if u['values'][0]['path'] == STICK]
+    assert [u['values'][0]['value'] for u in again] == [
+        {key: value for key, value in sent[-1].items() if key != 'source'}
+    ]
+    json.dumps(server.out.all(), allow_nan=False)
+
+
+def test_the_monitor_has_a_notification_of_its_own() -> None:
+    out = Notifications(['aft'], 'p', 'run')
+    (update,) = out.take_monitor('the monitor is not heard')
+    value = update['values'][0]
+    assert value['path'] == 'notifications.p.monitor'
+    assert value['value']['state'] == 'warn'
+    assert out.take_monitor('the monitor is not heard') == []
+    assert out.take_monitor('')[0]['values'][0]['value']['state'] == 'normal'
+    frame = delta(value['value'], path=value['path'])
+    assert out.hears(frame, SHIP)
+    assert not out.hears(delta({'state': 'normal'}, path=value['path']), SHIP)

@@ -1,0 +1,369 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The client against a small server with every fault that was met at a real one."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import ssl
+import subprocess
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip('aiohttp', reason="the extra 'links' is not installed")
+
+from benchmarks.signalk_servers import SmallServer
+from stickslip_monitor.errors import LinkError
+from stickslip_monitor.links import signalk_client
+from stickslip_monitor.links.link_config import SignalKLink
+from stickslip_monitor.links.signalk import SignalKInput, SignalKInputs
+from stickslip_monitor.links.signalk_client import SignalKClient, request_token
+from stickslip_monitor.monitor.alarms.causes import AlarmKind
+
+DEADLINE = 20.0
+PATH = 'propulsion.port.revolutions'
+STICK = 'notifications.p.shaft.aft.stickSlip'
+MARGIN = 'p.shaft.aft.foldMargin'
+
+
+def alarms(state: str) -> dict[str, Any]:
+    """A list in which one alarm is in a state."""
+    alarm = {
+        'bearing': 'aft',
+        'alarm': AlarmKind.STICK_SLIP.value,
+        'state': state,
+        'sounding': state == 'unacknowledged',
+        'silenced': False,
+        'text': 'aft: Stick-slip predicted.',
+    }
+    return {'alarms': [alarm]}
+
+
+class Ship:
+    """One client, and what it brought."""
+
+    def __init__(self, server: SmallServer, scheme: str = 'http', **options: Any) -> None:
+        settings = {'token_file': '', 'ca_file': '', 'prefix': 'p.shaft', 'accept_actions': True}
+        token = options.pop('token', '')
+        times = {key: options.pop(key) for key in ('heartbeat', 'unheard') if key in options}
+        link = SignalKLink(f'{scheme}://127.0.0.1:{server.port}', **settings | options)
+        self.server = server
+        self.values: list[float] = []
+        self.requests: list[str] = []
+        self.told: list[tuple[str, bool]] = []
+        self.reasons: list[str] = []
+        self.client = SignalKClient(
+            link,
+            token,
+            SignalKInputs([SignalKInput('aft', 0, PATH, '', 5.0)], lambda text: None),
+            ['aft'],
+            [],
+            lambda bearing, is_load, value: self.values.append(value),
+            lambda request: self.requests.append(str(request.action)),
+            self.tell,
+            logging.getLogger('test'),
+            **times,
+        )
+        self.client.take_alarms(alarms('normal'))
+
+    def tell(self, name: str, up: bool, why: str) -> None:
+        if (name, up) not in self.told[-2:]:
+            self.told.append((name, up))
+        self.reasons.append(why)
+
+    def up(self, name: str) -> bool:
+        return next((up for told, up in reversed(self.told) if told == name), False)
+
+    async def until(self, condition: Callable[[], Any]) -> None:
+        """Wait, while time passes for the client."""
+        end = asyncio.get_running_loop().time() + DEADLINE
+        while not condition():
+            assert asyncio.get_running_loop().time() < end, (self.told, self.reasons[-1:])
+            self.client.tick(True)
+            await asyncio.sleep(0.01)
+
+    def kept(self, path: str) -> Any:
+        """What the server has of us."""
+        found = [v for (s, p), (v, _) in self.server.kept.items() if p == path and s != 'shaft.1']
+        return found[-1] if found else None
+
+
+@asynccontextmanager
+async def sailing(ship: Ship) -> AsyncIterator[Ship]:
+    """The client at work, connected."""
+    task = asyncio.create_task(ship.client.run())
+    try:
+        await ship.until(lambda: ship.up('signalk_in') or task.done())
+        if task.done():
+            task.result()
+        yield ship
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+Work = Callable[[SmallServer], Coroutine[Any, Any, None]]
+
+
+def at_sea(work: Work) -> None:
+    """Run a test with a small server."""
+
+    async def run() -> None:
+        server = SmallServer()
+        await server.start()
+        try:
+            await asyncio.wait_for(work(server), 3.0 * DEADLINE)
+        finally:
+            await server.stop()
+
+    asyncio.run(run())
+
+
+def test_only_fresh_values_of_our_own_ship_arrive() -> None:
+    async def work(server: SmallServer) -> None:
+        await server.publish(PATH, 9.0, stamp='2020-01-01T00:00:00.000Z')  # kept, and old
+        async with sailing(Ship(server)) as ship:
+            await ship.until(lambda: server.subscriptions)
+            await server.say("\"Only 'instant' and 'fixed' policies supported\"")
+            await server.say('no JSON {')
+            await server.publish(PATH, 8.0, context='vessels.urn:mrn:imo:mmsi:111')
+            for value in (1.0, None, 2.0):
+                await server.publish(PATH, value)
+                await asyncio.sleep(0.005)  # stamps are of milliseconds
+            await ship.until(lambda: len(ship.values) == 3)
+        assert ship.values[::2] == [1.0, 2.0]
+        assert ship.values[1] != ship.values[1]
+
+    at_sea(work)
+
+
+def test_a_server_that_forgets_gets_everything_back() -> None:
+    async def work(server: SmallServer) -> None:
+        async with sailing(Ship(server)) as ship:
+            ship.client.take_alarms(alarms('unacknowledged'))
+            ship.client.take_status(
+                'aft', 0, '', {'reason': 'stick_slip', 'regime': 'unstable', 'fold margin': '-0.5'}
+            )
+            await ship.until(lambda: ship.kept(MARGIN) == -0.5 and ship.up('signalk_out'))
+            assert ship.kept(STICK)['state'] == 'alarm'
+            await server.stop()
+            await ship.until(lambda: not ship.up('signalk_in') and not ship.up('signalk_out'))
+            server.kept.clear()
+            server.received.clear()
+            server.status.clear()
+            await server.start()
+            await ship.until(lambda: ship.up('signalk_out') and ship.kept(MARGIN) == -0.5)
+            assert ship.kept(STICK)['state'] == 'alarm'
+            assert ship.kept('notifications.p.shaft.monitor')['state'] == 'normal'
+            assert any('meta' in update for update in server.received)
+            await server.publish(PATH, 3.0)
+            await ship.until(lambda: ship.values == [3.0])
+            assert ship.requests == []
+
+    at_sea(work)
+
+
+def test_a_frozen_server_is_noticed_by_its_silence() -> None:
+    async def work(server: SmallServer) -> None:
+        server.frozen = True
+        async with sailing(Ship(server, heartbeat=0.2)) as ship:
+            await ship.until(lambda: not ship.up('signalk_in'))
+            server.frozen = False
+            await ship.until(lambda: ship.up('signalk_in'))
+
+    at_sea(work)
+
+
+def test_what_is_not_taken_is_told() -> None:
+    async def work(server: SmallServer) -> None:
+        server.deaf = True
+        async with sailing(Ship(server, unheard=0.2)) as ship:
+            await ship.until(lambda: ('signalk_out', False) in ship.told)
+            assert 'has the token the right to' in ship.reasons[-1]
+            assert ship.up('signalk_in')
+            server.deaf = False
+            ship.client.take_alarms(alarms('unacknowledged'))
+            await ship.until(lambda: ship.up('signalk_out'))
+
+    at_sea(work)
+
+
+@pytest.mark.parametrize('accepts', [False, True])
+def test_people_act_at_the_server(accepts: bool) -> None:
+    async def work(server: SmallServer) -> None:
+        async with sailing(Ship(server, accept_actions=accepts)) as ship:
+            for state in ('unacknowledged', 'acknowledged', 'normal', 'unacknowledged'):
+                ship.client.take_alarms(alarms(state))
+                await ship.until(
+                    lambda state=state: ship.kept(STICK)['data']['lifecycle'] == state
+                )
+            assert ship.requests == []
+            await server.act(STICK, silenced=True)
+            await server.act(STICK, acknowledged=True)
+            await server.publish(PATH, 1.0)
+            await ship.until(lambda: ship.values)
+            assert ship.requests == (['silence', 'acknowledge'] if accepts else [])
+
+    at_sea(work)
+
+
+def test_the_end_takes_values_back_and_leaves_alarms() -> None:
+    async def work(server: SmallServer) -> None:
+        async with sailing(Ship(server)) as ship:
+            ship.client.take_alarms(alarms('unacknowledged'))
+            ship.client.take_status(
+                'aft', 0, '', {'reason': 'stick_slip', 'regime': 'unstable', 'fold margin': '-0.5'}
+            )
+            await ship.until(lambda: ship.kept(MARGIN) == -0.5)
+            ship.client.tick(False)
+            await asyncio.sleep(0.05)
+            assert ship.kept('notifications.p.shaft.monitor')['message'] == (
+                'The monitor is not heard.'
+            )
+            await ship.client.finish()
+            await asyncio.sleep(0.1)
+            assert ship.kept(MARGIN) is None
+            assert ship.kept(STICK)['state'] == 'alarm'
+            assert ship.kept('notifications.p.shaft.monitor')['state'] == 'warn'
+
+    at_sea(work)
+
+
+def test_a_wrong_token_at_the_start_is_an_error_and_later_a_fault() -> None:
+    async def work(server: SmallServer) -> None:
+        server.token = 'the-right-one'
+        ship = Ship(server, token='a-wrong-one', token_file='token')
+        with pytest.raises(
+            LinkError, match=r"token_file = 'token': the token is refused.* \(401\)"
+        ):
+            await ship.client.run()
+        async with sailing(Ship(server, token='the-right-one', token_file='token')) as ship:
+            server.token = 'another'
+            await server.restart()
+            await ship.until(lambda: any('the token is refused' in why for why in ship.reasons))
+            assert not ship.up('signalk_in')
+            server.token = 'the-right-one'
+            await ship.until(lambda: ship.up('signalk_in'))
+
+    at_sea(work)
+
+
+@pytest.mark.parametrize('greeting', ['no JSON {', '3', '{"name": "another"}'])
+def test_another_program_is_no_signal_k_server(greeting: str) -> None:
+    async def work(server: SmallServer) -> None:
+        server.greeting = greeting
+        with pytest.raises(LinkError, match='is no Signal K server'):
+            await Ship(server).client.run()
+
+    at_sea(work)
+
+
+def test_a_page_of_something_else_is_no_signal_k_server() -> None:
+    async def work(server: SmallServer) -> None:
+        ship = Ship(server)
+        await server.stop()
+        other = await asyncio.start_server(_not_found, '127.0.0.1', server.port)
+        async with other:
+            with pytest.raises(LinkError, match='is no Signal K server: it answers 404'):
+                await ship.client.run()
+
+    at_sea(work)
+
+
+async def _not_found(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    await reader.readuntil(b'\r\n\r\n')
+    writer.write(b'HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\n\r\n')
+    await writer.drain()
+    writer.close()
+
+
+@pytest.mark.parametrize(('version', 'works'), [('2.23.0', False), ('2.24.0', True)])
+def test_a_server_that_takes_an_acknowledgement_from_anybody(
+    version: str, works: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def work(server: SmallServer) -> None:
+        server.version = version
+        if works:
+            async with sailing(Ship(server)) as ship:
+                assert ship.up('signalk_in')
+            return
+        with pytest.raises(LinkError, match=r'accept_actions must be false .* 2\.23\.0'):
+            await Ship(server).client.run()
+        async with sailing(Ship(server, accept_actions=False)) as ship:
+            assert ship.up('signalk_in')
+
+    monkeypatch.setattr(signalk_client, 'is_loopback', lambda host: False)
+    at_sea(work)
+
+
+@pytest.fixture(scope='module')
+def certificate(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A server's certificate, signed by itself, with its key."""
+    folder = tmp_path_factory.mktemp('tls')
+    command = [
+        'openssl',
+        'req',
+        '-x509',
+        '-newkey',
+        'rsa:2048',
+        '-nodes',
+        '-days',
+        '2',
+        '-subj',
+        '/CN=ship',
+    ]
+    command += ['-addext', 'subjectAltName=IP:127.0.0.1', '-keyout', 'key.pem', '-out', 'cert.pem']
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    return folder
+
+
+def test_a_certificate_must_fit(certificate: Path, tmp_path: Path) -> None:
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(certificate / 'cert.pem', certificate / 'key.pem')
+
+    async def work(server: SmallServer) -> None:
+        await server.stop()
+        await server.start(context)
+        with pytest.raises(LinkError, match=r'its certificate does not fit; .* signalk\.ca_file'):
+            await Ship(server, 'https').client.run()
+        ca_file = str(certificate / 'cert.pem')
+        async with sailing(Ship(server, 'https', ca_file=ca_file)) as ship:
+            assert ship.up('signalk_in')
+
+    at_sea(work)
+    for text in ('', 'no certificate'):
+        (tmp_path / 'ca.pem').write_text(text)
+        with pytest.raises(LinkError, match=r"ca_file = '.*ca\.pem' has no certificate"):
+            signalk_client.ssl_context(str(tmp_path / 'ca.pem'))
+
+
+@pytest.mark.parametrize(
+    ('states', 'permission', 'expected'),
+    [
+        (['PENDING', 'PENDING', 'COMPLETED'], 'APPROVED', 'eyJ.a.token.of.the.server'),
+        (['PENDING', 'COMPLETED'], 'DENIED', None),
+    ],
+)
+def test_a_token_is_asked_for(states: list[str], permission: str, expected: str | None) -> None:
+    async def work(server: SmallServer) -> None:
+        server.requests, server.permission = states, permission
+        link = SignalKLink(f'http://127.0.0.1:{server.port}', 'token', '', '', False)
+        said: list[str] = []
+        asked = request_token(link, 'id', said.append, every=0.01)
+        if expected is None:
+            with pytest.raises(LinkError, match='was denied'):
+                await asked
+        else:
+            assert await asked == expected
+        assert said == [
+            f'Approve stickslip_monitor in the pages of {link.url} (Security, Access Requests)'
+        ]
+        await server.stop()
+        with pytest.raises(LinkError, match='cannot be asked for a token'):
+            await request_token(link, 'id', said.append)
+
+    at_sea(work)

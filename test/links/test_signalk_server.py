@@ -1,0 +1,262 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The links against the real signalk-server: twenty rounds, and a server that freezes and dies."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import signal
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from contextlib import asynccontextmanager, suppress
+from typing import Any
+
+import pytest
+
+pytest.importorskip('aiohttp', reason="the extra 'links' is not installed")
+
+import aiohttp
+
+from benchmarks.signalk_servers import RealServer, missing
+from stickslip_monitor import build_config
+from stickslip_monitor.links.link_config import SignalKLink
+from stickslip_monitor.links.live_monitor import LiveMonitor
+from stickslip_monitor.links.signalk import SignalKInput, SignalKInputs
+from stickslip_monitor.links.signalk_client import SignalKClient
+
+pytestmark = pytest.mark.slow
+
+DEADLINE = 60.0
+SPEED, LOAD = 'propulsion.port.revolutions', 'propulsion.port.shaft.aft.load'
+PREFIX = 'propulsion.port.shaft'
+STICK = f'notifications.{PREFIX}.aft.stickSlip'
+AHEAD, STUCK = 1.0, 20.0 / 60.0  # revolutions a second
+BEARING = {
+    'mass': 50.0,
+    'damping': 400.0,
+    'stiffness': 2.0e6,
+    'journal_diameter': 0.1,
+    'friction.law': 'stribeck',
+    'friction.static': 0.3,
+    'friction.kinetic': 0.1,
+    'friction.decay': 10.0,
+    'speed.topic': 'Signal_K/speed',
+    'speed.unit': 'Hz',
+    'speed.timeout': 2.0,
+    'load.topic': 'Signal_K/load',
+    'load.unit': 'N',
+    'load.timeout': 2.0,
+    'alarm.on_delay': 0.0,
+    'alarm.off_delay': 0.0,
+    'alarm.input_off_delay': 0.0,
+}
+
+
+@pytest.fixture(scope='module')
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealServer]:
+    """The real server, at the loopback address."""
+    if why := missing():
+        pytest.skip(why)
+    server = RealServer(tmp_path_factory.mktemp('signalk'))
+    yield server
+    server.stop()
+
+
+class Ship:
+    """The monitor without ROS at a real server, with a shaft meter and somebody who looks on."""
+
+    def __init__(self, server: RealServer, heartbeat: float) -> None:
+        self.server, self.rpm = server, AHEAD
+        names = {'bearings': ['aft']} | {f'aft.{key}': value for key, value in BEARING.items()}
+        self.record: dict[str, Any] = {'alarms': []}
+        self.changes: list[dict[str, Any]] = []
+        self.seen: dict[str, Any] = {}
+        self.links: dict[str, bool] = {}
+        log = logging.getLogger('ship')
+        sinks: list[Any] = [self]
+        self.live = LiveMonitor(build_config(names), sinks, log)
+        inputs = [SignalKInput('aft', 0, SPEED, '', 2.0), SignalKInput('aft', 1, LOAD, '', 2.0)]
+        self.client = SignalKClient(
+            SignalKLink(server.url, '', '', PREFIX, True),
+            '',
+            SignalKInputs(inputs, log.warning),
+            ['aft'],
+            [],
+            self.live.take,
+            self.live.act,
+            lambda name, up, why: self.links.__setitem__(name, up),
+            log,
+            heartbeat=heartbeat,
+        )
+        sinks.append(self.client)
+
+    def take_status(self, *values: Any) -> None:
+        pass
+
+    def take_alarms(self, record: dict[str, Any]) -> None:
+        self.record = record
+        self.changes += record['changes']
+
+    @property
+    def states(self) -> dict[str, str]:
+        alarms = self.record['alarms']
+        return {a['alarm']: a['state'] for a in alarms if a['state'] != 'normal'}
+
+    async def meter(self) -> None:
+        """Publish speed and load ten times a second, as another client of the server."""
+        while True:
+            with suppress(aiohttp.ClientError, OSError):
+                async with (
+                    aiohttp.ClientSession() as session,
+                    session.ws_connect(
+                        f'{self.server.url}/signalk/v1/stream?subscribe=none'
+                    ) as ws,
+                ):
+                    while not ws.closed:
+                        values = [
+                            {'path': SPEED, 'value': self.rpm},
+                            {'path': LOAD, 'value': 1000.0},
+                        ]
+                        await ws.send_json({'updates': [{'$source': 'meter.1', 'values': values}]})
+                        await asyncio.sleep(0.1)
+            await asyncio.sleep(0.2)
+
+    async def watchman(self) -> None:
+        """See the notifications as another display does, the newest of each occurrence."""
+        while True:
+            with suppress(aiohttp.ClientError, OSError):
+                async with (
+                    aiohttp.ClientSession() as session,
+                    session.ws_connect(
+                        f'{self.server.url}/signalk/v1/stream?subscribe=none'
+                    ) as ws,
+                ):
+                    asked = [{'path': STICK}]
+                    await ws.send_json({'context': 'vessels.self', 'subscribe': asked})
+                    async for message in ws:
+                        self.look(message.json())
+            await asyncio.sleep(0.2)
+
+    def look(self, frame: Any) -> None:
+        for update in frame.get('updates', ()):
+            for item in update.get('values', ()):
+                token = item['value'].get('data', {}).get('occurrence')
+                self.seen[token] = item['value']
+
+    async def tick(self) -> None:
+        while True:
+            self.client.tick(True)
+            await asyncio.sleep(0.1)
+
+    async def until(self, condition: Callable[[], Any], what: str) -> None:
+        end = asyncio.get_running_loop().time() + DEADLINE
+        while not condition():
+            told = (what, self.states, self.links, self.seen)
+            assert asyncio.get_running_loop().time() < end, told
+            await asyncio.sleep(0.01)
+
+    def sounds(self) -> dict[str, Any] | None:
+        """The notification that calls for attention aloud and is not acknowledged."""
+        for value in self.seen.values():
+            if 'sound' in value['method'] and not value['status']['acknowledged']:
+                return dict(value)
+        return None
+
+    async def do(self, what: str, token: str) -> None:
+        """Acknowledge or silence an occurrence by the server's own interface."""
+        api = f'{self.server.url}/signalk/v2/api/notifications'
+        async with aiohttp.ClientSession() as session:
+            async with session.get(api) as answer:
+                known = await answer.json()
+            (number,) = [
+                key
+                for key, item in known.items()
+                if item['value'].get('data', {}).get('occurrence') == token
+            ]
+            async with session.post(f'{api}/{number}/{what}') as answer:
+                assert answer.status == 200, await answer.text()
+
+
+@asynccontextmanager
+async def sailing(server: RealServer, heartbeat: float = 10.0) -> AsyncIterator[Ship]:
+    ship = Ship(server, heartbeat)
+    works = (ship.client.run(), ship.live.run(), ship.tick(), ship.meter(), ship.watchman())
+    tasks = [asyncio.create_task(work) for work in works]
+    try:
+        await ship.until(lambda: ship.links.get('signalk_out'), 'an echo')
+        yield ship
+    finally:
+        for task in tasks:
+            task.cancel()
+        results = await asyncio.gather(*tasks, return_exceptions=True)
+        assert all(isinstance(result, asyncio.CancelledError) for result in results), results
+
+
+def at_sea(work: Coroutine[Any, Any, None]) -> None:
+    asyncio.run(asyncio.wait_for(work, 5.0 * DEADLINE))
+
+
+def test_twenty_rounds_with_none_invented_and_none_lost(server: RealServer) -> None:
+    async def work() -> None:
+        async with sailing(server) as ship:
+            for number in range(20):
+                ship.seen.clear()
+                ship.rpm = STUCK
+                await ship.until(ship.sounds, f'alarm {number} with its sound')
+                assert ship.states['stick_slip'] == 'unacknowledged'
+                if number % 4 == 3:
+                    await ship.do('silence', ship.sounds()['data']['occurrence'])
+                    await ship.until(lambda: ship.sounds() is None, f'silence {number}')
+                    assert ship.states['stick_slip'] == 'unacknowledged'
+                token = next(iter(t for t, v in ship.seen.items() if v['state'] == 'alarm'))
+                await ship.do('acknowledge', token)
+                await ship.until(
+                    lambda: ship.states.get('stick_slip') == 'acknowledged', f'its end {number}'
+                )
+                ship.rpm = AHEAD
+                await ship.until(lambda: 'stick_slip' not in ship.states, f'the end {number}')
+                await ship.until(
+                    lambda: all(v['state'] == 'normal' for v in ship.seen.values()), 'normal'
+                )
+            own = [c for c in ship.changes if c['by'] == 'signal k']
+            assert {c['alarm'] for c in own} == {'stick_slip'}
+            assert [c['what'] for c in own].count('acknowledge') == 20
+            assert [c['what'] for c in own].count('silence') == 5
+            raised = [c for c in ship.changes if c['to'] == 'unacknowledged' != c['from']]
+            assert [c['alarm'] for c in raised] == ['stick_slip'] * 20
+
+    at_sea(work())
+
+
+def test_a_server_that_freezes_is_killed_and_comes_back(server: RealServer) -> None:
+    async def work() -> None:
+        async with sailing(server, heartbeat=1.0) as ship:
+            ship.rpm = STUCK
+            await ship.until(ship.sounds, 'the alarm')
+            token = ship.sounds()['data']['occurrence']
+            for fault, mend in (
+                (lambda: server.signal(signal.SIGSTOP), lambda: server.signal(signal.SIGCONT)),
+                (server.kill, server.start),
+            ):
+                fault()
+                await ship.until(lambda: not ship.links['signalk_in'], 'the lost link')
+                assert ship.states['stick_slip'] == 'unacknowledged'
+                await ship.until(lambda: 'input_lost' in ship.states, 'the lost input')
+                assert ship.states['stick_slip'] == 'unacknowledged'
+                ship.seen.clear()
+                await asyncio.to_thread(mend)
+                await ship.until(lambda: ship.links['signalk_out'], 'the link')
+                # What was raised before stands there again, as the same occurrence.
+                await ship.until(lambda: token in ship.seen, 'the alarm again')
+                await ship.until(
+                    lambda: (
+                        'input_lost' not in ship.states
+                        or ship.states['input_lost'] == 'returned_unacknowledged'
+                    ),
+                    'the input',
+                )
+                assert ship.states['stick_slip'] == 'unacknowledged'
+            assert not [c for c in ship.changes if c['by'] == 'signal k']
+            await ship.do('acknowledge', token)
+            await ship.until(lambda: ship.states['stick_slip'] == 'acknowledged', 'it is known')
+
+    at_sea(work())
