@@ -149,7 +149,7 @@ def _voyages(
             seed=scene.seed,
             sensors=sensors,
             bearing=config.name,
-            rules={OURS: quality_of(_monitor_said(said, truth), truth, plain, forecasts)}
+            rules={OURS: told}
             | {name: quality_of(rule, truth, plain) for name, rule in _bare_rules(said).items()},
             variants=tuple(
                 quality_of(_monitor_said(ours(_changed(believed, variant)), truth), truth, plain)
