@@ -51,6 +51,7 @@ class Call:
         seed: The seed; None: the file's.
         sensors: Files of sensors, one after the other; None: what the scene itself says.
         variants: Fields of the alarm's configuration that are changed: each is judged as well.
+        varied_sensors: The file of sensors with which the variants are judged.
         forecasts: Whether forecasts are judged, which takes most of the time.
     """
 
@@ -58,6 +59,7 @@ class Call:
     seed: int | None
     sensors: tuple[str | None, ...] = (None,)
     variants: tuple[Alarm, ...] = ()
+    varied_sensors: str | None = None
     forecasts: bool = True
 
 
@@ -131,6 +133,7 @@ def _voyages(
     truths: Mapping[str, Truth],
 ) -> Iterator[Voyage]:
     plain = _is_plain(scene)
+    variants = call.variants if sensors == call.varied_sensors else ()
     for config in scene.config.bearings:
         believed = as_believed(config, scene.parameter_error, scene.seed)
         stream, arrival_ns = _stream(config, messages)
@@ -153,7 +156,7 @@ def _voyages(
             | {name: quality_of(rule, truth, plain) for name, rule in _bare_rules(said).items()},
             variants=tuple(
                 quality_of(_monitor_said(ours(_changed(believed, variant)), truth), truth, plain)
-                for variant in call.variants
+                for variant in variants
             ),
         )
 

@@ -120,6 +120,15 @@ def _sensors(
         if 'sensors' not in settings:
             return None
         path = folder / settings.text('sensors', 'the path of a file of sensors')
+    return read_sensors(path, seed)
+
+
+def read_sensors(path: str | Path, seed: int) -> Settings:
+    """Read a file of sensors, with what varies drawn for a seed.
+
+    Raises:
+        SceneError: It cannot be read; the text names the file.
+    """
     try:
         document = load_yaml(path)
     except ConfigurationError as error:
@@ -132,6 +141,16 @@ def _sensors(
         return Settings('', drawn(document, seed, 'sensors'), SENSORS_KEYS)
     except SceneError as error:
         raise SceneError(f'{path}: {error}') from error
+
+
+def load_sensors_description(path: str | Path) -> str:
+    """What a file of sensors says of itself.
+
+    Raises:
+        SceneError: It cannot be read; the text names the file.
+    """
+    given = read_sensors(path, 0)
+    return given.text('description', 'what the sensors are')
 
 
 def _effects(settings: Settings, sensors: Settings | None) -> tuple[Settings, ...]:
