@@ -77,13 +77,14 @@ def _panel(axes: Axes, panel: TradeOff) -> None:
         )
         axes.plot(
             [curve.false[curve.default]], [lost[curve.default]], marker='o', ms=13.0,
-            mfc='none', mec=INK, mew=1.2, ls='',
+            mfc='none', mec=INK, mew=1.2, ls='', clip_on=False,
         )  # fmt: skip
         for x, y, text in zip(curve.false, lost, curve.values, strict=True):
             axes.annotate(text, (x, y), (5, 5), textcoords='offset points', color=colour, size=9.0)
     for label, x, y in panel.rules:
-        axes.plot([x], [100.0 * y], marker='x', ms=8.0, color=MUTED, ls='')
-        axes.annotate(label, (x, 100.0 * y), (7, -4), textcoords='offset points', color=MUTED)
+        axes.plot([x], [100.0 * y], marker='x', ms=8.0, color=MUTED, ls='', clip_on=False)
+        beside: dict[str, Any] = {'textcoords': 'offset points', 'ha': 'right'}
+        axes.annotate(label, (x, 100.0 * y), (-8, 5), color=MUTED, **beside)
     axes.set_xscale('symlog', linthresh=_LINEAR)
     axes.set_xlim(left=0.0)
     axes.set_ylim(bottom=0.0)
