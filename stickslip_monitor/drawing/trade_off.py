@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from stickslip_monitor.drawing.canvas import new_figure, style
 from stickslip_monitor.drawing.palette import INK, MUTED
