@@ -138,7 +138,7 @@ def _bearing_lines(name: str, item: Mapping[str, Any], start: int, paint: _Paint
     for text in item['data']:
         yield f'{paint(_YELLOW, "data:")} {plain(text)}'
     for quantity, each in item['inputs'].items():
-        yield plain(_input(quantity, each))
+        yield plain(_input_line(quantity, each))
         for text in each['questions']:
             asked = plain(f'{quantity} on {each["topic"]} {text}')
             yield f'{paint(_YELLOW, "question:")} {asked}'
@@ -158,7 +158,7 @@ def _bearing_lines(name: str, item: Mapping[str, Any], start: int, paint: _Paint
             yield _worst(quantity, unit, item['worst'][quantity], start)
 
 
-def _input(quantity: str, item: Mapping[str, Any]) -> str:
+def _input_line(quantity: str, item: Mapping[str, Any]) -> str:
     """What came of an input: the range of its numbers, its rate, and the share used."""
     place = f'{quantity} on {item["topic"]}'
     if not item['used']:

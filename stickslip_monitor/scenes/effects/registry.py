@@ -46,6 +46,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
         'out_of_order',
         'repeated_stamps',
         'dropout',
+        'second_publisher',
         'cut_off',
     ),
     'lining_motion': ('friction_drift', 'operating_point', 'lining_motion'),

@@ -25,7 +25,7 @@ from stickslip_monitor.monitor.signals import Stream, to_si
 from stickslip_monitor.monitor.source_faults import find_source_faults, least_gap
 from stickslip_monitor.offline.intervals import condition_intervals
 from stickslip_monitor.offline.processes import run_in_processes
-from stickslip_monitor.offline.truth import Column, topic
+from stickslip_monitor.offline.truth import Column, episodes_of, topic
 from stickslip_monitor.scenes.effects.registry import STAGES
 from stickslip_monitor.scenes.scene import Scene
 from stickslip_monitor.scenes.scene_file import load_scene
@@ -245,24 +245,17 @@ def _truth(scene: Scene, bearing: str, columns: Mapping[str, Sequence[Column]]) 
     return Truth(
         start_ns=scene.start_ns,
         end_ns=end_ns,
-        episodes=tuple(_episodes(events or (), end_ns)),
+        episodes=tuple(episodes_of(_events(events or ()), end_ns)),
         time_ns=np.concatenate([own.stamps(scene.start_ns) for own in margins]),
         hopf_margin=column('hopf_margin'),
         fold_margin=fold,
     )
 
 
-def _episodes(columns: Iterable[Column], end_ns: int) -> Iterator[Interval]:
-    first: int | None = None
+def _events(columns: Iterable[Column]) -> Iterator[tuple[str, int]]:
     for text in (text for column in columns for text in column.values):
         event = json.loads(text)
-        if event['event'] == 'first_stick':
-            first = event['time']
-        elif event['event'] == 'last_stick' and first is not None:
-            yield first, event['time']
-            first = None
-    if first is not None:
-        yield first, end_ns
+        yield event['event'], event['time']
 
 
 def _monitor_said(scan: Scan, truth: Truth) -> Said:
