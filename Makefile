@@ -15,10 +15,10 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 .DEFAULT_GOAL := help
 # Two installations into one environment must not run at once.
 .NOTPARALLEL:
-.PHONY: help demo test lint format bags bench bench-soak colcon-test clean
+.PHONY: help demo test lint format bags bench bench-soak warning-quality colcon-test clean
 
 help:  ## Show this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-15s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 demo: $(VENV)/.demo  ## Watch the node warn while a recorded coast-down is played to it
 	@$(BIN)/python scripts/demo.py
@@ -40,6 +40,9 @@ bags: $(VENV)/.demo  ## Make the recordings of bags/ again from their scenes
 
 bench: $(VENV)/.bench  ## Compare with what others use, some minutes; writes docs/benchmarks.md
 	$(BIN)/python -m benchmarks $(BENCH_ARGS)
+
+warning-quality: $(VENV)/.bench  ## Judge the warnings over 280 voyages, six minutes; writes docs/warning_quality.md
+	$(BIN)/python scripts/warning_quality.py
 
 bench-soak: $(VENV)/.bench  ## Add ten minutes of telemetry at 1 kHz to docs/benchmarks.md
 	$(BIN)/python -m benchmarks --soak

@@ -68,9 +68,13 @@ class Found:
 
     @property
     def warned(self) -> bool:
-        """Whether any event raised a warning or an alarm."""
+        """Whether any event raised a warning or an alarm, or an input has a wrong source."""
         bearings = self.document.get('bearings', {}).values()
-        return any(event['level'] != 'OK' for item in bearings for event in item['events'])
+        return any(
+            any(event['level'] != 'OK' for event in item['events'])
+            or any(each['source_faults'] for each in item['inputs'].values())
+            for item in bearings
+        )
 
 
 def check_one(task: Task, bag: Path, progress: Progress | None = None) -> Found:

@@ -73,11 +73,19 @@ def _input(item: InputReport) -> dict[str, Any]:
         'topic': item.topic,
         'messages': item.messages,
         'used': item.used,
+        'share': item.used / item.messages if item.messages else None,
+        'span': [number(value) for value in item.span],
+        'si_span': [number(value) for value in item.si_span],
         'rate': number(item.gaps.rate),
         'gaps': item.gaps.count,
         'longest_gaps': [
             {'time': gap.start_ns, 'seconds': gap.seconds} for gap in item.gaps.longest
         ],
+        'source_faults': [
+            {'fault': fault.kind.value, 'since': fault.since_ns, 'raised': fault.raised_ns}
+            for fault in item.sources
+        ],
+        'questions': list(item.questions),
     }
 
 
@@ -129,6 +137,11 @@ def _lines(document: Mapping[str, Any], paint: _Paint) -> Iterator[str]:
 def _bearing_lines(name: str, item: Mapping[str, Any], start: int, paint: _Paint) -> Iterator[str]:
     for text in item['data']:
         yield f'{paint(_YELLOW, "data:")} {plain(text)}'
+    for quantity, each in item['inputs'].items():
+        yield plain(_input_line(quantity, each))
+        for text in each['questions']:
+            asked = plain(f'{quantity} on {each["topic"]} {text}')
+            yield f'{paint(_YELLOW, "question:")} {asked}'
     events = item['events']
     yield f'{name}: {len(events) or "no"} events'
     if events:
@@ -143,6 +156,20 @@ def _bearing_lines(name: str, item: Mapping[str, Any], start: int, paint: _Paint
     for quantity, unit in _WORST:
         if quantity in item['worst']:
             yield _worst(quantity, unit, item['worst'][quantity], start)
+
+
+def _input_line(quantity: str, item: Mapping[str, Any]) -> str:
+    """What came of an input: the range of its numbers, its rate, and the share used."""
+    place = f'{quantity} on {item["topic"]}'
+    if not item['used']:
+        return f'{place}: {item["messages"]} messages, none used'
+    (low, high), (si_low, si_high) = item['span'], item['si_span']
+    unit = 'm/s' if quantity == 'speed' else 'N'
+    rate = '' if item['rate'] is None else f', {item["rate"]:.3g} a second'
+    return (
+        f'{place}: {low:.4g} to {high:.4g} in the messages'
+        f' ({si_low:.4g} to {si_high:.4g} {unit}){rate}, {item["share"]:.1%} used'
+    )
 
 
 def _worst(quantity: str, unit: str, extreme: Mapping[str, Any], start: int) -> str:

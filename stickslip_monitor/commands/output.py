@@ -80,10 +80,10 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
-def add_config(parser: argparse.ArgumentParser) -> None:
+def add_config(parser: argparse.ArgumentParser, required: bool = True) -> None:
     """Add ``--config``."""
     parser.add_argument(
-        '--config', '-c', required=True, metavar='FILE', help='ROS 2 parameter file'
+        '--config', '-c', required=required, metavar='FILE', help='ROS 2 parameter file'
     )
 
 

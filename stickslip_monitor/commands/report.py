@@ -21,6 +21,7 @@ from stickslip_monitor.drawing.track import Track, thinned, track_of_scan
 from stickslip_monitor.errors import ReportError
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import load_parameters
+from stickslip_monitor.monitor.source_faults import fault_text
 from stickslip_monitor.offline.check import BearingReport, CheckReport, InputReport
 from stickslip_monitor.offline.intervals import condition_intervals
 from stickslip_monitor.report import formatting
@@ -190,7 +191,15 @@ def _case(bag: str, config: MonitorConfig, checked: CheckReport, item: BearingRe
     start, end = checked.start_ns or 0, checked.end_ns or 0
     own = config.bearing(item.name)
     parts = condition_intervals(item.scan.events, start, end)
-    course = Course(own, item.scan, parts, item.seconds, item.worst)
+    doubts = [
+        f'{each.quantity} on {each.topic}: {text}'
+        for each, source in zip(item.inputs, (own.speed, own.load), strict=True)
+        for text in dict.fromkeys(fault_text(fault, source) for fault in each.sources)
+    ]
+    asked = [
+        f'{each.quantity} on {each.topic} {q}' for each in item.inputs for q in each.questions
+    ]
+    course = Course(own, item.scan, parts, item.seconds, item.worst, doubts, asked)
     return _Case(bag, own, course, finding_of(course))
 
 
@@ -346,9 +355,24 @@ def _input_row(item: InputReport, source: InputConfig) -> InputRow:
         type=source.type,
         messages=formatting.grouped(item.messages),
         used=f'{formatting.grouped(item.used)} ({formatting.share(item.used, item.messages)})',
+        span=_number_span(item),
         rate=f'{gaps.rate:.3g} a second' if gaps.rate == gaps.rate else 'unknown',
         gaps=shown,
-        faults=tuple(
-            f'{formatting.grouped(f.count)} \N{MULTIPLICATION SIGN} {f.text}' for f in item.faults
+        faults=(
+            *(
+                f'{formatting.grouped(f.count)} \N{MULTIPLICATION SIGN} {f.text}'
+                for f in item.faults
+            ),
+            *(f'{item.quantity} {text}' for text in item.questions),
         ),
     )
+
+
+def _number_span(item: InputReport) -> str:
+    """The range of an input's numbers."""
+    if not item.used:
+        return 'none'
+    unit = 'm/s' if item.quantity == 'speed' else 'N'
+    low, high = item.span
+    si_low, si_high = item.si_span
+    return f'{low:.4g} to {high:.4g} in the messages, {si_low:.4g} to {si_high:.4g} {unit}'

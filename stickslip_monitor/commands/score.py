@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Judge the monitor's warnings over simulated bags by what the lining really did.
+"""Judge the monitor's warnings over simulated bags, or scenes, by what the lining really did.
 
 A bag must hold the truth, as those of a scene with the effect lining_motion do. For each episode
 of stick-slip: how long before its first stick the monitor warned (lead), and how long before it
 predicted stick-slip (alarm lead); the table has the least of each. A warning is false if what it
 says never was true. docs/truth.md has the rules. The exit code is 1 where an episode was missed
 or warned of too late, or a warning was false.
+
+Of scenes (.yaml) no bag is written: each is simulated with several seeds, in processes, and judged
+as a whole, with the bare rules V < V_F and V < V_H beside the monitor.
 """
 
 from __future__ import annotations
@@ -25,6 +28,7 @@ from rich.table import Table
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.reader import Request
 from stickslip_monitor.commands.output import add_config, add_json, console, print_json
+from stickslip_monitor.commands.score_scenes import is_scene, run_scenes
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
@@ -46,8 +50,13 @@ SCHEMA = 'stickslip_monitor/score/1'
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument('bags', nargs='+', metavar='BAG', help='rosbag2 folder or .mcap file')
-    add_config(parser)
+    parser.add_argument(
+        'bags',
+        nargs='+',
+        metavar='BAG',
+        help='rosbag2 folder or .mcap file; or scene files (.yaml)',
+    )
+    add_config(parser, required=False)
     parser.add_argument('--bearing', help='only this bearing')
     parser.add_argument(
         '--picture',
@@ -55,6 +64,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='.png or .svg: speed, load, margins, amplitude, truth and warnings of one bearing'
         ' in one bag over time',
     )
+    parser.add_argument(
+        '--seeds', type=int, default=1, metavar='N', help='of scenes: how many seeds of each (1)'
+    )
+    parser.add_argument(
+        '--first-seed', type=int, metavar='S', help="of scenes: the first seed (the scene's own)"
+    )
+    parser.add_argument(
+        '--sensors',
+        action='append',
+        metavar='FILE',
+        help='of scenes: a file of sensors, in place of what the scene names; again for more',
+    )
+    parser.add_argument('--jobs', type=int, metavar='J', help='of scenes: processes (all cores)')
     add_json(parser)
 
 
@@ -71,6 +93,12 @@ class Judged:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
+    if any(map(is_scene, args.bags)):
+        return run_scenes(args)
+    if args.config is None:
+        raise ConfigurationError('--config is missing: a bag does not say what bearing it is of')
+    if args.sensors or args.seeds > 1 or args.first_seed is not None:
+        raise ConfigurationError('--seeds, --first-seed and --sensors are for scenes (.yaml)')
     config = load_config(args.config)
     if args.bearing is not None:
         config = MonitorConfig((config.bearing(args.bearing),), config.autostart)

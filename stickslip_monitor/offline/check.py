@@ -6,6 +6,8 @@ The monitor over a recorded bag: every bearing scanned, and what was wrong with 
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -19,8 +21,15 @@ from stickslip_monitor.bags.reader import Bag, Fault, Request, Series, open_bag
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.monitor import Monitor
+from stickslip_monitor.monitor.plausibility import questions
 from stickslip_monitor.monitor.scan import Scan
-from stickslip_monitor.monitor.signals import QUANTITIES, STATUS_SENTENCES, Status, Stream
+from stickslip_monitor.monitor.signals import QUANTITIES, STATUS_SENTENCES, Status, Stream, to_si
+from stickslip_monitor.monitor.source_faults import (
+    SourceFault,
+    fault_text,
+    find_source_faults,
+    least_gap,
+)
 from stickslip_monitor.offline.intervals import Extreme, worst
 from stickslip_monitor.surface_store import prepare_surfaces
 
@@ -81,6 +90,10 @@ class InputReport:
         used: Samples that were believed.
         faults: What was wrong with the others, and jumps of the clock.
         gaps: How regularly they came; a gap is longer than the input's timeout.
+        span: The least and the greatest number believed, as in the messages; ``nan`` without any.
+        si_span: The same in SI units, surface speed [m/s] or load [N].
+        sources: Faults of the source that the samples show; they are among the faults as well.
+        questions: What to ask where the numbers look like another unit or topic.
     """
 
     quantity: str
@@ -89,6 +102,10 @@ class InputReport:
     used: int
     faults: tuple[Fault, ...]
     gaps: Gaps
+    span: tuple[float, float] = (math.nan, math.nan)
+    si_span: tuple[float, float] = (math.nan, math.nan)
+    sources: tuple[SourceFault, ...] = ()
+    questions: tuple[str, ...] = ()
 
     @property
     def complaints(self) -> list[str]:
@@ -127,8 +144,10 @@ class BearingReport:
 
     @property
     def has_warnings(self) -> bool:
-        """Whether any event raised a warning or an alarm."""
-        return any(event.after.level for event in self.scan.events)
+        """Whether any event raised a warning or an alarm, or an input has a wrong source."""
+        return any(event.after.level for event in self.scan.events) or any(
+            item.sources for item in self.inputs
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,7 +255,7 @@ def _report(
         scan,
         _seconds(scan, span),
         worst(scan),
-        _inputs(config, scan, series),
+        _inputs(config, scan, series, stream),
         stream,
     )
 
@@ -251,20 +270,51 @@ def _seconds(scan: Scan, span: float) -> dict[Regime, float]:
     return seconds
 
 
-def _inputs(config: BearingConfig, scan: Scan, series: list[Series]) -> tuple[InputReport, ...]:
-    sources = (config.speed, config.load)
+def _inputs(
+    config: BearingConfig, scan: Scan, series: list[Series], stream: Stream
+) -> tuple[InputReport, ...]:
+    asked = questions(config, scan.assessment)
     return tuple(
-        InputReport(
-            quantity,
-            source.topic,
-            int(own.value.size),
-            int(counts[: Status.CLOCK_JUMP + 1].sum()),
-            (*own.faults, *_faults(counts)),
-            find_gaps(own.stamp_ns, source.timeout_ns),
-        )
-        for quantity, source, own, counts in zip(
-            QUANTITIES, sources, series, scan.counts, strict=True
-        )
+        _input(config, is_load, scan, own, stream, tuple(asked[quantity]))
+        for is_load, (quantity, own) in enumerate(zip(QUANTITIES, series, strict=True))
+    )
+
+
+def _input(
+    config: BearingConfig,
+    is_load: int,
+    scan: Scan,
+    series: Series,
+    stream: Stream,
+    asked: tuple[str, ...],
+) -> InputReport:
+    source = config.load if is_load else config.speed
+    counts = scan.counts[is_load]
+    sources = find_source_faults(
+        series.log_time_ns,
+        series.stamp_ns,
+        to_si(source, series.value),
+        least_gap(config, is_load),
+    )
+    own = stream.value[(stream.is_load == bool(is_load)) & (scan.status <= Status.CLOCK_JUMP)]
+    ends = np.array([own.min(), own.max()] if own.size else [np.nan, np.nan])
+    low, high = np.sort(to_si(source, ends)).tolist()
+    texts = (fault_text(fault, source) for fault in sources)
+    return InputReport(
+        quantity=QUANTITIES[is_load],
+        topic=source.topic,
+        messages=int(series.value.size),
+        used=int(counts[: Status.CLOCK_JUMP + 1].sum()),
+        faults=(
+            *series.faults,
+            *_faults(counts),
+            *(Fault(count, text) for text, count in Counter(texts).items()),
+        ),
+        gaps=find_gaps(series.stamp_ns, source.timeout_ns),
+        span=(float(ends[0]), float(ends[1])),
+        si_span=(low, high),
+        sources=tuple(sources),
+        questions=asked,
     )
 
 

@@ -94,7 +94,7 @@ def read_truth(bag: Bag, bearing: str) -> TruthRecord:
     series = bag.read(asked.values())
     found = {name: series[request] for name, request in asked.items()}
     numbers = {name: _numbers(found.get(name)) for name in _NUMBERS}
-    return TruthRecord(start, end, tuple(_episodes(events, end)), **numbers)
+    return TruthRecord(start, end, tuple(episodes_of(events, end)), **numbers)
 
 
 def _topic(bearing: str, name: str) -> str:
@@ -118,7 +118,11 @@ def _event(bag: Bag, data: bytes, topic: str) -> tuple[str, int]:
     raise BagError(f"topic '{topic}' of bag '{bag.path}' holds an event that is no {EVENT_SCHEMA}")
 
 
-def _episodes(events: Iterable[tuple[str, int]], end: int) -> Iterable[tuple[int, int]]:
+def episodes_of(events: Iterable[tuple[str, int]], end: int) -> Iterable[tuple[int, int]]:
+    """First and last stick of each episode [ns], of events by name and time in their order.
+
+    One that is going on at the end ends there.
+    """
     first: int | None = None
     for name, time in events:
         if name == 'first_stick':

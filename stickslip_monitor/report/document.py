@@ -72,6 +72,7 @@ class InputRow:
     type: str
     messages: str
     used: str
+    span: str
     rate: str
     gaps: str
     faults: tuple[str, ...]

@@ -36,6 +36,8 @@ class Course:
         spells: The alarm's conditions from start to end.
         seconds: Time in each regime [s].
         worst: The worst moments by name.
+        sources: Faults of the inputs' sources, a clause for each.
+        questions: Where inputs look like another unit or topic, a clause for each.
     """
 
     config: BearingConfig
@@ -43,6 +45,8 @@ class Course:
     spells: Sequence[ConditionInterval]
     seconds: Mapping[Regime, float]
     worst: Mapping[str, Extreme]
+    sources: Sequence[str] = ()
+    questions: Sequence[str] = ()
 
     @property
     def span(self) -> float:
@@ -57,7 +61,19 @@ def place(course: Course, extreme: Extreme) -> str:
 
 
 def finding_of(course: Course) -> Finding:
-    """What is said of one bearing: the verdict first."""
+    """What is said of one bearing: the verdict first, and what puts it in doubt last."""
+    found = _verdict(course)
+    # Of two sources at once a quiet verdict is none.
+    grade = 'unknown' if course.sources and found.grade == 'clear' else found.grade
+    doubts = [f'In doubt: {text}.' for text in course.sources]
+    return _finding(grade, *found.sentences, *doubts, *map(_asked, course.questions))
+
+
+def _asked(question: str) -> str:
+    return question[:1].upper() + question[1:]
+
+
+def _verdict(course: Course) -> Finding:
     name = course.config.name
     if not course.scan.time_ns.size:
         text = f'{name}: nothing can be said, because no usable operating point was recorded.'

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from stickslip_monitor.monitor.config import MonitorConfig
@@ -29,6 +30,7 @@ class Scene:
         config: The configuration of the bearings.
         channels: The channels of telemetry.
         effects: The settings of each effect, in the order in which they act.
+        parameter_error: By parameter the largest relative error of what the monitor is told.
     """
 
     description: str
@@ -40,6 +42,7 @@ class Scene:
     config: MonitorConfig
     channels: tuple[Channel, ...]
     effects: tuple[Settings, ...]
+    parameter_error: Mapping[str, float] = field(default_factory=dict)
 
     def build(self, stopwatch: Stopwatch | None = None) -> SceneRun:
         """Build one run of the scene.

@@ -20,6 +20,7 @@ from stickslip_monitor.bags.encode import NUMBER_FIELDS, STAMP_END, STAMPED_FIEL
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.signals import QUANTITIES
+from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_load
 from stickslip_monitor.scenes.settings import Settings
 
 
@@ -43,6 +44,25 @@ def numbers(rate: float, start: float, end: float, duration: float) -> range:
     whole = count(rate, duration)
     stop = whole if end == duration else min(whole, math.ceil(end * rate))
     return range(min(stop, math.ceil(start * rate)), stop)
+
+
+# The reference bearing's 1 kN: 200 N is the least load at which its sliding can be unstable.
+_NOMINAL = 5.0
+
+
+def nominal_load(config: BearingConfig) -> float:
+    """Five times the least load at which any speed of a bearing is unstable [N].
+
+    Raises:
+        SceneError: Its friction law has none.
+    """
+    load = _NOMINAL * float(hopf_load(config.bearing, 0.0))
+    if not 0.0 < load < math.inf:
+        raise SceneError(
+            f'units nominal and fold say nothing about bearing {config.name}: its sliding is'
+            ' unstable at no load; use N and rpm'
+        )
+    return load
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,9 +105,16 @@ class Channel:
     def factor(self, unit: str) -> float:
         """SI value (surface speed [m/s] or load [N]) of one unit.
 
+        ``nominal`` is a load, :func:`nominal_load`, and ``fold`` the fold speed at that load.
+
         Raises:
-            SceneError: The unit is m/s, and the topic serves bearings of different diameters.
+            SceneError: The unit is m/s, and the topic serves bearings of different diameters, or
+                it is one that the first of these bearings does not have.
         """
+        if unit in ('nominal', 'fold'):
+            config = self.bearings[0]
+            load = nominal_load(config)
+            return load if unit == 'nominal' else float(fold_speed(config.bearing, load))
         if self.quantity == 'load':
             return 1000.0 if unit == 'kN' else 1.0
         if unit == 'm/s' and len({b.bearing.journal_diameter for b in self.bearings}) > 1:

@@ -289,14 +289,17 @@ def _episode(
     return EpisodeScore(
         first_ns=first,
         last_ns=last,
-        lead=_lead(episode, warned),
-        alarm_lead=_lead(episode, predicted),
+        lead=lead_of(episode, warned),
+        alarm_lead=lead_of(episode, predicted),
         blind=any(start <= first < end for start, end in blind),
     )
 
 
-def _lead(episode: Interval, stretches: Intervals) -> float | None:
-    """Seconds from the first stretch that reaches into an episode to the episode's begin."""
+def lead_of(episode: Interval, stretches: Intervals) -> float | None:
+    """The lead of an episode [s]; ``None`` where it was missed.
+
+    It is the time from the first stretch that reaches into an episode to the episode's begin.
+    """
     for start, end in stretches:
         if start < episode[1] and end > episode[0]:
             return (episode[0] - start) / 1e9

@@ -301,3 +301,30 @@ def test_in_a_browser_it_fits_a_phone_and_follows_the_night(
     # A map and a timeline for each recording, each in one of its two widths.
     assert (seen['shown'], seen['tall']) == (4, True)
     assert seen['back'] == ('rgb(22, 25, 29)' if dark else 'rgb(255, 255, 255)')
+
+
+def test_two_publishers_and_a_wrong_unit_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """60 and 20 rpm in turn, ten a second; the load in kN where N are expected."""
+    bag, time = tmp_path / 'bag', START + np.arange(200) * 10**8
+    with BagWriter(bag) as writer:
+        for topic in ('/shaft/speed', '/bearing/aft_stern/load'):
+            writer.add_topic(topic, 'std_msgs/msg/Float64')
+        writer.write_float64('/shaft/speed', time, np.where(np.arange(200) % 2, 20.0, 60.0))
+        writer.write_float64('/bearing/aft_stern/load', time + 1, np.full(200, 1.0))
+    args = ['check', str(bag), '--config', str(CONFIG)]
+    assert main([*args, '--json']) == 1
+    inputs = json.loads(capsys.readouterr().out)['bearings']['aft_stern']['inputs']
+    speed = inputs['speed']
+    assert (speed['span'], speed['share']) == ([20.0, 60.0], 1.0)
+    rpm = np.pi * 0.1 / 60.0
+    assert speed['si_span'] == pytest.approx([20.0 * rpm, 60.0 * rpm])
+    assert [fault['fault'] for fault in speed['source_faults']] == ['two_levels']
+    assert inputs['load']['source_faults'] == []
+    assert main(args) == 1
+    out = capsys.readouterr().out
+    assert 'speed on /shaft/speed: 1 x values jump between two levels' in out
+    assert '(here 20 and 60)' in out
+    assert '20 to 60 in the messages (0.1047 to 0.3142 m/s), 10 a second, 100.0% used' in out
+    assert 'question: speed on /shaft/speed has no boundary at any load' in out

@@ -73,7 +73,7 @@ def report(text: str, drawing: str = '<svg role="img" aria-label="m"></svg>') ->
         timeline=picture,
         events=(EventRow(1, text, text, '2026-05-04T06:00:00Z', text, text, 'alarm', text),),
         events_note=text,
-        inputs=(InputRow(text, text, text, text, text, text, text, text, (text, text)),),
+        inputs=(InputRow(*[text] * 9, (text, text)),),
     )
     bag = BagPart(
         anchor='bag-1',

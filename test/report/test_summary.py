@@ -8,6 +8,7 @@ alarm has an on-delay of 2 s, an off-delay of 5 s and a limit of 0.9 mm. The tim
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
@@ -61,6 +62,16 @@ def test_close(course: Make) -> None:
     assert 'a disturbance' not in said(finding)
     bistable = said(finding_of(course([60.0] * 10 + [35.0] * 10 + [60.0] * 20)))
     assert 'for 13 s where a disturbance could have started it' in bistable
+
+
+def test_a_wrong_source_is_no_clear_verdict(course: Make) -> None:
+    calm = course([60.0] * 30)
+    doubted = replace(calm, sources=['speed on /a: two'], questions=['load on /b is it?'])
+    finding = finding_of(doubted)
+    assert (finding.grade, finding.word) == ('unknown', 'No verdict')
+    assert finding.sentences[-2:] == ('In doubt: speed on /a: two.', 'Load on /b is it?')
+    assert finding_of(replace(doubted, sources=())).grade == 'clear'
+    assert finding_of(replace(course([20.0] * 30), sources=['a'])).grade == 'alarm'
 
 
 def test_lost_time_is_said_and_is_no_clear_verdict(course: Make) -> None:

@@ -24,7 +24,11 @@ from stickslip_monitor.scenes.shaft import Shaft, SpeedTerm, Term, TimeBlock
 from stickslip_monitor.scenes.telemetry import Channel
 from stickslip_monitor.scenes.windows import random_stream
 
-UNITS: Mapping[str, Sequence[str]] = {'speed': SPEED_UNITS, 'load': LOAD_UNITS}
+# Beside the units of a configuration those that fit a scene to any bearing, see Channel.factor.
+UNITS: Mapping[str, Sequence[str]] = {
+    'speed': (*SPEED_UNITS, 'fold'),
+    'load': (*LOAD_UNITS, 'nominal'),
+}
 
 
 @runtime_checkable

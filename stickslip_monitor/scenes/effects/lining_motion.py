@@ -13,7 +13,7 @@ The truth about the operating point: speed, load and margins without any sensor.
 The motion of the lining, by the event-driven integrator, and the truth about its sticking.
 
 ``{disturbance: {standard_deviation, unit}, knocks: [[time in s, impulse in N s], ...],
-amplitude: {rate}, motion: {rate}, bearing}``
+knock_unit, amplitude: {rate}, motion: {rate}, bearing}``
 
 The disturbance is a fluctuation of the contact force, white on the grid of the integrator's
 drive, that no sensor sees: without any, steady sliding would go on for ever below the Hopf speed.
@@ -36,10 +36,9 @@ from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError, SceneError
 from stickslip_monitor.monitor.assessment import margin
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.table import LOAD_UNITS
 from stickslip_monitor.offline.truth import BOOL, FLOAT64, STRING, Column, event_text, topic
 from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_speed
-from stickslip_monitor.scenes.effects.effect import BuildContext, EffectKind
+from stickslip_monitor.scenes.effects.effect import UNITS, BuildContext, EffectKind
 from stickslip_monitor.scenes.friction_course import (
     STEP,
     FrictionCourse,
@@ -58,6 +57,7 @@ from stickslip_monitor.scenes.lining import (
 from stickslip_monitor.scenes.profile import Profile, check_points, read_values
 from stickslip_monitor.scenes.settings import Settings
 from stickslip_monitor.scenes.shaft import TimeBlock
+from stickslip_monitor.scenes.telemetry import nominal_load
 from stickslip_monitor.scenes.windows import random_stream
 
 FRICTION_DRIFT_KEYS = ('bearing', 'parameter', 'points', 'table')
@@ -144,7 +144,8 @@ def build_operating_point(settings: Settings, context: BuildContext) -> Operatin
     return OperatingPoint(rate, [(config, context.course(config)) for config in bearings])
 
 
-LINING_MOTION_KEYS = ('bearing', 'disturbance', 'knocks', 'amplitude', 'motion')
+LINING_MOTION_KEYS = ('bearing', 'disturbance', 'knocks', 'knock_unit', 'amplitude', 'motion')
+_KNOCK_UNITS = ('N s', 'fold')
 _HIGHEST_MOTION_RATE = 100_000.0
 # Natural periods without a stick after which an episode is over: longer than a ring-down, and than
 # the ripple of the blades takes to stop sticking and to let it begin again.
@@ -296,13 +297,22 @@ def build_lining_motion(settings: Settings, context: BuildContext) -> LiningMoti
         ['standard_deviation', 'unit'],
         'the fluctuation of the load that the lining feels, {standard_deviation, unit}',
     )
-    unit = own.choice('unit', LOAD_UNITS)
-    factor = 1000.0 if unit == 'kN' else 1.0
-    deviation = factor * own.number('standard_deviation', unit, least=0.0)
+    unit = own.choice('unit', UNITS['load'])
+    deviation = own.number('standard_deviation', unit, least=0.0)
     knocks = _knocks(settings, context.duration)
-    return LiningMotion(
-        [_told(settings, context, c, deviation, knocks) for c in context.bearings(settings)]
-    )
+    told = []
+    for config in context.bearings(settings):
+        factor = context.shaft.channel(config.name, 'load').factor(unit)
+        blows = [replace(k, impulse=k.impulse * _knock(settings, config)) for k in knocks]
+        told.append(_told(settings, context, config, factor * deviation, blows))
+    return LiningMotion(told)
+
+
+def _knock(settings: Settings, config: BearingConfig) -> float:
+    """One unit of a blow [N s]; of ``fold``, what gives the lining the nominal fold speed."""
+    if 'knock_unit' not in settings or settings.choice('knock_unit', _KNOCK_UNITS) == 'N s':
+        return 1.0
+    return config.bearing.mass * float(fold_speed(config.bearing, nominal_load(config)))
 
 
 def _told(

@@ -15,6 +15,10 @@ Messages that come twice, with one stamp: ``{speed: {share, windows}, load: {..}
 
 Messages that are lost: ``{speed: {share, windows}, load: {..}, bearing}``.
 
+A second publisher on a topic, which sends a value of its own between the sensor's messages.
+
+``{speed: {value, unit, rate in Hz}, load: {..}, bearing}``
+
 A recorder that stops in mid-write: ``{time in s}``.
 
 Nothing is written from then on; the file ends in the middle of its last chunk, without its index,
@@ -23,7 +27,7 @@ and a folder has no metadata.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,6 +36,7 @@ from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.signals import QUANTITIES
 from stickslip_monitor.scenes.effects.effect import (
     SENSOR_KEYS,
+    UNITS,
     BuildContext,
     Effect,
     EffectKind,
@@ -41,6 +46,7 @@ from stickslip_monitor.scenes.effects.effect import (
 from stickslip_monitor.scenes.profile import read_rows
 from stickslip_monitor.scenes.settings import Settings
 from stickslip_monitor.scenes.shaft import TimeBlock
+from stickslip_monitor.scenes.telemetry import Signal
 from stickslip_monitor.scenes.windows import WINDOW_KEYS as OCCASIONS
 from stickslip_monitor.scenes.windows import SampleMask, read_sample_mask
 
@@ -204,6 +210,55 @@ def build_dropout(settings: Settings, context: BuildContext) -> Effect:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _Publisher:
+    """What one of them sends: a value [SI], at a rate [Hz]."""
+
+    value: float
+    rate: float
+
+    def join(self, signal: Signal, block: TimeBlock, start_ns: int) -> Signal:
+        """The messages of both in order of time; its own fall between the regular instants."""
+        time = block.instants(2.0 * self.rate)
+        time = time[np.rint(time * (2.0 * self.rate)).astype(np.int64) % 2 == 1]
+        stamp = start_ns + np.rint(time * 1e9).astype(np.int64)
+        order = np.argsort(np.concatenate([signal.time, time]), kind='stable')
+        value = np.full(time.size, self.value)
+        arrival, copies = signal.arrival_ns, signal.copies
+        return replace(
+            signal,
+            time=np.concatenate([signal.time, time])[order],
+            stamp_ns=np.concatenate([signal.stamp_ns, stamp])[order],
+            value=np.concatenate([signal.value, value])[order],
+            arrival_ns=None if arrival is None else np.concatenate([arrival, stamp])[order],
+            copies=None if copies is None else np.append(copies, np.ones_like(stamp))[order],
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SecondPublisher:
+    """Adds the messages of others; ``sources`` has one for each topic."""
+
+    sources: dict[str, _Publisher]
+    start_ns: int
+
+    def apply(self, block: TimeBlock) -> None:
+        """Add those of a block."""
+        for topic, source in self.sources.items():
+            block.signals[topic] = source.join(block.signals[topic], block, self.start_ns)
+
+
+def build_second_publisher(settings: Settings, context: BuildContext) -> Effect:
+    """Build the effect."""
+    sources = {}
+    for channel, own in context.sensors_of(settings, ['value', 'unit', 'rate'], 'what it sends'):
+        unit = own.choice('unit', UNITS[channel.quantity])
+        value = own.number('value', unit) * channel.factor(unit)
+        rate = own.number('rate', 'Hz', above=0.0, most=1000.0)
+        sources[channel.topic] = _Publisher(value, rate)
+    return SecondPublisher(sources, context.start_ns)
+
+
 CUT_OFF_KEYS = ('time',)
 
 
@@ -219,5 +274,6 @@ EFFECTS = {
     'out_of_order': EffectKind(SENSOR_KEYS, build_out_of_order),
     'repeated_stamps': EffectKind(SENSOR_KEYS, build_repeated_stamps),
     'dropout': EffectKind(SENSOR_KEYS, build_dropout),
+    'second_publisher': EffectKind(SENSOR_KEYS, build_second_publisher),
     'cut_off': EffectKind(CUT_OFF_KEYS, build_cut_off),
 }

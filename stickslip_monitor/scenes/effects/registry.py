@@ -28,7 +28,10 @@ STAGES: Mapping[str, tuple[str, ...]] = {
     'lining': ('friction_drift', 'operating_point', 'lining_motion'),
     'sensing': ('filtering', 'averaging'),
     'sensor': ('bias', 'sensor_noise', 'spikes', 'quantisation', 'stuck', 'not_a_number'),
-    'recording': ('clock_jitter', 'clock_jump', 'out_of_order', 'repeated_stamps', 'dropout'),
+    'recording': (
+        'clock_jitter', 'clock_jump', 'out_of_order', 'repeated_stamps', 'dropout',
+        'second_publisher',
+    ),
     'file': ('cut_off',),
 }  # fmt: skip
 # The module of each effect, whose table ``EFFECTS`` has it; only what a scene lists is imported.
@@ -43,6 +46,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
         'out_of_order',
         'repeated_stamps',
         'dropout',
+        'second_publisher',
         'cut_off',
     ),
     'lining_motion': ('friction_drift', 'operating_point', 'lining_motion'),
@@ -53,6 +57,8 @@ EFFECTS = {
     for names in STAGES.values()
     for name in names
 }
+SENSOR_EFFECTS = (*STAGES['sensing'], *STAGES['sensor'], *STAGES['recording'])
+"""What happens to a measurement, not to the ship."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,9 +90,13 @@ def read_effects(listed: Any) -> tuple[Settings, ...]:
     """
     if not isinstance(listed, list):
         raise SceneError(f'effects = {listed!r} must be a list')
-    found = [_settings(number, entry) for number, entry in enumerate(listed, 1)]
+    return in_order(_settings(number, entry) for number, entry in enumerate(listed, 1))
+
+
+def in_order(effects: Iterable[Settings]) -> tuple[Settings, ...]:
+    """Effects in the order in which they act."""
     order = list(EFFECTS)
-    return tuple(sorted(found, key=lambda settings: order.index(settings.name)))
+    return tuple(sorted(effects, key=lambda settings: order.index(settings.name)))
 
 
 def _settings(number: int, entry: Any) -> Settings:

@@ -1,0 +1,212 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Judges the monitor over many voyages and writes docs/warning_quality.md and its picture.
+
+The voyages are those of launch_configs/scenes/quality/, each with several seeds, with the sensors
+of launch_configs/sensors/. The head of the page, above the mark, is kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from stickslip_monitor.commands.score_scenes import FIGURES, RULES, grouped, judge_all, written
+from stickslip_monitor.drawing.canvas import save_figure
+from stickslip_monitor.drawing.trade_off import Curve, TradeOff, draw_trade_offs
+from stickslip_monitor.monitor.config import AlarmConfig, nanoseconds
+from stickslip_monitor.monitor.table import BEARING_PARAMETERS
+from stickslip_monitor.offline.processes import core_count
+from stickslip_monitor.scenes.scene_file import load_sensors_description
+from stickslip_monitor.study.voyages import BELOW_FOLD, BELOW_HOPF, OURS, Call, Voyage
+from stickslip_monitor.study.warning_quality import Quality, pooled
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / 'docs' / 'warning_quality.md'
+PICTURE = ROOT / 'docs' / 'images' / 'warning_quality.png'
+SCENES = ROOT / 'launch_configs' / 'scenes' / 'quality'
+SENSORS = [
+    ROOT / 'launch_configs' / 'sensors' / f'{n}.yaml' for n in ('ideal', 'ordinary', 'poor')
+]
+ORDINARY = SENSORS[1]
+MARK = '<!-- Made by `make warning-quality`. -->'
+# Of a wrong source no verdict can come, only the fault; it stands by itself.
+WRONG_SOURCE, ODD_SAMPLES = 'two_publishers', 'spikes'
+SEEDS, FIRST_SEED = 20, 1
+# Each is varied by itself; those that this version does not have are left out.
+VARIED: dict[str, tuple[float, ...]] = {
+    'alarm.onset_growth': (0.0, 0.5, 1.0, 2.0, 3.0, 4.0),
+    'alarm.on_delay': (0.0, 1.0, 2.0, 4.0),
+    'alarm.caution_margin': (0.0, 0.05, 0.1, 0.2, 0.3),
+    'alarm.look_ahead': (0.0, 10.0, 20.0, 40.0),
+}
+_OF_ALARM = ('alarm.onset_growth', 'alarm.on_delay')
+_OF_WARNING = ('alarm.caution_margin', 'alarm.look_ahead')
+_SCENE_COLUMNS = (
+    'episodes', 'warned', 'lead_10s', 'missed', 'detected', 'false_per_100h', 'far_per_1000h',
+    'changes_per_hour', 'largest_burst',
+)  # fmt: skip
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the evaluation; returns the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--seeds', type=int, default=SEEDS, help='seeds of each scene')
+    parser.add_argument('--first-seed', type=int, default=FIRST_SEED, help='the first of them')
+    parser.add_argument('--jobs', type=int, default=core_count(), help='processes')
+    parser.add_argument('--print', action='store_true', help='print, and write nothing')
+    args = parser.parse_args(argv)
+    seeds = range(args.first_seed, args.first_seed + args.seeds)
+    voyages = judge_all(_calls(seeds), args.jobs)
+    text = '\n'.join(_page(voyages, seeds))
+    if args.print:
+        print(text)
+        return 0
+    save_figure(draw_trade_offs(_panels(voyages)), PICTURE)
+    head, _, _ = PAGE.read_text('utf-8').partition(MARK)
+    PAGE.write_text(f'{head}{MARK}\n{text}\n', 'utf-8')
+    return 0
+
+
+def _known() -> dict[str, tuple[float, ...]]:
+    """The parameters to vary that there are, with their values and, among these, the default."""
+    rows = {parameter.name: parameter for parameter in BEARING_PARAMETERS}
+    return {
+        name: tuple(sorted({*values, float(rows[name].default)}))
+        for name, values in VARIED.items()
+        if name in rows
+    }
+
+
+def _field(name: str, value: float) -> dict[str, Any]:
+    """The field of the alarm's configuration that a parameter sets."""
+    own = name.removeprefix('alarm.')
+    timed = own not in AlarmConfig.__dataclass_fields__
+    return {f'{own}_ns': nanoseconds(value)} if timed else {own: value}
+
+
+def _calls(seeds: Iterable[int]) -> list[Call]:
+    variants = tuple(_field(name, v) for name, values in _known().items() for v in values)
+    sensors = tuple(map(str, SENSORS))
+    return [
+        Call(str(scene), seed, sensors, variants, varied_sensors=str(ORDINARY))
+        for scene in sorted(SCENES.glob('*.yaml'))
+        for seed in seeds
+    ]
+
+
+def _is_main(voyage: Voyage) -> bool:
+    return Path(voyage.scene).stem != WRONG_SOURCE
+
+
+def _page(voyages: Sequence[Voyage], seeds: range) -> Iterable[str]:
+    own = [voyage for voyage in voyages if _is_main(voyage)]
+    yield f'Seeds {seeds[0]} to {seeds[-1]} of each scene.'
+    for sensors in SENSORS:
+        yield ''
+        yield f'### {load_sensors_description(sensors)}'
+        yield ''
+        yield from _totals([v for v in own if v.sensors == str(sensors)])
+    yield ''
+    yield '### Scene by scene'
+    yield ''
+    yield 'The monitor with ordinary sensors.'
+    yield ''
+    yield from _scenes([v for v in own if v.sensors == str(ORDINARY)])
+    yield ''
+    yield '### A wrong source'
+    yield ''
+    yield from _wrong_source(voyages)
+
+
+def _row(*cells: str) -> str:
+    return f'| {" | ".join(cells)} |'
+
+
+def _totals(voyages: Sequence[Voyage]) -> Iterable[str]:
+    yield _row('', *(f'`{label}`' if '<' in label else label for label in RULES.values()))
+    yield _row('---', *('---:' for _ in RULES))
+    rows = [pooled(v.rules[rule] for v in voyages).figures() for rule in RULES]
+    for name, (label, _) in FIGURES.items():
+        yield _row(label, *(written(name, row[name]) for row in rows))
+
+
+def _scenes(voyages: Sequence[Voyage]) -> Iterable[str]:
+    yield _row('scene', *(FIGURES[name][0] for name in _SCENE_COLUMNS))
+    yield _row('---', *('---:' for _ in _SCENE_COLUMNS))
+    for (scene,), quality in grouped(voyages, OURS, 'scene').items():
+        figures = quality.figures()
+        cells = (written(name, figures[name]) for name in _SCENE_COLUMNS)
+        yield _row(f'`{Path(scene).stem}`', *cells)
+
+
+def _wrong_source(voyages: Sequence[Voyage]) -> Iterable[str]:
+    told: dict[str, list[int]] = {}
+    for voyage in voyages:
+        name = Path(voyage.scene).stem
+        kind = name if name in (WRONG_SOURCE, ODD_SAMPLES) else ''
+        told.setdefault(kind, []).append(voyage.rules[OURS].wrong_source)
+    for kind, found in sorted(told.items(), reverse=True):
+        label = f'`{kind}`' if kind else 'the other scenes'
+        yield f'- {label}: told on {sum(found)} of {len(found)} voyages'
+
+
+def _panels(voyages: Sequence[Voyage]) -> list[TradeOff]:
+    own = [v for v in voyages if _is_main(v) and v.sensors == str(ORDINARY)]
+    bare = {
+        rule: pooled(v.rules[rule] for v in own).figures() for rule in (BELOW_FOLD, BELOW_HOPF)
+    }
+    rules = [
+        (RULES[rule], row['false_per_100h'] or 0.0, _missing(row['detected_plain']))
+        for rule, row in bare.items()
+    ]
+    return [
+        TradeOff(
+            'Stick-slip alarm',
+            'false alarms per 100 h',
+            'episodes not detected [%]',
+            _curves(own, _OF_ALARM, 'false_per_100h', 'detected_plain'),
+            rules,
+        ),
+        TradeOff(
+            'Warning',
+            'warnings per 1000 h far from the boundary',
+            'episodes without a lead of 10 s [%]',
+            _curves(own, _OF_WARNING, 'far_per_1000h', 'lead_10s'),
+        ),
+    ]
+
+
+def _missing(share: float | None) -> float:
+    return 0.0 if share is None else 1.0 - share
+
+
+def _curves(voyages: Sequence[Voyage], names: Iterable[str], false: str, kept: str) -> list[Curve]:
+    found, place = [], 0
+    defaults = {parameter.name: parameter.default for parameter in BEARING_PARAMETERS}
+    for name, values in _known().items():
+        rows = [_variant(voyages, place + k) for k in range(len(values))]
+        place += len(values)
+        if name in names:
+            found.append(
+                Curve(
+                    name.removeprefix('alarm.'),
+                    [f'{value:g}' for value in values],
+                    [row[false] or 0.0 for row in rows],
+                    [_missing(row[kept]) for row in rows],
+                    values.index(float(defaults[name])),
+                )
+            )
+    return found
+
+
+def _variant(voyages: Sequence[Voyage], number: int) -> dict[str, float | None]:
+    parts: list[Quality] = [voyage.variants[number] for voyage in voyages]
+    return pooled(parts).figures()
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tells from an input's samples that they come from a wrong source, or from two at once.
+
+Two faults can be seen in the samples themselves:
+
+- **two levels**: values jump between two levels and back, as with two publishers on one topic;
+- **stamps to and fro**: stamps step back again and again, as with two clocks on one topic.
+
+One instance of :class:`SourceWatch` follows one input, one sample at a time at constant cost and
+memory; :func:`find_source_faults` gives the same for a recording, bit for bit::
+
+    watch = SourceWatch(least_gap(bearing_config, is_load))
+    for fault in watch.see(arrival_ns, stamp_ns, si):  # every sample, refused ones too
+        log(fault_text(fault, input_config))           # raised by this sample
+    watch.standing(now_ns)                             # the faults that stand now
+
+Time is that of arrival, because the stamps themselves may be at fault.
+
+A *jump* is a step between two successive values by at least a fifth of the larger one. It
+*returns* if it ends within an eighth of its height from where the previous jump began. Each
+return counts one, each other jump takes two away; twelve raise the fault, at the earliest three
+seconds after the first. White noise of a fifth of the load reaches that less than once in a
+thousand hours at 10 Hz; a steady second publisher, with a tenth of the other's rate too, within
+a few seconds. For stamps, each step back within eight samples of the last one counts one, and a
+longer pause starts anew: single late messages are no fault. A minute without evidence clears.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip_monitor.monitor.assessment import SentenceEnum
+from stickslip_monitor.monitor.config import BearingConfig, InputConfig
+
+ENOUGH = 12
+"""Pieces of evidence that raise a fault."""
+LEAST_NS = 3 * 10**9
+"""Least time between the first piece of evidence and the fault [ns]."""
+HOLD_NS = 60 * 10**9
+"""Time without evidence after which a fault is cleared [ns]."""
+_GAP = 0.2
+_TOLERANCE = 0.125
+_PENALTY = 2
+_MOST = 2 * ENOUGH
+_NEAR = 8
+_LEAST_RPM = 3.0
+
+
+class SourceFaultKind(SentenceEnum):
+    """What is wrong with the source of an input; each member carries its sentence."""
+
+    STAMPS_TO_AND_FRO = (
+        'stamps_to_and_fro',
+        'time stamps jump to and fro: two publishers or clocks on one topic, or messages that'
+        ' overtake each other',
+    )
+    TWO_LEVELS = (
+        'two_levels',
+        'values jump between two levels: two publishers on one topic, or a loose contact',
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class SourceFault:
+    """A fault of an input's source.
+
+    Attributes:
+        kind: What it is.
+        since_ns: Arrival of the first sample that showed it [ns].
+        raised_ns: Arrival of the sample with which there was enough evidence [ns].
+        levels: The two levels, the lower first, SI; ``nan`` where it is about stamps.
+    """
+
+    kind: SourceFaultKind
+    since_ns: int
+    raised_ns: int
+    levels: tuple[float, float] = (math.nan, math.nan)
+
+
+def least_gap(config: BearingConfig, is_load: int) -> float:
+    """The least distance between two levels of an input that is no resolution of a sensor [SI].
+
+    A pulse counter at dead slow toggles between two neighbouring numbers; three revolutions a
+    minute are beyond that.
+    """
+    return 0.0 if is_load else _LEAST_RPM * float(config.bearing.speed.factor('rpm'))
+
+
+def fault_text(fault: SourceFault, config: InputConfig) -> str:
+    """The fault as a clause, with levels as they stand in the messages."""
+    if fault.kind is SourceFaultKind.STAMPS_TO_AND_FRO:
+        return fault.kind.sentence
+    low, high = (
+        (level / config.factor - config.offset) / config.scale if config.scale else level
+        for level in fault.levels
+    )
+    return f'{fault.kind.sentence} (here {low:.4g} and {high:.4g})'
+
+
+@dataclass(slots=True)
+class _Evidence:
+    """Evidence of one kind of fault, counted up and down."""
+
+    kind: SourceFaultKind
+    count: int = 0
+    since_ns: int = 0
+    last_ns: int = 0
+    fault: SourceFault | None = None
+
+    def against(self, penalty: int) -> None:
+        """Evidence that it is no such fault."""
+        self.count = max(0, self.count - penalty)
+        if not self.count:
+            self.fault = None
+
+    def expire(self, now_ns: int) -> None:
+        """Forget all where there has been no evidence for long enough."""
+        if now_ns - self.last_ns > HOLD_NS:
+            self.against(self.count)
+
+    def add(self, now_ns: int, levels: tuple[float, float] = (math.nan, math.nan)) -> bool:
+        """One more piece; whether it raises the fault."""
+        self.expire(now_ns)
+        if not self.count:
+            self.since_ns = now_ns
+        self.count, self.last_ns = min(self.count + 1, _MOST), now_ns
+        if self.fault or self.count < ENOUGH or now_ns - self.since_ns < LEAST_NS:
+            return False
+        self.fault = SourceFault(self.kind, self.since_ns, now_ns, levels)
+        return True
+
+
+@dataclass(slots=True)
+class SourceWatch:
+    """Follows the samples of one input; see the module.
+
+    Args:
+        least_gap: The least distance between two levels [SI], see :func:`least_gap`.
+    """
+
+    least_gap: float = 0.0
+    _stamps: _Evidence = field(
+        default_factory=lambda: _Evidence(SourceFaultKind.STAMPS_TO_AND_FRO)
+    )
+    _levels: _Evidence = field(default_factory=lambda: _Evidence(SourceFaultKind.TWO_LEVELS))
+    _number: int = -1
+    _stamp_ns: int | None = None
+    _value: float = math.nan
+    _last_back: int = 0
+    _origin: float = math.nan
+
+    def see(self, arrival_ns: int, stamp_ns: int, si: float) -> tuple[SourceFault, ...]:
+        """Take one sample; nothing is refused.
+
+        Args:
+            arrival_ns: When it came, not falling [ns].
+            stamp_ns: Its time stamp, the arrival where it has none [ns].
+            si: Its value [SI]; one that is not finite says nothing about levels.
+
+        Returns:
+            The faults that it raises.
+        """
+        self._number += 1
+        raised = []
+        if self._stamp_ns is not None and stamp_ns < self._stamp_ns:
+            raised += self._step_back(self._number, arrival_ns)
+        self._stamp_ns = stamp_ns
+        if math.isfinite(si):
+            if _is_jump(self._value, si, self.least_gap):
+                raised += self._jump(arrival_ns, self._value, si)
+            self._value = si
+        return tuple(raised)
+
+    def standing(self, now_ns: int) -> tuple[SourceFault, ...]:
+        """The faults that stand at a time of arrival [ns]."""
+        for evidence in (self._stamps, self._levels):
+            evidence.expire(now_ns)
+        return tuple(e.fault for e in (self._stamps, self._levels) if e.fault)
+
+    def _step_back(self, number: int, arrival_ns: int) -> list[SourceFault]:
+        if number - self._last_back > _NEAR:
+            self._stamps.against(_MOST)
+        self._last_back = number
+        return _raised(self._stamps, self._stamps.add(arrival_ns))
+
+    def _jump(self, arrival_ns: int, before: float, after: float) -> list[SourceFault]:
+        origin, self._origin = self._origin, before
+        if not abs(after - origin) <= _TOLERANCE * abs(after - before):
+            self._levels.against(_PENALTY)
+            return []
+        levels = (min(before, after), max(before, after))
+        return _raised(self._levels, self._levels.add(arrival_ns, levels))
+
+
+def find_source_faults(
+    arrival_ns: NDArray[np.int64],
+    stamp_ns: NDArray[np.int64],
+    si: NDArray[np.float64],
+    least_gap: float = 0.0,
+) -> list[SourceFault]:
+    """All faults that :class:`SourceWatch` raises over the samples of one input.
+
+    Args:
+        arrival_ns: When each came, not falling, shape (n,) [ns].
+        stamp_ns: Their stamps, shape (n,) [ns].
+        si: Their values, shape (n,) [SI].
+        least_gap: The least distance between two levels [SI].
+
+    Returns:
+        The faults in the order in which they were raised.
+    """
+    watch, found = SourceWatch(least_gap), []
+    for number in (np.flatnonzero(np.diff(stamp_ns) < 0) + 1).tolist():
+        found += watch._step_back(number, int(arrival_ns[number]))
+    known = np.isfinite(si)
+    if not known.all():
+        arrival_ns, si = arrival_ns[known], si[known]
+    with np.errstate(over='ignore'):
+        # As a rule one part of the condition leaves nothing for the others.
+        steep = np.flatnonzero(np.abs(np.diff(si)) >= _GAP * np.abs(si[1:]))
+        jumps = steep[_is_jump(si[steep], si[steep + 1], least_gap)] + 1
+    rows = (arrival_ns[jumps], si[jumps - 1], si[jumps])
+    for now_ns, before, after in zip(*(row.tolist() for row in rows), strict=True):
+        found += watch._jump(now_ns, before, after)
+    return sorted(found, key=lambda fault: fault.raised_ns)
+
+
+def _raised(evidence: _Evidence, raised: bool) -> list[SourceFault]:
+    return [evidence.fault] if raised and evidence.fault else []
+
+
+def _is_jump(before: Any, after: Any, least_gap: float) -> Any:
+    """Whether two successive values jump: of numbers or of arrays, with the same operations."""
+    height = abs(after - before)
+    # With a bitwise "and", which numbers and arrays both have; a value that is nan never jumps.
+    return (
+        (height > 0.0)
+        & (height >= least_gap)
+        & (height >= _GAP * abs(before))
+        & (height >= _GAP * abs(after))
+    )

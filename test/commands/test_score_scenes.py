@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``stickslip score`` of scenes with many seeds."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from stickslip_monitor.cli import main
+from stickslip_monitor.commands.score_scenes import judge_all
+from stickslip_monitor.scenes.scene_file import load_scene
+from stickslip_monitor.study.voyages import OURS, Call, judge
+
+ROOT = Path(__file__).parents[2]
+CONFIGS = ROOT / 'launch_configs'
+LINING = {'lining_motion': {'disturbance': {'standard_deviation': 0.001, 'unit': 'nominal'}}}
+
+
+def between(low: float, high: float) -> dict[str, list[float]]:
+    return {'between': [low, high]}
+
+
+def write(path: Path, **changes: Any) -> str:
+    """A shaft that slows down past both boundaries, of the reference bearing."""
+    document = {
+        'scene': 'stickslip_monitor/scene/1',
+        'description': 'A test.',
+        'duration': 60.0,
+        'start': 1_700_000_000_000_000_000,
+        'seed': 5,
+        'config': str(CONFIGS / 'reference_bearing.yaml'),
+        'telemetry': {'speed': {'rate': 5.0}, 'load': {'rate': 5.0}},
+        'effects': [
+            {'speed_profile': {'unit': 'fold', 'points': [[0, 1.5], [between(30, 40), 0.5]]}},
+            {'load_profile': {'unit': 'nominal', 'points': [[0, 1.0]]}},
+            {'operating_point': {'rate': 2.0}},
+            LINING,
+        ],
+    }
+    content = {key: value for key, value in (document | changes).items() if value is not None}
+    path.write_text(yaml.safe_dump(content), 'utf-8')
+    return str(path)
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> str:
+    return write(tmp_path / 'slowing.yaml')
+
+
+def test_json_of_two_seeds_and_two_grades(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+    grades = [str(CONFIGS / 'sensors' / f'{name}.yaml') for name in ('ideal', 'ordinary')]
+    args = [part for grade in grades for part in ('--sensors', grade)]
+    assert main(['score', scene, '--seeds', '2', '--jobs', '1', '--json', *args]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document['schema'] == 'stickslip_monitor/warning_quality/1'
+    assert document['seeds'] == {scene: [5, 6]}
+    assert [grade['file'] for grade in document['sensors']] == grades
+    ideal = document['sensors'][0]
+    assert set(ideal['total']) == {'monitor', 'below_fold', 'below_hopf'}
+    ours, bare = ideal['total']['monitor'], ideal['total']['below_fold']
+    assert (ours['episodes'], ours['missed'], ours['warned']) == (2, 0.0, 1.0)
+    assert (bare['episodes'], bare['detected']) == (2, 1.0)
+    assert ours == ideal['scenes'][scene]
+    # Not said again by a grade of the sensors: the scene's own rates go before.
+    assert ours['hours'] == pytest.approx(2 * 60.0 / 3600.0)
+
+
+def test_serial_and_parallel_are_the_same_and_seeds_differ(scene: str) -> None:
+    calls = [Call(scene, seed, variants=({'caution_margin': 0.2},)) for seed in (1, 2, 3)]
+    serial, parallel = judge_all(calls, 1), judge_all(calls, 2)
+    assert serial == parallel
+    leads = {voyage.rules[OURS].leads for voyage in serial}
+    assert len(leads) == 3
+
+
+def test_truth_is_that_of_the_bag(scene: str, tmp_path: Path, capsys: Any) -> None:
+    """What is judged in memory is what the recording of the same scene would be judged for."""
+    assert main(['simulate', scene, '-o', str(tmp_path / 'bag')]) == 0
+    capsys.readouterr()
+    config = str(CONFIGS / 'reference_bearing.yaml')
+    main(['score', str(tmp_path / 'bag'), '--config', config, '--json'])
+    (episode,) = json.loads(capsys.readouterr().out)['bags'][0]['bearings']['aft_stern']['events'][
+        'episodes'
+    ]
+    (voyage,) = judge(Call(scene, None))
+    assert voyage.rules[OURS].leads == (episode['lead'],)
+
+
+def test_a_table_is_printed(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['score', scene, '--jobs', '1']) == 0
+    out = capsys.readouterr().out
+    for words in ('warned before onset', 'V < V_H', 'slowing', 'false alarms per 100 h'):
+        assert words in out
+
+
+def test_a_missed_episode_gives_code_1(tmp_path: Path) -> None:
+    """A monitor that is told of twice the damping and half the decay."""
+    scene = write(tmp_path / 'told.yaml', parameter_error={'damping': 0.9, 'friction.decay': 0.9})
+    assert main(['score', scene, '--seeds', '8', '--jobs', '1']) == 1
+
+
+def test_two_publishers_are_told(tmp_path: Path) -> None:
+    path = write(tmp_path / 'two.yaml')
+    document = yaml.safe_load(Path(path).read_text('utf-8'))
+    other = {'second_publisher': {'speed': {'value': 3.0, 'unit': 'fold', 'rate': 5.0}}}
+    document['effects'].append(other)
+    Path(path).write_text(yaml.safe_dump(document), 'utf-8')
+    (voyage,) = judge(Call(path, None, forecasts=False))
+    assert voyage.rules[OURS].wrong_source == 1
+
+
+CALM = [
+    {'speed_profile': {'unit': 'rpm', 'points': [[0, 60]]}},
+    {'load_profile': {'unit': 'N', 'points': [[0, 1000]]}},
+]
+
+
+@pytest.mark.parametrize(
+    ('args', 'changes', 'words'),
+    [
+        (['--seeds', '0'], {}, '--seeds 0 must be at least 1'),
+        (['--first-seed', '-1'], {}, '--first-seed -1 must be at least 0'),
+        (['--jobs', '0'], {}, '--jobs 0 must be at least 1'),
+        (['bag'], {}, "'bag' is no scene: give either scenes (.yaml) or bags, not both"),
+        (['--config', 'a.yaml'], {}, '--config is for bags'),
+        (['--picture', 'a.png'], {}, '--picture is for bags'),
+        (['--sensors', 'none.yaml'], {}, 'none.yaml: No such file'),
+        ([], {'effects': CALM}, 'without the effect operating_point'),
+        (
+            [],
+            {'effects': [*CALM, {'operating_point': {'rate': 1.0}}, {
+                'load_steps': {'unit': 'N', 'steps': [[0, 0], [10, 4000]], 'rise': 1.0}}]},
+            'without the effect lining_motion nobody knows whether the lining sticks',
+        ),
+        (
+            [],
+            {'duration': between(9, 3)},
+            'duration = {between: [9, 3]} must be two numbers, the lower first',
+        ),
+        ([], {'parameter_error': {'dampin': 0.1}}, "did you mean 'damping'?"),
+        ([], {'parameter_error': {'mass': 2.0}}, 'parameter_error.mass = 2.0 must be a number'),
+        ([], {'config': '.'}, "is a folder without a .yaml file"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_one_sentence(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    args: list[str],
+    changes: dict[str, Any],
+    words: str,
+) -> None:
+    folder = tmp_path / 'scene'
+    folder.mkdir()
+    changes = changes | ({'config': str(tmp_path)} if changes.get('config') == '.' else {})
+    scene = write(folder / 'a.yaml', **changes)
+    assert main(['score', scene, *args, *([] if '--jobs' in args else ['--jobs', '1'])]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith('ERROR: ')
+    assert error.count('\n') == 1
+    assert words in error
+
+
+def test_options_of_scenes_are_refused_for_bags(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['score', 'bag']) == 2
+    assert '--config is missing' in capsys.readouterr().err
+    assert main(['score', 'bag', '--config', 'a.yaml', '--seeds', '2']) == 2
+    assert '--seeds, --first-seed and --sensors are for scenes' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    'path', sorted((CONFIGS / 'scenes' / 'quality').glob('*.yaml')), ids=lambda path: path.stem
+)
+def test_every_scene_of_the_page_varies_by_seed(path: Path) -> None:
+    """Each can be built with any of its seeds, for any of the ten bearings."""
+    sensors = CONFIGS / 'sensors' / 'poor.yaml'
+    scenes = [load_scene(path, seed, sensors) for seed in range(10)]
+    assert len({scene.config_path for scene in scenes}) == 10
+    points = {str([effect._content for effect in scene.effects]) for scene in scenes}
+    assert len(points) == 10
+    masses = [scene.config.bearings[0].bearing.mass for scene in scenes]
+    assert (min(masses), max(masses)) == (44.0, 12000.0)
+    cycles = [s.config.bearings[0].bearing.natural_frequency / (2 * np.pi) for s in scenes]
+    assert 8.9 < min(cycles) < max(cycles) < 35.1

@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Faults of an input's source, told from its samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from stickslip_monitor.monitor.config import build_config
+from stickslip_monitor.monitor.source_faults import (
+    SourceFault,
+    SourceFaultKind,
+    SourceWatch,
+    fault_text,
+    find_source_faults,
+    least_gap,
+)
+
+TWO, STAMPS = SourceFaultKind.TWO_LEVELS, SourceFaultKind.STAMPS_TO_AND_FRO
+SECOND = 10**9
+Floats = NDArray[np.float64]
+
+
+def instants(count: int, rate: float = 10.0) -> NDArray[np.int64]:
+    return np.rint(np.arange(count) * (SECOND / rate)).astype(np.int64)
+
+
+def found(values: Floats, rate: float = 10.0) -> list[SourceFault]:
+    time = instants(values.size, rate)
+    return find_source_faults(time, time, values)
+
+
+def mixed(count: int, every: int, first: float = 60.0, second: float = 20.0) -> Floats:
+    return np.where(np.arange(count) % every == every - 1, second, first)
+
+
+_VALUE = st.sampled_from([20.0, 60.0, 61.0, 0.0, np.nan, np.inf, -20.0, 1e308, -1e308, 25.0])
+_STEP = st.sampled_from([0, 1, SECOND // 10, SECOND, 7 * SECOND, 70 * SECOND])
+_SHIFT = st.sampled_from([0, 0, -SECOND, SECOND, 3600 * SECOND])
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(st.tuples(_VALUE, _STEP, _SHIFT), min_size=0, max_size=12),
+    st.integers(1, 8),
+    st.sampled_from([0.0, 3.0]),
+)
+def test_live_and_bulk_raise_the_same_faults(
+    pattern: list[tuple[float, int, int]], repeats: int, least: float
+) -> None:
+    """Patterns are repeated, so that evidence of both kinds comes together."""
+    rows = pattern * repeats
+    value = np.array([row[0] for row in rows], float)
+    arrival = np.cumsum(np.array([row[1] for row in rows], np.int64))
+    stamp = arrival + np.array([row[2] for row in rows], np.int64)
+    watch = SourceWatch(least)
+    live: list[SourceFault] = []
+    for now, own, si in zip(arrival.tolist(), stamp.tolist(), value.tolist(), strict=True):
+        live += watch.see(now, own, si)
+        watch.standing(now)  # being asked changes nothing
+    assert repr(find_source_faults(arrival, stamp, value, least)) == repr(live)
+
+
+@pytest.mark.parametrize(
+    ('every', 'rate', 'raised'),
+    [
+        # Each sample jumps and the second jump is the first to return: 12 returns with the 14th
+        # sample at 1.3 s, but no fault before 3 s after the first return at 0.2 s.
+        (2, 10.0, 3.2),
+        # A tenth of the rate: jumps at samples 9, 10, 19, 20 ...; the 12th return is the 13th.
+        (10, 10.0, 6.9),
+        # One odd sample in thirty: returns come 1 and 29 samples apart; the 13th jump is at 209.
+        (30, 10.0, 20.9),
+        # One value in 5 s, from two publishers: the 13th jump is at the 13th sample.
+        (2, 0.2, 65.0),
+    ],
+)
+def test_a_second_publisher_is_found(every: int, rate: float, raised: float) -> None:
+    (fault,) = found(mixed(260, every), rate)
+    assert fault.kind is TWO
+    assert fault.levels == (20.0, 60.0)
+    assert fault.raised_ns == pytest.approx(raised * SECOND, abs=1)
+
+
+def test_two_noisy_publishers_are_found_within_seconds() -> None:
+    random = np.random.default_rng(5)
+    values = mixed(600, 2) * (1.0 + 0.05 * random.standard_normal(600))
+    faults = found(values)
+    assert [fault.kind for fault in faults] == [TWO]
+    assert faults[0].raised_ns < 10 * SECOND
+
+
+def _swell(count: int) -> Floats:
+    """Loads in a swell of 8 s and a quarter of the load, at 2 Hz."""
+    return 1000.0 + 250.0 * np.sin(2.0 * np.pi * np.arange(count) / 16.0)
+
+
+def _counter(count: int) -> Floats:
+    """A pulse counter that toggles between 1 and 2 revolutions a minute."""
+    return 1.0 + np.arange(count) % 2
+
+
+@pytest.mark.parametrize(
+    ('values', 'least'),
+    [
+        (1000.0 * (1.0 + 0.1 * np.random.default_rng(1).standard_normal(200_000)), 0.0),
+        (1000.0 * (1.0 + 0.2 * np.random.default_rng(2).standard_normal(200_000)), 0.0),
+        (_swell(5000), 0.0),
+        (_counter(5000), 3.0),
+        (np.repeat([60.0, 45.0, 60.0, 30.0, 60.0], 600), 0.0),
+        (np.linspace(70.0, 0.0, 12), 0.0),
+        (np.where(np.arange(600) == 300, 1e6, 60.0), 0.0),
+        (np.zeros(100), 0.0),
+        (np.empty(0), 0.0),
+    ],
+    ids=['noise', 'more_noise', 'swell', 'counter', 'steps', 'stop', 'spike', 'rest', 'empty'],
+)
+def test_one_source_is_no_fault(values: Floats, least: float) -> None:
+    time = instants(values.size)
+    assert find_source_faults(time, time, values, least) == []
+
+
+def test_two_clocks_are_found_and_single_late_messages_are_not() -> None:
+    arrival = instants(400)
+    value = np.full(400, 60.0)
+    odd = np.arange(400) % 2 == 1
+    for shift in (SECOND, -3600 * SECOND):
+        (fault,) = find_source_faults(arrival, arrival + shift * odd, value)
+        assert fault.kind is STAMPS
+        # Every second sample steps back, and the first step is the second or third sample.
+        assert fault.raised_ns <= 3.3 * SECOND
+    late = arrival - 2 * SECOND * (np.random.default_rng(3).random(400) < 0.05)
+    assert find_source_faults(arrival, late, value) == []
+    jumped = arrival - np.where(arrival > 20 * SECOND, 30 * SECOND, 0)
+    assert find_source_faults(arrival, jumped, value) == []
+
+
+def test_a_fault_stands_for_a_minute_and_clears_when_values_settle() -> None:
+    watch = SourceWatch()
+    values = [*mixed(100, 2).tolist(), 20.0, 20.0]
+    for k, value in enumerate(values):
+        watch.see(k * SECOND // 10, k * SECOND // 10, value)
+    last = 99 * SECOND // 10
+    assert [fault.kind for fault in watch.standing(last + 60 * SECOND)] == [TWO]
+    assert watch.standing(last + 60 * SECOND + 1) == ()
+
+
+def test_what_is_said() -> None:
+    config = build_config(
+        {
+            'bearings': ['aft'],
+            'aft.mass': 50.0,
+            'aft.damping': 400.0,
+            'aft.stiffness': 2e6,
+            'aft.journal_diameter': 0.1,
+            'aft.friction.static': 0.3,
+            'aft.friction.kinetic': 0.1,
+            'aft.friction.decay': 10.0,
+            'aft.speed.topic': '/speed',
+            'aft.speed.unit': 'rpm',
+            'aft.load.topic': '/load',
+            'aft.load.unit': 'kN',
+            'aft.load.offset': 0.5,
+            'aft.load.scale': 2.0,
+        }
+    ).bearing('aft')
+    # Three revolutions a minute of a journal of 0.1 m.
+    assert least_gap(config, 0) == pytest.approx(3.0 / 60.0 * np.pi * 0.1)
+    assert least_gap(config, 1) == 0.0
+    fault = SourceFault(TWO, 0, 0, (600.0, 1500.0))
+    assert fault_text(fault, config.load).endswith('(here 0.05 and 0.5)')
+    assert 'two publishers or clocks' in fault_text(SourceFault(STAMPS, 0, 0), config.load)
