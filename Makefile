@@ -15,7 +15,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 .DEFAULT_GOAL := help
 # Two installations into one environment must not run at once.
 .NOTPARALLEL:
-.PHONY: help demo test lint format bags bench bench-soak warning-quality colcon-test clean
+.PHONY: help demo test test-all lint format bags bench bench-soak warning-quality colcon-test clean
 
 help:  ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-15s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -23,7 +23,10 @@ help:  ## Show this list
 demo: $(VENV)/.demo  ## Watch the node warn while a recorded coast-down is played to it
 	@$(BIN)/python scripts/demo.py
 
-test: $(VENV)/.test  ## Run the tests (PYTEST_ARGS='-k friction' for some of them)
+test: $(VENV)/.test  ## Run the everyday tests (PYTEST_ARGS='-k friction' for some of them)
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow' $(PYTEST_ARGS)
+
+test-all: $(VENV)/.test  ## Run all tests, those marked slow too
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(PYTEST_ARGS)
 
 lint: $(VENV)/.lint  ## Check style, format and types
