@@ -7,6 +7,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTEST_ARGS ?=
 BENCH_ARGS ?=
+DASHBOARD_ARGS ?=
 
 # .venv has its own ROS 2; what another one (a sourced setup.bash, say) left here would mix in.
 unexport AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONHOME PYTHONPATH RMW_IMPLEMENTATION
@@ -15,13 +16,20 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 .DEFAULT_GOAL := help
 # Two installations into one environment must not run at once.
 .NOTPARALLEL:
-.PHONY: help demo test test-all lint format bags bench bench-soak warning-quality colcon-test clean
+.PHONY: help setup demo dashboard test test-all lint format bags bench bench-soak colcon-test warning-quality clean
 
 help:  ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-15s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-demo: $(VENV)/.demo  ## Watch the node warn while a recorded coast-down is played to it
+setup: $(VENV)/.run  ## Make .venv with ROS 2 and the commands: `source .venv/bin/activate`
+
+demo: $(VENV)/.run  ## Watch the node warn while a recorded coast-down is played to it
 	@$(BIN)/python scripts/demo.py
+
+dashboard: $(VENV)/.run  ## Show the recorded coast-down on the dashboard, in a browser
+	@echo 'Ctrl-C ends it. The coast-down lasts 28 seconds; the page then stays as it ended.'
+	@$(BIN)/stickslip dashboard --config launch_configs/reference_bearing.yaml \
+	    --bag bags/coast_down --rate 10 $(DASHBOARD_ARGS)
 
 test: $(VENV)/.test  ## Run the everyday tests (PYTEST_ARGS='-k friction' for some of them)
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow' $(PYTEST_ARGS)
@@ -38,7 +46,7 @@ format: $(VENV)/.lint  ## Mend what the linter and the formatter can mend
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bags: $(VENV)/.demo  ## Make the recordings of bags/ again from their scenes
+bags: $(VENV)/.run  ## Make the recordings of bags/ again from their scenes
 	$(BIN)/python scripts/make_bags.py
 
 bench: $(VENV)/.bench  ## Compare with what others use, some minutes; writes docs/benchmarks.md
@@ -68,11 +76,11 @@ $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10) and "Python 3.10 or later is needed")'
 	@$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.demo: EXTRAS = ros,report
+$(VENV)/.run: EXTRAS = dashboard,ros,report
 $(VENV)/.test: EXTRAS = dashboard,ros,report,test
 $(VENV)/.lint: EXTRAS = dashboard,ros,report,lint
 $(VENV)/.bench: EXTRAS = ros,report,bench
-$(VENV)/.demo $(VENV)/.test $(VENV)/.bench $(VENV)/.lint: setup.py pyproject.toml | $(BIN)/python
+$(VENV)/.run $(VENV)/.test $(VENV)/.bench $(VENV)/.lint: setup.py pyproject.toml | $(BIN)/python
 	@echo 'Installing stickslip_monitor[$(EXTRAS)] into $(VENV), once (a minute or two) ...'
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check --editable '.[$(EXTRAS)]'
 	@touch $@

@@ -22,15 +22,16 @@ def launch_configs():
 # distribution only fit each other in the versions released together, hence the exact pins.
 ROS = [
     'ros-kilted-diagnostic-msgs==5.5.1',
+    'ros-kilted-geometry-msgs==5.5.1',
     'ros-kilted-lifecycle-msgs==2.3.0',
     'ros-kilted-rcl-interfaces==2.3.0',
     'ros-kilted-rclpy==9.1.2',
     'ros-kilted-rmw-fastrtps-cpp==9.3.3',
     'ros-kilted-rosgraph-msgs==2.3.0',
+    'ros-kilted-sensor-msgs==5.5.1',
     'ros-kilted-std-msgs==5.5.1',
     'ros-kilted-std-srvs==5.5.1',
 ]
-WHERE_ROS_HAS_WHEELS = '; sys_platform == "linux" and platform_machine == "x86_64"'
 
 setup(
     name=NAME,
@@ -80,8 +81,6 @@ setup(
             'pynmeagps>=1.0.40',
             'pytest>=7',
             'pytest-xdist>=3',
-            'ros-kilted-geometry-msgs==5.5.1' + WHERE_ROS_HAS_WHEELS,
-            'ros-kilted-sensor-msgs==5.5.1' + WHERE_ROS_HAS_WHEELS,
             'rosbags>=0.10',
             'setuptools>=70.1',
         ],

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every command line in the README and the docs runs as it is written."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sysconfig
+from pathlib import Path
+
+import pytest
+
+from stickslip_monitor import cli
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [
+    *(ROOT / name for name in ('README.md', 'CONTRIBUTING.md', 'bags/README.md')),
+    *sorted((ROOT / 'docs').glob('*.md')),
+]
+# Programs of which a line is a command line.
+PROGRAMS = ('stickslip', 'python', 'python3', 'make', 'ros2', 'pip', '.venv/bin/pip')
+# What the lines below need beside the repository's own files: files of the reader's own.
+OWN_CONFIGURATIONS = ('my_ship.yaml', 'ship.yaml')
+# Appended where the line as written would take long, or would use what other tests may use.
+APPENDED = {
+    'stickslip play ': '--rate 5000',
+    'stickslip dashboard ': '--port 0',
+    'stickslip accuracy -o ': '--quick',
+}
+
+
+def lines_of(page: Path) -> list[str]:
+    """The command lines of a page's code blocks, continued lines joined, without comments."""
+    found, fenced = [], False
+    for line in page.read_text('utf-8').replace('\\\n', ' ').splitlines():
+        if line.startswith('```'):
+            fenced = not fenced
+        elif fenced or line.startswith('    '):
+            found.append(re.sub(r'\s+#\s.*| &$', '', line).strip())
+    return [line for line in found if line.split(' ')[0] in PROGRAMS]
+
+
+LINES = {(page.relative_to(ROOT).as_posix(), line) for page in PAGES for line in lines_of(page)}
+COMMANDS = sorted({' '.join(line.split()) for _, line in LINES if line.startswith('stickslip ')})
+# It needs a cluster; test/offline/test_fleet.py starts one.
+RUN = [line for line in COMMANDS if '--scheduler' not in line]
+
+
+def faults(line: str) -> str:
+    """What is wrong with a line that this test cannot run, or nothing."""
+    makefile = (ROOT / 'Makefile').read_text('utf-8')
+    setup = (ROOT / 'setup.py').read_text('utf-8')
+    words = line.replace("'", '').split()
+    for first, second in itertools.pairwise(words):
+        if first == 'make' and not re.search(rf'^{re.escape(second)}:', makefile, re.MULTILINE):
+            return f'no target {second}'
+        if second.startswith('scripts/') and not (ROOT / second).is_file():
+            return f'no script {second}'
+        for extra in re.findall(r'\[([a-z,]+)\]$', second if first == 'install' else ''):
+            if missing := [e for e in extra.split(',') if f"'{e}':" not in setup]:
+                return f'no extra {missing}'
+    own = re.match(r'ros2 run stickslip_monitor (\w+)', line)
+    return f'no executable {own[1]}' if own and f"f'{own[1]} = " not in setup else ''
+
+
+def test_docs_have_command_lines() -> None:
+    pages = {page for page, line in LINES if line.startswith('stickslip ')}
+    assert {'README.md', 'docs/fit.md', 'docs/dashboard.md'} <= pages
+
+
+def test_what_is_not_run_here_names_what_exists() -> None:
+    assert [(page, line, fault) for page, line in sorted(LINES) if (fault := faults(line))] == []
+
+
+def test_every_command_line_is_understood(capsys: pytest.CaptureFixture[str]) -> None:
+    refused = []
+    for line in COMMANDS:
+        words = shlex.split(line)[1:]
+        try:
+            cli._parser(words[0]).parse_args(words)
+        except SystemExit:
+            refused.append((line, capsys.readouterr().err.strip().splitlines()[-1]))
+    assert refused == []
+
+
+@pytest.fixture(scope='module')
+def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder that looks like the repository to a reader, with files of his own."""
+    folder = tmp_path_factory.mktemp('reader')
+    for name in ('launch_configs', 'bags', 'docs', 'scripts'):
+        (folder / name).symlink_to(ROOT / name)
+    for name in OWN_CONFIGURATIONS:
+        shutil.copy(ROOT / 'launch_configs' / 'reference_bearing.yaml', folder / name)
+    for name in ('coast_down', 'history_above'):
+        shutil.copytree(ROOT / 'bags' / name, folder / 'archive' / name)
+    (folder / 'token').write_text('abcdefghijklmnopqrstuvwxyz0123456789\n')
+    (folder / 'token').chmod(0o600)
+    return folder
+
+
+def start(line: str, folder: Path) -> subprocess.Popen[str]:
+    appended = ' '.join(text for head, text in APPENDED.items() if line.startswith(head))
+    path = os.pathsep.join([sysconfig.get_path('scripts'), os.environ.get('PATH', os.defpath)])
+    return subprocess.Popen(
+        f'exec {line} {appended}',
+        shell=True,
+        cwd=folder,
+        env=os.environ | {'PATH': path, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('line', RUN)
+def test_command_line_runs_as_written(line: str, scratch: Path) -> None:
+    program = start(line, scratch)
+    assert program.stdout is not None
+    printed = ''
+    if ' dashboard ' in line:
+        printed = program.stdout.readline()
+        assert printed.startswith('Dashboard on http://'), printed + program.stdout.read()
+        program.send_signal(signal.SIGINT)
+    printed += program.communicate(timeout=300.0)[0]
+    # 1 says that warnings were found.
+    assert program.returncode in (0, 1), printed
+    assert 'Traceback' not in printed
