@@ -162,6 +162,7 @@ def wheel(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return built
 
 
+@pytest.mark.slow
 def test_wheel_holds_the_package_and_its_share_and_no_more(wheel: Path) -> None:
     inside = {Path(name) for name in zipfile.ZipFile(wheel).namelist()}
     modules = {path.relative_to(ROOT) for path in (ROOT / NAME).rglob('*.py')}
@@ -237,6 +238,7 @@ def test_installed_command_runs_in_the_sourced_workspace(workspace: Workspace) -
     assert 'assess' in usage
 
 
+@pytest.mark.slow
 def test_installed_node_comes_up_and_stops_on_ctrl_c(workspace: Workspace) -> None:
     pytest.importorskip('rclpy')
     # Domains above 100 would need ports that the system may have lent to others.
@@ -259,6 +261,7 @@ def test_installed_node_comes_up_and_stops_on_ctrl_c(workspace: Workspace) -> No
         started.wait()
 
 
+@pytest.mark.slow
 def test_verdict_of_colcon_is_that_of_the_tests(workspace: Workspace, source: Path) -> None:
     code, printed = workspace.test('test/test_packaging.py', '-k', 'versions')
     assert code == 0, printed

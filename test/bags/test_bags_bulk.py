@@ -220,6 +220,7 @@ def expected(
     return rows, undecoded, short
 
 
+@pytest.mark.slow
 @settings(
     max_examples=200, deadline=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],

@@ -67,6 +67,7 @@ def test_json_says_what_came_of_each_input(capsys: pytest.CaptureFixture[str]) -
         assert (own['gaps'], own['longest_gaps']) == (0, [])
 
 
+@pytest.mark.slow
 def test_the_report_has_every_event_of_the_check(
     page: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -233,6 +234,7 @@ def test_a_day_is_no_larger_than_a_minute_and_loses_no_excursion(
         assert np.nanmin(track.speed) / rpm == pytest.approx(20.0)
 
 
+@pytest.mark.slow
 def test_a_check_imports_only_what_it_needs() -> None:
     # One bag, to a pipe: no bars, no pictures, no processes, no cluster, no ROS.
     code = (

@@ -32,6 +32,7 @@ def documents(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[i
     return code, json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 def test_together_and_one_by_one_are_the_same_in_the_order_asked(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -45,6 +46,7 @@ def test_together_and_one_by_one_are_the_same_in_the_order_asked(
     assert together == alone
 
 
+@pytest.mark.slow
 def test_a_bag_that_fails_is_named_and_the_others_are_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -80,6 +82,7 @@ def test_a_folder_of_bags_is_a_list_even_of_one(
     assert (code, [document['path'] for document in found]) == (0, [str(tmp_path / 'voyage')])
 
 
+@pytest.mark.slow
 def test_a_report_names_what_could_not_be_checked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -97,6 +100,7 @@ def test_a_report_names_what_could_not_be_checked(
     assert (tmp_path / 'out.json').read_text('utf-8') == capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_pictures_of_several_processes_make_one(tmp_path: Path) -> None:
     pytest.importorskip('matplotlib')
     from matplotlib.image import imread
@@ -107,6 +111,7 @@ def test_pictures_of_several_processes_make_one(tmp_path: Path) -> None:
     assert (imread(tmp_path / 'two.png') == imread(tmp_path / 'one.png')).all()
 
 
+@pytest.mark.slow
 def test_clips_of_every_bag_are_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -129,6 +134,7 @@ def test_a_number_of_jobs_that_is_none_is_refused(
     assert capsys.readouterr().err == f'ERROR: --jobs {count} must be at least 1\n'
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_it_at_once_and_without_a_word(tmp_path: Path) -> None:
     (recording,) = (BAGS / 'voyage').glob('*.mcap')
     for number in range(200):

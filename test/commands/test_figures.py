@@ -71,6 +71,7 @@ def test_the_reference_bearing_is_that_of_the_docs() -> None:
     assert load_config(CONFIG).bearings[0].bearing == REFERENCE
 
 
+@pytest.mark.slow
 def test_there_is_one_picture_and_one_table_for_each_finding(written: Path) -> None:
     assert list(ALL) == NAMES
     expected = [f'{name}.{kind}' for name in NAMES for kind in ('csv', 'png')]

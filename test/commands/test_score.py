@@ -165,6 +165,7 @@ def test_bags_of_one_name_are_told_apart_by_their_paths(
     assert remarks == [slowing, str(copy)]
 
 
+@pytest.mark.slow
 def test_a_missed_episode_and_a_false_alarm_give_code_1(
     tmp_path: Path, slowing: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

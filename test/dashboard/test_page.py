@@ -40,6 +40,7 @@ def place(page: Any) -> tuple[float, float]:
     return (x - left) / width, 1.0 - (y - top) / height
 
 
+@pytest.mark.slow
 def test_the_point_moves(dashboard: Any, page: Any) -> None:
     page.until('document.querySelector(".map .point")')
     view = dashboard.board.state()['bearings'][0]
@@ -122,6 +123,7 @@ def test_acknowledging_without_a_mouse(dashboard: Any, page: Any) -> None:
     assert page.js('document.activeElement.id') == 'alarms'
 
 
+@pytest.mark.slow
 def test_a_lost_input_and_a_silent_monitor_are_shown(dashboard: Any, page: Any) -> None:
     dashboard.do(lambda: dashboard.ship.wait(30.0))
     page.until(f'{STANDS} === "input_stale"')

@@ -102,6 +102,7 @@ def test_regimes_follow_each_other_with_rising_speed(reference: Diagram) -> None
     assert np.all(reference.growth_rate[reference.speed > hopf.speed] < 0.0)
 
 
+@pytest.mark.slow
 def test_every_cycle_of_a_measured_table_is_stationary(table: Diagram) -> None:
     own = bearing(TABLE)
     scale = own.damping / (2.0 * own.mass)

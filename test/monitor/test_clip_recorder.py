@@ -119,6 +119,7 @@ def test_disorder_within_the_time_of_a_clip_is_no_jump() -> None:
     assert seconds(clip) == [*range(39, 50), 45]
 
 
+@pytest.mark.slow
 @given(st.integers(1, 3000), st.integers(10_000, 60_000))
 def test_memory_and_size_are_bounded(each: int, most: int) -> None:
     config = ClipConfig('folder', 10**6 * NS, 5, most)

@@ -72,6 +72,7 @@ def squared_slowly(folder: Path) -> Callable[[int], int]:
     return square
 
 
+@pytest.mark.slow
 def test_a_worker_killed_in_the_middle_loses_nothing_and_doubles_nothing(
     address: str, tmp_path: Path
 ) -> None:
@@ -102,6 +103,7 @@ def test_an_exception_is_the_outcome_of_its_call_alone(address: str) -> None:
     assert isinstance(found['invert-0'], ZeroDivisionError)
 
 
+@pytest.mark.slow
 def test_a_bag_that_kills_every_worker_is_given_up(address: str) -> None:
     def die(number: int) -> int:
         import os
@@ -133,6 +135,7 @@ def checked(capsys: pytest.CaptureFixture[str], *arguments: object) -> Any:
     return json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 def test_an_archive_is_checked_as_on_this_machine(
     address: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -143,6 +146,7 @@ def test_an_archive_is_checked_as_on_this_machine(
     assert there == checked(capsys, tmp_path, '--jobs', 1)
 
 
+@pytest.mark.slow
 def test_a_report_has_the_pictures_that_the_workers_drew(
     address: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -209,6 +213,7 @@ if __name__ == '__main__':
 """
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_goes_away_is_told() -> None:
     def wait(seconds: float) -> float:
         import time

@@ -129,12 +129,14 @@ def live(until: int | None = None) -> tuple[list[Verdict], list[Event], Monitor]
     return verdicts, events, monitor
 
 
+@pytest.mark.slow
 def test_topics_are_those_of_the_node_beside_the_inputs(written: Path) -> None:
     found = {name: topic.type for name, topic in open_bag(written).topics.items()}
     inputs = {'/shaft': 'std_msgs/msg/Float64', '/load': 'geometry_msgs/msg/WrenchStamped'}
     assert found == TOPICS | inputs
 
 
+@pytest.mark.slow
 def test_another_reader_sees_what_the_live_monitor_says(written: Path) -> None:
     verdicts, events, _ = live()
     said = rosbags_messages(written)
@@ -276,6 +278,7 @@ def check(*arguments: object) -> int:
     return main(['check', *map(str, arguments), '--config', str(CONFIG)])
 
 
+@pytest.mark.slow
 def test_the_command_writes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / 'out.mcap'
     assert check(ROOT / 'bags' / 'coast_down', '--mcap', out, '--json') == 1

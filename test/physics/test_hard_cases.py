@@ -252,6 +252,7 @@ def test_every_point_has_an_answer_of_its_kind(law, damping):
         assert_array_equal(exists.any(axis=-1), inside)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('law', [LAWS[1], LAWS[2], LAWS[9]], ids=str)
 def test_every_exact_cycle_ends_named_and_bounded(law):
     bearing = Bearing(50.0, 400.0, 2.0e6, law, 0.1)
@@ -287,6 +288,7 @@ def test_the_law_is_asked_a_bounded_number_of_times(sampled, kappa):
 # Monotone and continuous
 
 
+@pytest.mark.slow
 def test_the_exact_fold_is_monotone_and_smooth_in_the_load():
     """eta from 1e-6 to 1e3; a slip of the solver would show as a step in its logarithm.
 
@@ -301,6 +303,7 @@ def test_the_exact_fold_is_monotone_and_smooth_in_the_load():
     assert np.max(np.abs(np.diff(slope[10:]))) < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('beta_v', [1e2, 1e4, 1e5, 1e7])
 def test_the_layer_of_a_sharp_law_is_never_stepped_over(beta_v):
     """Its grazing passage feeds the cycle; weak friction must give averaging's fold.

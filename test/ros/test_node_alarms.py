@@ -141,6 +141,7 @@ def test_the_services(start: Any, kit: Any) -> None:
     assert 'aft/stick_slip: acknowledge by ros service, unacknowledged -> ack' in monitor.output
 
 
+@pytest.mark.slow
 def test_absurd_values_and_a_lost_input(start: Any, kit: Any) -> None:
     fast = {
         'alarm.on_delay': 0.3,
@@ -168,6 +169,7 @@ def test_absurd_values_and_a_lost_input(start: Any, kit: Any) -> None:
     assert 'Input speed lost' in texts['input_lost']
 
 
+@pytest.mark.slow
 def test_an_acknowledged_alarm_survives_a_restart(start: Any, kit: Any, tmp_path: Path) -> None:
     from sensor_msgs.msg import JointState
 
@@ -214,6 +216,7 @@ def test_an_acknowledged_alarm_survives_a_restart(start: Any, kit: Any, tmp_path
     assert third.alive
 
 
+@pytest.mark.slow
 def test_a_state_file_without_a_folder_is_refused(start: Any, kit: Any, tmp_path: Path) -> None:
     monitor = start(kit.parameters(state_file=str(tmp_path / 'no' / 'alarms.json')))
     assert monitor.wait() == 2
@@ -243,6 +246,7 @@ def bag(kit: Any, tmp_path: Path) -> Callable[[str], Path]:
     return make
 
 
+@pytest.mark.slow
 def test_a_bag_looped_three_times(start: Any, run: Any, kit: Any, bag: Any) -> None:
     own = {
         'alarm.on_delay': 1.0,

@@ -41,6 +41,7 @@ def alarm_at(telemetry: Any, second: int) -> None:
     telemetry.step(20.0, 1000.0, second)
 
 
+@pytest.mark.slow
 def test_an_alarm_leaves_a_clip_that_can_be_checked(
     kit: Any, start: Callable[..., Any], values: dict[str, Any], tmp_path: Path
 ) -> None:
@@ -70,6 +71,7 @@ def test_an_alarm_leaves_a_clip_that_can_be_checked(
     assert scan.events[0].time_ns == kit.T0 + 10 * kit.SECOND
 
 
+@pytest.mark.slow
 def test_a_clip_that_is_not_over_is_written_when_the_node_stops(
     kit: Any, start: Callable[..., Any], values: dict[str, Any], tmp_path: Path
 ) -> None:
@@ -82,6 +84,7 @@ def test_a_clip_that_is_not_over_is_written_when_the_node_stops(
     assert not list((tmp_path / 'clips').glob('.*'))
 
 
+@pytest.mark.slow
 def test_a_clip_that_cannot_be_written_is_told_and_the_node_goes_on(
     kit: Any, start: Callable[..., Any], values: dict[str, Any], tmp_path: Path
 ) -> None:
@@ -97,6 +100,7 @@ def test_a_clip_that_cannot_be_written_is_told_and_the_node_goes_on(
     assert telemetry.step(60.0, 1000.0, 17)['regime'] == 'stable'
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('module', 'words'),
     [

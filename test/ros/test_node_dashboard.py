@@ -82,6 +82,7 @@ def page(start: Any, run: Any, kit: Any, tmp_path: Path) -> Iterator[tuple[Any, 
     assert 'Traceback' not in dashboard.output
 
 
+@pytest.mark.slow
 def test_it_shows_the_node_and_acts_on_it(page: tuple[Any, Page], kit: Any) -> None:
     monitor, shown = page
     peer = monitor.peer
@@ -124,6 +125,7 @@ def test_it_shows_the_node_and_acts_on_it(page: tuple[Any, Page], kit: Any) -> N
     )
 
 
+@pytest.mark.slow
 def test_the_node_refuses_what_is_no_request(start: Any, kit: Any) -> None:
     from std_msgs.msg import String
 

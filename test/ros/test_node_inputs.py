@@ -181,6 +181,7 @@ def test_integers_and_single_precision(
     assert math.isfinite(expected.fold_margin)
 
 
+@pytest.mark.slow
 def test_messages_that_wait_are_all_evaluated_and_the_last_is_answered(
     start: Any, kit: Any
 ) -> None:

@@ -13,6 +13,7 @@ SHUTDOWN = {'unconfigured': 5, 'inactive': 6, 'active': 7}
 AT_ONCE = {'alarm.on_delay': 0.0, 'alarm.off_delay': 0.0}
 
 
+@pytest.mark.slow
 def test_every_transition_and_every_invalid_request(start: Any, kit: Any) -> None:
     monitor = start(kit.parameters(kit.STAMPED, autostart=False))
 
@@ -44,6 +45,7 @@ def test_every_transition_and_every_invalid_request(start: Any, kit: Any) -> Non
     assert 'Traceback' not in monitor.output
 
 
+@pytest.mark.slow
 def test_an_activation_that_fails_can_be_repeated(start: Any, kit: Any) -> None:
     topics = {'speed.topic': '/diagnostics'}
     monitor = start(kit.parameters(topics, autostart=False))
@@ -106,6 +108,7 @@ def test_deactivation_stops_the_output_and_activation_resumes_it(start: Any, kit
     ]
 
 
+@pytest.mark.slow
 def test_cleanup_forgets(start: Any, kit: Any) -> None:
     monitor = start(kit.parameters(kit.STAMPED, AT_ONCE))
     warnings, diagnostics = monitor.warnings(), monitor.diagnostics()

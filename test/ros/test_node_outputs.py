@@ -32,6 +32,7 @@ UNITS = {
 TEXTS = {'reason', 'regime', 'outcome', 'stick-slip predicted'}
 
 
+@pytest.mark.slow
 def test_quality_of_service_of_every_topic(start: Any, kit: Any) -> None:
     monitor = start(kit.parameters(kit.STAMPED))
     monitor.warnings()
@@ -120,6 +121,7 @@ def test_diagnostics_come_every_second_and_at_once_on_a_change(start: Any, kit: 
     assert numbers['amplitude [m]'] == pytest.approx(0.52688e-3, abs=5e-9)
 
 
+@pytest.mark.slow
 def test_publish_period_thins_values_but_not_changes(start: Any, kit: Any) -> None:
     monitor = start(kit.parameters(kit.STAMPED, AT_ONCE))
     warnings = monitor.warnings()
@@ -148,6 +150,7 @@ except BaseException:
 """
 
 
+@pytest.mark.slow
 def test_a_reader_that_stands_still_does_not_stop_the_node(start: Any, run: Any, kit: Any) -> None:
     monitor = start(kit.parameters(kit.STAMPED, AT_ONCE))
     peer, warnings = monitor.peer, monitor.warnings()

@@ -11,6 +11,7 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 AT_ONCE = {'alarm.on_delay': 0.0, 'alarm.off_delay': 0.0}
 
 
+@pytest.mark.slow
 def test_descriptors_have_ranges_units_and_rules(start: Any, kit: Any) -> None:
     monitor = start(kit.parameters(kit.STAMPED))
     names = ['aft.mass', 'aft.alarm.hysteresis', 'aft.alarm.on_delay', 'aft.speed.unit']
@@ -30,6 +31,7 @@ def test_descriptors_have_ranges_units_and_rules(start: Any, kit: Any) -> None:
     assert not any(item.read_only for item in answer.descriptors)
 
 
+@pytest.mark.slow
 def test_thresholds_are_tuned_while_active(start: Any, kit: Any) -> None:
     monitor = start(kit.parameters(kit.STAMPED, AT_ONCE))
     peer, warnings = monitor.peer, monitor.warnings()
@@ -58,6 +60,7 @@ def test_thresholds_are_tuned_while_active(start: Any, kit: Any) -> None:
     peer.until(lambda: kit.events(warnings)[-1]['to'] == 'amplitude_limit', 'the amplitude alarm')
 
 
+@pytest.mark.slow
 def test_bad_values_are_refused_with_name_value_and_rule(start: Any, kit: Any) -> None:
     monitor = start(kit.parameters(kit.STAMPED))
 
@@ -104,6 +107,7 @@ def test_bad_values_are_refused_with_name_value_and_rule(start: Any, kit: Any) -
     assert monitor.alive
 
 
+@pytest.mark.slow
 def test_geometry_and_topics_change_between_activations(start: Any, kit: Any) -> None:
     from sensor_msgs.msg import JointState
 

@@ -35,6 +35,7 @@ def refused(program: Any, text: str) -> None:
     assert text in errors[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('change', 'text'), BAD)
 def test_a_bad_configuration_is_refused(
     start: Any, kit: Any, change: dict[str, Any], text: str
@@ -48,6 +49,7 @@ def node(*arguments: str) -> list[str]:
     return [sys.executable, '-m', 'stickslip_monitor.live', '--ros-args', *arguments]
 
 
+@pytest.mark.slow
 def test_what_ros_cannot_read_is_refused(run: Any, tmp_path: Path) -> None:
     missing, broken = tmp_path / 'missing.yaml', tmp_path / 'broken.yaml'
     broken.write_text('/**:\n  ros__parameters:\n    bearings: [aft, 1]\n')
@@ -60,6 +62,7 @@ def test_what_ros_cannot_read_is_refused(run: Any, tmp_path: Path) -> None:
     refused(programs[3], "parameter 'bearings' is missing")
 
 
+@pytest.mark.slow
 def test_a_start_that_fails(start: Any, kit: Any) -> None:
     # The node publishes this topic itself, with another type.
     monitor = start(kit.parameters({'speed.topic': '/diagnostics'}))
@@ -71,6 +74,7 @@ def test_time_source_that_is_no_boolean(start: Any, kit: Any) -> None:
     refused(monitor, "use_sim_time = 'banana' must be true or false")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'signals',
     [
@@ -110,6 +114,7 @@ sys.exit(node.main(sys.argv))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_signals_during_start_up(run: Any, kit: Any, tmp_path: Path, number: int) -> None:
     import yaml

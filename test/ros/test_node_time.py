@@ -64,6 +64,7 @@ class Clock:
         self._publisher.publish(message)
 
 
+@pytest.mark.slow
 def test_an_input_that_dies_is_reported_with_its_age_and_cleared(start: Any, kit: Any) -> None:
     monitor = start(kit.parameters({'speed.timeout': 1.0, 'load.timeout': 60.0}))
     peer, warnings, diagnostics = monitor.peer, monitor.warnings(), monitor.diagnostics()
@@ -100,6 +101,7 @@ def test_an_input_that_dies_is_reported_with_its_age_and_cleared(start: Any, kit
     assert 'speed age [s]' not in kit.status(diagnostics)
 
 
+@pytest.mark.slow
 def test_inputs_never_received(start: Any, kit: Any) -> None:
     monitor = start(kit.parameters({'speed.timeout': 1.0, 'load.timeout': 1.0}))
     peer, diagnostics = monitor.peer, monitor.diagnostics()
@@ -117,6 +119,7 @@ def test_inputs_never_received(start: Any, kit: Any) -> None:
     assert 'so far' in event['text']
 
 
+@pytest.mark.slow
 def test_late_delivery_does_not_move_the_time_of_a_verdict(start: Any, kit: Any) -> None:
     changes = {'alarm.on_delay': 0.0, 'alarm.off_delay': 0.0}
     monitor = start(kit.parameters(kit.STAMPED, changes))
@@ -132,6 +135,7 @@ def test_late_delivery_does_not_move_the_time_of_a_verdict(start: Any, kit: Any)
     ]
 
 
+@pytest.mark.slow
 def test_stamps_that_jump_back_restart_the_delays(start: Any, kit: Any) -> None:
     monitor = start(kit.parameters(kit.STAMPED, {'alarm.on_delay': 3.0}))
     warnings, diagnostics = monitor.warnings(), monitor.diagnostics()
@@ -154,6 +158,7 @@ def test_stamps_that_jump_back_restart_the_delays(start: Any, kit: Any) -> None:
     assert monitor.alive
 
 
+@pytest.mark.slow
 def test_clock_starts_late_and_jumps(start: Any, kit: Any) -> None:
     timing = {
         'speed.timeout': 2.0,

@@ -63,6 +63,7 @@ def clock_ns(message: Any) -> int:
     return int(message.clock.sec) * 10**9 + int(message.clock.nanosec)
 
 
+@pytest.mark.slow
 def test_timing_clock_and_bytes(peer: Any, bag: Path, play: Any) -> None:
     from rosgraph_msgs.msg import Clock
     from std_msgs.msg import Float64
@@ -87,6 +88,7 @@ def test_timing_clock_and_bytes(peer: Any, bag: Path, play: Any) -> None:
     assert times[-1] <= BEGIN + 192 * 10**7
 
 
+@pytest.mark.slow
 def test_loop_takes_the_clock_back(peer: Any, bag: Path, play: Any) -> None:
     from rosgraph_msgs.msg import Clock
     from std_msgs.msg import Float64
@@ -102,6 +104,7 @@ def test_loop_takes_the_clock_back(peer: Any, bag: Path, play: Any) -> None:
     assert sum(y < x for x, y in pairwise(times)) == 2
 
 
+@pytest.mark.slow
 def test_wait_starts_when_somebody_listens(peer: Any, bag: Path, play: Any) -> None:
     from std_msgs.msg import Float64
 
@@ -114,12 +117,14 @@ def test_wait_starts_when_somebody_listens(peer: Any, bag: Path, play: Any) -> N
     assert player.wait() == 0
 
 
+@pytest.mark.slow
 def test_nobody_listens(bag: Path, play: Any) -> None:
     player = play(bag, '--rate', '100', '--wait', '0.3')
     assert player.wait() == 0
     assert player.output == 'nobody listens yet; playing all the same\nplayed 40 messages\n'
 
 
+@pytest.mark.slow
 def test_what_cannot_be_played_is_skipped_and_named(
     peer: Any, tmp_path: Path, play: Any, run: Any
 ) -> None:
@@ -176,6 +181,7 @@ def test_bad_input_is_refused(
     assert capsys.readouterr().err == f'{text}\n'
 
 
+@pytest.mark.slow
 def test_a_bag_with_nothing_to_play_is_refused(tmp_path: Path, play: Any) -> None:
     path = tmp_path / 'alien'
     with BagWriter(path) as writer:
@@ -203,6 +209,7 @@ print(len(heard), heard == sorted(heard))
 """
 
 
+@pytest.mark.slow
 def test_a_subscriber_slower_than_the_player(
     peer: Any, tmp_path: Path, play: Any, run: Any
 ) -> None:
@@ -220,6 +227,7 @@ def test_a_subscriber_slower_than_the_player(
     assert listener.output == '1000 True\n'
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('number', 'code'), [(signal.SIGINT, 130), (signal.SIGTERM, 130)])
 def test_signals_end_the_player(peer: Any, bag: Path, play: Any, number: int, code: int) -> None:
     from std_msgs.msg import Float64

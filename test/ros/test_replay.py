@@ -69,6 +69,7 @@ def replay(monitor: Any, run: Any, kit: Any, path: Path, rate: float, count: int
     return kit.events(warnings)
 
 
+@pytest.mark.slow
 def test_stamped_messages_give_the_same_events_to_the_nanosecond(
     start: Any, run: Any, kit: Any, tmp_path: Path
 ) -> None:
@@ -93,6 +94,7 @@ def test_stamped_messages_give_the_same_events_to_the_nanosecond(
         assert a == b
 
 
+@pytest.mark.slow
 def test_plain_numbers_on_simulated_time(start: Any, run: Any, kit: Any, tmp_path: Path) -> None:
     monitor = start(kit.parameters(DELAYS), '-p', 'use_sim_time:=true', clock='/clock')
     topics = {

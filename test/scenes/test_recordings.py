@@ -116,6 +116,7 @@ def test_lost_inputs_are_told_and_given_back() -> None:
         assert back + shift == pytest.approx(to_s, abs=0.4)
 
 
+@pytest.mark.slow
 def test_bags_can_be_made_again_bit_for_bit(tmp_path: Path) -> None:
     """On a processor without the vector instructions of this one, whose last digits may differ."""
     script = ROOT / 'scripts' / 'make_bags.py'

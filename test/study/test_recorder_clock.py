@@ -73,6 +73,7 @@ def test_events_come_with_the_message_that_brings_them(jumps: dict[int, float]) 
     check_events(*recording(shifted(jumps, 240)))
 
 
+@pytest.mark.slow
 def test_what_falls_due_just_before_a_jump_came_before_it() -> None:
     """Delays and time-outs end at all distances from the jump, some of them just before it."""
     for second in range(24, 62):

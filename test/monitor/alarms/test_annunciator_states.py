@@ -64,6 +64,7 @@ def _reached(begin: Annunciator) -> list[Annunciator]:
     return list(found.values())
 
 
+@pytest.mark.slow
 def test_every_state_and_every_choice_of_the_table_is_there_for_something(
     configure: Callable[..., MonitorConfig], monkeypatch: pytest.MonkeyPatch
 ) -> None:

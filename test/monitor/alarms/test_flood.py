@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+import pytest
 
 from stickslip_monitor import Monitor, MonitorConfig, Stream
 from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange, Annunciator
@@ -65,6 +66,7 @@ def _watch(config: MonitorConfig, stream: Stream, hours: int) -> tuple[list[Alar
     return [change for change in log if change.raised], annunciator.flood.most
 
 
+@pytest.mark.slow
 def test_eight_hours_of_chatter_about_every_threshold_are_no_flood(configure: Configure) -> None:
     config = configure(alarm__amplitude_limit=0.92e-3)
     # At 1000 N: caution to 44.79 and 45.61 rpm, fold 40.72, Hopf 30.74, the amplitude limit at

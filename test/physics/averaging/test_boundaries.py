@@ -310,6 +310,7 @@ def test_table_with_two_falls_has_four_cycles() -> None:
     assert counts == [4, 3, 4]
 
 
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None)
 @given(data=st.data())
 def test_no_cycle_of_any_table_is_lost(data: st.DataObject, brute_force: Any) -> None:

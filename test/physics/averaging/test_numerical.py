@@ -33,6 +33,7 @@ def test_hopf_speed_is_the_logarithm() -> None:
     np.testing.assert_allclose(numerical.hopf_speed(STRIBECK, DAMPING), exact, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_fold_and_amplitudes_are_bracketed_by_the_integral(oracle: Any) -> None:
     """The 40-digit balance changes its sign within 1e-11 of what scan and polish return."""
     fold, hopf = numerical.fold_speed(STRIBECK, DAMPING), numerical.hopf_speed(STRIBECK, DAMPING)
@@ -63,6 +64,7 @@ def test_peak_slope_is_the_average_at_the_sliding_limit() -> None:
         assert got == pytest.approx(float(exact), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_peak_slope_of_a_table_is_the_maximum(brute_force: Any) -> None:
     """The highest of a scan of 2000 amplitudes, of its cusp at ``a = V`` and of ``a = 0``."""
     law = Tabulated(
@@ -133,6 +135,7 @@ def _points(law: Tabulated, count: int) -> tuple[np.ndarray, np.ndarray]:
     return speed, max(steepest, 1e-3) * np.exp(rng.uniform(np.log(1e-3), 0.0, count))
 
 
+@pytest.mark.slow
 def test_the_table_of_a_law_hides_no_cycle() -> None:
     """A scan eight times as fine, of the average itself, changes its sign as often.
 
@@ -171,6 +174,7 @@ def test_the_table_of_a_law_hides_no_cycle() -> None:
         )
 
 
+@pytest.mark.slow
 def test_the_fold_of_a_table_is_where_the_highest_average_passes() -> None:
     """The whole grid of amplitudes, refined about its highest point, just below and above."""
     for law in _random_tables(5):
@@ -186,6 +190,7 @@ def test_the_fold_of_a_table_is_where_the_highest_average_passes() -> None:
         assert np.all(highest(fold * (1.0 + 1e-9)) <= q)
 
 
+@pytest.mark.slow
 def test_a_point_of_a_table_never_depends_on_its_neighbours() -> None:
     law = _random_tables(1)[0]
     speed, q = _points(law, 40)

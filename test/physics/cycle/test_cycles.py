@@ -68,6 +68,7 @@ POINTS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('eta', 'kappa', 'speed', 'refine'), POINTS)
 def test_taylor_series_in_40_digits(taylor, eta, kappa, speed, refine):
     bearing, load = unit_bearing(kappa * eta / 2.0), eta / 0.2
@@ -174,6 +175,7 @@ def test_overtaking_closes_under_the_reference(taylor, zeta, eta, speed):
     assert cycle.amplitude / speed == pytest.approx(float(top - bottom) / 2.0, rel=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('zeta', [1e-3, 1e-5, 0.0])
 def test_hardly_damped_every_point_below_the_fold_has_its_cycle(zeta):
     # The lining passes the belt for moments only here and there; the fold is found by itself.
@@ -188,6 +190,7 @@ def test_hardly_damped_every_point_below_the_fold_has_its_cycle(zeta):
     np.testing.assert_allclose(alone, cycle.amplitude[some], rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('eta', 'kappa', 'speed'), [(0.2, 0.2, 1.78), (0.2, 0.2, 2.1319), (1e-6, 0.2, 1.8)]
 )
@@ -214,6 +217,7 @@ def test_the_unstable_cycle_of_physics_md():
     assert cycle.amplitude * 1e3 == pytest.approx(0.592815, abs=6e-7)
 
 
+@pytest.mark.slow
 def test_branches_meet_at_the_fold():
     # Both end in the orbit that grazes the belt, however stiff: eta = 20 is a canard.
     for eta, kappa in ((0.2, 0.2), (20.0, 0.01)):

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import mpmath as mp
+import pytest
 
 mp.mp.dps = 40
 ORDER = 40
@@ -138,6 +139,7 @@ def return_map(zeta, static, kinetic, decay, x):
     raise AssertionError('no return')
 
 
+@pytest.mark.slow
 def test_the_reference_gives_the_numbers_of_physics_md():
     # The bench at 20 rpm: eta = 0.2, zeta = 0.02, beta V = 10 pi 0.1 / 3.
     speed = mp.pi / 30
@@ -149,6 +151,7 @@ def test_the_reference_gives_the_numbers_of_physics_md():
     assert abs(period / 200 - 31.5903e-3) < 6e-8
 
 
+@pytest.mark.slow
 def test_the_reference_does_not_depend_on_its_step():
     law = (mp.mpf('0.02'), mp.mpf('0.6'), mp.mpf('0.2'), mp.mpf(1))
     for coarse, fine in zip(stick_slip(*law), stick_slip(*law, refine=9), strict=True):

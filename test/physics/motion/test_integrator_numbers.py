@@ -181,6 +181,7 @@ def test_law_evaluations_are_bounded() -> None:
     assert motion.expansions <= motion.steps <= 11 * 1000
 
 
+@pytest.mark.slow
 def test_many_cycles_do_not_drift() -> None:
     """A million cycles where numba is installed, two thousand elsewhere.
 

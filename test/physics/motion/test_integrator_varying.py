@@ -131,6 +131,7 @@ LAWS = {
 DRIVES = {'stop and reverse': STOP, 'load gap': LOAD_GAP, 'ripple': RIPPLE, 'load steps': STEPS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('law', LAWS)
 @pytest.mark.parametrize('name', DRIVES)
 def test_against_solve_ivp(name: str, law: str) -> None:

@@ -179,6 +179,7 @@ def test_nothing_is_allocated_for_what_is_not_listed(make_scene: MakeScene) -> N
             assert signal.messages().log_time_ns is signal.stamp_ns
 
 
+@pytest.mark.slow
 def test_memory_of_a_day_is_that_of_an_hour(
     make_scene: MakeScene, peak_memory: Callable[[Scene, float], int]
 ) -> None:

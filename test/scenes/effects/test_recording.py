@@ -219,6 +219,7 @@ def test_monitor_counts_every_kind_of_bad_message(make_scene: MakeScene, tmp_pat
     assert sum(load.values()) == 401 + 12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['bag', 'bag.mcap'])
 def test_recording_cut_in_mid_write(make_scene: MakeScene, tmp_path: Path, name: str) -> None:
     noise = {'sensor_noise': {'load': {'standard_deviation': 1.0, 'unit': 'N'}}}

@@ -32,6 +32,7 @@ def test_names_are_unique_and_the_base_is_among_them():
     assert BASE.name in names
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('method', LIGHT, ids=lambda m: m.name)
 def test_where_there_is_no_cycle_no_method_invents_one(method):
     # Twice the fold speed: steady sliding only.

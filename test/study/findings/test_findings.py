@@ -70,6 +70,7 @@ def at(sweep: Sweep, column: np.ndarray, value: float) -> float:
 # 1. Amplitude against belt speed.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('rpm', 'exact', 'averaged'),
     [
@@ -122,6 +123,7 @@ def test_the_hopf_is_subcritical_and_the_branches_meet_at_the_fold(speeds: Sweep
     assert unstable[between][0] == pytest.approx(expected, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_the_unstable_amplitude_at_34_rpm() -> None:
     known = {'exact': 0.592815e-3, 'averaged': 0.59272e-3}
     speed = np.array([34.0 * RPM])
@@ -196,6 +198,7 @@ def _i1e(x: float) -> float:
 # 3. Amplitude against the kinetic friction coefficient.
 
 
+@pytest.mark.slow
 def test_beyond_a_kinetic_coefficient_of_a_fifth_there_is_only_the_equilibrium(
     kinetics: Sweep,
 ) -> None:
