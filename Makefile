@@ -16,7 +16,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 .DEFAULT_GOAL := help
 # Two installations into one environment must not run at once.
 .NOTPARALLEL:
-.PHONY: help setup demo dashboard test test-all lint format bags bench bench-soak colcon-test warning-quality clean
+.PHONY: help setup demo dashboard test test-all lint format docs bags bench bench-soak colcon-test warning-quality clean
 
 help:  ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-15s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -45,6 +45,9 @@ lint: $(VENV)/.lint  ## Check style, format and types
 format: $(VENV)/.lint  ## Mend what the linter and the formatter can mend
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+docs: $(VENV)/.docs  ## Build the docs as a site in build/site; a warning is an error
+	$(BIN)/mkdocs build --quiet
 
 bags: $(VENV)/.run  ## Make the recordings of bags/ again from their scenes
 	$(BIN)/python scripts/make_bags.py
@@ -80,7 +83,8 @@ $(VENV)/.run: EXTRAS = dashboard,ros,report
 $(VENV)/.test: EXTRAS = dashboard,ros,report,test
 $(VENV)/.lint: EXTRAS = dashboard,ros,report,lint
 $(VENV)/.bench: EXTRAS = ros,report,bench
-$(VENV)/.run $(VENV)/.test $(VENV)/.bench $(VENV)/.lint: setup.py pyproject.toml | $(BIN)/python
+$(VENV)/.docs: EXTRAS = docs
+$(VENV)/.run $(VENV)/.test $(VENV)/.bench $(VENV)/.lint $(VENV)/.docs: setup.py pyproject.toml | $(BIN)/python
 	@echo 'Installing stickslip_monitor[$(EXTRAS)] into $(VENV), once (a minute or two) ...'
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check --editable '.[$(EXTRAS)]'
 	@touch $@

@@ -35,7 +35,7 @@ ROS = [
 
 setup(
     name=NAME,
-    version='0.1.0',
+    version='0.2.0',
     description='Predicts stick-slip vibration of water-lubricated stern bearings (ROS 2, MCAP)',
     license='Apache-2.0',
     maintainer='stickslip_monitor maintainers',
@@ -62,6 +62,8 @@ setup(
     ],
     extras_require={
         'dashboard': ['aiohttp>=3.9', 'prometheus-client>=0.15'],
+        # The docs as a site, with the reference made from docstrings.
+        'docs': ['mkdocs>=1.6', 'mkdocstrings[python]>=0.28', 'pymdown-extensions>=10'],
         'ros': ROS,
         # Checks a fleet's recordings on a Dask cluster.
         'fleet': ['distributed>=2024.1'],

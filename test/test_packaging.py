@@ -143,7 +143,9 @@ def test_versions_agree() -> None:
     sections = [above for above, below in pairwise(lines) if below and set(below) == {'-'}]
     newest = next(title for title in sections if title != 'Forthcoming').split()[0]
     manifest = ElementTree.parse(ROOT / 'package.xml').findtext('version')
+    citation = (ROOT / 'CITATION.cff').read_text('utf-8')
     assert printed.split()[-1] == manifest == newest
+    assert f'\nversion: {newest}\n' in citation
 
 
 # --- pip ---------------------------------------------------------------------------------------
