@@ -91,12 +91,12 @@ launch file's `config:=`), every command with `--config`.
 
 - The sections that apply are `/**`, `/*`, and those whose last part is the node's name:
   `stickslip_monitor`, `/stickslip_monitor`, `/any/namespace/stickslip_monitor`. Several are merged
-  in the order of the file, parameter by parameter; the later one counts. Other nodes' sections are
-  left alone, and so are the parameters of every ROS 2 node (`use_sim_time`, `qos_overrides`, ...).
+  in the order of the file, parameter by parameter; the last one counts. Other nodes' sections are
+  ignored, and so are the parameters of every ROS 2 node (`use_sim_time`, `qos_overrides`, ...).
 - `friction: {{law: coulomb}}` and `friction.law: coulomb` are the same.
 - Numbers are written `50`, `50.0` or `5e1`. A key given twice in one place, an alias (`*name`)
   and a parameter that does not exist are refused.
-- Whatever breaks a rule is refused before anything starts, in one sentence with the parameter, its
+- An invalid file is refused before anything starts, in one sentence with the parameter, its
   value and the rule, and exit code 2:
 
       ERROR: ship.yaml: aft_stern.mass = -50.0 must be a finite number above 0 kg
@@ -109,17 +109,17 @@ Everything is SI unless the parameter's own unit says otherwise. An input become
 
 so `offset` is in `unit`. Shaft speed in rpm, rad/s or Hz (revolutions a second) becomes the
 journal's surface speed by `journal_diameter`; m/s is taken to be the surface speed itself. Speeds
-astern are negative and mean the same as ahead. A load that is not positive is a bearing without
+astern are negative; the verdict is the same as ahead. A load of zero or below means no
 contact.
 
 ## Rules that span parameters
 
 - Names in `bearings` are lower-case letters, digits and underscores, start with a letter, and
   differ.
-- A friction table has at least two points, as many coefficients as speeds, and its speeds rise.
-- `friction.static` may lie below `friction.kinetic`: friction then rises with speed and there is
+- A friction table has at least two points, as many coefficients as speeds, and increasing speeds.
+- `friction.static` may be below `friction.kinetic`: friction then rises with speed and there is
   no stick-slip.
-- `alarm.minimum_speed` lies below `speed.maximum`.
+- `alarm.minimum_speed` is below `speed.maximum`.
 - Caution is raised while the fold margin is below `caution_margin` and ends above
   `caution_margin + hysteresis`. The amplitude alarm is raised above `amplitude_limit` and ends
   below `amplitude_limit * (1 - hysteresis)`.
@@ -130,10 +130,10 @@ contact.
 ## Live and read-only
 
 Parameters marked *live* can be set at any time (`ros2 param set`) and take effect at once; the
-alarm, its running delays and the memory of the bistable range go on. A delay or timeout that is
-made shorter than what has already passed ends now. The others are read-only while the node is
-active: deactivate it, set them, and activate it again, and the monitor starts afresh. A change
-that breaks a rule is refused with the same sentence as in a file.
+alarm, its running delays and the memory of the bistable range are kept. A delay or timeout that is
+set shorter than the time already passed ends at once. The others are read-only while the node is
+active: deactivate it, set them, and activate it again, and the monitor starts afresh. An invalid
+change is refused with the same sentence as in a file.
 """
 
 
