@@ -33,8 +33,9 @@ Made by `make bench`, which installs what it compares with (the extra `bench`), 
 comparison and writes this page. AUTO-07p takes part where Debian's `auto-07p` and `gfortran` are
 installed, Siconos where `python3-siconos` is. `python -m benchmarks --quick` prints a short run
 instead, `--only reading,diagram` makes some sections again, and `make bench-soak` adds ten minutes
-at 1 kHz. The programs compared take turns within one run, so that other load on the machine affects
-them alike. A ratio is the other program's time divided by ours, unless its heading says otherwise.
+at 1 kHz. The programs compared take turns within one run, so that other load on the machine
+affects them alike. A ratio is the other program's time divided by ours, unless its heading says
+otherwise.
 """
 
 

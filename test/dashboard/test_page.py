@@ -78,7 +78,7 @@ def test_an_alarm_appears_within_a_second_and_is_said(dashboard: Any, page: Any)
     assert 'not acknowledged' in page.text(f'{ALARM} .state')
     page.until('document.getElementById("say-now").textContent.startsWith("alarm: Stick-slip")')
     page.until('document.title.startsWith("(1) ")')
-    assert page.text('.bearing .badge') == '▲ Stick-slip'
+    assert page.text('.bearing .badge') == '▲ Stick-slip predicted'
     # Averaging and the exact cycle both, and what is said is what is shown.
     gauge = page.js('document.querySelectorAll(".gauge")[2].ariaValueText')
     assert re.fullmatch(

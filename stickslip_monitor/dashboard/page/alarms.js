@@ -4,9 +4,9 @@
 import { make } from '/map.js';
 
 export const NAMES = {
-  amplitude_limit: 'Amplitude over limit',
+  amplitude_limit: 'Amplitude above limit',
   stick_slip: 'Stick-slip predicted',
-  bistable: 'Bistable range',
+  bistable: 'Bistable',
   margin_low: 'Margin low',
   input_lost: 'Input lost',
   input_implausible: 'Input implausible',
@@ -20,7 +20,7 @@ const STATES = {
   suppressed: 'suppressed',
   out_of_service: 'out of service',
 };
-const BUTTONS = { acknowledge: 'Acknowledge', silence: 'Silence', reset: 'Reset', shelve: 'Shelve', unshelve: 'Take back' };
+const BUTTONS = { acknowledge: 'Acknowledge', silence: 'Silence', reset: 'Reset', shelve: 'Shelve', unshelve: 'Unshelve' };
 const ORDER = ['unacknowledged', 'returned_unacknowledged', 'acknowledged', 'latched', 'shelved', 'suppressed', 'out_of_service'];
 const PRIORITIES = ['alarm', 'warning', 'caution'];
 const ASIDE = ['shelved', 'suppressed', 'out_of_service'];
