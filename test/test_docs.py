@@ -13,9 +13,11 @@ import pytest
 
 import stickslip_monitor
 from stickslip_monitor import Stribeck, Tabulated
+from stickslip_monitor.monitor.alarms.causes import AlarmKind
 from stickslip_monitor.monitor.alarms.lifecycle import TABLE, AlarmState
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.table import BEARING_PARAMETERS, NODE_PARAMETERS
+from stickslip_monitor.report.parts import CONDITION_NAMES
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / 'docs'
@@ -140,6 +142,24 @@ def test_the_configuration_of_the_readme_is_one(tmp_path: Path) -> None:
 def test_public_names_are_documented() -> None:
     page = API.read_text(encoding='utf-8')
     assert [n for n in stickslip_monitor.__all__ if not re.search(rf'\b{n}\b', page)] == []
+
+
+def test_people_read_one_name_for_one_thing() -> None:
+    page = (DOCS / 'glossary.md').read_text('utf-8').partition('## One word for one thing')[2]
+    cell = r'\s*(?:`(\w+)`)?[^|]*\|'
+    rows = re.findall(rf'^\| ([A-Z][^|]*) \|{cell}{cell}', page, flags=re.MULTILINE)
+    conditions = {condition: name for name, condition, _ in rows if condition}
+    alarms = {alarm: name for name, _, alarm in rows if alarm}
+    assert alarms.keys() == set(AlarmKind)
+    assert {key: name for key, name in conditions.items() if key != 'waiting'} == CONDITION_NAMES
+    scripts = ROOT / 'stickslip_monitor' / 'dashboard' / 'page'
+    badges = re.search(r'REASONS = {(.*?)}', (scripts / 'page.js').read_text('utf-8'))
+    listed = re.search(r'NAMES = {(.*?)}', (scripts / 'alarms.js').read_text('utf-8'), re.DOTALL)
+    assert badges is not None
+    assert listed is not None
+    # A badge begins with a sign.
+    assert dict(re.findall(r"(\w+): '\S+ (.*?)'", badges[1])) == conditions
+    assert dict(re.findall(r"(\w+): '(.*?)'", listed[1])) == alarms
 
 
 def test_public_names_are_sorted_and_exist() -> None:

@@ -132,7 +132,7 @@ def _named(
         ('Hopf', curves.hopf_load, {'color': INK, 'lw': 2.0, 'ls': '-'}),
         ('fold', curves.fold_load, {'color': INK, 'lw': 2.0, 'ls': (0, (4.5, 2.2))}),
         (
-            f'caution: fold margin below {margin:.4g}',
+            f'margin low: fold margin below {margin:.4g}',
             curves.caution_load,
             {'color': MUTED, 'lw': 1.0, 'ls': ':'},
         ),
@@ -154,7 +154,7 @@ def _line_names(
 ) -> None:
     x = curves.speed / x_unit
     for name, load, _ in _named(curves, margin):
-        size = 9.5 if name.startswith('caution') else 11.0
+        size = 9.5 if name.startswith('margin') else 11.0
         labels.along(name, x, load / y_unit, size=size, zorder=13)
     for amplitude, load in zip(curves.amplitude, curves.amplitude_load, strict=True):
         text = f'{amplitude * 1e3:.6g} mm'

@@ -22,6 +22,15 @@ from stickslip_monitor.report.document import EventRow, Fact, ParameterGroup, Pa
 from stickslip_monitor.report.summary import STICKING, Course, place
 
 MOST_EVENTS = 400
+CONDITION_NAMES = {
+    Condition.NORMAL: 'Normal',
+    Condition.CAUTION: 'Margin low',
+    Condition.BISTABLE: 'Bistable',
+    Condition.STICK_SLIP: 'Stick-slip predicted',
+    Condition.AMPLITUDE: 'Amplitude above limit',
+    Condition.INPUT_STALE: 'Input lost',
+}
+"""Each condition as people read it, everywhere (docs/glossary.md)."""
 _GRADES = {Level.OK: 'clear', Level.WARN: 'warning', Level.ERROR: 'alarm'}
 
 
@@ -90,16 +99,11 @@ def _event_row(number: int, event: Event, date: str) -> EventRow:
         date=date,
         time=formatting.clock(event.time_ns),
         iso=formatting.iso(event.time_ns),
-        before=condition_name(event.before),
-        after=condition_name(event.after),
+        before=CONDITION_NAMES[event.before],
+        after=CONDITION_NAMES[event.after],
         grade=_GRADES[event.after.level],
         text=event.text.removeprefix(f'{event.bearing}: '),
     )
-
-
-def condition_name(condition: Condition) -> str:
-    """A condition as a person reads it."""
-    return condition.value.replace('_', ' ')
 
 
 def parameter_groups(

@@ -103,7 +103,7 @@ def test_an_empty_map_says_so() -> None:
 
 def test_the_map_names_its_curves_and_regions() -> None:
     said = set(words(draw_map(REFERENCE)))
-    assert {'Hopf', 'fold', 'caution: fold margin below 0.1'} <= said
+    assert {'Hopf', 'fold', 'margin low: fold margin below 0.1'} <= said
     assert {'unstable', 'bistable', 'stable', '0.5 mm', '1 mm', '1.5 mm'} <= said
 
 
