@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Speeds and loads as a person types them: ``20rpm``, ``0.1 m/s``, ``1000N``, ``1.2kN``.
-
-What the drawing commands share: which bearing, which range, where to write.
-"""
+"""Arguments that commands share: the bearing, ranges, and quantities such as ``20rpm``."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Serve a page on which people see the bearings and deal with their alarms.
+"""Serve a page that shows the bearings and their alarms, and takes actions on them.
 
 Without --bag it listens to a running monitor over ROS 2; with --bag it runs the monitor over a
-recording, in the recording's time. It is served to this machine alone; for others give --host,
-and a token without which nobody is let in. /metrics is for Prometheus.
+recording, in the recording's time. It listens on this machine only; to open it to others give
+--host and a token file. /metrics is for Prometheus.
 """
 
 from __future__ import annotations

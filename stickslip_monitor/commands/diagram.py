@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draw the bifurcation diagram: vibration amplitude over shaft speed, at one load.
 
-The ending of the output file chooses what is written: a picture (.png, .svg) or the curves
+The suffix of the output file chooses the format: a picture (.png, .svg) or the curves
 themselves (.csv, SI units). Speeds are chosen to show the Hopf and the fold unless given.
 """
 

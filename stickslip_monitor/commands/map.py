@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draw the stability map: which regime at which shaft speed and bearing load.
 
-The ending of the output file chooses what is written: a picture (.png, .svg) or the boundaries
+The suffix of the output file chooses the format: a picture (.png, .svg) or the boundaries
 themselves as loads over speed (.csv, SI units). With --track the operating points of a recorded
 bag are drawn on the map, and marks where the alarm changed.
 """
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _track(path: str, config: MonitorConfig, own: BearingConfig) -> Track:
-    # Reading bags is not needed for a map as such, and costs time to import.
+    # Imported only for a track: reading bags takes time to import.
     from stickslip_monitor.offline.check import check_bag
 
     return track_of_scan(check_bag(path, config).bearings[own.name].scan)

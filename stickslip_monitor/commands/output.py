@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Progress on the terminal, for work that lasts long enough to be looked at.
-
-What commands share: arguments, JSON without infinities, the console.
-"""
+"""Output that commands share: tables, JSON without infinities, files, and progress."""
 
 from __future__ import annotations
 
@@ -19,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from stickslip_monitor.errors import ReportError
 
-# Until then nothing is shown, and nothing is imported to show it [s].
+# Shorter work shows no bar, and does not import one [s].
 _PATIENCE = 0.5
 
 
@@ -67,7 +64,7 @@ def _new_bar() -> Any:
     from rich.console import Console
     from rich.progress import Progress
 
-    # Else what is printed meanwhile would go the bar's way, to the standard error.
+    # Otherwise the bar would redirect printed text to the standard error.
     return Progress(
         console=Console(stderr=True),
         transient=True,
@@ -113,7 +110,7 @@ def write_whole(path: Path, data: bytes) -> None:
         number, draft = tempfile.mkstemp(prefix=f'.{path.name}.', dir=path.parent)
         with os.fdopen(number, 'wb') as file:
             file.write(data)
-        # mkstemp lets nobody else read; a report is a file as any other.
+        # mkstemp makes a private file; a report has the usual permissions.
         mask = os.umask(0)
         os.umask(mask)
         Path(draft).chmod(0o666 & ~mask)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The report of ``stickslip check``: what the bag check found and what is drawn, in one file."""
+"""The report of ``stickslip check``: results and pictures in one file."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class ReportPart:
 
 
 class ReportFile:
-    """A report that grows by one recording after the other and is written at the end.
+    """A report that takes recordings one after the other and is written at the end.
 
     Args:
         path: Where to; its ending chooses the format.
@@ -178,7 +178,7 @@ def make_part(
 
 
 def missing_part(path: Path, text: str, anchor: str) -> ReportPart:
-    """What stands in a report for a recording that could not be checked."""
+    """The part of a report for a recording that could not be checked."""
     name = path.resolve().name
     finding = Finding('unknown', 'No verdict', (f'this recording could not be checked: {text}',))
     part = BagPart(

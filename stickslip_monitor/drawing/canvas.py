@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one door to matplotlib: figures without global state, and the files they are written to.
+"""matplotlib, imported here only: figures without global state, and their files.
 
-matplotlib is an extra; it is imported when a picture is asked for and not before. No figure is
-registered with pyplot, so there is none to close: one that is no longer used is gone.
-
-Figures as SVG inside a page: its colours, no file of its own, and no id twice.
-
-Several figures one below the other in one PNG, with words above them.
+matplotlib is an extra; it is imported when a picture is drawn, not before. Figures are not
+registered with pyplot, so none has to be closed. They are written as PNG or SVG, put into a page
+as inline SVG with the page's colours and unique ids, or stacked in one PNG.
 """
 
 from __future__ import annotations
@@ -74,7 +71,7 @@ def style() -> Iterator[None]:
 
 
 def new_figure(width: float = WIDTH, height: float = HEIGHT) -> Figure:
-    """An empty figure that belongs to nobody else; to be called inside :func:`style`.
+    """An empty figure, unknown to pyplot; to be called inside :func:`style`.
 
     Args:
         width: Its width [inch].

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws Coulomb's and the Stribeck friction law over the relative speed.
-
-Draws stick-slip in time and in the phase plane.
-"""
+"""Draws the published findings on friction curves, and on stick-slip in time and phase plane."""
 
 from __future__ import annotations
 

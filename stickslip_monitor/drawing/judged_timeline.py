@@ -193,7 +193,7 @@ def _margins(axes: Axes, clock: _Clock, scan: Scan, lining: LiningTruth) -> None
 
 
 def _clipped(margin: FloatArray) -> FloatArray:
-    """In percent; what is far away is of no interest and leaves the panel."""
+    """In percent; large margins are cut off at the panel."""
     percent = 100.0 * margin
     return np.where(percent <= _MOST_MARGIN, percent, np.nan)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Words next to what they name, where they hide neither a curve nor each other.
+"""Labels next to what they name, placed so that they cover neither curves nor each other.
 
 Every label tries its places in turn and takes the one that hides least of the curves. One that
 would lie on another label, or leave the axes, everywhere it could stand is left out. For this the

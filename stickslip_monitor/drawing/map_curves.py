@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which speeds and loads a picture shows where nobody says: those with the boundaries inside.
+"""The curves of a stability map, and the ranges of speed and load that show its boundaries.
 
-The curves of a stability map: boundaries, caution limit and lines of equal amplitude.
-
-At a given speed the averaged model's dissipation ``c a/2`` does not know the load and its drive
-``N S(a; V)`` is proportional to it. So at each speed the regimes follow each other with rising
-load as stable, bistable, unstable, each boundary is one load whatever the friction law, and a
-cycle of amplitude ``a`` stands at exactly one load, ``N = c a / (2 S(a; V))``.
+At a given speed the averaged model's dissipation ``c a/2`` does not depend on the load, and its
+drive ``N S(a; V)`` is proportional to it. So at each speed the regimes follow each other with
+rising load as stable, bistable, unstable; each boundary is one load for any friction law; and a
+cycle of amplitude ``a`` exists at exactly one load, ``N = c a / (2 S(a; V))``.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The colours of regimes and alarm conditions, once, for pictures and dashboards alike.
+"""The colours of regimes and conditions, for pictures and dashboards alike.
 
 The hues are those of Okabe and Ito, which people with any common colour blindness can tell apart;
-caution is a dark yellow, for green says that all is well (IEC 60073).
-Fills get darker from stable to unstable, so that they also keep their order in a grey print.
+caution is a dark yellow, because green means that all is well (IEC 60073).
+Fills get darker from stable to unstable, so that they keep their order in a grey print.
 """
 
 from __future__ import annotations

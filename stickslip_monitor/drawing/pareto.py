@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws error against time, with the front of the methods that no other beats."""
+"""Draws error against time, with the Pareto front."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def _marks(axes: Axes, panel: Panel, looks: dict[str, tuple[str, str]]) -> None:
         labeller.reserve(mark.seconds, _height(mark.error), 7.0)
     if len(x) > 1:
         labeller.avoid(np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1])
-    # In a crowd the colour tells the family and the table the rest: no forest of leaders.
+    # Crowded marks get no label: colour shows the family, and the table the rest.
     for mark in sorted(panel.marks, key=lambda m: (not m.front, not m.together)):
         if math.isfinite(mark.error):
             near = not (mark.front or mark.together)

@@ -114,7 +114,7 @@ class _Lines:
         self.start_ns = self.spells[0].start_ns
         self.end_ns = max(spell.end_ns for spell in self.spells)
         self.dated = self.start_ns >= _DATED_FROM
-        # Interrupted where an input was lost, and where the clock jumped back.
+        # Interrupted where an input was lost or the clock jumped back.
         lost = scan.until_ns[:-1] < scan.time_ns[1:]
         back = np.diff(scan.time_ns) < 0
         self._breaks = np.flatnonzero(lost | back) + 1
@@ -144,7 +144,7 @@ class _Lines:
         rows = np.insert(np.arange(scan.time_ns.size), self._breaks, -1)
         predicted = np.insert(self.columns['predicted'], self._breaks, np.nan)
         kept = envelope(self._most, predicted)
-        # Not of every point: a look-up costs a microsecond, and a recording has millions.
+        # Only at the points drawn: a look-up takes a microsecond, and a recording has millions.
         points = at_indices(scan.assessment, rows[kept])
         return self._time[kept], np.where(
             predicted[kept] > 0.0, points.amplitude_exact * 1e3, np.nan

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Thinning of long recordings by their envelope: fewer points, and no excursion lost.
+"""The path of an operating point over the stability map, with the changes of condition.
 
-The way of an operating point over the stability map, and where the alarm changed.
+Long recordings are thinned by their envelope: fewer points, the same extremes.
 """
 
 from __future__ import annotations

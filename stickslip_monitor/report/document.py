@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a report holds, as plain values: the template only sets them in type."""
+"""The content of a report as plain values; the template only lays them out."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A report as one HTML page that needs nothing else: no network, no script, no second file."""
+"""A report as one HTML page without network, script or further files."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verdict in words: what happened to a bearing, and to all of them."""
+"""The verdict in sentences: what happened to a bearing, and to all of them."""
 
 from __future__ import annotations
 

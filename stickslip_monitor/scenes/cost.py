@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the time of a simulation goes: what effects make is wrapped, if anybody asks."""
+"""Measures where the time of a simulation goes, by wrapping what effects return."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ REST = 'writing the bag'
 
 
 class Stopwatch:
-    """Shares the time that passes among names; what one calls of another is the other's.
+    """Attributes elapsed time to names; time in a nested name counts for the inner one only.
 
     Args:
-        clock: Tells the time [s].
+        clock: Returns the time [s].
     """
 
     def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:

@@ -46,8 +46,8 @@ def with_parameters(law: FrictionLaw, values: dict[str, float]) -> FrictionLaw:
 class FrictionCourse:
     """The friction law of one bearing over time.
 
-    It moves in steps of one second, each with the values at its begin: so slowly that the lining
-    cannot tell, and the integrator has one law at a time.
+    It moves in steps of one second, each with the values at its start, so that the integrator has
+    one law at a time; the steps are too small to affect the motion.
 
     Attributes:
         law: The law of the configuration.
@@ -72,7 +72,7 @@ class FrictionCourse:
         return with_parameters(self.law, values) if values else self.law
 
     def factor_at(self, time: FloatArray) -> FloatArray:
-        """The factor at some times, shape (n,) [-]; what it does to friction a load would do."""
+        """The factor at some times, shape (n,) [-]; friction is scaled by it as by the load."""
         if FACTOR not in self.drifts:
             return np.ones_like(time)
         return self.drifts[FACTOR].at(time // STEP * STEP)

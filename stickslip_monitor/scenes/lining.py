@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Episodes of stick-slip: sticks that follow one another while the shaft turns.
+"""The lining of one bearing, followed through a scene by the event-driven integrator.
 
-At which instants a motion is looked at, and what windows of it tell.
-
-The lining of one bearing, followed through a scene by the event-driven integrator.
+Also here: the episodes of stick-slip that follow from its sticks, and its sampled amplitude.
 """
 
 from __future__ import annotations
@@ -40,7 +38,7 @@ LEAST_STICKS = 2
 
 @dataclass(frozen=True, slots=True)
 class EpisodeEvent:
-    """The begin or the end of an episode.
+    """The start or the end of an episode.
 
     Attributes:
         name: ``'first_stick'`` or ``'last_stick'``.
@@ -58,7 +56,7 @@ class EpisodeEvent:
 
 
 class Episodes:
-    """Joins sticks to episodes; time only rises.
+    """Joins sticks to episodes; times must not fall.
 
     An episode is at least two sticks, each of which begins within ``gap`` of the end of the one
     before. A stick counts from where it begins, while the shaft turns, to the release or to where
@@ -187,8 +185,8 @@ class AmplitudeWindows:
 def half_peak_to_peak(x: FloatArray, v: FloatArray, step: float) -> FloatArray:
     """Half of the largest less the smallest displacement of sampled motions.
 
-    Between two samples the motion is taken for the cubic through their displacements and
-    velocities, which sixteen samples in a period of a harmonic motion follow to 6e-5.
+    Between two samples the motion is interpolated by the cubic through their displacements and
+    velocities; with sixteen samples in a period of a harmonic motion the error is 6e-5.
 
     Args:
         x: Displacements, shape (m, n) [m].
@@ -215,8 +213,8 @@ def half_peak_to_peak(x: FloatArray, v: FloatArray, step: float) -> FloatArray:
     return amplitude
 
 
-# The drive is linear between instants of this rate [Hz]; it must carry the ripple of a
-# propeller's blades, and a disturbance that reaches beyond the natural frequency.
+# The drive is linear between instants of this rate [Hz], which must resolve the ripple of a
+# propeller's blades, and a disturbance beyond the natural frequency.
 _LEAST_RATE = 100.0
 _PER_PERIOD = 4.0
 # Of the place [m] where the lining starts: the last digits of an exponential differ between
@@ -258,10 +256,10 @@ class Walk:
 
 
 class Lining:
-    """The lining of one bearing; its state goes on from stretch to stretch.
+    """The lining of one bearing; its state is kept from stretch to stretch.
 
-    It starts as it would slide steadily, or unloaded where the shaft rests. The outcome does not
-    depend on how a scene is cut into stretches: the drive is a sequence of linear pieces on a
+    It starts in steady sliding, or unloaded if the shaft is at rest. The result does not
+    depend on how a scene is divided into stretches: the drive is a sequence of linear pieces on a
     fixed grid, and only whole pieces are followed.
 
     Args:
@@ -304,7 +302,7 @@ class Lining:
         return min(math.ceil(end * self.rate) / self.rate, self._duration)
 
     def follow(self, end: float, times: FloatArray) -> Walk:
-        """Follow the lining on.
+        """Follow the lining to a later time.
 
         Args:
             end: As :meth:`next_end` says [s].

@@ -1,10 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A quantity that follows a table in time, piecewise linearly.
-
-A quantity that goes from level to level: a profile that is told in steps.
-
-Reads a table of a quantity over time: a CSV file with the columns ``time`` and ``value``.
-"""
+"""Quantities given over time: by points, by steps, or by a table in a CSV file."""
 
 from __future__ import annotations
 
@@ -200,7 +195,7 @@ def read_table(path: Path) -> list[tuple[str, list[float]]]:
 
     Args:
         path: The file. Its first line is ``time,value``; empty lines and lines that begin with
-            ``#`` are passed over.
+            ``#`` are skipped.
 
     Returns:
         For each row what it is called in sentences, and time [s] and value.

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Exponential and cosine with the same bits on every machine.
 
-The last bits of numpy's depend on the vector instructions of the processor, and a scene must give
-the same recording everywhere. These are made of additions, multiplications and scaling by powers
-of two alone, which IEEE 754 rounds in one way only; numpy does not fuse them.
+The last bits of numpy's functions depend on the processor's vector instructions, and a scene must
+give the same recording everywhere. These functions use only additions, multiplications and scaling
+by powers of two, which IEEE 754 rounds in one way; numpy does not fuse them.
 """
 
 from __future__ import annotations

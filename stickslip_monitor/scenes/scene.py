@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene: what happens to one ship's shaft, and what its sensors make of it."""
+"""A scene: what happens to one ship's shaft, and what its sensors send."""
 
 from __future__ import annotations
 

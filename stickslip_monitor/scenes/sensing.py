@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sensor with a memory: it follows the shaft between its samples, on a finer regular grid."""
+"""Sensors with memory: they follow the shaft between their samples, on a finer regular grid."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _STEPS_IN_SCALE = 20.0
 
 
 class Memory(Protocol):
-    """One transformation of a signal that remembers what went before."""
+    """One transformation of a signal that depends on its past."""
 
     @property
     def length(self) -> float:
-        """Time after which the past hardly counts [s]."""
+        """Time after which the past is negligible [s]."""
 
     @property
     def scale(self) -> float:
@@ -71,7 +71,7 @@ class Sensor:
         return math.ceil(max(_LEAST_RATE, _STEPS_IN_SCALE / shortest) / self.channel.rate)
 
     def _settle(self, first: int, finer: int) -> int:
-        """Begin so long before the first sample that the begin is forgotten."""
+        """Start so long before the first sample that the initial state is negligible."""
         rate = self.channel.rate * finer
         begin = first - math.ceil(sum(memory.length for memory in self.memories) * rate)
         value = float(self.shaft.value(self.channel.topic, np.array([begin / rate]))[0])

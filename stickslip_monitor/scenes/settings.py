@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One mapping of a scene file, read key by key; every complaint names key, value and rule."""
+"""One mapping of a scene file, read key by key; every error names key, value and rule."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def _hint(value: Any, options: Sequence[str]) -> str:
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value of a YAML file is a number of a size that can be reckoned with."""
+    """Whether a value of a YAML file is a number of usable size."""
     return _is_numeric(value) and -LARGEST <= value <= LARGEST
 
 

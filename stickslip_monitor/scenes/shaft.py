@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The operating point as it is: speed and load as functions of time, for whoever asks.
+"""The true operating point: speed and load as functions of time.
 
-Nothing is sampled here. A channel of telemetry, a sensor that averages between its samples, the
-lining's integrator and the truth in the recording each ask at instants of their own, and get the
-same bits at the same instant, in whatever blocks they ask.
-
-What effects work on, stretch by stretch of time.
+Nothing is sampled here. Telemetry, a sensor that averages between its samples, the lining's
+integrator and the recorded truth each evaluate it at their own instants and get identical values
+at the same instant, however time is divided into blocks.
 """
 
 from __future__ import annotations
@@ -73,7 +71,7 @@ class Shaft:
     def value(self, topic: str, time: FloatArray) -> FloatArray:
         """Speed [m/s] or load [N] of a channel at some times [s], both of shape (n,).
 
-        A load is never negative: a journal that lifts off presses with nothing.
+        A load is never negative: a journal that lifts off has no load.
         """
         total = _sum([*self._means[topic], *self._ripples[topic]], time)
         return total if self._channels[topic].quantity == 'speed' else np.maximum(total, 0.0)
@@ -113,15 +111,15 @@ def _sum(terms: Sequence[Term], time: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeBlock:
-    """A stretch of a scene; effects change its signals or put others in their place.
+    """A stretch of a scene; effects change or replace its signals.
 
     Attributes:
-        start: Its begin since the scene's start [s].
+        start: Its start, from the scene's start [s].
         end: Its end [s].
         duration: Duration of the scene [s].
-        shaft: The operating point as it is, at any instant.
+        shaft: The true operating point, at any instant.
         signals: What the sensor of each topic sends.
-        truth: What no sensor tells; a topic that may have messages is there even without any.
+        truth: What no sensor measures; a channel is there even if it has no messages.
     """
 
     start: float

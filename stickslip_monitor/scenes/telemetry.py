@@ -1,10 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Regular instants: ``k / rate`` for whole numbers ``k``, cut into stretches of time.
-
-Channels of telemetry, and the samples of a stretch of time on each.
-
-From a configuration and a scene's telemetry rates to the channels of the recording.
-"""
+"""Channels of telemetry: from the configuration to the samples that a sensor sends and records."""
 
 from __future__ import annotations
 
@@ -235,7 +230,7 @@ def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
 
 
 def _section(telemetry: Any, bearing: str, bearings: Sequence[str]) -> Settings:
-    """The telemetry of one bearing: its own, or what is said for all."""
+    """The telemetry of one bearing: its own section, or the common one."""
     names = set(telemetry) if isinstance(telemetry, dict) else set()
     for_each = not names.isdisjoint(bearings) and names.isdisjoint(QUANTITIES)
     if not for_each:

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Random streams by name: what one effect draws never changes what another draws.
-
-When an effect acts: windows in time, a share of the samples, or a share within windows.
-"""
+"""When an effect acts: windows in time, a share of the samples, or both; and its random stream."""
 
 from __future__ import annotations
 
@@ -41,7 +38,7 @@ class Windows:
     """Stretches of time that do not overlap.
 
     Attributes:
-        starts: Their begins, rising, shape (n,) [s].
+        starts: Their starts, rising, shape (n,) [s].
         ends: Their ends, which do not belong to them, shape (n,) [s].
     """
 
@@ -98,7 +95,7 @@ def _check(name: str, window: Any, duration: float) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampleMask:
-    """Which samples an effect hits.
+    """Which samples an effect changes.
 
     Attributes:
         windows: Where it acts; None: everywhere.

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Puts what the monitor said on the recorder's clock, on which the truth is told.
+"""Puts the monitor's verdicts on the recorder's clock, which is that of the truth.
 
-The monitor's time is that of the samples, and a sensor's clock may be wrong or jump. What counts
-on the bridge is when a warning could be heard: a change of alarm at a sample came when the
-recorder got that sample; one that fell due between two samples came as long before the second as
-the samples' clock says, and not before the first.
+The monitor's time is that of the samples, and a sensor's clock may be wrong or jump. For a lead
+it counts when a warning could be noticed: a change at a sample came when the recorder got that
+sample; one that fell due between two samples came as long before the second as the samples' clock
+says, and not before the first.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def on_recorder_clock(
         events[stretch.events] = [
             replace(event, time_ns=time_ns) for event, time_ns in zip(said, moved, strict=True)
         ]
-    # A point that counted up to the next one goes on doing so.
+    # A point that held until the next one still does.
     joined = scan.until_ns[:-1] == scan.time_ns[1:]
     until[:-1] = np.where(joined, time[1:], np.minimum(until[:-1], time[1:]))
     return replace(scan, time_ns=time, until_ns=until, events=events)

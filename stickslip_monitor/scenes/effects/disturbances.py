@@ -1,24 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ripple of the shaft's speed at the propeller's blade rate: ``{blades, amplitude, bearing}``.
-
-``V = V_mean (1 + amplitude cos(blades * angle))``, where the angle is the integral of ``V_mean``.
-
-Ripple of a bearing's load once per turn, as of a bent or misaligned shaft.
-
-``{amplitude, unit, bearing}``: ``amplitude * cos(angle)`` of the shaft.
-
-Load on a bearing of a ship in waves: proportional to the elevation of a random sea.
-
-``{significant_height in m, peak_period in s, gamma, load_per_metre, unit, bearing}``
+"""Ripple of speed and load with the turning shaft, and the load in waves.
 
 The sea has the JONSWAP spectrum (Hasselmann et al. 1973; DNV-RP-C205, 3.5.5): with
 ``x = omega / omega_p``,
 
     S ~ x^-5 exp(-1.25 x^-4) gamma^exp(-(x - 1)^2 / (2 s^2)),   s = 0.07 for x <= 1, else 0.09
 
-scaled to the variance ``Hs^2/16``. It is a sum of cosines of one amplitude, each for an equal part
-of that variance, at a random frequency within its part and with a random phase: so there are most
-where the sea has most energy, and the record does not repeat.
+scaled to the variance ``Hs^2/16``. It is a sum of cosines of equal amplitude, each for an equal
+part of that variance, at a random frequency within its part and with a random phase. So most of
+them are where the sea has most energy, and the record does not repeat.
 """
 
 from __future__ import annotations

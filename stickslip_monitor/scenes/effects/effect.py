@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an effect is at each stage, and what it may know of its scene."""
+"""What an effect is at each stage, and the context in which it is built."""
 
 from __future__ import annotations
 

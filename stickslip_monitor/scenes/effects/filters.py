@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""First-order filters of the sensors: ``{speed: {time_constant in s}, load: {..}, bearing}``.
+"""Sensors with memory: first-order filters, and means over the last seconds.
 
-``dy/dt = (x - y) / time_constant``, solved exactly for an input that is linear between the
-instants of the sensor's grid.
-
-Sensors that send the mean of the last seconds: ``{speed: {window in s}, load: {..}, bearing}``.
-
-The mean is of the shaft itself, followed between the samples: ripple is averaged, not aliased.
+The filter ``dy/dt = (x - y) / time_constant`` is solved exactly for an input that is linear
+between the instants of the sensor's grid. The mean is of the shaft itself, evaluated between the
+samples, so ripple is averaged and not aliased.
 """
 
 from __future__ import annotations
@@ -22,7 +19,7 @@ from stickslip_monitor.scenes.effects.effect import SENSOR_KEYS, BuildContext, E
 from stickslip_monitor.scenes.sensing import LONGEST, SHORTEST
 from stickslip_monitor.scenes.settings import Settings
 
-# The begin is forgotten to 2e-9.
+# After that many time constants the initial state counts 2e-9.
 _TIME_CONSTANTS = 20.0
 
 

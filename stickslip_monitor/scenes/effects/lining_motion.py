@@ -1,24 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A parameter of the friction law that moves in time, by temperature, wear or running-in.
+"""Effects on the lining: friction that drifts, and the truth about its motion.
 
-``{parameter, points: [[time in s, value], ...], bearing}`` or ``table`` for ``points``. The
-parameter is one of the law's own (``static``, ``kinetic``, ``decay``, ``viscous``), or ``factor``,
-which multiplies the whole coefficient. Only the lining feels it; the monitor goes on believing
-its configuration.
+Friction drift changes a parameter of the law (``static``, ``kinetic``, ``decay``, ``viscous``) or
+a ``factor`` on the whole coefficient. Only the lining follows it; the monitor keeps its
+configuration.
 
-The truth about the operating point: speed, load and margins without any sensor.
-
-``{rate, bearing}``
-
-The motion of the lining, by the event-driven integrator, and the truth about its sticking.
-
-``{disturbance: {standard_deviation, unit}, knocks: [[time in s, impulse in N s], ...],
-knock_unit, amplitude: {rate}, motion: {rate}, bearing}``
-
-The disturbance is a fluctuation of the contact force, white on the grid of the integrator's
-drive, that no sensor sees: without any, steady sliding would go on for ever below the Hopf speed.
-Intervals of sticking and events are always told; the amplitude and the motion itself, sampled at
-a rate of their own, on request.
+The motion comes from the event-driven integrator. The disturbance is a fluctuation of the contact
+force, white on the grid of the integrator's drive, that no sensor sees: without any, steady
+sliding would go on for ever below the Hopf speed. Intervals of sticking and events are always
+recorded; amplitude and motion, sampled at their own rates, on request.
 """
 
 from __future__ import annotations
@@ -64,7 +54,7 @@ FRICTION_DRIFT_KEYS = ('bearing', 'parameter', 'points', 'table')
 
 
 def build_friction_drift(settings: Settings, context: BuildContext) -> None:
-    """Let the parameter move."""
+    """Let the parameter drift."""
     drift = read_values(settings, 'value', context.duration, context.folder)
     for config in context.bearings(settings, settings.text('parameter', 'what moves')):
         law = config.bearing.friction
@@ -95,13 +85,13 @@ _DIGITS = 9
 
 @dataclass(frozen=True, slots=True)
 class OperatingPoint:
-    """Tells the operating points of some bearings, each with the course of its friction."""
+    """Records the operating points of some bearings, each with its friction over time."""
 
     rate: float
     bearings: list[tuple[BearingConfig, FrictionCourse]]
 
     def apply(self, block: TimeBlock) -> None:
-        """Tell those of a block."""
+        """Record those of a block."""
         time = block.instants(self.rate)
         for config, course in self.bearings:
             speed, load = block.shaft.speed(config.name, time), block.shaft.load(config.name, time)
@@ -120,7 +110,7 @@ def _margins(
     speed: FloatArray,
     load: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Hopf and fold margin by the friction that there really is, each shape (n,)."""
+    """Hopf and fold margin with the true friction, each shape (n,)."""
     step = time // STEP if course.moves else np.zeros(time.size)
     felt = load * course.factor_at(time)
     edges = [0, *(np.flatnonzero(np.diff(step)) + 1).tolist(), time.size]

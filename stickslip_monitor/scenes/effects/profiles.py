@@ -1,19 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Adds a profile to a speed or a load: what the effects that follow a table have in common.
-
-The shaft's speed over time: ``{unit, points: [[time in s, value], ...], bearing}``.
-
-The shaft's speed in steps: ``{unit, steps: [[time in s, value], ...], rise in s, bearing}``.
-
-A bearing's load over time: ``{unit, points: [[time in s, value], ...], bearing}``.
-
-A bearing's load in steps: ``{unit, steps: [[time in s, value], ...], rise in s, bearing}``.
-
-The shaft's speed by telegraph orders, which the shaft follows with a first-order lag.
-
-``{unit, ahead: {full: 90, half: ..}, astern: {..}, orders: [[0, half ahead], [60, stop]],
-time_constant in s, bearing}``
-"""
+"""Speed and load given by the scene: profiles, steps, and telegraph orders with a lag."""
 
 from __future__ import annotations
 

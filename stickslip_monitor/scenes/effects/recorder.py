@@ -1,27 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time stamps that scatter: ``{speed: {standard_deviation in s}, load: {..}, bearing}``.
-
-Clocks of the sensors that jump: ``{jumps: [[time in s, by s], ...], bearing}``.
+"""Errors of clocks and recorder: jitter, jumps, disorder, repeats, losses, a second publisher, a cut.
 
 A jump shifts all later stamps; several add up. Without a header a message's stamp is the
-recorder's own time, by which every reader sorts: such a topic can jump forward only.
-
-Messages that arrive late, behind younger ones.
-
-``{speed: {delay in s, share, windows}, load: {..}, bearing}``; the stamp stays that of the
-measurement, so the message must have one.
-
-Messages that come twice, with one stamp: ``{speed: {share, windows}, load: {..}, bearing}``.
-
-Messages that are lost: ``{speed: {share, windows}, load: {..}, bearing}``.
-
-A second publisher on a topic, which sends a value of its own between the sensor's messages.
-
-``{speed: {value, unit, rate in Hz}, load: {..}, bearing}``
-
-A recorder that stops in mid-write: ``{time in s}``.
-
-Nothing is written from then on; the file ends in the middle of its last chunk, without its index,
+recorder's own time, by which readers sort: such a topic can jump forward only, and cannot be out
+of order. After a cut nothing is written: the file ends within its last chunk, without its index,
 and a folder has no metadata.
 """
 
@@ -70,7 +52,7 @@ def build_clock_jitter(settings: Settings, context: BuildContext) -> Effect:
     """Build the effect."""
     sources = {}
     for channel, own in context.sensors_of(settings, ['standard_deviation'], 'the jitter'):
-        # A clock that is a minute off is not jittering.
+        # Beyond ten seconds it is no jitter any more.
         deviation = own.number('standard_deviation', 's', least=0.0, most=10.0)
         sources[channel.topic] = deviation, context.random(settings, channel)
     return ClockJitter(sources)

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The effects a scene may list, in the order in which they act.
-
-One that is not listed is not even imported.
-"""
+"""The effects that a scene may list, in their order of action; only listed ones are imported."""
 
 from __future__ import annotations
 

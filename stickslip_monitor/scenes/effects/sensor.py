@@ -1,22 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sensor's error that is constant or drifts.
-
-``{speed: {bias, drift per hour, unit}, load: {..}, bearing}``
-
-White, normally distributed noise of the sensors.
-
-``{speed: {standard_deviation, unit}, load: {standard_deviation, unit}, bearing}``
-
-Single samples that are far off, up or down.
-
-``{speed: {size, unit, share, windows}, load: {..}, bearing}``
-
-Sensors that send multiples of a step: ``{speed: {step, unit}, load: {..}, bearing}``.
-
-Sensors that repeat their last value: ``{speed: {windows}, load: {..}, bearing}``.
-
-Sensors that send NaN: ``{speed: {share, windows}, load: {..}, bearing}``.
-"""
+"""Errors of each sample: bias, noise, spikes, quantisation, a stuck sensor, and NaN."""
 
 from __future__ import annotations
 

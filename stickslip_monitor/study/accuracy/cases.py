@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ladder: every way to the amplitude of the stick-slip cycle, from cheap to exact.
-
-The operating points on which methods are compared, from easy to hard, with references.
+"""The methods compared, and the operating points on which they are, from easy to hard.
 
 The reference amplitudes are those of ``test/study/accuracy/accuracy_reference.py``: Taylor series
 in 40 digits by mpmath, in the lab frame and in SI units, which shares no code with any method. A

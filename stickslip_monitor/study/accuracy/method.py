@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every method of the ladder has in common."""
+"""What every method compared has in common."""
 
 from __future__ import annotations
 

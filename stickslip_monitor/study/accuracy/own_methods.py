@@ -1,15 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""First-order Krylov-Bogoliubov-Mitropolsky averaging, solved from its closed forms.
-
-The exact cycle of ``physics.cycle.cycles`` as a rung of the ladder.
-
-The precomputed surface of exact cycles as a rung of the ladder.
-
-The project's event-driven time integration as a rung of the ladder.
-
-The integrator lives in ``scenes``, which ``study`` does not know: whoever builds the ladder hands
-in a function that follows the motion (``commands.accuracy`` does).
-"""
+"""The project's own methods: averaging, the exact cycle, its surface, and the integrator."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Averaging by the published route: the exponential as a polynomial, the root by Newton-Raphson.
+"""Approximate closed forms: KBM with a polynomial, slip perturbation, Thomsen and Fidlin.
 
+**KBM with a polynomial** is the published route, with the root by Newton-Raphson:
 ``exp(-beta |v|)`` is replaced by its Taylor polynomial of order ``n`` about zero speed. Every
 power of ``|V - a cos t|`` then integrates in closed form on both sides of ``t_s = arccos(V/a)``.
 
-First-order perturbation of the slip phase from breakaway, for any friction law.
-
-A lining that sticks leaves the belt with the velocity ``V`` close to steady sliding, whatever
-came before. One slip phase makes its velocity amplitude grow by ``pi (2 N S - c V)/(m omega)``,
+**Slip perturbation** is of first order from breakaway, for any friction law: a lining that sticks
+leaves the belt with the velocity ``V`` close to steady sliding, independent of its history. One
+slip phase makes its velocity amplitude grow by ``pi (2 N S - c V)/(m omega)``,
 the growth of a cycle at the sliding limit; crest and trough see half of that on the average:
 
     omega A = V + (pi/(m omega)) (N S(V; V) - c V/2),    S(V; V) = Delta I1e(beta V) for Stribeck
@@ -16,8 +16,7 @@ The idea is that of Thomsen and Fidlin for their cubic law. The relative error i
 in ``eta`` and ``zeta`` where the lining sticks. The cycle ends where the growth does, at the fold
 of averaging.
 
-Perturbation amplitudes for the cubic friction law of Thomsen and Fidlin.
-
+**Thomsen and Fidlin** give perturbation amplitudes for a cubic law,
 ``mu(v) = mu_s sgn(v) - k_1 v + k_3 v^3`` with ``k_1 = 3 (mu_s - mu_m)/(2 v_m)`` and
 ``k_3 = (mu_s - mu_m)/(2 v_m^3)``: friction falls from ``mu_s`` to ``mu_m`` at ``v_m`` and rises
 beyond. Expanding in ``N (mu_s - mu_m)/(m omega v_m)`` and ``2 zeta``, both small:

@@ -1,13 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``scipy.integrate.solve_ivp`` as the methods that use it do.
+"""Time integration by ``scipy.integrate.solve_ivp``: smoothed friction, and switching.
 
-Friction smoothed by ``tanh(v/width)`` and integrated in time by a stiff solver.
-
-Stick and slip as separate phases, switched by the event location of ``solve_ivp``.
-
-The trap: events are looked for at the ends of steps. Near grazing the lining touches the belt's
-speed for a moment in the middle of one, the contact is missed, and a cycle of twice the period
-is returned without a word.
+A known weakness of switching: events are detected at the ends of steps. Near grazing the lining
+touches the belt's speed for a moment within a step, the contact is missed, and a cycle of twice
+the period is returned without an error.
 """
 
 from __future__ import annotations
@@ -268,7 +264,7 @@ def _contact(speed: float, side: float, earliest: float) -> Event:
     def contact(time: float, y: FloatArray) -> float:
         return side * (speed - float(y[1])) if time > earliest else speed
 
-    # How solve_ivp is told: attributes that its own example puts on a function.
+    # solve_ivp reads these attributes from the function, as in its own example.
     contact.terminal = True  # type: ignore[attr-defined]
     contact.direction = -1.0  # type: ignore[attr-defined]
     return contact

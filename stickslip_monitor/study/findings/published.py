@@ -1,14 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What was published on the stick-slip of a water-lubricated rubber bearing, computed again.
+"""The published findings on the stick-slip of a water-lubricated rubber bearing, computed again.
 
-The published study averages the mass-spring-belt model (KBM) and sets the result beside numerical
+The published study averages the mass-spring-belt model (KBM) and compares with numerical
 integration. Here the numerical side is the exact non-smooth cycle, so each finding comes with the
-error of averaging. The unstable branch is found twice: by the return map of the exact cycle, and
-as published by integration in reverse time, in which a pure-slip unstable cycle attracts.
-
-Here: what the findings are about, and the friction curves.
-
-How stick-slip grows out of a small disturbance of steady sliding, and its cycle.
+error of averaging. This module has the friction curves and the growth of stick-slip from a small
+disturbance; the amplitudes are in :mod:`.sweeps`.
 """
 
 from __future__ import annotations
@@ -79,7 +75,7 @@ def stribeck_of(bearing: Bearing) -> Stribeck:
     """The Stribeck law of a bearing.
 
     Raises:
-        PhysicsError: It has another law, for which the findings do not speak.
+        PhysicsError: It has another law, which the findings do not cover.
     """
     if not isinstance(bearing.friction, Stribeck):
         name = type(bearing.friction).__name__.lower()

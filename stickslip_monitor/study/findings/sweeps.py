@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The unstable cycle as it was published: by integration in reverse time, where it attracts.
+"""Amplitudes of the limit cycles over speed, load and kinetic coefficient, both branches.
 
-Amplitudes of the limit cycles over speed, load and kinetic coefficient, both branches.
+The unstable branch is found twice: by the return map of the exact cycle and, as published, by
+integration in reverse time, in which a pure-slip unstable cycle attracts.
 """
 
 from __future__ import annotations
