@@ -13,11 +13,11 @@ import pytest
 
 import stickslip_monitor
 from stickslip_monitor import Stribeck, Tabulated
+from stickslip_monitor.drawing.palette import CONDITION_NAMES
 from stickslip_monitor.monitor.alarms.causes import AlarmKind
 from stickslip_monitor.monitor.alarms.lifecycle import TABLE, AlarmState
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.table import BEARING_PARAMETERS, NODE_PARAMETERS
-from stickslip_monitor.report.parts import CONDITION_NAMES
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / 'docs'

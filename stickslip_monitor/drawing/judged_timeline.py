@@ -11,7 +11,13 @@ import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.drawing.canvas import checked_suffix, new_figure, save_figure, style
-from stickslip_monitor.drawing.palette import CONDITION_COLOUR, INK, MUTED, REGIME_COLOUR
+from stickslip_monitor.drawing.palette import (
+    CONDITION_COLOUR,
+    CONDITION_NAMES,
+    INK,
+    MUTED,
+    REGIME_COLOUR,
+)
 from stickslip_monitor.drawing.track import envelope
 from stickslip_monitor.errors import DrawingError
 from stickslip_monitor.monitor.assessment import Regime
@@ -110,7 +116,7 @@ def draw_score(name: str, config: BearingConfig, scan: Scan, lining: LiningTruth
         axes[4].set_xlabel(f'time [{clock.unit}]')
         axes[4].set_xlim(0.0, clock.end)
         figure.align_ylabels(axes)
-        figure.subplots_adjust(left=0.105, right=0.82, top=0.96, bottom=0.06)
+        figure.subplots_adjust(left=0.105, right=0.79, top=0.96, bottom=0.06)
     return figure
 
 
@@ -232,9 +238,7 @@ def _strips(axes: Axes, clock: _Clock, scan: Scan, lining: LiningTruth) -> None:
         axes.spines[side].set_visible(False)
     handles = [Patch(color=_TRUTH, label='stick-slip')]
     handles += [
-        Patch(color=CONDITION_COLOUR[c], label=c.value.replace('_', ' '))
-        for c in Condition
-        if c in shown
+        Patch(color=CONDITION_COLOUR[c], label=CONDITION_NAMES[c]) for c in Condition if c in shown
     ]
     # From below upwards, where there is room for every condition.
     place = {'loc': 'lower left', 'bbox_to_anchor': (1.01, -0.5)}

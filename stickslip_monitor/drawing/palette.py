@@ -44,6 +44,16 @@ CONDITION_COLOUR = {
 }
 """Strong colours, for marks on any of the fills."""
 
+CONDITION_NAMES = {
+    Condition.NORMAL: 'Normal',
+    Condition.CAUTION: 'Margin low',
+    Condition.BISTABLE: 'Bistable',
+    Condition.STICK_SLIP: 'Stick-slip predicted',
+    Condition.AMPLITUDE: 'Amplitude above limit',
+    Condition.INPUT_STALE: 'Input lost',
+}
+"""Each condition as people read it, everywhere (docs/glossary.md)."""
+
 ON_DARK = {
     PAPER: '#16191d',
     INK: '#e8eaed',

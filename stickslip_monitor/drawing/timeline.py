@@ -14,6 +14,7 @@ from stickslip_monitor.drawing.canvas import new_figure, style
 from stickslip_monitor.drawing.palette import (
     CAUTION_FILL,
     CONDITION_COLOUR,
+    CONDITION_NAMES,
     INK,
     MUTED,
     PAPER,
@@ -261,7 +262,7 @@ def _alarm(axes: Axes, lines: _Lines, most: int) -> None:
         left = float(lines.at(spell.start_ns))
         right = float(lines.at(max(spell.end_ns, spell.start_ns)))
         axes.axvspan(left, right, color=CONDITION_COLOUR[spell.condition], lw=0.0, zorder=2)
-        name = spell.condition.value.replace('_', ' ')
+        name = CONDITION_NAMES[spell.condition]
         if (right - left) * pixels > _PIXELS_PER_LETTER * (len(name) + 1):
             axes.text(
                 0.5 * (left + right), 0.46, name, ha='center', va='center', size=8.5,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.drawing.canvas import WIDTH
 from stickslip_monitor.drawing.labels import Labeller, around
-from stickslip_monitor.drawing.palette import CONDITION_COLOUR, INK, PAPER
+from stickslip_monitor.drawing.palette import CONDITION_COLOUR, CONDITION_NAMES, INK, PAPER
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.scan import Scan
 
@@ -214,7 +214,7 @@ def _events(
         colour = CONDITION_COLOUR[condition]
         axes.plot(
             x[at], y[at], ls='', marker=_MARKER[condition], ms=8.5, mfc=colour, mec=PAPER,
-            mew=1.0, zorder=10, label=condition.value.replace('_', ' '),
+            mew=1.0, zorder=10, label=CONDITION_NAMES[condition],
         )  # fmt: skip
         for i in at:
             labels.reserve(x[i], y[i])

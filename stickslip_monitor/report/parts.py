@@ -6,8 +6,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from stickslip_monitor.drawing.palette import CONDITION_NAMES
 from stickslip_monitor.monitor.assessment import Regime
-from stickslip_monitor.monitor.ladder import Condition, Level
+from stickslip_monitor.monitor.ladder import Level
 from stickslip_monitor.monitor.messages import number
 from stickslip_monitor.monitor.table import (
     BEARING_PARAMETERS,
@@ -22,15 +23,6 @@ from stickslip_monitor.report.document import EventRow, Fact, ParameterGroup, Pa
 from stickslip_monitor.report.summary import STICKING, Course, place
 
 MOST_EVENTS = 400
-CONDITION_NAMES = {
-    Condition.NORMAL: 'Normal',
-    Condition.CAUTION: 'Margin low',
-    Condition.BISTABLE: 'Bistable',
-    Condition.STICK_SLIP: 'Stick-slip predicted',
-    Condition.AMPLITUDE: 'Amplitude above limit',
-    Condition.INPUT_STALE: 'Input lost',
-}
-"""Each condition as people read it, everywhere (docs/glossary.md)."""
 _GRADES = {Level.OK: 'clear', Level.WARN: 'warning', Level.ERROR: 'alarm'}
 
 

@@ -20,7 +20,12 @@ from stickslip_monitor.drawing.canvas import save_figure
 from stickslip_monitor.drawing.diagram import draw_diagram, load_text
 from stickslip_monitor.drawing.labels import Box, Labeller
 from stickslip_monitor.drawing.map import draw_map
-from stickslip_monitor.drawing.palette import CONDITION_COLOUR, REGIME_COLOUR, REGIME_FILL
+from stickslip_monitor.drawing.palette import (
+    CONDITION_COLOUR,
+    CONDITION_NAMES,
+    REGIME_COLOUR,
+    REGIME_FILL,
+)
 from stickslip_monitor.drawing.track import Track, TrackEvent, track_of_scan
 from stickslip_monitor.errors import DrawingError
 from stickslip_monitor.monitor.assessment import Regime
@@ -118,7 +123,7 @@ def test_a_track_has_its_ends_and_the_alarm_marked() -> None:
     axes = draw_map(REFERENCE, track=round_trip()).axes[0]
     assert {'start', 'end'} <= {text.get_text() for text in axes.texts}
     legend = [text.get_text() for text in axes.get_legend().get_texts()]
-    assert legend == [str(condition).replace('_', ' ') for condition in Condition]
+    assert legend == [CONDITION_NAMES[condition] for condition in Condition]
     arrows = [text for text in axes.texts if text.arrow_patch and not text.get_text()]
     assert len(arrows) == 5
 
@@ -131,7 +136,7 @@ def test_an_event_stands_on_the_last_point_up_to_it() -> None:
         [TrackEvent(1.7, Condition.STICK_SLIP)],
     )
     axes = draw_map(REFERENCE, track=track).axes[0]
-    (mark,) = [line for line in axes.lines if line.get_label() == 'stick slip']
+    (mark,) = [line for line in axes.lines if line.get_label() == 'Stick-slip predicted']
     rpm = REFERENCE.bearing.speed.factor('rpm')
     assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (pytest.approx(0.2 / rpm), 950.0)
 
