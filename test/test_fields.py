@@ -43,9 +43,8 @@ def test_an_index_after_an_index() -> None:
     assert parse_field('rows[12][3]') == ('rows', 12, 3)
 
 
-@pytest.mark.parametrize(
-    'text',
-    [
+def test_texts_that_are_no_path() -> None:
+    for text in [
         '',
         '.',
         'a.',
@@ -67,11 +66,9 @@ def test_an_index_after_an_index() -> None:
         'a-b',
         'a/b',
         'a()',
-    ],
-)
-def test_texts_that_are_no_path(text: str) -> None:
-    with pytest.raises(ConfigurationError, match='is not a path to a number'):
-        parse_field(text)
+    ]:
+        with pytest.raises(ConfigurationError, match='is not a path to a number'):
+            parse_field(text)
 
 
 @pytest.mark.parametrize(

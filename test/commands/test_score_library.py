@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +89,7 @@ LIBRARY = {
 }
 
 
+@cache
 def judged(name: str) -> list[Judged]:
     config = load_scene(ROOT / ENTRIES[name]['scene']).config
     return judge_bag(ROOT / 'bags' / name, config)

@@ -45,10 +45,10 @@ def test_every_row_ends_with_a_choice_that_always_holds_or_leaves_the_state() ->
         assert ALWAYS not in facts[:-1], (state, trigger)
 
 
-@pytest.mark.parametrize('facts', EVERY_FACTS)
-def test_only_a_person_takes_an_unacknowledged_alarm_away(facts: Facts) -> None:
-    for state, trigger in product(WAITING, CAUSES):
-        assert follow(state, trigger, facts) in WAITING
+def test_only_a_person_takes_an_unacknowledged_alarm_away() -> None:
+    for facts in EVERY_FACTS:
+        for state, trigger in product(WAITING, CAUSES):
+            assert follow(state, trigger, facts) in WAITING
 
 
 def test_only_a_reset_or_removal_takes_a_latch_away() -> None:
@@ -112,10 +112,10 @@ PUBLISHED = [
 ]
 
 
-@pytest.mark.parametrize(('before', 'trigger', 'after'), PUBLISHED)
-def test_the_published_transitions(before: str, trigger: Trigger, after: str) -> None:
-    by_letter = {state.letter: state for state in AlarmState}
-    assert follow(by_letter[before], trigger, Facts()) is by_letter[after]
+def test_the_published_transitions() -> None:
+    for before, trigger, after in PUBLISHED:
+        by_letter = {state.letter: state for state in AlarmState}
+        assert follow(by_letter[before], trigger, Facts()) is by_letter[after]
 
 
 @pytest.mark.parametrize(
