@@ -68,7 +68,7 @@ def input_fault(facts: InputFacts) -> str:
             f'Stamps on {facts.topic} are {facts.behind:.3g} s behind those on {facts.other},'
             f" which is more than the timeout of {facts.timeout:g} s: the senders' clocks differ."
         )
-    if facts.lost:
+    if facts.lost and not facts.heard:
         return f'{facts.publishers[0].node} publishes on {facts.topic}, but nothing arrives.'
     if len(facts.publishers) > 1:
         names = ', '.join(sorted({publisher.node for publisher in facts.publishers}))

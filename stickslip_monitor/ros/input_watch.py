@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rclpy.node import Node
@@ -29,7 +30,6 @@ class _Track:
 
     believed: int = 0
     refused: tuple[int, ...] = ()
-    heard_at: float = 0.0
     looks: int = 0
     told: str = ''
 
@@ -40,10 +40,17 @@ class InputWatch:
     Args:
         node: The node.
         bearings: The bearings by name.
+        arrived: When the last believed sample of a bearing's input came, on the steady clock [s];
+            kept up to date by the node.
     """
 
-    def __init__(self, node: Node, bearings: dict[str, BearingMonitor]) -> None:
-        self._node, self._bearings = node, bearings
+    def __init__(
+        self,
+        node: Node,
+        bearings: dict[str, BearingMonitor],
+        arrived: dict[tuple[str, int], float],
+    ) -> None:
+        self._node, self._bearings, self._arrived = node, bearings, arrived
         self._tracks = {name: (_Track(), _Track()) for name in bearings}
         self._publishers: dict[str, tuple[Publisher, ...]] = {}
         self._looks = 0
@@ -59,7 +66,8 @@ class InputWatch:
         self._publishers.clear()
         lost = self._bearings[bearing].lost()
         found = (
-            input_fault(self._facts(bearing, is_load, now, without_clock))
+            # Stamps that have just jumped are not yet stamps of another clock.
+            input_fault(replace(self._facts(bearing, is_load, now, without_clock), behind=0.0))
             for is_load, name in enumerate(QUANTITIES)
             if name in lost
         )
@@ -102,8 +110,10 @@ class InputWatch:
         sources = monitor.config.speed, monitor.config.load
         source, other = sources[is_load], sources[1 - is_load]
         own_ns, other_ns = monitor.gate.last_ns[is_load], monitor.gate.last_ns[1 - is_load]
-        refused = self._count(monitor, is_load, track, now)
-        behind = 0.0 if own_ns is None or other_ns is None else (other_ns - own_ns) * 1e-9
+        refused = _refused(monitor, is_load, track)
+        behind = 0.0
+        if own_ns is not None and other_ns is not None and source.topic != other.topic:
+            behind = (other_ns - own_ns) * 1e-9
         lost = own_ns is None or QUANTITIES[is_load] in monitor.lost()
         self._lost |= lost
         timeout = source.timeout_ns * 1e-9
@@ -113,26 +123,12 @@ class InputWatch:
             timeout=timeout,
             lost=lost,
             publishers=self._publishers_of(self._topic(source)),
-            heard=now - track.heard_at < timeout - 0.5,
+            heard=now - self._arrived.get((bearing, is_load), -math.inf) < 0.5 * timeout,
             refused=refused,
             without_clock=without_clock,
             behind=behind,
             other=self._topic(other),
         )
-
-    def _count(
-        self, monitor: BearingMonitor, is_load: int, track: _Track, now: float
-    ) -> Status | None:
-        """Take note of what has come; why samples are refused, since one was believed."""
-        counts = tuple(int(count) for count in monitor.gate.counts[is_load])
-        believed = sum(counts[status] for status in _BELIEVED)
-        if believed != track.believed or not track.refused:
-            if believed != track.believed:
-                track.heard_at = now
-            track.believed, track.refused = believed, counts
-        grown = [count - old for count, old in zip(counts, track.refused, strict=True)]
-        worst = max(Status, key=lambda status: grown[status])
-        return worst if grown[worst] > 0 else None
 
     def _topic(self, source: InputConfig) -> str:
         return str(self._node.resolve_topic_name(source.topic))
@@ -143,6 +139,17 @@ class InputWatch:
             infos = self._node.get_publishers_info_by_topic(topic)
             found = self._publishers[topic] = tuple(_publisher(info) for info in infos)
         return found
+
+
+def _refused(monitor: BearingMonitor, is_load: int, track: _Track) -> Status | None:
+    """Why samples have been refused since the last believed one; ``None`` where none was."""
+    counts = tuple(int(count) for count in monitor.gate.counts[is_load])
+    believed = sum(counts[status] for status in _BELIEVED)
+    if believed != track.believed or not track.refused:
+        track.believed, track.refused = believed, counts
+    grown = [count - old for count, old in zip(counts, track.refused, strict=True)]
+    worst = max(Status, key=lambda status: grown[status])
+    return worst if grown[worst] > 0 else None
 
 
 def publishers_on(node: Node, topic: str) -> list[str]:
