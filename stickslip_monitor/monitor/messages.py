@@ -270,7 +270,7 @@ class DiagnosticRecord:
 def state_of(
     bearing: BearingMonitor, faults: Mapping[str, str] | None = None, monitoring: bool = True
 ) -> BearingState:
-    """The state of a bearing that is, or was, monitored live; arguments as in :class:`BearingState`."""
+    """The state of a bearing that is, or was, monitored live; see :class:`BearingState`."""
     verdict, trend = bearing.verdict, bearing.trend()
     return BearingState(
         bearing.config,
