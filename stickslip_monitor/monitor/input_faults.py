@@ -43,6 +43,7 @@ class InputFacts:
         without_clock: Whether time follows ``/clock``, which has said nothing yet.
         behind: How far its stamps are behind the other input's [s].
         other: The other input's topic.
+        source: What its samples tell of their source; see :mod:`.source_faults`.
     """
 
     topic: str
@@ -55,6 +56,7 @@ class InputFacts:
     without_clock: bool = False
     behind: float = 0.0
     other: str = ''
+    source: str = ''
 
 
 def input_fault(facts: InputFacts) -> str:
@@ -76,7 +78,7 @@ def input_fault(facts: InputFacts) -> str:
             f'{len(facts.publishers)} publishers send on {facts.topic} ({names}):'
             ' their values are mixed.'
         )
-    return ''
+    return f'On {facts.topic}, {facts.source}.' if facts.source else ''
 
 
 def _sender_fault(facts: InputFacts) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import re
+import time
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,7 +15,8 @@ from rclpy.qos import QoSCompatibility, qos_check_compatible
 from stickslip_monitor.monitor.config import InputConfig
 from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
 from stickslip_monitor.monitor.monitor import BearingMonitor
-from stickslip_monitor.monitor.signals import QUANTITIES, Status
+from stickslip_monitor.monitor.signals import QUANTITIES, Status, number_to_si
+from stickslip_monitor.monitor.source_faults import SourceWatch, fault_text, least_gap
 from stickslip_monitor.ros.inputs import TELEMETRY
 
 PATIENCE = 3
@@ -28,6 +30,8 @@ _BELIEVED = (Status.ACCEPTED, Status.CLOCK_JUMP)
 class _Track:
     """One input as it was at the last look."""
 
+    source: SourceWatch
+    arrived: float = -math.inf
     believed: int = 0
     refused: tuple[int, ...] = ()
     looks: int = 0
@@ -40,21 +44,30 @@ class InputWatch:
     Args:
         node: The node.
         bearings: The bearings by name.
-        arrived: When the last believed sample of a bearing's input came, on the steady clock [s];
-            kept up to date by the node.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        bearings: dict[str, BearingMonitor],
-        arrived: dict[tuple[str, int], float],
-    ) -> None:
-        self._node, self._bearings, self._arrived = node, bearings, arrived
-        self._tracks = {name: (_Track(), _Track()) for name in bearings}
+    def __init__(self, node: Node, bearings: dict[str, BearingMonitor]) -> None:
+        self._node, self._bearings = node, bearings
+        self._tracks = {
+            name: tuple(
+                _Track(SourceWatch(least_gap(bearing.config, is_load))) for is_load in (0, 1)
+            )
+            for name, bearing in bearings.items()
+        }
         self._publishers: dict[str, tuple[Publisher, ...]] = {}
+        self._topics: dict[str, str] = {}
         self._looks = 0
         self._lost = False
+
+    def take(self, bearing: str, is_load: int, time_ns: int, value: float, believed: bool) -> None:
+        """Take note of a sample, and of whether it is believed."""
+        track, config = self._tracks[bearing][is_load], self._bearings[bearing].config
+        now_ns = time.monotonic_ns()
+        if believed:
+            track.arrived = now_ns * 1e-9
+        track.source.see(
+            now_ns, time_ns, number_to_si(config.load if is_load else config.speed, value)[0]
+        )
 
     def faults(self, bearing: str) -> dict[str, str]:
         """What is wrong with the inputs of a bearing, by quantity."""
@@ -123,15 +136,20 @@ class InputWatch:
             timeout=timeout,
             lost=lost,
             publishers=self._publishers_of(self._topic(source)),
-            heard=now - self._arrived.get((bearing, is_load), -math.inf) < 0.5 * timeout,
+            heard=now - track.arrived < 0.5 * timeout,
             refused=refused,
             without_clock=without_clock,
             behind=behind,
             other=self._topic(other),
+            source=', '.join(
+                fault_text(fault, source) for fault in track.source.standing(round(now * 1e9))
+            ),
         )
 
     def _topic(self, source: InputConfig) -> str:
-        return str(self._node.resolve_topic_name(source.topic))
+        if source.topic not in self._topics:
+            self._topics[source.topic] = self._node.resolve_topic_name(source.topic)
+        return self._topics[source.topic]
 
     def _publishers_of(self, topic: str) -> tuple[Publisher, ...]:
         found = self._publishers.get(topic)

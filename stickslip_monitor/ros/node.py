@@ -276,7 +276,7 @@ class MonitorNode(LifecycleNode):
         update = bearing.update(is_load, time_ns, value)
         if update.status.believed:
             self._heard.add(name)
-            self._arrived[name, is_load] = time.monotonic()
+        self._watch_inputs.take(name, is_load, time_ns, value, update.status.believed)
         if update.events:
             update = replace(update, events=self._explained(update.events))
         if update.verdict is not None:
@@ -322,8 +322,7 @@ class MonitorNode(LifecycleNode):
         self._changed: set[str] = set()
         self._published: dict[str, float] = {}
         self._unsaid: dict[str, Verdict] = {}
-        self._arrived: dict[tuple[str, int], float] = {}
-        self._watch_inputs = InputWatch(self, self._monitor.bearings, self._arrived)
+        self._watch_inputs = InputWatch(self, self._monitor.bearings)
         self._ticked_ns = time.monotonic_ns()
         self._diagnosed_ns = 0
         self._lost_told, self._lost_told_at = 0, -math.inf
