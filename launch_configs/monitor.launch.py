@@ -2,10 +2,13 @@
 """Starts the monitor: `ros2 launch stickslip_monitor monitor.launch.py`.
 
 The node takes itself through its lifecycle (parameter `autostart`): nothing is driven from here.
+A parameter file that is not there, and a monitor that ends with an error, end the launch with one.
 """
 
+from pathlib import Path
+
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -14,8 +17,22 @@ from launch_ros.substitutions import FindPackageShare
 PACKAGE = 'stickslip_monitor'
 
 
+def check_config(context) -> None:
+    """Say now, and in one sentence, that the parameter file is missing."""
+    path = LaunchConfiguration('config').perform(context)
+    if not Path(path).is_file():
+        raise RuntimeError(f"config:='{path}' is not a file: the monitor is not started")
+
+
+def on_exit(event, context) -> None:
+    """End the launch with an error when the monitor does, unless it is started again."""
+    respawn = LaunchConfiguration('respawn').perform(context) == 'true'
+    if event.returncode and not respawn and not context.is_shutdown:
+        raise RuntimeError(f'the monitor ended with code {event.returncode}: nobody monitors')
+
+
 def generate_launch_description() -> LaunchDescription:
-    """Return one node and the four arguments that differ from ship to ship."""
+    """Return one node and the arguments that differ from ship to ship."""
     reference = PathJoinSubstitution(
         [FindPackageShare(PACKAGE), 'launch_configs', 'reference_bearing.yaml']
     )
@@ -42,12 +59,30 @@ def generate_launch_description() -> LaunchDescription:
                 choices=['debug', 'info', 'warn', 'error', 'fatal'],
                 description='Least severe log message shown',
             ),
+            DeclareLaunchArgument(
+                'respawn',
+                default_value='false',
+                choices=['true', 'false'],
+                description='Start the monitor again when it ends without being told to',
+            ),
+            DeclareLaunchArgument(
+                'enclave', default_value='/', description='SROS 2 enclave of the node'
+            ),
+            OpaqueFunction(function=check_config),
             Node(
                 package=PACKAGE,
                 executable='monitor',
                 namespace=LaunchConfiguration('namespace'),
                 parameters=[LaunchConfiguration('config'), {'use_sim_time': use_sim_time}],
-                ros_arguments=['--log-level', LaunchConfiguration('log_level')],
+                ros_arguments=[
+                    '--log-level',
+                    LaunchConfiguration('log_level'),
+                    '--enclave',
+                    LaunchConfiguration('enclave'),
+                ],
+                respawn=LaunchConfiguration('respawn'),
+                respawn_delay=5.0,
+                on_exit=on_exit,
                 output='screen',
                 emulate_tty=True,
             ),

@@ -15,7 +15,7 @@ import zipfile
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -314,8 +314,8 @@ class Recorder(ModuleType):
 
 
 @pytest.fixture
-def description(monkeypatch: pytest.MonkeyPatch) -> Recorded:
-    """Return what the launch file describes, recorded: `launch` itself is not on PyPI.
+def launch_file(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The launch file, whose description is recorded: `launch` itself is not on PyPI.
 
     A machine with a ROS 2 installation has it; the tests must say the same everywhere.
     """
@@ -329,7 +329,12 @@ def description(monkeypatch: pytest.MonkeyPatch) -> Recorded:
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    described = module.generate_launch_description()
+    return module
+
+
+@pytest.fixture
+def description(launch_file: ModuleType) -> Recorded:
+    described = launch_file.generate_launch_description()
     assert isinstance(described, Recorded)
     return described
 
@@ -343,8 +348,52 @@ def test_launch_file_starts_the_installed_node(description: Recorded) -> None:
 def test_launch_file_declares_the_arguments_it_uses(description: Recorded) -> None:
     declared = [part.args[0] for part in description if part.kind == 'DeclareLaunchArgument']
     used = {part.args[0] for part in description if part.kind == 'LaunchConfiguration'}
-    assert sorted(declared) == ['config', 'log_level', 'namespace', 'use_sim_time']
+    assert sorted(declared) == [
+        'config',
+        'enclave',
+        'log_level',
+        'namespace',
+        'respawn',
+        'use_sim_time',
+    ]
     assert used == set(declared)
+
+
+class Given:
+    """Stands for a `LaunchConfiguration` whose value is its name."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def perform(self, context: dict[str, str]) -> str:
+        return context[self.name]
+
+
+def test_launch_file_refuses_a_parameter_file_that_is_missing(
+    launch_file: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(launch_file, 'LaunchConfiguration', Given)
+    missing = str(tmp_path / 'missing.yaml')
+    with pytest.raises(RuntimeError, match=f"config:='{missing}' is not a file"):
+        launch_file.check_config({'config': missing})
+    launch_file.check_config({'config': __file__})
+
+
+class Context(dict[str, str]):
+    """A launch that goes on."""
+
+    is_shutdown = False
+
+
+def test_launch_fails_when_the_monitor_does(
+    launch_file: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(launch_file, 'LaunchConfiguration', Given)
+    ended = SimpleNamespace(returncode=2)
+    with pytest.raises(RuntimeError, match='ended with code 2'):
+        launch_file.on_exit(ended, Context(respawn='false'))
+    launch_file.on_exit(ended, Context(respawn='true'))
+    launch_file.on_exit(SimpleNamespace(returncode=0), Context(respawn='false'))
 
 
 def test_launch_file_defaults_to_a_parameter_file_that_is_installed(description: Recorded) -> None:

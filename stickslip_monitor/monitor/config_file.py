@@ -120,7 +120,12 @@ def _node_parameters(path: str | Path, document: Any) -> dict[str, Any]:
         raise ConfigurationError(
             f"{path} has no parameters for '{NODE_NAME}': its sections are {sections}; use '/**'"
         )
-    return {key: value for key, value in merged.items() if not is_ros_parameter(key)}
+    # 'ros2 param dump' writes what is not set as null.
+    return {
+        key: value
+        for key, value in merged.items()
+        if value is not None and not is_ros_parameter(key)
+    }
 
 
 def load_section(path: str | Path, section: str) -> dict[str, Any]:

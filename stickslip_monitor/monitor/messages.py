@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -146,6 +146,9 @@ def event_json(event: Event) -> str:
 
 
 WAITING = 'Waiting for the first speed and load.'
+NOT_MONITORING = 'Not monitoring: the node is not active.'
+NODE_STATUS = 'the node'
+"""Stands for the bearing in the name of the node's own status."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,6 +164,8 @@ class BearingState:
         lost: The inputs that are lost, with their ages [s].
         trend: When that prediction changes at the present rate; ``None`` if unknown.
         counts: Samples by quantity (speed, load) and :class:`Status`, shape (2, 6).
+        faults: What is wrong with an input, by quantity; see :mod:`.input_faults`.
+        monitoring: Whether anybody watches the bearing.
     """
 
     config: BearingConfig
@@ -171,11 +176,84 @@ class BearingState:
     trend: Trend | None
     lost: dict[str, float]
     counts: NDArray[np.int64]
+    faults: Mapping[str, str] = field(default_factory=dict)
+    monitoring: bool = True
 
     @property
     def waiting(self) -> bool:
         """Whether nothing is known yet: no operating point, nor that an input is lost."""
         return self.assessment is None and self.condition is not Condition.INPUT_STALE
+
+    @property
+    def reason(self) -> str:
+        """The condition, or why there is none."""
+        if not self.monitoring:
+            return 'not_monitoring'
+        return 'waiting' if self.waiting else self.condition.value
+
+    @property
+    def level(self) -> Level:
+        """How bad it is; nobody can say that all is well of a bearing that is not watched."""
+        if not self.monitoring or self.waiting:
+            return Level.WARN
+        return max(self.condition.level, Level.WARN if self.faults else Level.OK)
+
+    @property
+    def message(self) -> str:
+        """What there is to say, for a person."""
+        name = self.config.name
+        if not self.monitoring:
+            return f'{name}: {NOT_MONITORING}'
+        text = f'{name}: {WAITING}' if self.waiting else self.text
+        return ' '.join([text, *dict.fromkeys(self.faults.values())])
+
+
+@dataclass(slots=True)
+class NodeHealth:
+    """How the node itself is.
+
+    Attributes:
+        monitoring: Whether it is active.
+        failures: Callbacks that failed and were survived.
+        last_failure: What the last of them said.
+        lost: Messages that the middleware reports as lost.
+        missing: Messages missing by the stamps of senders whose period is known.
+        delays: How often the node was held up.
+        longest_delay: For how long at most [s].
+        state_file_fault: Why the alarms are not kept; empty where they are.
+        clip_fault: Why the last event clip is lost; empty where it is not.
+    """
+
+    monitoring: bool = False
+    failures: int = 0
+    last_failure: str = ''
+    lost: int = 0
+    missing: int = 0
+    delays: int = 0
+    longest_delay: float = 0.0
+    state_file_fault: str = ''
+    clip_fault: str = ''
+
+    @property
+    def level(self) -> Level:
+        """ERROR where something is not done that was asked for."""
+        if self.failures or self.state_file_fault or self.clip_fault:
+            return Level.ERROR
+        return Level.WARN if self.lost or self.missing or not self.monitoring else Level.OK
+
+    @property
+    def message(self) -> str:
+        """What there is to say, the worst first."""
+        said = [
+            f'{self.failures} callbacks failed, last: {self.last_failure}'
+            if self.failures
+            else '',
+            self.state_file_fault,
+            self.clip_fault,
+            '' if self.monitoring else NOT_MONITORING,
+            f'{self.lost + self.missing} messages were lost.' if self.lost + self.missing else '',
+        ]
+        return ' '.join(text for text in said if text) or 'Monitoring.'
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,8 +267,10 @@ class DiagnosticRecord:
     values: dict[str, str]
 
 
-def state_of(bearing: BearingMonitor) -> BearingState:
-    """The state of a bearing that is monitored live."""
+def state_of(
+    bearing: BearingMonitor, faults: Mapping[str, str] | None = None, monitoring: bool = True
+) -> BearingState:
+    """The state of a bearing that is, or was, monitored live; see :class:`BearingState`."""
     verdict, trend = bearing.verdict, bearing.trend()
     return BearingState(
         bearing.config,
@@ -201,17 +281,24 @@ def state_of(bearing: BearingMonitor) -> BearingState:
         trend,
         bearing.lost(),
         bearing.gate.counts,
+        faults or {},
+        monitoring,
     )
 
 
 def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:
-    """The diagnostic status of a bearing, as the node of that name publishes it."""
+    """The diagnostic status of a bearing.
+
+    Args:
+        node: Full name of the node that publishes it, without the leading slash.
+        state: The bearing.
+    """
     name = state.config.name
     return DiagnosticRecord(
-        level=Level.WARN if state.waiting else state.condition.level,
+        level=state.level,
         name=f'{node}: {name}',
-        hardware_id=name,
-        message=f'{name}: {WAITING}' if state.waiting else state.text,
+        hardware_id=hardware_id(node, name),
+        message=state.message,
         values={
             key: value if isinstance(value, str) else f'{value:.9g}'
             for key, value in diagnostic_values(state).items()
@@ -219,11 +306,36 @@ def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:
     )
 
 
+def hardware_id(node: str, bearing: str) -> str:
+    """A bearing's name in the namespace of its node: ``aft``, ``port/aft``."""
+    space = node.rpartition('/')[0]
+    return f'{space}/{bearing}' if space else bearing
+
+
+def health_record(node: str, health: NodeHealth) -> DiagnosticRecord:
+    """The diagnostic status of the node of that full name, without the leading slash."""
+    return DiagnosticRecord(
+        level=health.level,
+        name=f'{node}: {NODE_STATUS}',
+        hardware_id=node,
+        message=health.message,
+        values={
+            'state': 'active' if health.monitoring else 'inactive',
+            'callbacks failed': str(health.failures),
+            'messages lost by the middleware': str(health.lost),
+            'messages missing by their stamps': str(health.missing),
+            'times held up': str(health.delays),
+            'longest time held up [s]': f'{health.longest_delay:.3g}',
+            'state file': health.state_file_fault or 'fine',
+            'event clips': health.clip_fault or 'fine',
+        },
+    )
+
+
 def diagnostic_values(state: BearingState) -> dict[str, str | float]:
     """The key-value pairs of a bearing's diagnostic status: one number a key, unit in the key."""
-    reason = 'waiting' if state.waiting else state.condition.value
-    result: dict[str, str | float] = {'reason': reason}
-    point = state.assessment
+    result: dict[str, str | float] = {'reason': state.reason}
+    point = state.assessment if state.monitoring else None
     if point is not None:
         rpm = state.config.bearing.speed.from_surface(point.speed, 'rpm')
         result |= {
@@ -249,6 +361,8 @@ def diagnostic_values(state: BearingState) -> dict[str, str | float]:
         }
     for name, age in state.lost.items():
         result[f'{name} age [s]'] = age
+    for name, text in state.faults.items():
+        result[f'{name} fault'] = text
     for row, name in enumerate(QUANTITIES):
         for status in Status:
             label = status.name.lower().replace('_', ' ')

@@ -19,6 +19,7 @@ from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange
 from stickslip_monitor.monitor.alarms.causes import AlarmKind
 from stickslip_monitor.monitor.alarms.requests import ROS_SERVICE, parse_request
+from stickslip_monitor.ros.input_watch import publishers_on
 from stickslip_monitor.ros.message_types import ROS_FAULTS
 
 TRIGGERS = {
@@ -88,7 +89,13 @@ class Actions:
                 f'a request on ~/actions is refused: {error}', throttle_duration_sec=1.0
             )
             return
+        senders = ', '.join(publishers_on(self._node, '~/actions')) or 'a node that has gone'
+        what = '/'.join(part for part in (request.bearing, request.kind) if part) or 'all alarms'
+        self._log(f'{request.action} of {what} asked for by {request.by} over {senders}')
         self._act(request.action, request.by, request.bearing, request.kind)
+
+    def _log(self, text: str) -> None:
+        self._node.get_logger().info(text)
 
     def _offer(self, bearing: str | None) -> None:
         prefix = '~' if bearing is None else f'~/{bearing}'
@@ -101,6 +108,7 @@ class Actions:
 
     def _trigger(self, action: Action, bearing: str | None) -> Callable[[Any, Any], Any]:
         def serve(_: Any, response: Any) -> Any:
+            self._log(f'{action} of {bearing or "all bearings"} asked for by a {ROS_SERVICE} call')
             changes = self._act(action, ROS_SERVICE, bearing)
             response.success = bool(changes)
             response.message = _answer(action, changes) or f'there is nothing to {action}'
@@ -111,6 +119,7 @@ class Actions:
     def _switch(self, on: Action, off: Action, bearing: str | None) -> Callable[[Any, Any], Any]:
         def serve(request: Any, response: Any) -> Any:
             action = on if request.data else off
+            self._log(f'{action} of {bearing or "all bearings"} asked for by a {ROS_SERVICE} call')
             changes = self._act(action, ROS_SERVICE, bearing)
             response.success = True
             response.message = _answer(action, changes) or 'it is so already'

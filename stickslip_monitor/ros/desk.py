@@ -14,7 +14,7 @@ from rclpy.lifecycle import LifecycleNode
 
 from stickslip_monitor.monitor.alarms.live_alarms import LiveAlarms
 from stickslip_monitor.monitor.config import MonitorConfig
-from stickslip_monitor.ros.state_file import StateFile
+from stickslip_monitor.ros.state_file import StateWriter
 
 
 class ElapsedTime:
@@ -39,6 +39,10 @@ class ElapsedTime:
         self._steady_ns, self._ros_ns = steady_ns, ros_ns
         self._elapsed_ns = 0
 
+    def skip(self, steady_ns: int, ros_ns: int) -> None:
+        """The time up to now does not count."""
+        self._steady_ns, self._ros_ns = steady_ns, ros_ns
+
     def tick(self, steady_ns: int, ros_ns: int) -> int:
         """Return the time since the last sample, given both clocks now [ns]."""
         steady, ros = steady_ns - self._steady_ns, ros_ns - self._ros_ns
@@ -55,23 +59,30 @@ class AlarmDesk(LiveAlarms):
         node: The node, for its clock and its log.
         config: The configuration.
         publish: Called with every new text for ``~/alarms``.
+        store: What keeps the alarms over a restart; ``None`` for nothing.
     """
 
     def __init__(
-        self, node: LifecycleNode, config: MonitorConfig, publish: Callable[[str], None]
+        self,
+        node: LifecycleNode,
+        config: MonitorConfig,
+        publish: Callable[[str], None],
+        store: StateWriter | None,
     ) -> None:
         super().__init__(
             config,
             lambda: node.get_clock().now().nanoseconds,
             _as_text(publish),
             node.get_logger(),
-            _store(config),
+            store,
         )
         self._flow: ElapsedTime | None = None
 
-    def rebuild(self, config: MonitorConfig, publish: Callable[[str], None]) -> None:
+    def rebuild(
+        self, config: MonitorConfig, publish: Callable[[str], None], store: StateWriter | None
+    ) -> None:
         """The monitor starts afresh with other inputs."""
-        self.replace(config, _as_text(publish), _store(config))
+        self.replace(config, _as_text(publish), store)
 
     def start(self, flow: ElapsedTime) -> None:
         """Publish the list, and let time run from now on, as that flow measures it."""
@@ -86,7 +97,3 @@ class AlarmDesk(LiveAlarms):
 
 def _as_text(publish: Callable[[str], None]) -> Callable[[dict[str, Any]], None]:
     return lambda record: publish(json.dumps(record, allow_nan=False))
-
-
-def _store(config: MonitorConfig) -> StateFile | None:
-    return StateFile(config.state_file) if config.state_file else None

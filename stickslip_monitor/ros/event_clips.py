@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterator
+import queue
+import threading
 from typing import Any
 
 from rclpy.lifecycle import LifecycleNode
@@ -17,26 +17,31 @@ from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.ros.message_types import definition
 
 _FAILURE_TOLD_EVERY = 60.0
+_MOST_WAITING = 2
 
 
 class Clips:
     """Records what passes the node, and writes a clip around each alarm.
 
-    A clip is written a little at each tick of the watchdog, so that no callback waits for the
-    disk; one that cannot be written is told in the log and forgotten.
+    Clips are written in a thread, so that no callback waits for the disk; one that cannot be
+    written, or comes while two others wait, is told in the log and forgotten.
 
     Args:
         node: The node, for its log.
         config: How long, how many and how large.
         store: Where to.
+
+    Attributes:
+        fault: Why the last clip is lost; empty where it is not.
     """
 
     def __init__(self, node: LifecycleNode, config: ClipConfig, store: ClipStore) -> None:
         self._node, self._store = node, store
         self._definitions: dict[str, str] = {}
         self._recorder = ClipRecorder(config, self._definitions)
-        self._waiting: deque[Clip] = deque()
-        self._writing: Iterator[None] | None = None
+        self.fault = ''
+        self._waiting: queue.Queue[Clip | None] = queue.Queue(_MOST_WAITING)
+        self._thread: threading.Thread | None = None
 
     def take(self, topic: str, message: Any, time_ns: int | None = None) -> None:
         """Take a message that was heard or said.
@@ -57,37 +62,45 @@ class Clips:
         self._recorder.note(event)
 
     def tick(self, now_ns: int) -> None:
-        """Let time pass on the clock of the samples [ns], and write a little."""
+        """Let time pass on the clock of the samples [ns]."""
         self._recorder.advance(now_ns)
         self._collect()
-        self._step()
 
-    def close(self) -> None:
-        """Write what is left, the clip that is being taken too."""
+    def close(self, patience: float = 10.0) -> None:
+        """Write what is left, the clip that is being taken too, within so much time [s]."""
         self._recorder.finish()
         self._collect()
-        while self._writing is not None or self._waiting:
-            self._step()
+        if self._thread is not None:
+            try:
+                self._waiting.put(None, timeout=patience)
+                self._thread.join(patience)
+            except queue.Full:
+                self._lost(f'the disk takes longer than {patience:g} s')
+            self._thread = None
 
     def _collect(self) -> None:
         for clip in self._recorder.clips():
-            # Not more than one waits: memory is bounded, and a further alarm a minute away.
-            while self._waiting:
-                self._step()
-            self._waiting.append(clip)
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._run, name='clips', daemon=True)
+                self._thread.start()
+            try:
+                self._waiting.put_nowait(clip)
+            except queue.Full:
+                self._lost('the disk does not keep up')
 
-    def _step(self) -> None:
-        try:
-            if self._writing is None and self._waiting:
-                self._writing = self._store.write(self._waiting.popleft())
-            if self._writing is not None and next(self._writing, self) is self:
-                self._writing = None
-        except (StickslipError, OSError) as error:
-            self._writing = None
-            # A full disk must not stop the monitor.
-            self._node.get_logger().error(
-                f'an event clip is lost: {error}', throttle_duration_sec=_FAILURE_TOLD_EVERY
-            )
+    def _run(self) -> None:
+        while (clip := self._waiting.get()) is not None:
+            try:
+                for _ in self._store.write(clip):
+                    pass
+                self.fault = ''
+            except (StickslipError, OSError) as error:
+                # A full disk must not stop the monitor.
+                self._lost(str(error))
+
+    def _lost(self, reason: str) -> None:
+        self.fault = f'an event clip is lost: {reason}'
+        self._node.get_logger().error(self.fault, throttle_duration_sec=_FAILURE_TOLD_EVERY)
 
 
 def _type_name(message: Any) -> str:

@@ -5,13 +5,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
-from rclpy.lifecycle import LifecycleNode
+from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.input_faults import StampGaps
+from stickslip_monitor.monitor.messages import NodeHealth
 from stickslip_monitor.ros.message_types import (
     ROS_FAULTS,
     check_field,
@@ -21,14 +23,38 @@ from stickslip_monitor.ros.message_types import (
 )
 
 # Two seconds at 1 kHz while the machine is busy; best effort matches every publisher.
-_TELEMETRY = QoSProfile(
-    depth=2000,
+_DEPTH = 2000
+TELEMETRY = QoSProfile(
+    depth=_DEPTH,
     history=HistoryPolicy.KEEP_LAST,
     reliability=ReliabilityPolicy.BEST_EFFORT,
     durability=DurabilityPolicy.VOLATILE,
 )
 # Messages of a topic that are taken in one go before the other callbacks have their turn.
 _BURST = 50
+
+
+Receive = Callable[[str, int, int, float, bool], None]
+Tap = Callable[[str, Any, int | None], None]
+
+
+class MonitoringNode(Protocol):
+    """What inputs need of the node."""
+
+    def now_ns(self) -> int:
+        """ROS time [ns]; 0 where it is unknown."""
+
+    def survived(self, callback: Callable[..., Any]) -> Callable[..., Any]:
+        """The callback, whose exceptions are told and survived."""
+
+    def resolve_topic_name(self, topic: str) -> str:
+        """The full name of a topic."""
+
+    def create_subscription(self, *args: Any, **options: Any) -> Any:
+        """Subscribe to a topic."""
+
+    def destroy_subscription(self, subscription: Any) -> Any:
+        """Take a subscription down."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,76 +93,157 @@ class Inputs:
         config: The configuration.
         receive: Called with ``(bearing, is_load, time_ns, value, latest)`` for every number;
             ``latest`` is false where a later message of its topic has come already.
+        done: Called when the messages that waited have been taken.
+        health: Where losses are counted.
         tap: Called with topic, message and its time [ns] before the numbers of it, if given.
+
+    Raises:
+        Exception: One of :data:`.messages.ROS_FAULTS`: a subscription cannot be made.
     """
 
     def __init__(
         self,
-        node: LifecycleNode,
+        node: MonitoringNode,
         config: MonitorConfig,
-        receive: Callable[[str, int, int, float, bool], None],
-        tap: Callable[[str, Any, int], None] | None = None,
+        receive: Receive,
+        done: Callable[[], None],
+        health: NodeHealth,
+        tap: Tap | None = None,
     ) -> None:
-        self._node = node
-        self._receive = receive
-        self._tap = tap
+        self._node, self._health = node, health
         readings: dict[tuple[str, str], list[InputReader]] = {}
+        timeouts: dict[tuple[str, str], int] = {}
         for bearing in config.bearings:
             for is_load, source in enumerate((bearing.speed, bearing.load)):
-                reading = InputReader(bearing.name, is_load, number_reader(source.field))
-                readings.setdefault((source.topic, source.type), []).append(reading)
-        self._subscriptions: list[Any] = []
+                key = source.topic, source.type
+                number = number_reader(source.field)
+                readings.setdefault(key, []).append(InputReader(bearing.name, is_load, number))
+                timeouts[key] = min(source.timeout_ns, timeouts.get(key, source.timeout_ns))
+        self._lanes: list[Lane] = []
         try:
-            for (topic, kind), readers in readings.items():
-                queue: list[Any] = []
-                callback = self._callback(topic, kind, readers, queue)
-                queue.append(
-                    node.create_subscription(message_type(kind), topic, callback, _TELEMETRY)
-                )
-                self._subscriptions += queue
+            for key, readers in readings.items():
+                lane = Lane(node, *key, readers, timeouts[key], receive, tap)
+                self._lanes.append(lane)
+                lane.subscribe(done, self._on_lost)
         except ROS_FAULTS:
             self.destroy()
             raise
 
     def destroy(self) -> None:
         """Take the subscriptions down."""
-        for subscription in self._subscriptions:
-            self._node.destroy_subscription(subscription)
+        for lane in self._lanes:
+            lane.destroy()
 
-    def _callback(
-        self, topic: str, kind: str, readers: list[InputReader], queue: list[Any]
-    ) -> Callable[[Any], None]:
-        stamp = stamp_reader(kind)
-        clock = self._node.get_clock()
-        name = self._node.resolve_topic_name(topic)
+    def take_waiting(self) -> None:
+        """Take what waits on every topic, for a node that was held up."""
+        for lane in self._lanes:
+            lane.take_waiting()
 
-        def take(message: Any, latest: bool) -> None:
-            # The time of measurement where the message carries it, else that of its arrival.
-            time_ns = (stamp(message) if stamp else 0) or clock.now().nanoseconds
-            if time_ns == 0:
-                # use_sim_time is set and /clock has said nothing yet: there is no time.
-                return
-            if self._tap is not None:
-                self._tap(name, message, time_ns)
-            for reading in readers:
-                number = reading.number(message)
-                self._receive(reading.bearing, reading.is_load, time_ns, number, latest)
+    def count_missing(self) -> None:
+        """Bring the node's count of missing messages up to date."""
+        self._health.missing = sum(lane.missing for lane in self._lanes)
+
+    def _on_lost(self, info: Any) -> None:
+        self._health.lost += info.total_count_change
+
+
+class Lane:
+    """One topic: its subscription, and the numbers that its messages bring.
+
+    Args:
+        node: The node.
+        topic: The topic as configured.
+        kind: Its message type.
+        readers: What is read from a message.
+        timeout_ns: The shortest timeout of those inputs [ns].
+        receive: See :class:`Inputs`.
+        tap: See :class:`Inputs`.
+    """
+
+    def __init__(
+        self,
+        node: MonitoringNode,
+        topic: str,
+        kind: str,
+        readers: list[InputReader],
+        timeout_ns: int,
+        receive: Receive,
+        tap: Tap | None,
+    ) -> None:
+        self._node, self._topic, self._kind = node, topic, kind
+        self._readers, self._receive, self._tap = readers, receive, tap
+        self._stamp = stamp_reader(kind)
+        self._name = node.resolve_topic_name(topic)
+        self._gaps = StampGaps(timeout_ns)
+        self._subscription: Any = None
+        self._tick_ns = self._shared = 0
+
+    @property
+    def missing(self) -> int:
+        """Messages missing by the stamps of the sender."""
+        return self._gaps.missing
+
+    def subscribe(self, done: Callable[[], None], on_lost: Callable[[Any], None]) -> None:
+        """Listen from now on."""
 
         def receive(message: Any) -> None:
             """Take a message and those that wait behind it: a turn of the executor is dear."""
             for _ in range(_BURST):
-                following = _waiting(queue[0])
-                take(message, following is None)
-                if following is None:
-                    return
+                following = self._waiting()
+                self._take(message, following is None)
                 message = following
-            take(message, True)
+                if message is None:
+                    break
+            else:
+                self._take(message, True)
+            done()
 
-        return receive
+        arguments = message_type(self._kind), self._topic, self._node.survived(receive), TELEMETRY
+        try:
+            events = SubscriptionEventCallbacks(message_lost=on_lost)
+            self._subscription = self._node.create_subscription(*arguments, event_callbacks=events)
+        except UnsupportedEventTypeError:
+            # Not every middleware tells what it has lost.
+            self._subscription = self._node.create_subscription(*arguments)
 
+    def destroy(self) -> None:
+        """Take the subscription down."""
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
 
-def _waiting(subscription: Any) -> Any:
-    """The next message of a subscription, taken as rclpy's executors do; ``None`` for none."""
-    with subscription.handle:
-        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-    return None if taken is None else taken[0]
+    def take_waiting(self) -> None:
+        """Take what waits, and not what comes meanwhile."""
+        for _ in range(_DEPTH):
+            message = self._waiting()
+            if message is None:
+                return
+            self._take(message, False)
+
+    def _waiting(self) -> Any:
+        """The next message, taken as rclpy's executors do; ``None`` for none."""
+        subscription = self._subscription
+        with subscription.handle:
+            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+        return None if taken is None else taken[0]
+
+    def _take(self, message: Any, latest: bool) -> None:
+        time_ns = self._time(message)
+        if time_ns == 0:
+            # use_sim_time is set and /clock has said nothing yet: there is no time.
+            return
+        if self._tap is not None:
+            self._tap(self._name, message, time_ns)
+        for reading in self._readers:
+            number = reading.number(message)
+            self._receive(reading.bearing, reading.is_load, time_ns, number, latest)
+
+    def _time(self, message: Any) -> int:
+        """The time of measurement where the message carries it, else that of its arrival [ns]."""
+        if self._stamp is not None and (stamp_ns := self._stamp(message)):
+            self._gaps.add(stamp_ns)
+            return stamp_ns
+        now_ns = self._node.now_ns()
+        # Simulated time moves in ticks: messages that share one keep their order.
+        self._shared = self._shared + 1 if now_ns == self._tick_ns and now_ns else 0
+        self._tick_ns = now_ns
+        return now_ns + self._shared

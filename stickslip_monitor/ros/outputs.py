@@ -3,29 +3,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.duration import Duration
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64, String
 
+from stickslip_monitor.monitor.assessment import Assessment
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.messages import (
     VERDICT_NUMBERS,
+    BearingState,
+    DiagnosticRecord,
+    NodeHealth,
     diagnostic_record,
     event_json,
-    state_of,
-    verdict_numbers,
+    health_record,
 )
-from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.verdict import Event, Verdict
 
 Tap = Callable[[str, Any, int | None], None]
 WARNINGS_KEPT = 100
 ALARMS_KEPT = 20
+# How long the end of the node waits for readers [s].
+_LAST_WORD = 0.5
 _RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
 
@@ -38,7 +44,7 @@ def _latched(depth: int) -> QoSProfile:
 
 
 class Outputs:
-    """The publishers of a configured node.
+    """The publishers of a configured node. What nobody listens to is not published.
 
     Args:
         node: The node.
@@ -49,6 +55,7 @@ class Outputs:
 
     def __init__(self, node: LifecycleNode, config: MonitorConfig, tap: Tap | None = None) -> None:
         self._node = node
+        self._name = node.get_fully_qualified_name().lstrip('/')
         self._tap = tap
         self._warnings = node.create_lifecycle_publisher(
             String, '~/warnings', _latched(WARNINGS_KEPT)
@@ -59,8 +66,15 @@ class Outputs:
         )
         self._bearings = {
             bearing.name: [
-                node.create_lifecycle_publisher(kind, f'~/{bearing.name}/{topic}', _RELIABLE)
-                for topic, kind in (*((n, Float64) for n in VERDICT_NUMBERS), ('regime', String))
+                (
+                    node.create_lifecycle_publisher(kind, f'~/{bearing.name}/{topic}', _RELIABLE),
+                    kind(),
+                    number,
+                )
+                for topic, kind, number in (
+                    *((topic, Float64, _number(topic)) for topic in VERDICT_NUMBERS),
+                    ('regime', String, _regime),
+                )
             ]
             for bearing in config.bearings
         }
@@ -68,7 +82,7 @@ class Outputs:
     def destroy(self) -> None:
         """Take the publishers down."""
         for group in self._bearings.values():
-            for publisher in group:
+            for publisher, *_ in group:
                 self._node.destroy_lifecycle_publisher(publisher)
         self._node.destroy_lifecycle_publisher(self._warnings)
         self._node.destroy_lifecycle_publisher(self._alarms)
@@ -77,10 +91,10 @@ class Outputs:
     def publish_verdict(self, verdict: Verdict) -> None:
         """Amplitude, margins and regime of one bearing."""
         point = verdict.assessment
-        *publishers, regime = self._bearings[verdict.bearing]
-        for publisher, value in zip(publishers, verdict_numbers(point).values(), strict=True):
-            self._send(publisher, Float64(data=float(value)), verdict.time_ns)
-        self._send(regime, String(data=point.regime.value), verdict.time_ns)
+        for publisher, message, value in self._bearings[verdict.bearing]:
+            if self._wanted(publisher):
+                message.data = value(point)
+                self._send(publisher, message, verdict.time_ns)
 
     def publish_event(self, event: Event) -> None:
         """One JSON warning, and a line in the log."""
@@ -95,22 +109,26 @@ class Outputs:
         """The list of alarms, with what has just changed."""
         self._send(self._alarms, String(data=text))
 
-    def publish_diagnostics(self, bearings: list[BearingMonitor]) -> None:
-        """The state of every bearing."""
-        stamp = self._node.get_clock().now().to_msg()
-        message = DiagnosticArray(status=[self._status(bearing) for bearing in bearings])
-        message.header.stamp = stamp
+    def publish_diagnostics(
+        self, states: Iterable[BearingState], health: NodeHealth | None
+    ) -> None:
+        """The state of bearings, and of the node itself where given."""
+        if not self._wanted(self._diagnostics):
+            return
+        records = [diagnostic_record(self._name, state) for state in states]
+        if health is not None:
+            records.append(health_record(self._name, health))
+        message = DiagnosticArray(status=[_status(record) for record in records])
+        message.header.stamp = self._node.get_clock().now().to_msg()
         self._send(self._diagnostics, message)
 
-    def _status(self, bearing: BearingMonitor) -> DiagnosticStatus:
-        record = diagnostic_record(self._node.get_name(), state_of(bearing))
-        return DiagnosticStatus(
-            level=bytes([record.level]),
-            name=record.name,
-            hardware_id=record.hardware_id,
-            message=record.message,
-            values=[KeyValue(key=key, value=value) for key, value in record.values.items()],
-        )
+    def flush(self) -> None:
+        """Wait a moment until the last list of alarms and diagnostics have arrived."""
+        for publisher in (self._alarms, self._diagnostics):
+            publisher.wait_for_all_acked(Duration(seconds=_LAST_WORD))
+
+    def _wanted(self, publisher: Any) -> bool:
+        return self._tap is not None or publisher.get_subscription_count() > 0
 
     def _send(self, publisher: Any, message: Any, time_ns: int | None = None) -> None:
         if self._tap is not None:
@@ -122,3 +140,27 @@ class Outputs:
             self._node.get_logger().warning(
                 f'not published on {publisher.topic_name}: {error}', throttle_duration_sec=5.0
             )
+
+
+def _number(name: str) -> Callable[[Assessment], float]:
+    """One of :func:`.records.verdict_numbers`, worked out only where somebody wants it."""
+
+    def read(point: Assessment) -> float:
+        value = float(getattr(point, name))
+        return 0.0 if math.isnan(value) and name.startswith('amplitude') else value
+
+    return read
+
+
+def _regime(point: Assessment) -> str:
+    return str(point.regime.value)
+
+
+def _status(record: DiagnosticRecord) -> DiagnosticStatus:
+    return DiagnosticStatus(
+        level=bytes([record.level]),
+        name=record.name,
+        hardware_id=record.hardware_id,
+        message=record.message,
+        values=[KeyValue(key=key, value=value) for key, value in record.values.items()],
+    )

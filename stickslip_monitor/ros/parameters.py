@@ -62,8 +62,9 @@ def declare(node: Node) -> None:
         if node.has_parameter(name):
             value = _as_written(name, node.get_parameter(name).value)
             node.undeclare_parameter(name)
-            node.declare_parameter(name, value, descriptor(row), ignore_override=True)
-            continue
+            if value is not None:
+                node.declare_parameter(name, value, descriptor(row), ignore_override=True)
+                continue
         missing = row.default is REQUIRED or row.default == () or _is_nan(row.default)
         node.declare_parameter(
             name, None if missing else row.default, descriptor(row), ignore_override=True
@@ -75,17 +76,21 @@ def _is_nan(value: Any) -> bool:
 
 
 def _as_written(name: str, value: Any) -> Any:
+    # 'ros2 param dump' writes what is not set as null, which ROS reads as a word.
+    if value == 'null':
+        return None
     # ROS reads the bare word N of a parameter file as the YAML 1.1 boolean 'no'.
     return 'N' if name.endswith('load.unit') and value is False else value
 
 
 def values(node: Node) -> dict[str, Any]:
     """The values of the node's own parameters, without those not set and those of ROS itself."""
-    return {
+    written = {
         name: _as_written(name, parameter.value)
         for name, parameter in node.get_parameters_by_prefix('').items()
-        if parameter.value is not None and not is_ros_parameter(name)
+        if not is_ros_parameter(name)
     }
+    return {name: value for name, value in written.items() if value is not None}
 
 
 def changed_config(
@@ -110,6 +115,11 @@ def changed_config(
             continue
         if value is None:
             raise ConfigurationError(f'{name} cannot be deleted: set it to a value')
+        if name == 'bearings' and _plain(value) != _plain(proposed.get(name)):
+            raise ConfigurationError(
+                f'bearings = {list(_plain(value))!r} cannot be set: a running node keeps its'
+                ' bearings; restart it with another parameter file'
+            )
         row = rows.get(name)
         if row is not None and not row.live and _plain(value) != _plain(proposed.get(name)):
             rebuilt = True
@@ -117,6 +127,15 @@ def changed_config(
                 raise _read_only(name, value)
         proposed[name] = value
     return build_config(proposed), rebuilt
+
+
+def told_changes(node: Node, changes: Iterable[RosParameter[Any]]) -> list[str]:
+    """A line for each parameter that a set of changes gives another value."""
+    return [
+        f'parameter {change.name}: {node.get_parameter(change.name).value!r} -> {change.value!r}'
+        for change in changes
+        if _plain(change.value) != _plain(node.get_parameter(change.name).value)
+    ]
 
 
 def _plain(value: Any) -> Any:

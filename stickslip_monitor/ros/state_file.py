@@ -1,32 +1,83 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The file that keeps the alarms over a restart: written whole or not at all."""
+"""The file that keeps the alarms over a restart: written whole or not at all, in a thread."""
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
+import stat
+import threading
 from pathlib import Path
 from typing import Any
 
 from stickslip_monitor.errors import AlarmStateError, RosError
 
+MAX_SIZE = 16_000_000
+"""A larger file is not one of ours [bytes]."""
+RETRY_PERIOD = 5.0
+_SUFFIXES = ('.new', '.lock', '.damaged')
+
 
 class StateFile:
-    """A JSON document in a file.
+    """A JSON document in a regular file.
 
     Args:
         path: The file; ``~`` stands for the home folder.
 
     Raises:
-        RosError: Its folder does not exist, or there is a folder of that name.
+        RosError: Its folder does not exist, or something else than a file is at its place.
     """
 
     def __init__(self, path: str) -> None:
-        self.path = Path(path).expanduser()
-        if not self.path.parent.is_dir():
+        self._given = path
+        try:
+            self.path = Path(path).expanduser()
+            for suffix in _SUFFIXES:
+                self._beside(suffix).exists()
+            found = self.path.stat().st_mode if self.path.exists() else stat.S_IFREG
+            folder = self.path.parent.is_dir()
+        except (OSError, RuntimeError, ValueError) as error:
+            reason = getattr(error, 'strerror', None) or error
+            raise RosError(f"state_file = '{path}' cannot be used: {reason}") from error
+        if not folder:
             raise RosError(f"state_file = '{path}': there is no folder {self.path.parent}")
-        if self.path.is_dir():
-            raise RosError(f"state_file = '{path}' must be a file, but is a folder")
+        if not stat.S_ISREG(found):
+            kind = 'a folder' if stat.S_ISDIR(found) else 'a device, pipe or socket'
+            raise RosError(f"state_file = '{path}' must be a file, but is {kind}")
+        self._lock: int | None = None
+
+    def _beside(self, suffix: str) -> Path:
+        return self.path.with_name(self.path.name + suffix)
+
+    def lock(self) -> None:
+        """Keep the file for this process, until :meth:`unlock` or its end.
+
+        Raises:
+            RosError: Another process has it.
+        """
+        descriptor = -1
+        try:
+            flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
+            descriptor = os.open(self._beside('.lock'), flags, 0o644)
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            os.close(descriptor)
+            raise RosError(
+                f"state_file = '{self._given}' is in use by another node: give each its own"
+            ) from error
+        except OSError:
+            # A file system without locks, or without space: not a reason not to monitor.
+            if descriptor >= 0:
+                os.close(descriptor)
+            return
+        self._lock = descriptor
+
+    def unlock(self) -> None:
+        """Let others have the file."""
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
 
     def read(self) -> Any:
         """The document; ``None`` where there is no file yet.
@@ -35,11 +86,22 @@ class StateFile:
             AlarmStateError: It cannot be read.
         """
         try:
-            return json.loads(self.path.read_bytes())
+            return json.loads(self._bytes())
         except FileNotFoundError:
             return None
         except (OSError, ValueError, RecursionError) as error:
             raise AlarmStateError(f'it is not JSON: {error}') from error
+
+    def _bytes(self) -> bytes:
+        # What is there may have been replaced since it was looked at.
+        descriptor = os.open(self.path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        with os.fdopen(descriptor, 'rb') as file:
+            if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+                raise AlarmStateError('it is not a regular file')
+            content = file.read(MAX_SIZE + 1)
+        if len(content) > MAX_SIZE:
+            raise AlarmStateError(f'it is larger than {MAX_SIZE / 1e6:g} MB')
+        return content
 
     def set_aside(self) -> Path:
         """Rename a damaged file, so that somebody can look at it; return its new name.
@@ -47,7 +109,7 @@ class StateFile:
         Raises:
             OSError: It cannot be renamed.
         """
-        return self.path.replace(self.path.with_name(f'{self.path.name}.damaged'))
+        return self.path.replace(self._beside('.damaged'))
 
     def write(self, document: Any) -> None:
         """Put a new document in the place of the old one.
@@ -55,13 +117,78 @@ class StateFile:
         Raises:
             OSError: It cannot be written; the old one is untouched.
         """
-        new = self.path.with_name(f'{self.path.name}.new')
-        with new.open('w', encoding='utf-8') as file:
+        new = self._beside('.new')
+        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NONBLOCK | os.O_NOFOLLOW
+        descriptor = os.open(new, flags | os.O_CLOEXEC, 0o644)
+        with os.fdopen(descriptor, 'w', encoding='utf-8') as file:
             json.dump(document, file, indent=1)
             file.flush()
-            os.fsync(file.fileno())
+            os.fsync(descriptor)
         new.replace(self.path)
         _sync_folder(self.path.parent)
+
+
+class StateWriter:
+    """Writes the newest document to a state file in a thread, and again until it succeeds.
+
+    Args:
+        file: The file; locked until :meth:`close`.
+
+    Raises:
+        RosError: Another node uses it.
+
+    Attributes:
+        path: Of the file.
+        fault: Why the newest document is not in the file yet; empty otherwise.
+    """
+
+    def __init__(self, file: StateFile) -> None:
+        file.lock()
+        self.path = file.path
+        self.read, self.set_aside = file.read, file.set_aside
+        self.fault = ''
+        self._file = file
+        self._document: Any = None
+        self._closing = False
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._run, name='state_file', daemon=True)
+        self._thread.start()
+
+    def write(self, document: Any) -> None:
+        """Have a new document written; it must not change any more."""
+        with self._changed:
+            self._document = document
+            self._changed.notify()
+
+    def close(self, patience: float = 2.0) -> None:
+        """Write what is left, unless that takes longer than patience [s], and let others write."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify()
+        self._thread.join(patience)
+        self._file.unlock()
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._document is not None or self._closing)
+                document, self._document = self._document, None
+            if document is None:
+                return
+            try:
+                self._file.write(document)
+                self.fault = ''
+            except OSError as error:
+                self.fault = f'the alarms are not kept: {error}'
+                self._wait(document)
+
+    def _wait(self, document: Any) -> None:
+        """Before the next attempt, with this document unless there is a newer one by then."""
+        with self._changed:
+            if not self._closing:
+                self._changed.wait_for(lambda: self._closing, RETRY_PERIOD)
+                if self._document is None:
+                    self._document = document
 
 
 def _sync_folder(folder: Path) -> None:

@@ -20,6 +20,7 @@ from std_msgs.msg import String
 
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.alarms.requests import ActionRequest, request_record
+from stickslip_monitor.monitor.messages import hardware_id
 from stickslip_monitor.ros.message_types import ROS_FAULTS
 
 TakeStatus = Callable[[str, int, str, Mapping[str, str]], None]
@@ -52,7 +53,7 @@ class Watcher:
         take_status: TakeStatus,
         take_alarms: TakeAlarms,
     ) -> None:
-        self._prefix = f'{monitor.rpartition("/")[2]}: '
+        self._monitor = monitor.strip('/')
         self._take_status, self._take_alarms = take_status, take_alarms
         self.node = Node('stickslip_dashboard')
         try:
@@ -82,10 +83,11 @@ class Watcher:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         time_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
         for status in message.status:
-            # Others publish on /diagnostics too.
-            if status.name == self._prefix + status.hardware_id:
+            # Others publish on /diagnostics too, monitors in other namespaces among them.
+            node, _, bearing = status.name.rpartition(': ')
+            if node == self._monitor and status.hardware_id == hardware_id(node, bearing):
                 values = {pair.key: pair.value for pair in status.values}
-                self._take_status(status.hardware_id, time_ns, status.message, values)
+                self._take_status(bearing, time_ns, status.message, values)
 
     def _on_alarms(self, message: String) -> None:
         try:

@@ -344,9 +344,12 @@ def events(warnings: list[Any]) -> list[dict[str, Any]]:
 
 def status(diagnostics: list[Any], bearing: str = 'aft') -> dict[str, Any]:
     """The latest diagnostic status of a bearing, as a flat record."""
-    if not diagnostics:
+    found = next(
+        (s for m in reversed(diagnostics) for s in m.status if s.name.endswith(f': {bearing}')),
+        None,
+    )
+    if found is None:
         return {}
-    (found,) = [s for s in diagnostics[-1].status if s.hardware_id == bearing]
     record = {'level': found.level, 'message': found.message, 'name': found.name}
     return record | {pair.key: pair.value for pair in found.values}
 

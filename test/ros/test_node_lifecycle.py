@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+import json
 from types import SimpleNamespace
 from typing import Any
 
@@ -70,8 +71,11 @@ def test_shutdown_from_a_state_that_is_not_active(start: Any, kit: Any, state: s
 
 
 def test_deactivation_stops_the_output_and_activation_resumes_it(start: Any, kit: Any) -> None:
+    from std_msgs.msg import String
+
     monitor = start(kit.parameters(kit.STAMPED, AT_ONCE))
     peer, warnings, diagnostics = monitor.peer, monitor.warnings(), monitor.diagnostics()
+    alarms = peer.listen(String, monitor.name('alarms'), latched=True)
     telemetry = kit.Telemetry(monitor)
     telemetry.step(20.0, 1000.0, 1)
     peer.until(lambda: warnings and diagnostics, 'a warning')
@@ -79,6 +83,14 @@ def test_deactivation_stops_the_output_and_activation_resumes_it(start: Any, kit
     assert monitor.change_state(DEACTIVATE)
     # What was published before has arrived when a later question is answered.
     assert monitor.state() == 'inactive'
+    # The last word: what readers keep is not the state of a bearing that nobody watches.
+    peer.until(
+        lambda: kit.status(diagnostics)['reason'] == 'not_monitoring', 'the last diagnostics'
+    )
+    assert kit.status(diagnostics)['level'] == b'\x01'
+    last = json.loads(alarms[-1].data)
+    assert last['monitoring'] is False
+    assert 'inactive: the bearings are not monitored' in last['notes'][-1]['text']
     heard = [*telemetry.heard.values(), warnings, diagnostics]
     counts = [len(item) for item in heard]
     for second in range(10):
@@ -90,6 +102,7 @@ def test_deactivation_stops_the_output_and_activation_resumes_it(start: Any, kit
     peer.until(lambda: len(diagnostics) > counts[-1], 'diagnostics')
     # The state was kept: still the alarm of before, until a sample says otherwise.
     assert kit.status(diagnostics)['reason'] == 'stick_slip'
+    peer.until(lambda: json.loads(alarms[-1].data)['monitoring'], 'the list')
     topic = monitor.input('shaft')
     peer.until(lambda: peer.node.count_subscribers(topic), 'the subscription')
 
@@ -127,6 +140,7 @@ def test_cleanup_forgets(start: Any, kit: Any) -> None:
     again.step(20.0, 1000.0, 2)
     monitor.peer.until(lambda: warnings, 'a warning')
     assert [e['from'] for e in kit.events(warnings)] == ['normal']
+    monitor.peer.until(lambda: kit.status(diagnostics).get('regime'), 'diagnostics')
     assert int(kit.status(diagnostics)['load samples accepted']) < 100
 
 
@@ -136,26 +150,30 @@ def test_the_loop_survives_a_request_that_raises(monkeypatch: pytest.MonkeyPatch
 
     from stickslip_monitor.ros import node
 
-    logged: list[str] = []
-    turns = iter(['raise', 'raise', 'end'])
+    survived: list[Exception] = []
+    refused = rclpy_implementation.RCLError('Transition is not registered.')
+    turns = iter([refused, ValueError('what nobody expected'), None])
     running = [True]
 
     class Executor:
         def add_node(self, item: object) -> None:
             pass
 
-        def spin_once(self) -> None:
-            if next(turns) == 'raise':
-                raise rclpy_implementation.RCLError('Transition is not registered.')
+        def spin_once(self, timeout: float) -> None:
+            fault = next(turns)
+            if fault is not None:
+                raise fault
             running[0] = False
 
         def shutdown(self) -> None:
             ended.append(True)
 
     ended: list[bool] = []
-    monkeypatch.setattr(node, 'SingleThreadedExecutor', Executor)
+    monkeypatch.setattr(node, 'make_executor', Executor)
     monkeypatch.setattr(node.rclpy, 'ok', lambda: running[0])
-    logger = SimpleNamespace(error=logged.append)
-    node._spin(SimpleNamespace(get_logger=lambda: logger), [])  # type: ignore[arg-type]
+    node._spin(SimpleNamespace(survive=survived.append), [])  # type: ignore[arg-type]
     assert ended == [True]
-    assert logged == ['request refused: Transition is not registered.'] * 2
+    assert [str(error) for error in survived] == [
+        'Transition is not registered.',
+        'what nobody expected',
+    ]

@@ -105,7 +105,7 @@ def test_diagnostics_come_every_second_and_at_once_on_a_change(start: Any, kit: 
     peer.until(lambda: kit.status(diagnostics)['reason'] == 'stick_slip', 'stick-slip')
     record = kit.status(diagnostics)
     assert record.pop('level') == b'\x02'
-    assert record.pop('name') == 'stickslip_monitor: aft'
+    assert record.pop('name') == f'{monitor.space}/stickslip_monitor: aft'
     assert record.pop('message').startswith('aft: Stick-slip predicted. At 20 rpm and 1 kN')
     counts = {key for key in record if ' samples ' in key}
     assert len(counts) == 12

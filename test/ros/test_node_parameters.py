@@ -98,10 +98,10 @@ def test_bad_values_are_refused_with_name_value_and_rule(start: Any, kit: Any) -
         {'aft__mass': 60.0},
         {'aft__speed__topic': 'elsewhere'},
         {'aft__friction__static': 0.4},
-        {'bearings': ['aft', 'fwd']},
         {'aft__alarm__on_delay': 1.0, 'aft__stiffness': 1e6},
     ):
         assert 'read-only while the node is active' in refused(**changes)
+    assert 'a running node keeps its bearings' in refused(bearings=['aft', 'fwd'])
     # The same value again is no change.
     assert monitor.set(aft__mass=50.0, bearings=['aft']) == [(True, '')] * 2
     assert monitor.alive

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 from stickslip_monitor.errors import AlarmStateError
@@ -32,8 +33,28 @@ _KEPT: dict[str, tuple[type, ...]] = {
 }
 
 
+@dataclass(frozen=True, slots=True)
+class Note:
+    """Something to be put on record that concerns no single alarm.
+
+    Attributes:
+        time_ns: When [ns].
+        what: ``lifecycle``, ``parameter``, ``input`` or ``node``.
+        text: What, for a person.
+    """
+
+    time_ns: int
+    what: str
+    text: str
+
+
 def alarms_record(
-    annunciator: Annunciator, changes: Iterable[AlarmChange], time_ns: int, sequence: int
+    annunciator: Annunciator,
+    changes: Iterable[AlarmChange],
+    time_ns: int,
+    sequence: int,
+    monitoring: bool = True,
+    notes: Iterable[Note] = (),
 ) -> dict[str, Any]:
     """Every alarm as it stands, and what has just happened; the fields are in interfaces.md."""
     flood = annunciator.flood
@@ -41,6 +62,7 @@ def alarms_record(
         'schema': ALARM_SCHEMA,
         'time': time_ns,
         'sequence': sequence,
+        'monitoring': monitoring,
         'sounding': annunciator.sounding,
         'unacknowledged': sum(alarm.state in WAITING for alarm in annunciator),
         'flood': {
@@ -49,6 +71,7 @@ def alarms_record(
             'flooding': flood.flooding,
         },
         'changes': [change_record(change) for change in changes],
+        'notes': [{'time': n.time_ns, 'what': n.what, 'text': n.text} for n in notes],
         'alarms': [alarm_record(annunciator, alarm) for alarm in annunciator],
     }
 

@@ -6,11 +6,13 @@ Clock, log, store and publisher are passed in, so that it knows neither ROS nor 
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from typing import Any, Protocol
 
 from stickslip_monitor.errors import AlarmStateError
 from stickslip_monitor.monitor.alarms.alarm_records import (
+    Note,
     alarms_record,
     recall_state,
     state_record,
@@ -24,6 +26,8 @@ from stickslip_monitor.monitor.verdict import Event
 
 HEARTBEAT_NS = 60 * 10**9
 """The list is published at least this often, as IEC 62923 asks of any source of alerts."""
+NOTES_KEPT = 50
+"""The latest of more notes than this are published with the next list."""
 _FAULTS = (Status.NOT_FINITE, Status.IMPLAUSIBLE)
 
 
@@ -91,6 +95,8 @@ class LiveAlarms:
         self._begun_ns = self._published_ns = 0
         self._sequence = 0
         self._unkept = ''
+        self._monitoring = False
+        self._notes: deque[Note] = deque(maxlen=NOTES_KEPT)
         self._recall()
 
     def retune(self, config: MonitorConfig) -> None:
@@ -111,13 +117,23 @@ class LiveAlarms:
     def begin(self) -> None:
         """Publish the list; the time of :meth:`advance` counts from here."""
         self._begun_ns = self.annunciator.now_ns
+        self._monitoring = True
         self._announce([])
+
+    def end(self) -> None:
+        """Publish the list for the last time: from now on nobody watches the bearings."""
+        self._monitoring = False
+        self._announce([])
+
+    def note(self, what: str, text: str) -> None:
+        """Put something on record, with the next list; see :class:`.alarm_records.Note`."""
+        self._notes.append(Note(self._clock(), what, text))
 
     def advance(self, elapsed_ns: int) -> None:
         """Let time pass, given the running time since :meth:`begin` [ns]."""
         now_ns = self._begun_ns + elapsed_ns
         changes = self.annunciator.advance(now_ns, self._clock())
-        if changes or now_ns - self._published_ns >= HEARTBEAT_NS:
+        if changes or self._notes or now_ns - self._published_ns >= HEARTBEAT_NS:
             self._announce(changes)
 
     def feed(self, bearing: str, is_load: int, time_ns: int, update: Update) -> None:
@@ -151,7 +167,13 @@ class LiveAlarms:
         self._published_ns = self.annunciator.now_ns
         self._sequence += 1
         now_ns = self._clock()
-        self._publish(alarms_record(self.annunciator, changes, now_ns, self._sequence))
+        notes = list(self._notes)
+        self._notes.clear()
+        self._publish(
+            alarms_record(
+                self.annunciator, changes, now_ns, self._sequence, self._monitoring, notes
+            )
+        )
         for change in changes:
             # What the monitor itself does is in the log as a warning already.
             if change.by != MONITOR:
