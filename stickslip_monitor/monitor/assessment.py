@@ -25,8 +25,8 @@ from numpy.typing import ArrayLike, NDArray
 from stickslip_monitor.arrays import FloatArray, flatten, in_blocks, restore
 from stickslip_monitor.physics.averaging import boundaries
 from stickslip_monitor.physics.averaging.boundaries import averaged_solver, damping_per_load
+from stickslip_monitor.physics.cycle.fold import fold_curve
 from stickslip_monitor.physics.cycle.surface import exact_amplitude
-from stickslip_monitor.physics.fold_curve import fold_curve
 from stickslip_monitor.physics.oscillator import Bearing
 
 _SentenceEnum = TypeVar('_SentenceEnum', bound='SentenceEnum')

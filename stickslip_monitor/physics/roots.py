@@ -2,22 +2,39 @@
 """Safeguarded root finding on brackets, for many independent equations at once.
 
 An element that is done leaves the iteration and none sees its neighbours, so a root never depends
-on what else is in the array. The number of steps is bounded.
-
-Roots of functions that cost a whole orbit: as few evaluations as can be.
+on what else is in the array. The number of steps is bounded, and the result says where the bound
+was reached.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from stickslip_monitor.arrays import FloatArray, IndexArray
+from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
 
 _LIMIT = 120
 _CLOSE = 2e-16
 _SECANT_CLOSE = 1e-14
+# Steps by interpolation, after which the bracket is divided into parts, at most so often.
+_PATIENCE, _PARTS, _DIVISIONS = 12, 16, 300
+
+
+@dataclass(frozen=True, slots=True)
+class Roots:
+    """What a root finder found.
+
+    Attributes:
+        value: The roots, or the best known where the limit was reached, shape (n,).
+        converged: Whether it was not, and the bracket had a root, shape (n,).
+    """
+
+    value: FloatArray
+    converged: BoolArray
 
 
 def newton_on_bracket(
@@ -26,7 +43,7 @@ def newton_on_bracket(
     high: FloatArray,
     start: FloatArray,
     parameters: Sequence[FloatArray] = (),
-) -> FloatArray:
+) -> Roots:
     """Roots of falling functions by Newton's method, one on each bracket ``[low, high]``.
 
     A step that leaves the bracket, or does not at least halve the one before last, is replaced by
@@ -41,10 +58,10 @@ def newton_on_bracket(
         parameters: Arrays of shape (n,) handed on to ``function``.
 
     Returns:
-        The roots, shape (n,). Where the function has one sign on the whole bracket, the end of
-        the bracket it points to.
+        The roots. Where the function has one sign on the whole bracket, the end of the bracket
+        it points to.
     """
-    root = start.copy()
+    root, converged = start.copy(), np.ones(start.size, dtype=bool)
     running = np.arange(root.size)
     x = start
     last = before_last = high - low
@@ -64,11 +81,12 @@ def newton_on_bracket(
         tolerance = np.where(good, 1e-9, _CLOSE)
         keep = (value != 0.0) & (step > tolerance * np.abs(following))
         if not keep.any():
-            break
+            return Roots(root, converged)
         running, x, low, high = running[keep], following[keep], low[keep], high[keep]
         before_last, last = last[keep], step[keep]
         arguments = [argument[keep] for argument in arguments]
-    return root
+    converged[running] = False
+    return Roots(root, converged)
 
 
 def root_on_bracket(
@@ -76,13 +94,14 @@ def root_on_bracket(
     low: FloatArray,
     high: FloatArray,
     ends: tuple[FloatArray, FloatArray],
-    parameters: Sequence[FloatArray] = (),
+    parameters: Sequence[NDArray[Any]] = (),
     beyond: tuple[FloatArray, FloatArray] | None = None,
-) -> FloatArray:
+) -> Roots:
     """Roots by Chandrupatla's method, one on each bracket whose ends differ in sign.
 
     Inverse quadratic interpolation where the last three points allow it, else bisection
-    (T. R. Chandrupatla, Adv. Eng. Software 28, 1997, 145-149).
+    (T. R. Chandrupatla, Adv. Eng. Software 28, 1997, 145-149). A function that no parabola
+    follows, as one with a logarithm at its root, is soon evaluated at many points at once.
 
     Args:
         function: ``(x, *parameters) -> value``; called with the elements still running.
@@ -91,12 +110,11 @@ def root_on_bracket(
         ends: The values there.
         parameters: Arrays of shape (n,) handed on to ``function``.
         beyond: Points outside the brackets and the values there, for a better first guess.
-
-    Returns:
-        The roots, shape (n,).
     """
-    root = np.where(ends[0] == 0.0, low, high)
-    running = np.flatnonzero((ends[0] != 0.0) & (ends[1] != 0.0))
+    opposite = np.sign(ends[0]) * np.sign(ends[1]) <= 0.0
+    nearer_low = (ends[0] == 0.0) | (~opposite & (np.abs(ends[0]) < np.abs(ends[1])))
+    root, converged = np.where(nearer_low, low, high), opposite.copy()
+    running = np.flatnonzero(opposite & (ends[0] != 0.0) & (ends[1] != 0.0))
     # The last point, the one on the other side of the root, and the one before.
     b, a, fb, fa = low[running], high[running], ends[0][running], ends[1][running]
     arguments = [argument[running] for argument in parameters]
@@ -104,7 +122,7 @@ def root_on_bracket(
     if beyond is not None:
         guess = _next_share(a, b, beyond[0][running], fa, fb, beyond[1][running])
         share = np.where((guess > 0.0) & (guess < 1.0) & (guess != 0.5), guess, share)
-    for _ in range(_LIMIT):
+    for _ in range(_PATIENCE if running.size else 0):
         x = b + share * (a - b)
         fx = function(x, *arguments)
         same = np.sign(fx) == np.sign(fb)
@@ -118,14 +136,68 @@ def root_on_bracket(
         close = np.abs(a - b) <= _CLOSE * np.abs(b)
         root[running] = np.where(there & (fb != 0.0), b - secant, b)
         keep = ~(there | close)
-        if not keep.any():
-            break
         running, a, b, c = running[keep], a[keep], b[keep], c[keep]
+        if not running.size:
+            break
         fa, fb, fc = fa[keep], fb[keep], fc[keep]
         arguments = [argument[keep] for argument in arguments]
         least = np.minimum(_CLOSE * np.abs(b) / np.abs(a - b), 0.5)
         share = np.clip(_next_share(a, b, c, fa, fb, fc), least, 1.0 - least)
-    return root
+    if running.size:
+        root[running], converged[running] = _divided(function, (b, a), (fb, fa), arguments)
+    return Roots(root, converged)
+
+
+def costly_root(
+    function: Callable[[FloatArray, IndexArray], FloatArray], low: FloatArray, high: FloatArray
+) -> Roots:
+    """:func:`root_on_bracket` of functions of ``(x, rows)``, with the numbers of the elements."""
+    rows = np.arange(low.size)
+    ends = function(np.concatenate([low, high]), np.concatenate([rows, rows]))
+    return root_on_bracket(function, low, high, (ends[: low.size], ends[low.size :]), (rows,))
+
+
+def _divided(
+    function: Callable[..., FloatArray],
+    ends: tuple[FloatArray, FloatArray],
+    values: tuple[FloatArray, FloatArray],
+    arguments: Sequence[NDArray[Any]],
+) -> tuple[FloatArray, BoolArray]:
+    """Roots by dividing brackets into parts, and whether the limit was not reached.
+
+    Args:
+        function: As of :func:`root_on_bracket`.
+        ends: Of the brackets, each of shape (n,).
+        values: There, of either sign and the other, each of shape (n,).
+        arguments: Of the function, each of shape (n,).
+    """
+    (near, far), (f_near, f_far) = ends, values
+    root, running = near.copy(), np.arange(near.size)
+    shares = np.arange(_PARTS + 1) / _PARTS
+    for _ in range(_DIVISIONS):
+        x = near[:, None] + (far - near)[:, None] * shares
+        many = [np.repeat(argument, _PARTS - 1, axis=0) for argument in arguments]
+        inner = function(x[:, 1:-1].ravel(), *many).reshape(-1, _PARTS - 1)
+        x[:, -1], f = far, np.column_stack([f_near, inner, f_far])
+        beyond = np.sign(f[:, 1:]) != np.sign(f_near)[:, None]
+        every, place, width = (
+            np.arange(running.size),
+            np.argmax(beyond, axis=1),
+            np.abs(far - near),
+        )
+        near, far = x[every, place], x[every, place + 1]
+        f_near, f_far = f[every, place], f[every, place + 1]
+        root[running] = np.where(np.abs(f_near) < np.abs(f_far), near, far)
+        now = np.abs(far - near)
+        keep = (now > 2.0 * _CLOSE * np.abs(near)) & (now < width)
+        running, near, far, f_near, f_far, *arguments = (
+            column[keep] for column in (running, near, far, f_near, f_far, *arguments)
+        )
+        if not running.size:
+            break
+    converged = np.ones(root.size, dtype=bool)
+    converged[running] = False
+    return root, converged
 
 
 def _next_share(
@@ -139,60 +211,3 @@ def _next_share(
         ahead = fb / (fa - fb) * fc / (fa - fc)
         share = ahead + (c - b) / (a - b) * fb / (fc - fb) * fa / (fc - fa)
     return np.where(fits & np.isfinite(share), share, 0.5)
-
-
-_COSTLY_LIMIT = 100
-_COSTLY_CLOSE = 4e-16
-
-
-def costly_root(
-    function: Callable[[FloatArray, IndexArray], FloatArray], low: FloatArray, high: FloatArray
-) -> FloatArray:
-    """Roots on brackets whose ends differ in sign, by Chandrupatla's method.
-
-    Inverse quadratic interpolation where the function is known to be smooth enough for it,
-    bisection elsewhere: Advances in Engineering Software 28 (1997) 145-149.
-
-    Args:
-        function: ``(x, rows) -> value`` for the rows still running.
-        low: Lower ends, shape (n,).
-        high: Upper ends, shape (n,).
-
-    Returns:
-        The roots, shape (n,).
-    """
-    rows = np.arange(low.size)
-    root = low.copy()
-    a, b = high.copy(), low.copy()
-    fa, fb = function(a, rows), function(b, rows)
-    t = np.full(low.size, 0.5)
-    for _ in range(_COSTLY_LIMIT):
-        x = a + t * (b - a)
-        fx = function(x, rows)
-        same = np.sign(fx) == np.sign(fa)
-        c, fc = np.where(same, a, b), np.where(same, fa, fb)
-        b, fb = np.where(same, b, a), np.where(same, fb, fa)
-        a, fa = x, fx
-        best = np.where(np.abs(fa) < np.abs(fb), a, b)
-        root[rows] = best
-        with np.errstate(divide='ignore', invalid='ignore'):
-            limit = 2.0 * _COSTLY_CLOSE * np.abs(best) / np.abs(b - c)
-        keep = (limit <= 0.5) & (fx != 0.0)
-        if not keep.any():
-            break
-        rows, limit = rows[keep], limit[keep]
-        a, b, c, fa, fb, fc = a[keep], b[keep], c[keep], fa[keep], fb[keep], fc[keep]
-        t = np.clip(_fraction(a, b, c, fa, fb, fc), limit, 1.0 - limit)
-    return root
-
-
-def _fraction(
-    a: FloatArray, b: FloatArray, c: FloatArray, fa: FloatArray, fb: FloatArray, fc: FloatArray
-) -> FloatArray:
-    """Where between ``a`` and ``b`` to look next."""
-    with np.errstate(divide='ignore', invalid='ignore'):
-        xi, phi = (a - b) / (c - b), (fa - fb) / (fc - fb)
-        quadratic = (phi * phi < xi) & ((1.0 - phi) ** 2 < 1.0 - xi)
-        across = fa / (fb - fa) * fc / (fb - fc)
-        beside = (c - a) / (b - a) * fa / (fc - fa) * fb / (fc - fb)
-        return np.where(quadratic, across + beside, 0.5)

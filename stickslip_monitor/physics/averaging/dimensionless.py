@@ -272,7 +272,7 @@ def _start_table(r: float) -> FloatArray:
         upper,
         np.minimum(start, upper),
         (v, share * 2.0 * limit / v),
-    )
+    ).value
     ratio = (sine / start).reshape(_START_SHARES.size - 1, _START_LOGS.size)
     ratio = np.vstack([ratio, np.ones(_START_LOGS.size)])
     cells = _cubic_cells(np.moveaxis(_cubic_cells(ratio), 2, 0))

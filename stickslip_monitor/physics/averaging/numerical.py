@@ -83,7 +83,7 @@ def hopf_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
             speeds[index + 1],
             (heights[index] - level, heights[index + 1] - level),
             (level,),
-        )
+        ).value
     return result
 
 
@@ -120,7 +120,7 @@ def fold_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
             (table.peak[i] - own, table.peak[i + 1] - own),
             (own, place, low, drift),
             (table.speeds[other], table.peak[other] - own),
-        )
+        ).value
     return result
 
 
@@ -229,9 +229,9 @@ def cycles(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> tuple[FloatArr
         sign = np.where(up > 0.0, -1.0, 1.0)
         return sign * (rho - level), sign * slope
 
-    x = newton_on_bracket(difference, left, right, start, (speed[point], q[point], rising))
+    roots = newton_on_bracket(difference, left, right, start, (speed[point], q[point], rising))
     with np.errstate(over='ignore'):
-        a = amplitude_at(x, given[point])
+        a = amplitude_at(roots.value, given[point])
     return _pad(speed.size, point, a, 1.0 - rising)
 
 

@@ -27,9 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray, flatten, mapped, restore
-from stickslip_monitor.physics.averaging import boundaries
-from stickslip_monitor.physics.cycle import stable, unstable, waveform
-from stickslip_monitor.physics.friction import Coulomb, Stribeck
+from stickslip_monitor.physics.cycle import fold, stable, unstable, waveform
 from stickslip_monitor.physics.oscillator import Bearing
 
 
@@ -217,7 +215,8 @@ def exact_unstable_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) ->
     speeds = np.abs(table.speed[usable])
     found = unstable.pure_slip(bearing, speeds, table.load[usable])
     omega = bearing.natural_frequency
-    table.kind[usable] = np.where(found.exists, CycleKind.PURE_SLIP, CycleKind.NONE)
+    absent = np.where(found.resolved, CycleKind.NONE, CycleKind.UNRESOLVED)
+    table.kind[usable] = np.where(found.exists, CycleKind.PURE_SLIP, absent)
     table.amplitude[usable] = 0.5 * (found.trough + found.crest) * (speeds / omega)
     table.period[usable] = found.period / omega
     table.stick_fraction[usable] = np.where(found.exists, 0.0, np.nan)
@@ -238,14 +237,10 @@ def exact_fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
         ``nan`` where no speed has a stick-slip cycle, ``inf`` where every high speed has one.
     """
 
-    def fold(n: FloatArray) -> FloatArray:
+    def folds(n: FloatArray) -> FloatArray:
         out = np.full(n.size, np.nan)
         loaded = n > 0.0
-        if isinstance(bearing.friction, Stribeck | Coulomb):
-            averaged = np.asarray(boundaries.fold_speed(bearing, n[loaded]), dtype=float)
-            out[loaded] = stable.fold(bearing, n[loaded], averaged)
-        else:
-            out[loaded] = stable.polished_fold(bearing, n[loaded])
+        out[loaded] = fold.exact_fold(bearing, n[loaded])
         return out
 
-    return mapped(fold, load)
+    return mapped(folds, load)

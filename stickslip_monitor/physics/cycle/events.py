@@ -60,7 +60,7 @@ def _root(series: FloatArray, level: FloatArray, low: FloatArray, high: FloatArr
             high[change] + 2.0,
             (below[change], above[change]),
             (series[change], level[change]),
-        )
+        ).value
         root[change] = shifted - 2.0
     return root
 

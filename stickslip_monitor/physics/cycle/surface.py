@@ -20,9 +20,9 @@ from stickslip_monitor.physics import chebyshev
 from stickslip_monitor.physics.averaging import boundaries
 from stickslip_monitor.physics.chebyshev import NOWHERE, PiecewiseChebyshev2D
 from stickslip_monitor.physics.cycle.cycles import exact_cycle
+from stickslip_monitor.physics.cycle.fold import fold_curve
 from stickslip_monitor.physics.cycle.law import scaled, steepest_fall
 from stickslip_monitor.physics.cycle.stable import slip_round_trip
-from stickslip_monitor.physics.fold_curve import fold_curve
 from stickslip_monitor.physics.friction import Coulomb
 from stickslip_monitor.physics.oscillator import Bearing
 

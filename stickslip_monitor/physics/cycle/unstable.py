@@ -35,6 +35,7 @@ class PureSlip:
 
     Attributes:
         exists: Whether there is one.
+        resolved: Whether that is known.
         trough: Displacement below steady sliding at the turning point, > 0.
         crest: Displacement above it.
         period: Its duration.
@@ -43,6 +44,7 @@ class PureSlip:
     """
 
     exists: BoolArray
+    resolved: BoolArray
     trough: FloatArray
     crest: FloatArray
     period: FloatArray
@@ -79,7 +81,8 @@ def pure_slip(bearing: Bearing, speed: FloatArray, load: FloatArray) -> PureSlip
     """
     n = speed.size
     blank, spent = np.full((4, n), np.nan), np.zeros(n, dtype=np.intp)
-    out = PureSlip(np.zeros(n, dtype=bool), blank[0], blank[1], blank[2], blank[3], spent)
+    exists, resolved = np.zeros(n, dtype=bool), np.ones(n, dtype=bool)
+    out = PureSlip(exists, resolved, blank[0], blank[1], blank[2], blank[3], spent)
     usable = runnable(bearing, speed, load)
     if not usable.size:
         return out
@@ -92,12 +95,16 @@ def pure_slip(bearing: Bearing, speed: FloatArray, load: FloatArray) -> PureSlip
     index = np.flatnonzero(np.isfinite(low))
     if not index.size:
         return out
-    amplitude = costly_root(
+    roots = costly_root(
         lambda a, rows: _turns(whole, index[rows], a, spent)[1], low[index], high[index]
     )
+    amplitude = roots.value
     orbits, _ = _turns(whole, index, amplitude, spent)
     out.evaluations[usable] = spent
-    closed = orbits.end == End.RETURNED
+    # The grazing orbit itself is no root, but as close to one as numbers tell.
+    grazes = high[index] - low[index] <= 2.0 * _BALANCED * high[index]
+    closed = (orbits.end == End.RETURNED) & (roots.converged | grazes)
+    out.resolved[usable[index[~closed]]] = False
     where = usable[index[closed]]
     out.exists[where] = True
     out.trough[where], out.crest[where] = amplitude[closed], orbits.crest[closed]

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from stickslip_monitor.physics.averaging.boundaries import fold_speed
-from stickslip_monitor.physics.cycle import stable
+from stickslip_monitor.physics.cycle import fold
 from stickslip_monitor.physics.cycle.cycles import exact_fold_speed
-from stickslip_monitor.physics.fold_curve import FoldCurve
+from stickslip_monitor.physics.cycle.fold import FoldCurve
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
 from stickslip_monitor.physics.oscillator import Bearing
 
-DOCS = Path(__file__).parents[2] / 'docs'
+DOCS = Path(__file__).parents[3] / 'docs'
 
 
 def _bearing(law: FrictionLaw, damping: float = 400.0) -> Bearing:
@@ -45,8 +45,8 @@ def test_the_table_of_exact_over_averaged_fold() -> None:
         eta, cells = zip(*((eta, cell) for eta, z, cell in table if z == zeta), strict=True)
         load = np.array(eta) / (0.2 * 10.0)
         averaged = np.asarray(fold_speed(bearing, load))
-        guess = stable.guessed_fold(bearing, load, averaged)
-        ratio = stable.coarse_fold(bearing, load, guess) / averaged - 1.0
+        guess = fold.guessed_fold(bearing, load, averaged)
+        ratio = fold.coarse_fold(bearing, load, guess) / averaged - 1.0
         printed = np.array([np.nan if cell == '-' else float(cell) for cell in cells])
         np.testing.assert_allclose(ratio, printed, rtol=0.06, atol=2e-6)
         np.testing.assert_array_equal(np.isnan(printed), np.array(eta) <= 2.0 * zeta)
