@@ -262,8 +262,8 @@ def _follow(
 class _Counter:
     """A condition with an integrating delay, which keeps longer when it keeps returning."""
 
-    def __init__(self, on_delay: float, off_delay: float, patient: bool) -> None:
-        self.on_delay, self.off_delay, self.patient = on_delay, off_delay, patient
+    def __init__(self, on_delay: float, off_delay: float, holds: tuple[int, ...]) -> None:
+        self.on_delay, self.off_delay, self.holds = on_delay, off_delay, holds
         self.on = False
         self.seconds = 0.0
         self.times = 0
@@ -273,13 +273,12 @@ class _Counter:
         """The delay that runs [s]."""
         if not self.on:
             return self.on_delay
-        return self.off_delay * {1: 1, 2: 6}.get(self.times, 60)
+        return self.off_delay * self.holds[min(self.times, len(self.holds)) - 1]
 
-    def count(self, up: bool, seconds: float, rhythm: float, clear: bool) -> None:
+    def count(self, up: bool, seconds: float, rhythm: float) -> None:
         """Time passes after a point that asks for a change, or not."""
         share = min(1.0, self.due() / 3.0 / rhythm)
-        pace = 3.0 if self.on and self.patient and self.times > 1 and clear else 1.0
-        self.seconds = max(0.0, self.seconds + (1.0 if up else -1.0) * share * pace * seconds)
+        self.seconds = max(0.0, self.seconds + (1.0 if up else -1.0) * share * seconds)
 
     def look(self, asks: bool, now: float) -> None:
         """Change where a point asks for it and the delay is over."""
@@ -321,7 +320,8 @@ class _Rule:
         self.speed_error = speed_error
         on, off = alarm.on_delay_ns * 1e-9, alarm.off_delay_ns * 1e-9
         delays = [on, on, 0.0 if alarm.onset_growth else on, on]
-        self.counters = [_Counter(delay, off, k > 1) for k, delay in enumerate(delays)]
+        holds = [(1, 60), (1, 60), (1, 6, 30), (1, 60)]
+        self.counters = [_Counter(own, off, hold) for own, hold in zip(delays, holds, strict=True)]
         self.sticking = False
         self.grown = self.gone = 0.0
         self.speeds: list[float] = []
@@ -341,7 +341,9 @@ class _Rule:
         for counter, own in zip(self.counters, asks, strict=True):
             counter.look(own[counter.on], self.now)
         self.before = depths, asks
-        return max((k for k, counter in enumerate(self.counters, 1) if counter.on), default=0)
+        on = [counter.on for counter in self.counters]
+        on[3] = on[3] and on[2]
+        return max((k for k, own in enumerate(on, 1) if own), default=0)
 
     def _pass(self, depths: dict[str, float], asks: list[tuple[bool, bool]]) -> None:
         """The period after the point before has passed."""
@@ -351,7 +353,7 @@ class _Rule:
         share = min(1.0, 4.8 / self.half / 3.0 / self.rhythm) * self.period
         self.gone = max(0.0, self.gone + (-share if depths['fold'] > 0.0 else share))
         for counter, own in zip(self.counters, asks, strict=True):
-            counter.count(own[counter.on], self.period, self.rhythm, asks[0][True])
+            counter.count(own[counter.on], self.period, self.rhythm)
 
     def _latch(self, depths: dict[str, float]) -> None:
         if self.sticking:
