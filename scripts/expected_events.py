@@ -211,9 +211,9 @@ def _of_bearing(scene: Scene, config: BearingConfig, track: Track) -> Iterator[E
     """Follow the rule without noise, and with it at its worst on both signals."""
     rates = [channel.rate for channel in scene.channels if config in channel.bearings]
     spread = noise(scene, config)
-    nominal = _follow(config, track, max(rates), 0.0, 0.0)
+    nominal = _follow(config, track, rates, 0.0, 0.0)
     shifted = [
-        _follow(config, track, max(rates), up * spread[0], more * spread[1])
+        _follow(config, track, rates, up * spread[0], more * spread[1])
         for up, more in product((-SIGMAS, SIGMAS), repeat=2)
     ]
     if any([row[1:] for row in other] != [row[1:] for row in nominal] for other in shifted):
@@ -246,10 +246,12 @@ def _crossing(
 
 
 def _follow(
-    config: BearingConfig, track: Track, rate: float, speed_error: float, load_error: float
+    config: BearingConfig, track: Track, rates: list[float], speed_error: float, load_error: float
 ) -> list[tuple[float, int, int]]:
-    """The changes of rung of a track sampled at a rate [Hz]: time [s], before, after."""
-    found, rule, rung = [], _Rule(config, 1.0 / rate, speed_error, load_error), 0
+    """The changes of rung of a track sampled at two rates [Hz]: time [s], before, after."""
+    rate = max(rates)
+    rule = _Rule(config, 1.0 / rate, 1.0 / min(rates), speed_error, load_error)
+    found, rung = [], 0
     for k in range(math.floor(float(track.time[-1]) * rate + 1e-9) + 1):
         before, rung = rung, rule.take(*track.at(k / rate))
         if rung != before:
@@ -260,8 +262,8 @@ def _follow(
 class _Counter:
     """A condition with an integrating delay, which keeps longer when it keeps returning."""
 
-    def __init__(self, on_delay: float, off_delay: float, patient: bool) -> None:
-        self.on_delay, self.off_delay, self.patient = on_delay, off_delay, patient
+    def __init__(self, on_delay: float, off_delay: float, holds: tuple[int, ...]) -> None:
+        self.on_delay, self.off_delay, self.holds = on_delay, off_delay, holds
         self.on = False
         self.seconds = 0.0
         self.times = 0
@@ -271,13 +273,12 @@ class _Counter:
         """The delay that runs [s]."""
         if not self.on:
             return self.on_delay
-        return self.off_delay * {1: 1, 2: 6}.get(self.times, 60)
+        return self.off_delay * self.holds[min(self.times, len(self.holds)) - 1]
 
-    def count(self, up: bool, seconds: float, period: float, clear: bool) -> None:
+    def count(self, up: bool, seconds: float, rhythm: float) -> None:
         """Time passes after a point that asks for a change, or not."""
-        share = min(1.0, self.due() / 3.0 / period)
-        pace = 3.0 if self.on and self.patient and self.times > 1 and clear else 1.0
-        self.seconds = max(0.0, self.seconds + (1.0 if up else -1.0) * share * pace * seconds)
+        share = min(1.0, self.due() / 3.0 / rhythm)
+        self.seconds = max(0.0, self.seconds + (1.0 if up else -1.0) * share * seconds)
 
     def look(self, asks: bool, now: float) -> None:
         """Change where a point asks for it and the delay is over."""
@@ -291,13 +292,26 @@ class _Counter:
 
 
 class _Rule:
-    """The rule of the decision on the samples of one bearing, which come at a period [s]."""
+    """The rule of the decision on the samples of one bearing.
+
+    Args:
+        config: The bearing.
+        period: Of the input that comes more often [s].
+        rhythm: Period of the other one [s].
+        speed_error: Added to each speed [m/s].
+        load_error: Added to each load [N].
+    """
 
     def __init__(
-        self, config: BearingConfig, period: float, speed_error: float, load_error: float
+        self,
+        config: BearingConfig,
+        period: float,
+        rhythm: float,
+        speed_error: float,
+        load_error: float,
     ) -> None:
         alarm, bearing = config.alarm, config.bearing
-        self.alarm, self.period = alarm, period
+        self.alarm, self.period, self.rhythm = alarm, period, rhythm
         self.half = bearing.damping / (2.0 * bearing.mass)
         self.inside = {
             name: _shifted(own, speed_error, load_error)
@@ -306,7 +320,8 @@ class _Rule:
         self.speed_error = speed_error
         on, off = alarm.on_delay_ns * 1e-9, alarm.off_delay_ns * 1e-9
         delays = [on, on, 0.0 if alarm.onset_growth else on, on]
-        self.counters = [_Counter(delay, off, k > 1) for k, delay in enumerate(delays)]
+        holds = [(1, 60), (1, 60), (1, 6, 30), (1, 60)]
+        self.counters = [_Counter(own, off, hold) for own, hold in zip(delays, holds, strict=True)]
         self.sticking = False
         self.grown = self.gone = 0.0
         self.speeds: list[float] = []
@@ -317,7 +332,7 @@ class _Rule:
         """Take a point; return the rung."""
         self.now += self.period
         # The first value of an input does not count: nothing is known of its rhythm.
-        if self.before is not None and self.now > 1.5 * self.period:
+        if self.before is not None and self.now > self.rhythm + 0.5 * self.period:
             self._pass(*self.before)
         self.speeds.append(speed + self.speed_error)
         depths = {name: inside(speed, load) for name, inside in self.inside.items()}
@@ -326,17 +341,19 @@ class _Rule:
         for counter, own in zip(self.counters, asks, strict=True):
             counter.look(own[counter.on], self.now)
         self.before = depths, asks
-        return max((k for k, counter in enumerate(self.counters, 1) if counter.on), default=0)
+        on = [counter.on for counter in self.counters]
+        on[3] = on[3] and on[2]
+        return max((k for k, own in enumerate(on, 1) if own), default=0)
 
     def _pass(self, depths: dict[str, float], asks: list[tuple[bool, bool]]) -> None:
         """The period after the point before has passed."""
-        most = self.alarm.onset_growth / 2.0 / (1.5 * self.period)
+        most = self.alarm.onset_growth / 2.0 / (1.5 * self.rhythm)
         rate = min(max(self.half * depths['hopf'], -most), most)
         self.grown = 0.0 if self.sticking else max(0.0, self.grown + rate * self.period)
-        share = min(self.period, 4.8 / self.half / 3.0)
+        share = min(1.0, 4.8 / self.half / 3.0 / self.rhythm) * self.period
         self.gone = max(0.0, self.gone + (-share if depths['fold'] > 0.0 else share))
         for counter, own in zip(self.counters, asks, strict=True):
-            counter.count(own[counter.on], self.period, self.period, asks[0][True])
+            counter.count(own[counter.on], self.period, self.rhythm)
 
     def _latch(self, depths: dict[str, float]) -> None:
         if self.sticking:

@@ -18,7 +18,7 @@ from stickslip_monitor.commands.output import add_config, add_json, console, pri
 from stickslip_monitor.monitor.assessment import Assessment, assess, at_index
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.ladder import warns
+from stickslip_monitor.monitor.decision import warns
 from stickslip_monitor.monitor.messages import number
 
 SCHEMA = 'stickslip_monitor/assessment/1'

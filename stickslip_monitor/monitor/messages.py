@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.monitor.assessment import Assessment, joined
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.ladder import Condition, Level, Standing
+from stickslip_monitor.monitor.decision import Standing
+from stickslip_monitor.monitor.ladder import Condition, Level
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.signals import QUANTITIES, Status
 from stickslip_monitor.monitor.trend import Trend

@@ -15,16 +15,9 @@ from dataclasses import dataclass, field
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
+from stickslip_monitor.monitor.decision import QUIET, ConditionClassifier, Standing
 from stickslip_monitor.monitor.freshness import Rhythm
-from stickslip_monitor.monitor.ladder import (
-    QUIET,
-    AlarmTrack,
-    Condition,
-    ConditionChange,
-    ConditionClassifier,
-    LastSample,
-    Standing,
-)
+from stickslip_monitor.monitor.ladder import AlarmTrack, Condition, ConditionChange, LastSample
 from stickslip_monitor.monitor.lookahead import SpeedTrend
 from stickslip_monitor.monitor.scan import Scan, scan_bearing
 from stickslip_monitor.monitor.signals import (

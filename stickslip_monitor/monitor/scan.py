@@ -17,14 +17,13 @@ from numpy.typing import NDArray
 from stickslip_monitor.arrays import BoolArray, IntArray
 from stickslip_monitor.monitor.assessment import Assessment, assess, at_index
 from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.decision import ConditionClassifier, Course
 from stickslip_monitor.monitor.freshness import Fresh, lasts
 from stickslip_monitor.monitor.ladder import (
     LADDER,
     AlarmTrack,
     Condition,
     ConditionChange,
-    ConditionClassifier,
-    Course,
     LastSample,
 )
 from stickslip_monitor.monitor.lookahead import futures

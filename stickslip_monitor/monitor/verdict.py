@@ -8,14 +8,8 @@ from dataclasses import dataclass
 
 from stickslip_monitor.monitor.assessment import Assessment, Outcome
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.ladder import (
-    LADDER,
-    ONSET,
-    QUIET,
-    Condition,
-    ConditionChange,
-    Standing,
-)
+from stickslip_monitor.monitor.decision import ONSET, QUIET, Standing
+from stickslip_monitor.monitor.ladder import LADDER, Condition, ConditionChange
 from stickslip_monitor.monitor.trend import Trend
 
 

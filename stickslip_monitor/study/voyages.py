@@ -304,12 +304,13 @@ def _forecasts(config: BearingConfig, scan: Scan) -> Iterator[Forecast]:
     events = np.array([event.time_ns for event in scan.events], np.int64)
     asked = np.union1d(regular, events[events >= scan.time_ns[0]])
     for k in np.unique(np.searchsorted(scan.time_ns, asked, 'right') - 1).tolist():
-        low = int(scan.first[k])
-        trend = trend_at(config, scan.time_ns, scan.assessment, scan.sticking, low, k)
+        if scan.sticking[k]:
+            continue
+        trend = trend_at(config, scan.time_ns, scan.assessment, int(scan.first[k]), k)
         if trend is not None:
             yield Forecast(
                 int(scan.time_ns[k]),
-                bool(scan.sticking[k]),
+                False,
                 trend.seconds,
                 trend.earliest,
                 trend.latest,

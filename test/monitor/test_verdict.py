@@ -12,7 +12,8 @@ from scipy.special import i1e
 
 from stickslip_monitor import MonitorConfig, assess
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.ladder import LADDER, QUIET, Condition, ConditionChange, Standing
+from stickslip_monitor.monitor.decision import QUIET, Standing
+from stickslip_monitor.monitor.ladder import LADDER, Condition, ConditionChange
 from stickslip_monitor.monitor.trend import Trend
 from stickslip_monitor.monitor.verdict import describe, event_of
 

@@ -14,7 +14,8 @@ from stickslip_monitor import Assessment, Monitor, MonitorConfig, Sample, assess
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange, Annunciator
 from stickslip_monitor.monitor.alarms.causes import AlarmKind
-from stickslip_monitor.monitor.ladder import QUIET, Condition
+from stickslip_monitor.monitor.decision import QUIET
+from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.monitor.verdict import Event, Verdict
 

@@ -30,7 +30,8 @@ from stickslip_monitor.monitor.alarms.annunciator import (
 )
 from stickslip_monitor.monitor.alarms.causes import RUNG_OF, AlarmKind
 from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
-from stickslip_monitor.monitor.ladder import LADDER, QUIET, Condition
+from stickslip_monitor.monitor.decision import QUIET
+from stickslip_monitor.monitor.ladder import LADDER, Condition
 from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.monitor.verdict import Event, Verdict
 

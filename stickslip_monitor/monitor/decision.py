@@ -1,0 +1,421 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The rule of the decision: from operating points to a rung of the alarm's ladder.
+
+*Stick-slip runs* once a small disturbance has had the time to grow. Far below the sliding limit
+its amplitude obeys ``d(ln A)/dt = g(V, N)``, the growth rate of the averaged equation, and it does
+not shrink below what noise always brings; so the monitor integrates ``E' = g``, ``E >= 0``, and
+predicts stick-slip from ``E = alarm.onset_growth`` on. It ends when the point has been where no
+cycle exists for :data:`DECAY` times ``2 m/c``, net time, both ways.
+
+The rungs are raised and cleared by integrating delays (:mod:`.latch`) whose increments no single
+value can dominate (:mod:`.freshness`). A rung that keeps returning is held (:data:`HOLDS`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip_monitor.arrays import BoolArray, IntArray
+from stickslip_monitor.monitor.assessment import OUTCOMES, Assessment, Outcome
+from stickslip_monitor.monitor.config import AlarmConfig
+from stickslip_monitor.monitor.freshness import Fresh, credit, credit_of_many, lasts
+from stickslip_monitor.monitor.ladder import LADDER, Condition
+from stickslip_monitor.monitor.latch import Latch, follow
+from stickslip_monitor.physics.averaging.boundaries import growth_rate
+from stickslip_monitor.physics.oscillator import Bearing
+
+_STICK_SLIP = OUTCOMES.index(Outcome.STICK_SLIP)
+_NO_CONTACT = OUTCOMES.index(Outcome.NO_CONTACT)
+_AT_REST = OUTCOMES.index(Outcome.AT_REST)
+
+_STICK_RUNG = LADDER.index(Condition.STICK_SLIP)
+
+E_FOLD = 2**32
+"""Growth is counted in parts of this many to an e-fold."""
+ONSET = 6.0
+"""E-folds from the disturbance that is always there to the sliding limit, where it sticks."""
+DECAY = 4.8
+"""How long a cycle outlives the fold [2 m/c]."""
+HOLDS = ((1,), (1, 60), (1, 60), (1, 6, 30), (1, 60))
+"""Of each rung the off-delay when it is raised for the first, second and further time [off_delay].
+
+With them no more than ten conditions are raised within sixty off-delays, whatever fluctuates.
+"""
+_MEMORY = 60
+"""A rung raised again sooner than this after it was cleared keeps returning [off_delay]."""
+
+
+def decision_margin(point: Assessment) -> Any:
+    """The margin [-] by which alarms go: below 0 where a stick-slip cycle exists."""
+    return point.stability_margin
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """What the alarm of a bearing rests on after an operating point.
+
+    Attributes:
+        rung: The rung of the ladder it stands on.
+        sticking: Whether stick-slip is predicted to run.
+        asked: The rung that the point by itself asks for.
+        growth: How far a disturbance has grown while stick-slip is not predicted [e-folds].
+        clears: In how many seconds the rung clears if the point stays where it is; ``None``
+            while the point holds it.
+        raised: How often this rung has been raised, each time soon after it was cleared.
+        future: The speed that the trend of the last seconds leads to [m/s]; ``nan`` if unknown.
+    """
+
+    rung: int = 0
+    sticking: bool = False
+    asked: int = 0
+    growth: float = 0.0
+    clears: float | None = None
+    raised: int = 0
+    future: float = math.nan
+
+    @property
+    def condition(self) -> Condition:
+        """What the alarm says."""
+        return LADDER[self.rung]
+
+
+QUIET = Standing()
+
+
+def held_ns(config: AlarmConfig, rung: int, raised: int) -> int:
+    """How long a rung must be gone to be cleared, when it was raised so often lately [ns]."""
+    holds = HOLDS[rung]
+    return config.off_delay_ns * holds[min(max(raised, 1), len(holds)) - 1]
+
+
+class _Growth(Latch):
+    """Whether stick-slip is predicted to run: off until grown, on until died out.
+
+    Args:
+        bearing: The bearing.
+        config: The alarm.
+
+    Attributes:
+        points: Of a recording: the assessment of arrays, shape (n,).
+    """
+
+    points: Assessment
+
+    def __init__(self, bearing: Bearing, config: AlarmConfig) -> None:
+        super().__init__(config)
+        self.bearing = bearing
+        time = 2.0 * bearing.mass / bearing.damping if bearing.damping > 0.0 else math.inf
+        self.decay_ns = int(min(DECAY * time * 1e9, 2.0**62))
+
+    def due(self) -> int:
+        """The onset's growth, or the time to die out; without a memory both are 0."""
+        onset = round(self.config.onset_growth * E_FOLD)
+        return min(self.decay_ns, onset * self.decay_ns) if self.on else onset
+
+    def step(self, rate: float, asked: bool, covered: int, rhythm: int) -> int:
+        """What an interval adds, given the growth rate and what was asked at its point."""
+        if self.on:
+            own = credit(covered, rhythm, self.due())
+            return own if asked else -own
+        most = self._most(float(lasts(rhythm)))
+        grown = round(min(max(rate, -most), most) * covered * (E_FOLD / 1e9))
+        return max(grown, 0) if asked else min(grown, 0)
+
+    def _most(self, length: Any) -> Any:
+        """The largest rate [1/s] that counts: of one value half of what is due, no more."""
+        return self.config.onset_growth * 0.5e9 / np.maximum(length, 1.0)
+
+    def steps(self, lo: int, hi: int) -> IntArray:
+        """:meth:`step` of many points."""
+        covered, rhythm = self.fresh.covered[lo:hi], self.fresh.rhythm[lo:hi]
+        asked = self.asks[self.on][lo:hi]
+        if self.on:
+            own = credit_of_many(covered, rhythm, self.due())
+            return np.where(asked, own, -own)
+        rate = growth_rate(self.bearing, self.points.speed[lo:hi], self.points.load[lo:hi])
+        most = self._most(np.asarray(lasts(rhythm), float))
+        grown = np.rint(np.clip(rate, -most, most) * covered * (E_FOLD / 1e9)).astype(np.int64)
+        return np.where(asked, np.maximum(grown, 0), np.minimum(grown, 0))
+
+
+class _Rung(Latch):
+    """Whether a rung is raised.
+
+    Args:
+        config: The alarm.
+        rung: Which rung of the ladder.
+
+    Attributes:
+        raised: How often it has been raised, each time soon after it was cleared.
+        history: Of a recording: :attr:`raised` after each time it was.
+    """
+
+    def __init__(self, config: AlarmConfig, rung: int) -> None:
+        super().__init__(config)
+        self.rung = rung
+        self.raised = 0
+        self.history: list[int] | None = None
+        self._cleared: int | None = None
+
+    def restart(self) -> None:
+        """The clock jumped."""
+        self.count = 0
+        self._cleared = None
+
+    def due(self) -> int:
+        """The delay that runs [ns]."""
+        if self.on:
+            return held_ns(self.config, self.rung, self.raised)
+        if self.rung == _STICK_RUNG and self.config.onset_growth:
+            return 0  # growth is a delay of its own
+        return self.config.on_delay_ns
+
+    def switch(self, time_ns: int) -> None:
+        """Count how often it keeps returning."""
+        super().switch(time_ns)
+        if not self.on:
+            self._cleared = time_ns
+            return
+        memory = _MEMORY * self.config.off_delay_ns
+        again = self._cleared is not None and time_ns - self._cleared < memory
+        self.raised = self.raised + 1 if again else 1
+        if self.history is not None:
+            self.history.append(self.raised)
+
+    def step(self, asked: bool, covered: int, rhythm: int) -> int:
+        """What an interval adds, given what was asked at its point."""
+        own = credit(covered, rhythm, self.due())
+        return own if asked else -own
+
+    def steps(self, lo: int, hi: int) -> IntArray:
+        """:meth:`step` of many points."""
+        own = credit_of_many(self.fresh.covered[lo:hi], self.fresh.rhythm[lo:hi], self.due())
+        return np.where(self.asks[self.on][lo:hi], own, -own)
+
+
+def _sliding(point: Assessment) -> Any:
+    code = point.outcome_code
+    return (code != _AT_REST) & (code != _NO_CONTACT)
+
+
+def _ahead(point: Assessment, future: Any) -> Any:
+    """Whether the speed that the trend leads to lies below the fold."""
+    fold, astern = point.stability_limit, point.speed < 0.0
+    below = (future < fold) & (astern ^ True) | (-future < fold) & astern
+    return _sliding(point) & below
+
+
+def _grown(point: Assessment) -> tuple[Any, Any]:
+    """Where a disturbance grows, and where a cycle dies out."""
+    inside = _sliding(point) & (decision_margin(point) < 0.0)
+    return point.outcome_code == _STICK_SLIP, inside ^ True
+
+
+def _asked(config: AlarmConfig, point: Assessment, future: Any, sticking: Any) -> list[Any]:
+    """For each rung from caution up where it holds, and where it is clear of it.
+
+    Args:
+        config: The alarm.
+        point: Assessment of scalars, or of arrays of shape (n,).
+        future: The speed that the trend leads to [m/s]; ``nan`` if unknown.
+        sticking: Whether stick-slip is predicted to run.
+    """
+    sliding, margin = _sliding(point), decision_margin(point)
+    coming = _ahead(point, future) | sticking
+    near = sliding & (margin < config.caution_margin)
+    wide = sliding & (margin <= config.caution_margin + config.hysteresis)
+    inside = (sliding & (margin < 0.0)) | sticking
+    asked = [(near | coming, (wide | coming) ^ True), (inside, inside ^ True)]
+    asked.append((sticking, sticking ^ True))
+    if config.amplitude_limit < math.inf and np.any(sticking):
+        amplitude, limit = point.amplitude, config.amplitude_limit
+        small = amplitude < limit * (1.0 - config.hysteresis)
+        asked.append((sticking & (amplitude > limit), (sticking ^ True) | small))
+    else:
+        never = sticking & (sticking ^ True)
+        asked.append((never, never ^ True))
+    return asked
+
+
+class ConditionClassifier:
+    """The memories between operating points and the alarm, for one bearing."""
+
+    def __init__(self, bearing: Bearing, config: AlarmConfig) -> None:
+        self.bearing = bearing
+        self.growth = _Growth(bearing, config)
+        self.levels = [_Rung(config, k) for k in range(1, len(LADDER))]
+        self.config = config
+        self._before: list[tuple[bool, bool]] = []
+        self._point: Assessment | None = None
+
+    @property
+    def config(self) -> AlarmConfig:
+        """The settings; new ones change no state."""
+        return self._config
+
+    @config.setter
+    def config(self, config: AlarmConfig) -> None:
+        self._config = config
+        for latch in (self.growth, *self.levels):
+            latch.config = config
+
+    def restart(self) -> None:
+        """The clock jumped: what waited on time starts anew."""
+        self._before = []
+        for latch in (self.growth, *self.levels):
+            latch.restart()
+
+    def take(
+        self, point: Assessment, time_ns: int, future: float, covered: int, rhythm: int
+    ) -> Standing:
+        """Take an operating point.
+
+        Args:
+            point: Its assessment, of scalars.
+            time_ns: Its time [ns].
+            future: The speed that the trend leads to [m/s]; ``nan`` if unknown.
+            covered: How much of the time since the point before that one counted [ns].
+            rhythm: That one's rhythm [ns].
+        """
+        steps = self._steps(covered, rhythm)
+        growth, asks = self.growth, _grown(point)
+        growth.take(steps[0], asks[growth.on], time_ns)
+        now = [asks, *_asked(self.config, point, future, growth.on)]
+        for level, step, asked in zip(self.levels, steps[1:], now[1:], strict=True):
+            level.take(step, asked[level.on], time_ns)
+        self._before, self._point = now, point
+        return self._standing(future)
+
+    def _steps(self, covered: int, rhythm: int) -> list[int]:
+        """What has passed since the point before, for the growth and each rung."""
+        before, growth = self._before, self.growth
+        if not before:
+            return [0] * (1 + len(self.levels))
+        asked = before[0][growth.on]
+        grown = growth.step(self._rate(asked), asked, covered, rhythm)
+        return [
+            grown,
+            *(
+                level.step(asks[level.on], covered, rhythm)
+                for level, asks in zip(self.levels, before[1:], strict=True)
+            ),
+        ]
+
+    def _standing(self, future: float) -> Standing:
+        now, growth = self._before, self.growth
+        rung = max((k for k, level in enumerate(self.levels, 1) if level.on), default=0)
+        if rung > _STICK_RUNG and not self.levels[_STICK_RUNG - 1].on:
+            rung = max((k for k, level in enumerate(self.levels[:-1], 1) if level.on), default=0)
+        asked = max((k for k in range(1, len(now)) if now[k][False]), default=0)
+        grown = 0.0 if growth.on else growth.count / E_FOLD
+        if not rung:
+            return Standing(0, growth.on, asked, grown, None, 0, future)
+        level = self.levels[rung - 1]
+        clears = (level.due() - level.count) * 1e-9 if now[rung][True] else None
+        return Standing(rung, growth.on, asked, grown, clears, level.raised, future)
+
+    def _rate(self, asked: bool) -> float:
+        """The growth rate at the point before; not needed where nothing can shrink."""
+        if self.growth.on or self._point is None or not (asked or self.growth.count):
+            return 0.0
+        rate: float = self._point.growth_rate
+        return rate
+
+    def follow(
+        self,
+        points: Assessment,
+        times: IntArray,
+        starts: NDArray[np.intp],
+        futures: NDArray[np.float64],
+        fresh: Fresh,
+    ) -> Course:
+        """:meth:`take` of all points of a recording at once.
+
+        Args:
+            points: Assessment of arrays, shape (n,).
+            times: Shape (n,) [ns].
+            starts: The points before which the clock jumped, the first included, shape (m,).
+            futures: The speeds that the trend leads to, shape (n,) [m/s].
+            fresh: How long each point counts.
+        """
+        growth = self.growth
+        growth.points, growth.fresh, growth.asks = points, fresh, _grown(points)
+        sticking, grown = follow(growth, times, starts)
+        asked = _asked(self.config, points, futures, sticking)
+        rung = np.zeros(times.size, np.int8)
+        levels = []
+        for k, (level, asks) in enumerate(zip(self.levels, asked, strict=True), 1):
+            level.fresh, level.asks, level.history = fresh, asks, []
+            on, count = follow(level, times, starts)
+            rung[on if k <= _STICK_RUNG else on & (rung == _STICK_RUNG)] = k
+            raises = np.flatnonzero(on & ~np.append(False, on)[:-1])
+            levels.append(_LevelCourse(asks, count, raises, level.history))
+        return Course(self.config, futures, rung, sticking, grown, levels)
+
+
+@dataclass(frozen=True, slots=True)
+class _LevelCourse:
+    """One rung over a recording.
+
+    Attributes:
+        asks: What the points ask, each shape (n,).
+        count: Shape (n,).
+        raises: The points at which it was raised.
+        history: How often it had lately been, at each of these.
+    """
+
+    asks: tuple[BoolArray, BoolArray]
+    count: IntArray
+    raises: NDArray[np.intp]
+    history: list[int]
+
+    def raised(self, k: int) -> int:
+        """How often it had lately been raised when it last was, at a point."""
+        n = int(np.searchsorted(self.raises, k, 'right'))
+        return self.history[n - 1] if n else 0
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """What the alarm rests on after each point of a recording.
+
+    Attributes:
+        config: The alarm.
+        futures: The speeds that the trend leads to, shape (n,) [m/s].
+        rung: Shape (n,).
+        sticking: Whether stick-slip is predicted to run, shape (n,).
+        grown: Growth, or the time it has been dying out, as counted, shape (n,).
+        levels: The rungs from caution up.
+    """
+
+    config: AlarmConfig
+    futures: NDArray[np.float64]
+    rung: NDArray[np.int8]
+    sticking: BoolArray
+    grown: IntArray
+    levels: list[_LevelCourse]
+
+    def at(self, k: int) -> Standing:
+        """What the alarm rests on after point ``k``; :data:`QUIET` before the first."""
+        if k < 0:
+            return QUIET
+        rung, sticking, future = int(self.rung[k]), bool(self.sticking[k]), float(self.futures[k])
+        asked = max((j for j, lv in enumerate(self.levels, 1) if lv.asks[False][k]), default=0)
+        grown = 0.0 if sticking else int(self.grown[k]) / E_FOLD
+        if not rung:
+            return Standing(0, sticking, asked, grown, None, 0, future)
+        level = self.levels[rung - 1]
+        raised = level.raised(k)
+        left = held_ns(self.config, rung, raised) - int(level.count[k])
+        clears = left * 1e-9 if level.asks[True][k] else None
+        return Standing(rung, sticking, asked, grown, clears, raised, future)
+
+
+def warns(config: AlarmConfig, point: Assessment) -> bool:
+    """Whether an operating point by itself, of scalars, asks for caution or worse."""
+    return bool(_asked(config, point, math.nan, False)[0][False])
