@@ -15,13 +15,24 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 .DEFAULT_GOAL := help
 # Two installations into one environment must not run at once.
 .NOTPARALLEL:
-.PHONY: help demo test lint format bags bench bench-soak warning-quality colcon-test clean
+SIGNALK := test/links/signalk_server
+.PHONY: help demo demo-ship signalk-server test lint format bags bench bench-soak warning-quality
+.PHONY: colcon-test clean
 
 help:  ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-15s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 demo: $(VENV)/.demo  ## Watch the node warn while a recorded coast-down is played to it
 	@$(BIN)/python scripts/demo.py
+
+demo-ship: $(VENV)/.ship  ## Watch a ship without ROS: speed from Signal K, the alarm on a display
+	@! command -v npm >/dev/null || $(MAKE) --no-print-directory signalk-server
+	@$(BIN)/python -m scripts.demo_ship
+
+signalk-server: $(SIGNALK)/node_modules  ## Install the locked signalk-server for tests and demo-ship (npm)
+$(SIGNALK)/node_modules: $(SIGNALK)/package-lock.json
+	cd $(SIGNALK) && npm ci --omit=optional --ignore-scripts --no-audit --no-fund
+	@touch $@
 
 test: $(VENV)/.test  ## Run the tests (PYTEST_ARGS='-k friction' for some of them)
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(PYTEST_ARGS)
@@ -66,10 +77,11 @@ $(BIN)/python:
 	@$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.demo: EXTRAS = ros,report
-$(VENV)/.test: EXTRAS = dashboard,ros,report,test
-$(VENV)/.lint: EXTRAS = dashboard,ros,report,lint
-$(VENV)/.bench: EXTRAS = ros,report,bench
-$(VENV)/.demo $(VENV)/.test $(VENV)/.bench $(VENV)/.lint: setup.py pyproject.toml | $(BIN)/python
+$(VENV)/.ship: EXTRAS = dashboard,links
+$(VENV)/.test: EXTRAS = dashboard,links,ros,report,test
+$(VENV)/.lint: EXTRAS = dashboard,links,ros,report,lint
+$(VENV)/.bench: EXTRAS = links,ros,report,bench
+$(VENV)/.demo $(VENV)/.ship $(VENV)/.test $(VENV)/.bench $(VENV)/.lint: setup.py pyproject.toml | $(BIN)/python
 	@echo 'Installing stickslip_monitor[$(EXTRAS)] into $(VENV), once (a minute or two) ...'
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check --editable '.[$(EXTRAS)]'
 	@touch $@

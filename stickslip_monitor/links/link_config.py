@@ -41,7 +41,7 @@ LINK_PARAMETERS = (
         10001,
         'Identifier of our first alert; the five others follow.',
         minimum=1,
-        maximum=9999994,
+        maximum=999994,
     ),
     Parameter(
         'nmea.list_period',
