@@ -226,7 +226,10 @@ class SignalKValues:
 
 
 def _diagnostic(name: str, status: Mapping[str, str]) -> float | None:
-    value = float(status.get(VALUES[name][0], 'nan'))
+    try:
+        value = float(status.get(VALUES[name][0], 'nan'))
+    except ValueError:
+        return None
     if math.isfinite(value):
         return value
     return 0.0 if name == 'stickSlipAmplitude' else None

@@ -155,6 +155,12 @@ def test_units_are_those_of_the_bus(files: Files) -> None:
             load_watch(path, False)
 
 
+def test_a_section_without_a_bus(files: Files) -> None:
+    topics = {'speed': {'unit': 'Hz', 'topic': '/s'}, 'load': {'unit': 'N', 'topic': '/l'}}
+    with pytest.raises(ConfigurationError, match='uses no bus: give'):
+        load_watch(files.write({'nmea.talker': 'II'}, **topics), True)
+
+
 def test_a_file_without_the_section(files: Files) -> None:
     with pytest.raises(ConfigurationError, match="has no section '/stickslip_links:'"):
         load_watch(files.write(None), False)
