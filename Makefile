@@ -16,7 +16,9 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 .DEFAULT_GOAL := help
 # Two installations into one environment must not run at once.
 .NOTPARALLEL:
-.PHONY: help setup demo dashboard test test-all lint format docs bags bench bench-soak colcon-test warning-quality clean
+SIGNALK := test/links/signalk_server
+.PHONY: help setup demo demo-ship dashboard signalk-server test test-all lint format docs bags
+.PHONY: bench bench-soak warning-quality colcon-test clean
 
 help:  ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-15s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -25,6 +27,15 @@ setup: $(VENV)/.run  ## Make .venv with ROS 2 and the commands: `source .venv/bi
 
 demo: $(VENV)/.run  ## Watch the node warn while a recorded coast-down is played to it
 	@$(BIN)/python scripts/demo.py
+
+demo-ship: $(VENV)/.ship  ## Watch a ship without ROS: speed from Signal K, the alarm on a display
+	@! command -v npm >/dev/null || $(MAKE) --no-print-directory signalk-server
+	@$(BIN)/python -m scripts.demo_ship
+
+signalk-server: $(SIGNALK)/node_modules  ## Install the locked signalk-server for tests and demo-ship (npm)
+$(SIGNALK)/node_modules: $(SIGNALK)/package-lock.json
+	cd $(SIGNALK) && npm ci --omit=optional --ignore-scripts --no-audit --no-fund
+	@touch $@
 
 dashboard: $(VENV)/.run  ## Show the recorded coast-down on the dashboard, in a browser
 	@echo 'Ctrl-C ends it. The coast-down lasts 28 seconds; the page then stays as it ended.'
@@ -80,11 +91,12 @@ $(BIN)/python:
 	@$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.run: EXTRAS = dashboard,ros,report
-$(VENV)/.test: EXTRAS = dashboard,ros,report,test
-$(VENV)/.lint: EXTRAS = dashboard,ros,report,lint
-$(VENV)/.bench: EXTRAS = ros,report,bench
+$(VENV)/.ship: EXTRAS = dashboard,links
+$(VENV)/.test: EXTRAS = dashboard,links,ros,report,test
+$(VENV)/.lint: EXTRAS = dashboard,links,ros,report,lint
+$(VENV)/.bench: EXTRAS = links,ros,report,bench
 $(VENV)/.docs: EXTRAS = docs
-$(VENV)/.run $(VENV)/.test $(VENV)/.bench $(VENV)/.lint $(VENV)/.docs: setup.py pyproject.toml | $(BIN)/python
+$(VENV)/.run $(VENV)/.ship $(VENV)/.test $(VENV)/.bench $(VENV)/.lint $(VENV)/.docs: setup.py pyproject.toml | $(BIN)/python
 	@echo 'Installing stickslip_monitor[$(EXTRAS)] into $(VENV), once (a minute or two) ...'
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check --editable '.[$(EXTRAS)]'
 	@touch $@

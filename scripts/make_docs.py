@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Writes docs/configuration.md from the table of parameters, and the life of an alarm."""
+"""Writes docs/configuration.md from the table of parameters, and tables of other pages."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+from stickslip_monitor.links.link_config import INPUT_PARAMETERS, LINK_PARAMETERS
 from stickslip_monitor.monitor.alarms.lifecycle import ALWAYS, TABLE, AlarmState, Choice, Trigger
 from stickslip_monitor.monitor.table import (
     BEARING_PARAMETERS,
@@ -20,6 +21,7 @@ from stickslip_monitor.monitor.table import (
 
 PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'configuration.md'
 ALARMS = PAGE.with_name('alarms.md')
+SHIP = PAGE.with_name('ship.md')
 COMMAND = 'python scripts/make_docs.py'
 KINDS = {
     'float': 'number',
@@ -138,6 +140,7 @@ change is refused with the same sentence as in a file.
 
 
 LIFE = re.compile(r'(?<=-->\n).*?(?=<!-- /lifecycle -->)', re.DOTALL)
+LINKS = re.compile(r'(?<=-->\n)[^<]*(?=<!-- /links -->)')
 FACTS = {
     'suppressed': 'a reason for suppression holds',
     'covered': 'a worse alarm covers it',
@@ -237,8 +240,15 @@ def with_life(page: str) -> str:
     return LIFE.sub(lambda _: render_life(), page, count=1)
 
 
+def with_links(page: str) -> str:
+    """The page on the ship's buses with its tables made anew."""
+    tables = f'\n{_table(LINK_PARAMETERS)}\n\n{_table(INPUT_PARAMETERS)}\n\n'
+    return LINKS.sub(lambda _: tables, page, count=1)
+
+
 def main() -> int:
-    """Write the page, and the tables of the other."""
+    """Write the page, and the tables of the others."""
+    SHIP.write_text(with_links(SHIP.read_text(encoding='utf-8')), encoding='utf-8')
     PAGE.write_text(render(), encoding='utf-8')
     ALARMS.write_text(with_life(ALARMS.read_text(encoding='utf-8')), encoding='utf-8')
     return 0

@@ -57,6 +57,12 @@ def test_the_life_of_an_alarm_is_fresh(make_docs: ModuleType) -> None:
         ]
 
 
+def test_the_parameters_of_the_links_are_fresh(make_docs: ModuleType) -> None:
+    page = make_docs.SHIP.read_text(encoding='utf-8')
+    _check_fresh(make_docs.SHIP, make_docs.with_links(page), make_docs.COMMAND)
+    assert '| `signalk.url` |' in page
+
+
 def test_a_stale_page_is_noticed(make_docs: ModuleType, tmp_path: Path) -> None:
     page = tmp_path / 'configuration.md'
     for content in (None, make_docs.render().replace('| `mass` |', '| `weight` |')):

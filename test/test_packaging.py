@@ -37,7 +37,8 @@ while not node.get_publishers_info_by_topic('/diagnostics'):
     time.sleep(0.05)
 """
 LEFT_BEHIND = shutil.ignore_patterns(
-    '.git', '.venv', 'build', 'dist', 'install', 'log', '*.egg-info', '__pycache__', '.*_cache'
+    *('.git', '.venv', 'build', 'dist', 'install', 'log', '*.egg-info', '__pycache__', '.*_cache'),
+    'node_modules',
 )
 
 

@@ -54,6 +54,7 @@ if TYPE_CHECKING:
 SILENT = 3.0
 """A node of which nothing has been heard for so long is not believed to be there [s]."""
 _TICK = 0.5
+_GOING = 2.0
 _log = logging.getLogger(NODE_NAME)
 
 
@@ -201,12 +202,12 @@ async def _watch(args: argparse.Namespace, config: MonitorConfig, links: LinksCo
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             for task in done:
                 task.result()
-            for client in clients:
-                await client.finish()
+            # A server that is frozen must not keep us here.
+            await asyncio.wait([asyncio.create_task(c.finish()) for c in clients], timeout=_GOING)
         finally:
             for task in tasks:
                 task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            await asyncio.wait(tasks, timeout=_GOING)
 
 
 def _board(args: argparse.Namespace, config: MonitorConfig) -> DashboardState | None:

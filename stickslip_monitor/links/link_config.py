@@ -41,7 +41,7 @@ LINK_PARAMETERS = (
         10001,
         'Identifier of our first alert; the five others follow.',
         minimum=1,
-        maximum=9999994,
+        maximum=999994,
     ),
     Parameter(
         'nmea.list_period',
@@ -150,6 +150,10 @@ def build_links(values: Mapping[str, Any], config: MonitorConfig) -> LinksConfig
         if any(key.startswith(f'{bearing.name}.{quantity}.') for key in values)
     ]
     inputs = [_input(*item, values) for item in given]
+    if not (own['signalk.url'] or own['nmea.listen'] or own['nmea.alerts'] or inputs):
+        raise ConfigurationError(
+            f'{SECTION} uses no bus: give signalk.url, nmea.listen or nmea.alerts'
+        )
     return LinksConfig(
         _signalk(own, any(isinstance(item, SignalKInput) for item in inputs)),
         _nmea(own, any(isinstance(item, NmeaInput) for item in inputs)),

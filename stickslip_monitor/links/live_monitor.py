@@ -104,7 +104,8 @@ class LiveMonitor:
         for event in events:
             (self._log.error if event.raised else self._log.info)(event.text)
         if events:
-            self._show()
+            # At the next tick: the alarm itself must not wait for the figures beside it.
+            self._shown_ns = 0
 
     def _show(self) -> None:
         self._shown_ns = self._now_ns()

@@ -226,7 +226,10 @@ class SignalKValues:
 
 
 def _diagnostic(name: str, status: Mapping[str, str]) -> float | None:
-    value = float(status.get(VALUES[name][0], 'nan'))
+    try:
+        value = float(status.get(VALUES[name][0], 'nan'))
+    except ValueError:
+        return None
     if math.isfinite(value):
         return value
     return 0.0 if name == 'stickSlipAmplitude' else None
@@ -392,7 +395,7 @@ def _notification(record: Mapping[str, Any], token: str) -> dict[str, Any]:
     """An alarm as a notification's value."""
     lifecycle, kind = record['state'], _KINDS[record['alarm']]
     waiting, known = lifecycle in _WAITING, lifecycle in _KNOWN
-    text = record['text'] or kind.sentence
+    text = record['text'] if waiting or known else ''
     value = {
         'state': _SEVERITIES[kind.priority] if waiting or known else 'normal',
         'method': (['visual', 'sound'] if record['sounding'] else ['visual']) if waiting else [],

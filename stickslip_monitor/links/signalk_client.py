@@ -10,6 +10,7 @@ import ssl
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -220,12 +221,13 @@ class SignalKClient:
         self._wake.set()
 
     async def _send_all(self, socket: aiohttp.ClientWebSocketResponse) -> None:
-        while True:
-            while self._outbox:
-                update = self._outbox.popleft()
-                await socket.send_str(json.dumps({'updates': [update]}, allow_nan=False))
-            self._wake.clear()
-            await self._wake.wait()
+        # That the connection is lost is noticed by who reads it.
+        with suppress(aiohttp.ClientError, OSError):
+            while True:
+                while self._outbox:
+                    await _say(socket, self._outbox.popleft())
+                self._wake.clear()
+                await self._wake.wait()
 
     def _on_text(self, text: str) -> None:
         try:
@@ -282,8 +284,13 @@ class SignalKClient:
             return
         updates = [self._values.values(name, None) for name in self._bearings]
         updates += self._alarms.take_monitor('The monitor was stopped.')
-        for update in updates:
-            await socket.send_str(json.dumps({'updates': [update]}))
+        with suppress(aiohttp.ClientError, OSError):
+            for update in updates:
+                await _say(socket, update)
+
+
+async def _say(socket: aiohttp.ClientWebSocketResponse, update: Update) -> None:
+    await socket.send_str(json.dumps({'updates': [update]}, allow_nan=False))
 
 
 def _certificate(error: aiohttp.ClientConnectorCertificateError) -> str:
@@ -315,7 +322,9 @@ async def request_token(
             started(f'Approve stickslip_monitor in the pages of {url} (Security, Access Requests)')
             while answer.get('state') == 'PENDING':
                 await asyncio.sleep(every)
-                answer = await _ask(session.get(f'{url}{answer["href"]}', ssl=context))
+                answer = await _ask(
+                    session.get(f'{url}/{answer["href"].lstrip("/")}', ssl=context)
+                )
     except (aiohttp.ClientError, OSError, asyncio.TimeoutError, ValueError, KeyError) as error:
         raise LinkError(f"signalk.url = '{url}' cannot be asked for a token: {error}") from error
     token = (answer.get('accessRequest') or {}).get('token')

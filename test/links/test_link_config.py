@@ -13,6 +13,9 @@ import yaml
 from stickslip_monitor.commands.watch import load_watch
 from stickslip_monitor.errors import ConfigurationError
 
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLE = ROOT / 'launch_configs' / 'examples' / 'ship.yaml'
+PAGE = ROOT / 'docs' / 'ship.md'
 BEARING = {
     'mass': 50.0,
     'damping': 400.0,
@@ -64,6 +67,19 @@ def test_both_buses(files: Files) -> None:
     assert links.signalk is None
     assert config.bearings[0].speed.topic == 'NMEA RPM S 2'
     assert config.bearings[0].load.topic == 'NMEA XDR AFTLOAD'
+
+
+def test_the_example_and_the_docs_are_configurations(files: Files) -> None:
+    config, links = load_watch(str(EXAMPLE), False)
+    assert config.bearings[0].name == 'aft_stern'
+    assert links.signalk is not None
+    assert links.nmea is not None
+    (block,) = re.findall(r'^```yaml\n(.*?)^```', PAGE.read_text('utf-8'), re.DOTALL | re.M)
+    document = yaml.safe_load(EXAMPLE.read_text('utf-8')) | yaml.safe_load(block)
+    document['/**']['ros__parameters']['aft_stern']['speed'] = {'unit': 'rpm'}
+    files.path.write_text(yaml.safe_dump(document))
+    _, links = load_watch(str(files.path), False)
+    assert [item.label for item in links.nmea_inputs] == ['RPM S 1', 'XDR AFTLOAD']
 
 
 def test_beside_a_node_topics_are_the_nodes_and_inputs_may_come_from_elsewhere(
@@ -137,6 +153,12 @@ def test_units_are_those_of_the_bus(files: Files) -> None:
         text = f"aft.{quantity}.unit = '{unit}' must be {needed}, in which Signal K gives it"
         with pytest.raises(ConfigurationError, match=re.escape(text)):
             load_watch(path, False)
+
+
+def test_a_section_without_a_bus(files: Files) -> None:
+    topics = {'speed': {'unit': 'Hz', 'topic': '/s'}, 'load': {'unit': 'N', 'topic': '/l'}}
+    with pytest.raises(ConfigurationError, match='uses no bus: give'):
+        load_watch(files.write({'nmea.talker': 'II'}, **topics), True)
 
 
 def test_a_file_without_the_section(files: Files) -> None:

@@ -300,8 +300,9 @@ def test_every_state_as_a_notification(
         {expected[2]} if expected[2] else set(),
     )
     assert value['data']['lifecycle'] == state
-    over = state == 'returned_unacknowledged'
-    assert value['message'] == ('Over: aft: text' if over else 'aft: text')
+    messages = {'returned_unacknowledged': 'Over: aft: text'}
+    shown = '' if value['state'] == 'normal' else 'aft: text'
+    assert value['message'] == messages.get(state, shown)
 
 
 def test_a_person_acknowledges_and_silences() -> None:

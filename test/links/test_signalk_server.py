@@ -18,10 +18,11 @@ import aiohttp
 
 from benchmarks.signalk_servers import RealServer, missing
 from stickslip_monitor import build_config
+from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links.link_config import SignalKLink
 from stickslip_monitor.links.live_monitor import LiveMonitor
 from stickslip_monitor.links.signalk import SignalKInput, SignalKInputs
-from stickslip_monitor.links.signalk_client import SignalKClient
+from stickslip_monitor.links.signalk_client import SignalKClient, request_token
 
 pytestmark = pytest.mark.slow
 
@@ -64,7 +65,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealServer]:
 class Ship:
     """The monitor without ROS at a real server, with a shaft meter and somebody who looks on."""
 
-    def __init__(self, server: RealServer, heartbeat: float) -> None:
+    def __init__(self, server: RealServer, heartbeat: float, token: str = '') -> None:
         self.server, self.rpm = server, AHEAD
         names = {'bearings': ['aft']} | {f'aft.{key}': value for key, value in BEARING.items()}
         self.record: dict[str, Any] = {'alarms': []}
@@ -77,7 +78,7 @@ class Ship:
         inputs = [SignalKInput('aft', 0, SPEED, '', 2.0), SignalKInput('aft', 1, LOAD, '', 2.0)]
         self.client = SignalKClient(
             SignalKLink(server.url, '', '', PREFIX, True),
-            '',
+            token,
             SignalKInputs(inputs, log.warning),
             ['aft'],
             [],
@@ -177,12 +178,15 @@ class Ship:
 
 
 @asynccontextmanager
-async def sailing(server: RealServer, heartbeat: float = 10.0) -> AsyncIterator[Ship]:
-    ship = Ship(server, heartbeat)
+async def sailing(
+    server: RealServer, heartbeat: float = 10.0, token: str = '', writes: bool = True
+) -> AsyncIterator[Ship]:
+    ship = Ship(server, heartbeat, token)
     works = (ship.client.run(), ship.live.run(), ship.tick(), ship.meter(), ship.watchman())
     tasks = [asyncio.create_task(work) for work in works]
     try:
-        await ship.until(lambda: ship.links.get('signalk_out'), 'an echo')
+        link = 'signalk_out' if writes else 'signalk_in'
+        await ship.until(lambda: ship.links.get(link), link)
         yield ship
     finally:
         for task in tasks:
@@ -260,3 +264,46 @@ def test_a_server_that_freezes_is_killed_and_comes_back(server: RealServer) -> N
             await ship.until(lambda: ship.states['stick_slip'] == 'acknowledged', 'it is known')
 
     at_sea(work())
+
+
+def test_a_token_by_request_and_the_right_to_write(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    if why := missing():
+        pytest.skip(why)
+    server = RealServer(tmp_path_factory.mktemp('secure'), secure=True)
+    access = f'{server.url}/skServer/security/access/requests'
+    officer = {'Authorization': f'Bearer {server.officer}'}
+
+    async def approve() -> None:
+        async with aiohttp.ClientSession(headers=officer) as session:
+            while True:
+                async with session.get(access) as answer:
+                    waiting = await answer.json()
+                if waiting:
+                    break
+                await asyncio.sleep(0.1)
+            body = {'expiration': '1y', 'permissions': 'readwrite'}
+            number = waiting[0]['accessIdentifier']
+            async with session.put(f'{access}/{number}/approved', json=body) as answer:
+                assert answer.status == 200, await answer.text()
+
+    async def work() -> None:
+        link = SignalKLink(server.url, 'token', '', PREFIX, False)
+        wrong = Ship(server, 10.0, 'eyJ.a-wrong-token.x')
+        with pytest.raises(LinkError, match='the token is refused'):
+            await asyncio.wait_for(wrong.client.run(), DEADLINE)
+        approving = asyncio.create_task(approve())
+        token = await request_token(link, 'a7b2b1f6-5f0e-4d0b-9a51-0c4c4b1d3f11', print, 0.1)
+        await approving
+        # Without the right to write everything is dropped without a word: only silence tells.
+        async with sailing(server, token='', writes=False) as ship:
+            await ship.until(lambda: ship.links.get('signalk_out') is False, 'the missing echo')
+            assert ship.links['signalk_in']
+        async with sailing(server, token=token) as ship:
+            assert ship.links['signalk_out']
+
+    try:
+        at_sea(work())
+    finally:
+        server.stop()

@@ -217,3 +217,27 @@ def test_what_a_server_or_its_token_ends(tmp_path: Path) -> None:
         await server.stop()
 
     asyncio.run(work())
+
+
+def test_a_frozen_server_does_not_keep_it(watch: Callable[..., Watch], tmp_path: Path) -> None:
+    async def work() -> None:
+        server = SmallServer()
+        await server.start()
+        links = {'signalk.url': f'http://127.0.0.1:{server.port}', 'signalk.prefix': 'p.shaft'}
+        inputs = {
+            'aft_stern.speed': {'from': 'signalk', 'path': 'propulsion.port.revolutions'},
+            'aft_stern.load': {'from': 'signalk', 'path': 'a.load'},
+        }
+        ship = watch(ship_file(tmp_path, links | inputs, speed={'unit': 'Hz'}))
+        end = time.monotonic() + DEADLINE
+        while 'signalk_out: works' not in ship.output:
+            assert time.monotonic() < end, ship.output
+            await asyncio.sleep(0.05)
+        # The server shares this thread, which now waits for nothing but the end.
+        ship.process.send_signal(signal.SIGINT)
+        assert ship.process.wait(DEADLINE) == 0
+        assert 'Traceback' not in ship.output
+        assert 'exception' not in ship.output
+        await server.stop()
+
+    asyncio.run(work())
