@@ -23,7 +23,7 @@ from rich.console import Console
 
 from stickslip_monitor.bags.reader import Bag, open_bag
 from stickslip_monitor.commands.simulate import write_bag
-from stickslip_monitor.errors import StickslipError
+from stickslip_monitor.errors import BagError, StickslipError
 from stickslip_monitor.offline.truth import has_truth, read_truth
 from stickslip_monitor.scenes.scene import Scene
 from stickslip_monitor.scenes.scene_file import load_scene
@@ -70,7 +70,7 @@ def make(scene_path: Path, output: Path) -> dict[str, Any]:
         fresh = Path(folder) / scene_path.stem
         write_bag(scene, fresh)
         target = output / scene_path.stem
-        shutil.rmtree(target, ignore_errors=True)
+        _remove(target)
         fresh.rename(target)
     (recording,) = target.glob('*.mcap')
     data = recording.read_bytes()
@@ -89,6 +89,20 @@ def make(scene_path: Path, output: Path) -> dict[str, Any]:
         'episodes': _episodes(scene, bag),
         'events': _events(scene, bag),
     }
+
+
+def _remove(bag: Path) -> None:
+    """Remove a recording made before, and nothing else.
+
+    Raises:
+        BagError: Something else is in its folder.
+    """
+    own = {f'{bag.name}_0.mcap', 'metadata.yaml'}
+    others = sorted({path.name for path in bag.iterdir()} - own) if bag.exists() else []
+    if others:
+        raise BagError(f"'{bag}' is not replaced: it holds {others[0]}, which was not made here")
+    if bag.exists():
+        shutil.rmtree(bag)
 
 
 def _episodes(scene: Scene, bag: Bag) -> list[dict[str, Any]]:

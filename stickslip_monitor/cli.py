@@ -1,19 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line ``stickslip``: one thin door to the commands.
 
-Exit codes: 0 all is fine, 1 warnings were found, 2 bad input.
+Exit codes: 0 all is fine, 1 warnings were found, 2 bad input, 3 a fault of the program.
 """
 
 from __future__ import annotations
 
 import argparse
 import importlib
+import io
 import os
 import sys
+import traceback
 from collections.abc import Sequence
 
 from stickslip_monitor import __version__
-from stickslip_monitor.errors import StickslipError
+from stickslip_monitor.errors import StickslipError, fault_text
+from stickslip_monitor.files import printable
 
 COMMANDS = {
     'accuracy': 'show what accuracy costs in time',
@@ -36,9 +39,10 @@ def _parser(asked: str | None) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='stickslip',
         description="Predicts stick-slip of ships' stern bearings from shaft speed and load.",
-        epilog='Exit codes: 0 fine, 1 warnings found, 2 bad input.',
+        epilog='Exit codes: 0 fine, 1 warnings found, 2 bad input, 3 a fault of the program.',
     )
     parser.add_argument('--version', action='version', version=f'stickslip {__version__}')
+    _add_traceback(parser, False)
     commands = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
     for name, text in COMMANDS.items():
         module = importlib.import_module(_module(name)) if name == asked else None
@@ -50,8 +54,18 @@ def _parser(asked: str | None) -> argparse.ArgumentParser:
         )
         if module is not None:
             module.add_arguments(command)
+            _add_traceback(command, argparse.SUPPRESS)
             command.set_defaults(run=module.run)
     return parser
+
+
+def _add_traceback(parser: argparse.ArgumentParser, default: object) -> None:
+    parser.add_argument(
+        '--traceback',
+        action='store_true',
+        default=default,
+        help='after a fault of the program, show where it happened',
+    )
 
 
 def _module(command: str) -> str:
@@ -68,15 +82,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         The exit code.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
-    asked = next((a for a in arguments if not a.startswith('-')), None)
+    _print_anything()
     try:
-        args = _parser(asked).parse_args(arguments)
-        code: int = args.run(args)
-        sys.stdout.flush()
-        return code
+        return _run(arguments)
     except StickslipError as error:
-        print(f'ERROR: {error}', file=sys.stderr)  # noqa: T201
-        return 2
+        return _failed(str(error), 2)
     except BrokenPipeError:
         # The reader (head, less) has gone: nothing is wrong, and nothing more can be said.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -84,10 +94,35 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         # Of what no layer has a sentence for, such as a path that is too long.
         place = f"'{error.filename}': " if error.filename else ''
-        print(f'ERROR: {place}{error.strerror or error}', file=sys.stderr)  # noqa: T201
-        return 2
+        return _failed(f'{place}{error.strerror or error}', 2)
+    except MemoryError:
+        return _failed('there is not enough memory for this', 2)
     except KeyboardInterrupt:
         return 130
+    except Exception as error:
+        if '--traceback' in arguments:
+            traceback.print_exc()
+        return _failed(fault_text(error), 3)
+
+
+def _run(arguments: list[str]) -> int:
+    asked = next((a for a in arguments if not a.startswith('-')), None)
+    args = _parser(asked).parse_args(arguments)
+    code: int = args.run(args)
+    sys.stdout.flush()
+    return code
+
+
+def _print_anything() -> None:
+    """Let letters that the terminal does not have be written as codes instead of failing."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors='backslashreplace')
+
+
+def _failed(text: str, code: int) -> int:
+    print(f'ERROR: {printable(text)}', file=sys.stderr)  # noqa: T201
+    return code
 
 
 if __name__ == '__main__':

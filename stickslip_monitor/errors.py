@@ -54,3 +54,16 @@ class FleetError(StickslipError):
 
 class LinkError(StickslipError):
     """One of the ship's buses cannot be used as configured."""
+
+
+class OutputError(StickslipError):
+    """An output is an input, or would replace a file that this package did not write."""
+
+
+def fault_text(error: BaseException) -> str:
+    """What a user is told of an error that is raised by mistake and not on purpose."""
+    return (
+        f'this is a fault of the program, not of what it was given: {type(error).__name__}:'
+        f' {error}. Please report it to its maintainers, with what the same command prints with'
+        ' --traceback'
+    )

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import itertools
 import shutil
 import struct
@@ -14,16 +15,22 @@ from types import TracebackType
 from typing import IO
 
 import numpy as np
+from mcap.records import Header, Metadata
+from mcap.stream_reader import StreamReader
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 from numpy.typing import ArrayLike
 
 from stickslip_monitor.bags.encode import MESSAGE_TYPES, MessageType, encode_float64s
+from stickslip_monitor.bags.mcap_records import PARSE_ERRORS
 from stickslip_monitor.bags.metadata import FILE_NAME, TopicEntry, render_metadata
 from stickslip_monitor.errors import BagError
+from stickslip_monitor.files import open_file
 
 # Fixed, so that equal recordings are equal files whatever version wrote them.
 _LIBRARY = 'stickslip_monitor'
+# Within this much of a file its label ends, if it has one [bytes].
+_BEGIN = 512
 
 # Opcode and length of a record.
 _RECORD_HEAD = struct.Struct('<BQ')
@@ -52,7 +59,11 @@ class BagWriter:
     """
 
     def __init__(
-        self, path: str | Path, compression: str = 'zstd', chunk_size: int = 1 << 20
+        self,
+        path: str | Path,
+        compression: str = 'zstd',
+        chunk_size: int = 1 << 20,
+        label: str | None = None,
     ) -> None:
         """Choose what to write.
 
@@ -60,6 +71,7 @@ class BagWriter:
             path: A name ending in ``.mcap`` for a single file, any other for a rosbag2 folder.
             compression: ``'zstd'``, ``'lz4'`` or ``'none'``.
             chunk_size: Bytes after which a chunk is closed, before compression.
+            label: What the recording is, by which :func:`is_labelled` knows it again.
 
         Raises:
             BagError: The path exists already, or the compression is unknown.
@@ -71,6 +83,7 @@ class BagWriter:
         self._compression = _COMPRESSIONS[compression]
         self._chunk_size = chunk_size
         self._is_file = self.path.suffix == _SUFFIX
+        self._label = label
         self._is_broken = False
         self._topics: dict[str, _Topic] = {}
         self._schemas: dict[str, tuple[int, MessageType]] = {}
@@ -88,6 +101,8 @@ class BagWriter:
                 self._file, chunk_size=self._chunk_size, compression=self._compression
             )
             self._writer.start(profile=Profile.ROS2, library=_LIBRARY)
+            if self._label is not None:
+                self._writer.add_metadata(self._label, {})
         return self
 
     def __exit__(
@@ -285,3 +300,17 @@ class BagWriter:
             raise BagError(
                 f"bag '{self.path}' cannot be written: {error.strerror or error}"
             ) from error
+
+
+def is_labelled(path: Path, label: str) -> bool:
+    """Whether a file is a recording that this package wrote with a label."""
+    try:
+        if path.is_symlink():
+            return False
+        with open_file(path) as file:
+            stream = StreamReader(io.BytesIO(file.read(_BEGIN)), emit_chunks=True)
+            header, record = itertools.islice(stream.records, 2)
+    except (OSError, *PARSE_ERRORS):
+        return False
+    ours = isinstance(header, Header) and header.library == _LIBRARY
+    return ours and isinstance(record, Metadata) and record.name == label

@@ -19,8 +19,14 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from stickslip_monitor.commands.output import add_json, console, print_json
-from stickslip_monitor.drawing.canvas import checked_suffix, save_figure, write_csv
+from stickslip_monitor.commands.output import (
+    add_force,
+    add_json,
+    check_outputs,
+    console,
+    print_json,
+)
+from stickslip_monitor.drawing.canvas import MARKS, checked_suffix, save_figure, write_csv
 from stickslip_monitor.drawing.pareto import MethodMark, Panel, draw_pareto
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.messages import number
@@ -55,6 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--output', '-o', metavar='FILE', help='picture: .png or .svg')
     parser.add_argument('--markdown', action='store_true', help='print the table in Markdown')
+    add_force(parser)
     add_json(parser)
 
 
@@ -64,11 +71,13 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigurationError(f"output '{args.output}' is a picture: use --csv for the numbers")
     if args.source and args.quick:
         raise ConfigurationError('--from shows what was measured: it does not go with --quick')
+    mark = MARKS[checked_suffix(args.output)] if args.output else None
+    check_outputs([(args.csv, None), (args.output, mark)], [args.source], args.force)
     rows = read_rows(args.source) if args.source else measured(args.quick)
     if args.csv:
-        write_csv(columns(rows), args.csv)
+        write_csv(columns(rows), args.csv, args.force)
     if args.output:
-        save_figure(draw_pareto(panels(rows), footnote(rows)), args.output)
+        save_figure(draw_pareto(panels(rows), footnote(rows)), args.output, args.force)
     if args.json:
         print_json(to_json(rows))
     elif args.markdown:

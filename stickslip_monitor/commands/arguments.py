@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Callable
 
-from stickslip_monitor.commands.output import add_config
+from stickslip_monitor.commands.output import add_config, add_force
 from stickslip_monitor.drawing.map_curves import Range
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
@@ -46,6 +46,7 @@ def add_output(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--output', '-o', required=True, metavar='FILE', help='file to write: .png, .svg or .csv'
     )
+    add_force(parser)
 
 
 def the_bearing(config: MonitorConfig, name: str | None) -> BearingConfig:

@@ -18,8 +18,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stickslip_monitor.commands.check_jobs import Output, Task, check_one
-from stickslip_monitor.commands.output import ProgressBar, add_config, add_json
-from stickslip_monitor.errors import BagError, ConfigurationError
+from stickslip_monitor.commands.output import (
+    ProgressBar,
+    add_config,
+    add_force,
+    add_json,
+    check_outputs,
+)
+from stickslip_monitor.errors import BagError, ConfigurationError, OutputError
+from stickslip_monitor.files import is_same
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.offline.archive import find_bags
@@ -34,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'bags', nargs='+', metavar='BAG', help='rosbag2 folder, .mcap file or folder of such'
     )
     add_config(parser)
+    add_force(parser)
     add_json(parser)
     parser.add_argument(
         '--report', metavar='FILE', help='write a report: .html, .png or .json (needs matplotlib)'
@@ -59,9 +67,8 @@ def run(args: argparse.Namespace) -> int:
     _check_options(args)
     bags = find_bags(args.bags)
     config = load_config(args.config)
-    if args.mcap is not None:
-        _check_mcap(args.mcap, len(bags))
-    file = _report_file(args, config)
+    _check_recordings(args, bags)
+    file = _report_file(args, config, bags)
     # A folder's bags are a list, even where it holds one only.
     listed = len(bags) > 1 or bags != [Path(path) for path in args.bags]
     output = Output(args.json, file, listed, args.clips)
@@ -92,18 +99,33 @@ def _check_options(args: argparse.Namespace) -> None:
             )
 
 
-def _report_file(args: argparse.Namespace, config: MonitorConfig) -> ReportFile | None:
+def _report_file(
+    args: argparse.Namespace, config: MonitorConfig, bags: list[Path]
+) -> ReportFile | None:
     if args.report is None:
         return None
     # Drawing is not needed for a check as such, and costs time to import.
-    from stickslip_monitor.commands.report import ReportFile
+    from stickslip_monitor.commands.report import MARKS, ReportFile
 
-    return ReportFile(args.report, config, args.config)
+    file = ReportFile(args.report, config, args.config, args.force)
+    check_outputs([(args.report, MARKS[file.suffix])], [args.config, *bags], args.force)
+    return file
 
 
-def _check_mcap(path: str, count: int) -> None:
+def _check_recordings(args: argparse.Namespace, bags: list[Path]) -> None:
+    """Refuse recordings that are written where they would become part of what is checked."""
     from stickslip_monitor.offline.verdicts import check_target
 
-    if count > 1:
-        raise BagError(f"recording of verdicts '{path}' is for one bag, not {count}")
-    check_target(path)
+    if args.mcap is not None and len(bags) > 1:
+        raise BagError(f"recording of verdicts '{args.mcap}' is for one bag, not {len(bags)}")
+    folders = {'--clips': args.clips and Path(args.clips)}
+    if args.mcap is not None:
+        folders['--mcap'] = check_target(args.mcap).parent
+    read = [path for path in (*bags, *map(Path, args.bags)) if path.is_dir()]
+    for option, folder in folders.items():
+        for path in read if folder is not None else ():
+            if is_same(folder, path):
+                raise OutputError(
+                    f"{option} would write into the folder '{path}', whose recordings are"
+                    ' checked: choose another folder'
+                )

@@ -20,6 +20,7 @@ from stickslip_monitor import __version__
 from stickslip_monitor.commands.check_results import error_json, to_json, to_text
 from stickslip_monitor.commands.output import print_json
 from stickslip_monitor.errors import StickslipError
+from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.offline.archive import Stamp
 from stickslip_monitor.offline.check import CheckReport, check_bag
@@ -55,11 +56,20 @@ class Found:
         document: What ``check --json`` prints of it.
         part: Its part of the report, where one is wanted.
         clips: How many clips were written, ``None`` where none were wanted.
+        faulty: Whether it could not be checked by a fault of the program.
     """
 
     document: dict[str, Any]
     part: ReportPart | None = None
     clips: int | None = None
+    faulty: bool = False
+
+    @property
+    def code(self) -> int:
+        """The exit code of this bag alone."""
+        if self.error is not None:
+            return 3 if self.faulty else 2
+        return int(self.warned)
 
     @property
     def error(self) -> str | None:
@@ -179,17 +189,18 @@ class Output:
     def take(self, found: Found) -> None:
         """Take up one bag."""
         document = found.document
-        self.code = max(self.code, 2 if found.error else int(found.warned))
+        self.code = max(self.code, found.code)
         if self._as_json:
             self._documents.append(document)
         elif not found.error:
             sys.stdout.write(to_text(document, self._coloured))
             sys.stdout.flush()
         if found.error:
-            sys.stderr.write(f'ERROR: {document["path"]}: {found.error}\n')
+            sys.stderr.write(f'ERROR: {printable(document["path"])}: {printable(found.error)}\n')
         if found.clips is not None:
             sys.stderr.write(
-                f'{document["path"]}: {found.clips} clips written into {self._clips}\n'
+                f'{printable(document["path"])}: {found.clips} clips written into'
+                f' {printable(str(self._clips))}\n'
             )
         if self._file is not None:
             self._file.add(found.part, document)

@@ -7,12 +7,13 @@ import argparse
 import contextlib
 from collections.abc import Generator, Sequence
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from stickslip_monitor.commands.check_jobs import Found, Output, Task, attempt, failed, key_of
 from stickslip_monitor.commands.output import ProgressBar
-from stickslip_monitor.errors import StickslipError
+from stickslip_monitor.errors import StickslipError, fault_text
 from stickslip_monitor.offline.archive import Stamp, stamp_of
 from stickslip_monitor.offline.fleet import connected, on_cluster
 from stickslip_monitor.offline.processes import core_count, run_in_processes
@@ -58,9 +59,12 @@ def check_many(
 def _found(task: Task, bag: Path, outcome: Any) -> Found:
     if isinstance(outcome, BrokenProcessPool):
         return failed(task, bag, 'the process that checked it died (was there enough memory?)')
+    if isinstance(outcome, MemoryError):
+        return failed(task, bag, 'there is not enough memory for it')
+    if isinstance(outcome, StickslipError | OSError):
+        return failed(task, bag, str(outcome))
     if isinstance(outcome, BaseException):
-        own = isinstance(outcome, StickslipError)
-        return failed(task, bag, str(outcome) if own else f'{type(outcome).__name__}: {outcome}')
+        return replace(failed(task, bag, fault_text(outcome)), faulty=True)
     assert isinstance(outcome, Found)
     return outcome
 

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.ladder import Level
 from stickslip_monitor.monitor.messages import event_records, number, point_record
 from stickslip_monitor.offline.check import BearingReport, CheckReport, InputReport
@@ -114,33 +115,28 @@ class _Paint:
         return f'{colour}{text}{_END}' if self._coloured else text
 
 
-def plain(text: str) -> str:
-    """A text without what would do something to a terminal."""
-    return ''.join(c if c.isprintable() else '\N{REPLACEMENT CHARACTER}' for c in text)
-
-
 def _lines(document: Mapping[str, Any], paint: _Paint) -> Iterator[str]:
     seconds = document['duration'] or 0.0
-    path = paint(_BOLD, plain(document['path']))
+    path = paint(_BOLD, printable(document['path']))
     yield f'{path}: {document["messages"]} messages in {seconds:.1f} s'
     data = paint(_YELLOW, 'data:')
     for text in (*(cut['text'] for cut in document['cuts']), *document['warnings']):
-        yield f'{data} {plain(text)}'
+        yield f'{data} {printable(text)}'
     for name, topic in document['topics'].items():
         if topic['problem']:
             text = f'topic {name} not readable: {topic["problem"]}'
-            yield f'{data} {plain(text)}'
+            yield f'{data} {printable(text)}'
     for name, item in document['bearings'].items():
         yield from _bearing_lines(name, item, document['start'] or 0, paint)
 
 
 def _bearing_lines(name: str, item: Mapping[str, Any], start: int, paint: _Paint) -> Iterator[str]:
     for text in item['data']:
-        yield f'{paint(_YELLOW, "data:")} {plain(text)}'
+        yield f'{paint(_YELLOW, "data:")} {printable(text)}'
     for quantity, each in item['inputs'].items():
-        yield plain(_input_line(quantity, each))
+        yield printable(_input_line(quantity, each))
         for text in each['questions']:
-            asked = plain(f'{quantity} on {each["topic"]} {text}')
+            asked = printable(f'{quantity} on {each["topic"]} {text}')
             yield f'{paint(_YELLOW, "question:")} {asked}'
     events = item['events']
     yield f'{name}: {len(events) or "no"} events'
@@ -149,7 +145,7 @@ def _bearing_lines(name: str, item: Mapping[str, Any], start: int, paint: _Paint
     for event in events:
         seconds = (event['time'] - start) * 1e-9
         after = paint(_OF_LEVEL[event['level']], f'{event["to"]:<15}')
-        text = plain(event['text'].removeprefix(f'{name}: '))
+        text = printable(event['text'].removeprefix(f'{name}: '))
         yield f'  {seconds:>10.2f}  {event["from"]:<15}  {after}  {text}'
     spent = ', '.join(f'{regime} {seconds:.1f} s' for regime, seconds in item['seconds'].items())
     yield f'time in each regime: {spent}'

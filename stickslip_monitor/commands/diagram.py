@@ -10,8 +10,9 @@ from __future__ import annotations
 import argparse
 
 from stickslip_monitor.commands.arguments import add_output, parse_load, speed_range, the_bearing
+from stickslip_monitor.commands.output import check_outputs
 from stickslip_monitor.drawing.branches import bifurcation_diagram, diagram_columns
-from stickslip_monitor.drawing.canvas import checked_suffix, save_figure, write_csv
+from stickslip_monitor.drawing.canvas import MARKS, checked_suffix, save_figure, write_csv
 from stickslip_monitor.drawing.diagram import draw_diagram
 from stickslip_monitor.drawing.map_curves import diagram_speeds
 from stickslip_monitor.errors import ConfigurationError
@@ -33,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     suffix = checked_suffix(args.output)
+    check_outputs([(args.output, MARKS.get(suffix))], [args.config], args.force)
     if not _FEWEST <= args.points <= _MOST:
         raise ConfigurationError(f'points = {args.points} must be from {_FEWEST} to {_MOST}')
     config = the_bearing(load_config(args.config), args.bearing)
@@ -43,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     speeds = speed_range(args.speeds, config) or diagram_speeds(bearing, load)
     if suffix == '.csv':
         diagram = bifurcation_diagram(bearing, load, speeds, args.points)
-        write_csv(diagram_columns(bearing, diagram), args.output)
+        write_csv(diagram_columns(bearing, diagram), args.output, args.force)
     else:
-        save_figure(draw_diagram(config, load, speeds, args.points), args.output)
+        save_figure(draw_diagram(config, load, speeds, args.points), args.output, args.force)
     return 0

@@ -23,9 +23,9 @@ from rich.progress import Progress
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.commands.arguments import parse_load, parse_speed, the_bearing
-from stickslip_monitor.commands.output import console
+from stickslip_monitor.commands.output import add_force, check_outputs, console
 from stickslip_monitor.drawing.amplitudes import AmplitudePicture, draw_amplitudes
-from stickslip_monitor.drawing.canvas import save_figure, write_csv
+from stickslip_monitor.drawing.canvas import MARKS, save_figure, write_csv
 from stickslip_monitor.drawing.findings_curves import (
     FrictionPicture,
     MotionPicture,
@@ -97,6 +97,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--speed', default=f'{REFERENCE_RPM:g}rpm', help='default 20rpm')
     parser.add_argument('--load', default=f'{REFERENCE_LOAD:g}N', help='default 1000N')
     parser.add_argument('--format', choices=FORMATS, default='png', help='default png')
+    add_force(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -104,14 +105,17 @@ def run(args: argparse.Namespace) -> int:
     point = _the_point(args)
     check_point(point.bearing, point.speed, point.load)
     folder = _made(Path(args.output))
+    marks = {'csv': None, args.format: MARKS[f'.{args.format}']}
+    outputs = [(folder / f'{name}.{kind}', marks[kind]) for name in FINDINGS for kind in marks]
+    check_outputs(outputs, [args.config], args.force)
     out = console()
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task('findings', total=len(FINDINGS))
         for name, find in FINDINGS.items():
             bar.update(task, description=name)
             finding = find(point)
-            write_csv(finding.columns, folder / f'{name}.csv')
-            save_figure(finding.draw(), folder / f'{name}.{args.format}')
+            write_csv(finding.columns, folder / f'{name}.csv', args.force)
+            save_figure(finding.draw(), folder / f'{name}.{args.format}', args.force)
             bar.advance(task)
             out.print(escape(f'{folder / name}.{args.format}: {finding.summary}'))
     return 0

@@ -17,11 +17,18 @@ from typing import Any
 import numpy as np
 
 from stickslip_monitor.commands.arguments import parse_load, parse_speed
-from stickslip_monitor.commands.fit_results import fragment, print_fit, to_json
-from stickslip_monitor.commands.output import add_json, console, print_json
-from stickslip_monitor.drawing.canvas import checked_suffix, save_figure, write_csv
+from stickslip_monitor.commands.fit_results import FRAGMENT_MARK, fragment, print_fit, to_json
+from stickslip_monitor.commands.output import (
+    add_force,
+    add_json,
+    check_outputs,
+    console,
+    print_json,
+)
+from stickslip_monitor.drawing.canvas import MARKS, checked_suffix, save_figure, write_csv
 from stickslip_monitor.drawing.friction_fit import Boundary, FrictionFitPicture, draw_friction_fit
 from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.files import write_whole
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.config_file import load_config
@@ -54,6 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_bearing(parser)
     parser.add_argument('--output', '-o', metavar='FILE', help='.png or .svg: the picture; .csv')
     parser.add_argument('--fragment', metavar='FILE', help='write the configuration fragment')
+    add_force(parser)
     add_json(parser)
 
 
@@ -79,15 +87,16 @@ def run(args: argparse.Namespace) -> int:
     else:
         print_fit(console(), args, fit, spreads)
     if args.fragment:
-        _write(args.fragment, fragment(args.curve, fit))
+        _write(args.fragment, fragment(args.curve, fit), args.force)
     if args.output:
         _draw(args, fit, spreads)
     return int(bool(fit.warnings))
 
 
 def _check(args: argparse.Namespace) -> None:
-    if args.output:
-        checked_suffix(args.output)
+    mark = MARKS.get(checked_suffix(args.output)) if args.output else None
+    outputs = [(args.output, mark), (args.fragment, FRAGMENT_MARK.encode())]
+    check_outputs(outputs, [args.curve, args.config], args.force)
     if bool(args.config) != bool(args.load):
         given, missing = ('--config', '--load') if args.config else ('--load', '--config')
         raise ConfigurationError(f'{given} needs {missing}: the boundaries follow from both')
@@ -126,9 +135,9 @@ def _spread(args: argparse.Namespace, fit: StribeckFit, item: BearingConfig) -> 
     return boundary_spread(fit, item.bearing.damping, load, speed, args.draws, args.seed)
 
 
-def _write(path: str, text: str) -> None:
+def _write(path: str, text: str, force: bool) -> None:
     try:
-        Path(path).write_text(text, encoding='utf-8')
+        write_whole(path, text.encode(), FRAGMENT_MARK.encode(), force)
     except OSError as error:
         raise ConfigurationError(f'{path}: {error.strerror or error}') from error
 
@@ -140,7 +149,7 @@ def _draw(
 ) -> None:
     curve = fit.curve
     if checked_suffix(args.output) == '.csv':
-        write_csv(point_columns(fit), args.output)
+        write_csv(point_columns(fit), args.output, args.force)
         return
     speed = np.linspace(0.0, _BEYOND * float(curve.speed.max()), _CURVE_POINTS)
     varied = float(np.ptp(curve.std)) > 0.0
@@ -157,7 +166,7 @@ def _draw(
         boundaries=_marks(spreads[0][1]) if len(spreads) == 1 else (),
         footnote=_footnote(args, fit, spreads),
     )
-    save_figure(draw_friction_fit(picture), args.output)
+    save_figure(draw_friction_fit(picture), args.output, args.force)
 
 
 def point_columns(fit: StribeckFit) -> dict[str, Any]:

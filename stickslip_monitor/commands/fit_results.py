@@ -106,6 +106,9 @@ def _spread_json(spread: Spread | None) -> dict[str, float | None] | None:
     return {name: number(getattr(spread, name)) for name in names}
 
 
+FRAGMENT_MARK = '# Fitted to '
+
+
 def fragment(source: str, fit: StribeckFit) -> str:
     """The law as a bearing's entry in the parameter file."""
     law = fit.law
@@ -118,7 +121,7 @@ def fragment(source: str, fit: StribeckFit) -> str:
     )
     name = ' '.join(Path(source).name.split())
     return (
-        f'# Fitted to {name}: {fit.weight.size} points, {fit.outliers.size} of them outliers.\n'
+        f'{FRAGMENT_MARK}{name}: {fit.weight.size} points, {fit.outliers.size} of them outliers.\n'
         f'# Standard errors: {errors}.\n'
         f'friction: {{law: stribeck, {values}}}\n'
     )

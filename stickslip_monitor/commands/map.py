@@ -17,7 +17,8 @@ from stickslip_monitor.commands.arguments import (
     speed_range,
     the_bearing,
 )
-from stickslip_monitor.drawing.canvas import checked_suffix, save_figure, write_csv
+from stickslip_monitor.commands.output import check_outputs
+from stickslip_monitor.drawing.canvas import MARKS, checked_suffix, save_figure, write_csv
 from stickslip_monitor.drawing.map import draw_map, map_ranges
 from stickslip_monitor.drawing.map_curves import boundaries, map_columns
 from stickslip_monitor.drawing.track import Track, track_of_scan
@@ -41,6 +42,8 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigurationError(
             f"track '{args.track}' is for pictures: write a .png or .svg, not '{args.output}'"
         )
+    outputs = [(args.output, MARKS.get(suffix))]
+    check_outputs(outputs, [args.config, args.track], args.force)
     config = load_config(args.config)
     own = the_bearing(config, args.bearing)
     speeds = speed_range(args.speeds, own)
@@ -48,10 +51,10 @@ def run(args: argparse.Namespace) -> int:
     if suffix == '.csv':
         speeds, loads = map_ranges(own.bearing, speeds, loads)
         curves = boundaries(own.bearing, speeds, loads, own.alarm.caution_margin)
-        write_csv(map_columns(own.bearing, curves), args.output)
+        write_csv(map_columns(own.bearing, curves), args.output, args.force)
     else:
         track = _track(args.track, config, own) if args.track else None
-        save_figure(draw_map(own, speeds, loads, track), args.output)
+        save_figure(draw_map(own, speeds, loads, track), args.output, args.force)
     return 0
 
 

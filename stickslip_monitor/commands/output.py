@@ -4,17 +4,16 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
-import os
 import sys
-import tempfile
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from stickslip_monitor.errors import ReportError
+from stickslip_monitor.errors import OutputError
+from stickslip_monitor.files import check_replaceable, is_same, printable
 
 # Shorter work shows no bar, and does not import one [s].
 _PATIENCE = 0.5
@@ -51,7 +50,9 @@ class ProgressBar:
             self._bar.start()
         from rich.markup import escape
 
-        self._bar.update(self._task, description=escape(text), completed=done, total=total)
+        self._bar.update(
+            self._task, description=escape(printable(text)), completed=done, total=total
+        )
 
     def hide(self) -> None:
         """Take the bar away, so that something else can be written."""
@@ -75,6 +76,7 @@ def _new_bar() -> Any:
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.text import Text
 
 
 def add_config(parser: argparse.ArgumentParser, required: bool = True) -> None:
@@ -89,6 +91,13 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true', help='print JSON, SI units, null for none')
 
 
+def add_force(parser: argparse.ArgumentParser) -> None:
+    """Add ``--force``."""
+    parser.add_argument(
+        '--force', action='store_true', help='replace files that stickslip did not write'
+    )
+
+
 def json_text(document: Any) -> str:
     """One JSON document as text that ends its last line."""
     return json.dumps(document, indent=2, allow_nan=False) + '\n'
@@ -99,32 +108,55 @@ def print_json(document: Any) -> None:
     sys.stdout.write(json_text(document))
 
 
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file under its name only when all of it is written; one that is there is replaced.
+def check_outputs(
+    outputs: Iterable[tuple[str | Path | None, bytes | None]],
+    inputs: Iterable[str | Path | None],
+    force: bool,
+) -> None:
+    """Refuse outputs that would destroy something, before any work is done.
+
+    Args:
+        outputs: The files to write, None for none, each with what the beginning of one of ours
+            contains; None where only the contents can tell.
+        inputs: What is read: files, and folders of recordings; None for none.
+        force: Whether files of others are replaced; an input never is.
 
     Raises:
-        ReportError: It cannot be written; what was there stays.
+        OutputError: An output is an input by any name, or another output, or is there already
+            and not ours.
     """
-    draft = None
+    read = [file for path in inputs if path for file in _files_of(Path(path))]
+    written: list[str | Path] = []
+    for output, mark in outputs:
+        if output is None:
+            continue
+        for file in read:
+            if is_same(output, file):
+                raise OutputError(f"output '{output}' is the input '{file}': choose another name")
+        for other in written:
+            if is_same(output, other):
+                raise OutputError(f"outputs '{other}' and '{output}' are one file: choose two")
+        check_replaceable(output, mark, force)
+        written.append(output)
+
+
+def _files_of(path: Path) -> list[Path]:
+    """What an input consists of: itself, and the files in it if it is a folder."""
     try:
-        number, draft = tempfile.mkstemp(prefix=f'.{path.name}.', dir=path.parent)
-        with os.fdopen(number, 'wb') as file:
-            file.write(data)
-        # mkstemp makes a private file; a report has the usual permissions.
-        mask = os.umask(0)
-        os.umask(mask)
-        Path(draft).chmod(0o666 & ~mask)
-        Path(draft).replace(path)
-    except OSError as error:
-        raise ReportError(f"'{path}' cannot be written: {error.strerror or error}") from error
-    finally:
-        if draft is not None:
-            with contextlib.suppress(OSError):
-                Path(draft).unlink(missing_ok=True)
+        return [path, *path.iterdir()] if path.is_dir() else [path]
+    except OSError:
+        return [path]
 
 
 def console() -> Console:
     """The console for tables; plain text where the output is not a terminal."""
     from rich.console import Console  # costs time to import, and not every command prints with it
 
-    return Console(highlight=False, soft_wrap=not sys.stdout.isatty())
+    class SafeConsole(Console):
+        """Prints no escapes of others: names that it is given may come from a file."""
+
+        def render_str(self, text: str, *arguments: Any, **options: Any) -> Text:
+            safe = '\n'.join(map(printable, text.split('\n')))
+            return super().render_str(safe, *arguments, **options)
+
+    return SafeConsole(highlight=False, soft_wrap=not sys.stdout.isatty())

@@ -13,10 +13,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import Progress
 
 from stickslip_monitor.bags.reader import Bag, open_bag
 from stickslip_monitor.errors import BagError, ConfigurationError, RosError
+from stickslip_monitor.files import printable
 
 if TYPE_CHECKING:
     from stickslip_monitor.ros.player import Player
@@ -80,14 +82,16 @@ def _play(player: Player, bag: Bag, options: _Options) -> None:
         if t.encoding != 'cdr'
     }
     for topic, reason in skipped.items():
-        err.print(f'not played: {topic}: {reason}')
+        err.print(printable(f'not played: {topic}: {reason}'))
     if not set(bag.topics) - set(skipped):
         raise RosError(f"bag '{bag.path}' has no topic that can be played")
     if options.wait > 0.0 and not player.wait_for_subscribers(options.wait):
         err.print('nobody listens yet; playing all the same')
     start = bag.start_ns or 0
     with Progress(console=err, transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task(str(bag.path), total=((bag.end_ns or 0) - start) * 1e-9)
+        task = bar.add_task(
+            escape(printable(str(bag.path))), total=((bag.end_ns or 0) - start) * 1e-9
+        )
         for _ in range(options.loop):
             count = player.play(
                 bag.messages(),
@@ -96,4 +100,4 @@ def _play(player: Player, bag: Bag, options: _Options) -> None:
             )
             err.print(f'played {count} messages')
     for text in (*(cut.text for cut in bag.cuts), *bag.warnings):
-        err.print(f'data: {text}')
+        err.print(printable(f'data: {text}'))

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -12,13 +13,16 @@ from pathlib import Path
 from typing import Any
 
 from stickslip_monitor import __version__
-from stickslip_monitor.commands.output import json_text, write_whole
+from stickslip_monitor.commands.check_results import SCHEMA
+from stickslip_monitor.commands.output import json_text
+from stickslip_monitor.drawing.canvas import MARKS as PICTURE_MARKS
 from stickslip_monitor.drawing.canvas import Pixels, drawn, heading, inline_svg, sheet, variable
 from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.drawing.palette import ON_DARK
 from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
 from stickslip_monitor.drawing.track import Track, thinned, track_of_scan
 from stickslip_monitor.errors import ReportError
+from stickslip_monitor.files import printable, write_whole
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import load_parameters
 from stickslip_monitor.monitor.source_faults import fault_text
@@ -38,7 +42,13 @@ from stickslip_monitor.report.page import render
 from stickslip_monitor.report.parts import event_rows, facts, parameter_groups, shares
 from stickslip_monitor.report.summary import Course, finding_of, overall
 
-SUFFIXES = ('.html', '.png', '.json')
+MARKS = {
+    '.html': b'<meta name="generator" content="stickslip_monitor">',
+    '.png': PICTURE_MARKS['.png'],
+    '.json': f'"schema": "{SCHEMA}"'.encode(),
+}
+"""By what a report of ours is known when it is to be replaced."""
+SUFFIXES = tuple(MARKS)
 _WIDE, _NARROW = 9.0, 4.4
 _MAP_WIDE, _MAP_NARROW = (9.0, 5.6), (4.4, 4.8)
 _TRACK_WIDE, _TRACK_NARROW = 1500, 750
@@ -74,12 +84,15 @@ class ReportFile:
         path: Where to; its ending chooses the format.
         config: The configuration.
         config_path: The file it was read from.
+        force: Whether a file that is no report of ours is replaced.
 
     Raises:
         ReportError: The ending is none of those that can be written.
     """
 
-    def __init__(self, path: str, config: MonitorConfig, config_path: str) -> None:
+    def __init__(
+        self, path: str, config: MonitorConfig, config_path: str, force: bool = False
+    ) -> None:
         self.path = Path(path)
         self.suffix = self.path.suffix.lower()
         if self.suffix not in SUFFIXES:
@@ -87,7 +100,7 @@ class ReportFile:
                 f"report '{path}' must end in one of {', '.join(SUFFIXES)}: the ending chooses"
                 ' the format'
             )
-        self._config, self._config_path = config, config_path
+        self._config, self._config_path, self._force = config, config_path, force
         self._bags: list[BagPart] = []
         self._documents: list[dict[str, Any]] = []
         self._figures: list[Pixels] = []
@@ -134,8 +147,13 @@ class ReportFile:
             words_above = heading(f'{verdict.word}: {verdict.sentences[0]}', verdict.sentences[1:])
             data = sheet([drawn(words_above), *self._figures])
         else:
-            data = render(self._report(made)).encode()
-        write_whole(self.path, data)
+            data = render(self._report(made)).encode(errors='replace')
+        try:
+            write_whole(self.path, data, MARKS[self.suffix], self._force)
+        except OSError as error:
+            raise ReportError(
+                f"'{self.path}' cannot be written: {error.strerror or error}"
+            ) from error
 
     def _report(self, made: datetime) -> Report:
         raw = Path(self._config_path).read_bytes()
@@ -165,7 +183,7 @@ def make_part(
     """
     if suffix == '.json':
         return None
-    name = checked.bag.path.resolve().name
+    name = _name(checked.bag.path)
     cases = [_case(name, config, checked, item) for item in checked.bearings.values()]
     findings = tuple((name, case.finding) for case in cases)
     # matplotlib's settings belong to the process, not to one of its threads.
@@ -179,12 +197,17 @@ def make_part(
 
 def missing_part(path: Path, text: str, anchor: str) -> ReportPart:
     """The part of a report for a recording that could not be checked."""
-    name = path.resolve().name
+    name = _name(path)
     finding = Finding('unknown', 'No verdict', (f'this recording could not be checked: {text}',))
     part = BagPart(
-        anchor, name, str(path), 'It could not be checked.', '', '', (text,), (), '', ()
+        anchor, name, printable(str(path)), 'It could not be checked.', '', '', (text,), (), '', ()
     )
     return ReportPart(((name, finding),), part)
+
+
+def _name(path: Path) -> str:
+    """A recording's name for people."""
+    return printable(Path(os.path.realpath(path)).name)
 
 
 def _case(bag: str, config: MonitorConfig, checked: CheckReport, item: BearingReport) -> _Case:
@@ -230,8 +253,8 @@ def _bag_part(anchor: str, checked: CheckReport, cases: Sequence[_Case]) -> BagP
     left = len(topics) - _MOST_TOPICS
     return BagPart(
         anchor=anchor,
-        name=checked.bag.path.resolve().name,
-        path=str(bag.path),
+        name=_name(bag.path),
+        path=printable(str(bag.path)),
         span=_span(checked),
         duration=_lasting(checked),
         messages=formatting.count(bag.message_count, 'message') + ' on all topics',

@@ -23,11 +23,19 @@ from typing import Any
 import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.reader import Request
-from stickslip_monitor.commands.output import add_config, add_json, console, print_json
+from stickslip_monitor.commands.output import (
+    add_config,
+    add_force,
+    add_json,
+    check_outputs,
+    console,
+    print_json,
+)
 from stickslip_monitor.commands.score_scenes import is_scene, run_scenes
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
@@ -77,6 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='of scenes: a file of sensors, in place of what the scene names; again for more',
     )
     parser.add_argument('--jobs', type=int, metavar='J', help='of scenes: processes (all cores)')
+    add_force(parser)
     add_json(parser)
 
 
@@ -99,13 +108,15 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigurationError('--config is missing: a bag does not say what bearing it is of')
     if args.sensors or args.seeds > 1 or args.first_seed is not None:
         raise ConfigurationError('--seeds, --first-seed and --sensors are for scenes (.yaml)')
+    if args.picture is not None:
+        _check_picture(args)
     config = load_config(args.config)
     if args.bearing is not None:
         config = MonitorConfig((config.bearing(args.bearing),), config.autostart)
     judged = [one for path in args.bags for one in judge_bag(path, config)]
     total = in_total(one.score for one in judged)
     if args.picture is not None:
-        _draw(args.picture, judged)
+        _draw(args.picture, judged, args.force)
     if args.json:
         print_json(to_json(judged, total))
     else:
@@ -226,14 +237,14 @@ def _print(out: Console, judged: Sequence[Judged], total: Score) -> None:
     ):  # fmt: skip
         table.add_column(heading, justify='right', no_wrap=True)
     for name, one in zip(names, judged, strict=True):
-        table.add_row(name, *_cells(one.score))
+        table.add_row(escape(name), *_cells(one.score))
     if len(judged) > 1:
         table.add_section()
         table.add_row('total', *_cells(total), style='bold')
     out.print(table)
     for one in judged:
         for text in _remarks(one):
-            out.print(f'{_name(one, judged)}: {text}')
+            out.print(f'{escape(_name(one, judged))}: {text}')
 
 
 def _name(one: Judged, judged: Sequence[Judged]) -> str:
@@ -295,7 +306,14 @@ def _before(lead: float) -> str:
     return f'{lead:.1f} s before' if lead >= 0.0 else f'[red]{-lead:.1f} s late[/]'
 
 
-def _draw(path: str, judged: Sequence[Judged]) -> None:
+def _check_picture(args: argparse.Namespace) -> None:
+    from stickslip_monitor.drawing.canvas import MARKS, checked_suffix
+
+    outputs = [(args.picture, MARKS.get(checked_suffix(args.picture)))]
+    check_outputs(outputs, [args.config, *args.bags], args.force)
+
+
+def _draw(path: str, judged: Sequence[Judged], force: bool) -> None:
     if len(judged) != 1:
         names = ', '.join(f'{one.config.name} in {one.path}' for one in judged)
         raise ConfigurationError(
@@ -316,4 +334,4 @@ def _draw(path: str, judged: Sequence[Judged]) -> None:
         amplitude_ns=record.amplitude.time_ns,
         amplitude=record.amplitude.value,
     )
-    save_score(draw_score(Path(one.path).name, one.config, one.scan, lining), path)
+    save_score(draw_score(Path(one.path).name, one.config, one.scan, lining), path, force)

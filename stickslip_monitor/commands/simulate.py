@@ -14,6 +14,7 @@ from typing import Any
 
 from rich import box
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
 
@@ -70,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
             )
         except SceneError as error:
             raise SceneError(f'{args.scene}: {error}') from error
-    console().print(_summary(args.output, scene, written))
+    console().print(escape(_summary(args.output, scene, written)))
     if stopwatch:
         samples, messages = scene.message_count, sum(written.values())
         console().print(_cost_table(stopwatch.spent, samples, messages))

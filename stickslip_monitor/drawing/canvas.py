@@ -24,11 +24,18 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.drawing.palette import INK, MUTED, ON_DARK, PAPER
 from stickslip_monitor.errors import DrawingError
+from stickslip_monitor.files import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SUFFIXES = ('.png', '.svg', '.csv')
+SOFTWARE = 'stickslip_monitor'
+MARKS = {
+    '.png': b'Software\0stickslip_monitor',
+    '.svg': b'<dc:title>stickslip_monitor</dc:title>',
+}
+"""By what a picture of ours is known when it is to be replaced."""
 WIDTH, HEIGHT = 9.0, 5.6
 _DPI = 200
 _STYLE = {
@@ -100,33 +107,47 @@ def checked_suffix(path: str | Path) -> str:
     return suffix
 
 
-def save_figure(figure: Figure, path: str | Path) -> None:
+def save_figure(figure: Figure, path: str | Path, force: bool = False) -> None:
     """Write a figure as PNG or SVG, by the path's suffix; the same figure gives the same bytes.
+
+    Args:
+        figure: The figure.
+        path: Where to; a picture of ours that is there is replaced.
+        force: Whether any other file is replaced too.
 
     Raises:
         DrawingError: The suffix is unknown or the file cannot be written.
+        OutputError: A file that is not ours is there.
     """
     suffix = checked_suffix(path)
-    undated: dict[str, Any] = {'Date': None} if suffix == '.svg' else {}
-    with style(), _writing(path):
-        figure.savefig(path, format=suffix[1:], dpi=_DPI, metadata=undated)
+    named = {'Date': None, 'Creator': SOFTWARE} if suffix == '.svg' else {'Software': SOFTWARE}
+    file = io.BytesIO()
+    with style():
+        figure.savefig(file, format=suffix[1:], dpi=_DPI, metadata=named)
+    with _writing(path):
+        write_whole(path, file.getvalue(), MARKS[suffix], force)
 
 
-def write_csv(columns: Mapping[str, Iterable[Any]], path: str | Path) -> None:
+def write_csv(columns: Mapping[str, Iterable[Any]], path: str | Path, force: bool = False) -> None:
     """Write named columns as CSV: numbers to full precision, empty where there is none.
 
     Args:
         columns: Columns of one length by their headings.
-        path: Where to; an existing file is replaced.
+        path: Where to; a file with the same headings is replaced.
+        force: Whether any other file is replaced too.
 
     Raises:
         DrawingError: The file cannot be written.
+        OutputError: A file that is not ours is there.
     """
     rows = zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True)
-    with _writing(path), Path(path).open('w', encoding='utf-8', newline='') as file:
-        writer = csv.writer(file, lineterminator='\n')
-        writer.writerow(columns)
-        writer.writerows(_cells(row) for row in rows)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator='\n')
+    writer.writerow(columns)
+    headings = text.getvalue().encode()
+    writer.writerows(_cells(row) for row in rows)
+    with _writing(path):
+        write_whole(path, text.getvalue().encode(), headings, force)
 
 
 def _cells(row: Sequence[Any]) -> list[str]:
@@ -209,8 +230,8 @@ def sheet(rows: Sequence[Pixels]) -> bytes:
     with style():
         from matplotlib.image import imsave
 
-        file = io.BytesIO()
-        imsave(file, np.concatenate([_widened(row, width) for row in rows]), metadata={})
+        file, named = io.BytesIO(), {'Software': SOFTWARE}
+        imsave(file, np.concatenate([_widened(row, width) for row in rows]), metadata=named)
     return file.getvalue()
 
 

@@ -120,7 +120,7 @@ def draw_score(name: str, config: BearingConfig, scan: Scan, lining: LiningTruth
     return figure
 
 
-def save_score(figure: Figure, path: str | Path) -> None:
+def save_score(figure: Figure, path: str | Path, force: bool = False) -> None:
     """Write the picture as PNG or SVG.
 
     Raises:
@@ -130,7 +130,7 @@ def save_score(figure: Figure, path: str | Path) -> None:
         raise DrawingError(
             f"output file '{path}' must end in .png or .svg: there is no table of it"
         )
-    save_figure(figure, path)
+    save_figure(figure, path, force)
 
 
 def _shade(axes: Axes, clock: _Clock, lining: LiningTruth) -> None:

@@ -12,7 +12,7 @@ from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 from stickslip_monitor.bags.encode import MESSAGE_TYPES
-from stickslip_monitor.bags.writer import BagWriter
+from stickslip_monitor.bags.writer import BagWriter, is_labelled
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder
 from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig
@@ -21,6 +21,8 @@ from stickslip_monitor.offline.check import CheckReport
 from stickslip_monitor.offline.verdicts import NODE, messages, topics
 
 _SLICE = 500
+# Told in the file, so that a recording of somebody else is none of ours, whatever its name.
+_LABEL = 'stickslip_monitor/clip'
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _NAME = r'\d{8}T\d{6}Z_[a-z0-9_]+(-\d+)?\.mcap'
 _OURS, _DRAFT = re.compile(_NAME), re.compile(rf'\.{_NAME}\.\d+\.draft')
@@ -55,7 +57,7 @@ class ClipFolder:
         Raises:
             BagError: It cannot be written; nothing of it stays.
         """
-        with BagWriter(self._free(clip)) as writer:
+        with BagWriter(self._free(clip), label=_LABEL) as writer:
             known: set[str] = set()
             for number, message in enumerate(clip.messages, 1):
                 if message.topic not in known:
@@ -69,9 +71,16 @@ class ClipFolder:
         self._drop_oldest()
 
     def clips(self) -> list[Path]:
-        """The clips of the folder, the oldest first; other files are none of ours."""
-        found = [path for path in self.path.iterdir() if _OURS.fullmatch(path.name)]
-        return sorted(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
+        """The clips of the folder, the oldest first.
+
+        A clip has a name and a label of ours: one that was renamed is somebody's to keep.
+        """
+        found = []
+        for path in self.path.iterdir():
+            if _OURS.fullmatch(path.name) and is_labelled(path, _LABEL):
+                with contextlib.suppress(FileNotFoundError):
+                    found.append((path.stat().st_mtime_ns, path.name, path))
+        return [path for *_, path in sorted(found)]
 
     def _free(self, clip: Clip) -> Path:
         """A name that is not taken: when, which bearing, what."""
@@ -86,8 +95,11 @@ class ClipFolder:
     def _sweep(self) -> None:
         """Remove what a crash left of clips that were being written."""
         for path in self.path.iterdir():
-            old = _DRAFT.fullmatch(path.name) and time.time() - path.stat().st_mtime > _STALE
-            if old:
+            if not _DRAFT.fullmatch(path.name) or not path.is_file():
+                continue
+            state = path.stat()
+            ours = state.st_size == 0 or is_labelled(path, _LABEL)
+            if ours and time.time() - state.st_mtime > _STALE:
                 path.unlink(missing_ok=True)
 
     def _drop_oldest(self) -> None:

@@ -92,13 +92,6 @@ def test_speeds_and_points_are_kept(tmp_path: Path) -> None:
     assert shaft[-1] == pytest.approx(25.0)
 
 
-def test_an_existing_file_is_replaced(tmp_path: Path) -> None:
-    out = tmp_path / 'a.csv'
-    out.write_text('old', 'utf-8')
-    assert run(out) == 0
-    assert out.read_text('utf-8').startswith('shaft_speed [rpm],')
-
-
 def test_one_of_several_bearings_is_chosen(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -71,16 +72,25 @@ def test_one_that_is_given_up_leaves_nothing(tmp_path: Path) -> None:
 
 
 def test_the_oldest_make_room_and_other_files_stay(tmp_path: Path) -> None:
-    other = tmp_path / '20200101T000000Z_mine.MCAP'
-    other.touch()
+    # Files of others that look like the oldest clips: a recording of ours, one that is linked to,
+    # a damaged one, an empty one; and a clip that somebody renamed, to keep it.
+    names = [f'20200101T00000{i}Z_aft_stick_slip.mcap' for i in range(5)]
+    shutil.copy(next((ROOT / 'bags' / 'coast_down').glob('*.mcap')), tmp_path / names[0])
+    (tmp_path / names[1]).symlink_to(tmp_path / names[0])
+    (tmp_path / names[2]).write_bytes((tmp_path / names[0]).read_bytes()[:40])
+    (tmp_path / names[3]).touch()
+    (tmp_path / names[4]).mkdir()
     store = folder(tmp_path, most=3)
+    write(store, clip())
+    store.clips()[0].rename(tmp_path / 'kept.mcap')
+    others = {path.name for path in tmp_path.iterdir()}
     for number in range(5):
         write(store, clip(number))
         newest = store.clips()[-1]
         os.utime(newest, (1000 + number, 1000 + number))
     kept = [path.name[:16] for path in store.clips()]
     assert kept == [f'20260504T06000{i}Z' for i in (2, 3, 4)]
-    assert other.exists()
+    assert {path.name for path in tmp_path.iterdir()} == others | {p.name for p in store.clips()}
 
 
 def test_the_same_instant_again_gets_a_number(tmp_path: Path) -> None:
@@ -94,13 +104,17 @@ def test_the_same_instant_again_gets_a_number(tmp_path: Path) -> None:
 
 def test_what_a_crash_left_is_swept_when_it_is_old(tmp_path: Path) -> None:
     name = '.20260504T060000Z_aft_stick_slip.mcap.0.draft'
-    old, new, other = tmp_path / name, tmp_path / name.replace('.0.', '.1.'), tmp_path / '.x.draft'
+    old, new, other, foreign = (
+        tmp_path / n
+        for n in (name, name.replace('.0.', '.1.'), '.x.draft', name.replace('.0.', '.2.'))
+    )
     for path in (old, new, other):
         path.touch()
-    os.utime(old, (1000, 1000))
-    os.utime(other, (1000, 1000))
+    foreign.write_text('of somebody else')
+    for path in (old, other, foreign):
+        os.utime(path, (1000, 1000))
     folder(tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([new.name, other.name])
+    assert set(tmp_path.iterdir()) == {new, other, foreign}
 
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files of others: read within limits, never replaced, and their texts made safe to print."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import stat
+import tempfile
+from pathlib import Path
+from typing import IO
+
+from stickslip_monitor.errors import OutputError
+
+_HEAD = 4096
+_LONGEST_TEXT = 4000
+_ENDS = 1000
+_KINDS = {
+    stat.S_IFIFO: 'a pipe',
+    stat.S_IFSOCK: 'a socket',
+    stat.S_IFCHR: 'a device',
+    stat.S_IFBLK: 'a device',
+    stat.S_IFDIR: 'a folder',
+}
+
+
+def open_file(path: str | Path) -> IO[bytes]:
+    """Open a regular file for reading.
+
+    Args:
+        path: The file; a link to one is followed.
+
+    Raises:
+        OSError: It cannot be opened or is no regular file. Pipes, devices and sockets are not
+            touched: opening one can block, and reading one need not end.
+    """
+    _check_kind(path, Path(path).stat().st_mode)
+    file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), 'rb')
+    try:
+        _check_kind(path, os.fstat(file.fileno()).st_mode)
+    except OSError:
+        file.close()
+        raise
+    return file
+
+
+def read_file(path: str | Path, most: int) -> bytes:
+    """Read a regular file as a whole.
+
+    Args:
+        path: The file.
+        most: The largest size that is read [bytes].
+
+    Raises:
+        OSError: It cannot be read, is no regular file, or is larger.
+    """
+    with open_file(path) as file:
+        data = file.read(most + 1)
+    if data is None:
+        raise OSError(errno.EAGAIN, 'it has nothing to read yet', str(path))
+    if len(data) > most:
+        raise OSError(errno.EFBIG, f'it is larger than {most} bytes, the limit', str(path))
+    return data
+
+
+def _check_kind(path: str | Path, mode: int) -> None:
+    kind = _KINDS.get(stat.S_IFMT(mode))
+    if kind == 'a folder':
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if kind is not None:
+        raise OSError(errno.EINVAL, f'it is {kind}, not a file', str(path))
+
+
+def is_same(one: str | Path, other: str | Path) -> bool:
+    """Whether two paths are one file, by whatever name, link or case."""
+    try:
+        return Path(one).samefile(other)
+    except (OSError, ValueError):
+        return os.path.realpath(one) == os.path.realpath(other)
+
+
+def check_replaceable(path: str | Path, mark: bytes | None, force: bool = False) -> None:
+    """Refuse to write a file in the place of one that this package did not write.
+
+    Args:
+        path: Where to write; nothing needs to be there.
+        mark: What the beginning of such a file of ours contains; ``None`` where only the contents
+            can tell, which :func:`write_whole` looks at.
+        force: Whether any regular file may be replaced.
+
+    Raises:
+        OutputError: A file of somebody else is there, or something that is no file.
+    """
+    try:
+        mode = Path(path).stat().st_mode
+    except OSError:
+        return
+    if not stat.S_ISREG(mode):
+        kind = _KINDS.get(stat.S_IFMT(mode), 'no file')
+        raise OutputError(f"output '{path}' is {kind}, and only files are replaced")
+    if force or mark is None:
+        return
+    try:
+        with open_file(path) as file:
+            head = file.read(_HEAD)
+    except OSError:
+        head = b''
+    if mark not in head:
+        raise OutputError(
+            f"output '{path}' exists and was not written by this command: choose another name, or"
+            ' replace it with --force'
+        )
+
+
+def write_whole(path: str | Path, data: bytes, mark: bytes, force: bool = False) -> None:
+    """Write a file under its name only when all of it is written.
+
+    Args:
+        path: Where to; through a link, the file it leads to. A file of ours is replaced.
+        data: The contents.
+        mark: What the beginning of such a file of ours contains.
+        force: Whether a file of somebody else is replaced too.
+
+    Raises:
+        OutputError: What is there is not replaced.
+        OSError: It cannot be written; what was there stays.
+    """
+    check_replaceable(path, mark, force)
+    target = Path(os.path.realpath(path))
+    number, draft = tempfile.mkstemp(prefix=f'.{target.name[:100]}.', dir=target.parent)
+    try:
+        with os.fdopen(number, 'wb') as file:
+            file.write(data)
+        # mkstemp lets nobody else read; an output is a file as any other.
+        mask = os.umask(0)
+        os.umask(mask)
+        Path(draft).chmod(0o666 & ~mask)
+        Path(draft).replace(target)
+    finally:
+        with contextlib.suppress(OSError):
+            Path(draft).unlink(missing_ok=True)
+
+
+def printable(text: str) -> str:
+    """A text without what would do something to a terminal, and not longer than a few screens."""
+    if len(text) > _LONGEST_TEXT:
+        left = len(text) - 2 * _ENDS
+        text = f'{text[:_ENDS]} ... ({left} characters) ... {text[-_ENDS:]}'
+    return ''.join(c if c.isprintable() else '\N{REPLACEMENT CHARACTER}' for c in text)
