@@ -7,13 +7,15 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
-from stickslip_monitor.bags.index import FileScan, scan_file
+from stickslip_monitor.bags.index import DATED, FileScan, scan_file
 from stickslip_monitor.bags.metadata import FILE_NAME, read_metadata
-from stickslip_monitor.bags.series import Progress, Source, Wanted, merged, read_series
+from stickslip_monitor.bags.series import Found, Progress, Source, Wanted, merged, read_series
 from stickslip_monitor.bags.topics import check_request, check_topics, list_topics
 from stickslip_monitor.bags.values import Cut, Message, Request, Series, TopicInfo
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.fields import FieldPath
+
+_MOST_NAMED = 10
 
 
 class Bag:
@@ -30,17 +32,26 @@ class Bag:
     @property
     def files(self) -> tuple[Path, ...]:
         """The MCAP files in order."""
-        return tuple(file.path for file in self._files)
+        return tuple(dict.fromkeys(file.path for file in self._files))
 
     @property
     def start_ns(self) -> int | None:
         """Earliest log time [ns], None in a recording without messages."""
-        return min((f.start_ns for f in self._files if f.start_ns is not None), default=None)
+        starts = [f.start_ns for f in self._files if f.start_ns is not None]
+        if self._earliest_ns == 0 and any(f.has_zero for f in self._files):
+            starts.append(0)
+        return min(starts, default=None)
 
     @property
     def end_ns(self) -> int | None:
         """Latest log time [ns], None in a recording without messages."""
-        return max((f.end_ns for f in self._files if f.end_ns is not None), default=None)
+        ends = [f.end_ns for f in self._files if f.end_ns is not None]
+        return max(ends, default=self.start_ns)
+
+    @property
+    def _earliest_ns(self) -> int:
+        """The least log time that is one: among dates, 0 is that of a clock that was not set."""
+        return int(any((f.end_ns or 0) >= DATED for f in self._files))
 
     @property
     def message_count(self) -> int:
@@ -69,7 +80,7 @@ class Bag:
         for file in self._files:
             for channel in file.channels.values():
                 if channel.topic == topic:
-                    return file.schemas[channel.schema_id].data.decode()
+                    return file.schemas[channel.schema_id].data.decode(errors='replace')
         raise AssertionError('unreachable: a topic is one because some file has it')
 
     def read(
@@ -90,6 +101,14 @@ class Bag:
                 number, or a file cannot be read.
             ConfigurationError: A field is not a path.
         """
+        requests = list(requests)
+        while True:
+            found = self._read(requests, progress)
+            if not found.doubted:
+                return found.series
+            self._look_again(found.doubted)
+
+    def _read(self, requests: Iterable[Request], progress: Progress | None) -> Found:
         asked: dict[str, dict[FieldPath, list[Request]]] = {}
         for request in requests:
             path = check_request(self.topics, request)
@@ -119,7 +138,17 @@ class Bag:
                 if channel.topic in for_topics
             }
             sources += [Source(number, block, channels) for block in file.blocks]
-        return merged(sources, self._warn)
+        return merged(sources, self._warn, self._earliest_ns)
+
+    def _look_again(self, doubted: Collection[int]) -> None:
+        """Walk through files whose summary does not say what is in them."""
+        files: list[FileScan] = []
+        for number, file in enumerate(self._files):
+            parts = scan_file(file.path, use_summary=False) if number in doubted else [file]
+            files += parts
+            self._warnings.update(dict.fromkeys(text for p in parts for text in p.warnings))
+        self._files = tuple(files)
+        self.topics = list_topics(self._files)
 
     def _warn(self, text: str) -> None:
         self._warnings[text] = None
@@ -142,7 +171,7 @@ def open_bag(path: str | Path) -> Bag:
     if not path.exists():
         raise BagError(f"bag '{path}' does not exist")
     paths, warnings, expected = _folder_files(path) if path.is_dir() else ([path], [], None)
-    files = [scan_file(file) for file in paths]
+    files = [part for file in paths for part in scan_file(file)]
     bag = Bag(path, files, [*warnings, *(text for file in files for text in file.warnings)])
     if expected is not None and expected != bag.message_count:
         bag._warn(
@@ -159,18 +188,21 @@ def _folder_files(folder: Path) -> tuple[list[Path], list[str], int | None]:
         raise BagError(_nothing_there(folder))
     if isinstance(metadata, str):
         return there, [f'{metadata}: its .mcap files were read in the order of their names'], None
-    listed = [folder / name for name in metadata.files]
+    listed = dict.fromkeys(folder / name for name in metadata.files)
+    existing = set(there)
+    missing = [file for file in listed if file not in existing]
     warnings = [
         f"file '{file.name}' is listed in {FILE_NAME} but missing"
-        for file in listed
-        if file not in there
+        for file in missing[:_MOST_NAMED]
     ]
+    if len(missing) > _MOST_NAMED:
+        warnings.append(f'{len(missing) - _MOST_NAMED} more files that it lists are missing')
     warnings += [
         f"file '{file.name}' is not listed in {FILE_NAME} and was not read"
         for file in there
         if file not in listed
     ]
-    found = [file for file in listed if file in there]
+    found = [file for file in listed if file in existing]
     if not found:
         raise BagError(f"bag '{folder}' has none of the files its {FILE_NAME} lists")
     return found, warnings, metadata.message_count
@@ -188,4 +220,4 @@ def _nothing_there(folder: Path) -> str:
 def natural(name: str) -> list[tuple[int, str]]:
     """Sort key that puts file 10 after file 9."""
     parts = re.split(r'(\d+)', name)
-    return [(int(part), '') if part.isdigit() else (-1, part) for part in parts]
+    return [(int(part), '') if part.isdecimal() else (-1, part) for part in parts]

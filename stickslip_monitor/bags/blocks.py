@@ -11,6 +11,7 @@ Which messages of a block are wanted: from its message index if it can be believ
 from __future__ import annotations
 
 import enum
+import io
 import zlib
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -33,13 +34,21 @@ from stickslip_monitor.bags.mcap_records import (
     PARSE_ERRORS,
     PAYLOAD,
     Contents,
+    is_other,
     scan,
     view,
 )
 from stickslip_monitor.errors import BagError
+from stickslip_monitor.files import open_file
 
-# A cut chunk is fed in small pieces, so that an error inside costs only what follows it.
-_PIECE = 4096
+# A cut chunk is fed in small pieces, so that an error inside costs only what follows it, and so
+# that none of them grows to more than some 20 MB.
+_PIECE = 512
+
+_GROWTH = 1 << 20
+
+MOST = 128 << 20
+"""The largest chunk that is restored, decompressed or not [bytes]."""
 
 
 class CompressionError(Exception):
@@ -60,6 +69,8 @@ def decompress(data: bytes, compression: str, size: int) -> bytes:
     Raises:
         CompressionError: Unknown compression, damaged data, or another size than declared.
     """
+    if max(size, len(data)) > MOST:
+        raise CompressionError(f'it declares {size} bytes, and more than {MOST} are not restored')
     try:
         plain = _WHOLE[compression](data, size)
     except KeyError:
@@ -67,7 +78,8 @@ def decompress(data: bytes, compression: str, size: int) -> bytes:
     except (zstandard.ZstdError, RuntimeError, MemoryError, EOFError):
         raise CompressionError(f'its {compression} data does not decompress') from None
     if len(plain) != size:
-        raise CompressionError(f'it holds {len(plain)} bytes where it declares {size}')
+        held = f'{len(plain)} bytes' if len(plain) < size else 'more bytes'
+        raise CompressionError(f'it holds {held} where it declares {size}')
     return plain
 
 
@@ -77,11 +89,12 @@ def decompress_prefix(data: bytes, compression: str, size: int) -> bytes:
     Args:
         data: The compressed bytes that are there, perhaps none.
         compression: As for :func:`decompress`.
-        size: Decompressed size the chunk declares, a bound on the result [bytes].
+        size: Decompressed size the chunk declares, a bound on the result as MOST is [bytes].
 
     Returns:
         The bytes that could be restored; empty when the compression is unknown.
     """
+    size = min(size, MOST)
     if not compression:
         return data[:size]
     if compression not in _PIECEWISE:
@@ -108,11 +121,15 @@ def _zstd(data: bytes, size: int) -> bytes:
     if zstandard.frame_content_size(data) == size:
         return zstandard.ZstdDecompressor().decompress(data)
     # Without a matching size in the frame the declared one may be garbage: let the output grow.
-    return decompress_prefix(data, 'zstd', size)
+    parts: list[bytes] = []
+    with zstandard.ZstdDecompressor().stream_reader(io.BytesIO(data)) as reader:
+        while sum(map(len, parts)) <= size and (part := reader.read(_GROWTH)):
+            parts.append(part)
+    return b''.join(parts)
 
 
 def _lz4(data: bytes, size: int) -> bytes:
-    plain: bytes = lz4.frame.decompress(data)
+    plain: bytes = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
     return plain
 
 
@@ -132,6 +149,10 @@ _PIECEWISE: dict[str, Callable[[], Callable[[bytes], bytes]]] = {
 }
 
 _INDEX_HEAD = HEAD.size + 2 + 4
+# More than the head of a chunk record is long.
+_CHUNK_HEAD = 1 << 10
+# Chunks up to this size need no care with memory.
+_SMALL = 8 << 20
 
 
 class BlockKind(enum.Enum):
@@ -153,6 +174,7 @@ class Block:
     ``offset`` and ``length`` say where it lies in the file [bytes]; ``start_ns`` and ``end_ns``
     bound its log times.  ``index`` gives the byte at which each channel's message index begins,
     in the ``index_length`` bytes after the block; it is empty when there is no usable index.
+    ``size`` is the number of its bytes when decompressed, zero where that is not known.
     """
 
     path: Path
@@ -163,6 +185,13 @@ class Block:
     end_ns: int
     index: Mapping[int, int]
     index_length: int
+    size: int = 0
+
+    @property
+    def place(self) -> str:
+        """The block as a sentence names it."""
+        kind = 'records' if self.kind is BlockKind.BARE else 'chunk'
+        return f"file '{self.path.name}': the {kind} at byte {self.offset}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,15 +235,16 @@ def load(block: Block) -> Loaded:
         Its records, restricted to the whole ones for a cut chunk.
 
     Raises:
-        DamagedBlock: The chunk does not decompress, or its checksum is wrong.
+        DamagedBlock: The chunk is too large, does not decompress, or its checksum is wrong.
         BagError: The file cannot be read.
     """
-    raw = _read(block)
-    body, index_data = raw[: block.length], raw[block.length :]
-    if block.kind is BlockKind.BARE:
-        return Loaded(block, body, b'')
     try:
+        body, index_data = _read(block)
+        if block.kind is BlockKind.BARE:
+            return Loaded(block, body, b'')
         chunk = read_chunk(body)
+        if block.size < chunk.uncompressed_size > _SMALL and block.size:
+            raise CompressionError('it declares another size than the summary')
         if block.kind is BlockKind.CUT_CHUNK:
             return Loaded(block, whole_records(chunk), b'')
         return Loaded(block, _restore(chunk), index_data)
@@ -222,10 +252,7 @@ def load(block: Block) -> Loaded:
         reason = str(error)
     except PARSE_ERRORS:
         reason = 'it is not a chunk record'
-    raise DamagedBlock(
-        f"file '{block.path.name}': the chunk at byte {block.offset} is damaged"
-        f' ({reason}) and was skipped'
-    )
+    raise DamagedBlock(f'{block.place} is damaged ({reason}) and was skipped')
 
 
 def read_chunk(record: bytes) -> Chunk:
@@ -249,13 +276,22 @@ def _restore(chunk: Chunk) -> bytes:
     return data
 
 
-def _read(block: Block) -> bytes:
+def _read(block: Block) -> tuple[bytes, bytes]:
+    """The bytes of a block, and those of its message index."""
+    length = block.length
+    if length > MOST + _CHUNK_HEAD:
+        if block.kind is not BlockKind.CUT_CHUNK:
+            raise CompressionError(f'it is {length} bytes long, and more than {MOST} are not read')
+        length = MOST
     try:
-        with block.path.open('rb') as file:
+        with open_file(block.path) as file:
             file.seek(block.offset)
-            return file.read(block.length + block.index_length)
+            body, index_data = file.read(length), file.read(min(block.index_length, MOST))
     except OSError as error:
         raise BagError(f"bag file '{block.path}' cannot be read: {error.strerror}") from None
+    if len(body) < length:
+        raise CompressionError('the file became shorter while it was read')
+    return body, index_data
 
 
 def _index_pairs(data: bytes, begin: int, channel: int) -> IntArray | None:
@@ -271,6 +307,8 @@ def _index_pairs(data: bytes, begin: int, channel: int) -> IntArray | None:
 
 
 _WORKERS = 2
+# Of blocks that wait [bytes].
+_MOST = 32 << 20
 
 
 def prefetch(blocks: Sequence[Block]) -> Iterator[Loaded | DamagedBlock]:
@@ -286,13 +324,17 @@ def prefetch(blocks: Sequence[Block]) -> Iterator[Loaded | DamagedBlock]:
         BagError: A file cannot be read.
     """
     with ThreadPoolExecutor(_WORKERS) as pool:
-        waiting: deque[Future[Loaded | DamagedBlock]] = deque()
+        waiting: deque[tuple[int, Future[Loaded | DamagedBlock]]] = deque()
         for block in blocks:
-            waiting.append(pool.submit(_load, block))
+            # Large ones one at a time: memory is bounded.
+            size = max(block.size, block.length)
+            while waiting and sum(other for other, _ in waiting) + size > _MOST:
+                yield waiting.popleft()[1].result()
+            waiting.append((size, pool.submit(_load, block)))
             if len(waiting) > _WORKERS:
-                yield waiting.popleft().result()
+                yield waiting.popleft()[1].result()
         while waiting:
-            yield waiting.popleft().result()
+            yield waiting.popleft()[1].result()
 
 
 def _load(block: Block) -> Loaded | DamagedBlock:
@@ -315,36 +357,95 @@ class Entries:
     size: IntArray
 
 
-def find_entries(loaded: Loaded, channels: Collection[int]) -> list[Entries]:
+def find_entries(
+    loaded: Loaded, channels: Collection[int], tell: Callable[[str], None]
+) -> list[Entries]:
     """Find the messages of some channels in a block.
 
     Args:
         loaded: The block.
         channels: Ids of the channels.
+        tell: Told what is wrong with the block, in a sentence.
 
     Returns:
         The messages of each channel that has any.
+
+    Raises:
+        DamagedBlock: A channel changes its meaning inside the block.
     """
     found = _from_index(loaded, channels) if loaded.block.index else None
+    if found is not None and loaded.block.index.keys() <= set(channels):
+        # All that the block has should be there: then nothing is left out.
+        found = found if _between(loaded.data, found) is not None else None
     if found is None:
-        found = _from_scan(loaded.data, channels)
+        if loaded.block.index:
+            tell(f'{loaded.block.place} has a message index that is wrong and was not used')
+        found = _from_scan(contents_of(loaded, tell), loaded.data, channels)
     return [entries for entries in found if len(entries.offset)]
 
 
-def list_contents(loaded: Loaded) -> Contents:
-    """List all records of a block, stepping only through what its message index leaves out."""
+def contents_of(loaded: Loaded, tell: Callable[[str], None]) -> Contents:
+    """List all records of a block by stepping through them.
+
+    Raises:
+        DamagedBlock: A channel changes its meaning inside the block.
+    """
+    contents, place = scan(loaded.data), loaded.block.place
+    if contents.redefined:
+        channel = min(contents.redefined)
+        raise DamagedBlock(
+            f'{place} defines channel {channel} twice and differently: whose messages are whose is'
+            ' not known, and it was skipped'
+        )
+    if contents.odd:
+        tell(f'{place} has {contents.odd} records that cannot be read and were passed over')
+    rest = len(loaded.data) - contents.end
+    if rest and loaded.block.kind is not BlockKind.CUT_CHUNK:
+        tell(f'{place} has {rest} bytes at its end that are no record and were not read')
+    return contents
+
+
+def list_contents(loaded: Loaded, tell: Callable[[str], None]) -> tuple[Contents, bool]:
+    """List all records of a block, stepping only through what its message index leaves out.
+
+    Returns:
+        The records, and whether the index is right.
+
+    Raises:
+        DamagedBlock: A channel changes its meaning inside the block.
+    """
     found = _from_index(loaded, loaded.block.index)
-    if not found:
-        return scan(loaded.data)
+    part = _between(loaded.data, found) if found else None
+    if not found or part is None:
+        contents = contents_of(loaded, tell)
+        if loaded.block.index:
+            tell(f'{loaded.block.place} has a message index that is wrong and was not used')
+        return contents, False
     channel = np.concatenate([np.full(len(e.offset), e.channel, np.int64) for e in found])
     log_time = np.concatenate([entries.log_time_ns for entries in found])
     begin = np.concatenate([entries.offset for entries in found]) - PAYLOAD
-    end = begin + PAYLOAD + np.concatenate([entries.size for entries in found])
     contents = Contents(channel, log_time, begin, len(loaded.data))
-    for start, stop in _gaps(np.sort(begin), np.sort(end), len(loaded.data)):
-        part = scan(loaded.data[start:stop])
-        if len(part.channel):
-            return scan(loaded.data)
+    contents.schemas, contents.channels = part.schemas, part.channels
+    return contents, True
+
+
+def _between(data: bytes, found: Sequence[Entries]) -> Contents | None:
+    """What lies between the messages of an index; None if it is more than sound definitions."""
+    nothing = np.empty(0, np.int64)
+    contents = Contents(nothing, nothing, nothing, len(data))
+    size = sum(int(entries.size.sum()) + PAYLOAD * len(entries.size) for entries in found)
+    if size == len(data):
+        return contents
+    begin = np.concatenate([nothing, *(entries.offset for entries in found)]) - PAYLOAD
+    end = begin + PAYLOAD + np.concatenate([nothing, *(entries.size for entries in found)])
+    for start, stop in _gaps(np.sort(begin), np.sort(end), len(data)):
+        part = scan(data[start:stop])
+        conflict = any(
+            is_other(contents.channels.get(key, new), new) for key, new in part.channels.items()
+        )
+        whole = part.end == stop - start and not part.odd
+        if len(part.channel) or conflict or part.redefined or not whole:
+            return None
         contents.schemas.update(part.schemas)
         contents.channels.update(part.channels)
     return contents
@@ -370,14 +471,19 @@ def _from_index(loaded: Loaded, channels: Collection[int]) -> list[Entries] | No
     return found
 
 
-def _from_scan(data: bytes, channels: Collection[int]) -> list[Entries]:
-    contents = scan(data)
+def _from_scan(contents: Contents, data: bytes, channels: Collection[int]) -> list[Entries]:
+    """The messages of some channels among those of a block."""
+    order = np.argsort(contents.channel, kind='stable')
+    ids, starts = np.unique(contents.channel[order], return_index=True)
+    stops = np.append(starts[1:], len(order))
+    words = view(data, '<i8')
     found: list[Entries] = []
-    for channel in channels:
-        mine = contents.channel == channel
-        offset = contents.offset[mine]
-        size = view(data, '<i8')[offset + 1] - MESSAGE_HEAD.size
-        found.append(Entries(channel, contents.log_time_ns[mine], offset + PAYLOAD, size))
+    for channel, start, stop in zip(ids.tolist(), starts, stops, strict=True):
+        if channel in channels:
+            mine = order[start:stop]
+            offset = contents.offset[mine]
+            size = words[offset + 1] - MESSAGE_HEAD.size
+            found.append(Entries(channel, contents.log_time_ns[mine], offset + PAYLOAD, size))
     return found
 
 

@@ -13,7 +13,7 @@ import struct
 import threading
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -95,7 +95,11 @@ def or_nan(value: float | None) -> float:
 
 
 _ENCAPSULATION = 4
+# As the two bytes lie in the message, read little-endian.
+_CDR_LE, _CDR_BE = 0x0100, 0x0000
+_DECODED = (0, 1)
 _SECOND = 1_000_000_000
+_SECONDS = ('int32', 'uint32')
 _STAMP: tuple[FieldPath, ...] = (('header', 'stamp', 'sec'), ('header', 'stamp', 'nanosec'))
 
 
@@ -105,13 +109,15 @@ class FieldNumbers:
 
     ``stamp_ns`` is None where the type has no header, and zero where a message has no stamp;
     ``values`` has a row for each path; ``undecoded`` counts the messages that are not of the type,
-    ``short`` for each path those whose array is too short.
+    ``encapsulations`` those in an encapsulation that is not decoded, by its number, and ``short``
+    for each path those whose array is too short.
     """
 
     stamp_ns: IntArray | None
     values: FloatArray
     undecoded: int
     short: Counter[int]
+    encapsulations: Counter[int] = field(default_factory=Counter)
 
 
 class FieldReader:
@@ -162,8 +168,10 @@ class FieldReader:
         done = np.zeros(len(offset), np.bool_)
         if self._layout is None or not (size >= _ENCAPSULATION).all():
             return done
-        little_endian = (view(data, 'u1')[offset + 1] & 1).astype(np.bool_)
-        for big_endian, mine in ((False, little_endian), (True, ~little_endian)):
+        # The two bytes of the representation: zero, and zero or one for plain CDR.
+        kind = view(data, '<u2')[offset]
+        for code, big_endian in ((_CDR_LE, False), (_CDR_BE, True)):
+            mine = kind == code
             if mine.any():
                 # Messages are rarely mixed, and a slice costs nothing where a selection copies.
                 chosen = slice(None) if mine.all() else np.flatnonzero(mine)
@@ -171,6 +179,11 @@ class FieldReader:
                 gather = Gather(data, base, size[chosen] - _ENCAPSULATION, big_endian)
                 _fill(numbers, gather.run(self._layout), chosen)
                 done[chosen] = gather.sound
+                if isinstance(chosen, slice):
+                    return done
+        other = (kind != _CDR_LE) & (kind != _CDR_BE)
+        numbers.encapsulations.update(kind[other].byteswap().tolist())
+        done[other] = True
         return done
 
     def _decode(
@@ -180,14 +193,19 @@ class FieldReader:
         undecoded, short = 0, Counter[int]()
         for position in rest.tolist():
             begin = int(offset[position])
-            reading = self._decoder.read(data[begin : begin + int(size[position])])
+            message = data[begin : begin + int(size[position])]
+            kind = int.from_bytes(message[:2], 'big')
+            if len(message) >= _ENCAPSULATION and kind not in _DECODED:
+                numbers.encapsulations[kind] += 1
+                continue
+            reading = self._decoder.read(message)
             undecoded += not reading.decoded
             if reading.decoded:
                 short.update(row for row, value in enumerate(reading.values) if value is None)
             numbers.values[:, position] = [or_nan(value) for value in reading.values]
             if numbers.stamp_ns is not None:
                 numbers.stamp_ns[position] = reading.stamp_ns
-        return FieldNumbers(numbers.stamp_ns, numbers.values, undecoded, short)
+        return replace(numbers, undecoded=undecoded, short=short)
 
 
 def _fill(numbers: FieldNumbers, found: list[NDArray[Any]], chosen: slice | IntArray) -> None:
@@ -203,6 +221,6 @@ def _has_header(definitions: Definitions, root: str) -> bool:
     if [(field.name, field.text) for field in first] != [('header', 'std_msgs/Header')]:
         return False
     try:
-        return all(number_at(definitions, root, path) for path in _STAMP)
+        return all(number_at(definitions, root, path) in _SECONDS for path in _STAMP)
     except SchemaError:
         return False

@@ -9,7 +9,8 @@ The records themselves are parsed by the ``mcap`` package.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from array import array
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from io import BytesIO
 from typing import IO, Any
@@ -44,6 +45,9 @@ HEAD = struct.Struct('<BQ')
 MESSAGE_HEAD = struct.Struct('<HIQQ')
 PAYLOAD = HEAD.size + MESSAGE_HEAD.size
 
+_NOTHING = np.empty(0, np.int64)
+_DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
+
 # Everything the record classes raise on bytes that are not the record they claim to be.
 PARSE_ERRORS = (McapError, struct.error, ValueError, MemoryError, OverflowError)
 
@@ -76,9 +80,12 @@ def walk(file: IO[bytes], start: int, end: int) -> Iterator[RecordPlace]:
     offset = start
     while offset + HEAD.size <= end:
         file.seek(offset)
-        opcode, length = HEAD.unpack(file.read(HEAD.size))
-        # No record has kind 0; a crash often leaves a tail of zeros.
-        if opcode == 0 or length > end - offset - HEAD.size:
+        head = file.read(HEAD.size)
+        if len(head) < HEAD.size:
+            return
+        opcode, length = HEAD.unpack(head)
+        # A crash often leaves a tail of zeros, which are no records.
+        if opcode == length == 0 or length > end - offset - HEAD.size:
             return
         place = RecordPlace(opcode, offset, HEAD.size + length)
         yield place
@@ -90,7 +97,9 @@ class Contents:
     """The records inside a chunk, or inside a run of records outside of chunks.
 
     Arrays have one element for each message in file order: its channel, its log time [ns], the
-    offset of its record in the data.  ``end`` is the byte after the last whole record.
+    offset of its record in the data.  ``end`` is the byte after the last whole record, ``odd``
+    counts the records that are whole but cannot be read, and ``redefined`` has the channels that
+    change their meaning in between, ``late`` those that are defined behind messages of theirs.
     """
 
     channel: IntArray
@@ -99,44 +108,77 @@ class Contents:
     end: int
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
+    odd: int = 0
+    redefined: set[int] = field(default_factory=set)
+    late: set[int] = field(default_factory=set)
 
 
 def scan(data: bytes) -> Contents:
     """List the records in decompressed data, up to the first that is not whole."""
-    messages: list[tuple[int, int, int]] = []
-    nothing = np.empty(0, np.int64)
-    contents = Contents(nothing, nothing, nothing, 0)
-    while contents.end + HEAD.size <= len(data):
-        opcode, length = HEAD.unpack_from(data, contents.end)
-        if opcode == 0 or length > len(data) - contents.end - HEAD.size:
+    channels, times, offsets = array('q'), array('Q'), array('q')
+    before: dict[int, int] = {}
+    contents = Contents(_NOTHING, _NOTHING, _NOTHING, 0)
+    size, end = len(data), 0
+    while end + HEAD.size <= size:
+        opcode, length = HEAD.unpack_from(data, end)
+        following = end + HEAD.size + length
+        if following > size:
             break
-        try:
-            if opcode == Opcode.MESSAGE:
-                channel, _, log_time, _ = _message_head(data, contents.end, length)
-                messages.append((channel, log_time, contents.end))
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                body = contents.end + HEAD.size
-                _define(contents, opcode, data[body : body + length])
-        except PARSE_ERRORS:
-            break
-        contents.end += HEAD.size + length
-    table = np.array(messages, np.uint64).reshape(-1, 3).T.astype(np.int64)
-    contents.channel, contents.log_time_ns, contents.offset = table
+        if opcode == Opcode.MESSAGE and length >= MESSAGE_HEAD.size:
+            channel, _, log_time, _ = MESSAGE_HEAD.unpack_from(data, end + HEAD.size)
+            channels.append(channel)
+            times.append(log_time)
+            offsets.append(end)
+        elif opcode in _DEFINITIONS:
+            before[_define(contents, opcode, data[end + HEAD.size : following])] = len(offsets)
+        elif opcode in (0, Opcode.MESSAGE):
+            contents.odd += 1
+        end = following
+    contents.end = end
+    contents.channel, contents.log_time_ns, contents.offset = (
+        np.frombuffer(column, np.int64) for column in (channels, times, offsets)
+    )
+    contents.late = _late(contents, before)
     return contents
 
 
-def _message_head(data: bytes, offset: int, length: int) -> tuple[int, int, int, int]:
-    if length < MESSAGE_HEAD.size:
-        raise ValueError('a message record shorter than its head')
-    channel, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(data, offset + HEAD.size)
-    return channel, sequence, log_time, publish_time
+def definitions(data: bytes) -> Contents:
+    """List the definitions with which decompressed data begins, without its messages."""
+    end = 0
+    while len(data) >= end + HEAD.size and data[end] in _DEFINITIONS:
+        end += HEAD.size + int.from_bytes(data[end + 1 : end + HEAD.size], 'little')
+    return scan(data[:end])
 
 
-def _define(contents: Contents, opcode: int, body: bytes) -> None:
+def _late(contents: Contents, before: Mapping[int, int]) -> set[int]:
+    """The channels that have messages before the last definition of them."""
+    if not any(before.values()):
+        return set()
+    ids, first = np.unique(contents.channel, return_index=True)
+    pairs = zip(ids.tolist(), first.tolist(), strict=True)
+    return {number for number, place in pairs if place < before.get(number, 0)}
+
+
+def _define(contents: Contents, opcode: int, body: bytes) -> int:
+    """Take a definition; return the channel's number, or -1."""
     stream = ReadDataStream(BytesIO(body))
-    if opcode == Opcode.SCHEMA:
-        schema = Schema.read(stream)
-        contents.schemas[schema.id] = schema
-    else:
-        channel = Channel.read(stream)
-        contents.channels[channel.id] = channel
+    try:
+        if opcode == Opcode.SCHEMA:
+            schema = Schema.read(stream)
+            contents.schemas[schema.id] = schema
+        else:
+            channel = Channel.read(stream)
+            if is_other(contents.channels.get(channel.id, channel), channel):
+                contents.redefined.add(channel.id)
+            contents.channels[channel.id] = channel
+            return channel.id
+    except PARSE_ERRORS:
+        contents.odd += 1
+    return -1
+
+
+def is_other(one: Channel, two: Channel) -> bool:
+    """Whether two definitions of a channel are of different messages."""
+    return (one.topic, one.schema_id, one.message_encoding) != (
+        two.topic, two.schema_id, two.message_encoding,
+    )  # fmt: skip

@@ -11,10 +11,15 @@ from typing import Any
 import yaml
 
 from stickslip_monitor.errors import BagError
+from stickslip_monitor.files import read_file
 
 FILE_NAME = 'metadata.yaml'
 
 _ROOT = 'rosbag2_bagfile_information'
+# Ten thousand topics or files [bytes].
+_LARGEST = 8 << 20
+_DEEPEST = 30
+_LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,10 +54,10 @@ def read_metadata(folder: Path) -> Metadata | str:
     """
     path = folder / FILE_NAME
     try:
-        information = yaml.safe_load(path.read_text('utf-8'))[_ROOT]
+        information = _load(read_file(path, _LARGEST))[_ROOT]
         _check_kind(folder, information)
-        names = tuple(PurePosixPath(name).name for name in information['relative_file_paths'])
-        return Metadata(names, int(information['message_count']))
+        names = dict.fromkeys(PurePosixPath(n).name for n in information['relative_file_paths'])
+        return Metadata(tuple(names), int(information['message_count']))
     except FileNotFoundError:
         return f"folder '{folder}' has no {FILE_NAME}"
     except OSError as error:
@@ -64,8 +69,21 @@ def read_metadata(folder: Path) -> Metadata | str:
         TypeError,
         ValueError,
         AttributeError,
+        OverflowError,
+        RecursionError,
     ):
         return f"'{path}' is not rosbag2 metadata"
+
+
+def _load(data: bytes) -> Any:
+    """YAML without aliases, which rosbag2 does not write, and without much nesting."""
+    depth = 0
+    for event in yaml.parse(data, _LOADER):
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > _DEEPEST or isinstance(event, yaml.AliasEvent):
+            raise ValueError('no metadata has this')
+    return yaml.load(data, _LOADER)
 
 
 def _check_kind(folder: Path, information: Mapping[str, Any]) -> None:

@@ -28,6 +28,10 @@ NUMBERS: Mapping[str, str] = {
 }
 TEXTS = ('string', 'wstring')
 
+# A definition that is longer is none of telemetry; the longest of ROS 2 have some 60 kB [letters].
+_LONGEST_TEXT = 1 << 18
+_MOST_DIGITS = 10
+
 # CDR counts items with 32 bits.
 _LONGEST_SEQUENCE = (1 << 32) - 1
 
@@ -84,8 +88,10 @@ def parse_schema(name: str, text: str) -> Definitions:
         Fields of every type by short name.
 
     Raises:
-        SchemaError: A line is not a field, or a type is used but not defined.
+        SchemaError: It is too long, a line is not a field, or a type is used but not defined.
     """
+    if len(text) > _LONGEST_TEXT:
+        raise SchemaError(f'its definition is longer than {_LONGEST_TEXT} letters, the limit')
     found: dict[str, tuple[Field, ...]] = {
         'builtin_interfaces/Time': _TIME,
         'builtin_interfaces/Duration': _TIME,
@@ -175,6 +181,10 @@ def _field(line: str, package: str) -> Field:
         return Field(rest[0], base)
     limit = array[1:-1].removeprefix('<=')
     bounded = array.startswith('[<=')
+    if len(limit) > _MOST_DIGITS or (limit and int(limit) > _LONGEST_SEQUENCE):
+        raise SchemaError(f"its definition has the line '{line}', an array that is too long")
+    if bounded and not limit:
+        raise SchemaError(f"its definition has the line '{line}', a bound without a number")
     return Field(
         rest[0], base, True,
         size=int(limit) if limit and not bounded else None,

@@ -12,14 +12,15 @@ import heapq
 import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.bags.blocks import Block, DamagedBlock, Loaded, find_entries, load, prefetch
 from stickslip_monitor.bags.decode import FieldNumbers, FieldReader
-from stickslip_monitor.bags.index import FileScan
+from stickslip_monitor.bags.index import DATED, FileScan
+from stickslip_monitor.bags.mcap_records import definitions, is_other
 from stickslip_monitor.bags.topics import make_plan
 from stickslip_monitor.bags.values import Fault, Message, Request, Series
 from stickslip_monitor.fields import FieldPath
@@ -33,7 +34,13 @@ class ChannelColumn:
     stamp_ns: list[IntArray] = field(default_factory=list)
     values: list[FloatArray] = field(default_factory=list)
     undecoded: int = 0
+    encapsulations: Counter[int] = field(default_factory=Counter)
     short: Counter[int] = field(default_factory=Counter)
+
+    @property
+    def count(self) -> int:
+        """The messages taken."""
+        return sum(part.shape[1] for part in self.values)
 
     def take(self, numbers: FieldNumbers) -> None:
         """Append messages."""
@@ -41,6 +48,7 @@ class ChannelColumn:
             self.stamp_ns.append(numbers.stamp_ns)
         self.values.append(numbers.values)
         self.undecoded += numbers.undecoded
+        self.encapsulations.update(numbers.encapsulations)
         self.short.update(numbers.short)
 
 
@@ -76,7 +84,10 @@ class Order:
 
 
 def take_block(
-    loaded: Loaded, strands: Mapping[int, tuple[int, ChannelColumn]], order: Order
+    loaded: Loaded,
+    strands: Mapping[int, tuple[int, ChannelColumn]],
+    order: Order,
+    tell: Callable[[str], None],
 ) -> None:
     """Read the messages of a block.
 
@@ -84,11 +95,15 @@ def take_block(
         loaded: The block.
         strands: Number and strand of each channel wanted.
         order: Where the order of the messages is noted.
+        tell: Told what is wrong with the block, in a sentence.
+
+    Raises:
+        DamagedBlock: A channel changes its meaning inside the block.
     """
     numbers: list[IntArray] = []
     times: list[IntArray] = []
     offsets: list[IntArray] = []
-    for entries in find_entries(loaded, strands):
+    for entries in find_entries(loaded, strands, tell):
         number, strand = strands[entries.channel]
         strand.take(strand.plan.read(loaded.data, entries.offset, entries.size))
         numbers.append(np.full(len(entries.offset), number, np.int64))
@@ -150,12 +165,15 @@ class Source:
 _Item = tuple[int, int, int, int, Message]
 
 
-def merged(sources: Iterable[Source], damaged: Callable[[str], None]) -> Iterator[Message]:
+def merged(
+    sources: Iterable[Source], tell: Callable[[str], None], earliest_ns: int
+) -> Iterator[Message]:
     """Yield the messages of some blocks by log time, then by file and place.
 
     Args:
         sources: The blocks.
-        damaged: Told the sentence of each block that is damaged.
+        tell: Told what is wrong with a block, in a sentence.
+        earliest_ns: Messages with an earlier log time are left out [ns].
 
     Yields:
         The messages; a block is in memory only while its time span lasts.
@@ -164,7 +182,7 @@ def merged(sources: Iterable[Source], damaged: Callable[[str], None]) -> Iterato
     heads: list[tuple[_Item, int, Iterator[_Item]]] = []
     while waiting or heads:
         while waiting and (not heads or waiting[-1].block.start_ns <= heads[0][0][0]):
-            _push(heads, len(waiting), _items(waiting.pop(), damaged))
+            _push(heads, len(waiting), _items(waiting.pop(), tell, earliest_ns))
         if heads:
             item, number, items = heapq.heappop(heads)
             yield item[-1]
@@ -179,15 +197,16 @@ def _push(
         heapq.heappush(heads, (item, number, items))
 
 
-def _items(source: Source, damaged: Callable[[str], None]) -> Iterator[_Item]:
+def _items(source: Source, tell: Callable[[str], None], earliest_ns: int) -> Iterator[_Item]:
     try:
         loaded = load(source.block)
+        found = find_entries(loaded, source.channels, tell)
     except DamagedBlock as damage:
-        damaged(str(damage))
+        tell(str(damage))
         return
     rows = sorted(
         row
-        for entries in find_entries(loaded, source.channels)
+        for entries in found
         for row in zip(
             entries.log_time_ns.tolist(),
             entries.offset.tolist(),
@@ -197,6 +216,8 @@ def _items(source: Source, damaged: Callable[[str], None]) -> Iterator[_Item]:
         )
     )
     for log_time, offset, size, channel in rows:
+        if log_time < earliest_ns:
+            continue
         topic, type_name = source.channels[channel]
         message = Message(topic, type_name, log_time, loaded.data[offset : offset + size])
         yield log_time, source.file, source.block.offset, offset, message
@@ -218,18 +239,26 @@ class Wanted:
 _FileStrands = dict[int, tuple[int, ChannelColumn]]
 
 
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What a pass gave: the series, and the numbers of the files whose summary proved wrong."""
+
+    series: dict[Request, Series]
+    doubted: tuple[int, ...]
+
+
 def read_series(
     files: Sequence[FileScan],
     topics: Sequence[Wanted],
-    damaged: Callable[[str], None],
+    tell: Callable[[str], None],
     progress: Progress | None,
-) -> dict[Request, Series]:
+) -> Found:
     """Read numbers of some topics.
 
     Args:
         files: The files of the recording in order.
         topics: What is wanted.
-        damaged: Told the sentence of each block that is damaged.
+        tell: Told what is wrong with a block, in a sentence.
         progress: Told the bytes done and the bytes to do after each block.
 
     Returns:
@@ -241,16 +270,32 @@ def read_series(
     strands = _make_strands(files, topics)
     order = Order()
     jobs = list(_jobs(files, strands))
-    total, done = sum(block.length for block, _ in jobs), 0
-    for (block, members), loaded in zip(jobs, prefetch([block for block, _ in jobs]), strict=True):
-        if isinstance(loaded, DamagedBlock):
-            damaged(str(loaded))
-        else:
-            take_block(loaded, members, order)
+    total, done = sum(block.length for _, block in jobs), 0
+    doubted = set()
+    for (number, block), loaded in zip(jobs, prefetch([block for _, block in jobs]), strict=True):
+        try:
+            if isinstance(loaded, DamagedBlock):
+                raise loaded
+            if files[number].summarised and _changes_channels(files[number], loaded.data):
+                doubted.add(number)
+            take_block(loaded, strands[number], order, tell)
+        except DamagedBlock as damage:
+            tell(str(damage))
         done += block.length
         if progress is not None:
             progress(done, total)
-    return _all_series(topics, files, strands, order)
+    doubted.update(
+        number
+        for number, (file, members) in enumerate(zip(files, strands, strict=True))
+        if file.summarised and any(s.count != file.counts[id_] for id_, (_, s) in members.items())
+    )
+    return Found(_all_series(topics, files, strands, order), tuple(sorted(doubted)))
+
+
+def _changes_channels(file: FileScan, data: bytes) -> bool:
+    """Whether a block begins with a definition that is not the summary's."""
+    channels = definitions(data).channels
+    return any(is_other(file.channels.get(key, new), new) for key, new in channels.items())
 
 
 def _make_strands(files: Sequence[FileScan], topics: Sequence[Wanted]) -> list[_FileStrands]:
@@ -274,12 +319,12 @@ def _make_strands(files: Sequence[FileScan], topics: Sequence[Wanted]) -> list[_
 
 def _jobs(
     files: Sequence[FileScan], strands: Sequence[_FileStrands]
-) -> Iterator[tuple[Block, _FileStrands]]:
-    """Pair each block with the strands of its file, without those that have nothing wanted."""
-    for file, members in zip(files, strands, strict=True):
+) -> Iterator[tuple[int, Block]]:
+    """List the blocks with the number of their file, without those that have nothing wanted."""
+    for number, (file, members) in enumerate(zip(files, strands, strict=True)):
         for block in file.blocks:
             if members and (not block.index or block.index.keys() & members.keys()):
-                yield block, members
+                yield number, block
 
 
 def _all_series(
@@ -289,6 +334,7 @@ def _all_series(
     order: Order,
 ) -> dict[Request, Series]:
     ranked = order.ranked(sum(map(len, strands)))
+    earliest = 1 if any((file.end_ns or 0) >= DATED for file in files) else 0
     result: dict[Request, Series] = {}
     for topic in topics:
         mine = [
@@ -297,32 +343,50 @@ def _all_series(
             for channel, member in members.items()
             if file.channels[channel].topic == topic.topic
         ]
-        result.update(_topic_series(topic, mine, ranked))
+        result.update(_topic_series(topic, mine, ranked, earliest))
     return result
 
 
 def _topic_series(
-    topic: Wanted, members: Sequence[tuple[int, ChannelColumn]], ranked: Sequence[MessageOrder]
+    topic: Wanted,
+    members: Sequence[tuple[int, ChannelColumn]],
+    ranked: Sequence[MessageOrder],
+    earliest: int,
 ) -> Iterator[tuple[Request, Series]]:
     strands = [strand for _, strand in members]
-    table = make_table(strands, [ranked[number] for number, _ in members], len(topic.requests))
+    whole = make_table(strands, [ranked[number] for number, _ in members], len(topic.requests))
+    # In the order of their times: those without one come first.
+    unset = int(np.searchsorted(whole.log_time_ns, earliest))
+    beyond = int(np.searchsorted(whole.log_time_ns, 0))
+    table = Table(*(getattr(whole, part.name)[..., unset:] for part in fields(whole)))
+    kinds = sum((strand.encapsulations for strand in strands), Counter[int]())
+    common = [
+        (beyond, 'have a log time of 2^63 ns or more, which is no time, and were not used'),
+        (unset - beyond, 'have log time 0, as of a clock that was not set, and were not used'),
+        (sum(strand.undecoded for strand in strands), f'cannot be decoded as {topic.type}'),
+        *((count, f'are in {_encapsulation(kind)}') for kind, count in sorted(kinds.items())),
+    ]
     for row, requests in enumerate(topic.requests.values()):
-        counts = (
-            (sum(strand.undecoded for strand in strands), f'cannot be decoded as {topic.type}'),
-            (
-                sum(strand.short[row] for strand in strands),
-                f"have too few elements for field '{requests[0].field}'",
-            ),
-        )
+        short = sum(strand.short[row] for strand in strands)
+        counts = [*common, (short, f"have too few elements for field '{requests[0].field}'")]
         faults = tuple(
-            Fault(count, f"{count} of {len(table.sequence)} messages of '{topic.topic}' {reason}")
+            Fault(count, f"{count} of {len(whole.sequence)} messages of '{topic.topic}' {reason}")
             for count, reason in counts
             if count
         )
-        for request in requests:
-            yield (
-                request,
-                Series(
-                    table.log_time_ns, table.stamp_ns, table.sequence, table.values[row], faults
-                ),
-            )
+        series = Series(
+            table.log_time_ns, table.stamp_ns, table.sequence, table.values[row], faults
+        )
+        yield from ((request, series) for request in requests)
+
+
+# RTPS 2.5, table 10.3.
+_ENCAPSULATIONS = {
+    0x02: 'PL_CDR_BE', 0x03: 'PL_CDR_LE', 0x06: 'CDR2_BE', 0x07: 'CDR2_LE', 0x08: 'D_CDR2_BE',
+    0x09: 'D_CDR2_LE', 0x0A: 'PL_CDR2_BE', 0x0B: 'PL_CDR2_LE', 0x04: 'XML',
+}  # fmt: skip
+
+
+def _encapsulation(kind: int) -> str:
+    name = _ENCAPSULATIONS.get(kind, 'of no known name')
+    return f'the encapsulation {name} (0x{kind:04x}), which is not decoded'

@@ -64,10 +64,6 @@ def _problem(channel: Channel, schema: Schema | None) -> str:
         return 'no schema'
     if schema.encoding != SchemaEncoding.ROS2:
         return f"schema encoding '{schema.encoding}' is not ros2msg"
-    try:
-        _definitions(schema.name, schema.data)
-    except SchemaError as error:
-        return str(error)
     return ''
 
 
@@ -136,7 +132,10 @@ def make_plan(topic: str, schema: Schema, paths: Sequence[FieldPath]) -> FieldRe
     Raises:
         BagError: A path does not lead to a number, or the definition is unusable.
     """
-    definitions = _definitions(schema.name, schema.data)
+    try:
+        definitions = _definitions(schema.name, schema.data)
+    except SchemaError as error:
+        raise BagError(f"topic '{topic}' ({schema.name}) cannot be read: {error}") from None
     for path in paths:
         try:
             number_at(definitions, schema.name, path)

@@ -13,7 +13,8 @@ from stickslip_monitor.arrays import FloatArray, IntArray
 class TopicInfo:
     """A topic of a recording.
 
-    ``problem`` is empty when its messages can be decoded, else one clause saying why not.
+    ``problem`` is one clause saying why its messages cannot be decoded, as far as that is known
+    without its definition, which is read when a field is asked for; else empty.
     """
 
     name: str

@@ -69,7 +69,15 @@ class Found:
         """The exit code of this bag alone."""
         if self.error is not None:
             return 3 if self.faulty else 2
+        if self.unjudged:
+            return 2
         return int(self.warned)
+
+    @property
+    def unjudged(self) -> list[str]:
+        """The bearings of which the recording gave no operating point: silence is not health."""
+        bearings = self.document.get('bearings', {})
+        return [name for name, item in bearings.items() if not item['evaluations']]
 
     @property
     def error(self) -> str | None:
@@ -197,6 +205,11 @@ class Output:
             sys.stdout.flush()
         if found.error:
             sys.stderr.write(f'ERROR: {printable(document["path"])}: {printable(found.error)}\n')
+        for name in found.unjudged:
+            sys.stderr.write(
+                f'ERROR: {printable(document["path"])}: nothing is known of {name}: no message'
+                ' gave an operating point\n'
+            )
         if found.clips is not None:
             sys.stderr.write(
                 f'{printable(document["path"])}: {found.clips} clips written into'

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.encode import (
     MESSAGE_TYPES,
     StatusFields,
@@ -39,6 +40,7 @@ from stickslip_monitor.offline.check import BearingReport, CheckReport
 NODE = 'stickslip_monitor'
 _BLOCK = 20_000
 _TICK_NS = 10**9
+_SILENCE_NS = 3600 * 10**9
 _PROGRESS_EVERY = 10_000
 
 
@@ -219,8 +221,8 @@ def _diagnostics(courses: list[_Course], checked: CheckReport) -> Iterator[Messa
     """Every second, and at each change of an alarm."""
     if checked.start_ns is None or checked.end_ns is None:
         return
-    seconds = np.arange(checked.start_ns, checked.end_ns + 1, _TICK_NS)
     changes = [event.time_ns for course in courses for event in course.events]
+    seconds = _seconds(checked)
     for time_ns in np.union1d(seconds, np.array(changes, np.int64)).tolist():
         statuses = []
         for course in courses:
@@ -232,3 +234,24 @@ def _diagnostics(courses: list[_Course], checked: CheckReport) -> Iterator[Messa
             )
         data = encode_diagnostics(time_ns, statuses)
         yield Message('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', time_ns, data)
+
+
+def _seconds(checked: CheckReport) -> IntArray:
+    """Every second of the recording, but not those of a silence beyond its first hour.
+
+    A clock that was wrong for one message would else make ticks for years.
+    """
+    assert checked.start_ns is not None
+    assert checked.end_ns is not None
+    stamps = [bearing.stream.time_ns for bearing in checked.bearings.values()]
+    ends = np.array([checked.start_ns, checked.end_ns], np.int64)
+    heard = np.unique(np.concatenate([ends, *stamps]).clip(*ends))
+    silent = np.flatnonzero(np.diff(heard) > _SILENCE_NS)
+    starts = np.append(heard[0], heard[silent + 1])
+    stops = np.append(heard[silent] + _SILENCE_NS, heard[-1])
+    # On the grid that begins with the recording, whatever is left out.
+    first = -(-(starts - ends[0]) // _TICK_NS)
+    last = (stops - ends[0]) // _TICK_NS
+    pieces = [np.arange(a, b + 1) for a, b in zip(first, last, strict=True)]
+    ticks: IntArray = ends[0] + _TICK_NS * np.concatenate(pieces)
+    return ticks

@@ -230,7 +230,8 @@ def test_a_damaged_chunk_is_skipped(tmp_path: Path, compression: str, with_summa
     assert series[REQUESTS[0]].log_time_ns.tolist() == [*whole.times[:8:2], *whole.times[16::2]]
     assert series[REQUESTS[1]].sequence.tolist() == list(range(1, 16, 2))
     assert read_times(bag) == [*whole.times[:8], *whole.times[16:]]
-    (warning,) = bag.warnings
+    warning, difference = bag.warnings
+    assert "count 12 messages of '/a', and 8 can be read" in difference
     begin = f"file 'a.mcap': the chunk at byte {middle.chunk_start_offset} is damaged ("
     assert warning.startswith(begin)
     assert warning.endswith(') and was skipped')
@@ -247,6 +248,8 @@ def test_a_checksum_that_is_wrong_is_named(tmp_path: Path) -> None:
     assert bag.warnings == (
         f"file 'a.mcap': the chunk at byte {offset} is damaged (its checksum is wrong) and was"
         ' skipped',
+        "file 'a.mcap': its statistics count 4 messages of '/a', and 0 can be read; 4 messages of"
+        " '/b', and 0 can be read",
     )
 
 
