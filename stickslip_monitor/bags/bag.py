@@ -137,7 +137,7 @@ class Bag:
                 for channel in file.channels.values()
                 if channel.topic in for_topics
             }
-            sources += [Source(number, block, channels) for block in file.blocks]
+            sources += [Source(number, block, channels, file.channels) for block in file.blocks]
         return merged(sources, self._warn, self._earliest_ns)
 
     def _look_again(self, doubted: Collection[int]) -> None:

@@ -25,7 +25,7 @@ import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Chunk
+from mcap.records import Channel, Chunk
 
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.mcap_records import (
@@ -34,6 +34,7 @@ from stickslip_monitor.bags.mcap_records import (
     PARSE_ERRORS,
     PAYLOAD,
     Contents,
+    definitions,
     is_other,
     scan,
     view,
@@ -357,31 +358,55 @@ class Entries:
     size: IntArray
 
 
+class Redefined(DamagedBlock):
+    """A block gives a channel another meaning than the one it has in its file."""
+
+
 def find_entries(
-    loaded: Loaded, channels: Collection[int], tell: Callable[[str], None]
+    loaded: Loaded,
+    channels: Collection[int],
+    known: Mapping[int, Channel],
+    tell: Callable[[str], None],
 ) -> list[Entries]:
     """Find the messages of some channels in a block.
 
     Args:
         loaded: The block.
         channels: Ids of the channels.
+        known: All channels of its file.
         tell: Told what is wrong with the block, in a sentence.
 
     Returns:
         The messages of each channel that has any.
 
     Raises:
-        DamagedBlock: A channel changes its meaning inside the block.
+        DamagedBlock: A channel changes its meaning inside the block, or with it.
     """
     found = _from_index(loaded, channels) if loaded.block.index else None
+    defined: Contents | None = None
     if found is not None and loaded.block.index.keys() <= set(channels):
         # All that the block has should be there: then nothing is left out.
-        found = found if _between(loaded.data, found) is not None else None
+        defined = _between(loaded.data, found)
+        found = None if defined is None else found
+    elif found is not None:
+        defined = definitions(loaded.data)
     if found is None:
         if loaded.block.index:
             tell(f'{loaded.block.place} has a message index that is wrong and was not used')
-        found = _from_scan(contents_of(loaded, tell), loaded.data, channels)
+        defined = contents_of(loaded, tell)
+        found = _from_scan(defined, loaded.data, channels)
+    assert defined is not None
+    _check_known(loaded, defined, known)
     return [entries for entries in found if len(entries.offset)]
+
+
+def _check_known(loaded: Loaded, defined: Contents, known: Mapping[int, Channel]) -> None:
+    for key, channel in defined.channels.items():
+        if key in known and is_other(known[key], channel):
+            raise Redefined(
+                f"{loaded.block.place} makes channel {key} '{channel.topic}' where it is"
+                f" '{known[key].topic}', and was skipped"
+            )
 
 
 def contents_of(loaded: Loaded, tell: Callable[[str], None]) -> Contents:

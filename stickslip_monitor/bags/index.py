@@ -97,9 +97,8 @@ def _summary_bytes(file: IO[bytes], size: int) -> tuple[bytes, int] | None:
 
 def _parse(data: bytes) -> Summary:
     summary = Summary()
-    reader = StreamReader(
-        BytesIO(data), skip_magic=True, emit_chunks=True, record_size_limit=len(data)
-    )
+    stream = BytesIO(data)
+    reader = StreamReader(stream, True, emit_chunks=True, record_size_limit=len(data))
     for record in reader.records:
         if isinstance(record, Statistics):
             summary.statistics = record
@@ -112,6 +111,9 @@ def _parse(data: bytes) -> Summary:
                 raise ValueError('a channel is defined twice')
         elif isinstance(record, ChunkIndex):
             summary.chunk_indexes.append(record)
+    # Else there is more behind it: it is another recording's.
+    if stream.tell() != len(data):
+        raise ValueError('the summary does not end the file')
     return summary
 
 
@@ -359,7 +361,8 @@ def _from_walks(path: Path, file: IO[bytes], size: int) -> list[FileScan]:
 
 def _walk(walk: _Walk, file: IO[bytes], start: int, size: int) -> int:
     """Walk through one recording of a file; return the byte where it ends."""
-    section = _Section(file, min(start + len(MAGIC), size), size)
+    begin = min(start + len(MAGIC), size)
+    section = _Section(file, begin, size, last=begin)
     last: Block | None = None
     for block in blocks_of(walk.path, file, section.places()):
         if last is not None:
@@ -379,7 +382,10 @@ def _walk(walk: _Walk, file: IO[bytes], start: int, size: int) -> int:
     walk.compare(section.statistics)
     if walk.finished:
         return section.offset + len(MAGIC)
-    end = _find_magic(file, section.offset, size) or size
+    # The record before may have swallowed the beginning of the next recording.
+    found = _find_magic(file, section.last, size)
+    end = size if found is None else found
+    section.offset = section.last if end < section.offset else section.offset
     _take_cut(walk, file, section, end)
     return end
 
@@ -525,6 +531,7 @@ class _Section:
     offset: int
     end: int
     ended: bool = False
+    last: int = 0
     strange: int = 0
     statistics: Statistics | None = None
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -536,7 +543,7 @@ class _Section:
             if place.opcode == Opcode.FOOTER:
                 self.ended = True
                 return
-            self.offset = place.end
+            self.last, self.offset = place.offset, place.end
             if place.opcode == Opcode.DATA_END:
                 self.ended = True
                 return

@@ -15,12 +15,20 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 
 import numpy as np
+from mcap.records import Channel
 
 from stickslip_monitor.arrays import FloatArray, IntArray
-from stickslip_monitor.bags.blocks import Block, DamagedBlock, Loaded, find_entries, load, prefetch
+from stickslip_monitor.bags.blocks import (
+    Block,
+    DamagedBlock,
+    Loaded,
+    Redefined,
+    find_entries,
+    load,
+    prefetch,
+)
 from stickslip_monitor.bags.decode import FieldNumbers, FieldReader
 from stickslip_monitor.bags.index import DATED, FileScan
-from stickslip_monitor.bags.mcap_records import definitions, is_other
 from stickslip_monitor.bags.topics import make_plan
 from stickslip_monitor.bags.values import Fault, Message, Request, Series
 from stickslip_monitor.fields import FieldPath
@@ -87,6 +95,7 @@ def take_block(
     loaded: Loaded,
     strands: Mapping[int, tuple[int, ChannelColumn]],
     order: Order,
+    known: Mapping[int, Channel],
     tell: Callable[[str], None],
 ) -> None:
     """Read the messages of a block.
@@ -95,15 +104,16 @@ def take_block(
         loaded: The block.
         strands: Number and strand of each channel wanted.
         order: Where the order of the messages is noted.
+        known: All channels of its file.
         tell: Told what is wrong with the block, in a sentence.
 
     Raises:
-        DamagedBlock: A channel changes its meaning inside the block.
+        DamagedBlock: A channel changes its meaning inside the block, or with it.
     """
     numbers: list[IntArray] = []
     times: list[IntArray] = []
     offsets: list[IntArray] = []
-    for entries in find_entries(loaded, strands, tell):
+    for entries in find_entries(loaded, strands, known, tell):
         number, strand = strands[entries.channel]
         strand.take(strand.plan.read(loaded.data, entries.offset, entries.size))
         numbers.append(np.full(len(entries.offset), number, np.int64))
@@ -155,11 +165,12 @@ def joined(parts: Sequence[IntArray]) -> IntArray:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A block, the number of its file, and topic and type of each channel wanted from it."""
+    """A block, the number of its file, topic and type of each channel wanted, and all channels."""
 
     file: int
     block: Block
     channels: Mapping[int, tuple[str, str]]
+    known: Mapping[int, Channel]
 
 
 _Item = tuple[int, int, int, int, Message]
@@ -200,7 +211,7 @@ def _push(
 def _items(source: Source, tell: Callable[[str], None], earliest_ns: int) -> Iterator[_Item]:
     try:
         loaded = load(source.block)
-        found = find_entries(loaded, source.channels, tell)
+        found = find_entries(loaded, source.channels, source.known, tell)
     except DamagedBlock as damage:
         tell(str(damage))
         return
@@ -276,9 +287,9 @@ def read_series(
         try:
             if isinstance(loaded, DamagedBlock):
                 raise loaded
-            if files[number].summarised and _changes_channels(files[number], loaded.data):
-                doubted.add(number)
-            take_block(loaded, strands[number], order, tell)
+            take_block(loaded, strands[number], order, files[number].channels, tell)
+        except Redefined:
+            doubted.add(number)
         except DamagedBlock as damage:
             tell(str(damage))
         done += block.length
@@ -290,12 +301,6 @@ def read_series(
         if file.summarised and any(s.count != file.counts[id_] for id_, (_, s) in members.items())
     )
     return Found(_all_series(topics, files, strands, order), tuple(sorted(doubted)))
-
-
-def _changes_channels(file: FileScan, data: bytes) -> bool:
-    """Whether a block begins with a definition that is not the summary's."""
-    channels = definitions(data).channels
-    return any(is_other(file.channels.get(key, new), new) for key, new in channels.items())
 
 
 def _make_strands(files: Sequence[FileScan], topics: Sequence[Wanted]) -> list[_FileStrands]:

@@ -1,0 +1,289 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Odd recordings, each with what ``stickslip check`` has to say of it."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import lz4.frame
+import zstandard
+from mcap.records import Chunk, MessageIndex
+
+from fuzz.files import (
+    DEFINITIONS,
+    HEAD,
+    LOAD,
+    MAGIC,
+    SPEED,
+    START,
+    STEP,
+    Piece,
+    channel,
+    encoded,
+    file,
+    message,
+    messages,
+    raw,
+    schema,
+    sound,
+)
+
+
+@dataclass(frozen=True)
+class Odd:
+    """A file, what is said of it, and how many messages of each input can be read."""
+
+    make: Callable[[], bytes]
+    says: str
+    speed: int = 0
+    load: int = 0
+
+
+def _pieces(*middle: Piece) -> list[Piece]:
+    return [Piece([*DEFINITIONS, *messages(0)]), *middle, Piece(messages(40))]
+
+
+def _bomb(compression: str, size: int, declared: int | None = None) -> bytes:
+    """A chunk of a few kilobytes that grows; what it holds is one record of an unknown kind."""
+    head, zeros = HEAD.pack(0x80, size - HEAD.size), bytes(1 << 20)
+    rest = [zeros] * ((size - HEAD.size) // len(zeros)) + [
+        zeros[: (size - HEAD.size) % len(zeros)]
+    ]
+    if compression == 'zstd':
+        packer = zstandard.ZstdCompressor(level=1).compressobj()
+        data = b''.join([packer.compress(part) for part in (head, *rest)] + [packer.flush()])
+    else:
+        frame = lz4.frame.LZ4FrameCompressor()
+        parts = [frame.begin(), *(frame.compress(part) for part in (head, *rest)), frame.flush()]
+        data = b''.join(parts)
+    chunk = Chunk(
+        compression=compression, data=data, message_end_time=START, message_start_time=START,
+        uncompressed_crc=0, uncompressed_size=size if declared is None else declared,
+    )  # fmt: skip
+    return encoded(chunk)
+
+
+def _with_chunk(record: bytes) -> bytes:
+    """A sound file without a summary, with one more chunk in front of its data's end."""
+    data = sound(summary=False)
+    end = data.index(raw(0x0F, bytes(4)))
+    return data[:end] + record + data[end:]
+
+
+def _tiny() -> bytes:
+    """Ten million messages without data in one chunk of some kilobytes."""
+    one = raw(5, struct.pack('<HIQQ', 1, 0, START, START))
+    block = one * 100_000
+    packer = zstandard.ZstdCompressor(level=1).compressobj(size=len(block) * 100)
+    data = b''.join([*(packer.compress(block) for _ in range(100)), packer.flush()])
+    chunk = Chunk(
+        compression='zstd', data=data, message_end_time=START, message_start_time=START,
+        uncompressed_crc=0, uncompressed_size=len(block) * 100,
+    )  # fmt: skip
+    return _with_chunk(encoded(chunk))
+
+
+def _many_indexes() -> bytes:
+    data = sound(summary=False)
+    end = data.index(raw(0x0F, bytes(4)))
+    index = encoded(MessageIndex(channel_id=1, records=[]))
+    return data[:end] + index * 400_000 + data[end:]
+
+
+def _many_channels() -> bytes:
+    more = [channel(number, f'/topic{number}') for number in range(3, 40_003)]
+    some = [message(number, START, 0.0) for number in range(3, 40_003)]
+    first = Piece([*DEFINITIONS, *messages(0), *more, *some])
+    return file([first, Piece(messages(20, 40))], summary=False)
+
+
+def _many_schemas() -> bytes:
+    """Long definitions of topics that nobody asks for, and one line of 5,000 digits."""
+    long = b''.join(b'float64 field_%d\n' % k for k in range(100_000))
+    records = [schema(9, 'a/msg/Long', long), channel(9, '/long', 9)]
+    records += [
+        schema(10, 'a/msg/Odd', b'float64[' + b'9' * 5000 + b'] x\nfloat64[<=] y\n'),
+        channel(10, '/odd', 10),
+    ]
+    return file([Piece([*DEFINITIONS, *records, *messages(0)]), Piece(messages(20, 40))])
+
+
+def _long_definition() -> bytes:
+    long = b'float64 data\n' + b''.join(b'float64 field_%d\n' % k for k in range(100_000))
+    own = (schema(1, 'std_msgs/msg/Float64', long), *DEFINITIONS[1:])
+    return file([Piece([*own, *messages(0, 60)])], own)
+
+
+def _definition(text: bytes) -> bytes:
+    own = (schema(1, 'std_msgs/msg/Float64', text), *DEFINITIONS[1:])
+    return file([Piece([*own, *messages(0, 60)])], own)
+
+
+def _bad_name() -> bytes:
+    """A channel whose name is not UTF-8, in the middle of a chunk."""
+    broken = channel(7, 'xyz').replace(b'xyz', b'\xff\xfe\xfd')
+    return file(_pieces(Piece([*messages(20, 10), broken, *messages(30, 10)])), summary=False)
+
+
+def _damaged() -> bytes:
+    data = bytearray(sound('zstd'))
+    spot = data.index(b'zstd') + 60
+    data[spot] ^= 0xFF
+    return bytes(data)
+
+
+def _all_damaged() -> bytes:
+    piece = Piece([*DEFINITIONS, *messages(0, 60)], changes={'uncompressed_crc': 1})
+    return file([piece])
+
+
+def _at(time_ns: int) -> bytes:
+    middle = [*messages(20), message(1, time_ns, 30.0), message(2, time_ns, 1000.0)]
+    return file(_pieces(Piece(middle)))
+
+
+def _encapsulated(kind: int) -> bytes:
+    head = struct.pack('>H', kind) + b'\0\0'
+    middle = [message(1, START + k * STEP, 30.0, head) for k in range(20, 40)]
+    return file(_pieces(Piece(middle)))
+
+
+def _moved_summary() -> bytes:
+    """A footer that says that the summary begins at the first chunk, which is damaged."""
+    data = bytearray(_damaged())
+    first = data.index(b'zstd') - 45
+    footer = len(data) - 8 - 20
+    data[footer : footer + 8] = struct.pack('<Q', first)
+    return bytes(data)
+
+
+_WRONG_INDEX = 'has a message index that is wrong and was not used'
+_SWAPPED = (schema(), channel(1, LOAD), channel(2, SPEED))
+
+ODD: dict[str, Odd] = {
+    'sound': Odd(sound, '60 messages in 5.9 s', 30, 30),
+    'sound zstd': Odd(lambda: sound('zstd'), '60 messages in 5.9 s', 30, 30),
+    'sound lz4': Odd(lambda: sound('lz4'), '60 messages in 5.9 s', 30, 30),
+    'no summary': Odd(lambda: sound(summary=False), '60 messages in 5.9 s', 30, 30),
+    'index lacks a channel': Odd(
+        lambda: file(_pieces(Piece(messages(20), left_out=frozenset({1})))), _WRONG_INDEX, 30, 30
+    ),
+    'index lacks entries': Odd(
+        lambda: file(_pieces(Piece(messages(20), most_entries=5))), _WRONG_INDEX, 30, 30
+    ),
+    'index and statistics lack entries': Odd(
+        lambda: file(_pieces(Piece(messages(20), most_entries=5)), counts={1: 25, 2: 25}),
+        _WRONG_INDEX, 30, 30,
+    ),
+    'index lacks a channel, no summary': Odd(
+        lambda: file(_pieces(Piece(messages(20), left_out=frozenset({1}))), summary=False),
+        _WRONG_INDEX, 30, 30,
+    ),
+    'statistics count more': Odd(
+        lambda: file(_pieces(Piece(messages(20))), counts={1: 31, 2: 30}),
+        f"its statistics count 31 messages of '{SPEED}', and 30 can be read", 30, 30,
+    ),
+    'name that is no UTF-8': Odd(
+        _bad_name, 'has 1 records that cannot be read and were passed over', 30, 30
+    ),
+    'record of kind 0 in a chunk': Odd(
+        lambda: file(_pieces(Piece([*messages(20, 10), raw(0, b'odd'), *messages(30, 10)]))),
+        'has 1 records that cannot be read and were passed over', 30, 30,
+    ),
+    'record of kind 0 in a bare run': Odd(
+        lambda: file(
+            [Piece([*DEFINITIONS, *messages(0, 30), raw(0, b'odd'), *messages(30, 30)],
+                   is_bare=True)],
+            summary=False,
+        ),
+        'has 1 records of kind 0, which is none; they were passed over', 30, 30,
+    ),
+    'message shorter than its head': Odd(
+        lambda: file(_pieces(Piece([*messages(20, 10), raw(5, b'odd'), *messages(30, 10)]))),
+        'has 1 records that cannot be read and were passed over', 30, 30,
+    ),
+    'bytes at the end of a chunk': Odd(
+        lambda: file(_pieces(Piece([*messages(20), b'\x05' + b'\xff' * 20]))),
+        'has 21 bytes at its end that are no record', 30, 30,
+    ),
+    'joined files': Odd(
+        lambda: file([Piece([*DEFINITIONS, *messages(0, 30)])])
+        + file([Piece([*_SWAPPED, *messages(30, 30, swapped=True)])], _SWAPPED),
+        'holds another recording from byte', 30, 30,
+    ),
+    'a cut file joined to another': Odd(
+        lambda: sound(summary=False)[:-200] + file([Piece([*_SWAPPED, *messages(60, 20, True)])]),
+        'holds another recording from byte', 40, 40,
+    ),
+    'bytes behind the end': Odd(
+        lambda: sound() + b'something else', 'has 14 bytes behind its end', 30, 30
+    ),
+    'channels that change their meaning': Odd(
+        lambda: file(
+            _pieces(Piece([channel(1, LOAD), channel(2, SPEED), *messages(20, 40, True)]))[:2]
+        ),
+        f"makes channel 1 '{LOAD}' where it was '{SPEED}' before", 30, 30,
+    ),
+    'channels that change inside a chunk': Odd(
+        lambda: file(
+            _pieces(Piece([*messages(20, 10), *_SWAPPED[1:], *messages(30, 10, True)]))[:2]
+        ),
+        f"makes channel 1 '{LOAD}' where it was '{SPEED}', among messages of both", 10, 10,
+    ),
+    'damaged chunk': Odd(_damaged, 'is damaged', 20, 20),
+    'only chunk damaged': Odd(_all_damaged, 'nothing is known of aft_stern', 0, 0),
+    'no message': Odd(lambda: file([], DEFINITIONS), 'nothing is known of aft_stern', 0, 0),
+    'summary in a damaged chunk': Odd(_moved_summary, 'is damaged', 20, 20),
+    'log time 0 among dates': Odd(lambda: _at(0), 'have log time 0, as of a clock that', 30, 30),
+    'log time beyond 2^63': Odd(lambda: _at(1 << 63), 'a log time of 2^63 ns or more', 30, 30),
+    'log time 2^64 - 1': Odd(lambda: _at((1 << 64) - 1), 'a log time of 2^63 ns or more', 30, 30),
+    'a clock that began at 0': Odd(lambda: _at(5 * 10**9), '62 messages', 31, 31),
+    **{
+        f'encapsulation {name}': Odd(
+            lambda kind=kind: _encapsulated(kind),
+            f'20 of 40 messages of \'{SPEED}\' are in the encapsulation {name} (0x{kind:04x})',
+            40, 20,
+        )
+        for kind, name in ((3, 'PL_CDR_LE'), (7, 'CDR2_LE'), (0x1234, 'of no known name'))
+    },
+    'bound without a number': Odd(
+        lambda: _definition(b'float64 data\nfloat64[<=] y\n'), 'a bound without a number'
+    ),
+    'array of 5,000 digits': Odd(
+        lambda: _definition(b'float64 data\nfloat64[' + b'9' * 5000 + b'] y\n'), 'is too long'
+    ),
+    'array of 2^32 - 1': Odd(
+        lambda: _definition(b'float64 data\nfloat64[4294967295] y\n'),
+        'cannot be decoded as std_msgs/msg/Float64', 30, 30,
+    ),
+    'definition that is too long': Odd(_long_definition, 'its definition is longer than'),
+    'definitions of no concern': Odd(_many_schemas, '60 messages in 5.9 s', 30, 30),
+    'zstd bomb': Odd(
+        lambda: _with_chunk(_bomb('zstd', 1 << 30)), 'and more than 134217728 are not', 30, 30
+    ),
+    'zstd bomb that hides': Odd(
+        lambda: _with_chunk(_bomb('zstd', 1 << 30, 1000)), 'it holds more bytes', 30, 30
+    ),
+    'zstd bomb that claims': Odd(
+        lambda: _with_chunk(_bomb('zstd', 1 << 20, 1 << 62)), 'and more than 134217728', 30, 30
+    ),
+    'lz4 bomb': Odd(
+        lambda: _with_chunk(_bomb('lz4', 200 << 20)), 'and more than 134217728 are not', 30, 30
+    ),
+    'lz4 bomb that hides': Odd(
+        lambda: _with_chunk(_bomb('lz4', 200 << 20, 1000)), 'it holds more bytes', 30, 30
+    ),
+    'ten million messages': Odd(_tiny, 'and more than 134217728 are not restored', 30, 30),
+    '400,000 message indexes': Odd(_many_indexes, '60 messages in 5.9 s', 30, 30),
+    '40,000 channels': Odd(_many_channels, '40060 messages in 5.9 s', 30, 30),
+    'a thousand beginnings': Odd(lambda: MAGIC * 2000, 'holds more than 1000 recordings'),
+    'escapes in a name': Odd(
+        lambda: file(
+            [Piece([*DEFINITIONS, channel(9, '/\x1b[31m\nred\x07', 0), *messages(0, 60)])],
+            (*DEFINITIONS, channel(9, '/\x1b[31m\nred\x07', 0)),
+        ),
+        'topic /\N{REPLACEMENT CHARACTER}[31m\N{REPLACEMENT CHARACTER}red', 30, 30,
+    ),
+}  # fmt: skip

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""MCAP files put together record by record with the ``mcap`` package, sound or not."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.records import (
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Message,
+    MessageIndex,
+    Schema,
+    Statistics,
+)
+
+MAGIC = b'\x89MCAP0\r\n'
+SPEED, LOAD = '/shaft/speed', '/bearing/aft_stern/load'
+TOPICS = (SPEED, LOAD)
+FLOAT64 = 'std_msgs/msg/Float64'
+START, STEP = 1_777_874_400 * 10**9, 10**8
+HEAD = struct.Struct('<BQ')
+
+
+def encoded(record: McapRecord) -> bytes:
+    """A record as it lies in a file."""
+    builder = RecordBuilder()
+    record.write(builder)
+    data: bytes = builder.end()
+    return data
+
+
+def raw(opcode: int, body: bytes) -> bytes:
+    """A record of any kind and content."""
+    return HEAD.pack(opcode, len(body)) + body
+
+
+def schema(number: int = 1, name: str = FLOAT64, text: bytes = b'float64 data\n') -> bytes:
+    """A definition of messages."""
+    return encoded(Schema(id=number, name=name, encoding='ros2msg', data=text))
+
+
+def channel(number: int, topic: str, schema_id: int = 1) -> bytes:
+    """A definition of a channel."""
+    return encoded(
+        Channel(id=number, topic=topic, message_encoding='cdr', metadata={}, schema_id=schema_id)
+    )
+
+
+def message(number: int, time_ns: int, value: float, head: bytes = b'\0\1\0\0') -> bytes:
+    """A Float64."""
+    data = head + struct.pack('<d', value)
+    return encoded(
+        Message(channel_id=number, data=data, log_time=time_ns, publish_time=time_ns, sequence=0)
+    )
+
+
+DEFINITIONS = (schema(), *(channel(i + 1, topic) for i, topic in enumerate(TOPICS)))
+
+
+def messages(first: int = 0, count: int = 20, swapped: bool = False) -> list[bytes]:
+    """Speed and load in turns, near the fold of the reference bearing."""
+    numbers = (2, 1) if swapped else (1, 2)
+    return [
+        message(numbers[k % 2], START + (first + k) * STEP, 1000.0 if k % 2 else 30.0 + 0.01 * k)
+        for k in range(count)
+    ]
+
+
+def compressed(data: bytes, compression: str) -> bytes:
+    """Data as a chunk holds it."""
+    if compression == 'zstd':
+        return zstandard.compress(data)
+    return bytes(lz4.frame.compress(data)) if compression == 'lz4' else data
+
+
+@dataclass
+class Piece:
+    """A chunk of records, with what it says of itself where that is not the truth."""
+
+    records: list[bytes]
+    compression: str = ''
+    checked: bool = True
+    is_bare: bool = False
+    left_out: frozenset[int] = frozenset()
+    most_entries: int | None = None
+    changes: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def data(self) -> bytes:
+        """Its records."""
+        return b''.join(self.records)
+
+    def entries(self) -> dict[int, list[tuple[int, int]]]:
+        """Log time and offset of the messages of each channel."""
+        found: dict[int, list[tuple[int, int]]] = {}
+        offset = 0
+        for record in self.records:
+            if record[:1] == b'\5' and len(record) >= 31:
+                number, _, time_ns = struct.unpack_from('<HIQ', record, 9)
+                found.setdefault(number, []).append((time_ns, offset))
+            offset += len(record)
+        return found
+
+    def record(self) -> bytes:
+        """It as it lies in a file."""
+        if self.is_bare:
+            return self.data
+        times = [time for pairs in self.entries().values() for time, _ in pairs] or [0]
+        chunk = Chunk(
+            compression=self.compression,
+            data=compressed(self.data, self.compression),
+            message_start_time=min(times),
+            message_end_time=max(times),
+            uncompressed_crc=zlib.crc32(self.data) if self.checked else 0,
+            uncompressed_size=len(self.data),
+        )
+        return encoded(replace(chunk, **self.changes))
+
+    def indexes(self) -> dict[int, bytes]:
+        """Its message indexes, but those that are left out."""
+        if self.is_bare:
+            return {}
+        return {
+            number: encoded(MessageIndex(channel_id=number, records=pairs[: self.most_entries]))
+            for number, pairs in self.entries().items()
+            if number not in self.left_out
+        }
+
+
+def file(
+    pieces: Iterable[Piece],
+    definitions: Iterable[bytes] = DEFINITIONS,
+    summary: bool = True,
+    counts: Mapping[int, int] | None = None,
+) -> bytes:
+    """A whole file.
+
+    Args:
+        pieces: Its chunks.
+        definitions: What the summary repeats.
+        summary: Whether there is one.
+        counts: Messages of each channel after the statistics, if not the truth.
+    """
+    out = bytearray(MAGIC + encoded(Header(profile='ros2', library='fuzz')))
+    chunks, found, times = [], Counter[int](), []
+    for piece in pieces:
+        begin, record, indexes = len(out), piece.record(), piece.indexes()
+        offsets, end = {}, begin + len(record)
+        for number, index in indexes.items():
+            offsets[number] = end
+            end += len(index)
+        out += record + b''.join(indexes.values())
+        entries = piece.entries()
+        found.update({number: len(pairs) for number, pairs in entries.items()})
+        own = [time for pairs in entries.values() for time, _ in pairs]
+        times += own
+        if not piece.is_bare:
+            chunks.append(
+                ChunkIndex(
+                    chunk_length=len(record), chunk_start_offset=begin,
+                    compression=piece.compression, compressed_size=len(record),
+                    message_end_time=max(own, default=0), message_start_time=min(own, default=0),
+                    message_index_length=end - begin - len(record),
+                    message_index_offsets=offsets, uncompressed_size=len(piece.data),
+                )
+            )  # fmt: skip
+    out += encoded(DataEnd(0))
+    start = len(out) if summary else 0
+    if summary:
+        stated = dict(found if counts is None else counts)
+        names = [record for record in definitions if record[:1] == b'\4']
+        statistics = Statistics(
+            attachment_count=0, channel_count=len(names), channel_message_counts=stated,
+            chunk_count=len(chunks), message_count=sum(stated.values()),
+            message_end_time=max(times, default=0), message_start_time=min(times, default=0),
+            metadata_count=0, schema_count=1,
+        )  # fmt: skip
+        parts = [*definitions, encoded(statistics), *map(encoded, chunks)]
+        out += b''.join(parts)
+    out += encoded(Footer(summary_start=start, summary_offset_start=0, summary_crc=0))
+    return bytes(out + MAGIC)
+
+
+def sound(compression: str = '', **options: bool) -> bytes:
+    """A recording without anything odd: 3 chunks of 20 messages."""
+    first = [*DEFINITIONS, *messages(0)]
+    return file(
+        [
+            Piece(first, compression),
+            Piece(messages(20), compression),
+            Piece(messages(40), compression),
+        ],
+        **options,
+    )
