@@ -258,6 +258,18 @@ ODD: dict[str, Odd] = {
         lambda: _definition(b'float64 data\nfloat64[4294967295] y\n'),
         'cannot be decoded as std_msgs/msg/Float64', 30, 30,
     ),
+    'a thousand beginnings': Odd(lambda: MAGIC * 2000, 'holds more than 1000 recordings'),
+    'escapes in a name': Odd(
+        lambda: file(
+            [Piece([*DEFINITIONS, channel(9, '/\x1b[31m\nred\x07', 0), *messages(0, 60)])],
+            (*DEFINITIONS, channel(9, '/\x1b[31m\nred\x07', 0)),
+        ),
+        'topic /\N{REPLACEMENT CHARACTER}[31m\N{REPLACEMENT CHARACTER}red', 30, 30,
+    ),
+}  # fmt: skip
+
+# Those that are large, or would be without limits.
+LARGE: dict[str, Odd] = {
     'definition that is too long': Odd(_long_definition, 'its definition is longer than'),
     'definitions of no concern': Odd(_many_schemas, '60 messages in 5.9 s', 30, 30),
     'zstd bomb': Odd(
@@ -278,12 +290,4 @@ ODD: dict[str, Odd] = {
     'ten million messages': Odd(_tiny, 'and more than 134217728 are not restored', 30, 30),
     '400,000 message indexes': Odd(_many_indexes, '60 messages in 5.9 s', 30, 30),
     '40,000 channels': Odd(_many_channels, '40060 messages in 5.9 s', 30, 30),
-    'a thousand beginnings': Odd(lambda: MAGIC * 2000, 'holds more than 1000 recordings'),
-    'escapes in a name': Odd(
-        lambda: file(
-            [Piece([*DEFINITIONS, channel(9, '/\x1b[31m\nred\x07', 0), *messages(0, 60)])],
-            (*DEFINITIONS, channel(9, '/\x1b[31m\nred\x07', 0)),
-        ),
-        'topic /\N{REPLACEMENT CHARACTER}[31m\N{REPLACEMENT CHARACTER}red', 30, 30,
-    ),
 }  # fmt: skip

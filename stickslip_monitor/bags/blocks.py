@@ -154,6 +154,8 @@ _INDEX_HEAD = HEAD.size + 2 + 4
 _CHUNK_HEAD = 1 << 10
 # Chunks up to this size need no care with memory.
 _SMALL = 8 << 20
+# Of a chunk that is cut: recorders that are cut off write chunks of a few [bytes].
+_MOST_CUT = 32 << 20
 
 
 class BlockKind(enum.Enum):
@@ -247,7 +249,9 @@ def load(block: Block) -> Loaded:
         if block.size < chunk.uncompressed_size > _SMALL and block.size:
             raise CompressionError('it declares another size than the summary')
         if block.kind is BlockKind.CUT_CHUNK:
-            return Loaded(block, whole_records(chunk), b'')
+            size = min(chunk.uncompressed_size, _MOST_CUT)
+            data = decompress_prefix(chunk.data, chunk.compression, size)
+            return Loaded(block, data, b'')
         return Loaded(block, _restore(chunk), index_data)
     except CompressionError as error:
         reason = str(error)
@@ -262,12 +266,6 @@ def read_chunk(record: bytes) -> Chunk:
         raise ValueError('not a chunk record')
     chunk: Chunk = Chunk.read(ReadDataStream(BytesIO(record[HEAD.size :])))
     return chunk
-
-
-def whole_records(chunk: Chunk) -> bytes:
-    """Restore the whole records at the beginning of a chunk that is cut."""
-    data = decompress_prefix(chunk.data, chunk.compression, chunk.uncompressed_size)
-    return data[: scan(data).end]
 
 
 def _restore(chunk: Chunk) -> bytes:
@@ -500,7 +498,7 @@ def _from_scan(contents: Contents, data: bytes, channels: Collection[int]) -> li
     """The messages of some channels among those of a block."""
     order = np.argsort(contents.channel, kind='stable')
     ids, starts = np.unique(contents.channel[order], return_index=True)
-    stops = np.append(starts[1:], len(order))
+    stops = np.append(starts, len(order))[1:]
     words = view(data, '<i8')
     found: list[Entries] = []
     for channel, start, stop in zip(ids.tolist(), starts, stops, strict=True):

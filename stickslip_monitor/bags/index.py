@@ -199,6 +199,7 @@ _PIECE = 1 << 20
 _MOST_JOINED = 1000
 # Of a record of the summary that is looked at: 65536 channels with their counts [bytes].
 _LONGEST = 1 << 20
+_DATA = (Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX)
 # Times from here on are dates, not seconds since something was switched on [ns].
 DATED = 10**17
 _MOST_NAMED = 5
@@ -376,6 +377,10 @@ def _walk(walk: _Walk, file: IO[bytes], start: int, size: int) -> int:
             f"file '{walk.path.name}' has {section.strange} records of kind 0, which is none; they"
             ' were passed over'
         )
+    if section.behind:
+        walk.tell(
+            f"file '{walk.path.name}' has messages behind the end of its data; they were read too"
+        )
     walk.finished = section.finished()
     part = walk.parts[-1]
     part.schemas, part.channels = section.schemas | part.schemas, section.channels | part.channels
@@ -525,12 +530,18 @@ def _is_redefined(part: FileScan, channel: Channel, schemas: Mapping[int, Schema
 
 @dataclass(slots=True)
 class _Section:
-    """The data section as far as it was walked: ``offset`` is the end of the last whole record."""
+    """A file as far as it was walked.
+
+    ``last`` is the beginning of the last whole record before the footer and ``offset`` its end;
+    ``ended`` tells whether the end of the data was met, ``behind`` whether data came behind it.
+    """
 
     file: IO[bytes]
     offset: int
     end: int
     ended: bool = False
+    behind: bool = False
+    footer: RecordPlace | None = None
     last: int = 0
     strange: int = 0
     statistics: Statistics | None = None
@@ -538,31 +549,33 @@ class _Section:
     channels: dict[int, Channel] = field(default_factory=dict)
 
     def places(self) -> Iterator[RecordPlace]:
-        """Step through the records up to the end of the data section."""
+        """Step through the records of the data, and take those of the summary."""
         for place in walk(self.file, self.offset, self.end):
             if place.opcode == Opcode.FOOTER:
-                self.ended = True
+                self.ended, self.footer = True, place
                 return
             self.last, self.offset = place.offset, place.end
             if place.opcode == Opcode.DATA_END:
                 self.ended = True
-                return
-            self.strange += place.opcode == 0
-            yield place
+            elif self.ended and place.opcode not in _DATA:
+                self._take(place)
+            else:
+                self.strange += place.opcode == 0
+                self.behind = self.behind or self.ended
+                yield place
 
     def finished(self) -> bool:
-        """Step through the rest and say whether the file ends as it should."""
-        for place in walk(self.file, self.offset, self.end):
-            self.offset = place.end
-            if place.length < _LONGEST:
-                self._take(place)
-            if place.opcode == Opcode.FOOTER:
-                self.file.seek(self.offset)
-                return self.ended and self.file.read(len(MAGIC)) == MAGIC
-        return False
+        """Whether the file ends as it should, behind the footer."""
+        if self.footer is None:
+            return False
+        self.offset = self.footer.end
+        self.file.seek(self.offset)
+        return self.file.read(len(MAGIC)) == MAGIC
 
     def _take(self, place: RecordPlace) -> None:
         """Take a record of the summary, whose definitions may be in a damaged chunk only."""
+        if place.length > _LONGEST:
+            return
         self.file.seek(place.offset)
         data = self.file.read(place.length)
         if place.opcode == Opcode.STATISTICS:

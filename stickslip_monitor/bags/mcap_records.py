@@ -8,6 +8,7 @@ The records themselves are parsed by the ``mcap`` package.
 
 from __future__ import annotations
 
+import re
 import struct
 from array import array
 from collections.abc import Iterator, Mapping
@@ -46,7 +47,10 @@ MESSAGE_HEAD = struct.Struct('<HIQQ')
 PAYLOAD = HEAD.size + MESSAGE_HEAD.size
 
 _NOTHING = np.empty(0, np.int64)
-_DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
+_ZEROS = re.compile(rb'\0*')
+# Plain numbers: members of an enumeration are looked up slowly.
+_MESSAGE = int(Opcode.MESSAGE)
+_DEFINITIONS = (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
 
 # Everything the record classes raise on bytes that are not the record they claim to be.
 PARSE_ERRORS = (McapError, struct.error, ValueError, MemoryError, OverflowError)
@@ -121,17 +125,23 @@ def scan(data: bytes) -> Contents:
     size, end = len(data), 0
     while end + HEAD.size <= size:
         opcode, length = HEAD.unpack_from(data, end)
-        following = end + HEAD.size + length
+        body = end + HEAD.size
+        following = body + length
         if following > size:
             break
-        if opcode == Opcode.MESSAGE and length >= MESSAGE_HEAD.size:
-            channel, _, log_time, _ = MESSAGE_HEAD.unpack_from(data, end + HEAD.size)
+        if opcode == _MESSAGE and length >= MESSAGE_HEAD.size:
+            channel, _, log_time, _ = MESSAGE_HEAD.unpack_from(data, body)
             channels.append(channel)
             times.append(log_time)
             offsets.append(end)
         elif opcode in _DEFINITIONS:
-            before[_define(contents, opcode, data[end + HEAD.size : following])] = len(offsets)
-        elif opcode in (0, Opcode.MESSAGE):
+            before[_define(contents, opcode, data[body:following])] = len(offsets)
+        elif opcode == length == 0:
+            # Zeros may go on for long.
+            count = (_ZEROS.match(data, end).end() - end) // HEAD.size  # type: ignore[union-attr]
+            contents.odd += count
+            following = end + count * HEAD.size
+        elif opcode in (0, _MESSAGE):
             contents.odd += 1
         end = following
     contents.end = end

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the reader of the ``mcap`` package finds in a recording, and ours must not lose."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections import Counter
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from mcap.records import Channel, Chunk, McapRecord, Message
+from mcap.stream_reader import StreamReader, breakup_chunk
+
+from fuzz.files import TOPICS
+from stickslip_monitor.bags.reader import Bag, Request, open_bag
+from stickslip_monitor.errors import BagError
+
+_NO_TIME = 1 << 63
+_DATED = 10**17
+Sample = tuple[str, int, bytes]
+
+
+def messages_of(data: bytes) -> Counter[Sample]:
+    """Topic, log time and data of what MCAP's reader finds before it fails, if it does.
+
+    It takes the records in the order of the file, each channel as it was last defined.
+    """
+    found: Counter[Sample] = Counter()
+    channels: dict[int, Channel] = {}
+    reader = StreamReader(BytesIO(data), emit_chunks=True, record_size_limit=1 << 24)
+    try:
+        for record in reader.records:
+            for part in _parts(record):
+                if isinstance(part, Channel):
+                    channels[part.id] = part
+                elif isinstance(part, Message) and part.channel_id in channels:
+                    topic = channels[part.channel_id].topic
+                    found[topic, part.log_time, bytes(part.data)] += 1
+    except Exception:  # What it raises on damage is not ours to judge.
+        pass
+    return found
+
+
+def _parts(record: McapRecord) -> list[McapRecord]:
+    if not isinstance(record, Chunk):
+        return [record]
+    if record.uncompressed_size > 1 << 24:
+        return []
+    try:
+        return breakup_chunk(record, validate_crc=True)
+    except Exception:
+        return []
+
+
+def difference(path: Path) -> str:
+    """What our reader loses or invents without a word; empty if nothing.
+
+    Differences that are meant, each told to the user:
+
+    - a chunk among whose messages a channel changes its meaning is skipped as a whole;
+    - a chunk that is damaged is skipped as a whole, where MCAP's reader gives what lies before
+      the damage or takes what has no checksum;
+    - log times that are none are left out;
+    - the records behind a cut, or behind one that is longer than the file, are not looked for.
+    """
+    expected = messages_of(path.read_bytes())
+    try:
+        bag = open_bag(path)
+    except BagError:
+        # Told as an error: nothing is read, and nobody believes it was.
+        return ''
+    series = {topic: _numbers(bag, topic) for topic in TOPICS}
+    found = Counter((m.topic, m.log_time_ns, m.data) for m in bag.messages())
+    is_told = bool(bag.warnings or bag.cuts)
+    missing = sum(
+        count - found[sample]
+        for sample, count in expected.items()
+        if count > found[sample] and _has_time(sample[1], expected)
+    )
+    if missing and not is_told:
+        return f'{missing} of {expected.total()} messages are missing without a word'
+    for topic, text in ((t, s) for t, s in series.items() if isinstance(s, str)):
+        return f'{topic}: {text}'
+    return '' if is_told else _wrong_numbers(series, found)
+
+
+def _has_time(time_ns: int, expected: Counter[Sample]) -> bool:
+    dated = any(_DATED <= time < _NO_TIME for _, time, _ in expected)
+    return (0 if dated else -1) < time_ns < _NO_TIME
+
+
+def _numbers(bag: Bag, topic: str) -> dict[str, object] | str | None:
+    """The numbers of a topic; None where an error names why there are none."""
+    request = Request(topic, 'data')
+    try:
+        series = bag.read([request])[request]
+    except BagError:
+        return None
+    return {
+        'time': series.log_time_ns.tolist(), 'value': series.value, 'told': bool(series.faults)
+    }  # fmt: skip
+
+
+def _wrong_numbers(series: dict[str, object], found: Counter[Sample]) -> str:
+    """Whether numbers are other than those in the messages, by a decoder of one line."""
+    for topic, numbers in series.items():
+        if not isinstance(numbers, dict) or numbers['told']:
+            continue
+        samples = sorted((time, data) for own, time, data in found.elements() if own == topic)
+        if [time for time, _ in samples] != sorted(numbers['time']):
+            return f'{topic}: other messages are read than there are'
+        if all(data[:4] == b'\0\1\0\0' and len(data) >= 12 for _, data in samples):
+            values = np.array([struct.unpack_from('<d', data, 4)[0] for _, data in samples])
+            if not np.array_equal(np.sort(values), np.sort(numbers['value']), equal_nan=True):
+                return f'{topic}: other numbers are read than there are'
+    return ''
+
+
+def digest(data: bytes) -> str:
+    """A short name for a mutant."""
+    return f'{zlib.crc32(data):08x}'

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Read thousands of mutants beside MCAP's own reader, within limits of memory and time.
+
+Each is opened, read and checked through the command line. What fails is kept in build/fuzz.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import multiprocessing
+import resource
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import FrameType
+
+from fuzz.corpus import ODD
+from fuzz.mutants import mutant
+from fuzz.oracle import difference, digest
+from stickslip_monitor.cli import main as stickslip
+
+ROOT = Path(__file__).resolve().parents[1]
+CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
+FAILED = ROOT / 'build' / 'fuzz'
+SECONDS = 10
+MEGABYTES = 500
+_BATCH = 100
+# Address space is more than memory: numpy's threads reserve some.
+_ADDRESS_SPACE = 3 << 30
+
+
+class _TooSlow(Exception):
+    pass
+
+
+def sources() -> list[bytes]:
+    """The recordings of which mutants are made.
+
+    No large ones: MCAP's reader has no limits, and what it takes would be laid to our account.
+    """
+    return [odd.make() for odd in ODD.values()]
+
+
+def judge(path: Path) -> str:
+    """What is wrong with how a recording is read; empty if nothing."""
+    try:
+        with _limited(SECONDS):
+            found = difference(path)
+            return found or _command(path)
+    except _TooSlow:
+        return f'not done in {SECONDS} s'
+    except Exception:
+        return traceback.format_exc()
+
+
+def _command(path: Path) -> str:
+    output, errors = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
+        code = stickslip(['check', str(path), '--config', str(CONFIG), '--traceback'])
+    text = output.getvalue() + errors.getvalue()
+    if code not in (0, 1, 2) or 'Traceback' in text:
+        return f'exit code {code}: {text}'
+    if any(not letter.isprintable() and letter != '\n' for letter in text):
+        return 'letters that do something to a terminal'
+    return '' if code != 2 or 'ERROR: ' in text else 'exit code 2 without a sentence'
+
+
+@contextlib.contextmanager
+def _limited(seconds: int) -> Iterator[None]:
+    def late(_: int, __: FrameType | None) -> None:
+        raise _TooSlow
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def batch(seed: int, first: int, count: int) -> list[tuple[int, str]]:
+    """Judge some mutants; the number of each that fails, and why."""
+    resource.setrlimit(resource.RLIMIT_AS, (_ADDRESS_SPACE, _ADDRESS_SPACE))
+    made, failed = sources(), []
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / 'mutant.mcap'
+        for number in range(first, first + count):
+            data = mutant((seed << 32) + number, made)
+            path.write_bytes(data)
+            text = judge(path)
+            used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10
+            if not text and used > MEGABYTES:
+                text = f'{used} MB'
+            if text:
+                failed.append((number, text))
+                FAILED.mkdir(parents=True, exist_ok=True)
+                (FAILED / f'{number}-{digest(data)}.mcap').write_bytes(data)
+    return failed
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the fuzzer; 1 if anything failed."""
+    parser = argparse.ArgumentParser(prog='python -m fuzz', description=__doc__)
+    parser.add_argument('--seed', type=int, default=int(time.time()), help='default: the time')
+    parser.add_argument('--count', type=int, default=5000, help='mutants (default 5000)')
+    args = parser.parse_args(argv)
+    sys.stdout.write(f'seed {args.seed}, {args.count} mutants\n')
+    starts = range(0, args.count, _BATCH)
+    calls = [(args.seed, first, min(_BATCH, args.count - first)) for first in starts]
+    count = 0
+    # A process for each batch: what one takes in memory is not the next one's.
+    with multiprocessing.get_context('spawn').Pool(2, maxtasksperchild=1) as pool:
+        for failed in pool.starmap(batch, calls, chunksize=1):
+            for number, text in failed:
+                count += 1
+                sys.stdout.write(f'mutant {number}: {text}\n')
+    sys.stdout.write(f'{count} failed; they are in {FAILED}\n' if count else 'none failed\n')
+    return int(count > 0)
