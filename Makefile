@@ -8,6 +8,7 @@ BIN := $(VENV)/bin
 PYTEST_ARGS ?=
 BENCH_ARGS ?=
 DASHBOARD_ARGS ?=
+FUZZ_ARGS ?=
 
 # .venv has its own ROS 2; what another one (a sourced setup.bash, say) left here would mix in.
 unexport AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONHOME PYTHONPATH RMW_IMPLEMENTATION
@@ -18,7 +19,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 .NOTPARALLEL:
 SIGNALK := test/links/signalk_server
 .PHONY: help setup demo demo-ship dashboard signalk-server test test-all lint format docs bags
-.PHONY: bench bench-soak warning-quality colcon-test clean
+.PHONY: bench bench-soak fuzz warning-quality colcon-test clean
 
 help:  ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-15s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -71,6 +72,9 @@ warning-quality: $(VENV)/.bench  ## Judge the warnings over 280 voyages, six min
 
 bench-soak: $(VENV)/.bench  ## Add ten minutes of telemetry at 1 kHz to docs/benchmarks.md
 	$(BIN)/python -m benchmarks --soak
+
+fuzz: $(VENV)/.test  ## Read thousands of damaged recordings beside MCAP's reader (FUZZ_ARGS='--seed 1 --count 500')
+	$(BIN)/python -m fuzz $(FUZZ_ARGS)
 
 colcon-test: $(VENV)/.test  ## Build and test as in a ROS 2 workspace, under build/colcon
 	$(BIN)/colcon --log-base build/colcon/log build \

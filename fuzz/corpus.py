@@ -256,7 +256,7 @@ ODD: dict[str, Odd] = {
     ),
     'array of 2^32 - 1': Odd(
         lambda: _definition(b'float64 data\nfloat64[4294967295] y\n'),
-        'cannot be decoded as std_msgs/msg/Float64', 30, 30,
+        'cannot be decoded as std_msgs/msg/Float64',
     ),
     'a thousand beginnings': Odd(lambda: MAGIC * 2000, 'holds more than 1000 recordings'),
     'escapes in a name': Odd(

@@ -21,13 +21,14 @@ PACKAGE = ROOT / NAME
 # own __init__.py, which gathers the public names of the core.
 BUILDS_ON: dict[str, tuple[str, ...]] = {
     'errors': (),
+    'files': ('errors',),
     'arrays': ('errors',),
     'fields': ('errors',),
     'physics': ('arrays',),
-    'surface_store': ('physics',),
-    'monitor': ('physics', 'fields'),
+    'surface_store': ('physics', 'files'),
+    'monitor': ('physics', 'fields', 'files'),
     'root': ('monitor',),
-    'bags': ('arrays', 'fields'),
+    'bags': ('arrays', 'fields', 'files'),
     'offline': ('bags', 'root', 'surface_store'),
     'ros': ('root', 'surface_store'),
     'scenes': ('offline',),

@@ -9,13 +9,14 @@ from pathlib import Path
 
 from stickslip_monitor.bags.index import DATED, FileScan, scan_file
 from stickslip_monitor.bags.metadata import FILE_NAME, read_metadata
-from stickslip_monitor.bags.series import Found, Progress, Source, Wanted, merged, read_series
+from stickslip_monitor.bags.series import Progress, ReadResult, Source, Wanted, merged, read_series
 from stickslip_monitor.bags.topics import check_request, check_topics, list_topics
-from stickslip_monitor.bags.values import Cut, Message, Request, Series, TopicInfo
+from stickslip_monitor.bags.values import Cut, Message, Request, Series, TimeSpans, TopicInfo
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.fields import FieldPath
 
 _MOST_NAMED = 10
+_LATEST_NS = (1 << 63) - 1
 
 
 class Bag:
@@ -108,7 +109,7 @@ class Bag:
                 return found.series
             self._look_again(found.doubted)
 
-    def _read(self, requests: Iterable[Request], progress: Progress | None) -> Found:
+    def _read(self, requests: Iterable[Request], progress: Progress | None) -> ReadResult:
         asked: dict[str, dict[FieldPath, list[Request]]] = {}
         for request in requests:
             path = check_request(self.topics, request)
@@ -116,11 +117,14 @@ class Bag:
         topics = [Wanted(topic, self.topics[topic].type, paths) for topic, paths in asked.items()]
         return read_series(self._files, topics, self._warn, progress)
 
-    def messages(self, topics: Collection[str] | None = None) -> Iterator[Message]:
+    def messages(
+        self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
+    ) -> Iterator[Message]:
         """Yield messages by log time, then by place in the recording.
 
         Args:
             topics: Which topics; all when None.
+            spans: The log times that are wanted; all when None.
 
         Yields:
             The messages, still encoded.
@@ -137,8 +141,11 @@ class Bag:
                 for channel in file.channels.values()
                 if channel.topic in for_topics
             }
-            sources += [Source(number, block, channels, file.channels) for block in file.blocks]
-        return merged(sources, self._warn, self._earliest_ns)
+            blocks = file.blocks
+            if spans is not None:
+                blocks = [b for b in blocks if spans.overlap(b.start_ns, b.end_ns)]
+            sources += [Source(number, block, channels, file.channels) for block in blocks]
+        return merged(sources, self._warn, spans or TimeSpans([(self._earliest_ns, _LATEST_NS)]))
 
     def _look_again(self, doubted: Collection[int]) -> None:
         """Walk through files whose summary does not say what is in them."""
@@ -182,6 +189,10 @@ def open_bag(path: str | Path) -> Bag:
 
 def _folder_files(folder: Path) -> tuple[list[Path], list[str], int | None]:
     """Find the files of a folder, what is odd about them, and the messages they should hold."""
+    try:
+        list(folder.iterdir())
+    except OSError as error:
+        raise BagError(f"bag folder '{folder}' cannot be read: {error.strerror}") from None
     metadata = read_metadata(folder)
     there = sorted(folder.glob('*.mcap'), key=lambda file: natural(file.name))
     if not there:

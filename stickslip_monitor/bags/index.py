@@ -21,7 +21,7 @@ from typing import IO
 import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
+from mcap.records import Channel, Chunk, ChunkIndex, Footer, Message, Schema, Statistics
 from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 
@@ -111,6 +111,8 @@ def _parse(data: bytes) -> Summary:
                 raise ValueError('a channel is defined twice')
         elif isinstance(record, ChunkIndex):
             summary.chunk_indexes.append(record)
+        elif isinstance(record, Chunk | Message):
+            raise ValueError('the summary holds messages')
     # Else there is more behind it: it is another recording's.
     if stream.tell() != len(data):
         raise ValueError('the summary does not end the file')

@@ -30,7 +30,7 @@ from stickslip_monitor.bags.blocks import (
 from stickslip_monitor.bags.decode import FieldNumbers, FieldReader
 from stickslip_monitor.bags.index import DATED, FileScan
 from stickslip_monitor.bags.topics import make_plan
-from stickslip_monitor.bags.values import Fault, Message, Request, Series
+from stickslip_monitor.bags.values import Fault, Message, Request, Series, TimeSpans
 from stickslip_monitor.fields import FieldPath
 
 
@@ -177,14 +177,14 @@ _Item = tuple[int, int, int, int, Message]
 
 
 def merged(
-    sources: Iterable[Source], tell: Callable[[str], None], earliest_ns: int
+    sources: Iterable[Source], tell: Callable[[str], None], spans: TimeSpans
 ) -> Iterator[Message]:
     """Yield the messages of some blocks by log time, then by file and place.
 
     Args:
         sources: The blocks.
         tell: Told what is wrong with a block, in a sentence.
-        earliest_ns: Messages with an earlier log time are left out [ns].
+        spans: The log times that are wanted.
 
     Yields:
         The messages; a block is in memory only while its time span lasts.
@@ -193,7 +193,7 @@ def merged(
     heads: list[tuple[_Item, int, Iterator[_Item]]] = []
     while waiting or heads:
         while waiting and (not heads or waiting[-1].block.start_ns <= heads[0][0][0]):
-            _push(heads, len(waiting), _items(waiting.pop(), tell, earliest_ns))
+            _push(heads, len(waiting), _items(waiting.pop(), tell, spans))
         if heads:
             item, number, items = heapq.heappop(heads)
             yield item[-1]
@@ -208,7 +208,7 @@ def _push(
         heapq.heappush(heads, (item, number, items))
 
 
-def _items(source: Source, tell: Callable[[str], None], earliest_ns: int) -> Iterator[_Item]:
+def _items(source: Source, tell: Callable[[str], None], spans: TimeSpans) -> Iterator[_Item]:
     try:
         loaded = load(source.block)
         found = find_entries(loaded, source.channels, source.known, tell)
@@ -218,17 +218,15 @@ def _items(source: Source, tell: Callable[[str], None], earliest_ns: int) -> Ite
     rows = sorted(
         row
         for entries in found
+        for columns in [(entries.log_time_ns, entries.offset, entries.size)]
+        for wanted in [spans.holds(entries.log_time_ns)]
         for row in zip(
-            entries.log_time_ns.tolist(),
-            entries.offset.tolist(),
-            entries.size.tolist(),
+            *(column[wanted].tolist() for column in columns),
             itertools.repeat(entries.channel),
             strict=False,
         )
     )
     for log_time, offset, size, channel in rows:
-        if log_time < earliest_ns:
-            continue
         topic, type_name = source.channels[channel]
         message = Message(topic, type_name, log_time, loaded.data[offset : offset + size])
         yield log_time, source.file, source.block.offset, offset, message
@@ -251,7 +249,7 @@ _FileStrands = dict[int, tuple[int, ChannelColumn]]
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class ReadResult:
     """What a pass gave: the series, and the numbers of the files whose summary proved wrong."""
 
     series: dict[Request, Series]
@@ -263,7 +261,7 @@ def read_series(
     topics: Sequence[Wanted],
     tell: Callable[[str], None],
     progress: Progress | None,
-) -> Found:
+) -> ReadResult:
     """Read numbers of some topics.
 
     Args:
@@ -300,7 +298,7 @@ def read_series(
         for number, (file, members) in enumerate(zip(files, strands, strict=True))
         if file.summarised and any(s.count != file.counts[id_] for id_, (_, s) in members.items())
     )
-    return Found(_all_series(topics, files, strands, order), tuple(sorted(doubted)))
+    return ReadResult(_all_series(topics, files, strands, order), tuple(sorted(doubted)))
 
 
 def _make_strands(files: Sequence[FileScan], topics: Sequence[Wanted]) -> list[_FileStrands]:

@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from stickslip_monitor.arrays import FloatArray, IntArray
+import numpy as np
+
+from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,3 +89,34 @@ class Message:
     type: str
     log_time_ns: int
     data: bytes
+
+
+class TimeSpans:
+    """Stretches of time, both ends included; they may overlap."""
+
+    def __init__(self, spans: Iterable[tuple[int, int]]) -> None:
+        """Join what overlaps.
+
+        Args:
+            spans: First and last instant of each [ns].
+        """
+        self.spans: list[tuple[int, int]] = []
+        for start, end in sorted(spans):
+            if self.spans and start <= self.spans[-1][1]:
+                start, other = self.spans.pop()
+                end = max(end, other)
+            self.spans.append((start, end))
+        self._starts = np.array([start for start, _ in self.spans], np.int64)
+        self._ends = np.array([end for _, end in self.spans], np.int64)
+
+    def holds(self, time_ns: IntArray) -> BoolArray:
+        """Whether each time is in any of them, shape (n,)."""
+        if not self.spans:
+            return np.zeros(len(time_ns), np.bool_)
+        number = np.searchsorted(self._starts, time_ns, 'right') - 1
+        inside: BoolArray = (number >= 0) & (time_ns <= self._ends[number])
+        return inside
+
+    def overlap(self, start_ns: int, end_ns: int) -> bool:
+        """Whether any of them has an instant of a stretch."""
+        return any(start <= end_ns and start_ns <= end for start, end in self.spans)

@@ -13,14 +13,15 @@ import hmac
 import ipaddress
 from collections.abc import Collection
 from dataclasses import dataclass
-from pathlib import Path
 from urllib.parse import urlsplit
 
 from aiohttp import web
 from aiohttp.typedefs import Handler, Middleware
 
 from stickslip_monitor.errors import DashboardError
+from stickslip_monitor.files import read_file
 
+_LARGEST_TOKEN = 4096
 COOKIE = 'stickslip_session'
 SHORTEST_TOKEN = 16
 OPEN_PATHS = ('/login', '/page.css', '/icon.svg')
@@ -98,7 +99,7 @@ def read_token(path: str) -> str:
         DashboardError: It cannot be read, or is too short to keep anybody out.
     """
     try:
-        token = Path(path).read_text(encoding='utf-8').strip()
+        token = read_file(path, _LARGEST_TOKEN).decode().strip()
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, 'strerror', None) or 'it is not a text file'
         raise DashboardError(f"token file '{path}' cannot be read: {reason}") from error

@@ -11,8 +11,11 @@ from typing import Any
 import yaml
 
 from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.files import read_file
 from stickslip_monitor.monitor.config import MonitorConfig, build_config
 
+# A fleet's bearings have some hundred kilobytes [bytes].
+_LARGEST = 1 << 20
 NODE_NAME = 'stickslip_monitor'
 _ROS_OWN = ('use_sim_time', 'start_type_description_service')
 _ROS_OWN_SECTION = 'qos_overrides.'
@@ -60,7 +63,7 @@ def load_yaml(path: str | Path) -> Any:
         ConfigurationError: It cannot be read or is not YAML; the text names file, line and fault.
     """
     try:
-        text = Path(path).read_text(encoding='utf-8')
+        text = read_file(path, _LARGEST).decode()
         return yaml.load(text, _Loader)  # a SafeLoader
     except OSError as error:
         raise ConfigurationError(f'{path}: {error.strerror or error}') from error
@@ -72,7 +75,7 @@ def load_yaml(path: str | Path) -> Any:
         raise ConfigurationError(f'{path}{line}: {error.problem}') from error
     except yaml.YAMLError as error:
         raise ConfigurationError(f'{path} is not YAML: {" ".join(str(error).split())}') from error
-    except (ValueError, AttributeError) as error:
+    except (ValueError, AttributeError, LookupError, TypeError, OverflowError) as error:
         raise ConfigurationError(f'{path} holds a value that cannot be read: {error}') from error
     except RecursionError as error:
         raise ConfigurationError(f'{path} is nested too deeply') from error

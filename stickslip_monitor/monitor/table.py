@@ -79,6 +79,7 @@ NODE_PARAMETERS = (
         ' A change of condition is always published at once.',
         unit='s',
         minimum=0.0,
+        maximum=604800.0,
         live=True,
     ),
     Parameter(
@@ -278,6 +279,7 @@ BEARING_PARAMETERS = (
         'How long a condition must last before it is raised.',
         unit='s',
         minimum=0.0,
+        maximum=604800.0,
         live=True,
     ),
     Parameter(
@@ -287,6 +289,7 @@ BEARING_PARAMETERS = (
         'How long a condition must be gone before it is cleared.',
         unit='s',
         minimum=0.0,
+        maximum=604800.0,
         live=True,
     ),
     Parameter(

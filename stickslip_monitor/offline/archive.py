@@ -21,28 +21,34 @@ def find_bags(paths: Iterable[str | Path]) -> list[Path]:
 
     Returns:
         Each recording once, in the order of the paths, those of a folder by name (10 after 9). A
-        path under which there is none stays as it is: opening it says why.
+        path under which there is none, and a folder that cannot be read, stay as they are:
+        opening them says why.
     """
     found: dict[Path, Path] = {}
     for path in map(Path, paths):
         for bag in _within(path) or [path]:
-            found.setdefault(bag.resolve(), bag)
+            found.setdefault(Path(os.path.realpath(bag)), bag)
     return list(found.values())
 
 
 def _within(path: Path) -> list[Path]:
-    if not path.is_dir() or _is_bag(path, (entry.name for entry in path.iterdir())):
+    try:
+        if not path.is_dir() or _is_bag(path, (entry.name for entry in path.iterdir())):
+            return [path]
+    except OSError:
         return [path]
     return sorted(_walk(path), key=lambda bag: [natural(part) for part in bag.parts])
 
 
 def _walk(folder: Path) -> Iterator[Path]:
-    for where, folders, files in os.walk(folder):
+    closed: list[OSError] = []
+    for where, folders, files in os.walk(folder, onerror=closed.append):
         # Drafts of recordings that are being written begin with a dot.
         folders[:] = [name for name in folders if not name.startswith('.')]
         if _is_bag(Path(where), files):
             folders.clear()
             yield Path(where)
+    yield from (Path(error.filename) for error in closed)
 
 
 def _is_bag(folder: Path, names: Iterable[str]) -> bool:

@@ -12,9 +12,10 @@ from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 from stickslip_monitor.bags.encode import MESSAGE_TYPES
+from stickslip_monitor.bags.values import TimeSpans
 from stickslip_monitor.bags.writer import BagWriter, is_labelled
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder
+from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder, begins_clip
 from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.check import CheckReport
@@ -124,12 +125,16 @@ def write_clips(checked: CheckReport, config: MonitorConfig, store: ClipFolder) 
     """
     definitions = {kind: text for _, kind, text in topics(checked, config) if text is not None}
     recorder = ClipRecorder(config.clips, definitions)
-    events = iter(sorted(_events(checked), key=lambda event: event.time_ns))
+    events = sorted(_events(checked), key=lambda event: event.time_ns)
+    around = config.clips.around_ns
+    alarms = [event.time_ns for event in events if begins_clip(event)]
+    spans = TimeSpans((time_ns - around, time_ns + around) for time_ns in alarms)
+    told = iter([event for event in events if spans.overlap(event.time_ns, event.time_ns)])
     count = 0
-    for message in messages(checked, config):
+    for message in messages(checked, config, spans):
         recorder.add(ClipMessage(message.log_time_ns, message.topic, message.type, message.data))
         if message.topic == f'/{NODE}/warnings':
-            recorder.note(next(events))
+            recorder.note(next(told))
         count += _store(recorder, store)
     recorder.finish()
     return count + _store(recorder, store)

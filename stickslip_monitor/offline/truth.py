@@ -113,7 +113,7 @@ def _event(bag: Bag, data: bytes, topic: str) -> tuple[str, int]:
         record: Any = json.loads(data[8 : 8 + size].rstrip(b'\0'))
         if record['schema'] == EVENT_SCHEMA:
             return str(record['event']), int(record['time'])
-    except (struct.error, ValueError, LookupError, TypeError):
+    except (struct.error, ValueError, LookupError, TypeError, OverflowError, RecursionError):
         pass
     raise BagError(f"topic '{topic}' of bag '{bag.path}' holds an event that is no {EVENT_SCHEMA}")
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import heapq
+import itertools
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from stickslip_monitor.bags.encode import (
     encode_float64s,
     encode_string,
 )
-from stickslip_monitor.bags.values import Message
+from stickslip_monitor.bags.values import Message, TimeSpans
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, at_index, at_indices
@@ -93,7 +94,9 @@ def topics(checked: CheckReport, config: MonitorConfig) -> Iterator[tuple[str, s
         yield name, kind, None
 
 
-def messages(checked: CheckReport, config: MonitorConfig) -> Iterator[Message]:
+def messages(
+    checked: CheckReport, config: MonitorConfig, spans: TimeSpans | None = None
+) -> Iterator[Message]:
     """Inputs and verdicts, merged by time.
 
     The inputs have the log times they were recorded with, a verdict has its own time: that of the
@@ -102,15 +105,17 @@ def messages(checked: CheckReport, config: MonitorConfig) -> Iterator[Message]:
     Args:
         checked: What the check found.
         config: The configuration it was checked with.
+        spans: The times that are wanted, all if None: nothing else is encoded.
 
     Yields:
         The messages in rising order of their times, inputs before verdicts.
     """
-    sources = [checked.bag.messages(_inputs(config))]
+    sources = [checked.bag.messages(_inputs(config), spans)]
+    spans = spans if spans is not None else TimeSpans([(0, (1 << 63) - 1)])
     courses = [_Course(b, checked.bearings[b.name], checked) for b in config.bearings]
-    sources += [course.verdicts(config.publish_period) for course in courses]
-    sources += [course.warnings() for course in courses]
-    sources.append(_diagnostics(courses, checked))
+    sources += [course.verdicts(config.publish_period, spans) for course in courses]
+    sources += [course.warnings(spans) for course in courses]
+    sources.append(_diagnostics(courses, checked, spans))
     return heapq.merge(*sources, key=lambda message: message.log_time_ns)
 
 
@@ -144,11 +149,12 @@ class _Course:
             for row in range(len(QUANTITIES))
         ]
 
-    def verdicts(self, period: float) -> Iterator[Message]:
+    def verdicts(self, period: float, spans: TimeSpans) -> Iterator[Message]:
         """Numbers and regime of every evaluation, or at most one each period [s]."""
         names = list(output_topics([self.config.name], f'/{NODE}').items())[:-2]
         regimes = [encode_string(regime.value) for regime in REGIMES]
         rows = self._published(round(period * 1e9))
+        rows = rows[spans.holds(self._scan.time_ns[rows])]
         for start in range(0, rows.size, _BLOCK):
             block = rows[start : start + _BLOCK]
             points = at_indices(self._scan.assessment, block)
@@ -170,9 +176,10 @@ class _Course:
                 last = time_ns
         return np.asarray(self._rows[kept], np.intp)
 
-    def warnings(self) -> Iterator[Message]:
+    def warnings(self, spans: TimeSpans) -> Iterator[Message]:
         """One message for each change of the alarm."""
-        for event in self.events:
+        wanted = spans.holds(self._event_times)
+        for event in itertools.compress(self.events, wanted.tolist()):
             data = encode_string(event_json(event))
             yield Message(f'/{NODE}/warnings', 'std_msgs/msg/String', event.time_ns, data)
 
@@ -217,13 +224,16 @@ class _Course:
         return lost
 
 
-def _diagnostics(courses: list[_Course], checked: CheckReport) -> Iterator[Message]:
+def _diagnostics(
+    courses: list[_Course], checked: CheckReport, spans: TimeSpans
+) -> Iterator[Message]:
     """Every second, and at each change of an alarm."""
     if checked.start_ns is None or checked.end_ns is None:
         return
     changes = [event.time_ns for course in courses for event in course.events]
     seconds = _seconds(checked)
-    for time_ns in np.union1d(seconds, np.array(changes, np.int64)).tolist():
+    times = np.union1d(seconds, np.array(changes, np.int64))
+    for time_ns in times[spans.holds(times)].tolist():
         statuses = []
         for course in courses:
             record = diagnostic_record(NODE, course.state(time_ns))

@@ -14,8 +14,11 @@ import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import SceneError
+from stickslip_monitor.files import read_file
 from stickslip_monitor.scenes.settings import Settings, is_number, too_large
 
+# A table of a million rows [bytes].
+_LARGEST_TABLE = 32 << 20
 PROFILE_KEYS = ('bearing', 'unit', 'points', 'table')
 
 
@@ -204,7 +207,7 @@ def read_table(path: Path) -> list[tuple[str, list[float]]]:
         SceneError: The file cannot be read, has no rows, or a line is not two numbers.
     """
     try:
-        lines = path.read_text('utf-8-sig').splitlines()
+        lines = read_file(path, _LARGEST_TABLE).decode('utf-8-sig').splitlines()
     except OSError as error:
         raise SceneError(f"table '{path}' cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:

@@ -8,6 +8,7 @@ well ahead of the process' own time was disturbed by another process and is left
 from __future__ import annotations
 
 import csv
+import io
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -16,6 +17,7 @@ from pathlib import Path
 from statistics import median
 
 from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.files import read_file
 from stickslip_monitor.study.accuracy.cases import Case
 from stickslip_monitor.study.accuracy.method import Method, MethodOutcome, MethodResult, solve
 
@@ -23,6 +25,7 @@ Clock = Callable[[], float]
 
 _DISTURBED = 1.2
 _FLOOR = 1e-14
+_LARGEST = 16 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,8 +259,8 @@ def read_rows(path: str | Path) -> list[Row]:
         ConfigurationError: The file cannot be read or is no measurement.
     """
     try:
-        with Path(path).open(encoding='utf-8', newline='') as file:
-            lines = list(csv.DictReader(file))
+        text = read_file(path, _LARGEST).decode()
+        lines = list(csv.DictReader(io.StringIO(text, newline='')))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ConfigurationError(f'{path} cannot be read: {error}') from error
     if not lines or list(lines[0]) != [field.name for field in fields(Row)]:

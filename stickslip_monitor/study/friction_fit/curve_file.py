@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import FitError
+from stickslip_monitor.files import read_file
 from stickslip_monitor.physics.oscillator import SPEED_UNITS, BearingSpeed
 
 NAMES = {
@@ -40,6 +41,9 @@ _NO_UNIT = ('', '-', '1')
 _HEADING = re.compile(r'(.*?)\s*[\[(]([^\])]*)[\])]\s*')
 _DELIMITERS = ',;\t'
 _TOO_LARGE = 1e100
+# Time and memory of a fit grow with its points; a bench that samples for long averages them.
+_MOST_POINTS = 20_000
+_LARGEST = 16 << 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,7 +140,7 @@ def read_curve(
 def _rows(path: str | Path) -> tuple[list[_Row], str]:
     """Headings and data, and what separates the cells."""
     try:
-        text = Path(path).read_text(encoding='utf-8-sig')
+        text = read_file(path, _LARGEST).decode('utf-8-sig')
     except OSError as error:
         raise FitError(f'{path}: {error.strerror or error}') from error
     except UnicodeDecodeError as error:
@@ -146,6 +150,11 @@ def _rows(path: str | Path) -> tuple[list[_Row], str]:
         for number, line in enumerate(text.splitlines(), start=1)
         if line.strip() and not line.lstrip().startswith('#')
     ]
+    if len(lines) > _MOST_POINTS:
+        raise FitError(
+            f'{path} has {len(lines)} lines, and more than {_MOST_POINTS} are not fitted: average'
+            ' the points of equal speed'
+        )
     if not lines:
         raise FitError(f'{path} is empty: it must have a line of headings and the points')
     delimiter = max(_DELIMITERS, key=lines[0][1].count)
