@@ -73,7 +73,7 @@ warning-quality: $(VENV)/.bench  ## Judge the warnings over 280 voyages, six min
 bench-soak: $(VENV)/.bench  ## Add ten minutes of telemetry at 1 kHz to docs/benchmarks.md
 	$(BIN)/python -m benchmarks --soak
 
-fuzz: $(VENV)/.test  ## Read thousands of damaged recordings beside MCAP's reader (FUZZ_ARGS='--seed 1 --count 500')
+fuzz: $(VENV)/.test  ## Read thousands of damaged recordings beside MCAP's own reader
 	$(BIN)/python -m fuzz $(FUZZ_ARGS)
 
 colcon-test: $(VENV)/.test  ## Build and test as in a ROS 2 workspace, under build/colcon
