@@ -45,12 +45,54 @@ MOST_CORRELATION = 0.999
 SPARE_POINTS = 2
 
 _FARTHEST = 5.0
+# Of speeds, coefficients and deviations: their squares and cubes are still numbers.
+_LARGEST = 1e30
+# Above these a number looks like percent, or like revolutions a minute.
+_UNUSUAL_COEFFICIENT, _UNUSUAL_SPEED = 3.0, 30.0
 
 
 def has_points(curve: FrictionCurve, model: Model) -> bool:
     """Whether the curve has points enough for the model."""
     enough = curve.speed.size >= model.size + SPARE_POINTS
     return enough and np.unique(curve.speed).size >= model.size
+
+
+def require_numbers(curve: FrictionCurve) -> None:
+    """Refuse numbers that no friction bench measures, and columns of different length."""
+    shape = curve.speed.shape
+    if not shape == curve.coefficient.shape == curve.std.shape or len(shape) != 1:
+        raise FitError(
+            f'speeds, coefficients and deviations of shapes {shape}, {curve.coefficient.shape} and'
+            f' {curve.std.shape} must be one column each, of one length'
+        )
+    for name, column, least in (
+        ('speed', curve.speed, 0.0),
+        ('coefficient', curve.coefficient, -_LARGEST),
+        ('std', curve.std, 1.0 / _LARGEST),
+    ):
+        odd = np.flatnonzero(~((column >= least) & (column <= _LARGEST)))
+        if odd.size:
+            raise FitError(
+                f'line {curve.line[odd[0]]}: {name} = {column[odd[0]]:g} must be a number from'
+                f' {least:g} to {_LARGEST:g}'
+            )
+
+
+def questions_of(curve: FrictionCurve) -> tuple[str, ...]:
+    """What a user is asked about numbers that look like another unit, one question each."""
+    found = []
+    top = int(np.argmax(np.abs(curve.coefficient))) if curve.coefficient.size else 0
+    if curve.coefficient.size and abs(curve.coefficient[top]) > _UNUSUAL_COEFFICIENT:
+        found.append(
+            f'a coefficient of {curve.coefficient[top]:.3g} (line {curve.line[top]}) is unusual:'
+            ' is it in percent, 30 for 0.30?'
+        )
+    fastest = float(curve.speed.max(initial=0.0))
+    if curve.unit == 'm/s' and fastest > _UNUSUAL_SPEED:
+        found.append(
+            f'a sliding speed of {fastest:.3g} m/s is unusual: is it in rpm (--speed-unit rpm)?'
+        )
+    return tuple(found)
 
 
 def require_points(curve: FrictionCurve, model: Model) -> None:
@@ -212,7 +254,7 @@ class StribeckFit:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a user should know before believing the fit, one sentence each."""
-        curve, found = self.curve, []
+        curve, found = self.curve, list(questions_of(self.curve))
         share = self.outliers.size / self.weight.size
         if share > _MANY_OUTLIERS:
             found.append(
@@ -262,6 +304,24 @@ def fit_stribeck(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit
     Raises:
         FitError: The curve cannot identify the law.
     """
+    require_numbers(curve)
+    questions = ''.join(f' {question}' for question in questions_of(curve))
+    try:
+        with np.errstate(all='ignore'):
+            return _fitted(curve, viscous)
+    except FitError as error:
+        raise FitError(f'{error}{"." if questions else ""}{questions}') from error
+    except (ArithmeticError, ValueError, IndexError, np.linalg.LinAlgError) as error:
+        raise FitError(
+            f'the {curve.speed.size} points do not determine a Stribeck law in numbers that a'
+            f' computer holds ({error}): speeds from {curve.speed.min():.3g} to'
+            f' {curve.speed.max():.3g} m/s, coefficients from {curve.coefficient.min():.3g} to'
+            f' {curve.coefficient.max():.3g}{"." if questions else ""}{questions}'
+        ) from error
+
+
+def _fitted(curve: FrictionCurve, viscous: Viscous) -> StribeckFit:
+    """The fit of a curve of sound numbers."""
     require_points(curve, Model(viscous=viscous == 'yes'))
     test = None
     if has_points(curve, Model(viscous=True)):

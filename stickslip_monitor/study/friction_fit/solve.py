@@ -152,9 +152,17 @@ def _absolute_fits(curve: FrictionCurve, columns: FloatArray) -> FloatArray:
         normal = np.einsum('bni,bnj->bij', weighted, scaled)
         right = np.einsum('bni,n->bi', weighted, target)
         size = np.trace(normal, axis1=1, axis2=2)[:, None, None]
-        solved = np.linalg.solve(normal + ridge * size, right[..., None])
+        solved = _solved(normal + ridge * size, right[..., None])
         residual = target - np.squeeze(scaled @ solved, axis=2)
     return residual
+
+
+def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    """Solutions of many small systems; the shortest ones where points coincide."""
+    try:
+        return np.asarray(np.linalg.solve(matrix, right), dtype=float)
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.pinv(matrix) @ right, dtype=float)
 
 
 def least_median(curve: FrictionCurve, model: Model) -> tuple[float, FloatArray]:
@@ -170,7 +178,7 @@ def least_median(curve: FrictionCurve, model: Model) -> tuple[float, FloatArray]
     picks = generator.random((_SUBSETS, few.size)).argsort(axis=1)[:, : columns.shape[2]]
     square = columns[:, picks]
     ridge = 1e-13 * np.eye(columns.shape[2])
-    solved = np.linalg.solve(square + ridge, target[picks][..., None])[..., 0]
+    solved = _solved(square + ridge, target[picks][..., None])[..., 0]
     misfit = np.abs(target - np.einsum('bnk,bsk->bsn', columns, solved)) / curve.std[few]
     middle = np.partition(misfit, (few.size + columns.shape[2]) // 2, axis=2)
     median = middle[:, :, (few.size + columns.shape[2]) // 2]

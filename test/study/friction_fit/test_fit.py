@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Callable
@@ -618,3 +619,49 @@ def test_options_that_do_not_fit_the_file_are_refused(write: Write, tmp_path: Pa
         read_curve(write('speed [rpm],mu\n1,2\n'), journal_diameter=-1.0)
     with pytest.raises(FitError, match='No such file'):
         read_curve(tmp_path / 'none.csv')
+
+
+def test_plausible_noisy_curves_end_in_a_fit_or_a_sentence() -> None:
+    """Points that coincide or hardly fall, outliers, and 1,000 points with much scatter."""
+    generator = np.random.default_rng(0)
+    speed = np.linspace(0.0, 1.0, 1000)
+    curves = [(speed, 0.1 + 0.2 * np.exp(-10.0 * speed) + 0.01 * generator.standard_normal(1000))]
+    for number in range(25):
+        count = int(generator.integers(5, 40))
+        v = np.repeat(np.linspace(0.0, 1.0, count // 2 + 1), 3)
+        v = np.sort(generator.uniform(0.0, 1.0, count)) if number % 3 else v
+        mu = 0.1 + 0.2 * np.exp(-(10.0 ** generator.uniform(-1.0, 3.0)) * v)
+        curves.append((v, mu + 0.01 * generator.standard_normal(v.size)))
+    fitted = 0
+    for v, mu in curves:
+        with contextlib.suppress(FitError):
+            fitted += math.isfinite(fit_stribeck(FrictionCurve.of(v, mu)).law.decay)
+    assert fitted > 5
+    law = fit_stribeck(FrictionCurve.of(*curves[0])).law
+    assert law.decay == pytest.approx(10.0, rel=0.05)
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf, 1e300, -1e300, -5.0])
+@pytest.mark.parametrize('column', [0, 1, 2])
+def test_a_number_that_is_none_is_named(column: int, value: float) -> None:
+    v = np.linspace(0.0, 1.0, 12)
+    columns = [v, 0.1 + 0.2 * np.exp(-10.0 * v), np.ones(12)]
+    columns[column][3] = value
+    name = ('speed', 'coefficient', 'std')[column]
+    if name == 'coefficient' and value == -5.0:
+        columns[column][3] = 1e40
+    with pytest.raises(FitError, match=f'line 4: {name} = .* must be a number from'):
+        fit_stribeck(FrictionCurve.of(*columns))
+
+
+def test_numbers_that_look_like_another_unit_get_a_question() -> None:
+    v = np.linspace(0.0, 1.0, 30)
+    mu = 0.1 + 0.2 * np.exp(-10.0 * v)
+    assert not fit_stribeck(FrictionCurve.of(v, mu)).warnings
+    (percent,) = fit_stribeck(FrictionCurve.of(v, 100.0 * mu)).warnings
+    assert percent.endswith('is it in percent, 30 for 0.30?')
+    (rpm,) = fit_stribeck(FrictionCurve.of(190.0 * v, mu)).warnings
+    assert rpm.endswith('is it in rpm (--speed-unit rpm)?')
+    # A refusal asks too: the unit may be its cause.
+    with pytest.raises(FitError, match=r'is it in percent, 30 for 0\.30\?'):
+        fit_stribeck(FrictionCurve.of(v, np.full(30, 30.0)))
