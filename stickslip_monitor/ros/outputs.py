@@ -72,8 +72,9 @@ class Outputs:
                     number,
                 )
                 for topic, kind, number in (
-                    *((topic, Float64, _number(topic)) for topic in VERDICT_NUMBERS),
+                    # What takes longest to work out comes last.
                     ('regime', String, _regime),
+                    *((topic, Float64, _number(topic)) for topic in reversed(VERDICT_NUMBERS)),
                 )
             ]
             for bearing in config.bearings

@@ -2,12 +2,15 @@
 from __future__ import annotations
 
 import os
+import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from stickslip_monitor.errors import AlarmStateError, RosError
-from stickslip_monitor.ros.state_file import StateFile
+from stickslip_monitor.ros import state_file
+from stickslip_monitor.ros.state_file import MAX_SIZE, StateFile, StateWriter
 
 
 def test_round_trip(tmp_path: Path) -> None:
@@ -44,6 +47,72 @@ def test_what_is_not_json_is_named_and_set_aside(tmp_path: Path, content: bytes)
     aside = file.set_aside()
     assert (aside.name, aside.read_bytes()) == ('state.json.damaged', content)
     assert file.read() is None
+
+
+def pipe(folder: Path) -> str:
+    os.mkfifo(folder / 'pipe')
+    return str(folder / 'pipe')
+
+
+@pytest.mark.parametrize(
+    ('path', 'words'),
+    [
+        (pipe, 'must be a file, but is a device, pipe or socket'),
+        (lambda folder: '/dev/full', 'must be a file, but is a device, pipe or socket'),
+        (lambda folder: str(folder / ('n' * 250)), 'cannot be used: File name too long'),
+    ],
+)
+def test_what_is_no_regular_file_is_refused_at_once(
+    tmp_path: Path, path: Callable[[Path], str], words: str
+) -> None:
+    with pytest.raises(RosError, match=words):
+        StateFile(path(tmp_path))
+
+
+def test_a_file_that_is_too_large_is_not_read(tmp_path: Path) -> None:
+    path = tmp_path / 'state.json'
+    with path.open('wb') as file:
+        file.truncate(MAX_SIZE + 1)
+    with pytest.raises(AlarmStateError, match='it is larger than 16 MB'):
+        StateFile(str(path)).read()
+
+
+def test_a_second_node_is_kept_out_until_the_first_has_gone(tmp_path: Path) -> None:
+    path = str(tmp_path / 'state.json')
+    first = StateWriter(StateFile(path))
+    with pytest.raises(RosError, match='is in use by another node'):
+        StateWriter(StateFile(path))
+    first.write({'time': 1})
+    first.close()
+    second = StateWriter(StateFile(path))
+    assert second.read() == {'time': 1}
+    second.close()
+
+
+def test_a_full_disk_is_told_and_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(state_file, 'RETRY_PERIOD', 0.01)
+    full, tried = threading.Event(), threading.Semaphore(0)
+    full.set()
+    write = StateFile.write
+
+    def attempt(file: StateFile, document: object) -> None:
+        tried.release()
+        if full.is_set():
+            raise OSError(28, 'No space left on device')
+        write(file, document)
+
+    monkeypatch.setattr(StateFile, 'write', attempt)
+    writer = StateWriter(StateFile(str(tmp_path / 'state.json')))
+    writer.write({'time': 1})
+    # The third attempt has begun, so the first has been told.
+    assert all(tried.acquire(timeout=10.0) for _ in range(3))
+    assert writer.fault == 'the alarms are not kept: [Errno 28] No space left on device'
+    full.clear()
+    writer.close(patience=10.0)
+    assert writer.fault == ''
+    assert writer.read() == {'time': 1}
 
 
 def test_a_place_that_cannot_be(tmp_path: Path) -> None:
