@@ -326,15 +326,8 @@ def _forecasts(config: BearingConfig, scan: Scan) -> Iterator[Forecast]:
     regular = np.arange(scan.time_ns[0], scan.time_ns[-1], _FORECAST_NS)
     events = np.array([event.time_ns for event in scan.events], np.int64)
     asked = np.union1d(regular, events[events >= scan.time_ns[0]])
-    for k in np.unique(np.searchsorted(scan.time_ns, asked, 'right') - 1).tolist():
-        if scan.sticking[k]:
-            continue
+    places = np.unique(np.searchsorted(scan.time_ns, asked, 'right') - 1)
+    for k in places[~scan.sticking[places]].tolist():
         trend = trend_at(config, scan.time_ns, scan.assessment, int(scan.first[k]), k)
         if trend is not None:
-            yield Forecast(
-                int(scan.time_ns[k]),
-                False,
-                trend.seconds,
-                trend.earliest,
-                trend.latest,
-            )
+            yield Forecast(int(scan.time_ns[k]), trend.seconds, trend.earliest, trend.latest)
