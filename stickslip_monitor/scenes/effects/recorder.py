@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Errors of clocks and recorder: jitter, jumps, disorder, repeats, losses, another publisher, cuts.
+"""Clocks and recorder: jitter, jumps, disorder, repeats, losses, a second publisher, a cut.
 
 A jump shifts all later stamps; several add up. Without a header a message's stamp is the
 recorder's own time, by which readers sort: such a topic can jump forward only, and cannot be out
