@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 from collections import defaultdict
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -93,12 +94,15 @@ def judge_calls(
         The number of each call, as it is done, and what :func:`judge` made of it.
 
     Raises:
-        SceneError: A scene breaks a rule; the text names it.
+        SceneError: A scene breaks a rule, or its process died; the text names it.
     """
     if jobs == 1:
         yield from ((number, judge(call)) for number, call in enumerate(calls))
         return
     for number, outcome in run_in_processes(judge, [(call,) for call in calls], jobs):
+        if isinstance(outcome, BrokenProcessPool):
+            scene = calls[number].scene
+            raise SceneError(f'{scene}: its process died (was there enough memory?)')
         if isinstance(outcome, BaseException):
             raise outcome
         yield number, outcome
@@ -132,37 +136,56 @@ def _voyages(
     messages: Mapping[str, Messages],
     truths: Mapping[str, Truth],
 ) -> Iterator[Voyage]:
-    plain = _is_plain(scene)
     variants = call.variants if sensors == call.varied_sensors else ()
     for config in scene.config.bearings:
-        believed = as_believed(config, scene.parameter_error, scene.seed)
-        stream, arrival_ns = _stream(config, messages)
-        truth = truths[config.name]
-
-        def ours(own: BearingConfig, stream: Stream = stream) -> Scan:
-            return scan_bearing(own, stream, *_span(truth, stream))  # noqa: B023
-
-        scan = ours(believed)
-        said = on_recorder_clock(believed, stream, arrival_ns, scan, truth.start_ns)
-        forecasts = list(_forecasts(believed, scan)) if call.forecasts else []
-        own = quality_of(_monitor_said(said, truth), truth, plain, forecasts)
-        told = replace(own, wrong_source=int(_has_wrong_source(believed, stream, arrival_ns)))
+        case = _Case(
+            as_believed(config, scene.parameter_error, scene.seed),
+            *_stream(config, messages),
+            truths[config.name],
+            _is_plain(scene),
+        )
         yield Voyage(
             scene=call.scene,
             seed=scene.seed,
             sensors=sensors,
             bearing=config.name,
-            rules={OURS: told}
-            | {name: quality_of(rule, truth, plain) for name, rule in _bare_rules(said).items()},
-            variants=tuple(
-                quality_of(_monitor_said(ours(_changed(believed, variant)), truth), truth, plain)
-                for variant in variants
-            ),
+            rules=case.rules(call.forecasts),
+            variants=tuple(case.varied(variant) for variant in variants),
         )
 
 
-def _changed(config: BearingConfig, variant: Alarm) -> BearingConfig:
-    return replace(config, alarm=replace(config.alarm, **variant))
+@dataclass(frozen=True, slots=True, eq=False)
+class _Case:
+    """One bearing on one voyage: what the monitor believes and gets, and the truth."""
+
+    config: BearingConfig
+    stream: Stream
+    arrival_ns: IntArray
+    truth: Truth
+    plain: bool
+
+    def rules(self, forecasts: bool) -> dict[str, Quality]:
+        """The judgement of the monitor and of the bare rules."""
+        scan = self._scan(self.config)
+        told = list(_forecasts(self.config, scan)) if forecasts else []
+        said = on_recorder_clock(
+            self.config, self.stream, self.arrival_ns, scan, self.truth.start_ns
+        )
+        ours = self._judged(_monitor_said(said, self.truth), told)
+        wrong_source = _has_wrong_source(self.config, self.stream, self.arrival_ns)
+        bare = {name: self._judged(rule) for name, rule in _bare_rules(said).items()}
+        return {OURS: replace(ours, wrong_source=int(wrong_source)), **bare}
+
+    def varied(self, variant: Alarm) -> Quality:
+        """The judgement of the monitor with some fields of its alarm changed."""
+        config = replace(self.config, alarm=replace(self.config.alarm, **variant))
+        return self._judged(_monitor_said(self._scan(config), self.truth))
+
+    def _scan(self, config: BearingConfig) -> Scan:
+        return scan_bearing(config, self.stream, *_span(self.truth, self.stream))
+
+    def _judged(self, said: Said, forecasts: Sequence[Forecast] = ()) -> Quality:
+        return quality_of(said, self.truth, self.plain, forecasts)
 
 
 def _is_plain(scene: Scene) -> bool:
@@ -303,15 +326,8 @@ def _forecasts(config: BearingConfig, scan: Scan) -> Iterator[Forecast]:
     regular = np.arange(scan.time_ns[0], scan.time_ns[-1], _FORECAST_NS)
     events = np.array([event.time_ns for event in scan.events], np.int64)
     asked = np.union1d(regular, events[events >= scan.time_ns[0]])
-    for k in np.unique(np.searchsorted(scan.time_ns, asked, 'right') - 1).tolist():
-        if scan.sticking[k]:
-            continue
+    places = np.unique(np.searchsorted(scan.time_ns, asked, 'right') - 1)
+    for k in places[~scan.sticking[places]].tolist():
         trend = trend_at(config, scan.time_ns, scan.assessment, int(scan.first[k]), k)
         if trend is not None:
-            yield Forecast(
-                int(scan.time_ns[k]),
-                False,
-                trend.seconds,
-                trend.earliest,
-                trend.latest,
-            )
+            yield Forecast(int(scan.time_ns[k]), trend.seconds, trend.earliest, trend.latest)

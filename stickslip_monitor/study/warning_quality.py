@@ -11,8 +11,8 @@ The three figures of alarm systems are the rates of false and of missed alarms a
   that is further than 60 s from every episode.
 - *far*: warnings that are raised and cleared while the true fold margin is at least 0.4.
 - *burst*: the most raised conditions in ten minutes.
-- *forecast*: whether the time until a boundary is right within a factor of two, and whether its
-  interval covers it.
+- *forecast*: whether the time until the Hopf speed is right within a factor of two, and whether
+  its interval covers it.
 
 All of it is a pure comparison of intervals.
 """
@@ -70,14 +70,12 @@ class Forecast:
 
     Attributes:
         time_ns: When [ns].
-        ends: Whether it is about the end of stick-slip, at the fold, or its begin.
-        seconds: Time until then [s].
+        seconds: Time until steady sliding turns unstable [s].
         earliest: The least that its interval allows [s].
         latest: The most [s].
     """
 
     time_ns: int
-    ends: bool
     seconds: float
     earliest: float
     latest: float
@@ -239,7 +237,7 @@ def _inside(interval: Interval, others: Intervals) -> bool:
 
 def _outcome(forecast: Forecast, truth: Truth) -> tuple[bool, bool] | None:
     """Whether a forecast was right and whether its interval held; ``None``: nobody knows."""
-    margin = truth.fold_margin if forecast.ends else -truth.hopf_margin
+    margin = -truth.hopf_margin
     first = int(np.searchsorted(truth.time_ns, forecast.time_ns))
     crossed = np.flatnonzero(margin[first:] > 0.0)
     if crossed.size:
