@@ -33,8 +33,8 @@ def test_clear(course: Make) -> None:
 
 
 def test_stick_slip_comes_first(course: Make) -> None:
-    # In from second 10: with a value a second growth counts for 1 per second at most, and 3 are
-    # due. Out at 20: a cycle dies out in 1.2 s, a third of it for a value, and 5 s later it clears.
+    # In from second 10: with a value a second growth counts for 1 per second at most, of 3. Out at
+    # 20: a cycle dies out in 1.2 s, a third of it for a value, and 5 s later it clears.
     finding = finding_of(course([60.0] * 10 + [20.0] * 10 + [60.0] * 20))
     assert finding.grade == 'alarm'
     assert finding.sentences[0].replace('\N{NO-BREAK SPACE}', ' ') == (
