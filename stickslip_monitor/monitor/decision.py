@@ -333,7 +333,7 @@ class ConditionClassifier:
         starts: NDArray[np.intp],
         futures: NDArray[np.float64],
         fresh: Fresh,
-    ) -> Course:
+    ) -> Decisions:
         """:meth:`take` of all points of a recording at once.
 
         Args:
@@ -354,12 +354,12 @@ class ConditionClassifier:
             on, count = follow(level, times, starts)
             rung[on if k <= _STICK_RUNG else on & (rung == _STICK_RUNG)] = k
             raises = np.flatnonzero(on & ~np.append(False, on)[:-1])
-            levels.append(_LevelCourse(asks, count, raises, level.history))
-        return Course(self.config, futures, rung, sticking, grown, levels)
+            levels.append(_LevelDecisions(asks, count, raises, level.history))
+        return Decisions(self.config, futures, rung, sticking, grown, levels)
 
 
 @dataclass(frozen=True, slots=True)
-class _LevelCourse:
+class _LevelDecisions:
     """One rung over a recording.
 
     Attributes:
@@ -381,7 +381,7 @@ class _LevelCourse:
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class Decisions:
     """What the alarm rests on after each point of a recording.
 
     Attributes:
@@ -398,7 +398,7 @@ class Course:
     rung: NDArray[np.int8]
     sticking: BoolArray
     grown: IntArray
-    levels: list[_LevelCourse]
+    levels: list[_LevelDecisions]
 
     def at(self, k: int) -> Standing:
         """What the alarm rests on after point ``k``; :data:`QUIET` before the first."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from stickslip_monitor.arrays import BoolArray, IntArray
 from stickslip_monitor.monitor.assessment import Assessment, assess, at_index
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.decision import ConditionClassifier, Course
+from stickslip_monitor.monitor.decision import ConditionClassifier, Decisions
 from stickslip_monitor.monitor.freshness import Fresh, lasts
 from stickslip_monitor.monitor.ladder import (
     LADDER,
@@ -52,7 +52,7 @@ class Scan:
     time_ns: IntArray
     until_ns: IntArray
     assessment: Assessment
-    course: Course
+    course: Decisions
     first: IntArray
     events: list[Event]
     counts: IntArray
@@ -262,7 +262,7 @@ class _Walk:
         config: BearingConfig,
         samples: _Believed,
         evaluated: NDArray[np.intp],
-        course: Course,
+        course: Decisions,
         start_ns: int | None,
     ) -> None:
         self.config, self.samples, self.evaluated, self.course = config, samples, evaluated, course

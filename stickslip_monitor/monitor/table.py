@@ -276,7 +276,8 @@ BEARING_PARAMETERS = (
         'alarm.on_delay',
         'float',
         2.0,
-        'How long a condition must last before it is raised.',
+        'How long a condition must hold before it is raised, net: time in which it does not is taken'
+        ' off. Stick-slip has its growth (alarm.onset_growth) in place of it.',
         unit='s',
         minimum=0.0,
         maximum=604800.0,
@@ -286,7 +287,8 @@ BEARING_PARAMETERS = (
         'alarm.off_delay',
         'float',
         10.0,
-        'How long a condition must be gone before it is cleared.',
+        'How long a condition must be gone before it is cleared, net; longer for one that keeps'
+        ' returning.',
         unit='s',
         minimum=0.0,
         maximum=604800.0,
@@ -333,8 +335,8 @@ BEARING_PARAMETERS = (
         'alarm.trend_window',
         'float',
         30.0,
-        'Time over which the rate of change of speed and load is taken, to say when stick-slip'
-        ' will begin or end at that rate; 0 for not saying it.',
+        'Time over which the rate of change of speed and load is taken, to say when steady sliding'
+        ' turns unstable at that rate; 0 for not saying it.',
         unit='s',
         minimum=0.0,
         maximum=86400.0,
