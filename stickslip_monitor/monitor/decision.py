@@ -127,7 +127,7 @@ class _Growth(Latch):
         return max(grown, 0) if asked else min(grown, 0)
 
     def _most(self, length: Any) -> Any:
-        """The largest rate [1/s] that counts: half of what is due in the time a value lasts [ns]."""
+        """The largest rate [1/s] that counts: half of what is due while a value lasts [ns]."""
         return self.config.onset_growth * 0.5e9 / length
 
     def steps(self, lo: int, hi: int) -> IntArray:
