@@ -122,13 +122,13 @@ class _Growth(Latch):
         if self.on:
             own = credit(covered, rhythm, self.due())
             return own if asked else -own
-        most = self._most(float(lasts(rhythm)))
+        most = self._most(max(float(lasts(rhythm)), 1.0))
         grown = round(min(max(rate, -most), most) * covered * (E_FOLD / 1e9))
         return max(grown, 0) if asked else min(grown, 0)
 
     def _most(self, length: Any) -> Any:
-        """The largest rate [1/s] that counts: of one value half of what is due, no more."""
-        return self.config.onset_growth * 0.5e9 / np.maximum(length, 1.0)
+        """The largest rate [1/s] that counts: half of what is due while a value lasts [ns]."""
+        return self.config.onset_growth * 0.5e9 / length
 
     def steps(self, lo: int, hi: int) -> IntArray:
         """:meth:`step` of many points."""
@@ -138,7 +138,7 @@ class _Growth(Latch):
             own = credit_of_many(covered, rhythm, self.due())
             return np.where(asked, own, -own)
         rate = growth_rate(self.bearing, self.points.speed[lo:hi], self.points.load[lo:hi])
-        most = self._most(np.asarray(lasts(rhythm), float))
+        most = self._most(np.maximum(lasts(rhythm), 1.0))
         grown = np.rint(np.clip(rate, -most, most) * covered * (E_FOLD / 1e9)).astype(np.int64)
         return np.where(asked, np.maximum(grown, 0), np.minimum(grown, 0))
 
@@ -189,6 +189,8 @@ class _Rung(Latch):
 
     def step(self, asked: bool, covered: int, rhythm: int) -> int:
         """What an interval adds, given what was asked at its point."""
+        if not (asked or self.count):
+            return 0  # nothing can be taken off
         own = credit(covered, rhythm, self.due())
         return own if asked else -own
 

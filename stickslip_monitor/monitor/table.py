@@ -276,8 +276,8 @@ BEARING_PARAMETERS = (
         'alarm.on_delay',
         'float',
         2.0,
-        'How long a condition must hold before it is raised, net: time in which it does not is taken'
-        ' off. Stick-slip has its growth (alarm.onset_growth) in place of it.',
+        'How long a condition must hold before it is raised, net: time in which it does not is'
+        ' taken off. Stick-slip has its growth (alarm.onset_growth) in place of it.',
         unit='s',
         minimum=0.0,
         maximum=604800.0,
