@@ -44,7 +44,7 @@ def _watch(folder: Path, url: str) -> list[str]:
     document = yaml.safe_load(CONFIG.read_text('utf-8'))
     own = document['/**']['ros__parameters']['aft_stern']
     own['speed']['unit'] = 'Hz'
-    own['alarm'] |= {'on_delay': 0.0, 'off_delay': 0.0}
+    own['alarm'] |= {'onset_growth': 0.0, 'on_delay': 0.0, 'off_delay': 0.0}
     document['/stickslip_links'] = {
         'ros__parameters': {
             'signalk': {'url': url, 'prefix': _PREFIX},

@@ -46,6 +46,7 @@ BEARING = {
     'load.topic': 'Signal_K/load',
     'load.unit': 'N',
     'load.timeout': 2.0,
+    'alarm.onset_growth': 0.0,
     'alarm.on_delay': 0.0,
     'alarm.off_delay': 0.0,
     'alarm.input_off_delay': 0.0,
