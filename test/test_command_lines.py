@@ -31,6 +31,8 @@ APPENDED = {
     'stickslip play ': '--rate 5000',
     'stickslip dashboard ': '--port 0',
     'stickslip accuracy -o ': '--quick',
+    'stickslip score launch_configs/scenes/': '--seeds 1',
+    'stickslip score my_scene.yaml ': '--seeds 2',
 }
 
 
@@ -47,8 +49,8 @@ def lines_of(page: Path) -> list[str]:
 
 LINES = {(page.relative_to(ROOT).as_posix(), line) for page in PAGES for line in lines_of(page)}
 COMMANDS = sorted({' '.join(line.split()) for _, line in LINES if line.startswith('stickslip ')})
-# It needs a cluster; test/offline/test_fleet.py starts one.
-RUN = [line for line in COMMANDS if '--scheduler' not in line]
+# Those that need a cluster or a ship's bus are run in test/offline and test/links, which have one.
+RUN = [line for line in COMMANDS if '--scheduler' not in line and ' watch ' not in line]
 
 
 def faults(line: str) -> str:
@@ -100,6 +102,10 @@ def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copy(ROOT / 'launch_configs' / 'reference_bearing.yaml', folder / name)
     for name in ('coast_down', 'history_above'):
         shutil.copytree(ROOT / 'bags' / name, folder / 'archive' / name)
+    scene = ROOT / 'launch_configs' / 'scenes' / 'bistable_knock.yaml'
+    (folder / 'my_scene.yaml').write_text(
+        scene.read_text('utf-8').replace('../', 'launch_configs/'), 'utf-8'
+    )
     (folder / 'token').write_text('abcdefghijklmnopqrstuvwxyz0123456789\n')
     (folder / 'token').chmod(0o600)
     return folder

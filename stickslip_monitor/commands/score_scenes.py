@@ -66,7 +66,7 @@ def run_scenes(args: argparse.Namespace) -> int:
     calls = [
         Call(scene, seed, sensors)
         for scene in args.bags
-        for seed in seeds_of(scene, args.first_seed, args.seeds)
+        for seed in seeds_of(scene, sensors[0], args.first_seed, args.seeds)
     ]
     voyages = judge_all(calls, args.jobs or core_count())
     if args.json:
@@ -95,9 +95,9 @@ def _check(args: argparse.Namespace) -> None:
             )
 
 
-def seeds_of(scene: str, first: int | None, count: int) -> range:
+def seeds_of(scene: str, sensors: str | None, first: int | None, count: int) -> range:
     """The seeds of a scene: so many from the first one on, by default from the file's own."""
-    first = load_scene(scene).seed if first is None else first
+    first = load_scene(scene, sensors=sensors).seed if first is None else first
     return range(first, first + count)
 
 
