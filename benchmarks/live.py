@@ -104,9 +104,9 @@ class Subject:
             self._publish(self._load, LOAD)
             self._publish(self._speed, FIRST_RPM)
             time.sleep(0.1)
-            if any(True for _ in _taken(self._answers)):
+            if any(True for _ in taken(self._answers)):
                 time.sleep(_DRAIN)
-                for _ in _taken(self._answers):
+                for _ in taken(self._answers):
                     pass
                 return
         raise RuntimeError(f'no answer on {self._answers.topic_name}')
@@ -116,7 +116,7 @@ class Subject:
         count = round(rate * seconds)
         sent, heard = np.zeros(count), np.full(count, np.nan)
         before = self._heard()
-        cpu, begin = self._cpu(), time.monotonic()
+        cpu, begin = processor_time(self.process.pid), time.monotonic()
         for half in range(2 * count):
             self._listen(heard, begin + half / (2.0 * rate))
             if half % 2:
@@ -125,7 +125,7 @@ class Subject:
                 code = half // 2 % CODES
                 sent[half // 2] = time.monotonic()
                 self._publish(self._speed, FIRST_RPM + STEP_RPM * code)
-        cpu, spent = self._cpu() - cpu, time.monotonic() - begin
+        cpu, spent = processor_time(self.process.pid) - cpu, time.monotonic() - begin
         self._listen(heard, time.monotonic() + _DRAIN)
         latency = heard - sent
         latency = latency[np.isfinite(latency)]
@@ -138,7 +138,7 @@ class Subject:
             return 0
         end, count = time.monotonic() + _DIAGNOSED, 0
         while time.monotonic() < end:
-            for _, message in _taken(self._counts):
+            for _, message in taken(self._counts):
                 pairs = {pair.key: pair.value for pair in message.status[0].values}
                 count = sum(int(pairs[f'{name} samples accepted']) for name in ('speed', 'load'))
             time.sleep(_POLL)
@@ -147,7 +147,7 @@ class Subject:
     def _listen(self, heard: NDArray[np.float64], until: float) -> None:
         """Note answers until it is time."""
         while True:
-            for now, message in _taken(self._answers):
+            for now, message in taken(self._answers):
                 code = round((self._code(message.data) - FIRST_RPM) / STEP_RPM)
                 self._note(heard, code, now)
             left = until - time.monotonic()
@@ -165,12 +165,6 @@ class Subject:
     def _publish(self, publisher: Any, value: float) -> None:
         publisher.publish(Float64(data=value))
 
-    def _cpu(self) -> float:
-        """Processor time that the node has taken [s]."""
-        stat = Path(f'/proc/{self.process.pid}/stat').read_text('utf-8')
-        fields = stat.rpartition(')')[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
-
     def stop(self) -> None:
         """End the process as Ctrl-C does."""
         if self.process.poll() is None:
@@ -178,7 +172,14 @@ class Subject:
             self.process.wait(20.0)
 
 
-def _taken(subscription: Any) -> Iterator[tuple[float, Any]]:
+def processor_time(pid: int) -> float:
+    """Processor time that a process has taken [s]."""
+    stat = Path(f'/proc/{pid}/stat').read_text('utf-8')
+    fields = stat.rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
+def taken(subscription: Any) -> Iterator[tuple[float, Any]]:
     """Messages that have come, with the times at which they were taken."""
     while True:
         with subscription.handle:

@@ -8,6 +8,7 @@ PARTS: tuple[str, ...] = (
     'integration',
     'check_day',
     'node',
+    'fleet_node',
     'links',
 )
 """Modules of this package with ``run(quick: bool) -> Table``."""

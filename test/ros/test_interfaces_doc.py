@@ -56,7 +56,8 @@ def test_fields_of_the_alarms(monitor: Monitor) -> None:
     for event in monitor.update(Sample('aft', 'load', 2, 1000.0)).events:
         changes = annunciator.take_event(event)
     record = alarms_record(annunciator, changes, 2, 1)
-    expected = [record, record['changes'][0], record['alarms'][0]]
+    note = {'time': 0, 'what': '', 'text': ''}
+    expected = [record, record['changes'][0], note, record['alarms'][0]]
     assert fields(section('Alarms')) == [name for part in expected for name in part]
 
 
@@ -80,11 +81,12 @@ def test_fields_of_an_assessment(monitor: Monitor) -> None:
 def test_keys_of_diagnostics(monitor: Monitor) -> None:
     monitor.update(Sample('aft', 'load', 2, 1000.0))
     monitor.advance(10**12)
-    keys = diagnostic_values(state_of(monitor.bearings['aft']))
+    faults = dict.fromkeys(('speed', 'load'), 'Nobody publishes on it.')
+    keys = diagnostic_values(state_of(monitor.bearings['aft'], faults))
     named = fields(section('Diagnostics'))
-    faults = [name.removeprefix('...') for name in named if name.startswith('...')]
+    counts = [name.removeprefix('...') for name in named if name.startswith('...')]
     named = [name for name in named if not name.startswith('...')]
-    named += [f'{quantity}{fault}' for quantity in ('speed', 'load') for fault in faults]
+    named += [f'{quantity}{fault}' for quantity in ('speed', 'load') for fault in counts]
     assert set(named) == set(keys)
 
 

@@ -4,7 +4,10 @@
 from __future__ import annotations
 
 import json
+from fnmatch import fnmatchcase
+from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 
@@ -178,3 +181,34 @@ def test_a_callback_that_fails_is_told_and_survived() -> None:
         '1 callbacks failed, last: ZeroDivisionError: float division by zero (test_node_explains'
     )
     assert logged[0].startswith('a callback failed and is survived: ZeroDivisionError')
+
+
+def test_the_security_policy_covers_all_topics_and_services(start: Any, kit: Any) -> None:
+    """DDS matches the names of permissions as fnmatch does (DDS-Security 9.4.1.3.2.3)."""
+    policy = Path(__file__).parents[2] / 'launch_configs' / 'security' / 'policy.xml'
+    enclave, *_ = ElementTree.parse(policy).getroot().iter('enclave')
+    (profile,) = enclave.iter('profile')
+    name = profile.attrib['node']
+    monitor = start(kit.parameters())
+    node = monitor.peer.node
+    monitor.state()
+
+    def allowed(kind: str, rule: str) -> list[str]:
+        groups = (group for group in profile if group.get(rule) == 'ALLOW')
+        return [
+            str(item.text).replace('~', f'/{monitor.space}/{name}')
+            for group in groups
+            for item in group.iter(kind)
+        ]
+
+    inputs = [monitor.input(topic) for topic in ('shaft/speed', 'aft/load')]
+    own = f'/{monitor.space}/'
+    for kind, rule, names in (
+        ('topic', 'publish', node.get_publisher_names_and_types_by_node(name, own[:-1])),
+        ('topic', 'subscribe', node.get_subscriber_names_and_types_by_node(name, own[:-1])),
+        ('service', 'reply', node.get_service_names_and_types_by_node(name, own[:-1])),
+    ):
+        patterns = [*allowed(kind, rule), f'{own}diagnostics', *inputs]
+        found = [topic for topic, _ in names]
+        assert len(found) >= 3
+        assert [t for t in found if not any(fnmatchcase(t, p) for p in patterns)] == []
