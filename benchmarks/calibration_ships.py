@@ -3,8 +3,8 @@
 
 Another model than the likelihood's on purpose. The lining's complex amplitude, in units of
 ``v = beta V``, grows and decays at the averaged rate, is kicked by white noise and by blows, and
-is held at the sliding limit while it sticks. The bearings differ from what their configuration says
-as the prior believes, and every passage has a boundary of its own.
+is held just above the sliding limit while it sticks. The bearings differ from what their
+configuration says as the prior believes, and every passage has a boundary of its own.
 """
 
 from __future__ import annotations
@@ -12,11 +12,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.physics.averaging.dimensionless import growth
+from stickslip_monitor.physics.averaging.dimensionless import growth, speed_for_decline
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.study.calibration.dips import BIN_NS, Course, Report
@@ -108,8 +109,6 @@ def _passages(
     own_beta = beta * np.exp(_SCATTER * random.standard_normal(count))
     load = 1000.0 * (1.0 + random.uniform(-spread, spread, count))
     decrement = np.maximum(np.log(load / n0), 0.3)
-    from stickslip_monitor.physics.averaging.dimensionless import speed_for_decline
-
     fold, hopf = speed_for_decline(decrement) / beta, decrement / beta
     top, low = 1.35 * fold, hopf * random.uniform(0.55, 0.95, count)
     rate = np.exp(random.uniform(math.log(0.1), math.log(1.0), count))
@@ -181,7 +180,7 @@ def reports_of(
     off = random.uniform(-0.5 * tolerance, 0.5 * tolerance, len(at)) * 1e9
     at = [at[0], *(int(a + o) for a, o in zip(at[1:-1], off[1:-1], strict=True)), at[-1]]
     reports = []
-    for k, (start, end) in enumerate(zip(at[:-1], at[1:], strict=True)):
+    for k, (start, end) in enumerate(pairwise(at)):
         squeal = bool(stuck[0]) ^ bool(k % 2)
         if random.random() < swapped:
             squeal = not squeal

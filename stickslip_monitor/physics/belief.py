@@ -40,13 +40,13 @@ _REACH = 5.5
 # Nodes over beta: more where its spread is wider than what else is uncertain.
 _FEW_NODES, _MANY_NODES = 61, 201
 # Rows and columns of a table: fewer where its values rest on random draws.
-_FINE, _COARSE = (64, 192), (40, 96)
+_FINE, _COARSE = (64, 192), (64, 96)
 _WIDEST = 8.2
 _LEAST_SPREAD = 1e-9
 _HIGHEST_D = 6.0
 _SMALL = 0.5
 _BLOCK = 2**16
-_BEYOND, _PER_OCTAVE = 1.2, 0.2
+_BEYOND, _PER_OCTAVE, _MOST_BEYOND = 1.2, 0.2, 0.5
 QUANTILES = (0.05, 0.5, 0.95)
 """The quantiles of a boundary that are told beside a probability."""
 
@@ -126,7 +126,7 @@ class BoundaryPoints(NamedTuple):
         """What is uncertain of a boundary's speed at loads that no evidence covers."""
         low, high = self.loads
         ratio = np.maximum(low / load, load / high)
-        return np.where(ratio > _BEYOND, _PER_OCTAVE * np.log2(np.maximum(ratio, 1.0)), 0.0)
+        return np.minimum(_PER_OCTAVE * np.log2(np.maximum(ratio / _BEYOND, 1.0)), _MOST_BEYOND)
 
 
 class _Boundary(NamedTuple):
@@ -281,7 +281,7 @@ class Belief:
         object.__setattr__(self, '_log_load', float(centre[1]))
         limit = math.inf if points.viscous == 0.0 else -math.log(points.viscous) - centre[1]
         first = -_WIDEST * max(self._deviation(), _LEAST_SPREAD) - 0.1
-        top = max(min(_HIGHEST_D, limit - 1e-6), first + 0.1)
+        top = float(max(min(_HIGHEST_D, limit - 1e-6), first + 0.1))
         object.__setattr__(self, '_top', top)
         tables = tuple(self._table(which, first, top) for which in range(2))
         object.__setattr__(self, '_tables', tables)
@@ -527,7 +527,8 @@ def _stribeck(bearing: Bearing) -> Stribeck:
     law = bearing.friction
     if not isinstance(law, Stribeck):
         raise PhysicsError(
-            f'a tolerance needs the friction law stribeck, and this is {type(law).__name__.lower()}'
+            'a tolerance needs the friction law stribeck, and this is'
+            f' {type(law).__name__.lower()}'
         )
     if not bearing.damping > 0.0:
         raise PhysicsError('damping = 0 N s/m must be greater than 0 where a tolerance is given')

@@ -81,7 +81,7 @@ def _onset_survival(growth: float) -> float:
     return -math.expm1(-math.exp(-2.0 * NOISE_FOLDS * (growth - 1.0)))
 
 
-def _follow(
+def _follow(  # noqa: C901 - one loop, whose state is too much to hand to functions
     dip: Any,
     table: Any,
     log_beta: float,
