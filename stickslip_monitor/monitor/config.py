@@ -18,6 +18,7 @@ from stickslip_monitor.monitor.table import (
     REQUIRED,
     Parameter,
 )
+from stickslip_monitor.physics.belief import Tolerance
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
 from stickslip_monitor.physics.oscillator import Bearing
 
@@ -55,6 +56,7 @@ class InputConfig:
     timeout_ns: int
     maximum: float
     deadband: float
+    unit: str = ''
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +85,7 @@ class BearingConfig:
     speed: InputConfig
     load: InputConfig
     alarm: AlarmConfig
+    tolerance: Tolerance = Tolerance()
 
 
 @dataclass(frozen=True, slots=True)
@@ -326,4 +329,5 @@ def _input(
         timeout_ns=nanoseconds(own[f'{quantity}.timeout']),
         maximum=own[f'{quantity}.maximum'],
         deadband=deadband,
+        unit=own[f'{quantity}.unit'],
     )

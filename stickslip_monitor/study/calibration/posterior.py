@@ -48,11 +48,15 @@ class Prior:
         mean: Shape (6,).
         covariance: Shape (6, 6).
         viscous: ``nu/c``, which is not inferred [1/N].
+        log_damping: Mean of ``ln c``, for what is known of the law alone.
+        damping_variance: Of ``ln c``.
     """
 
     mean: FloatArray
     covariance: FloatArray
     viscous: float = 0.0
+    log_damping: float = math.nan
+    damping_variance: float = math.nan
 
     def log_density(self, theta: FloatArray) -> FloatArray:
         """Of points of shape (n, 6)."""
@@ -96,6 +100,8 @@ def prior_of(bearing: Bearing, tolerance: Tolerance | None = None) -> Prior:
         np.array(mean + [math.log(value) for value, _ in others]),
         covariance,
         law.viscous / bearing.damping,
+        math.log(bearing.damping),
+        damping,
     )
 
 
