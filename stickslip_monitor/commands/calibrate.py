@@ -16,6 +16,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -222,7 +223,7 @@ def _courses(path: str, scan: Scan) -> tuple[Course, ...]:
     speed, load = scan.assessment.speed, scan.assessment.load
     return tuple(
         course_of(Path(path).name, scan.time_ns[a:b], speed[a:b], load[a:b])
-        for a, b in zip(begins[:-1], begins[1:], strict=True)
+        for a, b in pairwise(begins)
         if b > a
     )
 
@@ -260,7 +261,7 @@ def _with_levels(
 def _stretches(time: NDArray[np.int64], gap: int) -> list[tuple[int, int]]:
     """Stretches of times without a gap, as ranges of their indices."""
     bounds = [0, *(np.flatnonzero(np.diff(time) > gap) + 1).tolist(), time.size]
-    return [(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True) if b - a > 1]
+    return [(a, b) for a, b in pairwise(bounds) if b - a > 1]
 
 
 def _operator_reports(
@@ -311,7 +312,7 @@ def _picture(config: BearingConfig, found: Calibration) -> Any:
     low, high = found.loads
     load = np.linspace(0.6 * low, 1.4 * high, _PICTURE_LOADS)
     rpm = config.bearing.speed.factor('rpm')
-    bands = [
+    prior, posterior = (
         np.array(
             [
                 [speed(load, p) / rpm for p in QUANTILES]
@@ -319,10 +320,11 @@ def _picture(config: BearingConfig, found: Calibration) -> Any:
             ]
         )
         for belief in (_prior_belief(found), found.belief())
-    ]
+    )
     dips, episodes = len(found.dips), found.episodes
     title = f'{config.name}: {dips} dips, {episodes} episodes'
-    return CalibrationPicture(title, load, *bands, [_track(one, rpm, found) for one in found.dips])
+    tracks = [_track(one, rpm, found) for one in found.dips]
+    return CalibrationPicture(title, load, prior, posterior, tracks)
 
 
 def _track(one: Any, rpm: float, found: Calibration) -> Any:

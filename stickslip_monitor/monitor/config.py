@@ -18,7 +18,7 @@ from stickslip_monitor.monitor.table import (
     REQUIRED,
     Parameter,
 )
-from stickslip_monitor.physics.belief import Tolerance
+from stickslip_monitor.physics.belief import EXACT, Tolerance
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
 from stickslip_monitor.physics.oscillator import Bearing
 
@@ -85,7 +85,7 @@ class BearingConfig:
     speed: InputConfig
     load: InputConfig
     alarm: AlarmConfig
-    tolerance: Tolerance = Tolerance()
+    tolerance: Tolerance = EXACT
 
 
 @dataclass(frozen=True, slots=True)

@@ -93,6 +93,10 @@ class Tolerance:
         return math.hypot(self.speed, self.model_error, self.scatter)
 
 
+EXACT = Tolerance()
+"""Nothing is uncertain."""
+
+
 class BoundaryPoints(NamedTuple):
     """Weighted points of what is believed of the two boundaries.
 

@@ -53,12 +53,14 @@ class End:
         speed: Surface speed there [m/s].
         predicted: Median fold speed at the load there [m/s]; 0 where there was none.
         late: Probability that it would have ended by then; 0.5 on average.
+        surprising: Whether it was hardly to be expected, its report's tolerance allowed for.
     """
 
     time_ns: int
     speed: float
     predicted: float
     late: float
+    surprising: bool
 
     @property
     def score(self) -> float:
@@ -75,8 +77,6 @@ class DipResult:
         log_predictive: Log probability of its reports after those of all dips before it.
         worthless: Probability that each report is worthless, in their order.
         ends: Its episodes' ends.
-        probable: Probability of its reports where it was quiet, else of what was seen: small is
-            surprising.
     """
 
     dip: Dip
@@ -96,10 +96,9 @@ class DipResult:
     @property
     def surprising(self) -> bool:
         """Whether what was seen was hardly to be expected."""
-        tails = [min(end.late, 1.0 - end.late) for end in self.ends]
-        if not tails:
-            tails = [0.5 * math.exp(self.log_predictive)]
-        return min(tails) < _SURPRISING
+        if not self.dip.episode:
+            return 0.5 * math.exp(self.log_predictive) < _SURPRISING
+        return any(end.surprising for end in self.ends)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -331,15 +330,30 @@ def _end(
 ) -> list[End]:
     """How an episode's end compares with what points of another evidence expect."""
     start, _ = core_of(report)
+    off = round(report.tolerance * 1e9)
     first = int(np.searchsorted(dip.time_ns, start))
-    last = int(np.searchsorted(dip.time_ns, report.end_ns)) - 1
+    bounds = [report.end_ns - off, report.end_ns, report.end_ns + off]
+    early, last, late = np.searchsorted(dip.time_ns, bounds) - 1
     if not 0 <= first < last < dip.path.shape[0]:
         return []
-    path = dip.path[first : last + 1].copy()
-    path[:, STATE], path[:, (BEGIN, RIGHT, WRONG)] = STICKING, 0.0
-    path[0, H] = path[0, BEGIN] = path[-1, RIGHT] = 1.0
-    lasting = np.exp(likelihood.of_dip(theta, path)[:, 0])
-    d = path[-1, LOAD_TERM] - theta[:, 1]
+    ended = [
+        1.0 - _lasting(dip.path[first : row + 1], theta, likelihood)
+        for row in (max(early, first + 1), last, min(late, dip.path.shape[0] - 1))
+    ]
+    surprising = ended[0] > 1.0 - _SURPRISING or ended[2] < _SURPRISING
+    d = dip.path[last, LOAD_TERM] - theta[:, 1]
     fold = np.where(d > 0.0, speed_for_decline(np.maximum(d, 1e-9)) / np.exp(theta[:, 0]), 0.0)
-    late = 1.0 - float(lasting.mean())
-    return [End(report.end_ns, float(dip.speed[last]), float(np.median(fold)), late)]
+    return [
+        End(
+            report.end_ns, float(dip.speed[last]), float(np.median(fold)), ended[1],
+            bool(surprising),
+        )
+    ]  # fmt: skip
+
+
+def _lasting(path: FloatArray, theta: FloatArray, likelihood: Likelihood) -> float:
+    """Probability that a cycle which runs in the first bin runs in all."""
+    own = path.copy()
+    own[:, STATE], own[:, (BEGIN, RIGHT, WRONG)] = STICKING, 0.0
+    own[0, H] = own[0, BEGIN] = own[-1, RIGHT] = 1.0
+    return float(np.exp(likelihood.of_dip(theta, own)[:, 0]).mean())
