@@ -234,7 +234,7 @@ class _Table(NamedTuple):
         return high
 
     def look_up_one(self, d: float, value: float) -> float:
-        """:meth:`look_up` of one point, without the cost of arrays."""
+        """:meth:`look_up` of one point, to the last bit, without the cost of arrays."""
         spreads, probits = self.lists
         place = min(max((d - self.first) * self.per_row, 0.0), len(spreads) - 1.000001)
         row = int(place)
@@ -251,13 +251,13 @@ class _Table(NamedTuple):
 
 
 def _value_of_one(v: float) -> float:
-    """``D(v)`` of a number > 0."""
+    """``D(v)`` of a number > 0, to the last bit that of an array."""
     if v > _SMALL:
-        return math.log(0.5 * v / float(i1e(v)))
+        return float(np.log(0.5 * v / i1e(v)))
     quarter, total = 0.25 * v * v, 0.0
     for k in range(8, 0, -1):
         total = (total + 1.0) * quarter / (k * (k + 1.0))
-    return v - math.log1p(total)
+    return float(v - np.log1p(total))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -389,43 +389,47 @@ class Belief:
         can, will = (ndtr(_probits(self.points, which, v, n)) for which in range(2))
         return restore(can, shape), restore(np.minimum(will, can), shape)
 
-    def fold_margins(self, speed: float, load: float) -> tuple[float, float]:
-        """5 % and 95 % quantile of the fold margin ``V/V_F - 1`` of one point.
+    def fold_margins(self, speed: ArrayLike, load: ArrayLike) -> tuple[Any, Any]:
+        """5 % and 95 % quantile of the fold margin ``V/V_F - 1``; inputs broadcast.
 
         ``inf`` where that share of the belief has no fold, ``nan`` without a probability.
         """
-        if not (math.isfinite(speed) and math.isfinite(load)) or speed == 0.0:
-            return math.nan, math.nan
-        if not load > 0.0:
-            return math.inf, math.inf
-        low, high = (self._band(load, share) for share in (0, 2))
-        size = abs(speed)
-        return (size / high - 1.0 if high else math.inf, size / low - 1.0 if low else math.inf)
+        shape, (v, n) = flatten(speed, load)
+        known = np.isfinite(v) & np.isfinite(n) & (v != 0.0)
+        margins = []
+        for share in (2, 0):
+            fold = self._band(np.where(known & (n > 0.0), n, 1.0), share)
+            there = (fold > 0.0) & (n > 0.0)
+            margin = np.where(there, np.abs(v) / np.where(there, fold, 1.0) - 1.0, np.inf)
+            margins.append(restore(np.where(known, margin, np.nan), shape))
+        return margins[0], margins[1]
 
     def fold_band(self, load: float) -> tuple[float, float, float]:
         """The :data:`QUANTILES` of the fold speed at a load > 0 [m/s], looked up."""
-        low, middle, high = (self._band(load, share) for share in range(3))
+        n = np.array([load])
+        low, middle, high = (float(self._band(n, share)[0]) for share in range(3))
         return low, middle, high
 
-    def _band(self, load: float, share: int) -> float:
+    def _band(self, load: FloatArray, share: int) -> FloatArray:
         log_loads, speeds = self._bands
-        place = math.log(load)
-        if place > log_loads[-1]:
-            return float(self.fold_speed(load, QUANTILES[share]))
-        return float(np.interp(place, log_loads, speeds[share]))
+        found = np.interp(np.log(load), log_loads, speeds[share])
+        far = np.flatnonzero(np.log(load) > log_loads[-1])
+        if far.size:
+            found[far] = self.fold_speed(load[far], QUANTILES[share])
+        return found
 
     def _probabilities_of_one(self, v: float, n: float) -> tuple[float, float]:
         if not (0.0 < v < math.inf and math.isfinite(n)):
             return math.nan, math.nan
         if n <= 0.0:
             return 0.0, 0.0
-        d = math.log(n / (1.0 + self.points.viscous * n)) - self._log_load
+        d = float(np.log(n / (1.0 + self.points.viscous * n))) - self._log_load
         if d > self._top:
             return self.exact_probabilities(v, n)
         v *= self._beta
         fold, hopf = self._tables
-        can = 0.5 * math.erfc(-_ROOT_HALF * fold.look_up_one(d, _value_of_one(v)))
-        will = 0.5 * math.erfc(-_ROOT_HALF * hopf.look_up_one(d, v))
+        can = float(ndtr(fold.look_up_one(d, _value_of_one(v))))
+        will = float(ndtr(hopf.look_up_one(d, v)))
         return can, min(will, can)
 
     def _looked_up(self, v: FloatArray, n: FloatArray) -> tuple[NDArray[Any], ...]:
@@ -506,9 +510,6 @@ class Belief:
             log_v = np.where(above, np.stack([middle, log_v[1]]), np.stack([log_v[0], middle]))
         none = (log_v[0] <= -12.0) | ~(n > 0.0)
         return restore(np.where(none, 0.0, np.exp(log_v[0]) / self._beta), shape)
-
-
-_ROOT_HALF = math.sqrt(0.5)
 
 
 def _inverse_fold(value: FloatArray) -> FloatArray:
