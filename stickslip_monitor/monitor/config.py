@@ -7,18 +7,26 @@ import difflib
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 from stickslip_monitor.errors import ConfigurationError, PhysicsError
 from stickslip_monitor.fields import FieldPath, parse_field
+from stickslip_monitor.monitor.calibration_file import (
+    INPUT_KEYS,
+    belief_of,
+    load_calibration,
+    require_same_sensors,
+)
 from stickslip_monitor.monitor.table import (
     BEARING_PARAMETERS,
     NODE_PARAMETERS,
     REQUIRED,
+    TOLERANCES,
     Parameter,
 )
-from stickslip_monitor.physics.belief import EXACT, Tolerance
+from stickslip_monitor.physics.belief import EXACT, Belief, Tolerance
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
 from stickslip_monitor.physics.oscillator import Bearing
 
@@ -86,6 +94,7 @@ class BearingConfig:
     load: InputConfig
     alarm: AlarmConfig
     tolerance: Tolerance = EXACT
+    belief: Belief | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,7 +287,33 @@ def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
             onset_growth=own['alarm.onset_growth'],
             look_ahead_ns=nanoseconds(own['alarm.look_ahead']),
         ),
+        tolerance=Tolerance(**{item: own[f'tolerance.{item}'] for item, _ in TOLERANCES}),
+        belief=_belief(name, bearing, own),
     )
+
+
+def _belief(name: str, bearing: Bearing, own: Mapping[str, Any]) -> Belief | None:
+    """What is believed of the boundaries; ``None`` where all is taken for exact."""
+    tolerance = Tolerance(**{item: own[f'tolerance.{item}'] for item, _ in TOLERANCES})
+    path = own['calibration']
+    if path:
+        document = load_calibration(path)
+        inputs = {
+            quantity: {key: own[f'{quantity}.{key}'] for key in INPUT_KEYS}
+            for quantity in ('speed', 'load')
+        }
+        require_same_sensors(path, document, name, inputs)
+        return belief_of(path, document, tolerance)
+    if tolerance.is_exact:
+        return None
+    try:
+        return _of_tolerance(bearing, tolerance)
+    except PhysicsError as error:
+        raise ConfigurationError(f'{name}: {error}') from error
+
+
+# A live parameter that changes makes the whole configuration anew.
+_of_tolerance = lru_cache(maxsize=16)(Belief.from_tolerance)
 
 
 def _friction(name: str, own: Mapping[str, Any]) -> FrictionLaw:
