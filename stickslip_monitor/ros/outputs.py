@@ -64,7 +64,7 @@ class Outputs:
         self._diagnostics = node.create_lifecycle_publisher(
             DiagnosticArray, '/diagnostics', _RELIABLE
         )
-        self._bearings = {
+        self._bearings: dict[str, list[Any]] = {
             bearing.name: [
                 (
                     node.create_lifecycle_publisher(kind, f'~/{bearing.name}/{topic}', _RELIABLE),

@@ -38,6 +38,8 @@ FLOOR = 0.01
 _DOUBTFUL = 0.5
 _SURPRISING = 0.025
 _LAST, _TOO_MANY = 10, 3
+# Normal scores of the last ends, whose sum is beyond this with half a per cent.
+_RUN, _ONE_SIDED = 5, 2.8
 _JUDGES = 256
 _LIMIT_SHARE, _LIMIT_FACTOR = 0.99, 1.5
 _LOADS = 5
@@ -139,15 +141,20 @@ class Calibration:
             )
         for one in self.dips:
             found += [_doubt_text(one.dip, report, p) for report, p in one.doubtful]
-        last = self.dips[-_LAST:]
-        surprising = sum(one.surprising for one in last)
-        if surprising >= _TOO_MANY:
+        if self._has_changed:
             found.append(
-                f'{surprising} of the last {len(last)} dips were hardly to be expected after those'
-                ' before them: the bearing may have changed; calibrate with --forget 0.03, or with'
-                ' the newest recordings alone'
+                'the last dips were hardly to be expected after those before them: the bearing may'
+                ' have changed; calibrate with --forget 0.03, or with the newest recordings alone'
             )
         return found
+
+    @property
+    def _has_changed(self) -> bool:
+        """Whether many of the last dips surprise, or the last episodes end on one side."""
+        surprising = sum(one.surprising for one in self.dips[-_LAST:])
+        run = [end.score for one in self.dips for end in one.ends][-_RUN:]
+        one_sided = len(run) == _RUN and abs(sum(run)) > _ONE_SIDED * math.sqrt(_RUN)
+        return surprising >= _TOO_MANY or one_sided
 
     @property
     def remarks(self) -> list[str]:

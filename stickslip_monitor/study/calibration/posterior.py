@@ -182,8 +182,8 @@ def sample_posterior(
         raise CalibrationError(
             f'the evidence has no clear answer: of {result.theta.shape[0]} points tried only'
             f' {result.effective:.0f} count, and at least {FEWEST:.0f} should; the bearing may'
-            ' have changed between the recordings (give fewer, or --forget 0.03), or reports contradict'
-            ' each other (give them less trust)'
+            ' have changed between the recordings (give fewer, or --forget 0.03), or reports'
+            ' contradict each other (give them less trust)'
         )
     return result
 
