@@ -57,11 +57,13 @@ class Passage:
         ship: The ship.
         course: What its sensors measured.
         sticking: Whether the lining stuck in each bin, shape (n,).
+        log_beta: ``ln beta`` on this passage.
     """
 
     ship: Ship
     course: Course
     sticking: NDArray[np.bool_]
+    log_beta: float
 
 
 def make_ships(count: int, random: np.random.Generator) -> list[Ship]:
@@ -154,7 +156,8 @@ def _passages(
     for j, ship in enumerate(ships):
         rows = slice(0, int(2.0 * turn[j] + stay[j]))
         course = Course(f'passage {number + 1}', times[rows], speeds[rows, j], loads[rows, j])
-        passages.append(Passage(ship, course, stuck[rows, j] > _SQUEALS))
+        sticking = stuck[rows, j] > _SQUEALS
+        passages.append(Passage(ship, course, sticking, math.log(own_beta[j])))
     return passages
 
 
