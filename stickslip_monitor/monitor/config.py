@@ -263,6 +263,7 @@ def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
         )
     except PhysicsError as error:
         raise ConfigurationError(f'{name}: {error}') from error
+    bearing, belief = _believed(name, bearing, own)
     minimum_speed = own['alarm.minimum_speed']
     if minimum_speed >= own['speed.maximum']:
         raise ConfigurationError(
@@ -287,29 +288,39 @@ def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
             onset_growth=own['alarm.onset_growth'],
             look_ahead_ns=nanoseconds(own['alarm.look_ahead']),
         ),
-        tolerance=Tolerance(**{item: own[f'tolerance.{item}'] for item, _ in TOLERANCES}),
-        belief=_belief(name, bearing, own),
+        tolerance=_tolerance(own),
+        belief=belief,
     )
 
 
-def _belief(name: str, bearing: Bearing, own: Mapping[str, Any]) -> Belief | None:
-    """What is believed of the boundaries; ``None`` where all is taken for exact."""
-    tolerance = Tolerance(**{item: own[f'tolerance.{item}'] for item, _ in TOLERANCES})
+def _believed(
+    name: str, bearing: Bearing, own: Mapping[str, Any]
+) -> tuple[Bearing, Belief | None]:
+    """What is believed of the boundaries, and the bearing in the middle of that.
+
+    The belief is ``None`` where all is taken for exact.
+    """
+    tolerance = _tolerance(own)
     path = own['calibration']
-    if path:
-        document = load_calibration(path)
-        inputs = {
-            quantity: {key: own[f'{quantity}.{key}'] for key in INPUT_KEYS}
-            for quantity in ('speed', 'load')
-        }
-        require_same_sensors(path, document, name, inputs)
-        return belief_of(path, document, tolerance)
-    if tolerance.is_exact:
-        return None
     try:
-        return _of_tolerance(bearing, tolerance)
+        if path:
+            document = load_calibration(path)
+            inputs = {
+                quantity: {key: own[f'{quantity}.{key}'] for key in INPUT_KEYS}
+                for quantity in ('speed', 'load')
+            }
+            require_same_sensors(path, document, name, inputs)
+            belief = belief_of(path, document, tolerance)
+            return belief.nominal(bearing), belief
+        if tolerance.is_exact:
+            return bearing, None
+        return bearing, _of_tolerance(bearing, tolerance)
     except PhysicsError as error:
         raise ConfigurationError(f'{name}: {error}') from error
+
+
+def _tolerance(own: Mapping[str, Any]) -> Tolerance:
+    return Tolerance(**{item: own[f'tolerance.{item}'] for item, _ in TOLERANCES})
 
 
 # A live parameter that changes makes the whole configuration anew.

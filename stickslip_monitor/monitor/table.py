@@ -244,7 +244,7 @@ BEARING_PARAMETERS = (
         'str',
         '',
         'File that stickslip calibrate wrote for this bearing, in a parameter file relative to'
-        ' it; takes the place of the tolerance of damping and friction. Empty for none.',
+        ' it; takes the place of damping, decay and their tolerances. Empty for none.',
     ),
     *_input('speed', SPEED_UNITS, 100.0, 'm/s'),
     *_input('load', LOAD_UNITS, 1e8, 'N'),

@@ -22,7 +22,7 @@ distance from the nominal boundary in units of its spread, in which they are alm
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -354,6 +354,18 @@ class Belief:
                 loads=loads,
             )
         )
+
+    def nominal(self, bearing: Bearing) -> Bearing:
+        """A bearing with the same ``mu_s`` and ``mu_k`` that has the middle's boundaries.
+
+        Raises:
+            PhysicsError: Its law is not Stribeck's, or rises with speed.
+        """
+        law = _stribeck(bearing)
+        damping = math.exp(self._log_load) * (law.static - law.kinetic) * self._beta
+        viscous = self.points.viscous * damping
+        friction = replace(law, decay=self._beta, viscous=viscous)
+        return replace(bearing, damping=damping, friction=friction)
 
     def can(self, speed: ArrayLike, load: ArrayLike) -> Any:
         """The probability that a stick-slip cycle exists; inputs broadcast."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, assess
+from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, assess, fold_speed
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.assessment import BELIEFS, OUTCOMES, Outcome
 from stickslip_monitor.monitor.messages import event_records, output_topics
@@ -132,10 +132,13 @@ def calibration(**changes: Any) -> dict[str, Any]:
 def test_a_calibration_takes_the_place_of_tolerances(configure: Configure, tmp_path: Path) -> None:
     path = tmp_path / 'aft.calibration.json'
     path.write_text(json.dumps(calibration()))
-    belief = configure(damping=900.0, calibration=str(path)).bearing('aft').belief
+    aft = configure(damping=900.0, calibration=str(path)).bearing('aft')
+    belief = aft.belief
     assert belief is not None
     rpm = math.pi * 0.1 / 60.0
     assert belief.fold_speed(1000.0, 0.5) / rpm == pytest.approx(40.723, rel=1e-4)
+    # So regime and margins are those of its middle.
+    assert fold_speed(aft.bearing, 1000.0) / rpm == pytest.approx(40.723091, rel=1e-6)
 
 
 @pytest.mark.parametrize(
