@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from stickslip_monitor.physics.averaging.dimensionless import growth, speed_for_decline
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
-from stickslip_monitor.study.calibration.dips import BIN_NS, Course, Report
+from stickslip_monitor.study.calibration.dips import BIN_NS, TelemetryBins, VibrationReport
 
 Array = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ class Passage:
     """
 
     ship: Ship
-    course: Course
+    course: TelemetryBins
     sticking: NDArray[np.bool_]
     log_beta: float
 
@@ -155,7 +155,9 @@ def _passages(
     passages = []
     for j, ship in enumerate(ships):
         rows = slice(0, int(2.0 * turn[j] + stay[j]))
-        course = Course(f'passage {number + 1}', times[rows], speeds[rows, j], loads[rows, j])
+        course = TelemetryBins(
+            f'passage {number + 1}', times[rows], speeds[rows, j], loads[rows, j]
+        )
         sticking = stuck[rows, j] > _SQUEALS
         passages.append(Passage(ship, course, sticking, math.log(own_beta[j])))
     return passages
@@ -167,7 +169,7 @@ def reports_of(
     tolerance: float,
     trust: float,
     swapped: float = 0.0,
-) -> list[Report]:
+) -> list[VibrationReport]:
     """What a level (or an operator) says of a passage.
 
     Args:
@@ -188,5 +190,6 @@ def reports_of(
         if random.random() < swapped:
             squeal = not squeal
         if end > start:
-            reports.append(Report('ship', start, end, squeal, tolerance, trust, f'report {k + 1}'))
+            source = f'report {k + 1}'
+            reports.append(VibrationReport('ship', start, end, squeal, tolerance, trust, source))
     return reports

@@ -23,7 +23,13 @@ from benchmarks.calibration_ships import BEARING, Passage, Ship, make_ships, rep
 from stickslip_monitor.physics.averaging.dimensionless import decline, speed_for_decline
 from stickslip_monitor.physics.belief import Belief
 from stickslip_monitor.study.calibration.calibrate import Calibration, calibrate
-from stickslip_monitor.study.calibration.dips import BIN_NS, Course, Dip, Report, cut_dips
+from stickslip_monitor.study.calibration.dips import (
+    BIN_NS,
+    Dip,
+    TelemetryBins,
+    VibrationReport,
+    cut_dips,
+)
 from stickslip_monitor.study.calibration.posterior import prior_of
 
 Array = NDArray[np.float64]
@@ -199,8 +205,8 @@ def _quiet(lowest: float, number: int) -> Dip:
     second = np.arange(400)
     speed = np.maximum(lowest, lowest + 0.2 * np.abs(second - 200)) * RPM
     time = number * 10**12 + second * BIN_NS
-    course = Course('quiet', time, speed, np.full(400, _LOAD))
-    report = Report('ship', int(time[0]), int(time[-1]), False, 2.0, 0.99, 'level')
+    course = TelemetryBins('quiet', time, speed, np.full(400, _LOAD))
+    report = VibrationReport('ship', int(time[0]), int(time[-1]), False, 2.0, 0.99, 'level')
     (dip,) = cut_dips(course, [report], everywhere)
     return dip
 
@@ -261,7 +267,7 @@ def main(asked: Sequence[str]) -> None:
             results[name] = PARTS[name]()
             RESULTS.write_text(json.dumps(results, indent=1) + '\n')
             print(name, 'done', flush=True)
-    PAGE.write_text(page(results))
+    PAGE.write_text(page(PAGE.read_text(), results))
 
 
 if __name__ == '__main__':

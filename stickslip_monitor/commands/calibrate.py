@@ -55,7 +55,13 @@ from stickslip_monitor.study.calibration.calibrate import (
     calibrate,
     dip_limit,
 )
-from stickslip_monitor.study.calibration.dips import Course, Dip, Report, course_of, cut_dips
+from stickslip_monitor.study.calibration.dips import (
+    Dip,
+    TelemetryBins,
+    VibrationReport,
+    course_of,
+    cut_dips,
+)
 from stickslip_monitor.study.calibration.evidence import (
     LEVEL_TOLERANCE,
     TRUST,
@@ -83,8 +89,8 @@ _PICTURE_LOADS = 60
 class Evidence:
     """What one recording tells of a bearing."""
 
-    courses: tuple[Course, ...]
-    reports: tuple[Report, ...]
+    courses: tuple[TelemetryBins, ...]
+    reports: tuple[VibrationReport, ...]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -217,7 +223,7 @@ def _has_truth(path: str, config: BearingConfig) -> bool:
     return has_truth(open_bag(path), config.name)
 
 
-def _courses(path: str, scan: Scan) -> tuple[Course, ...]:
+def _courses(path: str, scan: Scan) -> tuple[TelemetryBins, ...]:
     """Speed and load between two jumps of the clock."""
     begins = np.append(np.unique(scan.first), scan.time_ns.size)
     speed, load = scan.assessment.speed, scan.assessment.load
@@ -266,7 +272,7 @@ def _stretches(time: NDArray[np.int64], gap: int) -> list[tuple[int, int]]:
 
 def _operator_reports(
     path: str | None, config: BearingConfig, found: Sequence[Evidence]
-) -> tuple[Report, ...]:
+) -> tuple[VibrationReport, ...]:
     if path is None:
         return ()
     spans = [

@@ -14,8 +14,7 @@ from scipy.special import ndtri
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.physics.averaging.dimensionless import speed_for_decline
 from stickslip_monitor.physics.belief import QUANTILES, Belief
-from stickslip_monitor.study.calibration.dips import Dip, Report, core_of
-from stickslip_monitor.study.calibration.kernel import STICKING
+from stickslip_monitor.study.calibration.dips import Dip, VibrationReport, core_of
 from stickslip_monitor.study.calibration.likelihood import (
     BEGIN,
     LOAD_TERM,
@@ -32,6 +31,7 @@ from stickslip_monitor.study.calibration.posterior import (
     Progress,
     sample_posterior,
 )
+from stickslip_monitor.study.calibration.two_states import STICKING
 
 FLOOR = 0.01
 """Relative error of a boundary that no evidence takes away: the model's own."""
@@ -47,7 +47,7 @@ _ONE_LOAD = 1.1
 
 
 @dataclass(frozen=True, slots=True)
-class End:
+class EpisodeEnd:
     """The end of one episode against what was expected of it before its dip.
 
     Attributes:
@@ -84,10 +84,10 @@ class DipResult:
     dip: Dip
     log_predictive: float
     worthless: tuple[float, ...]
-    ends: tuple[End, ...]
+    ends: tuple[EpisodeEnd, ...]
 
     @property
-    def doubtful(self) -> list[tuple[Report, float]]:
+    def doubtful(self) -> list[tuple[VibrationReport, float]]:
         """Reports that are more likely worthless than not, with that probability."""
         return [
             (report, p)
@@ -226,7 +226,7 @@ def loads_of(dips: Sequence[Dip], viscous: float) -> tuple[float, float]:
     return low / (1.0 - viscous * low), high / (1.0 - viscous * high)
 
 
-def _doubt_text(dip: Dip, report: Report, p: float) -> str:
+def _doubt_text(dip: Dip, report: VibrationReport, p: float) -> str:
     state = 'squeal' if report.squeal else 'quiet'
     return (
         f'{report.source}: {state} for {report.seconds:.0f} s at {report.start_ns / 1e9:.0f} s'
@@ -333,8 +333,8 @@ def _drawn(posterior: Posterior, weight: FloatArray) -> FloatArray:
 
 
 def _end(
-    dip: Dip, report: Report, theta: FloatArray, prior: Prior, likelihood: Likelihood
-) -> list[End]:
+    dip: Dip, report: VibrationReport, theta: FloatArray, prior: Prior, likelihood: Likelihood
+) -> list[EpisodeEnd]:
     """How an episode's end compares with what points of another evidence expect."""
     start, _ = core_of(report)
     off = round(report.tolerance * 1e9)
@@ -351,7 +351,7 @@ def _end(
     d = dip.path[last, LOAD_TERM] - theta[:, 1]
     fold = np.where(d > 0.0, speed_for_decline(np.maximum(d, 1e-9)) / np.exp(theta[:, 0]), 0.0)
     return [
-        End(
+        EpisodeEnd(
             report.end_ns, float(dip.speed[last]), float(np.median(fold)), ended[1],
             bool(surprising),
         )

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import FloatArray, IntArray
-from stickslip_monitor.study.calibration.kernel import QUIET, STICKING
 from stickslip_monitor.study.calibration.likelihood import (
     BEGIN,
     LOAD_TERM,
@@ -22,6 +21,7 @@ from stickslip_monitor.study.calibration.likelihood import (
     WRONG,
     H,
 )
+from stickslip_monitor.study.calibration.two_states import QUIET, STICKING
 
 BIN_NS = 10**9
 _LONGEST, _NEAR = 8, 15
@@ -30,7 +30,7 @@ _HALF = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class VibrationReport:
     """Somebody, or something, says that a bearing vibrated or was quiet.
 
     Attributes:
@@ -58,7 +58,7 @@ class Report:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Course:
+class TelemetryBins:
     """Speed and load of one bearing over one recording, in bins of a second.
 
     Attributes:
@@ -90,7 +90,7 @@ class Dip:
     recording: str
     start_ns: int
     end_ns: int
-    reports: tuple[Report, ...]
+    reports: tuple[VibrationReport, ...]
     time_ns: IntArray
     path: FloatArray
 
@@ -105,7 +105,7 @@ class Dip:
         return self.path[:, SPEED]
 
 
-def course_of(name: str, time_ns: IntArray, speed: FloatArray, load: FloatArray) -> Course:
+def course_of(name: str, time_ns: IntArray, speed: FloatArray, load: FloatArray) -> TelemetryBins:
     """Averages over bins of a second.
 
     Args:
@@ -119,12 +119,14 @@ def course_of(name: str, time_ns: IntArray, speed: FloatArray, load: FloatArray)
     size = np.abs(speed)
     mean_speed, mean_load = (np.bincount(inverse, weights=x) / count for x in (size, load))
     resting = np.bincount(inverse, weights=size == 0.0) > 0
-    return Course(name, bins * BIN_NS + BIN_NS // 2, np.where(resting, 0.0, mean_speed), mean_load)
+    return TelemetryBins(
+        name, bins * BIN_NS + BIN_NS // 2, np.where(resting, 0.0, mean_speed), mean_load
+    )
 
 
 def cut_dips(
-    course: Course,
-    reports: Sequence[Report],
+    course: TelemetryBins,
+    reports: Sequence[VibrationReport],
     limit: Callable[[FloatArray], FloatArray],
     viscous: float = 0.0,
     gap_ns: int = 3 * BIN_NS,
@@ -152,7 +154,10 @@ def cut_dips(
 
 
 def _dip(
-    course: Course, rows: NDArray[np.intp], reports: Sequence[Report], viscous: float
+    course: TelemetryBins,
+    rows: NDArray[np.intp],
+    reports: Sequence[VibrationReport],
+    viscous: float,
 ) -> Dip | None:
     time = course.time_ns[rows]
     start, end = int(time[0]) - BIN_NS // 2, int(time[-1]) + BIN_NS // 2
@@ -177,7 +182,7 @@ def _dip(
     return Dip(course.name, start, end, own, middle, path)
 
 
-def core_of(report: Report) -> tuple[int, int]:
+def core_of(report: VibrationReport) -> tuple[int, int]:
     """What is left of a report after its tolerance at both ends, at least its middle [ns]."""
     off = round(report.tolerance * 1e9)
     start, end = report.start_ns + off, report.end_ns - off
@@ -202,7 +207,7 @@ def path_of(
     time_ns: IntArray,
     speed: FloatArray,
     load: FloatArray,
-    reports: Sequence[Report],
+    reports: Sequence[VibrationReport],
     seconds: float,
     viscous: float = 0.0,
 ) -> FloatArray:
@@ -240,7 +245,7 @@ def path_of(
     return path[: ends[-1] + 1] if ends.size else path[:0]
 
 
-def chance(report: Report, seconds: float) -> float:
+def chance(report: VibrationReport, seconds: float) -> float:
     """The probability with which a worthless report would have said just this.
 
     A wrong squeal could have been reported at any time of the dip.

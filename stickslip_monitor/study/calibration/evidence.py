@@ -15,7 +15,7 @@ import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import CalibrationError
-from stickslip_monitor.study.calibration.dips import Report
+from stickslip_monitor.study.calibration.dips import VibrationReport
 
 TRUST, OPERATOR_TRUST = 0.99, 0.9
 TRUTH_TOLERANCE, LEVEL_TOLERANCE, OPERATOR_TOLERANCE = 2.0, 2.0, 10.0
@@ -32,7 +32,7 @@ _SHORTEST = 1.0
 _ROUNDS = 200
 
 
-def read_reports(path: str | Path, bearings: Sequence[str]) -> list[Report]:
+def read_reports(path: str | Path, bearings: Sequence[str]) -> list[VibrationReport]:
     """Read an operator's reports.
 
     Cells are separated by comma, semicolon or tab; blank lines and lines that start with ``#``
@@ -88,7 +88,7 @@ def _rows(path: str | Path) -> list[tuple[int, list[str]]]:
     return rows
 
 
-def _report(where: str, row: dict[str, str], bearings: Sequence[str]) -> Report:
+def _report(where: str, row: dict[str, str], bearings: Sequence[str]) -> VibrationReport:
     if row['bearing'] not in bearings:
         raise CalibrationError(
             f"{where}: bearing '{row['bearing']}' is not configured; there are:"
@@ -102,7 +102,7 @@ def _report(where: str, row: dict[str, str], bearings: Sequence[str]) -> Report:
     tolerance = _number(where, row, 'tolerance', OPERATOR_TOLERANCE, math.inf)
     trust = _number(where, row, 'trust', OPERATOR_TRUST, 1.0)
     squeal = STATES[row['state'].lower()]
-    return Report(row['bearing'], start, end, squeal, tolerance, trust, where)
+    return VibrationReport(row['bearing'], start, end, squeal, tolerance, trust, where)
 
 
 def _time(where: str, text: str) -> int:
@@ -136,7 +136,7 @@ def _number(where: str, row: dict[str, str], name: str, default: float, highest:
     return value
 
 
-def in_order(reports: Iterable[Report]) -> list[Report]:
+def in_order(reports: Iterable[VibrationReport]) -> list[VibrationReport]:
     """Reports by bearing and time.
 
     Raises:
@@ -160,7 +160,7 @@ def alternating(
     tolerance: float,
     trust: float,
     source: str,
-) -> list[Report]:
+) -> list[VibrationReport]:
     """Reports that leave no gap: squeal in the episodes, quiet between them.
 
     Args:
@@ -173,7 +173,7 @@ def alternating(
     """
     edges = [span[0], *(time for episode in episodes for time in episode), span[1]]
     return [
-        Report(bearing, start, end, bool(k % 2), tolerance, trust, f'{source}, {k + 1}')
+        VibrationReport(bearing, start, end, bool(k % 2), tolerance, trust, f'{source}, {k + 1}')
         for k, (start, end) in enumerate(pairwise(edges))
         if end > start
     ]

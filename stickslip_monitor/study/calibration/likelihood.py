@@ -34,14 +34,14 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.physics.averaging.dimensionless import decline
-from stickslip_monitor.study.calibration import kernel
+from stickslip_monitor.study.calibration import two_states
 
 PARAMETERS = ('ln_beta', 'ln_n0', 'ln_tau', 'ln_tau_e', 'ln_lambda', 'ln_s')
 """Names of a point's coordinates; ``beta`` [s/m], ``N0`` [N], ``tau`` [s], ``tau_e`` [s],
 ``lambda`` [1/s], ``s`` [-]."""
 
 H, SPEED, LOG_SPEED, LOAD_TERM, STATE, BEGIN, RIGHT, WRONG = range(8)
-"""The columns of a dip's path, see :func:`kernel.log_likelihoods`."""
+"""The columns of a dip's path, see :func:`two_states.log_likelihoods`."""
 
 _NODES = np.linspace(-2.6, 2.6, 9)
 _WEIGHTS = np.exp(-0.5 * _NODES**2) / np.exp(-0.5 * _NODES**2).sum()
@@ -116,9 +116,9 @@ def _compiled() -> Callable[..., None]:
 def _compile(cache: bool) -> Callable[..., None]:
     """Compile copies of the functions that call each other, so that the plain ones stay."""
     jit = import_module('numba').njit(cache=cache)
-    space: dict[str, Any] = dict(vars(kernel))
+    space: dict[str, Any] = dict(vars(two_states))
     # numba does not see when a function that a cached one calls has changed.
-    digest = f'{zlib.crc32(Path(str(kernel.__file__)).read_bytes()):08x}'
+    digest = f'{zlib.crc32(Path(str(two_states.__file__)).read_bytes()):08x}'
     for name, function in list(space.items()):
         if isinstance(function, FunctionType):
             copy = FunctionType(function.__code__, space, name)
@@ -128,7 +128,7 @@ def _compile(cache: bool) -> Callable[..., None]:
 
 
 def _with_arrays(theta: FloatArray, path: FloatArray) -> FloatArray:
-    """:func:`kernel.log_likelihoods` with an array operation in place of each number's."""
+    """:func:`two_states.log_likelihoods` with an array operation in place of each number's."""
     filtered = _Filter(theta)
     with np.errstate(all='ignore'):
         for t, row in enumerate(path):
@@ -218,7 +218,7 @@ class _Filter:
         """What a running report says of this bin, and its end."""
         if row[BEGIN]:
             self.quiet_c, self.sticking_c = self.quiet, self.sticking
-        if row[STATE] == kernel.QUIET:
+        if row[STATE] == two_states.QUIET:
             self.sticking_c = np.zeros_like(self.sticking_c)
         else:
             self.quiet_c = np.zeros_like(self.quiet_c)
@@ -234,8 +234,8 @@ class _Filter:
 
 
 def _end_survival(share: FloatArray) -> FloatArray:
-    return -np.expm1(-np.exp(-kernel.END_SHAPE * (share - 1.0)))
+    return -np.expm1(-np.exp(-two_states.END_SHAPE * (share - 1.0)))
 
 
 def _onset_survival(growth: FloatArray) -> FloatArray:
-    return -np.expm1(-np.exp(-2.0 * kernel.NOISE_FOLDS * (growth - 1.0)))
+    return -np.expm1(-np.exp(-2.0 * two_states.NOISE_FOLDS * (growth - 1.0)))

@@ -16,18 +16,24 @@ from stickslip_monitor.study.calibration.calibrate import (
     calibrate,
     dip_limit,
 )
-from stickslip_monitor.study.calibration.dips import BIN_NS, Course, Dip, Report, cut_dips
+from stickslip_monitor.study.calibration.dips import (
+    BIN_NS,
+    Dip,
+    TelemetryBins,
+    VibrationReport,
+    cut_dips,
+)
 from stickslip_monitor.study.calibration.posterior import prior_of, sample_posterior
 
 BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
 # Damping 40 % high, mu_s - mu_k 20 % low, decay 25 % high: a fold speed of 24 rpm, not 41.
 DRAWN_WRONG = Bearing(50.0, 560.0, 2.0e6, Stribeck(0.26, 0.10, 12.5), 0.100)
 RPM = BEARING.speed.factor('rpm')
-Coast = Callable[..., tuple[Course, list[Report]]]
+Coast = Callable[..., tuple[TelemetryBins, list[VibrationReport]]]
 PRIOR = prior_of(DRAWN_WRONG)
 
 
-def dips_of(*made: tuple[Course, list[Report]]) -> list[Dip]:
+def dips_of(*made: tuple[TelemetryBins, list[VibrationReport]]) -> list[Dip]:
     limit = dip_limit(PRIOR)
     return [dip for course, reports in made for dip in cut_dips(course, reports, limit)]
 
@@ -59,7 +65,9 @@ def test_two_episodes_correct_a_wrong_drawing(coast: Coast) -> None:
 def test_quiet_alone_bounds_the_hopf_speed(coast: Coast) -> None:
     course, _ = coast()
     fast = replace(course, speed=np.maximum(course.speed, 45.0 * RPM))
-    report = Report('aft', int(course.time_ns[0]), int(course.time_ns[-1]), False, 2.0, 0.99, '')
+    report = VibrationReport(
+        'aft', int(course.time_ns[0]), int(course.time_ns[-1]), False, 2.0, 0.99, ''
+    )
     found = calibrate(dips_of((fast, [report])), prior_of(BEARING))
     hopf = found.belief().hopf_speed(1000.0, 0.95) / RPM
     assert hopf < 44.0
@@ -73,7 +81,9 @@ def test_a_false_report_is_named_and_does_little(coast: Coast) -> None:
     course, reports = coast(4)
     # A squeal at 58 rpm, where none of the four had one.
     start = int(course.time_ns[3])
-    false = Report('aft', start, start + 8 * BIN_NS, True, 2.0, 0.9, 'squeals.csv, line 7')
+    false = VibrationReport(
+        'aft', start, start + 8 * BIN_NS, True, 2.0, 0.9, 'squeals.csv, line 7'
+    )
     late = replace(reports[0], start_ns=false.end_ns)
     found = calibrate(dips_of(*made, (course, [false, late, *reports[1:]])), PRIOR)
     assert fold(found, 0.5) == pytest.approx(fold(before, 0.5), rel=0.015)
@@ -114,6 +124,6 @@ def test_a_bearing_without_boundaries_is_refused(bearing: Bearing, words: str) -
 
 
 def test_quiet_in_which_stick_slip_was_certain_is_surprising(coast: Coast) -> None:
-    (dip,) = dips_of((coast()[0], [Report('aft', 0, 10**12, False, 2.0, 0.99, '')]))
+    (dip,) = dips_of((coast()[0], [VibrationReport('aft', 0, 10**12, False, 2.0, 0.99, '')]))
     assert DipResult(dip, -5.0, (0.5,), ()).surprising
     assert not DipResult(dip, -0.1, (0.5,), ()).surprising

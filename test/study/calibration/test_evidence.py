@@ -10,8 +10,8 @@ import pytest
 from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.study.calibration.dips import (
     BIN_NS,
-    Course,
-    Report,
+    TelemetryBins,
+    VibrationReport,
     core_of,
     course_of,
     cut_dips,
@@ -23,7 +23,7 @@ from stickslip_monitor.study.calibration.evidence import (
     read_reports,
 )
 
-Coast = Callable[..., tuple[Course, list[Report]]]
+Coast = Callable[..., tuple[TelemetryBins, list[VibrationReport]]]
 HEAD = 'bearing,start,end,state,tolerance [s],trust\n'
 
 
@@ -101,9 +101,9 @@ def test_alternating_reports_leave_no_gap() -> None:
 
 
 def test_the_core_of_a_short_report_is_its_middle() -> None:
-    report = Report('aft', 10 * BIN_NS, 30 * BIN_NS, True, 4.0, 0.9, '')
+    report = VibrationReport('aft', 10 * BIN_NS, 30 * BIN_NS, True, 4.0, 0.9, '')
     assert core_of(report) == (14 * BIN_NS, 26 * BIN_NS)
-    short = Report('aft', 10 * BIN_NS, 16 * BIN_NS, True, 4.0, 0.9, '')
+    short = VibrationReport('aft', 10 * BIN_NS, 16 * BIN_NS, True, 4.0, 0.9, '')
     assert core_of(short) == (13 * BIN_NS, 13 * BIN_NS)
 
 
@@ -113,7 +113,7 @@ def test_a_dip_begins_anew_after_rest_a_gap_and_fast_stretches(coast: Coast) -> 
     speed[50:60], speed[300:310] = 0.0, 2.0
     keep = np.ones(400, dtype=bool)
     keep[200:210] = False
-    cut = Course('bag', course.time_ns[keep], speed[keep], course.load[keep])
+    cut = TelemetryBins('bag', course.time_ns[keep], speed[keep], course.load[keep])
     dips = cut_dips(cut, reports, lambda load: np.full(load.shape, 1.0))
     assert [(d.time_ns[0] // BIN_NS, d.end_ns // BIN_NS) for d in dips] == [
         (0, 50), (60, 200), (210, 300), (310, 400),

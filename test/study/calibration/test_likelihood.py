@@ -11,7 +11,13 @@ import pytest
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
-from stickslip_monitor.study.calibration.dips import BIN_NS, Course, Report, cut_dips, path_of
+from stickslip_monitor.study.calibration.dips import (
+    BIN_NS,
+    TelemetryBins,
+    VibrationReport,
+    cut_dips,
+    path_of,
+)
 from stickslip_monitor.study.calibration.likelihood import (
     BEGIN,
     LOAD_TERM,
@@ -27,7 +33,7 @@ from stickslip_monitor.study.calibration.posterior import prior_of
 
 BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
 RPM = BEARING.speed.factor('rpm')
-Coast = Callable[..., tuple[Course, list[Report]]]
+Coast = Callable[..., tuple[TelemetryBins, list[VibrationReport]]]
 PLAIN = Likelihood(compiled=False)
 
 
@@ -123,7 +129,7 @@ def test_a_wrong_squeal_is_less_likely_to_be_said_than_quiet() -> None:
     time = np.arange(100) * BIN_NS
     speed, load = np.full(100, 1.0), np.full(100, 1000.0)
     for squeal, chance in ((True, 0.5 * (2.0 * 5.0 / 100.0) ** 2), (False, 0.5)):
-        report = Report('aft', 20 * BIN_NS, 60 * BIN_NS, squeal, 5.0, 0.9, '')
+        report = VibrationReport('aft', 20 * BIN_NS, 60 * BIN_NS, squeal, 5.0, 0.9, '')
         path = path_of(time, speed, load, [report], 100.0)
         assert path[:, WRONG].sum() == pytest.approx(0.1 * chance)
         assert np.flatnonzero(path[:, STATE]).tolist() == list(range(25, 56))
