@@ -33,15 +33,20 @@ from stickslip_monitor.commands.arguments import the_bearing
 from stickslip_monitor.commands.output import (
     ProgressBar,
     add_config,
+    add_force,
     add_json,
     console,
     json_text,
     print_json,
-    write_whole,
 )
 from stickslip_monitor.commands.score import judge_bag
 from stickslip_monitor.errors import CalibrationError, ConfigurationError
-from stickslip_monitor.monitor.calibration_file import load_calibration, require_same_sensors
+from stickslip_monitor.files import write_whole
+from stickslip_monitor.monitor.calibration_file import (
+    CALIBRATION_SCHEMA,
+    load_calibration,
+    require_same_sensors,
+)
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.scan import Scan
@@ -74,6 +79,7 @@ from stickslip_monitor.study.calibration.evidence import (
 )
 from stickslip_monitor.study.calibration.posterior import SEED, Prior, prior_of
 from stickslip_monitor.study.calibration.result import (
+    FRAGMENT_MARK,
     fragment,
     inputs_of,
     prior_from,
@@ -82,6 +88,7 @@ from stickslip_monitor.study.calibration.result import (
 )
 
 _PRIOR_DRAWS = 512
+_RESULT_MARK = CALIBRATION_SCHEMA.encode()
 _PICTURE_LOADS = 60
 
 
@@ -116,6 +123,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--bench', metavar='FIT', help='what stickslip fit --json printed')
     parser.add_argument('--fragment', metavar='FILE', help='write damping and friction, YAML')
     parser.add_argument('--picture', metavar='FILE', help='.png or .svg: the map with its bands')
+    add_force(parser)
     add_json(parser)
 
 
@@ -295,14 +303,14 @@ def _write(
     document: Mapping[str, Any],
 ) -> None:
     if args.output is not None:
-        write_whole(Path(args.output), json_text(document).encode())
+        write_whole(args.output, json_text(document).encode(), _RESULT_MARK, args.force)
     if args.fragment is not None:
-        write_whole(Path(args.fragment), fragment(config, found).encode())
+        write_whole(args.fragment, fragment(config, found).encode(), FRAGMENT_MARK, args.force)
     if args.picture is not None:
         from stickslip_monitor.drawing.calibration import draw_calibration
         from stickslip_monitor.drawing.canvas import save_figure
 
-        save_figure(draw_calibration(_picture(config, found)), args.picture)
+        save_figure(draw_calibration(_picture(config, found)), args.picture, args.force)
 
 
 def _prior_belief(found: Calibration) -> Belief:

@@ -17,6 +17,8 @@ from stickslip_monitor.study.calibration.calibrate import Calibration, DipResult
 from stickslip_monitor.study.calibration.likelihood import PARAMETERS
 from stickslip_monitor.study.calibration.posterior import Prior
 
+FRAGMENT_MARK = b'Made by stickslip calibrate'
+"""Tells a fragment from the files of others."""
 _DIGITS = 6
 _SIZE = len(PARAMETERS)
 
@@ -167,7 +169,8 @@ def fragment(config: BearingConfig, found: Calibration) -> str:
     damping = math.exp(log_load) * (law.static - law.kinetic) * decay
     viscous = f', viscous: {found.prior.viscous * damping:.4g}' if found.prior.viscous else ''
     return (
-        f'# {config.name}: has the calibrated boundaries, and is no measurement of friction.\n'
+        f'# {FRAGMENT_MARK.decode()}: {config.name} has these boundaries; no measurement of'
+        ' friction.\n'
         f'damping: {damping:.4g}\n'
         f'friction: {{law: stribeck, static: {law.static:g}, kinetic: {law.kinetic:g},'
         f' decay: {decay:.4g}{viscous}}}\n'
