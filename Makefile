@@ -19,7 +19,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 .NOTPARALLEL:
 SIGNALK := test/links/signalk_server
 .PHONY: help setup demo demo-ship dashboard signalk-server test test-all lint format docs bags
-.PHONY: bench bench-soak fuzz warning-quality colcon-test clean
+.PHONY: bench bench-soak calibration-study fuzz warning-quality colcon-test clean
 
 help:  ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-15s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -69,6 +69,9 @@ bench: $(VENV)/.bench  ## Compare with what others use, some minutes; writes doc
 
 warning-quality: $(VENV)/.bench  ## Judge the warnings over 280 voyages, six minutes; writes docs/warning_quality.md
 	$(BIN)/python scripts/warning_quality.py
+
+calibration-study: $(VENV)/.bench  ## What calibration reaches, ten minutes; writes docs/calibration.md
+	$(BIN)/python -m benchmarks.calibration_study
 
 bench-soak: $(VENV)/.bench  ## Add ten minutes of telemetry at 1 kHz to docs/benchmarks.md
 	$(BIN)/python -m benchmarks --soak

@@ -39,6 +39,11 @@ GROUPS = (
         'A law takes the parameters that it needs: `stribeck` static, kinetic and decay (and'
         ' viscous if wanted); `coulomb` static and kinetic; `tabulated` speed and coefficient.',
     ),
+    (
+        'tolerance',
+        'What is not known',
+        'Tolerances make probabilities of the verdict, see [calibration.md](calibration.md).',
+    ),
     ('speed', 'Input: speed', ''),
     ('load', 'Input: load', ''),
     ('alarm', 'Alarm', ''),
@@ -121,6 +126,12 @@ contact.
 - A friction table has at least two points, as many coefficients as speeds, and increasing speeds.
 - `friction.static` may be below `friction.kinetic`: friction then rises with speed and there is
   no stick-slip.
+- A `tolerance` and a `calibration` need the Stribeck law, `damping` above 0 and `friction.static`
+  above `friction.kinetic`. All tolerances 0 is a monitor without probabilities.
+- A `calibration` holds for its bearing and for the sensors that it was made with: it is refused
+  where a topic, field, scale, offset or unit has changed. It takes the place of `damping` and
+  `friction.decay`, so regime and margins are those of its median; `tolerance.speed` and
+  `tolerance.load` come on top.
 - `alarm.minimum_speed` is below `speed.maximum`.
 - Caution is raised while the fold margin is below `caution_margin` and ends above
   `caution_margin + hysteresis`. The amplitude alarm is raised above `amplitude_limit` and ends

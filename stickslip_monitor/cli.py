@@ -21,6 +21,7 @@ from stickslip_monitor.files import printable
 COMMANDS = {
     'accuracy': 'show what accuracy costs in time',
     'assess': 'assess one operating point',
+    'calibrate': 'infer the boundaries from recordings and reports of vibration',
     'check': 'run the monitor over recorded bags',
     'dashboard': 'serve a page to watch bearings and deal with alarms',
     'diagram': 'draw the bifurcation diagram over speed',

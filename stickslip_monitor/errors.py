@@ -28,6 +28,10 @@ class SceneError(StickslipError, ValueError):
     """A scene file breaks its rule, or cannot be read."""
 
 
+class CalibrationError(StickslipError, ValueError):
+    """Evidence or a result of a calibration cannot be read, or does not tell enough."""
+
+
 class FitError(StickslipError, ValueError):
     """A measured friction curve cannot be read, breaks its rule, or cannot identify the law."""
 

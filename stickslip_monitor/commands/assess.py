@@ -15,7 +15,7 @@ from rich.table import Table
 
 from stickslip_monitor.commands.arguments import parse_load, parse_speed
 from stickslip_monitor.commands.output import add_config, add_json, console, print_json
-from stickslip_monitor.monitor.assessment import Assessment, assess, at_index
+from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, assess, at_index
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.decision import warns
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     points, warned = [], False
     for item in bearings:
         speed = parse_speed(args.speed, item.bearing.speed)
-        point = assess(item.bearing, np.array([speed]), np.array([load]))
+        point = assess(item.bearing, np.array([speed]), np.array([load]), item.belief)
         points.append((item, at_index(point, 0)))
         warned |= warns(item.alarm, points[-1][1])
     if args.json:
@@ -76,7 +76,7 @@ def to_json(bearing: str, point: Assessment) -> dict[str, Any]:
         'regime': point.regime.value,
         'outcome': point.outcome.value,
         'sentence': point.outcome.sentence,
-        **{name: number(getattr(point, name)) for name in _NUMBERS},
+        **{name: number(getattr(point, name)) for name in (*_NUMBERS, *BELIEFS)},
     }
 
 
@@ -101,6 +101,13 @@ def _table(item: BearingConfig, point: Assessment) -> Table:
         ('error of KBM in the amplitude', point.amplitude_error, 100.0, '%'),
         ('threshold amplitude (KBM)', point.threshold_amplitude, 1e3, 'mm'),
     ]
+    if point.has_belief:
+        rows += [
+            ('probability that stick-slip can happen', point.probability_can, 100.0, '%'),
+            ('probability that it starts by itself', point.probability_will, 100.0, '%'),
+            ('fold margin, 5 % quantile', point.fold_margin_low, 100.0, '%'),
+            ('fold margin, 95 % quantile', point.fold_margin_high, 100.0, '%'),
+        ]
     for name, value, factor, unit in rows:
         table.add_row(name, f'{value * factor:.6g} {unit}' if math.isfinite(value) else 'none')
     return table

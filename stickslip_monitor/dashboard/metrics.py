@@ -41,6 +41,9 @@ GAUGES = {
         'threshold_amplitude_meters',
         'In the bistable range a larger disturbance starts stick-slip.',
     ),
+    'probability_can': ('can_probability_ratio', 'Probability that stick-slip can happen.'),
+    'probability_will': ('will_probability_ratio', 'Probability that it starts by itself.'),
+    'probability_runs': ('runs_probability_ratio', 'Probability that stick-slip runs.'),
 }
 """Of each number of an operating point its metric, without the prefix, and what it means."""
 PREFIX = 'stickslip_'

@@ -31,6 +31,9 @@ NUMBERS = {
     'amplitude': 'amplitude [m]',
     'amplitude_exact': 'amplitude of the exact cycle [m]',
     'threshold_amplitude': 'threshold amplitude [m]',
+    'probability_can': 'probability can',
+    'probability_will': 'probability will',
+    'probability_runs': 'probability runs',
 }
 """The numbers of an operating point, by the keys of the diagnostics that they come from."""
 STATUSES = {status.name.lower(): status.name.lower().replace('_', ' ') for status in Status}

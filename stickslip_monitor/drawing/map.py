@@ -17,10 +17,11 @@ from stickslip_monitor.drawing.map_curves import (
     map_loads,
     map_speeds,
 )
-from stickslip_monitor.drawing.palette import CAUTION_FILL, INK, MUTED, REGIME_FILL
+from stickslip_monitor.drawing.palette import CAUTION_FILL, INK, MUTED, REGIME_COLOUR, REGIME_FILL
 from stickslip_monitor.drawing.track import Track, draw_track, legend_height
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.physics.belief import QUANTILES, Belief
 from stickslip_monitor.physics.oscillator import Bearing
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 _CELLS = (110, 160)
 _KILO_FROM = 5000.0
 _BEYOND = 2.0
+_BAND_LOADS = 120
 # Room around the axes [inch], whatever the size of the figure.
 _MARGIN_LEFT, _MARGINS_BESIDE, _MARGIN_BELOW, _MARGIN_ABOVE = 0.855, 1.08, 0.7, 0.196
 
@@ -92,6 +94,8 @@ def draw_map(
         axes.set_ylabel(f'bearing load [{"kN" if y_unit > 1.0 else "N"}]')
         labels = Labeller(axes)
         _regions(axes, curves, loads, x_unit, y_unit)
+        if bearing_config.belief is not None:
+            _bands(axes, bearing_config.belief, loads, x_unit, y_unit)
         _lines(axes, labels, curves, x_unit, y_unit)
         if track is not None:
             draw_track(axes, labels, track, x_unit, y_unit, size[0])
@@ -147,6 +151,19 @@ def _lines(axes: Axes, labels: Labeller, curves: Boundaries, x_unit: float, y_un
     for _, load, look in _named(curves, 0.0):
         axes.plot(x, load / y_unit, zorder=3, **look)
         labels.avoid(x, load / y_unit)
+
+
+def _bands(axes: Axes, belief: Belief, loads: Range, x_unit: float, y_unit: float) -> None:
+    """Where 5 to 95 % of the belief have the Hopf and the fold speed."""
+    load = np.linspace(max(loads[0], 1e-6 * loads[1]), loads[1], _BAND_LOADS)
+    for quantile, regime in (
+        (belief.fold_speed, Regime.BISTABLE),
+        (belief.hopf_speed, Regime.UNSTABLE),
+    ):
+        low, high = (quantile(load, p) / x_unit for p in (QUANTILES[0], QUANTILES[-1]))
+        axes.fill_betweenx(
+            load / y_unit, low, high, color=REGIME_COLOUR[regime], alpha=0.35, lw=0.0, zorder=2
+        )
 
 
 def _line_names(

@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from stickslip_monitor.arrays import FloatArray, flatten, in_blocks, restore
 from stickslip_monitor.physics.averaging import boundaries
 from stickslip_monitor.physics.averaging.boundaries import averaged_solver, damping_per_load
+from stickslip_monitor.physics.belief import Belief, probability_runs
 from stickslip_monitor.physics.cycle.fold import fold_curve
 from stickslip_monitor.physics.cycle.surface import exact_amplitude
 from stickslip_monitor.physics.oscillator import Bearing
@@ -231,6 +232,15 @@ COLUMNS = (
 )
 """The names of what is told of every operating point."""
 
+BELIEFS = (
+    'probability_can',
+    'probability_will',
+    'probability_runs',
+    'fold_margin_low',
+    'fold_margin_high',
+)
+"""What tolerances or a calibration add to an assessment; ``nan`` without them."""
+
 
 @dataclass(frozen=True, slots=True)
 class Assessment:
@@ -256,6 +266,7 @@ class Assessment:
     _bearing: Bearing = field(repr=False, compare=False)
     _points: Points | None = field(default=None, repr=False, compare=False)
     _known: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
+    _belief: Belief | None = field(default=None, repr=False, compare=False)
 
     def _column(self, name: str) -> Any:
         value = self._known.get(name)
@@ -361,6 +372,69 @@ class Assessment:
         return np.divide(self.amplitude, self.amplitude_exact) - 1.0
 
     @property
+    def has_belief(self) -> bool:
+        """Whether tolerances or a calibration make probabilities."""
+        return self._belief is not None
+
+    @property
+    def probability_can(self) -> Any:
+        """Probability that a stick-slip cycle exists; ``nan`` without a belief, as all below."""
+        return self._believed('probability_can')
+
+    @property
+    def probability_will(self) -> Any:
+        """Probability that stick-slip starts by itself."""
+        return self._believed('probability_will')
+
+    @property
+    def probability_runs(self) -> Any:
+        """Probability that stick-slip runs, with the memory of the bistable range."""
+        return self._believed('probability_runs')
+
+    @property
+    def fold_margin_low(self) -> Any:
+        """5 % quantile of the fold margin [-]."""
+        return self._believed('fold_margin_low')
+
+    @property
+    def fold_margin_high(self) -> Any:
+        """95 % quantile of the fold margin [-]."""
+        return self._believed('fold_margin_high')
+
+    def remember_runs(self, before: float) -> float:
+        """Work out the probability that stick-slip runs.
+
+        Args:
+            before: That before this point, or before the first of the points.
+
+        Returns:
+            That after the last.
+        """
+        if self._belief is None:
+            return before
+        can, will = (np.atleast_1d(x) for x in (self.probability_can, self.probability_will))
+        runs = probability_runs(can, will, before)
+        scalar = isinstance(self.outcome_code, int)
+        self._known['probability_runs'] = runs.item() if scalar else runs
+        return float(runs[-1]) if runs.size else before
+
+    def _believed(self, name: str) -> Any:
+        if name not in self._known:
+            self._known[name] = self._of_belief(name)
+        return self._known[name]
+
+    def _of_belief(self, name: str) -> Any:
+        if self._belief is None:
+            return np.multiply(self.speed, np.nan)[()]
+        if name == 'probability_runs':  # without a memory it is what starts by itself
+            return self.probability_will
+        margins = name.startswith('fold')
+        ask = self._belief.fold_margins if margins else self._belief.probabilities
+        names = BELIEFS[3:] if margins else BELIEFS[:2]
+        self._known.update(zip(names, ask(self.speed, self.load), strict=True))
+        return self._known[name]
+
+    @property
     def outcome(self) -> Any:
         """The :class:`Outcome`, or an array of outcome names."""
         if isinstance(self.outcome_code, int):
@@ -381,13 +455,16 @@ class Assessment:
         return _REGIME_NAMES[self.regime_code]
 
 
-def assess(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Assessment:
+def assess(
+    bearing: Bearing, speed: ArrayLike, load: ArrayLike, belief: Belief | None = None
+) -> Assessment:
     """Assess operating points of a bearing by first-order KBM averaging and the exact fold.
 
     Args:
         bearing: The bearing.
         speed: Journal surface speed ``V`` [m/s]; negative astern.
         load: Bearing load ``N`` [N]; broadcasts with ``speed``.
+        belief: What makes probabilities of them, if anything does.
 
     Returns:
         The assessment, of scalars for scalar inputs, else of arrays of the broadcast shape. It
@@ -398,7 +475,7 @@ def assess(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Assessment:
         columns = in_blocks(partial(_judge, bearing), v, n)
     points = Points(v, n, *columns)
     v, n, code, hopf, fold, exact = (restore(column, shape) for column in points)
-    return Assessment(v, n, code, hopf, fold, exact, bearing, points)
+    return Assessment(v, n, code, hopf, fold, exact, bearing, points, _belief=belief)
 
 
 def _judge(bearing: Bearing, speed: FloatArray, load: FloatArray) -> tuple[NDArray[Any], ...]:
@@ -445,6 +522,8 @@ def joined(points: Sequence[Assessment]) -> Assessment:
         np.array([point.fold_speed for point in points]),
         np.array([point.exact_fold_speed for point in points]),
         points[0]._bearing,
+        _known={name: np.array([getattr(p, name) for p in points]) for name in BELIEFS},
+        _belief=points[0]._belief,
     )
 
 
@@ -458,4 +537,5 @@ def _picked(points: Assessment, pick: Callable[[NDArray[Any]], Any]) -> Assessme
         pick(points.exact_fold_speed),
         points._bearing,
         _known={name: pick(column) for name, column in points._known.items()},
+        _belief=points._belief,
     )

@@ -7,17 +7,26 @@ import difflib
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 from stickslip_monitor.errors import ConfigurationError, PhysicsError
 from stickslip_monitor.fields import FieldPath, parse_field
+from stickslip_monitor.monitor.calibration_file import (
+    INPUT_KEYS,
+    belief_of,
+    load_calibration,
+    require_same_sensors,
+)
 from stickslip_monitor.monitor.table import (
     BEARING_PARAMETERS,
     NODE_PARAMETERS,
     REQUIRED,
+    TOLERANCES,
     Parameter,
 )
+from stickslip_monitor.physics.belief import EXACT, Belief, Tolerance
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
 from stickslip_monitor.physics.oscillator import Bearing
 
@@ -55,6 +64,7 @@ class InputConfig:
     timeout_ns: int
     maximum: float
     deadband: float
+    unit: str = ''
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +93,8 @@ class BearingConfig:
     speed: InputConfig
     load: InputConfig
     alarm: AlarmConfig
+    tolerance: Tolerance = EXACT
+    belief: Belief | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,6 +263,7 @@ def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
         )
     except PhysicsError as error:
         raise ConfigurationError(f'{name}: {error}') from error
+    bearing, belief = _believed(name, bearing, own)
     minimum_speed = own['alarm.minimum_speed']
     if minimum_speed >= own['speed.maximum']:
         raise ConfigurationError(
@@ -275,7 +288,43 @@ def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
             onset_growth=own['alarm.onset_growth'],
             look_ahead_ns=nanoseconds(own['alarm.look_ahead']),
         ),
+        tolerance=_tolerance(own),
+        belief=belief,
     )
+
+
+def _believed(
+    name: str, bearing: Bearing, own: Mapping[str, Any]
+) -> tuple[Bearing, Belief | None]:
+    """What is believed of the boundaries, and the bearing in the middle of that.
+
+    The belief is ``None`` where all is taken for exact.
+    """
+    tolerance = _tolerance(own)
+    path = own['calibration']
+    try:
+        if path:
+            document = load_calibration(path)
+            inputs = {
+                quantity: {key: own[f'{quantity}.{key}'] for key in INPUT_KEYS}
+                for quantity in ('speed', 'load')
+            }
+            require_same_sensors(path, document, name, inputs)
+            belief = belief_of(path, document, tolerance)
+            return belief.nominal(bearing), belief
+        if tolerance.is_exact:
+            return bearing, None
+        return bearing, _of_tolerance(bearing, tolerance)
+    except PhysicsError as error:
+        raise ConfigurationError(f'{name}: {error}') from error
+
+
+def _tolerance(own: Mapping[str, Any]) -> Tolerance:
+    return Tolerance(**{item: own[f'tolerance.{item}'] for item, _ in TOLERANCES})
+
+
+# A live parameter that changes makes the whole configuration anew.
+_of_tolerance = lru_cache(maxsize=16)(Belief.from_tolerance)
 
 
 def _friction(name: str, own: Mapping[str, Any]) -> FrictionLaw:
@@ -326,4 +375,5 @@ def _input(
         timeout_ns=nanoseconds(own[f'{quantity}.timeout']),
         maximum=own[f'{quantity}.maximum'],
         deadband=deadband,
+        unit=own[f'{quantity}.unit'],
     )

@@ -97,6 +97,9 @@ def load_config(path: str | Path) -> MonitorConfig:
         ConfigurationError: The file cannot be read or breaks a rule; the text names the file.
     """
     parameters = load_parameters(path)
+    for name, value in parameters.items():
+        if name.endswith('.calibration') and isinstance(value, str) and value:
+            parameters[name] = str(Path(path).parent / value)
     try:
         return build_config(parameters)
     except ConfigurationError as error:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.monitor.assessment import Assessment, joined
+from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, joined
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.decision import Standing
 from stickslip_monitor.monitor.ladder import Condition, Level
@@ -37,6 +37,7 @@ _POINT_FIELDS = (
     'amplitude_exact',
     'amplitude_error',
     'threshold_amplitude',
+    *BELIEFS,
 )
 # Fewer than make a surface of cycles worth building: that would take a second, and let what one
 # recording's numbers are, in the seventh digit, depend on those checked before it.
@@ -45,25 +46,31 @@ VERDICT_NUMBERS = ('amplitude', 'amplitude_exact', 'hopf_margin', 'fold_margin')
 """The numbers of a verdict that have a topic of their own, by the topic's last part."""
 
 
-def output_topics(bearings: Iterable[str], node: str) -> dict[str, str]:
+def output_topics(bearings: Iterable[BearingConfig], node: str) -> dict[str, str]:
     """The topics of a node of that full name, with their message types, in order.
 
     Args:
-        bearings: Names of the bearings.
+        bearings: The bearings; those with tolerances or a calibration have more topics.
         node: The node's full name, ``/stickslip_monitor`` say.
     """
     topics: dict[str, str] = {}
     for bearing in bearings:
-        topics |= {f'{node}/{bearing}/{name}': 'std_msgs/msg/Float64' for name in VERDICT_NUMBERS}
-        topics[f'{node}/{bearing}/regime'] = 'std_msgs/msg/String'
+        own = f'{node}/{bearing.name}'
+        topics |= {f'{own}/{name}': 'std_msgs/msg/Float64' for name in topic_numbers(bearing)}
+        topics[f'{own}/regime'] = 'std_msgs/msg/String'
     return topics | {
         f'{node}/warnings': 'std_msgs/msg/String',
         '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
     }
 
 
+def topic_numbers(bearing: BearingConfig) -> tuple[str, ...]:
+    """The numbers that have a topic of their own, by the topic's last part."""
+    return VERDICT_NUMBERS if bearing.belief is None else (*VERDICT_NUMBERS, *BELIEFS)
+
+
 def verdict_numbers(point: Assessment) -> dict[str, Any]:
-    """What the topics of :data:`VERDICT_NUMBERS` say, in their order.
+    """What the topics of :func:`topic_numbers` say, in their order.
 
     Args:
         point: An assessment of scalars, or of arrays.
@@ -73,7 +80,10 @@ def verdict_numbers(point: Assessment) -> dict[str, Any]:
     """
     amplitudes = (np.where(np.isnan(a), 0.0, a) for a in (point.amplitude, point.amplitude_exact))
     numbers = (*amplitudes, point.hopf_margin, point.fold_margin)
-    return dict(zip(VERDICT_NUMBERS, numbers, strict=True))
+    result = dict(zip(VERDICT_NUMBERS, numbers, strict=True))
+    if point.has_belief:
+        result |= {name: getattr(point, name) for name in BELIEFS}
+    return result
 
 
 def number(value: float) -> float | None:
@@ -360,6 +370,8 @@ def diagnostic_values(state: BearingState) -> dict[str, str | float]:
             'raised lately': state.standing.raised,
             'time to boundary [s]': state.trend.seconds if state.trend else math.nan,
         }
+        if point.has_belief:
+            result |= {name.replace('_', ' '): getattr(point, name) for name in BELIEFS}
     for name, age in state.lost.items():
         result[f'{name} age [s]'] = age
     for name, text in state.faults.items():

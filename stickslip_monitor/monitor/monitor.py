@@ -60,6 +60,7 @@ class BearingMonitor:
         self._window = TrendWindow(config.alarm.trend_window_ns)
         self._inputs = (config.speed, config.load)
         self._values = [math.nan, math.nan]
+        self._runs = 0.0
         self._heard: list[LastSample | None] = [None, None]
         self._rhythms = (Rhythm(), Rhythm())
         self._speeds = SpeedTrend()
@@ -163,7 +164,8 @@ class BearingMonitor:
 
     def _evaluate(self, now_ns: int, events: list[Event]) -> tuple[Verdict, list[Event]]:
         speed, load = self._values
-        point = assess(self.config.bearing, speed, load)
+        point = assess(self.config.bearing, speed, load, self.config.belief)
+        self._runs = point.remember_runs(self._runs)
         standing = self.bands.take(point, now_ns, self._speeds.future, *self._since(now_ns))
         changes = self.track.apply(standing.rung, now_ns)
         self.verdict = Verdict(self.config.name, now_ns, point, standing)

@@ -124,7 +124,8 @@ def scan_bearing(
     evaluated = _paired(config, samples)
     rows = _as_slice(evaluated)
     speed, load = (samples.value[latest[rows]] for latest in samples.latest)
-    points = assess(config.bearing, speed, load)
+    points = assess(config.bearing, speed, load, config.belief)
+    points.remember_runs(0.0)
     # The first point of each stretch between two jumps, for all points of that stretch.
     begin = np.searchsorted(evaluated, np.append(0, np.flatnonzero(samples.jump)))
     lengths = np.diff(np.append(begin, evaluated.size))

@@ -16,6 +16,16 @@ from stickslip_monitor.physics.oscillator import SPEED_UNITS
 REQUIRED = object()
 FRICTION_LAWS = ('stribeck', 'coulomb', 'tabulated')
 LOAD_UNITS = ('N', 'kN')
+TOLERANCES = (
+    ('damping', 'the damping'),
+    ('static', 'the static coefficient'),
+    ('kinetic', 'the kinetic coefficient'),
+    ('decay', 'the decay'),
+    ('speed', 'the measured speed'),
+    ('load', 'the measured load'),
+    ('model_error', "a boundary's speed, for what the averaged model leaves out"),
+    ('scatter', "a boundary's speed from one passage to the next"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,6 +227,24 @@ BEARING_PARAMETERS = (
     Parameter('friction.speed', 'float[]', (), 'Speeds of a tabulated law.', 'm/s', minimum=0.0),
     Parameter(
         'friction.coefficient', 'float[]', (), 'Coefficients of a tabulated law.', minimum=0.0
+    ),
+    *(
+        Parameter(
+            f'tolerance.{name}',
+            'float',
+            0.0,
+            f'Relative standard deviation of {text}; 0 for exact. Limits of +-10 % are 0.058.',
+            minimum=0.0,
+            maximum=3.0,
+        )
+        for name, text in TOLERANCES
+    ),
+    Parameter(
+        'calibration',
+        'str',
+        '',
+        'File that stickslip calibrate wrote for this bearing, in a parameter file relative to'
+        ' it; takes the place of damping, decay and their tolerances. Empty for none.',
     ),
     *_input('speed', SPEED_UNITS, 100.0, 'm/s'),
     *_input('load', LOAD_UNITS, 1e8, 'N'),

@@ -124,7 +124,7 @@ def describe(
     if standing.sticking and math.isfinite(point.amplitude):
         where += f', predicted amplitude {point.amplitude * 1e3:.3g} mm'
     where += f', fold margin {point.stability_margin:+.1%}.{_way_out(config, standing, point)}'
-    return where + _trend_text(trend)
+    return where + _belief_text(config, point) + _trend_text(trend)
 
 
 _OVER = {
@@ -159,6 +159,17 @@ def _starting(standing: Standing, point: Assessment) -> str:
     rate = point.growth_rate
     left = (ONSET - standing.growth) / rate if rate > 0.0 else math.inf
     return f', in about {_about(max(left, 1.0))}' if left < 600.0 else ' slowly'
+
+
+def _belief_text(config: BearingConfig, point: Assessment) -> str:
+    if config.belief is None or not math.isfinite(point.probability_can):
+        return ''
+    low, _, high = config.belief.fold_band(point.load)
+    rpm = config.bearing.speed.factor('rpm')
+    return (
+        f' Stick-slip can happen with {point.probability_can:.0%}: fold'
+        f' {low / rpm:.3g} to {high / rpm:.3g} rpm at this load.'
+    )
 
 
 def _lost_text(config: BearingConfig, lost: dict[str, float]) -> str:

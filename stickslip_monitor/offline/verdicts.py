@@ -90,7 +90,7 @@ def topics(checked: CheckReport, config: MonitorConfig) -> Iterator[tuple[str, s
     for name in _inputs(config):
         kind = checked.bag.topics[name].type
         yield name, kind, None if kind in MESSAGE_TYPES else checked.bag.definition(name)
-    for name, kind in output_topics((b.name for b in config.bearings), f'/{NODE}').items():
+    for name, kind in output_topics(config.bearings, f'/{NODE}').items():
         yield name, kind, None
 
 
@@ -151,7 +151,7 @@ class _Course:
 
     def verdicts(self, period: float, spans: TimeSpans) -> Iterator[Message]:
         """Numbers and regime of every evaluation, or at most one each period [s]."""
-        names = list(output_topics([self.config.name], f'/{NODE}').items())[:-2]
+        names = list(output_topics([self.config], f'/{NODE}').items())[:-2]
         regimes = [encode_string(regime.value) for regime in REGIMES]
         rows = self._published(round(period * 1e9))
         rows = rows[spans.holds(self._scan.time_ns[rows])]

@@ -17,13 +17,13 @@ from std_msgs.msg import Float64, String
 from stickslip_monitor.monitor.assessment import Assessment
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.messages import (
-    VERDICT_NUMBERS,
     BearingState,
     DiagnosticRecord,
     NodeHealth,
     diagnostic_record,
     event_json,
     health_record,
+    topic_numbers,
 )
 from stickslip_monitor.monitor.verdict import Event, Verdict
 
@@ -64,7 +64,7 @@ class Outputs:
         self._diagnostics = node.create_lifecycle_publisher(
             DiagnosticArray, '/diagnostics', _RELIABLE
         )
-        self._bearings = {
+        self._bearings: dict[str, list[Any]] = {
             bearing.name: [
                 (
                     node.create_lifecycle_publisher(kind, f'~/{bearing.name}/{topic}', _RELIABLE),
@@ -74,7 +74,10 @@ class Outputs:
                 for topic, kind, number in (
                     # What takes longest to work out comes last.
                     ('regime', String, _regime),
-                    *((topic, Float64, _number(topic)) for topic in reversed(VERDICT_NUMBERS)),
+                    *(
+                        (topic, Float64, _number(topic))
+                        for topic in reversed(topic_numbers(bearing))
+                    ),
                 )
             ]
             for bearing in config.bearings

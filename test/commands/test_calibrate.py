@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``stickslip calibrate`` on the library's coast-down: Hopf 30.74, fold 40.72 rpm at 1 kN."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.bags.writer import BagWriter
+from stickslip_monitor.cli import main
+from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.offline.truth import read_truth
+
+ROOT = Path(__file__).parents[2]
+CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
+COAST_DOWN = ROOT / 'bags' / 'coast_down'
+RPM = math.pi * 0.1 / 60.0
+
+
+@pytest.fixture
+def wrong(tmp_path: Path) -> Path:
+    """A drawing that is wrong: damping +40 %, mu_s - mu_k -20 %, decay +25 %: fold at 24 rpm."""
+    text = CONFIG.read_text()
+    for right, other in (
+        ('damping: 400.0 ', 'damping: 560.0 '),
+        ('static: 0.30, kinetic: 0.10, decay: 10.0', 'static: 0.26, kinetic: 0.10, decay: 12.5'),
+    ):
+        assert right in text
+        text = text.replace(right, other)
+    path = tmp_path / 'wrong.yaml'
+    path.write_text(text)
+    return path
+
+
+def middle(document: dict[str, Any]) -> dict[str, float]:
+    """Hopf and fold speed in the middle of the loads: 5, 50, 95 % [rpm]."""
+    _, *speeds = document['boundaries'][len(document['boundaries']) // 2]
+    names = [f'{name}_{p}' for name in ('hopf', 'fold') for p in (5, 50, 95)]
+    return dict(zip(names, (v / RPM for v in speeds), strict=True))
+
+
+def test_one_recording_corrects_a_wrong_drawing(
+    wrong: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    result, law = tmp_path / 'aft.calibration.json', tmp_path / 'law.yaml'
+    picture = tmp_path / 'map.svg'
+    arguments = ['calibrate', str(COAST_DOWN), '-c', str(wrong), '-o', str(result)]
+    assert main([*arguments, '--fragment', str(law), '--picture', str(picture)]) == 0
+    text = capsys.readouterr().out
+    assert '1 dips, 1 episodes' in text
+    assert 'no measurement of friction' in text
+    assert picture.stat().st_size > 10_000
+    document = json.loads(result.read_text())
+    found = middle(document)
+    assert found['fold_50'] == pytest.approx(40.72, rel=0.05)
+    assert found['fold_5'] < 40.72 < found['fold_95']
+    assert found['hopf_5'] < 30.74 < found['hopf_95']
+    # The result is what the configuration names, beside it, and beats what it says itself.
+    configured = wrong.with_name('calibrated.yaml')
+    configured.write_text(
+        wrong.read_text().replace(
+            '      speed: {', '      calibration: aft.calibration.json\n      speed: {'
+        )
+    )
+    belief = load_config(configured).bearings[0].belief
+    assert belief is not None
+    assert belief.fold_speed(1000.0, 0.5) / RPM == pytest.approx(40.72, rel=0.05)
+    assert main(['assess', '-c', str(configured), '--speed', '35rpm', '--load', '1kN']) == 1
+    assert 'probability that stick-slip can happen' in capsys.readouterr().out
+    assert 'damping: ' in law.read_text()
+
+
+def test_an_earlier_result_is_added_to(
+    wrong: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first = tmp_path / 'first.json'
+    arguments = ['calibrate', str(COAST_DOWN), '-c', str(wrong), '--json']
+    assert main([*arguments, '-o', str(first)]) == 0
+    one = json.loads(capsys.readouterr().out)
+    assert main([*arguments, '--add', str(first)]) == 0
+    two = json.loads(capsys.readouterr().out)
+    assert len(two['dips']) == 2
+    narrower = [middle(d)['fold_95'] - middle(d)['fold_5'] for d in (two, one)]
+    assert narrower[0] < narrower[1]
+
+
+def test_an_operator_and_a_level_are_evidence_too(
+    wrong: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = open_bag(COAST_DOWN)
+    ((begin, end),) = read_truth(bag, 'aft_stern').episodes
+    assert bag.start_ns is not None
+    assert bag.end_ns is not None
+    times = [f'{np.datetime64(t, "ns")}Z' for t in (bag.start_ns, begin, end, bag.end_ns)]
+    reports = tmp_path / 'squeals.csv'
+    lines = [
+        f'aft_stern,{a},{b},{state}'
+        for a, b, state in zip(times, times[1:], ('quiet', 'squeal', 'quiet'), strict=False)
+    ]
+    reports.write_text('\n'.join(['bearing,start,end,state', *lines]))
+    # A level beside speed and load, on the same clock.
+    copy = tmp_path / 'with_level.mcap'
+    own = ('/shaft/speed', '/bearing/aft_stern/load')
+    level_ns = np.arange(bag.start_ns, bag.end_ns, 10**8)
+    loud = (level_ns > begin) & (level_ns < end)
+    level = np.where(loud, 2.0, 0.1) * np.exp(
+        0.1 * np.random.default_rng(3).standard_normal(level_ns.size)
+    )
+    with BagWriter(copy) as writer:
+        for topic in (*own, '/level'):
+            writer.add_topic(topic, 'std_msgs/msg/Float64')
+        for message in bag.messages(own):
+            writer.write(message.topic, message.log_time_ns, message.data)
+        writer.write_float64('/level', level_ns, level)
+    for arguments in (
+        [str(COAST_DOWN), '--reports', str(reports)],
+        [str(copy), '--level', '/level'],
+    ):
+        assert main(['calibrate', *arguments, '-c', str(wrong), '--json']) == 0
+        found = middle(json.loads(capsys.readouterr().out))
+        assert found['fold_50'] == pytest.approx(40.72, rel=0.06)
+
+
+def test_a_recording_without_evidence_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = tmp_path / 'without.mcap'
+    bag, own = open_bag(COAST_DOWN), ('/shaft/speed', '/bearing/aft_stern/load')
+    with BagWriter(copy) as writer:
+        for topic in own:
+            writer.add_topic(topic, 'std_msgs/msg/Float64')
+        for message in bag.messages(own):
+            writer.write(message.topic, message.log_time_ns, message.data)
+    assert main(['calibrate', str(copy), '-c', str(CONFIG)]) == 2
+    assert 'holds no truth about aft_stern' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('bag', 'further', 'words'),
+    [
+        ('coast_down', ['--level', '/bearing/aft_stern/load'], 'has no two modes'),
+        ('coast_down', ['--forget', '-1'], '--forget -1 must be from 0 to 1'),
+        ('coast_down', ['--bench', str(CONFIG)], 'cannot be read'),
+        ('coast_down', ['--add', str(CONFIG)], 'is not JSON'),
+        ('coast_down', ['--reports', 'OUTSIDE'], 'line 2: the report lies outside'),
+        ('coast_down', ['--bearing', 'bow'], "bearing 'bow' is not configured"),
+    ],
+)
+def test_bad_input_is_one_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], bag: str, further: list[str], words: str
+) -> None:
+    outside = tmp_path / 'outside.csv'
+    outside.write_text(
+        'bearing,start,end,state\naft_stern,2001-01-01T00:00:00Z,2001-01-01T00:01:00Z,quiet\n'
+    )
+    further = [str(outside) if item == 'OUTSIDE' else item for item in further]
+    assert main(['calibrate', str(ROOT / 'bags' / bag), '-c', str(CONFIG), *further]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.startswith('ERROR: ')
+    assert error.count('\n') == 1

@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from stickslip_monitor.errors import PhysicsError
+from stickslip_monitor.monitor.assessment import REGIMES, Regime, assess
+from stickslip_monitor.physics.averaging.dimensionless import decline
+from stickslip_monitor.physics.belief import Belief, Tolerance, probability_runs
+from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck
+from stickslip_monitor.physics.oscillator import Bearing
+
+BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
+RPM = BEARING.speed.factor('rpm')
+DAMPING = Belief.from_tolerance(BEARING, Tolerance(damping=0.10))
+# 8 % on Delta = 0.2 by the static coefficient alone.
+THREE = Belief.from_tolerance(BEARING, Tolerance(damping=0.10, static=0.16 / 3, decay=0.05))
+TOLERANCES = [
+    Tolerance(damping=0.05, static=0.05, kinetic=0.05, decay=0.05),
+    Tolerance(damping=0.30, static=0.13, decay=0.20, speed=0.003, load=0.01),
+    Tolerance(damping=0.40, static=0.16, decay=0.30, scatter=0.02, model_error=0.01),
+]
+
+
+def test_one_tolerance_has_closed_forms() -> None:
+    can, will = DAMPING.probabilities(35.0 * RPM, 1000.0)
+    assert can == pytest.approx(0.9561785671, abs=1e-9)
+    assert will == pytest.approx(0.0128214327, abs=1e-9)
+    assert DAMPING.can(40.72309112811 * RPM, 1000.0) == pytest.approx(0.5, abs=1e-9)
+    assert DAMPING.will(math.log(5.0) / 10.0, 1000.0) == pytest.approx(0.5, abs=1e-12)
+    found = [s(1000.0, p) / RPM for s in (DAMPING.fold_speed, DAMPING.hopf_speed)
+             for p in (0.05, 0.5, 0.95)]  # fmt: skip
+    wanted = [35.202904, 40.723091, 46.735904, 27.596561, 30.738000, 33.879439]
+    assert found == pytest.approx(wanted, abs=2e-6)
+    # And both sides of the equation that they solve.
+    for speed, p in zip(found[:3], (0.05, 0.5, 0.95), strict=True):
+        d = math.log(5.0) - float(decline(np.array([10.0 * speed * RPM]))[0])
+        assert ndtr(d / 0.1) == pytest.approx(1.0 - p, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('rpm', 'load', 'can', 'will'),
+    [
+        (30.738, 1000.0, 0.991792, 0.494233),
+        (35.0, 1000.0, 0.907889, 0.046840),
+        (40.723091, 1000.0, 0.498221, 0.0000761),
+        (45.0, 1000.0, 0.177188, 7e-8),
+        (35.0, 800.0, 0.339634, 0.000412),
+    ],
+)
+def test_three_tolerances_keep_the_published_values(
+    rpm: float, load: float, can: float, will: float
+) -> None:
+    exact = THREE.exact_probabilities(rpm * RPM, load)
+    assert exact == pytest.approx((can, will), abs=1e-6)
+    assert THREE.probabilities(rpm * RPM, load) == pytest.approx(exact, abs=5e-4)
+
+
+def _points(size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    random = np.random.default_rng(5)
+    return np.exp(random.uniform(-7.0, 3.0, size)), np.exp(random.uniform(2.0, 11.5, size))
+
+
+@pytest.mark.parametrize('tolerance', TOLERANCES)
+def test_the_table_keeps_to_the_sum_everywhere(tolerance: Tolerance) -> None:
+    belief = Belief.from_tolerance(BEARING, tolerance)
+    speed, load = _points(5000)
+    looked_up, exact = belief.probabilities(speed, load), belief.exact_probabilities(speed, load)
+    assert np.max(np.abs(np.subtract(looked_up, exact))) < 5e-4
+    one = [belief.probabilities(v, n) for v, n in zip(speed.tolist(), load.tolist(), strict=True)]
+    assert np.transpose(one) == pytest.approx(np.array(looked_up), abs=1e-12)
+
+
+@pytest.mark.parametrize('tolerance', TOLERANCES)
+def test_probabilities_are_those_of_drawn_bearings(tolerance: Tolerance) -> None:
+    random, size = np.random.default_rng(3), 200_000
+    z = random.standard_normal((5, size))
+    law = BEARING.friction
+    static = law.static * tolerance.static * z[1]
+    kinetic = law.kinetic * tolerance.kinetic * z[2]
+    log_d = tolerance.load * random.standard_normal(size) - tolerance.damping * z[0]
+    log_d += (static - kinetic) / (law.static - law.kinetic)
+    beta = law.decay * np.exp(tolerance.decay * z[3])
+    shift = np.exp(tolerance.of_speed * z[4])
+    belief = Belief.from_tolerance(BEARING, tolerance)
+    for rpm in (20.0, 33.0, 45.0):
+        v = beta * shift * rpm * RPM
+        d = np.log(1000.0 * 0.2 * beta / 400.0) + log_d
+        drawn = np.mean(d > decline(v)), np.mean(d > v)
+        assert belief.probabilities(rpm * RPM, 1000.0) == pytest.approx(drawn, abs=5e-3)
+
+
+def test_without_tolerances_it_is_the_regime() -> None:
+    belief = Belief.from_tolerance(BEARING, Tolerance())
+    speed, load = _points(5000)
+    can, will = belief.probabilities(speed, load)
+    regime = assess(BEARING, speed, load).regime_code
+    wanted = np.array([regime != REGIMES.index(Regime.STABLE)], float)
+    assert can == pytest.approx(wanted[0], abs=1e-15)
+    wanted = np.array([regime == REGIMES.index(Regime.UNSTABLE)], float)
+    assert will == pytest.approx(wanted[0], abs=1e-15)
+
+
+@pytest.mark.parametrize('tolerance', TOLERANCES)
+def test_it_falls_with_speed_and_will_is_below_can(tolerance: Tolerance) -> None:
+    belief = Belief.from_tolerance(BEARING, tolerance)
+    speed = np.geomspace(1e-3, 20.0, 3000)
+    for load in (150.0, 300.0, 1000.0, 5000.0, 2e5):
+        can, will = belief.probabilities(speed, load)
+        assert (will <= can).all()
+        assert (np.diff(can) <= 1e-9).all()
+        assert (np.diff(will) <= 1e-9).all()
+
+
+def test_what_has_no_operating_point_has_no_probability() -> None:
+    speed, load = [0.0, math.nan, 0.1, -0.1, 0.1], [1e3, 1e3, math.inf, 1e3, 0.0]
+    can = THREE.can(speed, load)
+    assert np.isnan(can).tolist() == [True, True, True, False, False]
+    assert can[3] == THREE.can(0.1, 1e3)
+    assert can[4] == 0.0
+    assert [THREE.can(v, n) for v, n in zip(speed, load, strict=True)] == pytest.approx(
+        can.tolist(), nan_ok=True, abs=1e-12
+    )
+
+
+def test_margins_are_those_of_the_quantiles() -> None:
+    low, high = THREE.fold_margins(-0.2, 1000.0)
+    wanted = [0.2 / THREE.fold_speed(1000.0, p) - 1.0 for p in (0.95, 0.05)]
+    assert (low, high) == pytest.approx(wanted, rel=1e-3)
+    assert THREE.fold_speed(60.0, 0.5) == 0.0
+    assert THREE.fold_margins(0.2, 60.0) == (math.inf, math.inf)
+
+
+def test_draws_are_summed_like_nodes() -> None:
+    random = np.random.default_rng(8)
+    draws = random.normal((math.log(10.0), math.log(200.0), math.log(0.02)), 0.05, (512, 3))
+    belief = Belief.from_draws(draws, floor=0.01, loads=(900.0, 1100.0))
+    speed, load = _points(4000)
+    speed, load = np.maximum(speed, 0.02), np.clip(load, 100.0, 9000.0)
+    exact = belief.exact_probabilities(speed, load)
+    assert np.max(np.abs(np.subtract(belief.probabilities(speed, load), exact))) < 1e-2
+    # Twice the highest load that the evidence covers is known 20 % less well.
+    wide, known = ([belief.fold_speed(n, p) for p in (0.05, 0.95)] for n in (2200.0, 1100.0))
+    assert wide[1] / wide[0] > 1.5 > 1.3 > known[1] / known[0]
+
+
+def test_a_viscous_rise_saturates() -> None:
+    bearing = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0, 0.1), 0.100)
+    belief = Belief.from_tolerance(bearing, TOLERANCES[1])
+    speed, load = _points(4000)
+    exact = belief.exact_probabilities(speed, load)
+    assert np.max(np.abs(np.subtract(belief.probabilities(speed, load), exact))) < 5e-4
+    tight = Belief.from_tolerance(bearing, Tolerance(damping=1e-6))
+    hopf = assess(bearing, speed, load).hopf_speed
+    found = tight.hopf_speed(load, 0.5)
+    assert found == pytest.approx(np.nan_to_num(hopf), rel=1e-9, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ('damping', 'law', 'words'),
+    [
+        (400.0, Coulomb(0.3, 0.1), 'law stribeck'),
+        (400.0, Stribeck(0.1, 0.3, 10.0), 'static = 0.1 must be above kinetic = 0.3'),
+        (0.0, Stribeck(0.3, 0.1, 10.0), 'damping = 0'),
+    ],
+)
+def test_a_bearing_without_boundaries_is_refused(
+    damping: float, law: FrictionLaw, words: str
+) -> None:
+    with pytest.raises(PhysicsError, match=words):
+        Belief.from_tolerance(Bearing(50.0, damping, 2.0e6, law, 0.1), Tolerance(damping=0.1))
+    with pytest.raises(PhysicsError, match=r'tolerance.damping = -0.1 must not be negative'):
+        Tolerance(damping=-0.1)
+
+
+def test_memory_is_that_of_an_ordered_ensemble() -> None:
+    random = np.random.default_rng(2)
+    can = random.random(300)
+    will = can * random.random(300)
+    can[17] = will[17] = math.nan
+    share = (np.arange(5000) + 0.5) / 5000.0
+    on = share < 0.3
+    found = probability_runs(can, will, 0.3)
+    for c, w, r in zip(can, will, found, strict=True):
+        if c == c:
+            on = (on | (share < w)) & (share < c)
+        assert r == pytest.approx(on.mean(), abs=3e-4)
