@@ -15,7 +15,7 @@ import traceback
 from collections.abc import Sequence
 
 from stickslip_monitor import __version__
-from stickslip_monitor.errors import StickslipError, fault_text
+from stickslip_monitor.errors import StickslipError, program_fault
 from stickslip_monitor.files import printable
 
 COMMANDS = {
@@ -103,7 +103,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if '--traceback' in arguments:
             traceback.print_exc()
-        return _failed(fault_text(error), 3)
+        return _failed(program_fault(error), 3)
 
 
 def _run(arguments: list[str]) -> int:

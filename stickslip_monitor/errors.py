@@ -64,7 +64,7 @@ class OutputError(StickslipError):
     """An output is an input, or would replace a file that this package did not write."""
 
 
-def fault_text(error: BaseException) -> str:
+def program_fault(error: BaseException) -> str:
     """What a user is told of an error that is raised by mistake and not on purpose."""
     return (
         f'this is a fault of the program, not of what it was given: {type(error).__name__}:'
