@@ -35,6 +35,8 @@ def open_file(path: str | Path) -> IO[bytes]:
         OSError: It cannot be opened or is no regular file. Pipes, devices and sockets are not
             touched: opening one can block, and reading one need not end.
     """
+    if '\0' in str(path):
+        raise OSError(errno.EINVAL, 'its name holds a zero byte', str(path))
     _check_kind(path, Path(path).stat().st_mode)
     file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), 'rb')
     try:

@@ -56,7 +56,8 @@ def _is_bag(folder: Path, names: Iterable[str]) -> bool:
     return any(
         name == FILE_NAME or (name.endswith('.mcap') and not name.startswith('.'))
         for name in names
-        if (folder / name).is_file()
+        # Path.is_file raises where a link leads through a folder that is closed.
+        if os.path.isfile(folder / name)  # noqa: PTH113
     )
 
 

@@ -10,7 +10,6 @@ from typing import Any
 from rclpy.lifecycle import LifecycleNode
 from rclpy.serialization import serialize_message
 
-from stickslip_monitor.errors import StickslipError
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder, ClipStore
 from stickslip_monitor.monitor.config import ClipConfig
 from stickslip_monitor.monitor.verdict import Event
@@ -94,9 +93,9 @@ class Clips:
                 for _ in self._store.write(clip):
                     pass
                 self.fault = ''
-            except (StickslipError, OSError) as error:
-                # A full disk must not stop the monitor.
-                self._lost(str(error))
+            except Exception as error:
+                # Neither a full disk nor a fault of ours may stop the monitor, or later clips.
+                self._lost(str(error) or type(error).__name__)
 
     def _lost(self, reason: str) -> None:
         self.fault = f'an event clip is lost: {reason}'

@@ -262,7 +262,8 @@ def read_rows(path: str | Path) -> list[Row]:
         text = read_file(path, _LARGEST).decode()
         lines = list(csv.DictReader(io.StringIO(text, newline='')))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ConfigurationError(f'{path} cannot be read: {error}') from error
+        reason = getattr(error, 'strerror', None) or error
+        raise ConfigurationError(f'{path} cannot be read: {reason}') from error
     if not lines or list(lines[0]) != [field.name for field in fields(Row)]:
         raise ConfigurationError(f"{path} is no measurement of 'stickslip accuracy'")
     try:
