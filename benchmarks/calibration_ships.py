@@ -132,7 +132,7 @@ def _passages(
         limit = own_beta * v
         size = np.abs(amplitude)
         pace = half_rate * np.expm1(
-            np.log(n / n0 * own_beta / beta) - limit + growth(np.minimum(size, limit))
+            np.log(n / n0) - limit + growth(np.minimum(size, limit))
         )
         amplitude *= np.exp(np.clip(pace * _STEP, -1.0, 1.0))
         amplitude += noise * (random.standard_normal(count) + 1j * random.standard_normal(count))

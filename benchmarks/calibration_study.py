@@ -39,7 +39,7 @@ RESULTS, PAGE = ROOT / 'docs/calibration.json', ROOT / 'docs/calibration.md'
 RPM = BEARING.speed.factor('rpm')
 PRIOR = prior_of(BEARING)
 _LOAD = 1000.0
-_SHIPS, _OPERATED, _DRIFTING = 20, 12, 5
+_SHIPS, _OPERATED, _DRIFTING = 18, 9, 4
 _STEADY_BAGS = (
     'coast_down', 'manoeuvring', 'slow_steaming_waves', 'load_excursion', 'history_above',
     'history_below', 'bistable_knock',
@@ -145,7 +145,7 @@ def _said_and_was(belief: Belief, ship: Ship, passage: Passage) -> dict[str, tup
     from stickslip_monitor.physics.belief import probability_runs
 
     speed, load = passage.course.speed, passage.course.load
-    d = np.log(load) - ship.log_load + passage.log_beta - ship.log_beta
+    d = np.log(load) - ship.log_load
     v = math.exp(passage.log_beta) * speed
     can, will = belief.probabilities(speed, load)
     return {

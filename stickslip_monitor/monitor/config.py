@@ -80,6 +80,8 @@ class AlarmConfig:
     latch: bool = False
     startup_inhibit_ns: int = 0
     trend_window_ns: int = 0
+    can_probability: float = 0.5
+    caution_probability: float = 0.05
     onset_growth: float = 3.0
     look_ahead_ns: int = 20 * 10**9
 
@@ -277,6 +279,8 @@ def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
         load=_input(name, 'load', own, _NEWTONS[own['load.unit']], 0.0),
         alarm=AlarmConfig(
             caution_margin=own['alarm.caution_margin'],
+            can_probability=own['alarm.can_probability'],
+            caution_probability=own['alarm.caution_probability'],
             hysteresis=own['alarm.hysteresis'],
             amplitude_limit=own['alarm.amplitude_limit'],
             on_delay_ns=nanoseconds(own['alarm.on_delay']),

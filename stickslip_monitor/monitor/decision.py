@@ -46,6 +46,8 @@ HOLDS = ((1,), (1, 60), (1, 60), (1, 6, 30), (1, 60))
 
 With them no more than ten conditions are raised within sixty off-delays, whatever fluctuates.
 """
+LEFT_BELOW = 0.5
+"""Share of its threshold below which a probability no longer holds a condition."""
 _MEMORY = 60
 """A rung raised again sooner than this after it was cleared keeps returning [off_delay]."""
 
@@ -218,6 +220,31 @@ def _grown(point: Assessment) -> tuple[Any, Any]:
     return point.outcome_code == _STICK_SLIP, inside ^ True
 
 
+def near_fold(config: AlarmConfig, point: Assessment) -> tuple[Any, Any]:
+    """Where caution holds, and where it goes on.
+
+    By the margin; by the probability that stick-slip can happen where there is one.
+    """
+    sliding, margin = _sliding(point), decision_margin(point)
+    if point.has_belief:
+        return _above(point, config.caution_probability)
+    wide = margin <= config.caution_margin + config.hysteresis
+    return sliding & (margin < config.caution_margin), sliding & wide
+
+
+def _inside_fold(config: AlarmConfig, point: Assessment) -> tuple[Any, Any]:
+    """The same of the bistable range."""
+    if point.has_belief:
+        return _above(point, config.can_probability)
+    inside = _sliding(point) & (decision_margin(point) < 0.0)
+    return inside, inside
+
+
+def _above(point: Assessment, limit: float) -> tuple[Any, Any]:
+    sliding, can = _sliding(point), point.probability_can
+    return sliding & (can > limit), sliding & (can >= LEFT_BELOW * limit)
+
+
 def _asked(config: AlarmConfig, point: Assessment, future: Any, sticking: Any) -> list[Any]:
     """For each rung from caution up where it holds, and where it is clear of it.
 
@@ -227,12 +254,13 @@ def _asked(config: AlarmConfig, point: Assessment, future: Any, sticking: Any) -
         future: The speed that the trend leads to [m/s]; ``nan`` if unknown.
         sticking: Whether stick-slip is predicted to run.
     """
-    sliding, margin = _sliding(point), decision_margin(point)
     coming = _ahead(point, future) | sticking
-    near = sliding & (margin < config.caution_margin)
-    wide = sliding & (margin <= config.caution_margin + config.hysteresis)
-    inside = (sliding & (margin < 0.0)) | sticking
-    asked = [(near | coming, (wide | coming) ^ True), (inside, inside ^ True)]
+    near, wide = near_fold(config, point)
+    inside, held = _inside_fold(config, point)
+    asked = [
+        (near | coming, (wide | coming) ^ True),
+        (inside | sticking, (held | sticking) ^ True),
+    ]
     asked.append((sticking, sticking ^ True))
     if config.amplitude_limit < math.inf and np.any(sticking):
         amplitude, limit = point.amplitude, config.amplitude_limit

@@ -281,6 +281,25 @@ BEARING_PARAMETERS = (
         live=True,
     ),
     Parameter(
+        'alarm.can_probability',
+        'float',
+        0.5,
+        'With a tolerance or a calibration: bistable above this probability that stick-slip can'
+        ' happen, until it is below half of it.',
+        minimum=0.0,
+        maximum=1.0,
+        live=True,
+    ),
+    Parameter(
+        'alarm.caution_probability',
+        'float',
+        0.05,
+        'The same for caution, in the place of the margin.',
+        minimum=0.0,
+        maximum=1.0,
+        live=True,
+    ),
+    Parameter(
         'alarm.hysteresis',
         'float',
         0.02,

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 from stickslip_monitor.monitor.assessment import Assessment, Outcome
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.decision import ONSET, QUIET, Standing
+from stickslip_monitor.monitor.decision import LEFT_BELOW, ONSET, QUIET, Standing, near_fold
 from stickslip_monitor.monitor.ladder import LADDER, Condition, ConditionChange
 from stickslip_monitor.monitor.trend import Trend
+from stickslip_monitor.physics.belief import Belief
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +146,7 @@ def _what(config: BearingConfig, standing: Standing, point: Assessment) -> str:
     elif standing.asked > standing.rung:
         delay = config.alarm.on_delay_ns * 1e-9
         what = f'{asked.sentence[:-1]}, but not yet for {delay:g} s.'
-    elif condition is Condition.CAUTION and point.stability_margin > config.alarm.caution_margin:
+    elif condition is Condition.CAUTION and not near_fold(config.alarm, point)[0]:
         what = 'The speed is falling towards the stick-slip region.'
     else:
         what = condition.sentence
@@ -210,8 +211,21 @@ def _about(seconds: float) -> str:
     return f'{seconds / 60.0:.1f} min'
 
 
+def _way_out_by_belief(
+    config: BearingConfig, belief: Belief, condition: Condition, point: Assessment
+) -> str:
+    alarm, near = config.alarm, condition is Condition.CAUTION
+    limit = LEFT_BELOW * (alarm.caution_probability if near else alarm.can_probability)
+    if not 0.0 < limit < point.probability_can:
+        return ''
+    speed = belief.fold_speed(point.load, 1.0 - limit)
+    return f' Ends above {_speed_text(config, point, speed)}.'
+
+
 def _way_out(config: BearingConfig, standing: Standing, point: Assessment) -> str:
     condition = standing.condition
+    if config.belief is not None and condition in (Condition.CAUTION, Condition.BISTABLE):
+        return _way_out_by_belief(config, config.belief, condition, point)
     if condition is Condition.NORMAL or not math.isfinite(point.stability_limit):
         return ''
     alarm, near = config.alarm, condition is Condition.CAUTION
