@@ -66,6 +66,7 @@ sys.exit(code)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', LARGE)
 def test_a_file_that_grows_takes_no_memory(name: str, tmp_path: Path) -> None:
     odd, path = LARGE[name], tmp_path / 'large.mcap'

@@ -91,6 +91,7 @@ def test_an_output_that_is_an_input_is_refused(
 
 
 # The bag of the fixture holds no truth, so that score stops behind the check of its outputs.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('command', 'option', 'suffix'),
     [(c, o, s) for c, options in OUTPUTS.items() for o, all_ in options.items() for s in all_],

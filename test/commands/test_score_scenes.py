@@ -70,6 +70,7 @@ def test_json_of_two_seeds_and_two_grades(scene: str, capsys: pytest.CaptureFixt
     assert ours['hours'] == pytest.approx(2 * 60.0 / 3600.0)
 
 
+@pytest.mark.slow
 def test_serial_and_parallel_are_the_same_and_seeds_differ(scene: str) -> None:
     calls = [Call(scene, seed, variants=({'caution_margin': 0.2},)) for seed in (1, 2, 3)]
     serial, parallel = judge_all(calls, 1), judge_all(calls, 2)

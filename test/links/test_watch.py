@@ -166,6 +166,7 @@ def refusal(path: Path, *arguments: str) -> str:
     return lines[0]
 
 
+@pytest.mark.slow
 def test_what_it_refuses(tmp_path: Path) -> None:
     links = {'nmea.listen': f'udp://127.0.0.1:{free_port()}'} | INPUTS
     topics = {q: BEARING[q] | {'topic': f'/{q}'} for q in ('speed', 'load')}
@@ -182,6 +183,7 @@ def test_what_it_refuses(tmp_path: Path) -> None:
         assert f'cannot listen at 127.0.0.1 port {port}' in refusal(path, '--port', f'{port}')
 
 
+@pytest.mark.slow
 def test_what_a_server_or_its_token_ends(tmp_path: Path) -> None:
     token = tmp_path / 'token'
 

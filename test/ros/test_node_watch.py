@@ -71,6 +71,7 @@ class Bus:
         return look
 
 
+@pytest.mark.slow
 def test_a_node_between_two_ends_of_a_bus(start: Any, run: Any, kit: Any, tmp_path: Path) -> None:
     changes = {'alarm.on_delay': 0.2, 'speed.timeout': 2.0, 'load.timeout': 2.0}
     monitor, bus = start(kit.parameters(changes)), Bus()
