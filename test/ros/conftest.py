@@ -39,6 +39,10 @@ REFERENCE: dict[str, Any] = {
     'speed.unit': 'rpm',
     'load.topic': 'aft/load',
     'load.unit': 'N',
+    # The node is tested, not the decision: it turns at the boundaries themselves.
+    'alarm.caution_margin': 0.1,
+    'alarm.look_ahead': 0.0,
+    'alarm.onset_growth': 0.0,
 }
 # Speed and load in one message: an operating point arrives whole, with a time of the test's own.
 STAMPED = {

@@ -89,8 +89,8 @@ class Panel:
 
 def sticks(telemetry: Any, second: float) -> None:
     """Deep in the stick-slip range at 20 rpm and 1000 N, for longer than the on-delay of 0.5 s."""
-    for step in range(3):
-        telemetry.step(20.0, 1000.0, second + step)
+    for step in range(10):
+        telemetry.step(20.0, 1000.0, second + 0.25 * step)
 
 
 COVERED = {'bistable': 'acknowledged', 'margin_low': 'acknowledged'}

@@ -95,8 +95,8 @@ def test_it_shows_the_node_and_acts_on_it(page: tuple[Any, Page], kit: Any) -> N
     assert shown.state()['monitor']['there']
 
     # Deep in the stick-slip range for longer than the on-delay of 0.5 s.
-    for step in range(3):
-        telemetry.step(20.0, 1000.0, 1.0 + step)
+    for step in range(10):
+        telemetry.step(20.0, 1000.0, 1.0 + 0.25 * step)
     peer.until(lambda: shown.alarms().get('stick_slip') == 'unacknowledged', 'the alarm')
     assert shown.act('acknowledge', 'stick_slip') == (200, 'acknowledge: 1 alarm')
     assert shown.alarms()['stick_slip'] == 'acknowledged'

@@ -15,13 +15,14 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 COAST = [(60.0 - 2.0 * t, float(t)) for t in range(20)] + [
     (20.0 + 2.0 * t, 20.0 + t) for t in range(20)
 ]
-# First speed beyond each boundary, then the delay: 0.5 s on, 1.5 s off.
+# The first speed beyond each boundary (44, 40 and 30 rpm down, 42 and 46 rpm up), and three seconds:
+# at the inputs' rhythm a value counts for no more than a third of a delay.
 EXPECTED = [
-    (8.5, 'normal', 'caution', 'WARN', 44.0),
-    (10.5, 'caution', 'bistable', 'WARN', 40.0),
-    (15.5, 'bistable', 'stick_slip', 'ERROR', 30.0),
-    (32.5, 'stick_slip', 'caution', 'WARN', 44.0),
-    (34.5, 'caution', 'normal', 'OK', 48.0),
+    (11.0, 'normal', 'caution', 'WARN', 38.0),
+    (13.0, 'caution', 'bistable', 'WARN', 34.0),
+    (18.0, 'bistable', 'stick_slip', 'ERROR', 24.0),
+    (34.0, 'stick_slip', 'caution', 'WARN', 48.0),
+    (36.0, 'caution', 'normal', 'OK', 52.0),
 ]
 
 

@@ -96,7 +96,9 @@ def test_stamped_messages_give_the_same_events_to_the_nanosecond(
 
 @pytest.mark.slow
 def test_plain_numbers_on_simulated_time(start: Any, run: Any, kit: Any, tmp_path: Path) -> None:
-    monitor = start(kit.parameters(DELAYS), '-p', 'use_sim_time:=true', clock='/clock')
+    # Before the first /clock the inputs count as lost after their timeout.
+    patient = {'speed.timeout': 60.0, 'load.timeout': 60.0}
+    monitor = start(kit.parameters(DELAYS, patient), '-p', 'use_sim_time:=true', clock='/clock')
     topics = {
         f'aft.{quantity}.topic': monitor.input(monitor.values[f'aft.{quantity}.topic'])
         for quantity in ('speed', 'load')
