@@ -21,8 +21,10 @@ from stickslip_monitor import Monitor, Stream
 from stickslip_monitor.bags.bag import Bag
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
+from stickslip_monitor.drawing.palette import CONDITION_NAMES
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.offline.check import BearingReport, CheckReport, InputReport, find_gaps
 from stickslip_monitor.offline.intervals import worst
 
@@ -76,7 +78,7 @@ def test_the_report_has_every_event_of_the_check(
     assert len(events) > 5
     for event in events:
         assert event['text'].partition(': ')[2] in text
-        assert event['to'].replace('_', ' ') in text
+        assert CONDITION_NAMES[Condition(event['to'])] in text
     assert page.read_text('utf-8').count('<time datetime="2026-05-04T06:0') == len(events)
 
 
