@@ -89,7 +89,7 @@ def test_an_input_that_dies_is_reported_with_its_age_and_cleared(start: Any, kit
         lambda: float(kit.status(diagnostics).get('speed age [s]', 0.0)) > 2.0, 'a growing age'
     )
     record = kit.status(diagnostics)
-    assert (record['level'], record['reason']) == (b'\x02', 'input_stale')
+    assert (record['level'], record['reason']) == (b'\x01', 'input_stale')
     assert 'load age [s]' not in record
 
     sensors.close()
