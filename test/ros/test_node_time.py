@@ -79,7 +79,7 @@ def test_an_input_that_dies_is_reported_with_its_age_and_cleared(start: Any, kit
     peer.until(sensors.sending(None, 1000.0, lost), 'the loss of the speed')
     (event,) = lost()
     assert event['input_age'] == {'speed': 1.0}
-    assert event['level'] == 'ERROR'
+    assert event['level'] == 'WARN'
     topic = monitor.input('shaft/speed')
     assert event['text'] == (
         'aft: Input speed lost: nothing believable on shaft/speed for 1 s.'
