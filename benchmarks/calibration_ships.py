@@ -131,9 +131,7 @@ def _passages(
         n = load * (1.0 + 0.02 * np.sin(0.9 * wave + phase[1]))
         limit = own_beta * v
         size = np.abs(amplitude)
-        pace = half_rate * np.expm1(
-            np.log(n / n0) - limit + growth(np.minimum(size, limit))
-        )
+        pace = half_rate * np.expm1(np.log(n / n0) - limit + growth(np.minimum(size, limit)))
         amplitude *= np.exp(np.clip(pace * _STEP, -1.0, 1.0))
         amplitude += noise * (random.standard_normal(count) + 1j * random.standard_normal(count))
         hit = random.random(count) < _BLOWS * _STEP

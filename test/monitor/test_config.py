@@ -122,7 +122,11 @@ BAD_VALUES = [
     ('alarm.amplitude_limit', 0.0, 'aft.alarm.amplitude_limit = 0.0 must be a number above 0 m'),
     ('alarm.amplitude_limit', math.nan, 'aft.alarm.amplitude_limit = nan must be a number above'),
     ('alarm.amplitude_limit', -math.inf, 'aft.alarm.amplitude_limit = -inf must be a number abo'),
-    ('alarm.on_delay', -1, 'aft.alarm.on_delay = -1 must be a finite number not below 0 s'),
+    (
+        'alarm.on_delay',
+        -1,
+        'aft.alarm.on_delay = -1 must be a finite number not below 0 and not above 604800 s',
+    ),
     ('alarm.off_delay', math.inf, 'aft.alarm.off_delay = inf must be a finite number not below 0'),
     ('alarm.minimum_speed', -1.0, 'aft.alarm.minimum_speed = -1.0 must be a finite number not be'),
 ]
