@@ -15,8 +15,8 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 COAST = [(60.0 - 2.0 * t, float(t)) for t in range(20)] + [
     (20.0 + 2.0 * t, 20.0 + t) for t in range(20)
 ]
-# The first speed beyond each boundary (44, 40, 30 rpm down, 42, 46 rpm up), and three seconds: at
-# the inputs' rhythm a value counts for no more than a third of a delay.
+# The first speed beyond each boundary (44, 40 and 30 rpm down, 42 and 46 rpm up), and three s:
+# at the inputs' rhythm a value counts for no more than a third of a delay.
 EXPECTED = [
     (11.0, 'normal', 'caution', 'WARN', 38.0),
     (13.0, 'caution', 'bistable', 'WARN', 34.0),
