@@ -88,8 +88,8 @@ class Panel:
 
 
 def sticks(telemetry: Any, second: float) -> None:
-    """Deep in the stick-slip range at 20 rpm and 1000 N, for longer than the on-delay of 0.5 s."""
-    for step in range(3):
+    """Deep in the stick-slip range at 20 rpm and 1000 N, for more values than the delay needs."""
+    for step in range(6):
         telemetry.step(20.0, 1000.0, second + step)
 
 
@@ -251,6 +251,7 @@ def test_a_bag_looped_three_times(start: Any, run: Any, kit: Any, bag: Any) -> N
     own = {
         'alarm.on_delay': 1.0,
         'alarm.off_delay': 3.0,
+        'alarm.look_ahead': 0.0,
         'speed.timeout': 15.0,
         'load.timeout': 15.0,
     }

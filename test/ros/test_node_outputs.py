@@ -28,6 +28,9 @@ UNITS = {
     'error of the amplitude',
     'threshold amplitude [m]',
     'time to boundary [s]',
+    'growth [e-folds]',
+    'clears in [s]',
+    'raised lately',
 }
 TEXTS = {'reason', 'regime', 'outcome', 'stick-slip predicted'}
 

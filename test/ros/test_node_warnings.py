@@ -15,18 +15,20 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 COAST = [(60.0 - 2.0 * t, float(t)) for t in range(20)] + [
     (20.0 + 2.0 * t, 20.0 + t) for t in range(20)
 ]
-# First speed beyond each boundary, then the delay: 0.5 s on, 1.5 s off.
+# First speed beyond each boundary is that of 8, 10, 15, 31 and 33 s; a value of each second counts
+# for a third of the delay, so that the third after it is the one that changes the condition.
 EXPECTED = [
-    (8.5, 'normal', 'caution', 'WARN', 44.0),
-    (10.5, 'caution', 'bistable', 'WARN', 40.0),
-    (15.5, 'bistable', 'stick_slip', 'ERROR', 30.0),
-    (32.5, 'stick_slip', 'caution', 'WARN', 44.0),
-    (34.5, 'caution', 'normal', 'OK', 48.0),
+    (11.0, 'normal', 'caution', 'WARN', 38.0),
+    (13.0, 'caution', 'bistable', 'WARN', 34.0),
+    (18.0, 'bistable', 'stick_slip', 'ERROR', 24.0),
+    (34.0, 'stick_slip', 'caution', 'WARN', 48.0),
+    (36.0, 'caution', 'normal', 'OK', 52.0),
 ]
 
 
 def test_warnings_arrive_clear_and_are_kept_for_late_joiners(start: Any, kit: Any) -> None:
-    monitor = start(kit.parameters(kit.STAMPED))
+    own = {'alarm.caution_margin': 0.1, 'alarm.look_ahead': 0.0}
+    monitor = start(kit.parameters(kit.STAMPED, own))
     warnings = monitor.warnings()
     telemetry = kit.Telemetry(monitor)
     for rpm, seconds in COAST:
