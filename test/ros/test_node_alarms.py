@@ -251,6 +251,7 @@ def test_a_bag_looped_three_times(start: Any, run: Any, kit: Any, bag: Any) -> N
     own = {
         'alarm.on_delay': 1.0,
         'alarm.off_delay': 3.0,
+        'alarm.look_ahead': 0.0,
         'speed.timeout': 15.0,
         'load.timeout': 15.0,
     }

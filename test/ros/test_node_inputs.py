@@ -66,7 +66,7 @@ def test_garbage_is_counted_named_and_never_evaluated(start: Any, kit: Any) -> N
 def test_one_topic_feeds_two_bearings(start: Any, kit: Any) -> None:
     from std_msgs.msg import Float64
 
-    values = kit.parameters(SLOW, {'alarm.on_delay': 0.0})
+    values = kit.parameters(SLOW, {'alarm.on_delay': 0.0, 'alarm.onset_growth': 0.0})
     values |= {key.replace('aft', 'fwd', 1): v for key, v in values.items() if key[:4] == 'aft.'}
     values |= {'bearings': ['aft', 'fwd'], 'fwd.load.topic': 'fwd/load'}
     monitor = start(values)

@@ -33,7 +33,7 @@ def test_descriptors_have_ranges_units_and_rules(start: Any, kit: Any) -> None:
 
 @pytest.mark.slow
 def test_thresholds_are_tuned_while_active(start: Any, kit: Any) -> None:
-    monitor = start(kit.parameters(kit.STAMPED, AT_ONCE))
+    monitor = start(kit.parameters(kit.STAMPED, AT_ONCE | {'alarm.caution_margin': 0.1}))
     peer, warnings = monitor.peer, monitor.warnings()
     telemetry = kit.Telemetry(monitor)
     telemetry.step(46.0, 1000.0, 1)  # fold margin 0.13

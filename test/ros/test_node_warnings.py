@@ -27,7 +27,8 @@ EXPECTED = [
 
 
 def test_warnings_arrive_clear_and_are_kept_for_late_joiners(start: Any, kit: Any) -> None:
-    monitor = start(kit.parameters(kit.STAMPED))
+    own = {'alarm.caution_margin': 0.1, 'alarm.look_ahead': 0.0}
+    monitor = start(kit.parameters(kit.STAMPED, own))
     warnings = monitor.warnings()
     telemetry = kit.Telemetry(monitor)
     for rpm, seconds in COAST:
