@@ -107,8 +107,9 @@ def _drift(result: Mapping[str, Any]) -> str:
     return (
         '## A bearing that wears\n\n'
         f'`mu_s - mu_k` rises by 42 % over 24 passages; the last one is judged, {result["ships"]}'
-        f' ships.\nThat the bearing may have changed was said, or the result refused, for {result["warned"]} of'
-        ' them. The first column\nis `--forget`.\n\n' + _coverage(result['rows'])
+        f' ships.\nThat the bearing may have changed was said, or the result refused, for'
+        f' {result["warned"]} of them. The first column\nis `--forget`.\n\n'
+        + _coverage(result['rows'])
     )
 
 
