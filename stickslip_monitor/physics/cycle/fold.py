@@ -20,7 +20,7 @@ from stickslip_monitor.physics.cycle.law import breakaway, steepest_fall
 from stickslip_monitor.physics.cycle.orbit import follow
 from stickslip_monitor.physics.cycle.setting import FORWARD, can_gain, setting
 from stickslip_monitor.physics.cycle.slip_phase import grazing_margin
-from stickslip_monitor.physics.friction import Coulomb, Stribeck
+from stickslip_monitor.physics.friction import Coulomb, Stribeck, computes_as
 from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.roots import costly_root
 
@@ -62,9 +62,9 @@ def coulomb_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
     when it has lost ``exp(-2 pi zeta)`` of its amplitude: right to some percent.
     """
     law, momentum = bearing.friction, bearing.mass * bearing.natural_frequency
-    viscous = law.viscous if isinstance(law, Stribeck) else 0.0
+    viscous = law.viscous if computes_as(law, Stribeck) else 0.0
     steady = float(law.coefficient(_SPREAD * max(law.breakpoints, default=1.0)))
-    kinetic = law.kinetic if isinstance(law, Stribeck) else steady
+    kinetic = law.kinetic if computes_as(law, Stribeck) else steady
     damping = bearing.damping_ratio + 0.5 * viscous * load / momentum
     lost = np.expm1(np.minimum(4.0 * np.pi * damping, _LARGEST))
     with np.errstate(all='ignore'):
@@ -135,9 +135,9 @@ def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
         ``nan`` where no speed has a cycle, ``inf`` where none is the last, shape (n,).
     """
     law = bearing.friction
-    if isinstance(law, Coulomb):
+    if computes_as(law, Coulomb):
         return smooth_fold(bearing, load, np.full(load.shape, np.nan))
-    if type(law) is not Stribeck:
+    if not computes_as(law, Stribeck):
         fine = len(law.breakpoints) > _FINE_TABLE
         return coarse_fold(bearing, load) if fine else polished_fold(bearing, load)
     averaged = np.asarray(boundaries.fold_speed(bearing, load))
@@ -257,10 +257,10 @@ class FoldCurve:
         self._known_onset = onset > 0.0
         # The least load with a cycle, or one below those that matter.
         self._unit = onset if self._known_onset else 2.0 ** (-_OCTAVES // 2)
-        self._closed = type(law) is Stribeck
+        self._closed = computes_as(law, Stribeck)
         # Without damping a cycle gains energy at every speed, and averaging says so exactly.
         self._endless = self._closed and onset == 0.0
-        self._octaves = 1 if isinstance(law, Coulomb) else _OCTAVES
+        self._octaves = 1 if computes_as(law, Coulomb) else _OCTAVES
         self._drop = law.static / (bearing.mass * bearing.natural_frequency)
         self.pieces: Pieces = no_pieces(self._octaves)
 
@@ -304,7 +304,7 @@ class FoldCurve:
             known: Where the averaged model has one, shape (n,).
         """
         inside: BoolArray = (speed < exact) | known
-        if self._closed or isinstance(self.bearing.friction, Coulomb):
+        if self._closed or computes_as(self.bearing.friction, Coulomb):
             return inside
         # A law with several ranges of speed is quiet between them.
         gap = np.flatnonzero(inside & ~known & (speed < averaged) & (speed > 0.0))
@@ -357,7 +357,7 @@ class FoldCurve:
         averaged = np.full(load.shape, np.nan)
         if self._closed:
             averaged = np.asarray(boundaries.fold_speed(bearing, load))
-        if isinstance(law, Coulomb) or (self._closed and not self._is_steep(octave[0])):
+        if computes_as(law, Coulomb) or (self._closed and not self._is_steep(octave[0])):
             fold = smooth_fold(bearing, load, averaged)
         else:
             guess = guessed_fold(bearing, load, averaged) if self._closed else None
