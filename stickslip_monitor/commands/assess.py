@@ -10,12 +10,11 @@ import argparse
 import math
 from typing import Any
 
-import numpy as np
 from rich.table import Table
 
 from stickslip_monitor.commands.arguments import parse_load, parse_speed
 from stickslip_monitor.commands.output import add_config, add_json, console, print_json
-from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, assess, at_index
+from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, assess
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.decision import warns
@@ -54,8 +53,7 @@ def run(args: argparse.Namespace) -> int:
     points, warned = [], False
     for item in bearings:
         speed = parse_speed(args.speed, item.bearing.speed)
-        point = assess(item.bearing, np.array([speed]), np.array([load]), item.belief)
-        points.append((item, at_index(point, 0)))
+        points.append((item, assess(item.bearing, speed, load, item.belief)))
         warned |= warns(item.alarm, points[-1][1])
     if args.json:
         documents = [to_json(item.name, point) for item, point in points]

@@ -1,13 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Words that the monitor speaks in: names with the sentence that explains each.
+"""The verdict of the models on operating points: regime, margins, loads, amplitudes.
 
-The words of a verdict: regime and outcome.
-
-The columns of an assessment that are worked out when they are asked for.
-
-The verdict of the averaged model on an operating point: regime, margins, amplitudes.
-
-Taking single operating points out of an assessment of arrays.
+A single point is an :class:`Assessment` of Python numbers, many are :class:`Assessments` of
+arrays; both have the same names. What a verdict rests on is stored, the rest is worked out when it
+is first asked for.
 """
 
 from __future__ import annotations
@@ -17,14 +13,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stickslip_monitor.arrays import FloatArray, flatten, in_blocks, restore
+from stickslip_monitor.arrays import FloatArray, IndexArray, flatten, in_blocks
 from stickslip_monitor.physics.averaging import boundaries
-from stickslip_monitor.physics.averaging.boundaries import averaged_solver, damping_per_load
+from stickslip_monitor.physics.averaging.solver import averaged_solver, damping_per_load
 from stickslip_monitor.physics.belief import Belief, probability_runs
 from stickslip_monitor.physics.cycle.fold import fold_curve
 from stickslip_monitor.physics.cycle.surface import exact_amplitude
@@ -216,8 +212,6 @@ _AVERAGED: dict[str, Callable[[Bearing, Points], FloatArray]] = {
 AVERAGED = tuple(_AVERAGED)
 """Those that averaging gives, in order."""
 
-__all__ = ['COLUMNS', 'OUTCOMES', 'REGIMES', 'Assessment', 'Outcome', 'Regime', 'assess', 'margin']
-
 _REGIME_NAMES = np.array([regime.value for regime in REGIMES])
 _OUTCOME_NAMES = np.array([outcome.value for outcome in OUTCOMES])
 _REGIME_CODES = np.array([REGIMES.index(regime) for regime in REGIME_OF_OUTCOME], np.int8)
@@ -232,6 +226,7 @@ COLUMNS = (
 )
 """The names of what is told of every operating point."""
 
+
 BELIEFS = (
     'probability_can',
     'probability_will',
@@ -242,222 +237,292 @@ BELIEFS = (
 """What tolerances or a calibration add to an assessment; ``nan`` without them."""
 
 
+class _Number:
+    """A number that is worked out when it is first asked for, under the attribute's name."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, point: Assessment, owner: type) -> float:
+        value = point._known.get(self._name)
+        if value is None:
+            if self._name in BELIEFS:
+                point._known.update(_believed(self._name, point))
+            else:
+                flat = column(self._name, point._bearing, point._points())
+                point._known[self._name] = flat[0].item()
+            value = point._known[self._name]
+        return value
+
+
+class _Column:
+    """An array that is worked out when it is first asked for, under the attribute's name."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, points: Assessments, owner: type) -> FloatArray:
+        value = points._known.get(self._name)
+        if value is None:
+            if self._name in BELIEFS:
+                points._known.update(_believed(self._name, points))
+            else:
+                flat = column(self._name, points._bearing, points._points())
+                points._known[self._name] = flat.reshape(points.outcome_code.shape)
+            value = points._known[self._name]
+        return value
+
+
+def _believed(name: str, points: Assessment | Assessments) -> dict[str, Any]:
+    """One of :data:`BELIEFS` and what comes with it, of the shape of the points."""
+    if points._belief is None:
+        return {name: points.speed * np.nan}
+    if name == 'probability_runs':  # without a memory it is what starts by itself
+        return {name: points.probability_will}
+    margins = name.startswith('fold')
+    ask = points._belief.fold_margins if margins else points._belief.probabilities
+    names = BELIEFS[3:] if margins else BELIEFS[:2]
+    return dict(zip(names, ask(points.speed, points.load), strict=True))
+
+
 @dataclass(frozen=True, slots=True)
 class Assessment:
-    """First-order KBM's verdict on operating points; everything has the inputs' shape.
-
-    What a verdict rests on is stored; the rest is worked out when it is first asked for.
+    """The verdict on one operating point.
 
     Attributes:
         speed: Journal surface speed as given, negative astern [m/s].
         load: Bearing load as given [N].
         outcome_code: Index into :data:`OUTCOMES`.
         hopf_speed: Highest unstable speed at this load [m/s]; ``nan`` without one.
-        fold_speed: Highest speed with a stick-slip cycle at this load [m/s]; ``nan`` without one.
+        fold_speed: Highest speed with a stick-slip cycle at this load under first-order KBM
+            averaging [m/s]; ``nan`` without one.
         exact_fold_speed: The same of the exact model, which does not average.
+        hopf_load: Load at which this speed turns unstable [N]; ``nan`` without one.
+        fold_load: Load from which a stick-slip cycle exists at this speed [N]; ``nan`` without.
+        growth_rate: Growth rate of a small disturbance of steady sliding [1/s].
+        amplitude: Displacement amplitude of the stick-slip cycle under averaging [m]; ``nan``
+            where none exists.
+        threshold_amplitude: That of the unstable cycle [m]: in the bistable range a larger
+            disturbance starts stick-slip; ``nan`` elsewhere.
+        amplitude_exact: That of the exact stick-slip cycle, to 1e-6 [m]; ``nan`` for none. See
+            :func:`stickslip_monitor.physics.cycle.surface.exact_amplitude`.
+        probability_can: Probability that a stick-slip cycle exists; ``nan`` without a belief, as
+            all below.
+        probability_will: Probability that stick-slip starts by itself.
+        probability_runs: Probability that stick-slip runs, with the memory of the bistable range.
+        fold_margin_low: 5 % quantile of the fold margin [-].
+        fold_margin_high: 95 % quantile of the fold margin [-].
     """
 
-    speed: Any
-    load: Any
-    outcome_code: Any
-    hopf_speed: Any
-    fold_speed: Any
-    exact_fold_speed: Any
+    speed: float
+    load: float
+    outcome_code: int
+    hopf_speed: float
+    fold_speed: float
+    exact_fold_speed: float
     _bearing: Bearing = field(repr=False, compare=False)
-    _points: Points | None = field(default=None, repr=False, compare=False)
-    _known: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
+    _known: dict[str, float] = field(default_factory=dict, repr=False, compare=False)
     _belief: Belief | None = field(default=None, repr=False, compare=False)
 
-    def _column(self, name: str) -> Any:
-        value = self._known.get(name)
-        if value is None:
-            value = self._known[name] = self._work_out(name)
-        return value
+    hopf_load = _Number()
+    fold_load = _Number()
+    growth_rate = _Number()
+    amplitude = _Number()
+    threshold_amplitude = _Number()
+    amplitude_exact = _Number()
+    probability_can = _Number()
+    probability_will = _Number()
+    probability_runs = _Number()
+    fold_margin_low = _Number()
+    fold_margin_high = _Number()
 
-    def _work_out(self, name: str) -> Any:
-        points = self._points
-        if points is None:
-            stored = (
-                self.speed,
-                self.load,
-                self.outcome_code,
-                self.hopf_speed,
-                self.fold_speed,
-                self.exact_fold_speed,
-            )
-            points = Points(*(np.asarray(column).reshape(-1) for column in stored))
-        shape = () if isinstance(self.outcome_code, int) else self.outcome_code.shape
-        return restore(column(name, self._bearing, points), shape)
+    def _points(self) -> Points:
+        return Points(*(np.array([value]) for value in self._stored()))
+
+    def _stored(self) -> tuple[float, ...]:
+        found = self.hopf_speed, self.fold_speed, self.exact_fold_speed
+        return self.speed, self.load, self.outcome_code, *found
 
     @property
-    def hopf_margin(self) -> Any:
+    def hopf_margin(self) -> float:
         """``|V|/V_H - 1`` [-]; negative inside, ``inf`` where there is no Hopf speed."""
-        if isinstance(self.outcome_code, int):
-            return margin_of_number(self.speed, self.hopf_speed, self.outcome_code)
-        return self._column('hopf_margin')
+        return margin_of_number(self.speed, self.hopf_speed, self.outcome_code)
 
     @property
-    def fold_margin(self) -> Any:
+    def fold_margin(self) -> float:
         """``|V|/V_F - 1`` [-]; negative inside, ``inf`` where there is no fold."""
-        if isinstance(self.outcome_code, int):
-            return margin_of_number(self.speed, self.fold_speed, self.outcome_code)
-        return self._column('fold_margin')
+        return margin_of_number(self.speed, self.fold_speed, self.outcome_code)
 
     @property
-    def exact_fold_margin(self) -> Any:
+    def exact_fold_margin(self) -> float:
         """``|V|/V_F - 1`` [-] with the exact fold speed; negative inside, ``inf`` without one."""
-        if isinstance(self.outcome_code, int):
-            return margin_of_number(self.speed, self.exact_fold_speed, self.outcome_code)
-        return self._column('exact_fold_margin')
+        return margin_of_number(self.speed, self.exact_fold_speed, self.outcome_code)
 
     @property
-    def stability_limit(self) -> Any:
+    def stability_limit(self) -> float:
         """The higher of the two fold speeds [m/s]; ``nan`` without either."""
-        if isinstance(self.outcome_code, int):
-            # A speed that does not exist is less than any.
-            fold, exact = self.fold_speed, self.exact_fold_speed
-            return exact if exact > fold or fold != fold else fold
-        return np.fmax(self.fold_speed, self.exact_fold_speed)
+        fold, exact = self.fold_speed, self.exact_fold_speed
+        # A speed that does not exist is less than any.
+        return exact if exact > fold or fold != fold else fold
 
     @property
-    def stability_margin(self) -> Any:
+    def stability_margin(self) -> float:
         """The smaller of the two fold margins [-], which decides.
 
         Not negative only where neither the averaged nor the exact model has a cycle.
         """
-        if isinstance(self.outcome_code, int):
-            # A margin that does not exist is infinite in both.
-            return min(self.fold_margin, self.exact_fold_margin)
-        return self._column('stability_margin')
+        return margin_of_number(self.speed, self.stability_limit, self.outcome_code)
 
     @property
-    def hopf_load(self) -> Any:
-        """Load at which this speed turns unstable [N]; ``nan`` without one."""
-        return self._column('hopf_load')
-
-    @property
-    def fold_load(self) -> Any:
-        """Load from which a stick-slip cycle exists at this speed [N]; ``nan`` without."""
-        return self._column('fold_load')
-
-    @property
-    def growth_rate(self) -> Any:
-        """Growth rate of a small disturbance of steady sliding [1/s]."""
-        return self._column('growth_rate')
-
-    @property
-    def amplitude(self) -> Any:
-        """Displacement amplitude of the stick-slip cycle [m]; ``nan`` where none exists."""
-        return self._column('amplitude')
-
-    @property
-    def threshold_amplitude(self) -> Any:
-        """Amplitude of the unstable cycle [m].
-
-        In the bistable range a larger disturbance starts stick-slip; ``nan`` elsewhere.
-        """
-        return self._column('threshold_amplitude')
-
-    @property
-    def amplitude_exact(self) -> Any:
-        """Displacement amplitude of the exact stick-slip cycle, to 1e-6 [m]; ``nan`` for none.
-
-        See :func:`stickslip_monitor.physics.cycle.surface.exact_amplitude`.
-        """
-        return self._column('amplitude_exact')
-
-    @property
-    def amplitude_error(self) -> Any:
+    def amplitude_error(self) -> float:
         """Error of averaging's amplitude, ``amplitude / amplitude_exact - 1`` [-]."""
-        return np.divide(self.amplitude, self.amplitude_exact) - 1.0
+        return self.amplitude / self.amplitude_exact - 1.0
 
     @property
     def has_belief(self) -> bool:
         """Whether tolerances or a calibration make probabilities."""
         return self._belief is not None
 
-    @property
-    def probability_can(self) -> Any:
-        """Probability that a stick-slip cycle exists; ``nan`` without a belief, as all below."""
-        return self._believed('probability_can')
+    def remember_runs(self, before: float) -> float:
+        """Work out the probability that stick-slip runs, from that before this point."""
+        if self._belief is None:
+            return before
+        can, will = np.array([self.probability_can]), np.array([self.probability_will])
+        runs: float = probability_runs(can, will, before).item()
+        self._known['probability_runs'] = runs
+        return runs
 
     @property
-    def probability_will(self) -> Any:
-        """Probability that stick-slip starts by itself."""
-        return self._believed('probability_will')
+    def outcome(self) -> Outcome:
+        """Why the verdict says what it says."""
+        return OUTCOMES[self.outcome_code]
 
     @property
-    def probability_runs(self) -> Any:
-        """Probability that stick-slip runs, with the memory of the bistable range."""
-        return self._believed('probability_runs')
+    def regime_code(self) -> int:
+        """Index into :data:`REGIMES`."""
+        return int(_REGIME_CODES[self.outcome_code])
 
     @property
-    def fold_margin_low(self) -> Any:
-        """5 % quantile of the fold margin [-]."""
-        return self._believed('fold_margin_low')
+    def regime(self) -> Regime:
+        """What can happen at the point."""
+        return REGIME_OF_OUTCOME[self.outcome_code]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Assessments:
+    """The verdicts on many operating points: arrays of one shape, named as in :class:`Assessment`.
+
+    Attributes:
+        outcome: Outcome names.
+        regime: Regime names.
+    """
+
+    speed: FloatArray
+    load: FloatArray
+    outcome_code: NDArray[np.int8]
+    hopf_speed: FloatArray
+    fold_speed: FloatArray
+    exact_fold_speed: FloatArray
+    _bearing: Bearing = field(repr=False)
+    _known: dict[str, FloatArray] = field(default_factory=dict, repr=False)
+    _belief: Belief | None = field(default=None, repr=False)
+
+    hopf_margin = _Column()
+    fold_margin = _Column()
+    exact_fold_margin = _Column()
+    stability_margin = _Column()
+    hopf_load = _Column()
+    fold_load = _Column()
+    growth_rate = _Column()
+    amplitude = _Column()
+    threshold_amplitude = _Column()
+    amplitude_exact = _Column()
+    probability_can = _Column()
+    probability_will = _Column()
+    probability_runs = _Column()
+    fold_margin_low = _Column()
+    fold_margin_high = _Column()
+
+    def _points(self) -> Points:
+        return Points(
+            self.speed.reshape(-1),
+            self.load.reshape(-1),
+            self.outcome_code.reshape(-1),
+            self.hopf_speed.reshape(-1),
+            self.fold_speed.reshape(-1),
+            self.exact_fold_speed.reshape(-1),
+        )
 
     @property
-    def fold_margin_high(self) -> Any:
-        """95 % quantile of the fold margin [-]."""
-        return self._believed('fold_margin_high')
+    def stability_limit(self) -> FloatArray:
+        """See :class:`Assessment`."""
+        return np.fmax(self.fold_speed, self.exact_fold_speed)
+
+    @property
+    def amplitude_error(self) -> FloatArray:
+        """See :class:`Assessment`."""
+        return self.amplitude / self.amplitude_exact - 1.0
+
+    @property
+    def has_belief(self) -> bool:
+        """See :class:`Assessment`."""
+        return self._belief is not None
 
     def remember_runs(self, before: float) -> float:
-        """Work out the probability that stick-slip runs.
+        """Work out the probabilities that stick-slip runs, in order of time.
 
         Args:
-            before: That before this point, or before the first of the points.
+            before: That before the first of the points.
 
         Returns:
             That after the last.
         """
         if self._belief is None:
             return before
-        can, will = (np.atleast_1d(x) for x in (self.probability_can, self.probability_will))
-        runs = probability_runs(can, will, before)
-        scalar = isinstance(self.outcome_code, int)
-        self._known['probability_runs'] = runs.item() if scalar else runs
+        runs = probability_runs(self.probability_can, self.probability_will, before)
+        self._known['probability_runs'] = runs
         return float(runs[-1]) if runs.size else before
 
-    def _believed(self, name: str) -> Any:
-        if name not in self._known:
-            self._known[name] = self._of_belief(name)
-        return self._known[name]
-
-    def _of_belief(self, name: str) -> Any:
-        if self._belief is None:
-            return np.multiply(self.speed, np.nan)[()]
-        if name == 'probability_runs':  # without a memory it is what starts by itself
-            return self.probability_will
-        margins = name.startswith('fold')
-        ask = self._belief.fold_margins if margins else self._belief.probabilities
-        names = BELIEFS[3:] if margins else BELIEFS[:2]
-        self._known.update(zip(names, ask(self.speed, self.load), strict=True))
-        return self._known[name]
-
     @property
-    def outcome(self) -> Any:
-        """The :class:`Outcome`, or an array of outcome names."""
-        if isinstance(self.outcome_code, int):
-            return OUTCOMES[self.outcome_code]
+    def outcome(self) -> NDArray[np.str_]:
+        """See :class:`Assessment`."""
         return _OUTCOME_NAMES[self.outcome_code]
 
     @property
-    def regime_code(self) -> Any:
-        """Index into :data:`REGIMES`, of the inputs' shape."""
-        code = _REGIME_CODES[self.outcome_code]
-        return int(code) if isinstance(self.outcome_code, int) else code
+    def regime_code(self) -> NDArray[np.int8]:
+        """See :class:`Assessment`."""
+        return _REGIME_CODES[self.outcome_code]
 
     @property
-    def regime(self) -> Any:
-        """The :class:`Regime`, or an array of regime names."""
-        if isinstance(self.outcome_code, int):
-            return REGIME_OF_OUTCOME[self.outcome_code]
+    def regime(self) -> NDArray[np.str_]:
+        """See :class:`Assessment`."""
         return _REGIME_NAMES[self.regime_code]
+
+
+Values = NDArray[Any] | Sequence[float]
+
+
+@overload
+def assess(
+    bearing: Bearing, speed: float, load: float, belief: Belief | None = None
+) -> Assessment: ...
+
+
+@overload
+def assess(
+    bearing: Bearing, speed: Values, load: float | Values, belief: Belief | None = None
+) -> Assessments: ...
+
+
+@overload
+def assess(
+    bearing: Bearing, speed: float, load: Values, belief: Belief | None = None
+) -> Assessments: ...
 
 
 def assess(
     bearing: Bearing, speed: ArrayLike, load: ArrayLike, belief: Belief | None = None
-) -> Assessment:
+) -> Assessment | Assessments:
     """Assess operating points of a bearing by first-order KBM averaging and the exact fold.
 
     Args:
@@ -467,31 +532,33 @@ def assess(
         belief: What makes probabilities of them, if anything does.
 
     Returns:
-        The assessment, of scalars for scalar inputs, else of arrays of the broadcast shape. It
+        The assessment of one point for numbers, else those of arrays of the broadcast shape. It
         never raises for a number: an input that is not finite has its own outcome.
     """
     shape, (v, n) = flatten(speed, load)
     with np.errstate(all='ignore'):
         columns = in_blocks(partial(_judge, bearing), v, n)
-    points = Points(v, n, *columns)
-    v, n, code, hopf, fold, exact = (restore(column, shape) for column in points)
-    return Assessment(v, n, code, hopf, fold, exact, bearing, points, _belief=belief)
+    if not shape:
+        v1, n1, code, hopf, fold, exact = (flat[0].item() for flat in (v, n, *columns))
+        return Assessment(v1, n1, code, hopf, fold, exact, bearing, _belief=belief)
+    v, n, codes, hopfs, folds, exacts = (flat.reshape(shape) for flat in (v, n, *columns))
+    return Assessments(v, n, codes, hopfs, folds, exacts, bearing, _belief=belief)
 
 
 def _judge(bearing: Bearing, speed: FloatArray, load: FloatArray) -> tuple[NDArray[Any], ...]:
     """Outcome, Hopf speed and both fold speeds of flat arrays."""
-    law, solver = bearing.friction, averaged_solver(bearing.friction)
+    solver = averaged_solver(bearing.friction)
     magnitude = np.abs(speed)
     size = magnitude * load
     ordinary = bool(((size > 0.0) & (size < np.inf)).all())
-    q = bearing.damping / load if ordinary else damping_per_load(bearing, load)
-    hopf, fold = solver.boundaries(law, q)
+    q = bearing.damping / load if ordinary else damping_per_load(bearing.damping, load)
+    hopf, fold = solver.boundaries(q)
     curve = fold_curve(bearing)
     exact = curve.speed(load, fold)
     code = np.where((fold != fold) & (exact != exact), NO_BOUNDARY, NO_CYCLE)
-    averaged = solver.has_cycle(law, magnitude, q, fold)
+    averaged = solver.has_cycle(magnitude, q, fold)
     code = np.where(curve.has_cycle(magnitude, load, fold, exact, averaged), BISTABLE, code)
-    code = np.where(solver.equilibrium_is_unstable(law, magnitude, q, hopf), STICK_SLIP, code)
+    code = np.where(solver.is_unstable(magnitude, q, hopf), STICK_SLIP, code)
     if ordinary:
         return code, hopf, fold, exact
     # 0, or nan where an input is not finite.
@@ -502,40 +569,40 @@ def _judge(bearing: Bearing, speed: FloatArray, load: FloatArray) -> tuple[NDArr
     return code, hopf + missing, fold + missing, exact + missing
 
 
-def at_indices(points: Assessment, rows: NDArray[np.intp]) -> Assessment:
-    """The assessment of arrays at some indices of a one-dimensional assessment."""
-    return _picked(points, lambda column: column[rows])
-
-
-def at_index(points: Assessment, index: int) -> Assessment:
-    """The assessment of scalars at an index of a one-dimensional assessment."""
-    return _picked(points, lambda column: column[index].item())
-
-
-def joined(points: Sequence[Assessment]) -> Assessment:
-    """Assessments of scalars, at least one and all of one bearing, as one of arrays."""
-    return Assessment(
-        np.array([point.speed for point in points]),
-        np.array([point.load for point in points]),
-        np.array([point.outcome_code for point in points]),
-        np.array([point.hopf_speed for point in points]),
-        np.array([point.fold_speed for point in points]),
-        np.array([point.exact_fold_speed for point in points]),
-        points[0]._bearing,
-        _known={name: np.array([getattr(p, name) for p in points]) for name in BELIEFS},
-        _belief=points[0]._belief,
-    )
-
-
-def _picked(points: Assessment, pick: Callable[[NDArray[Any]], Any]) -> Assessment:
-    return Assessment(
-        pick(points.speed),
-        pick(points.load),
-        pick(points.outcome_code),
-        pick(points.hopf_speed),
-        pick(points.fold_speed),
-        pick(points.exact_fold_speed),
+def at_indices(points: Assessments, rows: IndexArray) -> Assessments:
+    """Some of the points of one-dimensional assessments."""
+    return Assessments(
+        points.speed[rows],
+        points.load[rows],
+        points.outcome_code[rows],
+        points.hopf_speed[rows],
+        points.fold_speed[rows],
+        points.exact_fold_speed[rows],
         points._bearing,
-        _known={name: pick(column) for name, column in points._known.items()},
-        _belief=points._belief,
+        {name: column[rows] for name, column in points._known.items()},
+        points._belief,
     )
+
+
+def at_index(points: Assessments, index: int) -> Assessment:
+    """One of the points of one-dimensional assessments."""
+    return Assessment(
+        points.speed[index].item(),
+        points.load[index].item(),
+        points.outcome_code[index].item(),
+        points.hopf_speed[index].item(),
+        points.fold_speed[index].item(),
+        points.exact_fold_speed[index].item(),
+        points._bearing,
+        {name: column[index].item() for name, column in points._known.items()},
+        points._belief,
+    )
+
+
+def joined(points: Sequence[Assessment]) -> Assessments:
+    """Assessments of points, at least one and all of one bearing."""
+    columns = zip(*(point._stored() for point in points), strict=True)
+    speed, load, code, hopf, fold, exact = (np.array(column) for column in columns)
+    known = {name: np.array([getattr(p, name) for p in points]) for name in BELIEFS}
+    first = points[0]
+    return Assessments(speed, load, code, hopf, fold, exact, first._bearing, known, first._belief)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, IntArray
-from stickslip_monitor.monitor.assessment import OUTCOMES, Assessment, Outcome
+from stickslip_monitor.monitor.assessment import OUTCOMES, Assessment, Assessments, Outcome
 from stickslip_monitor.monitor.config import AlarmConfig
 from stickslip_monitor.monitor.freshness import Fresh, credit, credit_of_many, lasts
 from stickslip_monitor.monitor.ladder import LADDER, Condition
@@ -52,7 +52,7 @@ _MEMORY = 60
 """A rung raised again sooner than this after it was cleared keeps returning [off_delay]."""
 
 
-def decision_margin(point: Assessment) -> Any:
+def decision_margin(point: Assessment | Assessments) -> Any:
     """The margin [-] by which alarms go: below 0 where a stick-slip cycle exists."""
     return point.stability_margin
 
@@ -106,7 +106,7 @@ class _Growth(Latch):
         points: Of a recording: the assessment of arrays, shape (n,).
     """
 
-    points: Assessment
+    points: Assessments
 
     def __init__(self, bearing: Bearing, config: AlarmConfig) -> None:
         super().__init__(config)
@@ -202,25 +202,25 @@ class _Rung(Latch):
         return np.where(self.asks[self.on][lo:hi], own, -own)
 
 
-def _sliding(point: Assessment) -> Any:
+def _sliding(point: Assessment | Assessments) -> Any:
     code = point.outcome_code
     return (code != _AT_REST) & (code != _NO_CONTACT)
 
 
-def _ahead(point: Assessment, future: Any) -> Any:
+def _ahead(point: Assessment | Assessments, future: Any) -> Any:
     """Whether the speed that the trend leads to lies below the fold."""
     fold, astern = point.stability_limit, point.speed < 0.0
     below = (future < fold) & (astern ^ True) | (-future < fold) & astern
     return _sliding(point) & below
 
 
-def _grown(point: Assessment) -> tuple[Any, Any]:
+def _grown(point: Assessment | Assessments) -> tuple[Any, Any]:
     """Where a disturbance grows, and where a cycle dies out."""
     inside = _sliding(point) & (decision_margin(point) < 0.0)
     return point.outcome_code == _STICK_SLIP, inside ^ True
 
 
-def near_fold(config: AlarmConfig, point: Assessment) -> tuple[Any, Any]:
+def near_fold(config: AlarmConfig, point: Assessment | Assessments) -> tuple[Any, Any]:
     """Where caution holds, and where it goes on.
 
     By the margin; by the probability that stick-slip can happen where there is one.
@@ -232,7 +232,7 @@ def near_fold(config: AlarmConfig, point: Assessment) -> tuple[Any, Any]:
     return sliding & (margin < config.caution_margin), sliding & wide
 
 
-def _inside_fold(config: AlarmConfig, point: Assessment) -> tuple[Any, Any]:
+def _inside_fold(config: AlarmConfig, point: Assessment | Assessments) -> tuple[Any, Any]:
     """The same of the bistable range."""
     if point.has_belief:
         return _above(point, config.can_probability)
@@ -240,12 +240,14 @@ def _inside_fold(config: AlarmConfig, point: Assessment) -> tuple[Any, Any]:
     return inside, inside
 
 
-def _above(point: Assessment, limit: float) -> tuple[Any, Any]:
+def _above(point: Assessment | Assessments, limit: float) -> tuple[Any, Any]:
     sliding, can = _sliding(point), point.probability_can
     return sliding & (can > limit), sliding & (can >= LEFT_BELOW * limit)
 
 
-def _asked(config: AlarmConfig, point: Assessment, future: Any, sticking: Any) -> list[Any]:
+def _asked(
+    config: AlarmConfig, point: Assessment | Assessments, future: Any, sticking: Any
+) -> list[Any]:
     """For each rung from caution up where it holds, and where it is clear of it.
 
     Args:
@@ -358,7 +360,7 @@ class ConditionClassifier:
 
     def follow(
         self,
-        points: Assessment,
+        points: Assessments,
         times: IntArray,
         starts: NDArray[np.intp],
         futures: NDArray[np.float64],
@@ -367,7 +369,7 @@ class ConditionClassifier:
         """:meth:`take` of all points of a recording at once.
 
         Args:
-            points: Assessment of arrays, shape (n,).
+            points: Assessments, shape (n,).
             times: Shape (n,) [ns].
             starts: The points before which the clock jumped, the first included, shape (m,).
             futures: The speeds that the trend leads to, shape (n,) [m/s].

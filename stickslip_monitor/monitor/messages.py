@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, joined
+from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, Assessments, joined
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.decision import Standing
 from stickslip_monitor.monitor.ladder import Condition, Level
@@ -69,7 +69,7 @@ def topic_numbers(bearing: BearingConfig) -> tuple[str, ...]:
     return VERDICT_NUMBERS if bearing.belief is None else (*VERDICT_NUMBERS, *BELIEFS)
 
 
-def verdict_numbers(point: Assessment) -> dict[str, Any]:
+def verdict_numbers(point: Assessment | Assessments) -> dict[str, Any]:
     """What the topics of :func:`topic_numbers` say, in their order.
 
     Args:
@@ -127,7 +127,7 @@ def event_records(events: Sequence[Event]) -> list[dict[str, Any]]:
     return records
 
 
-def _numbers(points: Assessment) -> Iterator[Sequence[float]]:
+def _numbers(points: Assessments) -> Iterator[Sequence[float]]:
     """The numbers of each point of an assessment of arrays."""
     return zip(*(getattr(points, name).tolist() for name in _POINT_FIELDS), strict=True)
 

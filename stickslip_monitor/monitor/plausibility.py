@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.monitor.assessment import Assessment
+from stickslip_monitor.monitor.assessment import Assessments
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.averaging.boundaries import fold_speed
 
@@ -23,7 +23,7 @@ FACTOR = 5.0
 """Least distance from the boundary, as a factor, that is asked about if it is never smaller."""
 
 
-def questions(config: BearingConfig, points: Assessment) -> dict[str, list[str]]:
+def questions(config: BearingConfig, points: Assessments) -> dict[str, list[str]]:
     """What to ask about the inputs of a bearing.
 
     Args:

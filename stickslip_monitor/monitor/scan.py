@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, IntArray
-from stickslip_monitor.monitor.assessment import Assessment, assess, at_index
+from stickslip_monitor.monitor.assessment import Assessments, assess, at_index
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.decision import ConditionClassifier, Decisions
 from stickslip_monitor.monitor.freshness import Fresh, lasts
@@ -41,7 +41,7 @@ class Scan:
     Attributes:
         time_ns: Times of the evaluated operating points, shape (n,) [ns].
         until_ns: How long each counts: to the next one or to the loss of an input, (n,) [ns].
-        assessment: Assessment of arrays, shape (n,).
+        assessment: Assessments, shape (n,).
         course: What the alarm rests on after each point.
         first: Index of the first point since the clock last jumped, shape (n,).
         events: Changes of the alarm, in order.
@@ -51,7 +51,7 @@ class Scan:
 
     time_ns: IntArray
     until_ns: IntArray
-    assessment: Assessment
+    assessment: Assessments
     course: Decisions
     first: IntArray
     events: list[Event]
@@ -274,7 +274,7 @@ class _Walk:
         # With the point that each rests on, and the first one since the clock last jumped.
         self._changes: list[tuple[ConditionChange, int, int]] = []
 
-    def run(self, end_ns: int | None, points: Assessment) -> list[Event]:
+    def run(self, end_ns: int | None, points: Assessments) -> list[Event]:
         """Walk to the end; return the events."""
         for i in self._stops().tolist():
             self._visit(i)
@@ -291,7 +291,7 @@ class _Walk:
             for change, k, low in self._changes
         ]
 
-    def _trend(self, points: Assessment, k: int, low: int) -> Trend | None:
+    def _trend(self, points: Assessments, k: int, low: int) -> Trend | None:
         if k < low or self.course.sticking[k]:
             return None
         return trend_at(self.config, self.times, points, low, k)
@@ -345,7 +345,7 @@ class _Walk:
 
 
 def trend_at(
-    config: BearingConfig, time_ns: IntArray, points: Assessment, low: int, k: int
+    config: BearingConfig, time_ns: IntArray, points: Assessments, low: int, k: int
 ) -> Trend | None:
     """The trend after a point of a recording.
 

@@ -96,7 +96,11 @@ class Pieces:
         return horner(self.powers.take(part, axis=1), t)
 
     def with_unit(
-        self, unit: int, function: Callable[[FloatArray], FloatArray], tolerance: float
+        self,
+        unit: int,
+        function: Callable[[FloatArray], FloatArray],
+        tolerance: float,
+        sizes: tuple[int, int] = (FINE // 2, 1),
     ) -> Pieces:
         """These and the interval [unit, unit + 1].
 
@@ -105,13 +109,15 @@ class Pieces:
             function: Values >= 0, from ``y``, called with all nodes of one level of halving at
                 once; where it jumps to 0 or ``inf`` the larger value counts.
             tolerance: Of the last coefficients, relative to the first.
+            sizes: Cells of the first parts and of the least, powers of two.
         """
         cell, parts = self.cell.copy(), []
-        count, corners, size = self.centre.size, FINE * unit + FINE // 2 * np.arange(2), FINE // 2
+        count, size = self.centre.size, sizes[0]
+        corners = FINE * unit + size * np.arange(FINE // size)
         while corners.size:
             centre = (corners + 0.5 * size) / FINE
             values = function((centre[:, None] + 0.5 * size / FINE * _POINTS).ravel())
-            powers, good = _fitted(values.reshape(-1, NODES), tolerance, last=size == 1)
+            powers, good = _fitted(values.reshape(-1, NODES), tolerance, last=size == sizes[1])
             for corner in corners[good]:
                 cell[corner : corner + size] = count
                 count += 1

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeGuard, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,6 +39,20 @@ class FrictionLaw(Protocol):
 
     def slope(self, speed: ArrayLike) -> FloatArray:
         """Slope ``d mu / d|v|`` at a relative speed [m/s], an array of its shape [s/m]."""
+
+
+_Law = TypeVar('_Law')
+
+
+def computes_as(law: object, kind: type[_Law]) -> TypeGuard[_Law]:
+    """Whether a law is of a kind and computes as that does.
+
+    A subclass that overrides what a law gives is a law of the user's own: the closed forms, tables
+    and kernels of its parent are not its own.
+    """
+    names = ('static', 'coefficient', 'slope')
+    same = all(getattr(type(law), name, None) is getattr(kind, name, None) for name in names)
+    return isinstance(law, kind) and same
 
 
 def _sign(speed: FloatArray) -> FloatArray:

@@ -23,7 +23,6 @@ symmetry). The functions here serve every friction law, in closed form where the
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -31,37 +30,24 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import i1e
 
 from stickslip_monitor.arrays import FloatArray, flatten, mapped
-from stickslip_monitor.physics.averaging import closed_form, numerical
+from stickslip_monitor.physics.averaging import closed_form
 from stickslip_monitor.physics.averaging.dimensionless import harmonic_beyond_limit
 from stickslip_monitor.physics.averaging.quadrature import crossing_angle, friction_harmonic
-from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck
+from stickslip_monitor.physics.averaging.solver import averaged_solver, damping_per_load
+from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, computes_as
 from stickslip_monitor.physics.oscillator import Bearing
-
-
-def averaged_solver(law: FrictionLaw) -> ModuleType:
-    """The module that solves the averaged equations of a law."""
-    return closed_form if type(law) is Stribeck else numerical
-
-
-def damping_per_load(bearing: Bearing, load: FloatArray) -> FloatArray:
-    """``q = c/N`` [s/m]; ``inf`` where there is no load. What it warns of means nothing."""
-    return np.where(load > 0.0, bearing.damping / load, np.inf)
 
 
 def hopf_speed(bearing: Bearing, load: ArrayLike) -> Any:
     """Hopf speed ``V_H`` [m/s] at a load [N]: below it steady sliding is unstable."""
-    law = bearing.friction
-    return mapped(
-        lambda n: averaged_solver(law).hopf_speed(law, damping_per_load(bearing, n)), load
-    )
+    solver = averaged_solver(bearing.friction)
+    return mapped(lambda n: solver.hopf_speed(damping_per_load(bearing.damping, n)), load)
 
 
 def fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
     """Fold speed ``V_F`` [m/s] at a load [N]: above it no stick-slip cycle exists."""
-    law = bearing.friction
-    return mapped(
-        lambda n: averaged_solver(law).fold_speed(law, damping_per_load(bearing, n)), load
-    )
+    solver = averaged_solver(bearing.friction)
+    return mapped(lambda n: solver.boundaries(damping_per_load(bearing.damping, n))[1], load)
 
 
 def _load_at(bearing: Bearing, slope: FloatArray) -> FloatArray:
@@ -76,17 +62,15 @@ def hopf_load(bearing: Bearing, speed: ArrayLike) -> Any:
     a float.
     """
     law = bearing.friction
-    if isinstance(law, Stribeck) and law.viscous == 0.0:
+    if computes_as(law, Stribeck) and law.viscous == 0.0:
         return mapped(lambda v: closed_form.hopf_load(law, np.abs(v), bearing.damping), speed)
     return mapped(lambda v: _load_at(bearing, -law.slope(v)), speed)
 
 
 def fold_load(bearing: Bearing, speed: ArrayLike) -> Any:
     """Load [N] above which a stick-slip cycle exists at a surface speed [m/s]."""
-    law = bearing.friction
-    return mapped(
-        lambda v: _load_at(bearing, averaged_solver(law).peak_slope(law, np.abs(v))), speed
-    )
+    solver = averaged_solver(bearing.friction)
+    return mapped(lambda v: _load_at(bearing, solver.peak_slope(np.abs(v))), speed)
 
 
 def growth_rate(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
@@ -136,7 +120,8 @@ def stationary_amplitudes(
     v = np.abs(v)
     usable = np.isfinite(v) & np.isfinite(n) & (v > 0.0)
     with np.errstate(all='ignore'):
-        a, stable = _cycles(bearing, v[usable], n[usable])
+        solver = averaged_solver(bearing.friction)
+        a, stable = solver.cycles(v[usable], bearing.damping, n[usable])
         width = a.shape[1]
         amplitude, stability = np.full((v.size, width), np.nan), np.zeros((v.size, width))
         amplitude[usable] = a / bearing.natural_frequency
@@ -149,31 +134,17 @@ def stationary_amplitudes(
     )
 
 
-def _cycles(
-    bearing: Bearing, speed: FloatArray, load: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    law = bearing.friction
-    if type(law) is Stribeck:
-        return closed_form.cycles(law, speed, bearing.damping, load)
-    return numerical.cycles(law, speed, damping_per_load(bearing, load))
-
-
 def stable_amplitude(bearing: Bearing, speed: FloatArray, load: FloatArray) -> FloatArray:
     """Amplitude of the largest stable cycle [m] where there is one, each shape (n,)."""
-    q = damping_per_load(bearing, load)
-    return averaged_solver(bearing.friction).stable_amplitude(bearing.friction, speed, q) / (
-        bearing.natural_frequency
-    )
+    q = damping_per_load(bearing.damping, load)
+    velocity = averaged_solver(bearing.friction).stable_amplitude(speed, q)
+    return velocity / bearing.natural_frequency
 
 
 def threshold_amplitude(bearing: Bearing, speed: FloatArray, load: FloatArray) -> FloatArray:
     """Amplitude of the smallest unstable cycle [m] of bistable points, each shape (n,)."""
-    law = bearing.friction
-    if type(law) is Stribeck:
-        velocity = closed_form.threshold_amplitude(law, speed, bearing.damping, load)
-    else:
-        velocity = numerical.threshold_amplitude(law, speed, damping_per_load(bearing, load))
-    return velocity / bearing.natural_frequency
+    solver = averaged_solver(bearing.friction)
+    return solver.threshold_amplitude(speed, bearing.damping, load) / bearing.natural_frequency
 
 
 _CLOSED_FORM_REACH, _CLOSED_FORM_RATIO = 2.0, 8.0
@@ -193,19 +164,23 @@ def harmonic(law: FrictionLaw, speed: ArrayLike, amplitude: ArrayLike) -> FloatA
     v, a = np.broadcast_arrays(np.abs(np.asarray(speed, float)), np.asarray(amplitude, float))
     moving = a > 0.0
     result = np.zeros(v.shape)
-    result[moving] = _HARMONICS.get(type(law), friction_harmonic)(law, v[moving], a[moving])
+    v, a = v[moving], a[moving]
+    if computes_as(law, Stribeck):
+        result[moving] = _stribeck(law, v, a)
+    elif computes_as(law, Coulomb):
+        result[moving] = _coulomb(law, v, a)
+    else:
+        result[moving] = friction_harmonic(law, v, a)
     return result
 
 
-def _coulomb(law: FrictionLaw, speed: FloatArray, amplitude: FloatArray) -> FloatArray:
-    assert isinstance(law, Coulomb)
+def _coulomb(law: Coulomb, speed: FloatArray, amplitude: FloatArray) -> FloatArray:
     reach = np.maximum(amplitude, speed)
     sine = np.sqrt((reach - speed) * (reach + speed)) / reach
     return -(2.0 / np.pi) * law.kinetic * sine
 
 
-def _stribeck(law: FrictionLaw, speed: FloatArray, amplitude: FloatArray) -> FloatArray:
-    assert isinstance(law, Stribeck)
+def _stribeck(law: Stribeck, speed: FloatArray, amplitude: FloatArray) -> FloatArray:
     delta = law.static - law.kinetic
     v, alpha = law.decay * speed, law.decay * amplitude
     result = np.empty_like(v)
@@ -222,9 +197,6 @@ def _stribeck(law: FrictionLaw, speed: FloatArray, amplitude: FloatArray) -> Flo
     falling = Stribeck(law.static, law.kinetic, law.decay)
     result[far] = friction_harmonic(falling, speed[far], amplitude[far])
     return result - 0.5 * law.viscous * amplitude
-
-
-_HARMONICS = {Coulomb: _coulomb, Stribeck: _stribeck}
 
 
 def amplitude_rate(

@@ -9,7 +9,6 @@ the way to ``inf`` and ``nan`` is for the caller to silence.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import i1e
 
 from stickslip_monitor.arrays import FloatArray
@@ -48,15 +47,10 @@ def hopf_speed(law: Stribeck, q: FloatArray) -> FloatArray:
     return boundaries(law, q, with_fold=False)[0]
 
 
-def fold_speed(law: Stribeck, q: FloatArray) -> FloatArray:
-    """``V_F`` with ``2 I1e(v)/v = kappa`` [m/s]; ``nan`` and ``inf`` as for the Hopf speed."""
-    return boundaries(law, q)[1]
-
-
 def boundaries(
     law: Stribeck, q: FloatArray, with_fold: bool = True
 ) -> tuple[FloatArray, FloatArray]:
-    """Hopf and fold speed [m/s]."""
+    """Hopf and fold speed, with ``2 I1e(v)/v = kappa`` [m/s]; ``nan`` and ``inf`` as for Hopf."""
     number = _log_drive(law, q)
     number = np.where(number > 0.0, number, np.nan)
     hopf = number / law.decay
@@ -85,20 +79,6 @@ def peak_slope(law: Stribeck, speed: FloatArray) -> FloatArray:
     """Largest averaged negative slope ``max_a 2 S/a``, reached at the sliding limit [s/m]."""
     v = np.minimum(np.maximum(law.decay * speed, _TINY), _HUGE)
     return _fall(law) * 2.0 * i1e(v) / v - law.viscous
-
-
-def has_cycle(
-    law: Stribeck, speed: FloatArray, q: FloatArray, fold: FloatArray
-) -> NDArray[np.bool_]:
-    """Where a stick-slip cycle exists."""
-    return speed < fold
-
-
-def equilibrium_is_unstable(
-    law: Stribeck, speed: FloatArray, q: FloatArray, hopf: FloatArray
-) -> NDArray[np.bool_]:
-    """Where a small disturbance grows; told by the Hopf speed, which cannot underflow."""
-    return speed < hopf
 
 
 def stable_amplitude(law: Stribeck, speed: FloatArray, q: FloatArray) -> FloatArray:

@@ -164,18 +164,6 @@ def _anywhere(law: FrictionLaw, speed: FloatArray, near: FloatArray) -> FloatArr
     return peak_slope(law, speed)
 
 
-def boundaries(law: FrictionLaw, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Hopf and fold speed [m/s]."""
-    return hopf_speed(law, q), fold_speed(law, q)
-
-
-def equilibrium_is_unstable(
-    law: FrictionLaw, speed: FloatArray, q: FloatArray, hopf: FloatArray
-) -> NDArray[np.bool_]:
-    """Where a small disturbance grows: ``-mu'(V) > q``; there may be several such ranges."""
-    return -law.slope(speed) > q
-
-
 def has_cycle(
     law: FrictionLaw, speed: FloatArray, q: FloatArray, fold: FloatArray
 ) -> NDArray[np.bool_]:
@@ -203,7 +191,7 @@ def threshold_amplitude(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> F
     amplitude, stable = cycles(law, speed, q)
     if not amplitude.shape[1]:
         return np.full(speed.shape, np.nan)
-    surrounds = (stable[:, 0] == 0.0) & ~equilibrium_is_unstable(law, speed, q, speed)
+    surrounds = (stable[:, 0] == 0.0) & (-law.slope(speed) <= q)
     return np.where(surrounds, amplitude[:, 0], np.nan)
 
 

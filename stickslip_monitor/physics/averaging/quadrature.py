@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.physics.friction import FrictionLaw
 
 
@@ -26,7 +26,17 @@ def unit_gauss(order: int) -> list[tuple[float, float]]:
 
 
 _BLOCK = 8192
-_NODES, _WEIGHTS = (np.array(column) for column in zip(*unit_gauss(16), strict=True))
+
+
+def _rule(order: int) -> tuple[FloatArray, FloatArray]:
+    nodes, weights = zip(*unit_gauss(order), strict=True)
+    return np.array(nodes), np.array(weights)
+
+
+# A stretch of so few radians needs few nodes: between two points of a finely measured table.
+_NARROW, _FEW, _MANY = 0.02, _rule(3), _rule(16)
+# Stretches for which memory is taken at a time.
+_STRETCHES = 400_000
 
 # Averages of functions of the relative speed, of cos t and of the element, on one set of nodes.
 Integrand = Callable[[FloatArray, FloatArray, NDArray[np.intp]], tuple[FloatArray, ...]]
@@ -51,46 +61,73 @@ def crossing_angle(
 
 @lru_cache(maxsize=64)
 def _levels(law: FrictionLaw) -> FloatArray:
-    """Relative speeds at which the friction of a cycle is not smooth, shape (levels, 1)."""
+    """Relative speeds at which the friction of a cycle is not smooth, ascending."""
     breaks = law.breakpoints
-    return np.array([*(-b for b in reversed(breaks)), 0.0, *breaks])[:, None]
+    return np.array([*(-b for b in reversed(breaks)), 0.0, *breaks])
 
 
 def _panels(
     law: FrictionLaw, speed: FloatArray, amplitude: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Start and width of each smooth stretch of the half cycle, both of shape (panels, n)."""
+) -> tuple[FloatArray, FloatArray, IndexArray]:
+    """Smooth stretches of the half cycles that have any width: start, width and element.
+
+    In the order of elements, and of t within one; each of shape (stretches,).
+    """
     levels = _levels(law)
-    edges = np.zeros((levels.size + 2, speed.size))
-    edges[1:-1] = crossing_angle(speed, amplitude, levels)
-    edges[-1] = np.pi
-    return edges[:-1], edges[1:] - edges[:-1]
+    first = np.searchsorted(levels, speed - amplitude, side='right')
+    inside = np.maximum(np.searchsorted(levels, speed + amplitude, side='left') - first, 0)
+    stretches = inside + 1
+    end = np.cumsum(stretches)
+    element = np.repeat(np.arange(speed.size), stretches)
+    # The number of each stretch in its half cycle, which ends where the next level is passed.
+    number = np.arange(element.size) - (end - stretches)[element]
+    last = number == inside[element]
+    edge = np.full(element.size, np.pi)
+    passing = element[~last]
+    level = levels[first[passing] + number[~last]]
+    edge[~last] = crossing_angle(speed[passing], amplitude[passing], level)
+    start = np.where(number == 0, 0.0, np.roll(edge, 1))
+    width = edge - start
+    used = np.flatnonzero(width)
+    return start[used], width[used], element[used]
 
 
 def _cycle_integrals(
     law: FrictionLaw, speed: FloatArray, amplitude: FloatArray, integrand: Integrand
 ) -> list[FloatArray]:
     """Averages over half a cycle of functions of relative speed, ``cos t`` and element."""
-    start, width = _panels(law, speed, amplitude)
-    # Most stretches of a finely tabulated law are outside the speeds of the cycle.
-    used = np.nonzero(width)
-    begin, extent, element = start[used], width[used], used[1]
-    offset = (speed - amplitude)[element]
-    reach = amplitude[element]
-    blocks = []
-    for first in range(0, max(begin.size, 1), _BLOCK):
-        part = slice(first, first + _BLOCK)
-        sine = np.sin(0.5 * (begin[part, None] + _NODES * extent[part, None]))
-        drop = 2.0 * sine * sine
-        # V - a cos t without its cancellation: at grazing the sign of v decides the sum.
-        relative = offset[part, None] + reach[part, None] * drop
-        values = integrand(relative, 1.0 - drop, element[part])
-        blocks.append([np.add.reduce(value * _WEIGHTS, axis=1) for value in values])
-    # Panel by panel in the order of t, so that no element sees another.
-    return [
-        np.bincount(element, np.concatenate(sums) * extent, speed.size) / np.pi
-        for sums in zip(*blocks, strict=True)
+    most = max(1, _STRETCHES // _levels(law).size)
+    parts = [
+        _integrals(law, speed, amplitude, integrand, slice(first, first + most))
+        for first in range(0, max(speed.size, 1), most)
     ]
+    return [np.concatenate(sums) for sums in zip(*parts, strict=True)]
+
+
+def _integrals(
+    law: FrictionLaw, speed: FloatArray, amplitude: FloatArray, integrand: Integrand, part: slice
+) -> list[FloatArray]:
+    """:func:`_cycle_integrals` of some elements."""
+    begin, extent, element = _panels(law, speed[part], amplitude[part])
+    narrow = extent < _NARROW
+    nothing = np.zeros((0, 1))
+    count = len(integrand(nothing, nothing, np.zeros(0, dtype=np.intp)))
+    sums = [np.zeros(element.size) for _ in range(count)]
+    for rows, (nodes, weights) in ((narrow, _FEW), (~narrow, _MANY)):
+        where = np.flatnonzero(rows)
+        for first in range(0, where.size, _BLOCK):
+            block = where[first : first + _BLOCK]
+            index = element[block] + (part.start or 0)
+            sine = np.sin(0.5 * (begin[block, None] + nodes * extent[block, None]))
+            drop = 2.0 * sine * sine
+            # V - a cos t without its cancellation: at grazing the sign of v decides the sum.
+            relative = (speed - amplitude)[index, None] + amplitude[index, None] * drop
+            values = integrand(relative, 1.0 - drop, index)
+            for total, value in zip(sums, values, strict=True):
+                total[block] = np.add.reduce(value * weights, axis=1)
+    # Stretch by stretch in the order of t, so that no element sees another.
+    size = speed[part].size
+    return [np.bincount(element, total * extent, size) / np.pi for total in sums]
 
 
 def friction_harmonic(law: FrictionLaw, speed: FloatArray, amplitude: FloatArray) -> FloatArray:

@@ -30,6 +30,8 @@ GRID = np.concatenate([_BELOW, _ABOVE])
 CUSP = _BELOW.size - 1
 _EQUILIBRIUM_PER_PANEL = 24
 _PEAK_SPEEDS = 200
+# A table of more points is not asked at every one of them: it costs in proportion to their square.
+_PANELS = 40
 _FAR_SPEEDS = np.geomspace(1.0, 1e6, 97)
 _BLOCK = 1024
 # Friction has no scale outside this range; inside it no amplitude over- or underflows.
@@ -135,8 +137,12 @@ def peak_and_place(
     return peak, place
 
 
-def _panel_speeds(law: FrictionLaw, per_panel: int) -> FloatArray:
-    edges = np.array([0.0, *law.breakpoints])
+def _panel_speeds(law: FrictionLaw, per_panel: int, most: int | None = None) -> FloatArray:
+    """Speeds between the breakpoints of a law, of which the ``most`` are taken."""
+    breaks = np.array(law.breakpoints)
+    if most is not None and breaks.size > most:
+        breaks = breaks[np.unique(np.linspace(0, breaks.size - 1, most).astype(np.intp))]
+    edges = np.append(0.0, breaks)
     near = np.geomspace(1e-9, 0.9, 40) * edges[1]
     steps = (np.arange(per_panel) + 1.0) / per_panel
     panels = edges[:-1, None] + np.diff(edges)[:, None] * steps
@@ -176,12 +182,13 @@ class SlopeTable:
 @lru_cache(maxsize=32)
 def slope_table(law: FrictionLaw) -> SlopeTable:
     """The table of a law, from zero to far past its last breakpoint."""
-    per_panel = max(1, _PEAK_SPEEDS // len(law.breakpoints))
-    far = law.breakpoints[-1] * _FAR_SPEEDS[1:]
+    panels = min(len(law.breakpoints), _PANELS)
+    per_panel = max(1, _PEAK_SPEEDS // panels) if panels < _PANELS else 1
+    far = law.breakpoints[-1] * (_FAR_SPEEDS[1:] if panels < _PANELS else _FAR_SPEEDS[4::4])
     steady, heights = equilibrium_table(law)
     # No speed at which even steady sliding is unstable may fall between two of the table.
     steepest = steady[np.argmax(heights)]
-    few = np.unique(np.concatenate([_panel_speeds(law, per_panel), [steepest], far]))
+    few = np.unique(np.concatenate([_panel_speeds(law, per_panel, _PANELS), [steepest], far]))
     speeds = np.insert(few, np.arange(1, few.size), 0.5 * (few[1:] + few[:-1]))
     rows = surface_rows(law, speeds)
     # What the straight line over two cells is off in their middle is far more than the line over

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stickslip_monitor.arrays import FloatArray, flatten, mapped, restore
+from stickslip_monitor.arrays import FloatArray, IndexArray, flatten, mapped, restore
 from stickslip_monitor.physics.cycle import fold, stable, unstable, waveform
 from stickslip_monitor.physics.oscillator import Bearing
 
@@ -170,7 +170,7 @@ def _table(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> _Table:
 
 
 def exact_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Cycle:
-    """The exact stick-slip cycle.
+    """The exact stable cycle: stick-slip or, without it, a vibration that never sticks.
 
     Args:
         bearing: The bearing.
@@ -178,8 +178,9 @@ def exact_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Cycle:
         load: Load ``N`` [N]; broadcasts with ``speed``.
 
     Returns:
-        The cycle of every point, ``nan`` with its kind where there is none. Many points in one
-        call cost far less than one at a time.
+        The cycle of every point, ``nan`` with its kind where there is none. About a steady sliding
+        that is unstable and leads to no stick-slip it is of kind ``PURE_SLIP``: a measured curve
+        may fall over some speeds only. Many points in one call cost far less than one at a time.
     """
     table = _table(bearing, speed, load)
     usable = np.flatnonzero(table.kind == CycleKind.UNRESOLVED)
@@ -195,6 +196,7 @@ def exact_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Cycle:
     table.multiplier[usable] = found.multiplier
     table.start[usable] = found.start
     table.evaluations[usable] = found.evaluations
+    _add_pure_slip(table, usable[table.kind[usable] == CycleKind.NONE], stable=True)
     return table.cycle()
 
 
@@ -212,18 +214,26 @@ def exact_unstable_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) ->
     """
     table = _table(bearing, speed, load)
     usable = np.flatnonzero(table.kind == CycleKind.UNRESOLVED)
-    speeds = np.abs(table.speed[usable])
-    found = unstable.pure_slip(bearing, speeds, table.load[usable])
-    omega = bearing.natural_frequency
-    absent = np.where(found.resolved, CycleKind.NONE, CycleKind.UNRESOLVED)
-    table.kind[usable] = np.where(found.exists, CycleKind.PURE_SLIP, absent)
-    table.amplitude[usable] = 0.5 * (found.trough + found.crest) * (speeds / omega)
-    table.period[usable] = found.period / omega
-    table.stick_fraction[usable] = np.where(found.exists, 0.0, np.nan)
-    table.multiplier[usable] = found.multiplier
-    table.start[usable] = found.trough
-    table.evaluations[usable] = found.evaluations
+    table.kind[usable] = CycleKind.NONE
+    _add_pure_slip(table, usable, stable=False)
     return table.cycle()
+
+
+def _add_pure_slip(table: _Table, rows: IndexArray, *, stable: bool) -> None:
+    """Fill in the pure-slip cycles of some points without another."""
+    if not rows.size:
+        return
+    speeds, omega = np.abs(table.speed[rows]), table.bearing.natural_frequency
+    found = unstable.pure_slip(table.bearing, speeds, table.load[rows], stable=stable)
+    table.evaluations[rows] += found.evaluations
+    table.kind[rows[~found.resolved]] = CycleKind.UNRESOLVED
+    rows, scale, there = rows[found.exists], speeds[found.exists] / omega, found.exists
+    table.kind[rows] = CycleKind.PURE_SLIP
+    table.amplitude[rows] = 0.5 * (found.trough + found.crest)[there] * scale
+    table.period[rows] = found.period[there] / omega
+    table.stick_fraction[rows] = 0.0
+    table.multiplier[rows] = found.multiplier[there]
+    table.start[rows] = found.trough[there]
 
 
 def exact_fold_speed(bearing: Bearing, load: ArrayLike) -> Any:

@@ -20,7 +20,7 @@ from stickslip_monitor.physics.cycle.law import breakaway, steepest_fall
 from stickslip_monitor.physics.cycle.orbit import follow
 from stickslip_monitor.physics.cycle.setting import FORWARD, can_gain, setting
 from stickslip_monitor.physics.cycle.slip_phase import grazing_margin
-from stickslip_monitor.physics.friction import Coulomb, Stribeck
+from stickslip_monitor.physics.friction import Coulomb, Stribeck, computes_as
 from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.roots import costly_root
 
@@ -31,7 +31,8 @@ _BELOW = (1e-3, 0.01, 0.03, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 0.97, 0.99, 0.998)
 _ABOVE = (1.0005, 1.005, 1.03, 1.1, 1.25, 1.7, 2.5, 5.0, 10.0, 30.0, 100.0, 1e3)
 _FAR = np.array([*_BELOW, *_ABOVE])
 # The coarse search: speeds, how far beyond the scales of the law, and how often divided by what.
-_SPEEDS, _SPREAD, _ROUNDS, _PARTS = 64, 100.0, 6, 16
+_SPEEDS, _SPREAD, _PARTS = 64, 100.0, 16
+_ROUNDS, _FINE, _ROUGH_ROUNDS, _ROUGH = 6, 1e-9, 4, 1e-6
 # How far the coarse fold may be off, and the parts into which the rest is divided, how often.
 _AROUND = np.array([0.0, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3])
 _EVEN, _POLISHING, _CLOSE = np.linspace(0.0, 1.0, 17), 16, 1e-13
@@ -42,7 +43,7 @@ _FINE_TABLE = 64
 # what Coulomb's law, the limit for large loads, gives at every load.
 _OCTAVES = 20
 # Of the last coefficients, by how the fold is found. A table is known to a few digits.
-_EXACT, _COARSE, _MEASURED = 1e-9, 1e-6, 1e-4
+_EXACT, _COARSE, _MEASURED = 1e-9, 1e-6, 1e-3
 # Growth rate of the slip at breakaway, N |mu'(0)| / (m omega), from which it is found coarsely.
 _STEEP = 8.0
 # Exponent beyond which a motion dies out within a turn.
@@ -62,9 +63,9 @@ def coulomb_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
     when it has lost ``exp(-2 pi zeta)`` of its amplitude: right to some percent.
     """
     law, momentum = bearing.friction, bearing.mass * bearing.natural_frequency
-    viscous = law.viscous if isinstance(law, Stribeck) else 0.0
+    viscous = law.viscous if computes_as(law, Stribeck) else 0.0
     steady = float(law.coefficient(_SPREAD * max(law.breakpoints, default=1.0)))
-    kinetic = law.kinetic if isinstance(law, Stribeck) else steady
+    kinetic = law.kinetic if computes_as(law, Stribeck) else steady
     damping = bearing.damping_ratio + 0.5 * viscous * load / momentum
     lost = np.expm1(np.minimum(4.0 * np.pi * damping, _LARGEST))
     with np.errstate(all='ignore'):
@@ -135,9 +136,9 @@ def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
         ``nan`` where no speed has a cycle, ``inf`` where none is the last, shape (n,).
     """
     law = bearing.friction
-    if isinstance(law, Coulomb):
+    if computes_as(law, Coulomb):
         return smooth_fold(bearing, load, np.full(load.shape, np.nan))
-    if type(law) is not Stribeck:
+    if not computes_as(law, Stribeck):
         fine = len(law.breakpoints) > _FINE_TABLE
         return coarse_fold(bearing, load) if fine else polished_fold(bearing, load)
     averaged = np.asarray(boundaries.fold_speed(bearing, load))
@@ -156,7 +157,9 @@ def guessed_fold(bearing: Bearing, load: FloatArray, averaged: FloatArray) -> Fl
     return np.fmax(averaged, coulomb_fold(bearing, load))
 
 
-def coarse_fold(bearing: Bearing, load: FloatArray, guess: FloatArray | None = None) -> FloatArray:
+def coarse_fold(
+    bearing: Bearing, load: FloatArray, guess: FloatArray | None = None, *, rough: bool = False
+) -> FloatArray:
     """:func:`smooth_fold` of any law by search, to some 1e-6.
 
     The cost hardly depends on the law.
@@ -165,7 +168,9 @@ def coarse_fold(bearing: Bearing, load: FloatArray, guess: FloatArray | None = N
         bearing: The bearing.
         load: ``N`` > 0 [N], shape (n,).
         guess: Of :func:`guessed_fold`, where one is near enough, shape (n,).
+        rough: To some 1e-4, as a measured law is worth.
     """
+    rounds, tolerance = (_ROUGH_ROUNDS, _ROUGH) if rough else (_ROUNDS, _FINE)
     out = np.full(load.size, np.nan)
     index = np.flatnonzero(can_gain(bearing, load))
     if guess is None:
@@ -173,16 +178,16 @@ def coarse_fold(bearing: Bearing, load: FloatArray, guess: FloatArray | None = N
         low, high = speeds.min(axis=1) / _SPREAD, _SPREAD * speeds.max(axis=1)
     else:
         low, high, parts = _NEAR[0] * guess[index], _NEAR[-1] * guess[index], _PARTS
-    for _ in range(_ROUNDS if index.size else 0):
+    for _ in range(rounds if index.size else 0):
         grid = low[:, None] * (high / low)[:, None] ** (np.arange(parts + 1) / parts)
         loads = np.repeat(load[index], parts + 1)
-        hit = grazing_margin(bearing, grid.ravel(), loads).reshape(grid.shape) > 0.0
-        last = _last(hit)
+        margin = grazing_margin(bearing, grid.ravel(), loads, tolerance)
+        last = _last(margin.reshape(grid.shape) > 0.0)
         out[index[last == parts]] = np.inf
         found = np.flatnonzero((last >= 0) & (last < parts))
         index, last, parts = index[found], last[found], _PARTS
         low, high = grid[found, last], grid[found, last + 1]
-    out[index] = low
+    out[index] = np.sqrt(low * high) if rough else low
     return out
 
 
@@ -257,10 +262,11 @@ class FoldCurve:
         self._known_onset = onset > 0.0
         # The least load with a cycle, or one below those that matter.
         self._unit = onset if self._known_onset else 2.0 ** (-_OCTAVES // 2)
-        self._closed = type(law) is Stribeck
+        self._closed = computes_as(law, Stribeck)
         # Without damping a cycle gains energy at every speed, and averaging says so exactly.
         self._endless = self._closed and onset == 0.0
-        self._octaves = 1 if isinstance(law, Coulomb) else _OCTAVES
+        self._octaves = 1 if computes_as(law, Coulomb) else _OCTAVES
+        self._sizes = (FINE // 2, 1) if self._closed else (FINE // 4, FINE // 16)
         self._drop = law.static / (bearing.mass * bearing.natural_frequency)
         self.pieces: Pieces = no_pieces(self._octaves)
 
@@ -304,7 +310,7 @@ class FoldCurve:
             known: Where the averaged model has one, shape (n,).
         """
         inside: BoolArray = (speed < exact) | known
-        if self._closed or isinstance(self.bearing.friction, Coulomb):
+        if self._closed or computes_as(self.bearing.friction, Coulomb):
             return inside
         # A law with several ranges of speed is quiet between them.
         gap = np.flatnonzero(inside & ~known & (speed < averaged) & (speed > 0.0))
@@ -344,7 +350,7 @@ class FoldCurve:
         if part.min(initial=0) == NOWHERE:
             for octave in np.unique(cell[part == NOWHERE] // FINE):
                 self.pieces = self.pieces.with_unit(
-                    int(octave), self._ratio, self._tolerance(int(octave))
+                    int(octave), self._ratio, self._tolerance(int(octave)), self._sizes
                 )
             part = self.pieces.cell.take(cell)
         return part.astype(np.intp, copy=False)
@@ -357,11 +363,11 @@ class FoldCurve:
         averaged = np.full(load.shape, np.nan)
         if self._closed:
             averaged = np.asarray(boundaries.fold_speed(bearing, load))
-        if isinstance(law, Coulomb) or (self._closed and not self._is_steep(octave[0])):
+        if computes_as(law, Coulomb) or (self._closed and not self._is_steep(octave[0])):
             fold = smooth_fold(bearing, load, averaged)
         else:
             guess = guessed_fold(bearing, load, averaged) if self._closed else None
-            fold = coarse_fold(bearing, load, guess)
+            fold = coarse_fold(bearing, load, guess, rough=not self._closed)
         scale = averaged if self._closed else self._drop * load
         return np.where(np.isnan(fold), 0.0, fold / scale)
 

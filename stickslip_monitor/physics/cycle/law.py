@@ -14,14 +14,19 @@ an event. All parameters have shape (n, 1), so that a law acts on arrays of shap
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IndexArray
-from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
+from stickslip_monitor.physics.friction import (
+    Coulomb,
+    FrictionLaw,
+    Stribeck,
+    Tabulated,
+    computes_as,
+)
 
 # Size, against the friction itself, below which differences of it are mostly rounding.
 _GRAIN = 1e-7
@@ -261,12 +266,6 @@ def _general(
     return ScaledGeneral(law, force, speed, reference, top)
 
 
-_SCALED: dict[type, Callable[[Any, FloatArray, FloatArray, float], ScaledLaw]] = {
-    Stribeck: _stribeck,
-    Tabulated: _table,
-}
-
-
 def scaled(law: FrictionLaw, force: FloatArray, speed: FloatArray, reference: float) -> ScaledLaw:
     """A friction law in the units of the exact cycle.
 
@@ -276,7 +275,11 @@ def scaled(law: FrictionLaw, force: FloatArray, speed: FloatArray, reference: fl
         speed: ``V`` > 0 [m/s], shape (n,).
         reference: Relative speed in units of ``V`` from which ``z`` is counted, 0 or 1.
     """
-    return _SCALED.get(type(law), _general)(law, force[:, None], speed[:, None], reference)
+    if computes_as(law, Stribeck):
+        return _stribeck(law, force[:, None], speed[:, None], reference)
+    if computes_as(law, Tabulated):
+        return _table(law, force[:, None], speed[:, None], reference)
+    return _general(law, force[:, None], speed[:, None], reference)
 
 
 def starting_piece(law: ScaledLaw, speed: FloatArray, reference: float) -> IndexArray:
@@ -294,11 +297,11 @@ def static_force(law: FrictionLaw, force: FloatArray) -> FloatArray:
 
 def steepest_fall(law: FrictionLaw) -> float:
     """Upper bound of ``-d mu / dv`` [s/m]; ``inf`` at a jump or where it is not known."""
-    if isinstance(law, Stribeck):
+    if computes_as(law, Stribeck):
         return max((law.static - law.kinetic) * law.decay, 0.0) - law.viscous
-    if isinstance(law, Coulomb):
+    if computes_as(law, Coulomb):
         return np.inf if law.static > law.kinetic else 0.0
-    return _steepest_fall(law) if isinstance(law, Tabulated) else np.inf
+    return _steepest_fall(law) if computes_as(law, Tabulated) else np.inf
 
 
 def _steepest_fall(law: Tabulated) -> float:

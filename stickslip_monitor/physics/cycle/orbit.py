@@ -103,6 +103,8 @@ def _advance(
     step = solve_step(motion, piece, orbits.e[running], orbits.z[running], h)
     orbits.evaluations[running] += step.iterations
     step.error[_is_blind(frame, motion.law.sharpness, orbits.z[running], step.z)] = np.inf
+    # A step far beyond its smooth piece may leave the range of numbers.
+    step.error[np.isnan(step.error)] = np.inf
     good = step.error <= TOLERANCE
     with np.errstate(divide='ignore'):
         factor = 0.9 * (TOLERANCE / step.error) ** (1.0 / NODES)

@@ -31,7 +31,7 @@ _STAGES = (
     (35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84),
 )
 _ERROR = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
-_TOLERANCE, _SMALL = 1e-9, 1e-3
+_SMALL = 1e-3
 _FIRST_STEP, _LONGEST, _SHORTEST = 1e-3, 0.3, 1e-12
 # An orbit that has not come back after so many radians, or steps, does not meet the belt.
 _PATIENCE, _STEPS = 80.0, 4000
@@ -70,13 +70,16 @@ class _Slip:
         return _Slip(*(getattr(self, column.name)[keep] for column in fields(_Slip)))
 
 
-def grazing_margin(bearing: Bearing, speed: FloatArray, load: FloatArray) -> FloatArray:
+def grazing_margin(
+    bearing: Bearing, speed: FloatArray, load: FloatArray, tolerance: float = 1e-9
+) -> FloatArray:
     """Signed distance of the slip phase from grazing, > 0 where it meets the belt.
 
     Args:
         bearing: The bearing.
         speed: ``V`` > 0 [m/s], shape (n,).
         load: ``N`` > 0 [N], shape (n,).
+        tolerance: Of each step, relative.
 
     Returns:
         ``w (w - 2)`` where the orbit passes the level at which the belt could just hold the
@@ -89,7 +92,7 @@ def grazing_margin(bearing: Bearing, speed: FloatArray, load: FloatArray) -> Flo
         for _ in range(_STEPS):
             if not slip.index.size:
                 break
-            slip = slip.kept(_advance(bearing, slip, out))
+            slip = slip.kept(_advance(bearing, slip, out, tolerance))
     return out
 
 
@@ -128,7 +131,7 @@ def _sum(weights: tuple[float, ...], rates: list[FloatArray]) -> FloatArray:
     return total
 
 
-def _advance(bearing: Bearing, slip: _Slip, out: FloatArray) -> BoolArray:
+def _advance(bearing: Bearing, slip: _Slip, out: FloatArray, tolerance: float) -> BoolArray:
     """Try one step of every orbit, note the margins of those that end; return which go on."""
     rate = _rate(bearing, slip)
     ke, kz, e, z = [1.0 - slip.z], [slip.rate], slip.e, slip.z
@@ -139,7 +142,7 @@ def _advance(bearing: Bearing, slip: _Slip, out: FloatArray) -> BoolArray:
         kz.append(rate(e, z))
     error = slip.h * np.maximum(np.abs(_sum(_ERROR, ke)), np.abs(_sum(_ERROR, kz)))
     error /= np.abs(slip.z) + np.abs(slip.e) + _SMALL
-    good = error <= _TOLERANCE
+    good = error <= tolerance
     # The lining turns where its own velocity vanishes, z = 1.
     slip.turns = slip.turns + (good & np.where(slip.turns % 2 == 1, z <= 1.0, z >= 1.0))
     # On its way back it passes that level behind the belt (z > 0), or has met the belt before.
@@ -153,7 +156,7 @@ def _advance(bearing: Bearing, slip: _Slip, out: FloatArray) -> BoolArray:
     slip.time = np.where(good, slip.time + slip.h, slip.time)
     slip.e, slip.z = np.where(good, e, slip.e), np.where(good, z, slip.z)
     slip.rate = np.where(good, kz[-1], slip.rate)
-    growth = 0.9 * np.sqrt(np.sqrt(_TOLERANCE / error))
+    growth = 0.9 * np.sqrt(np.sqrt(tolerance / error))
     slip.h = np.minimum(slip.h * np.clip(growth, 0.2, np.where(good, 4.0, 0.8)), _LONGEST)
     return going & (slip.h > _SHORTEST)
 

@@ -14,6 +14,7 @@ its polynomial: Hairer, Norsett, Wanner, Solving Ordinary Differential Equations
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -138,7 +139,11 @@ def _newton(
     try:
         solved = np.asarray(np.linalg.solve(matrix, residual[:, :, None]), dtype=float)
     except np.linalg.LinAlgError:
-        return np.full_like(residual, np.nan)
+        # No motion may see that the matrix of another is singular.
+        solved = np.full((*residual.shape, 1), np.nan)
+        for i, own in enumerate(residual):
+            with suppress(np.linalg.LinAlgError):
+                solved[i, :, 0] = np.linalg.solve(matrix[i], own)
     correction: FloatArray = solved[:, :, 0]
     return correction
 

@@ -23,7 +23,7 @@ from stickslip_monitor.physics.cycle.cycles import exact_cycle
 from stickslip_monitor.physics.cycle.fold import fold_curve
 from stickslip_monitor.physics.cycle.law import scaled, steepest_fall
 from stickslip_monitor.physics.cycle.stable import slip_round_trip
-from stickslip_monitor.physics.friction import Coulomb
+from stickslip_monitor.physics.friction import Coulomb, computes_as
 from stickslip_monitor.physics.oscillator import Bearing
 
 # Unit squares along u: the speed goes down to 2**-15 of the fold speed.
@@ -66,7 +66,7 @@ class CycleSurface:
             # Cycles far from harmonic take many steps: few octaves for a heavily damped lining.
             self._core = range(int(np.clip(np.log2(2.0 / bearing.damping_ratio), 1, _CORE)))
         # Under Coulomb's law the fold is in proportion to the load.
-        one = isinstance(bearing.friction, Coulomb) and self._onset == 0.0
+        one = computes_as(bearing.friction, Coulomb) and self._onset == 0.0
         self._folds_core = range(1) if one else self._core
 
     @property

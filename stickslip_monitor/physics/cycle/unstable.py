@@ -71,13 +71,17 @@ def _outermost(bearing: Bearing, speed: FloatArray, load: FloatArray) -> FloatAr
     return np.where(turned, local.rest - orbits.e, np.nan)
 
 
-def pure_slip(bearing: Bearing, speed: FloatArray, load: FloatArray) -> PureSlip:
-    """The unstable pure-slip cycle that bounds the basin of steady sliding, if there is one.
+def pure_slip(
+    bearing: Bearing, speed: FloatArray, load: FloatArray, *, stable: bool = False
+) -> PureSlip:
+    """A pure-slip cycle about steady sliding, if there is one.
 
     Args:
         bearing: The bearing.
         speed: ``V`` > 0 [m/s], shape (n,).
         load: ``N`` > 0 [N], shape (n,).
+        stable: The largest stable one about an unstable steady sliding, in place of the smallest
+            unstable one, which bounds the basin of a stable steady sliding.
     """
     n = speed.size
     blank, spent = np.full((4, n), np.nan), np.zeros(n, dtype=np.intp)
@@ -88,9 +92,10 @@ def pure_slip(bearing: Bearing, speed: FloatArray, load: FloatArray) -> PureSlip
         return out
     speed, load = speed[usable], load[usable]
     whole = setting(bearing, speed, load, AROUND)
-    largest = np.where(whole.stable, _outermost(bearing, speed, load), np.nan)
     spent = np.zeros(usable.size, dtype=np.intp)
-    low, high = _bracket(whole, largest, spent)
+    largest, rows = np.full(usable.size, np.nan), np.flatnonzero(whole.stable != stable)
+    largest[rows] = _outermost(bearing, speed[rows], load[rows])
+    low, high = (_inner_bracket if stable else _bracket)(whole, largest, spent)
     out.evaluations[usable] = spent
     index = np.flatnonzero(np.isfinite(low))
     if not index.size:
@@ -113,6 +118,29 @@ def pure_slip(bearing: Bearing, speed: FloatArray, load: FloatArray) -> PureSlip
     return out
 
 
+def _gains(whole: Setting, usable: IndexArray, grid: FloatArray, spent: IndexArray) -> FloatArray:
+    """Relative gains of energy on a grid of amplitudes, shape of ``grid``."""
+    _, gain = _turns(whole, np.repeat(usable, grid.shape[1]), grid.ravel(), spent)
+    return gain.reshape(grid.shape)
+
+
+def _inner_bracket(
+    whole: Setting, largest: FloatArray, spent: IndexArray
+) -> tuple[FloatArray, FloatArray]:
+    """Amplitudes around the largest orbit at which a gain of energy becomes a loss."""
+    low, high = np.full(largest.size, np.nan), np.full(largest.size, np.nan)
+    usable = np.flatnonzero(largest > 0.0)
+    if not usable.size:
+        return low, high
+    grid = largest[usable, None] * np.append(1e-3, np.arange(1, _GRID + 1) / _GRID)
+    outward = _gains(whole, usable, grid, spent) > 0.0
+    turns = outward[:, :-1] & ~outward[:, 1:]
+    found = np.flatnonzero(turns.any(axis=1))
+    last = _GRID - 1 - np.argmax(turns[found, ::-1], axis=1)
+    low[usable[found]], high[usable[found]] = grid[found, last], grid[found, last + 1]
+    return low, high
+
+
 def _bracket(
     whole: Setting, largest: FloatArray, spent: IndexArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -122,10 +150,8 @@ def _bracket(
     usable = np.flatnonzero(largest > 0.0)
     if not usable.size:
         return low, high
-    share = np.arange(1, _GRID + 1) / _GRID
-    grid = largest[usable, None] * share
-    _, gain = _turns(whole, np.repeat(usable, _GRID), grid.ravel(), spent)
-    gain = gain.reshape(grid.shape)
+    grid = largest[usable, None] * (np.arange(1, _GRID + 1) / _GRID)
+    gain = _gains(whole, usable, grid, spent)
     outward = gain > 0.0
     # Close to the fold of a stiff law the cycle is the grazing orbit itself, but for rounding.
     grazes = ~outward.any(axis=1) & (np.abs(gain[:, -1]) < _BALANCED)

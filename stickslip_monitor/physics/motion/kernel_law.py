@@ -10,7 +10,13 @@ from scipy.interpolate import PchipInterpolator
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError
-from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
+from stickslip_monitor.physics.friction import (
+    Coulomb,
+    FrictionLaw,
+    Stribeck,
+    Tabulated,
+    computes_as,
+)
 
 # In units of 1/beta: a series sees from above that the exponential rises below such a speed, and
 # above the last one it is less than the rounding of one.
@@ -49,14 +55,14 @@ def kernel_law(law: FrictionLaw) -> KernelLaw:
     Raises:
         PhysicsError: The law is none of Stribeck, Coulomb, Tabulated.
     """
-    if isinstance(law, Stribeck):
+    if computes_as(law, Stribeck):
         gap = law.static - law.kinetic
         numbers = (law.kinetic, gap, law.decay, law.viscous)
         edges = np.array(_EXPONENTIAL_EDGES) / law.decay
         return KernelLaw(law.static, abs(gap) * law.decay + law.viscous, numbers, edges)
-    if isinstance(law, Coulomb):
+    if computes_as(law, Coulomb):
         return KernelLaw(max(law.static, law.kinetic), 0.0, (law.kinetic, 0.0, 0.0, 0.0))
-    if isinstance(law, Tabulated):
+    if computes_as(law, Tabulated):
         return _table(law)
     raise PhysicsError(
         f'friction = {law!r} cannot be integrated in time: use Stribeck, Coulomb, or Tabulated'

@@ -9,10 +9,18 @@ import mpmath as mp
 import numpy as np
 import pytest
 
+from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.physics.averaging import numerical, slope_table
-from stickslip_monitor.physics.averaging.boundaries import averaged_solver, stationary_amplitudes
+from stickslip_monitor.physics.averaging.boundaries import (
+    fold_speed,
+    hopf_speed,
+    stationary_amplitudes,
+)
 from stickslip_monitor.physics.averaging.quadrature import friction_harmonic
+from stickslip_monitor.physics.averaging.solver import ClosedForm, Numerical, averaged_solver
+from stickslip_monitor.physics.cycle.cycles import CycleKind, exact_cycle, exact_fold_speed
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
+from stickslip_monitor.physics.motion.kernel_law import kernel_law
 from stickslip_monitor.physics.oscillator import Bearing
 
 STRIBECK = Stribeck(0.30, 0.10, 10.0)
@@ -20,10 +28,37 @@ STRIBECK = Stribeck(0.30, 0.10, 10.0)
 DAMPING = np.array([1.0, 0.4, 0.04, 0.004])
 
 
-def test_only_the_stribeck_law_itself_has_closed_forms() -> None:
-    assert averaged_solver(Coulomb(0.3, 0.1)) is numerical
-    assert averaged_solver(Tabulated([0.0, 1.0], [0.3, 0.1])) is numerical
-    assert averaged_solver(STRIBECK) is not numerical
+class Sharper(Stribeck):
+    """Falls twice as fast as its coefficients say."""
+
+    def _law(self) -> Stribeck:
+        return Stribeck(self.static, self.kinetic, 2.0 * self.decay)
+
+    def coefficient(self, speed):
+        return self._law().coefficient(speed)
+
+    def slope(self, speed):
+        return self._law().slope(speed)
+
+
+class Named(Stribeck):
+    """A law that computes as its parent does."""
+
+
+def test_a_subclass_that_overrides_its_friction_is_a_law_of_its_own() -> None:
+    """Neither its parent's closed forms nor its parent's exact cycles are its own."""
+    own = Bearing(50.0, 400.0, 2.0e6, Sharper(0.30, 0.10, 5.0), 0.1)
+    same = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.1)
+    assert hopf_speed(own, 1000.0) == pytest.approx(hopf_speed(same, 1000.0), rel=1e-9)
+    assert fold_speed(own, 1000.0) == pytest.approx(fold_speed(same, 1000.0), rel=1e-7)
+    assert exact_fold_speed(own, 1000.0) == pytest.approx(exact_fold_speed(same, 1000.0), rel=1e-6)
+    cycle = exact_cycle(own, 0.1, 1000.0)
+    assert cycle.kind is CycleKind.STICK_SLIP
+    assert cycle.amplitude == pytest.approx(exact_cycle(same, 0.1, 1000.0).amplitude, rel=1e-9)
+    with pytest.raises(PhysicsError, match='cannot be integrated in time'):
+        kernel_law(own.friction)
+    assert isinstance(averaged_solver(Named(0.30, 0.10, 10.0)), ClosedForm)
+    assert isinstance(averaged_solver(Coulomb(0.3, 0.1)), Numerical)
 
 
 def test_hopf_speed_is_the_logarithm() -> None:

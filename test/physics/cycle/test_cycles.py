@@ -419,3 +419,46 @@ def test_amplitude_is_continuous_from_crawling_to_the_fold():
     assert np.all(np.diff(amplitude) > 0.0)
     bend = np.diff(amplitude, 2)
     assert np.max(np.abs(np.diff(bend))) < 0.03 * np.max(np.abs(bend))
+
+
+def test_a_table_has_a_cycle_at_every_speed_alone_and_together():
+    """A step far beyond its measured speeds left the range of numbers: the orbit ended there."""
+    law = Tabulated(
+        [0, 0.30, 0.316, 0.406, 0.423, 0.49], [0.30, 0.108, 0.1094, 0.1037, 0.1031, 0.1029]
+    )
+    bearing = Bearing(1.0, 66.9, 1e4, law, 0.1)
+    speed = np.linspace(0.05, 0.6, 111)
+    cycle = exact_cycle(bearing, speed, 2200.0)
+    assert_array_equal(cycle.kind, CycleKind.STICK_SLIP)
+    assert 1e3 * cycle.amplitude[74] == pytest.approx(27.534, abs=5e-4)
+    alone = [exact_cycle(bearing, v, 2200.0) for v in speed[70:]]
+    assert_array_equal([one.kind for one in alone], cycle.kind[70:])
+    assert_allclose([one.amplitude for one in alone], cycle.amplitude[70:], rtol=1e-12)
+
+
+def test_a_vibration_that_never_sticks_has_amplitude_and_period():
+    """Friction falls over some speeds only; against the motion in time, by another integrator."""
+    law = Tabulated([0.0, 0.5, 0.6, 0.8, 0.9, 1.4], [0.2, 0.2, 0.19, 0.13, 0.12, 0.12])
+    bearing = Bearing(1.0, 20.0, 1e4, law, 0.1)
+    cycle = exact_cycle(bearing, [0.7, -0.7, 1.2], 100.0)
+    assert_array_equal(cycle.kind, [CycleKind.PURE_SLIP, CycleKind.PURE_SLIP, CycleKind.NONE])
+
+    def motion(_, state):
+        x, v = state
+        return v, 100.0 * float(law.coefficient(0.7 - v)) - 20.0 * v - 1e4 * x
+
+    start = [float(bearing.equilibrium(0.7, 100.0)) + 1e-3, 0.0]
+    late = solve_ivp(motion, (0.0, 6.0), start, rtol=1e-10, atol=1e-13, max_step=1e-3)
+    again = solve_ivp(
+        motion, (0.0, 0.2), late.y[:, -1], rtol=1e-10, atol=1e-13, max_step=1e-3,
+        events=lambda _, state: state[1],
+    )  # fmt: skip
+    turns = again.y_events[0][:, 0]
+    assert 0.0 < cycle.multiplier[0] < 1.0
+    assert cycle.stick_fraction[0] == 0.0
+    assert cycle.amplitude[0] == pytest.approx(0.5 * np.ptp(turns[-2:]), rel=1e-6)
+    assert cycle.period[0] == pytest.approx(again.t_events[0][-1] - again.t_events[0][-3], rel=1e-6)
+    assert cycle.amplitude[1] == cycle.amplitude[0]
+    time, x, _ = exact_cycle(bearing, 0.7, 100.0).waveform(50)
+    assert 0.5 * np.ptp(x) == pytest.approx(cycle.amplitude[0], rel=5e-3)
+    assert time[-1] == cycle.period[0]
