@@ -6,7 +6,9 @@ slots, with Sen's distribution-free confidence interval (P. K. Sen, J. Am. Stat.
 1379-1389). The path is followed to where steady sliding turns unstable: with the slopes
 themselves, with each corner of their intervals, and with the slopes of either half of the window,
 which differ where the trend bends; each with the boundary where it is said to be, and a tenth
-higher and lower. What comes out is told only if all of these agree well enough.
+higher and lower. What comes out is told only if all of these agree well enough, and only below
+the fold: a ship that slows down mostly stops at the speed that was ordered, and above the fold
+that is most often where nothing happens.
 """
 
 from __future__ import annotations
@@ -22,14 +24,14 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.physics.averaging.boundaries import growth_rate
+from stickslip_monitor.physics.averaging.boundaries import fold_speed, growth_rate
 from stickslip_monitor.physics.oscillator import Bearing
 
 _QUANTILE = 1.959963984540054  # of the normal distribution, two-sided, for 95 %
 _SLOTS = 30
 _FEWEST = 8
-_HORIZON = 2.0
-"""How far ahead of the window it is looked [windows]: further is not a forecast."""
+_HORIZON = 1.0
+"""How far ahead it is looked [windows]: further is not a forecast."""
 _SPREAD = 3.0
 """How much later than the earliest the latest crossing may be."""
 _ERRORS = (1.0, 0.9, 1.1)
@@ -197,6 +199,8 @@ def _reach(
     halves: list[tuple[float, ...]],
     span: float,
 ) -> Trend | None:
+    if not abs(speed.now) < fold_speed(bearing, load.now):
+        return None
     rates = [
         (speed.slope, load.slope),
         *product((speed.low, speed.high), (load.low, load.high)),
