@@ -66,7 +66,7 @@ class ClipStore(Protocol):
 
 def begins_clip(event: Event) -> bool:
     """Whether a change of the alarm is one to keep a clip of."""
-    return event.raised and (event.level is Level.ERROR or event.after is Condition.INPUT_STALE)
+    return event.raised and event.after.level is Level.ERROR
 
 
 class ClipRecorder:

@@ -44,7 +44,7 @@ class Condition(str, Enum):
     )
     STICK_SLIP = 'stick_slip', Level.ERROR, 'Stick-slip predicted.'
     AMPLITUDE = 'amplitude_limit', Level.ERROR, 'Stick-slip predicted above the amplitude limit.'
-    INPUT_STALE = 'input_stale', Level.WARN, 'An input is lost: nothing can be predicted.'
+    INPUT_STALE = 'input_stale', Level.ERROR, 'An input is lost: nothing can be predicted.'
 
     def __str__(self) -> str:
         return str(self.value)

@@ -139,7 +139,7 @@ def _event_record(event: Event, point: dict[str, Any]) -> dict[str, Any]:
         'time': event.time_ns,
         'from': event.before.value,
         'to': event.after.value,
-        'level': event.level.name,
+        'level': event.after.level.name,
         'reason': event.after.value,
         'sticking': event.sticking,
         'growth': event.standing.growth,
@@ -207,12 +207,7 @@ class BearingState:
         """How bad it is; nobody can say that all is well of a bearing that is not watched."""
         if not self.monitoring or self.waiting:
             return Level.WARN
-        # Losing an input eases nothing: what the alarm rests on still counts.
-        return max(
-            self.condition.level,
-            self.standing.condition.level,
-            Level.WARN if self.faults else Level.OK,
-        )
+        return max(self.condition.level, Level.WARN if self.faults else Level.OK)
 
     @property
     def message(self) -> str:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from stickslip_monitor.monitor.assessment import Assessment, Outcome
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.decision import LEFT_BELOW, ONSET, QUIET, Standing, near_fold
-from stickslip_monitor.monitor.ladder import LADDER, Condition, ConditionChange, Level
+from stickslip_monitor.monitor.ladder import LADDER, Condition, ConditionChange
 from stickslip_monitor.monitor.trend import Trend
 from stickslip_monitor.physics.belief import Belief
 
@@ -68,13 +68,6 @@ class Event:
     text: str
     standing: Standing = QUIET
     says: str = ''
-
-    @property
-    def level(self) -> Level:
-        """How severe matters are from then on; the loss of an input eases nothing."""
-        if self.after is Condition.INPUT_STALE:
-            return max(self.before.level, self.after.level)
-        return self.after.level
 
     @property
     def raised(self) -> bool:

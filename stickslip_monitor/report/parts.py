@@ -66,7 +66,7 @@ def shares(course: Course) -> tuple[Share, ...]:
 
 def event_rows(events: Sequence[Event]) -> tuple[tuple[EventRow, ...], str]:
     """The table of events and a note on those left out, the least severe first."""
-    order = sorted(range(len(events)), key=lambda i: (-events[i].level, i))
+    order = sorted(range(len(events)), key=lambda i: (-events[i].after.level, i))
     kept = sorted(order[:MOST_EVENTS])
     rows: list[EventRow] = []
     day = ''
@@ -93,7 +93,7 @@ def _event_row(number: int, event: Event, date: str) -> EventRow:
         iso=formatting.iso(event.time_ns),
         before=CONDITION_NAMES[event.before],
         after=CONDITION_NAMES[event.after],
-        grade=_GRADES[event.level],
+        grade=_GRADES[event.after.level],
         text=event.text.removeprefix(f'{event.bearing}: '),
     )
 

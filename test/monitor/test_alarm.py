@@ -13,7 +13,7 @@ def test_conditions() -> None:
         Level.ERROR,
     ]
     assert Condition.INPUT_STALE not in LADDER
-    assert Condition.INPUT_STALE.level is Level.WARN
+    assert Condition.INPUT_STALE.level is Level.ERROR
     assert str(Condition.STICK_SLIP) == Condition.STICK_SLIP.value == 'stick_slip'
     assert Condition('caution') is Condition.CAUTION
     # diagnostic_msgs/DiagnosticStatus: OK=0, WARN=1, ERROR=2

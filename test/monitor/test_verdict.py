@@ -11,12 +11,11 @@ from scipy.optimize import brentq
 from scipy.special import i1e
 
 from stickslip_monitor import MonitorConfig, assess
-from stickslip_monitor.monitor.alarms.causes import AlarmKind, Priority
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.decision import QUIET, Standing
-from stickslip_monitor.monitor.ladder import LADDER, Condition, ConditionChange, Level
+from stickslip_monitor.monitor.ladder import LADDER, Condition, ConditionChange
 from stickslip_monitor.monitor.trend import Trend
-from stickslip_monitor.monitor.verdict import Event, describe, event_of
+from stickslip_monitor.monitor.verdict import describe, event_of
 
 Configure = Callable[..., MonitorConfig]
 # Fold: 2 I1e(v)/v = kappa with kappa = 0.2 at 1000 N, v = beta V, beta = 10 s/m, D = 0.1 m.
@@ -234,16 +233,3 @@ def test_inputs_that_are_back(aft: BearingConfig) -> None:
     point = assess(aft.bearing, 60.0 * PER_RPM, 1000.0)
     text = describe(aft, Condition.NORMAL, point, QUIET, {}, Condition.INPUT_STALE)
     assert text.startswith('aft: Speed and load are back. No stick-slip predicted. At 60 rpm')
-
-
-def test_losing_an_input_is_a_warning_and_eases_nothing() -> None:
-    """IMO MSC.302(87): a warning is not immediately dangerous, but may become so."""
-    lost = {'speed': 6.0}
-    for before, level in (
-        (Condition.NORMAL, Level.WARN),
-        (Condition.BISTABLE, Level.WARN),
-        (Condition.STICK_SLIP, Level.ERROR),
-    ):
-        event = Event('aft', 0, before, Condition.INPUT_STALE, None, False, lost, '')
-        assert event.level is level
-    assert AlarmKind.INPUT_LOST.priority is Priority.WARNING

@@ -79,7 +79,7 @@ def test_an_input_that_dies_is_reported_with_its_age_and_cleared(start: Any, kit
     peer.until(sensors.sending(None, 1000.0, lost), 'the loss of the speed')
     (event,) = lost()
     assert event['input_age'] == {'speed': 1.0}
-    assert event['level'] == 'WARN'
+    assert event['level'] == 'ERROR'
     topic = monitor.input('shaft/speed')
     assert event['text'] == (
         'aft: Input speed lost: nothing believable on shaft/speed for 1 s.'
@@ -89,7 +89,7 @@ def test_an_input_that_dies_is_reported_with_its_age_and_cleared(start: Any, kit
         lambda: float(kit.status(diagnostics).get('speed age [s]', 0.0)) > 2.0, 'a growing age'
     )
     record = kit.status(diagnostics)
-    assert (record['level'], record['reason']) == (b'\x01', 'input_stale')
+    assert (record['level'], record['reason']) == (b'\x02', 'input_stale')
     assert 'load age [s]' not in record
 
     sensors.close()
