@@ -12,18 +12,19 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, NamedTuple, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray, IndexArray, flatten, in_blocks
-from stickslip_monitor.physics.averaging import boundaries
+from stickslip_monitor.physics.averaging import boundaries, closed_form
 from stickslip_monitor.physics.averaging.solver import averaged_solver, damping_per_load
 from stickslip_monitor.physics.belief import Belief, probability_runs
 from stickslip_monitor.physics.cycle.fold import fold_curve
 from stickslip_monitor.physics.cycle.surface import exact_amplitude
+from stickslip_monitor.physics.friction import Stribeck, computes_as
 from stickslip_monitor.physics.oscillator import Bearing
 
 _SentenceEnum = TypeVar('_SentenceEnum', bound='SentenceEnum')
@@ -249,10 +250,26 @@ class _Number:
             if self._name in BELIEFS:
                 point._known.update(_believed(self._name, point))
             else:
-                flat = column(self._name, point._bearing, point._points())
-                point._known[self._name] = flat[0].item()
+                point._known[self._name] = _worked_out(self._name, point)
             value = point._known[self._name]
         return value
+
+
+def _worked_out(name: str, point: Assessment) -> float:
+    """A column's number at one point; what every sample asks for without arrays."""
+    law = _stribeck_of(point._bearing)
+    often = name in ('amplitude', 'growth_rate') and point.outcome_code != NOT_FINITE
+    if law is None or not often:
+        return float(column(name, point._bearing, point._points())[0])
+    bearing, speed, load = point._bearing, abs(point.speed), point.load
+    with np.errstate(all='ignore'):
+        if name == 'growth_rate':
+            drive = max(load, 0.0) * -float(law.slope(speed))
+            return (drive - bearing.damping) / (2.0 * bearing.mass)
+        if point.outcome_code not in (BISTABLE, STICK_SLIP) or not speed < point.fold_speed:
+            return math.nan
+        v, q = np.float64(speed), np.float64(bearing.damping / load)
+        return float(closed_form.stable_amplitude(law, v, q) / bearing.natural_frequency)
 
 
 class _Column:
@@ -535,6 +552,10 @@ def assess(
         The assessment of one point for numbers, else those of arrays of the broadcast shape. It
         never raises for a number: an input that is not finite has its own outcome.
     """
+    if isinstance(speed, float) and isinstance(load, float):
+        law = _stribeck_of(bearing)
+        if law is not None and 0.0 < abs(speed) * load < math.inf:
+            return _assess_number(bearing, law, float(speed), float(load), belief)
     shape, (v, n) = flatten(speed, load)
     with np.errstate(all='ignore'):
         columns = in_blocks(partial(_judge, bearing), v, n)
@@ -543,6 +564,28 @@ def assess(
         return Assessment(v1, n1, code, hopf, fold, exact, bearing, _belief=belief)
     v, n, codes, hopfs, folds, exacts = (flat.reshape(shape) for flat in (v, n, *columns))
     return Assessments(v, n, codes, hopfs, folds, exacts, bearing, _belief=belief)
+
+
+@lru_cache(maxsize=32)
+def _stribeck_of(bearing: Bearing) -> Stribeck | None:
+    """The law of a bearing where single points are assessed without arrays."""
+    return bearing.friction if computes_as(bearing.friction, Stribeck) else None
+
+
+def _assess_number(
+    bearing: Bearing, law: Stribeck, speed: float, load: float, belief: Belief | None
+) -> Assessment:
+    """:func:`assess` of one ordinary point: the same operations, so the same bits."""
+    hopf, fold = closed_form.boundaries_of_number(law, bearing.damping / load)
+    exact = fold_curve(bearing).speed_of_number(load, fold)
+    size, code = abs(speed), NO_CYCLE
+    if size < hopf:
+        code = STICK_SLIP
+    elif size < fold or size < exact:
+        code = BISTABLE
+    elif fold != fold and exact != exact:
+        code = NO_BOUNDARY
+    return Assessment(speed, load, int(code), hopf, fold, exact, bearing, _belief=belief)
 
 
 def _judge(bearing: Bearing, speed: FloatArray, load: FloatArray) -> tuple[NDArray[Any], ...]:

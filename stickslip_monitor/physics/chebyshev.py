@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -95,6 +96,14 @@ class Pieces:
         t = (y - self.centre.take(part)) / self.half.take(part)
         return horner(self.powers.take(part, axis=1), t)
 
+    def value_of_number(self, y: float) -> float | None:
+        """:meth:`value` of one number >= 0; ``None`` where there is no polynomial yet."""
+        part = int(self.cell[min(int(y * FINE), self.cell.size - 1)])
+        if part == NOWHERE:
+            return None
+        t = (y - float(self.centre[part])) / float(self.half[part])
+        return float(horner(self.powers[:, part].tolist(), t))
+
     def with_unit(
         self,
         unit: int,
@@ -159,7 +168,7 @@ def _fitted(values: FloatArray, tolerance: float, last: bool) -> tuple[FloatArra
     return powers, good | rough
 
 
-def horner(powers: FloatArray, t: FloatArray) -> FloatArray:
+def horner(powers: Any, t: Any) -> Any:
     """``sum_j powers[j] t^j``; powers of shape (k, ...), ``t`` broadcasting with ``powers[0]``."""
     result = powers[-1]
     for row in powers[-2::-1]:

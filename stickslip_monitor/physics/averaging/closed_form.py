@@ -8,6 +8,9 @@ the way to ``inf`` and ``nan`` is for the caller to silence.
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 from scipy.special import i1e
 
@@ -61,6 +64,19 @@ def boundaries(
     return hopf, np.where(endless, np.inf, fold) if endless.any() else fold
 
 
+def boundaries_of_number(law: Stribeck, q: float) -> tuple[float, float]:
+    """:func:`boundaries` of one number, finite and >= 0."""
+    fall = _fall(law)
+    kappa = (q + law.viscous) / fall if fall > 0.0 else math.inf
+    if kappa == 0.0:
+        return math.inf, math.inf
+    number = -float(np.log(kappa))
+    if not number > 0.0:
+        return math.nan, math.nan
+    fold = dimensionless.speed_for_decline_of_number(min(number, _MOST_DECLINE))
+    return number / law.decay, fold / law.decay
+
+
 def hopf_load(law: Stribeck, speed: FloatArray, damping: float) -> FloatArray:
     """``N_H = c exp(beta V)/(Delta beta)`` [N] of a law without viscous rise; ``nan`` if none.
 
@@ -81,8 +97,11 @@ def peak_slope(law: Stribeck, speed: FloatArray) -> FloatArray:
     return _fall(law) * 2.0 * i1e(v) / v - law.viscous
 
 
-def stable_amplitude(law: Stribeck, speed: FloatArray, q: FloatArray) -> FloatArray:
-    """Velocity amplitude of the stable cycle [m/s], for speeds below the fold speed."""
+def stable_amplitude(law: Stribeck, speed: Any, q: Any) -> Any:
+    """Velocity amplitude of the stable cycle [m/s], for speeds below the fold speed.
+
+    Of arrays, or of numbers of numpy's.
+    """
     v = np.minimum(np.maximum(law.decay * speed, _TINY), _HUGE)
     kappa = (q + law.viscous) / _fall(law)
     alpha = dimensionless.stable_amplitude(v, kappa, law.kinetic / (law.static - law.kinetic))

@@ -9,7 +9,9 @@ the unstable amplitude each follow from one function of one variable,
     ``growth(alpha) = ln(2 I1(alpha) / alpha)``,
 
 inverted here by one step of Newton's method from a table so close to the root that it ends at
-the last digit. So an element's value never depends on what else is in the array.
+the last digit. So an element's value never depends on what else is in the array. A single number
+goes the same way in Python, where only logarithm, exponential and Bessel functions are numpy's and
+scipy's: those give one number the bits that it has in an array.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cache, lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import i0e, i1e
@@ -43,21 +45,19 @@ _FEW_NODES, _FEW_WEIGHTS = (np.array(column) for column in zip(*unit_gauss(10), 
 _SQUARES, _REST = _FEW_NODES**2, (1.0 - _FEW_NODES) * (1.0 + _FEW_NODES)
 
 
-def _bessel_excess(alpha: FloatArray) -> FloatArray:
+def _bessel_excess(alpha: Any) -> Any:
     """``2 I1(alpha)/alpha - 1`` from its power series, for ``alpha <= 0.5``."""
     quarter = 0.25 * alpha * alpha
-    total = np.zeros_like(alpha)
+    total = 0.0
     for k in range(8, 0, -1):
         total = (total + 1.0) * quarter / (k * (k + 1.0))
     return total
 
 
-def _joined(
-    alpha: FloatArray,
-    series: Callable[[FloatArray], FloatArray],
-    bessel: Callable[[FloatArray], FloatArray],
-) -> FloatArray:
-    """The series for small arguments, Bessel functions for the others."""
+def _joined(alpha: Any, series: Callable[[Any], Any], bessel: Callable[[Any], Any]) -> Any:
+    """The series for small arguments, Bessel functions for the others; of numbers or arrays."""
+    if isinstance(alpha, float):
+        return series(alpha) if alpha <= _SERIES_LIMIT else bessel(alpha)
     result = bessel(np.maximum(alpha, _SERIES_LIMIT))
     small = alpha <= _SERIES_LIMIT
     if small.any():
@@ -65,7 +65,7 @@ def _joined(
     return result
 
 
-def growth(alpha: FloatArray) -> FloatArray:
+def growth(alpha: Any) -> Any:
     """``ln(2 I1(alpha)/alpha)`` for ``alpha`` >= 0, to full relative precision."""
     return _joined(
         alpha,
@@ -74,7 +74,7 @@ def growth(alpha: FloatArray) -> FloatArray:
     )
 
 
-def decline(v: FloatArray) -> FloatArray:
+def decline(v: Any) -> Any:
     """``-ln(2 exp(-v) I1(v)/v) = v - growth(v)``: rises from 0 with ``v``."""
     return _joined(
         v,
@@ -83,7 +83,7 @@ def decline(v: FloatArray) -> FloatArray:
     )
 
 
-def _growth_slope(alpha: FloatArray) -> FloatArray:
+def _growth_slope(alpha: Any) -> Any:
     """``d growth / d alpha = I2(alpha)/I1(alpha)``, as precise as Newton's method needs it."""
     return _joined(
         alpha,
@@ -120,6 +120,16 @@ class _Inverse(NamedTuple):
         log_x, more, slope, steeper = self.rows[i].T
         share = place - i
         return np.exp(log_x + share * more), (slope + share * steeper) / value
+
+    def look_up_number(self, value: float) -> tuple[float, float]:
+        """:meth:`look_up` of one number."""
+        begin = math.log(self.low)
+        per_log = (_TABLE_SIZE - 1.0) / (math.log(self.high) - begin)
+        place = (float(np.log(value)) - begin) * per_log
+        i = int(min(max(place, 0.0), _TABLE_SIZE - 2.0))
+        log_x, more, slope, steeper = self.rows[i].tolist()
+        share = place - i
+        return float(np.exp(log_x + share * more)), (slope + share * steeper) / value
 
 
 @cache
@@ -162,6 +172,15 @@ def speed_for_decline(decrement: FloatArray) -> FloatArray:
         per_value = np.where(outside, 1.0 / (v * _decline_slope(v)), per_value)
     # In ln v the curve is almost straight, from v << 1 (slope v) to v >> 1 (slope 1.5).
     return v * np.exp((decrement - decline(v)) * per_value)
+
+
+def speed_for_decline_of_number(decrement: float) -> float:
+    """:func:`speed_for_decline` of one number."""
+    table = _inverse(decline, _decline_slope)
+    if not table.low <= decrement <= table.high:
+        return float(speed_for_decline(np.array([decrement]))[0])
+    v, per_value = table.look_up_number(decrement)
+    return v * float(np.exp((decrement - float(decline(v))) * per_value))
 
 
 def sliding_limit_excess(v: FloatArray, kappa: FloatArray) -> FloatArray:
@@ -218,13 +237,13 @@ def _balance(
     cosine = np.sqrt(1.0 - square)
     alpha = v / cosine
     scale = np.exp(alpha * square / (1.0 + cosine))
-    wide = square[:, None]
+    wide = square[..., None]
     cos_t = np.sqrt(1.0 - _SQUARES * wide)
     # alpha (cos t - cos theta) without its cancellation.
-    rise = np.exp((alpha * square)[:, None] * _REST / (cos_t + cosine[:, None]))
+    rise = np.exp((alpha * square)[..., None] * _REST / (cos_t + cosine[..., None]))
     fall = 1.0 / rise
-    loss = np.add.reduce((rise + fall) * _FEW_WEIGHTS, axis=1)
-    loss_slope = np.add.reduce((rise - fall) * (cos_t * _FEW_WEIGHTS), axis=1)
+    loss = np.add.reduce((rise + fall) * _FEW_WEIGHTS, axis=-1)
+    loss_slope = np.add.reduce((rise - fall) * (cos_t * _FEW_WEIGHTS), axis=-1)
     i1 = i1e(alpha) * scale
     half = 0.5 * kappa
     balance = i1 - half * alpha - (sine * (2.0 * r + loss)) * (1.0 / np.pi)
@@ -279,7 +298,7 @@ def _start_table(r: float) -> FloatArray:
     return np.ascontiguousarray(np.transpose(cells, (2, 0, 3, 1)))
 
 
-def stable_amplitude(v: FloatArray, kappa: FloatArray, r: float) -> FloatArray:
+def stable_amplitude(v: Any, kappa: Any, r: float) -> Any:
     """The ``alpha`` >= v of the stable stick-slip cycle, for points below the fold.
 
     There is exactly one: the balance is positive at the sliding limit, falls with infinite slope
@@ -287,12 +306,12 @@ def stable_amplitude(v: FloatArray, kappa: FloatArray, r: float) -> FloatArray:
     method starts from a table so close to the root that one step suffices.
 
     Args:
-        v: ``beta V`` > 0, shape (n,).
-        kappa: Damping number >= 0 with ``2 I1e(v)/v >= kappa``, shape (n,).
+        v: ``beta V`` > 0, shape (n,) or a number of numpy's.
+        kappa: Damping number >= 0 with ``2 I1e(v)/v >= kappa``, shape of ``v``.
         r: ``mu_k/Delta`` >= 0.
 
     Returns:
-        ``alpha`` >= v, shape (n,); exactly ``v`` where rounding leaves no room above it.
+        ``alpha`` >= v, shape of ``v``; exactly ``v`` where rounding leaves no room above it.
     """
     sine = _start(v, kappa, r)
     balance, slope = _balance(sine, v, kappa, r)

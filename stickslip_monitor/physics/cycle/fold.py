@@ -9,6 +9,7 @@ before.
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
 import numpy as np
@@ -291,6 +292,16 @@ class FoldCurve:
         if ((height >= 1.0) & (height < 2.0**self._octaves)).all():
             return self._inside(load, averaged, height)
         return self._anywhere(load, averaged, height)
+
+    def speed_of_number(self, load: float, averaged: float) -> float:
+        """:meth:`speed` of one finite load > 0, of Stribeck's law."""
+        height = load / self._unit
+        if not self._endless and 1.0 <= height < 2.0**self._octaves:
+            mantissa, exponent = math.frexp(height)
+            ratio = self.pieces.value_of_number((exponent - 2.0) + 2.0 * mantissa)
+            if ratio is not None:
+                return ratio * averaged if ratio * averaged > 0.0 else math.nan
+        return float(self.speed(np.array([load]), np.array([averaged]))[0])
 
     def has_cycle(
         self,
