@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import ive
 
-from stickslip_monitor.bags.bag import Bag
+from stickslip_monitor.bags.reader import Bag
 from stickslip_monitor.bags.values import Request
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.friction import Stribeck

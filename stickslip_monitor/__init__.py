@@ -2,13 +2,7 @@
 """Condition monitoring of ships' stern bearings: predicts stick-slip from shaft speed and load."""
 
 from stickslip_monitor.errors import StickslipError
-from stickslip_monitor.monitor.assessment import (
-    Assessment,
-    Assessments,
-    Outcome,
-    Regime,
-    assess,
-)
+from stickslip_monitor.monitor.assessment import Assessment, Assessments, Outcome, Regime, assess
 from stickslip_monitor.monitor.config import MonitorConfig, build_config
 from stickslip_monitor.monitor.monitor import Monitor
 from stickslip_monitor.monitor.signals import Sample, Stream

@@ -1,9 +1,244 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reading recordings: the public names."""
+"""Reads a recording: one MCAP file, or a rosbag2 folder of them."""
 
 from __future__ import annotations
 
-from stickslip_monitor.bags.bag import Bag, open_bag
-from stickslip_monitor.bags.values import Cut, Fault, Message, Request, Series, TopicInfo
+import re
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from pathlib import Path
+
+from stickslip_monitor.bags.index import DATED, FileScan, scan_file
+from stickslip_monitor.bags.metadata import FILE_NAME, read_metadata
+from stickslip_monitor.bags.series import Progress, ReadResult, Source, Wanted, merged, read_series
+from stickslip_monitor.bags.topics import check_request, check_topics, list_topics
+from stickslip_monitor.bags.values import (
+    Cut,
+    Fault,
+    Message,
+    Request,
+    Series,
+    TimeSpans,
+    TopicInfo,
+)
+from stickslip_monitor.errors import BagError
+from stickslip_monitor.fields import FieldPath
 
 __all__ = ['Bag', 'Cut', 'Fault', 'Message', 'Request', 'Series', 'TopicInfo', 'open_bag']
+
+_MOST_NAMED = 10
+_LATEST_NS = (1 << 63) - 1
+
+
+class Bag:
+    """A recording that was opened; nothing stays open between calls."""
+
+    def __init__(self, path: Path, files: Sequence[FileScan], warnings: Iterable[str]) -> None:
+        """Put the files of a recording together; see :func:`open_bag`."""
+        self.path = path
+        self.topics: dict[str, TopicInfo] = list_topics(files)
+        self._files = tuple(files)
+        # A dict, so that a chunk that is read twice is complained about once.
+        self._warnings = dict.fromkeys(warnings)
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The MCAP files in order."""
+        return tuple(dict.fromkeys(file.path for file in self._files))
+
+    @property
+    def start_ns(self) -> int | None:
+        """Earliest log time [ns], None in a recording without messages."""
+        starts = [f.start_ns for f in self._files if f.start_ns is not None]
+        if self._earliest_ns == 0 and any(f.has_zero for f in self._files):
+            starts.append(0)
+        return min(starts, default=None)
+
+    @property
+    def end_ns(self) -> int | None:
+        """Latest log time [ns], None in a recording without messages."""
+        ends = [f.end_ns for f in self._files if f.end_ns is not None]
+        return max(ends, default=self.start_ns)
+
+    @property
+    def _earliest_ns(self) -> int:
+        """The least log time that is one: among dates, 0 is that of a clock that was not set."""
+        return int(any((f.end_ns or 0) >= DATED for f in self._files))
+
+    @property
+    def message_count(self) -> int:
+        """Messages on all topics."""
+        return sum(file.counts.total() for file in self._files)
+
+    @property
+    def cuts(self) -> tuple[Cut, ...]:
+        """The files that end too early."""
+        return tuple(file.cut for file in self._files if file.cut is not None)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What else is wrong with the recording, as far as it was noticed until now."""
+        return tuple(self._warnings)
+
+    def definition(self, topic: str) -> str:
+        """The ``ros2msg`` definition of a topic's messages.
+
+        Raises:
+            BagError: The topic is not there or cannot be decoded.
+        """
+        check_topics(self.topics, [topic])
+        if not self.topics[topic].readable:
+            raise BagError(f"topic '{topic}' cannot be read: {self.topics[topic].problem}")
+        for file in self._files:
+            for channel in file.channels.values():
+                if channel.topic == topic:
+                    return file.schemas[channel.schema_id].data.decode(errors='replace')
+        raise AssertionError('unreachable: a topic is one because some file has it')
+
+    def read(
+        self, requests: Iterable[Request], progress: Progress | None = None
+    ) -> dict[Request, Series]:
+        """Read numbers of some topics.
+
+        Args:
+            requests: What to read.
+            progress: Told the bytes done and the bytes to do after each block.
+
+        Returns:
+            A series for each request; the messages of a damaged chunk are missing, and
+            ``warnings`` names it.
+
+        Raises:
+            BagError: A topic is not there or cannot be decoded, a field is not in its type or no
+                number, or a file cannot be read.
+            ConfigurationError: A field is not a path.
+        """
+        requests = list(requests)
+        while True:
+            found = self._read(requests, progress)
+            if not found.doubted:
+                return found.series
+            self._look_again(found.doubted)
+
+    def _read(self, requests: Iterable[Request], progress: Progress | None) -> ReadResult:
+        asked: dict[str, dict[FieldPath, list[Request]]] = {}
+        for request in requests:
+            path = check_request(self.topics, request)
+            asked.setdefault(request.topic, {}).setdefault(path, []).append(request)
+        topics = [Wanted(topic, self.topics[topic].type, paths) for topic, paths in asked.items()]
+        return read_series(self._files, topics, self._warn, progress)
+
+    def messages(
+        self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
+    ) -> Iterator[Message]:
+        """Yield messages by log time, then by place in the recording.
+
+        Args:
+            topics: Which topics; all when None.
+            spans: The log times that are wanted; all when None.
+
+        Yields:
+            The messages, still encoded.
+
+        Raises:
+            BagError: A topic is not there, or a file cannot be read.
+        """
+        check_topics(self.topics, topics or ())
+        for_topics = self.topics if topics is None else topics
+        sources: list[Source] = []
+        for number, file in enumerate(self._files):
+            channels = {
+                channel.id: (channel.topic, self.topics[channel.topic].type)
+                for channel in file.channels.values()
+                if channel.topic in for_topics
+            }
+            blocks = file.blocks
+            if spans is not None:
+                blocks = [b for b in blocks if spans.overlap(b.start_ns, b.end_ns)]
+            sources += [Source(number, block, channels, file.channels) for block in blocks]
+        return merged(sources, self._warn, spans or TimeSpans([(self._earliest_ns, _LATEST_NS)]))
+
+    def _look_again(self, doubted: Collection[int]) -> None:
+        """Walk through files whose summary does not say what is in them."""
+        files: list[FileScan] = []
+        for number, file in enumerate(self._files):
+            parts = scan_file(file.path, use_summary=False) if number in doubted else [file]
+            files += parts
+            self._warnings.update(dict.fromkeys(text for p in parts for text in p.warnings))
+        self._files = tuple(files)
+        self.topics = list_topics(self._files)
+
+    def _warn(self, text: str) -> None:
+        self._warnings[text] = None
+
+
+def open_bag(path: str | Path) -> Bag:
+    """Open a recording.
+
+    Args:
+        path: An MCAP file, or a rosbag2 folder with or without its ``metadata.yaml``.
+
+    Returns:
+        The recording.  Files that are cut and topics that cannot be decoded are part of it, not
+        errors.
+
+    Raises:
+        BagError: There is no recording, or it is not MCAP.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise BagError(f"bag '{path}' does not exist")
+    paths, warnings, expected = _folder_files(path) if path.is_dir() else ([path], [], None)
+    files = [part for file in paths for part in scan_file(file)]
+    bag = Bag(path, files, [*warnings, *(text for file in files for text in file.warnings)])
+    if expected is not None and expected != bag.message_count:
+        bag._warn(
+            f"'{path / FILE_NAME}' counts {expected} messages, the files hold {bag.message_count}"
+        )
+    return bag
+
+
+def _folder_files(folder: Path) -> tuple[list[Path], list[str], int | None]:
+    """Find the files of a folder, what is odd about them, and the messages they should hold."""
+    try:
+        list(folder.iterdir())
+    except OSError as error:
+        raise BagError(f"bag folder '{folder}' cannot be read: {error.strerror}") from None
+    metadata = read_metadata(folder)
+    there = sorted(folder.glob('*.mcap'), key=lambda file: natural(file.name))
+    if not there:
+        raise BagError(_nothing_there(folder))
+    if isinstance(metadata, str):
+        return there, [f'{metadata}: its .mcap files were read in the order of their names'], None
+    listed = dict.fromkeys(folder / name for name in metadata.files)
+    existing = set(there)
+    missing = [file for file in listed if file not in existing]
+    warnings = [
+        f"file '{file.name}' is listed in {FILE_NAME} but missing"
+        for file in missing[:_MOST_NAMED]
+    ]
+    if len(missing) > _MOST_NAMED:
+        warnings.append(f'{len(missing) - _MOST_NAMED} more files that it lists are missing')
+    warnings += [
+        f"file '{file.name}' is not listed in {FILE_NAME} and was not read"
+        for file in there
+        if file not in listed
+    ]
+    found = [file for file in listed if file in existing]
+    if not found:
+        raise BagError(f"bag '{folder}' has none of the files its {FILE_NAME} lists")
+    return found, warnings, metadata.message_count
+
+
+def _nothing_there(folder: Path) -> str:
+    if any(folder.glob('*.db3')):
+        return (
+            f"bag '{folder}' is an SQLite recording (.db3), not MCAP: convert it with"
+            " 'ros2 bag convert' first"
+        )
+    return f"bag '{folder}' has no .mcap file"
+
+
+def natural(name: str) -> list[tuple[int, str]]:
+    """Sort key that puts file 10 after file 9."""
+    parts = re.split(r'(\d+)', name)
+    return [(int(part), '') if part.isdecimal() else (-1, part) for part in parts]

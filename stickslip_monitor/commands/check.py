@@ -114,12 +114,12 @@ def _report_file(
 
 def _check_recordings(args: argparse.Namespace, bags: list[Path]) -> None:
     """Refuse recordings that are written where they would become part of what is checked."""
-    from stickslip_monitor.offline.verdicts import check_target
-
     if args.mcap is not None and len(bags) > 1:
         raise BagError(f"recording of verdicts '{args.mcap}' is for one bag, not {len(bags)}")
     folders = {'--clips': args.clips and Path(args.clips)}
     if args.mcap is not None:
+        from stickslip_monitor.offline.verdicts import check_target
+
         folders['--mcap'] = check_target(args.mcap).parent
     read = [path for path in (*bags, *map(Path, args.bags)) if path.is_dir()]
     for option, folder in folders.items():

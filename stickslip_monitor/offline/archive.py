@@ -7,8 +7,8 @@ import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from stickslip_monitor.bags.bag import natural
 from stickslip_monitor.bags.metadata import FILE_NAME
+from stickslip_monitor.bags.reader import natural
 
 Stamp = tuple[tuple[str, int, int], ...]
 

@@ -21,7 +21,6 @@ from stickslip_monitor.bags.reader import Bag, Fault, Request, Series, open_bag
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.monitor import Monitor
-from stickslip_monitor.monitor.plausibility import questions
 from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.monitor.signals import QUANTITIES, STATUS_SENTENCES, Status, Stream, to_si
 from stickslip_monitor.monitor.source_faults import (
@@ -29,6 +28,7 @@ from stickslip_monitor.monitor.source_faults import (
     fault_text,
     find_source_faults,
     least_gap,
+    questions,
 )
 from stickslip_monitor.offline.intervals import Extreme, worst
 from stickslip_monitor.surface_store import prepare_surfaces

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IntArray
-from stickslip_monitor.bags.bag import Bag
+from stickslip_monitor.bags.reader import Bag
 from stickslip_monitor.bags.values import Request, Series
 from stickslip_monitor.errors import BagError
 

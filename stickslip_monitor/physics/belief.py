@@ -32,9 +32,8 @@ from scipy.special import i0e, i1e, ndtr, ndtri
 from stickslip_monitor.arrays import FloatArray, flatten, in_blocks, restore
 from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.physics.averaging.dimensionless import decline, speed_for_decline
-from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.physics.friction import Stribeck, require_not_negative
 from stickslip_monitor.physics.oscillator import Bearing
-from stickslip_monitor.physics.rules import require_not_negative
 
 _REACH = 5.5
 # Nodes over beta: more where its spread is wider than what else is uncertain.

@@ -3,11 +3,13 @@
 
 Every law gives, for any array of relative speeds ``v`` [m/s], the coefficient ``mu(v)`` [-] and
 its slope ``d mu / d|v|`` [s/m]. At ``v = 0`` friction is set-valued, ``[-static, static]``; the
-functions return the positive end there and the slope from the right.
+functions return the positive end there and the slope from the right. The rules that any quantity
+of the model must keep stand here too, each raising one sentence with name, value and rule.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, TypeGuard, TypeVar, runtime_checkable
@@ -17,7 +19,30 @@ from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError
-from stickslip_monitor.physics.rules import require_finite, require_not_negative, require_positive
+
+
+def require_finite(name: str, value: float, unit: str = '') -> None:
+    """Raise :class:`PhysicsError` unless the value is a finite number."""
+    if not math.isfinite(value):
+        raise PhysicsError(f'{name} = {_show(value, unit)} must be a finite number')
+
+
+def require_positive(name: str, value: float, unit: str = '') -> None:
+    """Raise :class:`PhysicsError` unless the value is finite and above zero."""
+    require_finite(name, value, unit)
+    if not value > 0.0:
+        raise PhysicsError(f'{name} = {_show(value, unit)} must be greater than 0')
+
+
+def require_not_negative(name: str, value: float, unit: str = '') -> None:
+    """Raise :class:`PhysicsError` unless the value is finite and not below zero."""
+    require_finite(name, value, unit)
+    if value < 0.0:
+        raise PhysicsError(f'{name} = {_show(value, unit)} must not be negative')
+
+
+def _show(value: float, unit: str) -> str:
+    return f'{value:g} {unit}'.rstrip()
 
 
 @runtime_checkable

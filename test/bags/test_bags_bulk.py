@@ -18,8 +18,7 @@ from mcap.records import Schema
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_ros2.decoder import DecoderFactory
 
-from stickslip_monitor.bags.decode import DecodedValue, Decoder
-from stickslip_monitor.bags.layout import compile_layout
+from stickslip_monitor.bags.decode import DecodedValue, Decoder, compile_layout
 from stickslip_monitor.bags.reader import Request, open_bag
 from stickslip_monitor.bags.schema import parse_schema
 from stickslip_monitor.fields import parse_field, read_field

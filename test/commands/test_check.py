@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from stickslip_monitor import Monitor, Stream
-from stickslip_monitor.bags.bag import Bag
+from stickslip_monitor.bags.reader import Bag
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
 from stickslip_monitor.drawing.palette import CONDITION_NAMES

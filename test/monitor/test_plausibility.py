@@ -16,7 +16,7 @@ import pytest
 from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.plausibility import questions
+from stickslip_monitor.monitor.source_faults import questions
 
 CONFIG = (
     load_config(Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml')

@@ -109,3 +109,24 @@ def test_a_root_never_depends_on_its_neighbours(values: list[float]) -> None:
         assert _between(lambda x, k: x**3 - k, l1, h1, c1) == between[i]
     np.testing.assert_allclose(newton, np.cbrt(c), rtol=1e-14)
     np.testing.assert_allclose(between, np.cbrt(c), rtol=1e-12)
+
+
+def test_a_logarithm_at_the_root_is_divided_and_a_missing_root_is_told() -> None:
+    def logarithm(x: Array, c: Array) -> Array:
+        return np.sign(x - c) / np.log(1e-30 + np.abs(x - c)) - 1e-9 * np.sign(x - c)
+
+    calls = []
+
+    def counted(x: Array, c: Array) -> Array:
+        calls.append(x.size)
+        return logarithm(x, c)
+
+    c, low, high = np.array([0.3, 0.7]), np.zeros(2), np.ones(2)
+    found = root_on_bracket(counted, low, high, (logarithm(low, c), logarithm(high, c)), (c,))
+    np.testing.assert_allclose(found.value, c, rtol=1e-15)
+    assert found.converged.all()
+    assert len(calls) < 30
+    none = root_on_bracket(lambda x: x + 1.0, low, high, (low + 1.0, high + 1.0))
+    assert not none.converged.any()
+    jump = newton_on_bracket(lambda x: (0.5 - x, np.zeros_like(x)), low, high, high)
+    assert jump.converged.all()

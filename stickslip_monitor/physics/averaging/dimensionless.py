@@ -183,11 +183,6 @@ def speed_for_decline_of_number(decrement: float) -> float:
     return v * float(np.exp((decrement - float(decline(v))) * per_value))
 
 
-def sliding_limit_excess(v: FloatArray, kappa: FloatArray) -> FloatArray:
-    """``S/Delta - kappa alpha/2`` at the sliding limit ``alpha = v``; negative beyond the fold."""
-    return i1e(v) - 0.5 * kappa * v
-
-
 def _beyond_limit(
     theta: FloatArray, v: FloatArray, kappa: FloatArray, r: float
 ) -> tuple[FloatArray, FloatArray]:

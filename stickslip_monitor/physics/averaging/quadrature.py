@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import FloatArray, IndexArray
-from stickslip_monitor.physics.friction import FrictionLaw
+from stickslip_monitor.physics.friction import FrictionLaw, Tabulated, computes_as
 
 
 def unit_gauss(order: int) -> list[tuple[float, float]]:
@@ -109,7 +109,8 @@ def _integrals(
 ) -> list[FloatArray]:
     """:func:`_cycle_integrals` of some elements."""
     begin, extent, element = _panels(law, speed[part], amplitude[part])
-    narrow = extent < _NARROW
+    # Between its points a table is a cubic, where another law may fall by orders of magnitude.
+    narrow = (extent < _NARROW) & computes_as(law, Tabulated)
     nothing = np.zeros((0, 1))
     count = len(integrand(nothing, nothing, np.zeros(0, dtype=np.intp)))
     sums = [np.zeros(element.size) for _ in range(count)]

@@ -21,9 +21,9 @@ from stickslip_monitor.physics.averaging import boundaries
 from stickslip_monitor.physics.chebyshev import NOWHERE, PiecewiseChebyshev2D
 from stickslip_monitor.physics.cycle.cycles import exact_cycle
 from stickslip_monitor.physics.cycle.fold import fold_curve
-from stickslip_monitor.physics.cycle.law import scaled, steepest_fall
+from stickslip_monitor.physics.cycle.law import steepest_fall
 from stickslip_monitor.physics.cycle.stable import slip_round_trip
-from stickslip_monitor.physics.friction import Coulomb, computes_as
+from stickslip_monitor.physics.friction import Coulomb, Stribeck, computes_as
 from stickslip_monitor.physics.oscillator import Bearing
 
 # Unit squares along u: the speed goes down to 2**-15 of the fold speed.
@@ -59,8 +59,9 @@ class CycleSurface:
         drive = float(steepest_fall(bearing.friction))
         self._onset = bearing.damping / drive if drive > 0.0 else np.inf
         self._unit = self._onset if 0.0 < self._onset < np.inf else 1.0
-        # A law in pieces makes a surface with creases, of which polynomials make nothing.
-        self._smooth = scaled(bearing.friction, np.ones(1), np.ones(1), 0.0).pieces is None
+        # A law in pieces makes a surface with creases, of which polynomials make nothing, and of
+        # any law but these the fold is not known to enough digits.
+        self._smooth = any(computes_as(bearing.friction, kind) for kind in (Stribeck, Coulomb))
         self._core = range(0)
         if self._unit == self._onset:
             # Cycles far from harmonic take many steps: few octaves for a heavily damped lining.
@@ -103,7 +104,8 @@ class CycleSurface:
         """What the surface knows; arguments as of :meth:`amplitude`.
 
         It does not reach below 2**-15 of the fold speed, where cycles overtake the belt or jump
-        with the speed, far beyond the least load with a cycle, and laws in pieces (tables).
+        with the speed, far beyond the least load with a cycle, and laws other than Stribeck's and
+        Coulomb's.
 
         Returns:
             Amplitudes [m], ``nan`` for none, and where the surface knows, each of shape (n,).

@@ -18,7 +18,7 @@ from scipy.interpolate import PchipInterpolator
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError
-from stickslip_monitor.physics.rules import require_finite, require_positive
+from stickslip_monitor.physics.friction import require_finite, require_positive
 
 Phases = NDArray[np.int8]
 

@@ -142,7 +142,6 @@ KINETIC, GAP, DECAY, VISCOUS = range(4)
 LAW = 4
 # state: relative speed, and the time since the piece began in two parts
 X, V, TIME, TIME_REST = range(4)
-STATE = 4
 # where: what is counted
 PIECE, PHASE, LAW_PIECE, CURSOR, EVENTS, STEPS, EXPANSIONS, STALLED = range(8)
 WHERE = 8

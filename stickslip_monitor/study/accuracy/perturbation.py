@@ -41,9 +41,8 @@ from numpy.typing import ArrayLike
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.physics.averaging.boundaries import harmonic
-from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.physics.friction import Stribeck, require_not_negative, require_positive
 from stickslip_monitor.physics.oscillator import Bearing
-from stickslip_monitor.physics.rules import require_not_negative, require_positive
 from stickslip_monitor.study.accuracy.method import MethodOutcome, MethodResult, found
 
 _STEPS = 60

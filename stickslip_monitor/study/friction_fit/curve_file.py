@@ -37,7 +37,6 @@ NAMES = {
 _UNITS = {unit.lower(): unit for unit in SPEED_UNITS} | {
     'r/min': 'rpm', '1/min': 'rpm', 'rev/min': 'rpm', 'min-1': 'rpm', '1/s': 'Hz', 'm s-1': 'm/s',
 }  # fmt: skip
-_NO_UNIT = ('', '-', '1')
 _HEADING = re.compile(r'(.*?)\s*[\[(]([^\])]*)[\])]\s*')
 _DELIMITERS = ',;\t'
 _TOO_LARGE = 1e100

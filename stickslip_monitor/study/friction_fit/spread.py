@@ -11,8 +11,7 @@ from scipy.special import ive
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.physics.averaging import dimensionless
-from stickslip_monitor.physics.friction import Stribeck
-from stickslip_monitor.physics.rules import require_positive
+from stickslip_monitor.physics.friction import Stribeck, require_positive
 from stickslip_monitor.study.friction_fit.fit import StribeckFit
 from stickslip_monitor.study.friction_fit.solve import UNITS
 from stickslip_monitor.study.friction_fit.uncertainty import CONFIDENCE

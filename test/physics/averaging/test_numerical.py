@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from typing import Any
 
 import mpmath as mp
@@ -237,3 +238,19 @@ def test_a_point_of_a_table_never_depends_on_its_neighbours() -> None:
         np.testing.assert_array_equal(
             numerical.stable_amplitude(law, v1, q1), amplitude[i : i + 1]
         )
+
+
+def test_a_fine_table_takes_memory_and_speeds_in_bounds() -> None:
+    """1,000 points of Stribeck's law: its own boundaries, in a fraction of 200 MB."""
+    speed = np.linspace(0.0, 1.0, 1000)
+    law = Tabulated(speed, 0.1 + 0.2 * np.exp(-10.0 * speed))
+    same = Bearing(50.0, 400.0, 2.0e6, STRIBECK, 0.1)
+    bearing = Bearing(50.0, 400.0, 2.0e6, law, 0.1)
+    tracemalloc.start()
+    fold, hopf = fold_speed(bearing, 1000.0), hopf_speed(bearing, 1000.0)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 100e6
+    assert slope_table.slope_table(law).speeds.size < 300
+    assert fold == pytest.approx(fold_speed(same, 1000.0), rel=1e-5)
+    assert hopf == pytest.approx(hopf_speed(same, 1000.0), rel=1e-4)

@@ -457,7 +457,9 @@ def test_a_vibration_that_never_sticks_has_amplitude_and_period():
     assert 0.0 < cycle.multiplier[0] < 1.0
     assert cycle.stick_fraction[0] == 0.0
     assert cycle.amplitude[0] == pytest.approx(0.5 * np.ptp(turns[-2:]), rel=1e-6)
-    assert cycle.period[0] == pytest.approx(again.t_events[0][-1] - again.t_events[0][-3], rel=1e-6)
+    assert cycle.period[0] == pytest.approx(
+        again.t_events[0][-1] - again.t_events[0][-3], rel=1e-6
+    )
     assert cycle.amplitude[1] == cycle.amplitude[0]
     time, x, _ = exact_cycle(bearing, 0.7, 100.0).waveform(50)
     assert 0.5 * np.ptp(x) == pytest.approx(cycle.amplitude[0], rel=5e-3)

@@ -10,7 +10,7 @@ import pytest
 
 from stickslip_monitor.physics.averaging.boundaries import fold_speed
 from stickslip_monitor.physics.cycle import fold
-from stickslip_monitor.physics.cycle.cycles import exact_fold_speed
+from stickslip_monitor.physics.cycle.cycles import CycleKind, exact_cycle, exact_fold_speed
 from stickslip_monitor.physics.cycle.fold import FoldCurve
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
 from stickslip_monitor.physics.oscillator import Bearing
@@ -94,3 +94,22 @@ def test_far_above_every_octave_the_fold_grows_with_the_load(law: FrictionLaw) -
     fold = FoldCurve(bearing).speed(np.array([1e12, 3e12]), np.array([np.nan, np.nan]))
     assert fold[1] / fold[0] == pytest.approx(3.0, rel=1e-12)
     assert fold[0] == pytest.approx(exact_fold_speed(_bearing(Coulomb(0.3, 0.1)), 1e12), rel=0.02)
+
+
+def test_an_odd_bearing_takes_few_slip_phases(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hardly damped, eta = 2000: near grazing orbits part like a logarithm (20 s by bisection)."""
+    calls: list[int] = []
+    follow = fold.follow
+
+    def counting(*arguments):
+        calls.append(arguments[2].size)
+        return follow(*arguments)
+
+    monkeypatch.setattr(fold, 'follow', counting)
+    bearing = Bearing(1.0, 2.0 * 5e-5 * 100.0, 1e4, Stribeck(0.3, 0.1, 10.0), 0.1)
+    load = 2000.0 * 100.0 / 2.0
+    exact = exact_fold_speed(bearing, load)
+    assert len(calls) < 16
+    inside, outside = exact_cycle(bearing, exact * np.array([1.0 - 1e-9, 1.0 + 1e-9]), load).kind
+    assert inside == CycleKind.STICK_SLIP
+    assert outside == CycleKind.NONE
