@@ -264,7 +264,8 @@ def _asked(
         (inside | sticking, (held | sticking) ^ True),
     ]
     asked.append((sticking, sticking ^ True))
-    if config.amplitude_limit < math.inf and np.any(sticking):
+    runs = sticking if isinstance(sticking, bool) else sticking.any()
+    if runs and config.amplitude_limit < math.inf:
         amplitude, limit = point.amplitude, config.amplitude_limit
         small = amplitude < limit * (1.0 - config.hysteresis)
         asked.append((sticking & (amplitude > limit), (sticking ^ True) | small))

@@ -66,10 +66,12 @@ class SpeedTrend:
     def _future(self, slot: int, time_ns: int, ahead_ns: int) -> float:
         late, early = [0, 0, 0], [0, 0, 0]
         for number, n, time, total in self._slots:
-            if number >= slot - _LATE:
-                late = [late[0] + n, late[1] + time, late[2] + total]
-            elif number <= slot - _EARLY_END:
-                early = [early[0] + n, early[1] + time, early[2] + total]
+            if slot - _EARLY_END < number < slot - _LATE:
+                continue
+            own = early if number < slot - _LATE else late
+            own[0] += n
+            own[1] += time
+            own[2] += total
         if not early[0]:
             return math.nan
         ages = [total[0] * time_ns - total[1] for total in (late, early)]

@@ -220,9 +220,7 @@ def harmonic_beyond_limit(v: FloatArray, theta: FloatArray, r: float) -> FloatAr
     return _beyond_limit(theta, v, np.zeros_like(v), r)[0]
 
 
-def _balance(
-    sine: FloatArray, v: FloatArray, kappa: FloatArray, r: float
-) -> tuple[FloatArray, FloatArray]:
+def _balance(sine: Any, v: Any, kappa: Any, r: float) -> tuple[Any, Any]:
     """:func:`_beyond_limit` of moderate angles, and its slope, in terms of ``sin(theta)``.
 
     With ``sin t = x sin(theta)`` as the variable of integration nothing is left but square roots
@@ -247,7 +245,7 @@ def _balance(
     return balance, stretch * feed - (2.0 / np.pi) * (r + 1.0)
 
 
-def _tangent(limit: FloatArray, share: FloatArray, r: float) -> FloatArray:
+def _tangent(limit: Any, share: Any, r: float) -> Any:
     """``sin(theta)`` of the stable cycle to first order about the sliding limit."""
     return (0.5 * np.pi / (1.0 + r)) * (limit * (1.0 - share))
 
@@ -308,7 +306,7 @@ def stable_amplitude(v: Any, kappa: Any, r: float) -> Any:
     Returns:
         ``alpha`` >= v, shape of ``v``; exactly ``v`` where rounding leaves no room above it.
     """
-    sine = _start(v, kappa, r)
+    sine = (_start_of_number if isinstance(v, float) else _start)(v, kappa, r)
     balance, slope = _balance(sine, v, kappa, r)
     sine = np.maximum(sine - balance / slope, 0.0)
     return v / np.sqrt(1.0 - sine * sine)
@@ -325,5 +323,20 @@ def _start(v: FloatArray, kappa: FloatArray, r: float) -> FloatArray:
     a, b, c, d = _start_table(r)[i, j].T
     x = column - j
     a, b, c, d = ((a * x + b) * x + c) * x + d
+    x = row - i
+    return _tangent(limit, share, r) * (((a * x + b) * x + c) * x + d)
+
+
+def _start_of_number(v: float, kappa: float, r: float) -> float:
+    """:func:`_start` of numbers of numpy's."""
+    limit = i1e(v)
+    share = min(0.5 * kappa * v / limit, 1.0)
+    column = float((np.log(v) - _START_LOGS[0]) * _PER_LOG)
+    column = min(max(column, 0.0), _START_LOGS.size - 1.0)
+    row = math.sqrt(share) * (_START_SHARES.size - 1.0)
+    i, j = int(_ROW_CELL[int(row)]), int(_COLUMN_CELL[int(column)])
+    x = column - j
+    cubics: list[list[float]] = _start_table(r)[i, j].tolist()
+    a, b, c, d = (((p * x + q) * x + s) * x + t for p, q, s, t in cubics)
     x = row - i
     return _tangent(limit, share, r) * (((a * x + b) * x + c) * x + d)
