@@ -69,7 +69,6 @@ class Standing:
         clears: In how many seconds the rung clears if the point stays where it is; ``None``
             while the point holds it.
         raised: How often this rung has been raised, each time soon after it was cleared.
-        future: The speed that the trend of the last seconds leads to [m/s]; ``nan`` if unknown.
     """
 
     rung: int = 0
@@ -78,7 +77,6 @@ class Standing:
     growth: float = 0.0
     clears: float | None = None
     raised: int = 0
-    future: float = math.nan
 
     @property
     def condition(self) -> Condition:
@@ -322,7 +320,7 @@ class ConditionClassifier:
         for level, step, asked in zip(self.levels, steps[1:], now[1:], strict=True):
             level.take(step, asked[level.on], time_ns)
         self._before, self._point = now, point
-        return self._standing(future)
+        return self._standing()
 
     def _steps(self, covered: int, rhythm: int) -> list[int]:
         """What has passed since the point before, for the growth and each rung."""
@@ -339,7 +337,7 @@ class ConditionClassifier:
             ),
         ]
 
-    def _standing(self, future: float) -> Standing:
+    def _standing(self) -> Standing:
         now, growth = self._before, self.growth
         rung = max((k for k, level in enumerate(self.levels, 1) if level.on), default=0)
         if rung > _STICK_RUNG and not self.levels[_STICK_RUNG - 1].on:
@@ -347,10 +345,10 @@ class ConditionClassifier:
         asked = max((k for k in range(1, len(now)) if now[k][False]), default=0)
         grown = 0.0 if growth.on else growth.count / E_FOLD
         if not rung:
-            return Standing(0, growth.on, asked, grown, None, 0, future)
+            return Standing(0, growth.on, asked, grown, None, 0)
         level = self.levels[rung - 1]
         clears = (level.due() - level.count) * 1e-9 if now[rung][True] else None
-        return Standing(rung, growth.on, asked, grown, clears, level.raised, future)
+        return Standing(rung, growth.on, asked, grown, clears, level.raised)
 
     def _rate(self, asked: bool) -> float:
         """The growth rate at the point before; not needed where nothing can shrink."""
@@ -388,7 +386,7 @@ class ConditionClassifier:
             rung[on if k <= _STICK_RUNG else on & (rung == _STICK_RUNG)] = k
             raises = np.flatnonzero(on & ~np.append(False, on)[:-1])
             levels.append(_LevelDecisions(asks, count, raises, level.history))
-        return Decisions(self.config, futures, rung, sticking, grown, levels)
+        return Decisions(self.config, rung, sticking, grown, levels)
 
 
 @dataclass(frozen=True, slots=True)
@@ -419,7 +417,6 @@ class Decisions:
 
     Attributes:
         config: The alarm.
-        futures: The speeds that the trend leads to, shape (n,) [m/s].
         rung: Shape (n,).
         sticking: Whether stick-slip is predicted to run, shape (n,).
         grown: Growth, or the time it has been dying out, as counted, shape (n,).
@@ -427,7 +424,6 @@ class Decisions:
     """
 
     config: AlarmConfig
-    futures: NDArray[np.float64]
     rung: NDArray[np.int8]
     sticking: BoolArray
     grown: IntArray
@@ -437,16 +433,16 @@ class Decisions:
         """What the alarm rests on after point ``k``; :data:`QUIET` before the first."""
         if k < 0:
             return QUIET
-        rung, sticking, future = int(self.rung[k]), bool(self.sticking[k]), float(self.futures[k])
+        rung, sticking = int(self.rung[k]), bool(self.sticking[k])
         asked = max((j for j, lv in enumerate(self.levels, 1) if lv.asks[False][k]), default=0)
         grown = 0.0 if sticking else int(self.grown[k]) / E_FOLD
         if not rung:
-            return Standing(0, sticking, asked, grown, None, 0, future)
+            return Standing(0, sticking, asked, grown, None, 0)
         level = self.levels[rung - 1]
         raised = level.raised(k)
         left = held_ns(self.config, rung, raised) - int(level.count[k])
         clears = left * 1e-9 if level.asks[True][k] else None
-        return Standing(rung, sticking, asked, grown, clears, raised, future)
+        return Standing(rung, sticking, asked, grown, clears, raised)
 
 
 def warns(config: AlarmConfig, point: Assessment) -> bool:

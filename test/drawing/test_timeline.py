@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import pytest
 from stickslip_monitor import Monitor, Stream
 from stickslip_monitor.drawing.palette import CONDITION_COLOUR
 from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
+from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.offline.intervals import condition_intervals
@@ -23,15 +25,18 @@ START = 1_777_874_400 * 10**9  # 2026-05-04 06:00:00 UTC
 
 
 def timeline(
-    speeds: Sequence[float] | np.ndarray, start: int = START, step: int = 10**9
+    speeds: Sequence[float] | np.ndarray,
+    start: int = START,
+    step: int = 10**9,
+    config: MonitorConfig = CONFIG,
 ) -> Timeline:
     """The course of shaft speeds [rpm] at 1000 N, one sample a step [ns]."""
     times = start + np.repeat(np.arange(len(speeds)), 2).astype(np.int64) * step
     values = np.column_stack([speeds, np.full(len(speeds), 1000.0)]).ravel()
     stream = Stream(times, np.tile([False, True], len(speeds)), values)
     end = start + len(speeds) * step
-    scan = Monitor(CONFIG).scan({'aft_stern': stream}, start, end)['aft_stern']
-    return Timeline(CONFIG.bearings[0], scan, condition_intervals(scan.events, start, end))
+    scan = Monitor(config).scan({'aft_stern': stream}, start, end)['aft_stern']
+    return Timeline(config.bearings[0], scan, condition_intervals(scan.events, start, end))
 
 
 def panels(figure: Any) -> dict[str, Any]:
@@ -74,8 +79,8 @@ def test_events_are_numbered_as_in_the_table() -> None:
     speed = panels(figure)['speed']
     numbers = [text.get_text() for text in speed.texts if text.get_text().isdigit()]
     assert numbers == [str(i + 1) for i in range(len(course.scan.events))]
-    # Within the first half second after 12:00 UTC + 22 s (on-delay of 2 s).
-    days = (START + 22 * 10**9) / 86_400e9
+    # With a value a second growth counts for 1 per second at most, and 3 are due: 3 s after 20 s.
+    days = (START + 23 * 10**9) / 86_400e9
     lines = [line.get_xdata()[0] for line in speed.lines if len(line.get_xdata()) == 2]
     assert any(abs(x - days) * 86_400 < 0.5 for x in lines)
 
@@ -131,7 +136,11 @@ def test_a_clock_that_jumps_back_is_drawn() -> None:
 def test_of_very_many_events_only_the_alarms_are_marked() -> None:
     # Sixty times from clear into the caution band and back, and one stick-slip.
     chatter = [43.0] * 10 + [60.0] * 10
-    course = timeline([*chatter * 30, *[20.0] * 20, *[60.0] * 20, *chatter * 30])
+    # Without an off-delay nothing is held.
+    own = CONFIG.bearings[0]
+    hasty = replace(own, alarm=replace(own.alarm, off_delay_ns=0))
+    config = replace(CONFIG, bearings=(hasty,))
+    course = timeline([*chatter * 30, *[20.0] * 20, *[60.0] * 20, *chatter * 30], config=config)
     events = course.scan.events
     assert len(events) > 100
     alarms = [i for i, e in enumerate(events, 1) if e.after is Condition.STICK_SLIP]

@@ -93,7 +93,7 @@ def shifted(jumps: dict[int, float], seconds: int) -> NDArray[np.float64]:
     return shift
 
 
-def check_events(stream: Stream, log: IntArray, least: int = 7) -> None:
+def check_events(stream: Stream, log: IntArray, least: int = 3) -> None:
     """Compare the scan on the recorder's clock with messages that come one after the other."""
     scan = Monitor(CONFIG).scan({BEARING.name: stream}, START, None)[BEARING.name]
     moved = on_recorder_clock(BEARING, stream, log, scan, START)
