@@ -125,6 +125,7 @@ def test_a_lost_input_and_a_silent_monitor_are_shown(dashboard: Any, page: Any) 
     assert page.js('document.getElementById("banner").hidden')
     page.until('document.body.dataset.link === "silent"')
     assert 'The monitor has been silent for' in page.text('#banner')
+    assert page.js('document.getElementById("quiet").hidden')
     dashboard.do(dashboard.ship.show)
     page.until('document.body.dataset.link === "live"')
     assert page.js('document.getElementById("banner").hidden')
@@ -284,3 +285,49 @@ def test_a_screen_reader_finds_its_way(dashboard: Any, page: Any) -> None:
     assert meters == {'Fold margin', 'Hopf margin', 'Stick-slip amplitude'}
     assert ('button', 'Acknowledge: Stick-slip predicted, aft_stern') in found
     assert all(name for role, name in found if role in ('button', 'textbox', 'combobox', 'image'))
+
+
+def test_an_alarm_on_the_shelf_is_not_all_clear(dashboard: Any, page: Any) -> None:
+    dashboard.sail(20.0, 1000.0, 5.0)
+    dashboard.do(
+        lambda: dashboard.ship.act(
+            ActionRequest(Action.SHELVE, 'Ada', 'aft_stern', AlarmKind.STICK_SLIP)
+        )
+    )
+    page.until('!document.getElementById("hidden-alarms").hidden')
+    told = page.text('#hidden-alarms')
+    assert told == '1 put aside though the cause stands: Stick-slip predicted, aft_stern'
+    assert page.js('document.getElementById("quiet").hidden')
+
+
+def test_what_was_not_done_stays_until_it_is_seen(
+    dashboard: Any, page: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('stickslip_monitor.dashboard.server.PATIENCE', 0.1)
+    dashboard.sail(20.0, 1000.0, 5.0)
+    dashboard.ship.deaf = True
+    page.until(f'document.querySelector(`{ALARM}`)')
+    page.js('document.getElementById("who").value = "Ada"')
+    page.js(f'document.querySelector(`{ALARM} [data-action=acknowledge]`).click()')
+    page.until('document.getElementById("answer").classList.contains("failed")')
+    assert page.text('#answer').startswith('Not done: the monitor has not answered')
+    assert page.text('#say-now') == page.text('#answer')
+    page.js('document.getElementById("answer").click()')
+    assert page.js('document.getElementById("answer").hidden')
+    page.complaints.clear()  # Chromium notes the refusal
+
+
+@pytest.mark.parametrize('quiet', ['alarms', 'status'])
+def test_no_alarm_is_not_said_before_it_is_known(
+    dashboards: Callable[..., Any], browser: Any, quiet: str
+) -> None:
+    dashboard = dashboards()
+    board = dashboard.board
+    if quiet == 'alarms':
+        dashboard.do(lambda: setattr(board, 'alarms', None))
+        dashboard.do(dashboard.ship.show)
+    browser.open(dashboard.url)
+    words = {'alarms': 'The list of alarms has not come', 'status': 'Nothing has been heard'}
+    browser.until(f'document.getElementById("banner").textContent.includes("{words[quiet]}")')
+    assert browser.js('document.getElementById("quiet").hidden')
+    assert browser.js('document.getElementById("unsure").checkVisibility()')

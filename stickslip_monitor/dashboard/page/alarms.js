@@ -53,8 +53,10 @@ export class AlarmList {
     this.say = say;
     this.items = new Map();
     this.known = null;
+    this.standing = [];
+    this.none = this.trusted = false;
     const get = (id) => document.getElementById(id);
-    [this.list, this.aside, this.asideList, this.quiet, this.tally, this.silence, this.section] = ['alarm-list', 'aside', 'aside-list', 'quiet', 'tally', 'silence', 'alarms'].map(get);
+    [this.list, this.aside, this.asideList, this.quiet, this.unsure, this.shelved, this.tally, this.silence, this.section] = ['alarm-list', 'aside', 'aside-list', 'quiet', 'unsure', 'hidden-alarms', 'tally', 'silence', 'alarms'].map(get);
     this.silence.addEventListener('click', () => act('silence', null, this.silence));
   }
 
@@ -72,12 +74,23 @@ export class AlarmList {
       if (!kept.has(key)) { item.root.remove(); this.items.delete(key); }
     }
     if (within && !this.section.contains(document.activeElement)) this.refocus(focused);
-    this.quiet.hidden = alarms.length > aside.length;
+    this.standing = aside.filter((a) => a.active);
+    this.none = !alarms.length || (alarms.length === aside.length && !this.standing.length);
+    this.trust(this.trusted);
     this.aside.hidden = aside.length === 0;
     this.aside.querySelector('summary').textContent = `${aside.length} put aside: ${ASIDE.map((s) => [aside.filter((a) => a.state === s).length, STATES[s]]).filter(([n]) => n).map((pair) => pair.join(' ')).join(', ')}`;
     this.silence.hidden = !record.sounding;
     this.count(record);
     this.announce(alarms);
+  }
+
+  /** Only what is known to be all clear is called so. */
+  trust(trusted) {
+    this.trusted = trusted;
+    this.quiet.hidden = !(this.none && trusted);
+    this.unsure.hidden = trusted;
+    this.shelved.hidden = !this.standing.length;
+    this.shelved.textContent = `${this.standing.length} put aside though the cause stands: ${this.standing.slice(0, 5).map((a) => `${nameOf(a)}, ${a.bearing}`).join('; ')}${this.standing.length > 5 ? ' …' : ''}`;
   }
 
   count(record) {

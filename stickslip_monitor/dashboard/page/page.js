@@ -6,7 +6,7 @@ import { AmplitudeGauge, MarginGauge } from '/gauges.js';
 import { StabilityMap } from '/map.js';
 
 const TRAIL = 600, SILENCE = 12000, AGAIN = 2000, ANSWER = 5000;
-const REASONS = { normal: '✓ Normal', caution: '! Margin low', bistable: '! Bistable', stick_slip: '▲ Stick-slip predicted', amplitude_limit: '▲ Amplitude above limit', input_stale: '✕ Input lost', waiting: '… Waiting' };
+const REASONS = { normal: '✓ Normal', caution: '! Margin low', bistable: '! Bistable', stick_slip: '▲ Stick-slip predicted', amplitude_limit: '▲ Amplitude above limit', input_stale: '✕ Input lost', waiting: '… Waiting', not_monitoring: '✕ Not monitoring' };
 const WHAT = { raise: 'came', clear: 'went', acknowledge: 'acknowledged', silence: 'silenced', unsilence: 'silence ran out', shelve: 'shelved', unshelve: 'unshelved', reset: 'reset', suppress: 'suppressed', unsuppress: 'no longer suppressed', remove: 'taken out of service', restore: 'returned to service' };
 const FAULTS = { not_finite: 'not finite', implausible: 'implausible', repeated: 'repeated', out_of_order: 'out of order', clock_jump: 'clock jumps' };
 
@@ -67,6 +67,7 @@ class Bearing {
       const row = body.querySelector(`[data-input="${name}"]`) ?? inputRow(body, name, this.topics[name]);
       const [state, count] = row.querySelectorAll('td');
       state.className = input.lost ? 'lost' : '';
+      row.title = input.fault;
       put(state, input.lost ? `✕ lost${input.age === null ? ', never heard' : `, ${input.age.toFixed(0)} s old`}` : '✓ heard');
       const faults = Object.entries(FAULTS).filter(([key]) => input.counts[key]).map(([key, words]) => `${input.counts[key]} ${words}`);
       put(count, `${input.counts.accepted ?? 0} used${faults.length ? `; ${faults.join(', ')}` : ''}`);
@@ -92,6 +93,7 @@ function inputRow(body, name, topic) {
 class Page {
   constructor() {
     this.bearings = new Map();
+    get('answer').addEventListener('click', () => { get('answer').hidden = true; });
     this.alarms = new AlarmList((...request) => this.act(...request), (text) => put(get('say-now'), text));
     this.heardAt = Date.now();
     setInterval(() => this.watch(), 1000);
@@ -146,16 +148,19 @@ class Page {
   believe(monitor) {
     const where = this.source ? `${this.source.replay ? 'replay of ' : ''}${this.source.name}` : '';
     if (monitor.finished) this.tell('over', where, 'The recording is over: this is how it ended.');
-    else if (monitor.there) this.tell('live', where, '');
-    else this.tell('silent', where, monitor.silent === null ? 'The monitor has not been heard yet.' : `The monitor has been silent for ${monitor.silent.toFixed(0)} s: nothing here is current.`);
+    else if (!monitor.there) this.tell('silent', where, [...monitor.faults, 'Nothing here is current.'].join(' '));
+    else this.tell(monitor.faults.length ? 'doubtful' : 'live', where, monitor.faults.join(' '));
+    for (const [name, bearing] of this.bearings) bearing.root.classList.toggle('unheard', monitor.unheard.includes(name));
+    this.alarms.trust(monitor.there && !monitor.faults.length);
   }
 
   lose() {
+    this.alarms.trust(false);
     this.tell('lost', 'connection lost', 'The connection to the dashboard is lost: nothing here is current. Trying again …');
   }
 
   tell(link, words, banner) {
-    if (banner && document.body.dataset.link !== link) put(get('say-now'), banner);
+    if (banner && (document.body.dataset.link !== link || link === 'doubtful') && get('banner').textContent !== banner) put(get('say-now'), banner);
     document.body.dataset.link = link;
     put(get('link'), words);
     put(get('banner'), banner);
@@ -171,22 +176,24 @@ class Page {
     if (!by) return;
     button.setAttribute('aria-disabled', 'true');
     const body = JSON.stringify({ schema: 'stickslip_monitor/action/1', action, by, bearing: alarm?.bearing ?? null, alarm: alarm?.alarm ?? null });
-    let text = 'The dashboard cannot be reached: nothing is known to be done.';
+    let done = false, text = 'The dashboard cannot be reached: nothing is known to be done.';
     try {
       const answer = await fetch('/act', { method: 'POST', headers: { 'Content-Type': 'application/json' }, body });
       if (answer.status === 401) location.assign('/login');
-      text = (await answer.json()).text;
+      ({ ok: done, text } = await answer.json());
     } catch { /* said above */ }
     button.removeAttribute('aria-disabled');
-    this.answer(text);
+    this.answer(done ? text : `Not done: ${text}`, done);
   }
 
-  answer(text) {
-    put(get('say'), text);
+  /** What was done goes by itself; what was not stays until it is seen and touched. */
+  answer(text, done) {
+    put(get(done ? 'say' : 'say-now'), text);
     put(get('answer'), text);
     get('answer').hidden = false;
     clearTimeout(this.answering);
-    this.answering = setTimeout(() => { get('answer').hidden = true; }, ANSWER);
+    get('answer').classList.toggle('failed', !done);
+    if (done) this.answering = setTimeout(() => { get('answer').hidden = true; }, ANSWER);
   }
 }
 
