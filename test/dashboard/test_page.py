@@ -331,3 +331,27 @@ def test_no_alarm_is_not_said_before_it_is_known(
     browser.until(f'document.getElementById("banner").textContent.includes("{words[quiet]}")')
     assert browser.js('document.getElementById("quiet").hidden')
     assert browser.js('document.getElementById("unsure").checkVisibility()')
+
+
+def test_eight_tabs_share_one_stream(dashboard: Any, page: Any, kit: Any) -> None:
+    """A browser opens six connections to a server: with a stream each, the seventh tab hangs."""
+    tabs = [page.call('Target.createTarget', url=dashboard.url)['targetId'] for _ in range(7)]
+    page.until('document.querySelector(".bearing")')
+    try:
+        dashboard.sail(20.0, 1000.0, 5.0)
+
+        def titles() -> list[str]:
+            found = page.call('Target.getTargets')['targetInfos']
+            return [t['title'] for t in found if t['url'] == dashboard.url]
+
+        def all_know() -> bool:
+            return [t.startswith('(1) ') for t in titles()] == [True] * 8
+
+        page.until('document.title.startsWith("(1) ")')
+        kit.until(all_know, 'all tabs')
+        kit.until(lambda: len(dashboard.board.hub.readers) == 1, 'the end of the others')
+        # One that cannot be reached for a moment is there for actions, too.
+        assert page.js('fetch("/page.css").then((answer) => answer.status)') == 200
+    finally:
+        for tab in tabs:
+            page.call('Target.closeTarget', targetId=tab)

@@ -4,8 +4,9 @@
 import { AlarmList, clock, nameOf, withoutName } from '/alarms.js';
 import { AmplitudeGauge, MarginGauge } from '/gauges.js';
 import { StabilityMap } from '/map.js';
+import { connect } from '/stream.js';
 
-const TRAIL = 600, SILENCE = 12000, AGAIN = 2000, ANSWER = 5000;
+const TRAIL = 600, SILENCE = 12000, ANSWER = 5000;
 const REASONS = { normal: '✓ Normal', caution: '! Margin low', bistable: '! Bistable', stick_slip: '▲ Stick-slip predicted', amplitude_limit: '▲ Amplitude above limit', input_stale: '✕ Input lost', waiting: '… Waiting', not_monitoring: '✕ Not monitoring' };
 const WHAT = { raise: 'came', clear: 'went', acknowledge: 'acknowledged', silence: 'silenced', unsilence: 'silence ran out', shelve: 'shelved', unshelve: 'unshelved', reset: 'reset', suppress: 'suppressed', unsuppress: 'no longer suppressed', remove: 'taken out of service', restore: 'returned to service' };
 const FAULTS = { not_finite: 'not finite', implausible: 'implausible', repeated: 'repeated', out_of_order: 'out of order', clock_jump: 'clock jumps' };
@@ -98,33 +99,23 @@ class Page {
     this.heardAt = Date.now();
     setInterval(() => this.watch(), 1000);
     document.addEventListener('visibilitychange', () => this.watch());
-    this.open();
-  }
-
-  open() {
-    this.stream?.close();
-    this.stream = new EventSource('/events');
-    this.heardAt = Date.now();
-    const on = (kind, take) => this.stream.addEventListener(kind, (event) => { this.heardAt = Date.now(); take(JSON.parse(event.data)); });
-    on('state', (state) => this.begin(state));
-    on('status', (status) => { this.bearings.get(status.bearing)?.take(status); this.time(status.time); });
-    on('alarms', (record) => this.take(record));
-    on('monitor', (monitor) => this.believe(monitor));
-    on('beat', (monitor) => this.believe(monitor));
-    this.stream.onerror = () => { this.lose(); if (this.stream.readyState === EventSource.CLOSED) this.retry(); };
-  }
-
-  /** The browser itself comes back after a broken connection, but not after a refusal. */
-  retry() {
-    clearTimeout(this.timer);
-    this.timer = setTimeout(async () => {
-      const answer = await fetch('/page.css', { method: 'HEAD', cache: 'no-store' }).catch(() => null);
-      if (answer?.ok) this.open(); else this.retry();
-    }, AGAIN);
+    const does = {
+      state: (state) => this.begin(state),
+      status: (status) => { this.bearings.get(status.bearing)?.take(status); this.time(status.time); },
+      alarms: (record) => this.take(record),
+      monitor: (monitor) => this.believe(monitor),
+      beat: (monitor) => this.believe(monitor),
+    };
+    this.again = connect(({ kind, data }) => {
+      if (kind === 'lost') { this.lose(); return; }
+      if (kind === 'login') { location.assign('/login'); return; }
+      this.heardAt = Date.now();
+      does[kind](JSON.parse(data));
+    });
   }
 
   watch() {
-    if (Date.now() - this.heardAt > SILENCE && this.stream.readyState !== EventSource.CLOSED) { this.lose(); this.open(); }
+    if (Date.now() - this.heardAt > SILENCE) { this.heardAt = Date.now(); this.lose(); this.again(); }
   }
 
   begin(state) {
