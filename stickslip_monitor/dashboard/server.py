@@ -39,6 +39,8 @@ FILES = {
     '/map.js': ('map.js', 'text/javascript'),
     '/alarms.js': ('alarms.js', 'text/javascript'),
     '/gauges.js': ('gauges.js', 'text/javascript'),
+    '/overview.js': ('overview.js', 'text/javascript'),
+    '/sound.js': ('sound.js', 'text/javascript'),
     '/icon.svg': ('icon.svg', 'image/svg+xml'),
 }
 

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Takes the stream of events and shows it. Every text from outside is set as text, never as markup.
 
-import { AlarmList, clock, nameOf, withoutName } from '/alarms.js';
+import { AlarmList, clock, moment, nameOf, time, withoutName } from '/alarms.js';
+import { Overview } from '/overview.js';
+import { Sound } from '/sound.js';
 import { AmplitudeGauge, MarginGauge } from '/gauges.js';
 import { StabilityMap } from '/map.js';
 import { connect } from '/stream.js';
@@ -27,6 +29,8 @@ class Bearing {
     put(this.find('h2'), bearing.name);
     this.name = bearing.name;
     this.topics = bearing.topics;
+    this.rpm = bearing.rpm;
+    this.shown = true;
     this.map = new StabilityMap(this.find('.map svg'), bearing);
     this.fold = new MarginGauge('Fold margin', bearing, { near: true, look: 'between', words: 'inside: stick-slip can run' }, 'outside: no stick-slip can last');
     this.hopf = new MarginGauge('Hopf margin', bearing, { near: false, look: 'bad', words: 'inside: stick-slip starts by itself' }, 'outside: steady sliding is stable');
@@ -43,14 +47,29 @@ class Bearing {
     this.show(status);
   }
 
+  /** What is not looked at is not drawn. */
+  reveal(shown) {
+    this.shown = shown;
+    this.root.hidden = !shown;
+    if (shown) { this.map.redraw(); if (this.status) this.show(this.status); }
+  }
+
   show(status) {
+    this.status = status;
+    if (!this.shown) return;
     const badge = this.find('.badge');
     badge.dataset.reason = status.reason;
     put(badge, REASONS[status.reason] ?? status.reason);
     put(this.find('.verdict'), withoutName({ text: status.text, bearing: this.name }));
     const astern = status.speed < 0 ? 'astern, ' : '';
     put(this.find('.speed'), speedText(status.rpm));
-    put(this.find('.surface'), status.speed === null ? '' : `${astern}${Math.abs(status.speed).toFixed(3)} m/s; fold ${status.fold_speed?.toFixed(3) ?? '–'}, Hopf ${status.hopf_speed?.toFixed(3) ?? '–'}`);
+    put(this.find('.surface'), status.speed === null ? '' : `${astern}${Math.abs(status.speed).toFixed(3)} m/s`);
+    const rpm = (speed) => (speed === null ? '–' : speedText(speed * this.rpm));
+    put(this.find('.boundaries'), status.regime === null ? '' : `fold ${rpm(status.fold_speed)}, Hopf ${rpm(status.hopf_speed)}`);
+    const parts = [['clears_in', 'clears in'], ['boundary_in', 'boundary reached in']].filter(([key]) => status[key] !== null && status[key] !== undefined).map(([key, words]) => `${words} ${duration(status[key])}`);
+    put(this.find('.soon'), parts.join('; '));
+    const chances = [['probability_can', 'can happen'], ['probability_will', 'starts by itself'], ['probability_runs', 'runs']].filter(([key]) => status[key] !== null).map(([key, words]) => `${words} ${(100 * status[key]).toFixed(0)} %`);
+    put(this.find('.chances'), chances.length ? `stick-slip: ${chances.join(', ')}` : '');
     put(this.find('.load'), loadText(status.load));
     put(this.find('.loads'), status.regime === null ? '' : `regime: ${status.regime}`);
     const known = status.regime !== null;
@@ -94,6 +113,10 @@ function inputRow(body, name, topic) {
 class Page {
   constructor() {
     this.bearings = new Map();
+    this.overview = new Overview((names) => { for (const [name, bearing] of this.bearings) bearing.reveal(names.has(name)); });
+    this.sound = new Sound(get('sound'));
+    get('csv').addEventListener('click', () => save(this.log));
+    get('local').addEventListener('change', () => { time.local = get('local').value === 'local'; keep('local', get('local').value); this.refresh(); });
     get('answer').addEventListener('click', () => { get('answer').hidden = true; });
     this.alarms = new AlarmList((...request) => this.act(...request), (text) => put(get('say-now'), text));
     this.heardAt = Date.now();
@@ -101,7 +124,7 @@ class Page {
     document.addEventListener('visibilitychange', () => this.watch());
     const does = {
       state: (state) => this.begin(state),
-      status: (status) => { this.bearings.get(status.bearing)?.take(status); this.time(status.time); },
+      status: (status) => { this.bearings.get(status.bearing)?.take(status); this.overview.take(status); this.time(status.time); },
       alarms: (record) => this.take(record),
       monitor: (monitor) => this.believe(monitor),
       beat: (monitor) => this.believe(monitor),
@@ -123,17 +146,26 @@ class Page {
     this.bearings = new Map(state.bearings.map((bearing) => [bearing.name, new Bearing(bearing)]));
     get('bearings').replaceChildren(...[...this.bearings.values()].map((bearing) => bearing.root));
     for (const { map } of this.bearings.values()) map.redraw();
+    this.overview.begin(state.bearings);
     this.time(Math.max(0, ...state.bearings.map((bearing) => bearing.status?.time ?? 0)));
     this.take(state);
     this.believe(state.monitor);
   }
 
   take({ alarms, log }) {
+    [this.record, this.log] = [alarms, log];
     if (alarms) {
       this.alarms.show(alarms);
+      this.sound.ring(alarms.sounding);
       document.title = `${alarms.unacknowledged ? `(${alarms.unacknowledged}) ` : ''}Stick-slip monitor`;
     }
     get('log').replaceChildren(...log.toReversed().map(logRow));
+  }
+
+  refresh() {
+    put(get('zone'), time.local ? 'Time (local)' : 'Time (UTC)');
+    if (this.log) this.take({ alarms: this.record, log: this.log });
+    if (time.now) this.time(time.now);
   }
 
   believe(monitor) {
@@ -159,22 +191,24 @@ class Page {
   }
 
   time(ms) {
-    if (ms) put(get('clock'), `${new Date(ms).toISOString().slice(0, 19).replace('T', ' ')} UTC`);
+    if (ms) { time.now = ms; put(get('clock'), `${moment(ms)} ${time.local ? 'local time' : 'UTC'}`); }
   }
 
   async act(action, alarm, button) {
-    const by = await askName();
+    let by = await askName();
     if (!by) return;
+    if (action === 'shelve') {
+      const reason = await askReason(by);
+      if (!reason) return;
+      by = `${by}: ${reason}`;
+    }
     button.setAttribute('aria-disabled', 'true');
-    const body = JSON.stringify({ schema: 'stickslip_monitor/action/1', action, by, bearing: alarm?.bearing ?? null, alarm: alarm?.alarm ?? null });
-    let done = false, text = 'The dashboard cannot be reached: nothing is known to be done.';
-    try {
-      const answer = await fetch('/act', { method: 'POST', headers: { 'Content-Type': 'application/json' }, body });
-      if (answer.status === 401) location.assign('/login');
-      ({ ok: done, text } = await answer.json());
-    } catch { /* said above */ }
+    const results = [];
+    for (const each of alarm?.members ?? [alarm]) results.push(await post(action, by, each));
     button.removeAttribute('aria-disabled');
-    this.answer(done ? text : `Not done: ${text}`, done);
+    const failed = results.filter(({ ok }) => !ok);
+    if (!failed.length) this.answer(results.length > 1 ? `${action}: ${results.length} alarms` : results[0].text, true);
+    else this.answer(`Not done${results.length > 1 ? ` for ${failed.length} of ${results.length}` : ''}: ${failed[0].text}`, false);
   }
 
   /** What was done goes by itself; what was not stays until it is seen and touched. */
@@ -186,6 +220,42 @@ class Page {
     get('answer').classList.toggle('failed', !done);
     if (done) this.answering = setTimeout(() => { get('answer').hidden = true; }, ANSWER);
   }
+}
+
+async function post(action, by, alarm) {
+  const body = JSON.stringify({ schema: 'stickslip_monitor/action/1', action, by, bearing: alarm?.bearing ?? null, alarm: alarm?.alarm ?? null });
+  try {
+    const answer = await fetch('/act', { method: 'POST', headers: { 'Content-Type': 'application/json' }, body });
+    if (answer.status === 401) location.assign('/login');
+    return await answer.json();
+  } catch { return { ok: false, text: 'the dashboard cannot be reached: nothing is known to be done' }; }
+}
+
+function duration(seconds) {
+  if (seconds < 99.5) return `${seconds.toFixed(0)} s`;
+  return `${(seconds / 60).toFixed(0)} min`;
+}
+
+/** The log as a file, times in UTC by ISO 8601; a text that a spreadsheet would compute stays text. */
+function save(log = []) {
+  const cell = (text) => `"${(/^[=+@\t\r-]/.test(text) ? `'${text}` : text).replaceAll('"', '""')}"`;
+  const rows = log.map((c) => [c.time === null ? '' : new Date(c.time).toISOString(), c.bearing, c.alarm, c.priority, c.what, c.from, c.to, c.by, c.text]);
+  const text = [['time', 'bearing', 'alarm', 'priority', 'what', 'from', 'to', 'by', 'text'], ...rows].map((row) => row.map(cell).join(',')).join('\r\n');
+  const link = document.createElement('a');
+  link.href = URL.createObjectURL(new Blob([`${text}\r\n`], { type: 'text/csv' }));
+  link.download = 'stickslip_alarms.csv';
+  link.click();
+  URL.revokeObjectURL(link.href);
+}
+
+/** Why an alarm is put aside; it goes into the log with the name, as far as there is room. */
+async function askReason(by) {
+  const dialog = get('why');
+  get('reason').value = '';
+  get('reason').maxLength = Math.max(38 - by.length, 3);
+  dialog.showModal();
+  const said = await new Promise((resolve) => { dialog.addEventListener('close', () => resolve(dialog.returnValue), { once: true }); });
+  return said === 'ok' ? get('reason').value.trim() : '';
 }
 
 function logRow(change) {
@@ -222,6 +292,9 @@ function light() {
 get('who').value = recall('who') ?? '';
 get('who').addEventListener('change', (event) => keep('who', event.target.value.trim()));
 get('tools').addEventListener('submit', (event) => event.preventDefault());
+get('local').value = recall('local') ?? 'utc';
+time.local = get('local').value === 'local';
+put(get('zone'), time.local ? 'Time (local)' : 'Time (UTC)');
 get('theme').value = recall('theme') ?? 'auto';
 get('theme').addEventListener('change', (event) => { keep('theme', event.target.value); light(); });
 dark.addEventListener('change', light);
