@@ -78,6 +78,7 @@ setup(
             'colcon-test-result',
             'distributed>=2024.1',
             'hypothesis>=6.60',
+            'jsonschema>=4',
             'mpmath>=1.2',
             'numba>=0.57',
             'pynmeagps>=1.0.40',

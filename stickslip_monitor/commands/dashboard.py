@@ -147,13 +147,16 @@ def say_address(url: str) -> None:
 @contextmanager
 def _live(args: argparse.Namespace, _: MonitorConfig, board: DashboardState) -> Iterator[Desk]:
     """Feed the board by a monitor that runs beside."""
-    with listen_to_node(args, board.take_status, board.take_alarms) as watcher:
+    with listen_to_node(args, board.take_status, board.take_alarms, board.take_other) as watcher:
         yield watcher
 
 
 @contextmanager
 def listen_to_node(
-    args: argparse.Namespace, take_status: TakeStatus, take_alarms: Callable[[Any], None]
+    args: argparse.Namespace,
+    take_status: TakeStatus,
+    take_alarms: Callable[[Any], None],
+    take_other: Callable[[str], None],
 ) -> Iterator[Watcher]:
     """Listen to a node from a thread of its own, and take what it says on the running loop.
 
@@ -176,7 +179,11 @@ def listen_to_node(
         return hand_over
 
     with open_watcher(
-        args.node, args.diagnostics, on_loop(take_status), on_loop(take_alarms)
+        args.node,
+        args.diagnostics,
+        on_loop(take_status),
+        on_loop(take_alarms),
+        on_loop(take_other),
     ) as watcher:
         yield watcher
 

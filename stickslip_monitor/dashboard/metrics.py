@@ -16,7 +16,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.exposition import choose_encoder
 from prometheus_client.registry import Collector
 
-from stickslip_monitor.dashboard.received import BearingStatus
+from stickslip_monitor.dashboard.received import NOT_MONITORING, BearingStatus
 from stickslip_monitor.dashboard.state import DashboardState
 from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
 from stickslip_monitor.monitor.ladder import Condition
@@ -47,8 +47,9 @@ GAUGES = {
 }
 """Of each number of an operating point its metric, without the prefix, and what it means."""
 PREFIX = 'stickslip_'
+_UP = 'Whether the monitor, every bearing and its list of alarms are heard (1) or not (0).'
 _ZERO_WITHOUT_A_CYCLE = ('amplitude', 'amplitude_exact')
-_CONDITIONS = ('waiting', *(condition.value for condition in Condition))
+_CONDITIONS = ('waiting', NOT_MONITORING, *(condition.value for condition in Condition))
 
 
 class Metrics(Collector):
@@ -71,7 +72,7 @@ class Metrics(Collector):
     def collect(self) -> Iterator[Metric]:
         """Every metric."""
         board = self._board
-        yield _single('monitor_up', 'Whether the monitor is heard (1) or not (0).', board.there)
+        yield _single('monitor_up', _UP, board.there)
         yield _single('dashboard_readers', 'Pages that are open.', len(board.hub.readers))
         if board.links:
             text, links = "Whether a link to the ship's buses works.", board.links.items()
@@ -80,8 +81,16 @@ class Metrics(Collector):
         if silent is not None:
             text = 'Time since anything was heard of the monitor.'
             yield _single('monitor_silence_seconds', text, silent)
-        if board.there:
-            known = [(name, board.status(name)) for name in board.bearings]
+        missing = set(board.unheard())
+        yield _family(
+            'bearing_up',
+            'Whether the bearing is heard (1) or not (0).',
+            ['bearing'],
+            [([name], name not in missing) for name in board.bearings],
+        )
+        if board.heard:
+            heard = [name for name in board.bearings if name not in missing]
+            known = [(name, board.status(name)) for name in heard]
             yield from self._bearings([(name, s) for name, s in known if s is not None])
             if board.alarms is not None:
                 yield from _alarms(board.alarms)

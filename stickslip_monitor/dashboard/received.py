@@ -31,11 +31,15 @@ NUMBERS = {
     'amplitude': 'amplitude [m]',
     'amplitude_exact': 'amplitude of the exact cycle [m]',
     'threshold_amplitude': 'threshold amplitude [m]',
+    'clears_in': 'clears in [s]',
+    'boundary_in': 'time to boundary [s]',
     'probability_can': 'probability can',
     'probability_will': 'probability will',
     'probability_runs': 'probability runs',
 }
 """The numbers of an operating point, by the keys of the diagnostics that they come from."""
+NOT_MONITORING = 'not_monitoring'
+"""The reason of a bearing whose node is not active."""
 STATUSES = {status.name.lower(): status.name.lower().replace('_', ' ') for status in Status}
 BELIEVED = [status.name.lower() for status in Status if status.believed]
 
@@ -52,6 +56,7 @@ class BearingStatus:
         numbers: By the names of :data:`NUMBERS`; those that are known, ``inf`` and ``nan`` too.
         ages: Ages of the inputs that are lost [s].
         counts: Samples of each input by status.
+        faults: Of an input that brings nothing, why.
     """
 
     time_ns: int
@@ -61,6 +66,12 @@ class BearingStatus:
     numbers: dict[str, float]
     ages: dict[str, float]
     counts: dict[str, dict[str, int]]
+    faults: dict[str, str]
+
+    @property
+    def idle(self) -> bool:
+        """Whether the node says that nobody watches the bearing."""
+        return self.words.get('reason') == NOT_MONITORING
 
     def believed(self, quantity: str) -> int:
         """Samples of an input that were used."""
@@ -93,6 +104,7 @@ def read_status(time_ns: int, text: str, values: Mapping[str, str]) -> BearingSt
         _numbers(values, NUMBERS),
         _numbers(values, {quantity: f'{quantity} age [s]' for quantity in QUANTITIES}),
         counts,
+        {q: values[f'{q} fault'] for q in QUANTITIES if f'{q} fault' in values},
     )
 
 
@@ -124,6 +136,7 @@ def status_record(status: BearingStatus) -> dict[str, Any]:
                 'lost': quantity in status.ages,
                 'age': _finite(status.ages.get(quantity)),
                 'counts': counts,
+                'fault': status.faults.get(quantity, ''),
             }
             for quantity, counts in status.counts.items()
         },
@@ -168,6 +181,7 @@ def checked_alarms(document: Any, bearings: Collection[str]) -> dict[str, Any] |
     own = [alarm for alarm in document['alarms'] if alarm['bearing'] in bearings]
     return {
         'time': document['time'] // 1_000_000,
+        'monitoring': document.get('monitoring') is not False,
         'sounding': document['sounding'],
         'unacknowledged': document['unacknowledged'],
         'flood': document['flood'],

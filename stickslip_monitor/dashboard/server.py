@@ -14,6 +14,7 @@ from typing import Any
 from aiohttp import web
 
 from stickslip_monitor.dashboard.access import COOKIE, Access, add_headers, guard
+from stickslip_monitor.dashboard.doors import listen, watch
 from stickslip_monitor.dashboard.metrics import Metrics
 from stickslip_monitor.dashboard.received import OFFERED
 from stickslip_monitor.dashboard.state import DashboardState, Desk
@@ -27,14 +28,19 @@ STALLED = 30.0
 PATIENCE = 3.0
 """How long an action may take [s]."""
 LARGEST_REQUEST = 4096
+SLOWEST_REQUEST = 10.0
+"""How long the content of a request may take to come [s]."""
 FILES = {
     '/': ('page.html', 'text/html'),
     '/login': ('login.html', 'text/html'),
     '/page.css': ('page.css', 'text/css'),
+    '/stream.js': ('stream.js', 'text/javascript'),
     '/page.js': ('page.js', 'text/javascript'),
     '/map.js': ('map.js', 'text/javascript'),
     '/alarms.js': ('alarms.js', 'text/javascript'),
     '/gauges.js': ('gauges.js', 'text/javascript'),
+    '/overview.js': ('overview.js', 'text/javascript'),
+    '/sound.js': ('sound.js', 'text/javascript'),
     '/icon.svg': ('icon.svg', 'image/svg+xml'),
 }
 
@@ -64,7 +70,9 @@ class Server:
 
     def application(self) -> web.Application:
         """The application to serve."""
-        app = web.Application(middlewares=[guard(self._access)], client_max_size=LARGEST_REQUEST)
+        app = web.Application(
+            middlewares=[watch, guard(self._access)], client_max_size=LARGEST_REQUEST
+        )
         folder = resources.files('stickslip_monitor.dashboard') / 'page'
         for path, (name, kind) in FILES.items():
             app.router.add_get(path, _file((folder / name).read_bytes(), kind))
@@ -77,7 +85,10 @@ class Server:
         return app
 
     async def _login(self, request: web.Request) -> web.Response:
-        form = await request.post()
+        try:
+            form = await asyncio.wait_for(request.post(), SLOWEST_REQUEST)
+        except asyncio.TimeoutError:
+            return web.Response(status=408, text='The form did not come whole in time.\n')
         if not self._access.knows(str(form.get('token', ''))):
             return web.Response(status=303, headers={'Location': '/login?wrong'})
         response = web.Response(status=303, headers={'Location': '/'})
@@ -123,10 +134,12 @@ class Server:
         if request.content_type != 'application/json':
             return _answer(415, 'a request must be application/json')
         try:
-            document = json.loads(await request.read())
+            document = json.loads(await asyncio.wait_for(request.read(), SLOWEST_REQUEST))
             asked = parse_request(document, self._board.bearings)
             if asked.action not in OFFERED:
                 raise ConfigurationError(f'{asked.action} is not for a dashboard')
+        except asyncio.TimeoutError:
+            return _answer(408, 'the request did not come whole in time: nothing was done')
         except (ValueError, RecursionError) as error:
             return _answer(400, str(error))
         try:
@@ -184,19 +197,20 @@ async def serve(
     await runner.setup()
     try:
         try:
-            await web.TCPSite(runner, address, port).start()
+            listening = await listen(runner, address, port)
         except (OSError, OverflowError) as error:
             reason = getattr(error, 'strerror', None) or error
             raise DashboardError(f'cannot listen at {address} port {port}: {reason}') from error
-        started(_url(runner))
+        started(_url(listening))
         while not stop.is_set():
             board.tick()
             with contextlib.suppress(asyncio.TimeoutError):
                 await asyncio.wait_for(stop.wait(), 0.5)
+        listening.close()
     finally:
         await runner.cleanup()
 
 
-def _url(runner: web.AppRunner) -> str:
-    host, port = runner.addresses[0][:2]
+def _url(listening: asyncio.Server) -> str:
+    host, port = listening.sockets[0].getsockname()[:2]
     return f'http://[{host}]:{port}/' if ':' in host else f'http://{host}:{port}/'

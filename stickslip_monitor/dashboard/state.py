@@ -13,7 +13,7 @@ import asyncio
 import json
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -121,7 +121,13 @@ LOG = 60
 SILENT = 3.0
 """A monitor of which nothing has been heard for so long is not believed to be there [s]."""
 
+ALARMS_SILENT = 150.0
+"""The list of alarms comes at least once a minute; after so long it is not believed [s]."""
+MOST_NAMES = 20
+"""Other monitors and bearings that are remembered, to tell of them."""
+
 _NO_ANSWER = 'the monitor has not answered: nothing is known to be done'
+_NO_ALARMS = 'the list of alarms has not come from the monitor: nothing was done'
 
 
 class Desk(Protocol):
@@ -182,6 +188,7 @@ class _Bearing:
     trail: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=TRAIL))
     believed: dict[str, int] = field(default_factory=dict)
     heard: dict[str, float] = field(default_factory=dict)
+    at: float | None = None
 
 
 class DashboardState:
@@ -213,7 +220,10 @@ class DashboardState:
         self.links: dict[str, bool] = {}
         self._log: deque[dict[str, Any]] = deque(maxlen=LOG)
         self._heard_at: float | None = None
-        self._was_there = False
+        self._listed_at: float | None = None
+        self._foreign: dict[str, float] = {}
+        self._others: dict[str, float] = {}
+        self._told: dict[str, Any] = {}
         self._expected: list[tuple[ActionRequest, asyncio.Future[int]]] = []
         self.finished = False
 
@@ -232,10 +242,57 @@ class DashboardState:
         return None if self._heard_at is None else self._clock() - self._heard_at
 
     @property
-    def there(self) -> bool:
-        """Whether the monitor is heard."""
+    def heard(self) -> bool:
+        """Whether anything of the monitor is heard."""
         silent = self.silent_for
         return silent is not None and silent < SILENT and not self.finished
+
+    @property
+    def there(self) -> bool:
+        """Whether all that must be heard is: without it nothing is all clear."""
+        return self.heard and not self.faults()
+
+    def unheard(self) -> list[str]:
+        """Bearings of which nothing is heard."""
+        now = self._clock()
+        return [
+            name
+            for name, own in self._bearings.items()
+            if own.at is None or now - own.at >= SILENT
+        ]
+
+    def faults(self) -> list[str]:
+        """Why what is shown must not be taken for all there is; a sentence each."""
+        if self.finished:
+            return []
+        name = self._source['name']
+        if self.silent_for is None:
+            others = ', '.join(self._others)
+            there = f' There are other monitors: {others}; see --node.' if others else ''
+            return [f'Nothing has been heard of the monitor {name} yet.{there}']
+        if not self.heard and not self._idle():
+            return [f'The monitor has been silent for {self.silent_for:.0f} s.']
+        return [text for text in self._gaps(name) if text]
+
+    def _gaps(self, name: object) -> Iterator[str]:
+        if self._idle():
+            yield 'Not monitoring: the node is not active, and nobody watches the bearings.'
+            return
+        if missing := self.unheard():
+            yield f'Of {_listed(missing)} nothing is heard: {name} does not watch it.'
+        now = self._clock()
+        foreign = [each for each, at in self._foreign.items() if now - at < ALARMS_SILENT]
+        if foreign:
+            yield f'{_listed(foreign)}: watched by {name}, but not in --config, so not shown.'
+        if self.alarms is None or self._listed_at is None:
+            yield 'The list of alarms has not come: it is not known whether any stands.'
+        elif not self._source['replay'] and now - self._listed_at > ALARMS_SILENT:
+            late = now - self._listed_at
+            yield f'The list of alarms is {late:.0f} s old: later alarms are not known.'
+
+    def _idle(self) -> bool:
+        told = self.alarms is not None and not self.alarms['monitoring']
+        return told or any(own.status and own.status.idle for own in self._bearings.values())
 
     def sample_age(self, bearing: str, quantity: str) -> float | None:
         """Time since an input's last believed sample was noticed [s]; ``None`` without one."""
@@ -248,9 +305,10 @@ class DashboardState:
         """A diagnostic status of a bearing has come; of one that is not known it is ignored."""
         own = self._bearings.get(bearing)
         if own is None:
+            self._remember(self._foreign, bearing)
             return
         own.status = status = read_status(time_ns, text, values)
-        self._heard_at = self._clock()
+        self._heard_at = own.at = self._clock()
         for quantity in status.counts:
             count = status.believed(quantity)
             if count > own.believed.get(quantity, 0):
@@ -268,31 +326,51 @@ class DashboardState:
         record = checked_alarms(document, self._bearings)
         if record is None:
             return
-        self.alarms = record
+        self.alarms, self._listed_at = record, self._clock()
+        for alarm in document['alarms']:
+            if alarm['bearing'] not in self._bearings:
+                self._remember(self._foreign, alarm['bearing'])
         self._log.extend(record['changes'])
         self.hub.send('alarms', self._alarms())
         for request, done in self._expected:
             if not done.done() and (count := _answers(record['changes'], request)):
                 done.set_result(count)
+        self.tick()
+
+    def take_other(self, node: str) -> None:
+        """Another monitor than the one that is shown has been heard."""
+        self._remember(self._others, f'/{node}')
+
+    def _remember(self, names: dict[str, float], name: str) -> None:
+        if name in names or len(names) < MOST_NAMES:
+            names[name] = self._clock()
 
     def finish(self) -> None:
         """Nothing more will come: the recording is over."""
-        self.finished, self._was_there = True, False
-        self.hub.send('monitor', self.monitor())
+        self.finished = True
+        self.tick()
 
     def tick(self) -> None:
         """Let time pass: a monitor that falls silent, or is heard again, is told at once."""
-        if self.there != self._was_there:
-            self._was_there = self.there
+        told = {
+            'there': self.heard,
+            'finished': self.finished,
+            'faults': len(self.faults()),
+            'unheard': self.unheard(),
+        }
+        if told != self._told:
+            self._told = told
             self.hub.send('monitor', self.monitor())
 
     def monitor(self) -> dict[str, Any]:
         """Whether the monitor is there."""
         silent = self.silent_for
         return {
-            'there': self.there,
+            'there': self.heard,
             'finished': self.finished,
             'silent': None if silent is None else round(silent, 1),
+            'faults': self.faults(),
+            'unheard': [] if self.finished else self.unheard(),
         }
 
     def state(self) -> dict[str, Any]:
@@ -323,6 +401,8 @@ class DashboardState:
             DashboardError: There is nothing to do, or nothing came of it in time.
             StickslipError: It cannot be handed on.
         """
+        if self.alarms is None:
+            raise DashboardError(_NO_ALARMS)
         if not offered(self.alarms, request):
             raise DashboardError(f'there is nothing to {request.action}')
         entry = (request, asyncio.get_running_loop().create_future())
@@ -331,9 +411,14 @@ class DashboardState:
             desk.act(request)
             return await asyncio.wait_for(entry[1], patience)
         except asyncio.TimeoutError as error:
-            raise DashboardError(_NO_ANSWER) from error
+            raise DashboardError(' '.join([_NO_ANSWER, *self.faults()])) from error
         finally:
             self._expected.remove(entry)
+
+
+def _listed(names: list[str]) -> str:
+    few = ', '.join(names[:5])
+    return few if len(names) <= 5 else f'{few} and {len(names) - 5} more'
 
 
 def _state(own: _Bearing) -> dict[str, Any]:

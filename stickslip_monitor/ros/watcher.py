@@ -41,6 +41,7 @@ class Watcher:
         diagnostics: Topic of its diagnostics.
         take_status: Called with bearing, time [ns], text and key-value pairs of each status.
         take_alarms: Called with each list of alarms.
+        take_other: Called with the name of another monitor whose diagnostics come.
 
     Raises:
         RosError: A name is none.
@@ -52,9 +53,11 @@ class Watcher:
         diagnostics: str,
         take_status: TakeStatus,
         take_alarms: TakeAlarms,
+        take_other: Callable[[str], None],
     ) -> None:
         self._monitor = monitor.strip('/')
         self._take_status, self._take_alarms = take_status, take_alarms
+        self._take_other = take_other
         self.node = Node('stickslip_dashboard')
         try:
             self.node.create_subscription(
@@ -85,7 +88,11 @@ class Watcher:
         for status in message.status:
             # Others publish on /diagnostics too, monitors in other namespaces among them.
             node, _, bearing = status.name.rpartition(': ')
-            if node == self._monitor and status.hardware_id == hardware_id(node, bearing):
+            if status.hardware_id != hardware_id(node, bearing):
+                continue
+            if node != self._monitor:
+                self._take_other(node)
+            else:
                 values = {pair.key: pair.value for pair in status.values}
                 self._take_status(bearing, time_ns, status.message, values)
 
@@ -104,6 +111,7 @@ def open_watcher(
     diagnostics: str,
     take_status: TakeStatus,
     take_alarms: TakeAlarms,
+    take_other: Callable[[str], None],
 ) -> Iterator[Watcher]:
     """A watcher that is spun by a thread of its own, with ROS running for as long.
 
@@ -111,7 +119,7 @@ def open_watcher(
     """
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        watcher = Watcher(monitor, diagnostics, take_status, take_alarms)
+        watcher = Watcher(monitor, diagnostics, take_status, take_alarms, take_other)
         executor = SingleThreadedExecutor()
         executor.add_node(watcher.node)
         thread = threading.Thread(target=_spin, args=(executor,), name='ros', daemon=True)

@@ -93,11 +93,12 @@ class Ship:
 class Dashboard:
     """The real server in a thread of its own; what touches the board is done there."""
 
-    def __init__(self, token: str = '', port: int = 0, heartbeat: float = 0.3) -> None:
+    def __init__(self, token: str = '', port: int = 0, **limits: float) -> None:
         from aiohttp import web
 
         from stickslip_monitor.commands.dashboard import bearing_view
         from stickslip_monitor.dashboard.access import Access
+        from stickslip_monitor.dashboard.doors import listen
         from stickslip_monitor.dashboard.server import Server
         from stickslip_monitor.dashboard.state import DashboardState
         from stickslip_monitor.monitor.config_file import load_config
@@ -107,13 +108,13 @@ class Dashboard:
         self.board = DashboardState(views, '/stickslip_monitor')
         self.ship = Ship(self.board)
         access = Access(token, frozenset({'ship.test'}))
-        self._app = Server(self.board, self.ship, access, heartbeat, 2.0).application()
+        self._app = Server(self.board, self.ship, access, 0.3, 2.0).application()
         self._runner = web.AppRunner(self._app, access_log=None, shutdown_timeout=1.0)
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
         self.run(self._runner.setup())
-        self.run(web.TCPSite(self._runner, '127.0.0.1', port).start())
-        self.port = self._runner.addresses[0][1]
+        self._listening = self.run(listen(self._runner, '127.0.0.1', port, **limits))
+        self.port = self._listening.sockets[0].getsockname()[1]
         self.url = f'http://127.0.0.1:{self.port}/'
 
     def run(self, work: Any) -> Any:
@@ -133,6 +134,7 @@ class Dashboard:
 
     def stop(self) -> None:
         if self._loop.is_running():
+            self.do(self._listening.close)
             self.run(self._runner.cleanup())
             self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join()

@@ -25,6 +25,7 @@ parser = pytest.importorskip(
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = ROOT / 'launch_configs' / 'dashboards'
+GRAFANA_SCHEMA = Path(__file__).parent / 'grafana_schema.json'
 DOCS = ROOT / 'docs' / 'dashboard.md'
 TOKEN = 'correct-horse-battery'
 Figures = dict[tuple[str, frozenset[tuple[str, str]]], float]
@@ -111,6 +112,7 @@ def test_the_states_of_an_alarm(dashboard: Any) -> None:
 def test_nothing_old_is_repeated(dashboard: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     assert set(figures(scrape(dashboard))) == {
         ('stickslip_monitor_up', frozenset()),
+        ('stickslip_bearing_up', frozenset({('bearing', 'aft_stern')})),
         ('stickslip_dashboard_readers', frozenset()),
     }
     dashboard.sail(60.0, 1000.0)
@@ -120,6 +122,7 @@ def test_nothing_old_is_repeated(dashboard: Any, monkeypatch: pytest.MonkeyPatch
     found = figures(scrape(dashboard))
     assert {name for name, _ in found} == {
         'stickslip_monitor_up',
+        'stickslip_bearing_up',
         'stickslip_dashboard_readers',
         'stickslip_monitor_silence_seconds',
     }
@@ -164,7 +167,9 @@ def test_every_alert_is_tested_and_asks_for_what_there_is(dashboard: Any) -> Non
 
     dashboard.sail(36.0, 1000.0, 5.0)
     rules = yaml.safe_load((SHIPPED / 'prometheus_rules.yml').read_text('utf-8'))
-    own = {rule['alert']: rule['expr'] for group in rules['groups'] for rule in group['rules']}
+    every = [rule for group in rules['groups'] for rule in group['rules']]
+    own = {rule['alert']: rule['expr'] for rule in every if 'alert' in rule}
+    made = {rule['record'] for rule in every if 'record' in rule}
     tests = yaml.safe_load((Path(__file__).parent / 'prometheus_rules_test.yml').read_text())
     fired = {
         test['alertname']
@@ -173,9 +178,63 @@ def test_every_alert_is_tested_and_asks_for_what_there_is(dashboard: Any) -> Non
         if test.get('exp_alerts')
     }
     assert fired == set(own)
+    dashboard.do(lambda: dashboard.board.links.update(nmea_in=True))
     there = {name for name, _ in figures(scrape(dashboard))}
-    asked = {name for expr in own.values() for name in re.findall(r'stickslip_\w+', expr)}
-    assert asked <= there
+    from stickslip_monitor.dashboard.metrics import GAUGES
+
+    there |= {f'stickslip_{name}' for name, _ in GAUGES.values()}
+    panels = json.loads((SHIPPED / 'grafana.json').read_text('utf-8'))['panels']
+    shown = [target['expr'] for panel in panels for target in panel.get('targets', ())]
+    text = '\n'.join([*(rule['expr'] for rule in every), *shown])
+    assert set(re.findall(r'stickslip_\w+', text)) <= there
+    assert set(re.findall(r'stickslip:[\w:]+', text)) == made
+
+
+def test_grafana_can_import_its_dashboard(tmp_path: Path) -> None:
+    """What Grafana's import asks for, and that each query is one.
+
+    The schema is taken from the fields of Grafana's own ``dashboard_kind.cue``.
+    """
+    jsonschema = pytest.importorskip('jsonschema', reason="the extra 'test' is not installed")
+    board = json.loads((SHIPPED / 'grafana.json').read_text('utf-8'))
+    jsonschema.validate(board, json.loads(GRAFANA_SCHEMA.read_text('utf-8')))
+    panels = board['panels']
+    assert len({panel['id'] for panel in panels}) == len(panels)
+    cells = [
+        (x, y)
+        for place in (panel['gridPos'] for panel in panels)
+        for x in range(place['x'], place['x'] + place['w'])
+        for y in range(place['y'], place['y'] + place['h'])
+    ]
+    assert len(set(cells)) == len(cells)
+    assert max(x for x, _ in cells) < 24
+    (name,) = [each['name'] for each in board['__inputs']]
+    queries = [t for panel in panels for t in panel.get('targets', ())]
+    assert {t['datasource']['uid'] for t in queries} == {f'${{{name}}}'}
+    rules = [
+        {'record': f'r:{k}', 'expr': t['expr'].replace('$bearing', '.*')}
+        for k, t in enumerate(queries)
+    ]
+    path = tmp_path / 'rules.yml'
+    path.write_text(yaml.safe_dump({'groups': [{'name': 'g', 'rules': rules}]}))
+    done = subprocess.run([program('promtool'), 'check', 'rules', str(path)], capture_output=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_alertmanager_takes_its_example() -> None:
+    path = str(SHIPPED / 'alertmanager.yml')
+    done = subprocess.run([program('amtool'), 'check-config', path], capture_output=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    # What is inhibited, and by what, are alerts that there are; stick-slip itself never is.
+    rules = yaml.safe_load((SHIPPED / 'prometheus_rules.yml').read_text('utf-8'))
+    names = {r['alert'] for group in rules['groups'] for r in group['rules'] if 'alert' in r}
+    own = yaml.safe_load(Path(path).read_text('utf-8'))['inhibit_rules']
+    sides = [
+        [r[k][0].split('"')[1].split('|') for r in own]
+        for k in ('source_matchers', 'target_matchers')
+    ]
+    assert {n for side in sides for each in side for n in each} <= names
+    assert 'StickSlipPredicted' not in {n for each in sides[1] for n in each}
 
 
 class Prometheus:

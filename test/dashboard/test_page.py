@@ -3,8 +3,12 @@
 
 from __future__ import annotations
 
+import csv
+import io
+import itertools
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -110,7 +114,12 @@ def test_acknowledging_without_a_mouse(dashboard: Any, page: Any) -> None:
     assert page.js('document.getElementById("who").value') == 'Ada L.'
     page.js(f'document.querySelector(`{ALARM} [data-action=shelve]`).focus()')
     page.press('Enter')
+    # Why it is put aside is asked for, and logged with the name.
+    page.until('document.getElementById("why").open')
+    page.type('new oil')
+    page.press('Enter')
     page.until(f'document.querySelector(`#aside-list {ALARM}`)')
+    assert dashboard.ship.asked[-1].by == 'Ada L.: new oil'
     assert page.text('#aside summary') == '1 put aside: 1 shelved'
     # What has gone from sight leaves the focus to the list.
     assert page.js('document.activeElement.id') == 'alarms'
@@ -125,6 +134,7 @@ def test_a_lost_input_and_a_silent_monitor_are_shown(dashboard: Any, page: Any) 
     assert page.js('document.getElementById("banner").hidden')
     page.until('document.body.dataset.link === "silent"')
     assert 'The monitor has been silent for' in page.text('#banner')
+    assert page.js('document.getElementById("quiet").hidden')
     dashboard.do(dashboard.ship.show)
     page.until('document.body.dataset.link === "live"')
     assert page.js('document.getElementById("banner").hidden')
@@ -168,10 +178,10 @@ def test_a_token_is_asked_for_once(dashboards: Callable[..., Any], browser: Any)
     locked = dashboards(token=token)
     locked.sail(60.0, 1000.0)
     browser.open(locked.url)
-    browser.until('location.pathname === "/login" && document.readyState === "complete"')
+    browser.until('location.pathname === "/login" && document.activeElement.name === "token"')
     browser.type('a wrong one, and a long one')
     browser.press('Enter')
-    browser.until('location.search === "?wrong" && document.readyState === "complete"')
+    browser.until('location.search === "?wrong" && document.activeElement.name === "token"')
     browser.type(token)
     browser.press('Enter')
     browser.until(f'{STANDS} === "normal"')
@@ -284,3 +294,235 @@ def test_a_screen_reader_finds_its_way(dashboard: Any, page: Any) -> None:
     assert meters == {'Fold margin', 'Hopf margin', 'Stick-slip amplitude'}
     assert ('button', 'Acknowledge: Stick-slip predicted, aft_stern') in found
     assert all(name for role, name in found if role in ('button', 'textbox', 'combobox', 'image'))
+
+
+def test_an_alarm_on_the_shelf_is_not_all_clear(dashboard: Any, page: Any) -> None:
+    dashboard.sail(20.0, 1000.0, 5.0)
+    dashboard.do(
+        lambda: dashboard.ship.act(
+            ActionRequest(Action.SHELVE, 'Ada', 'aft_stern', AlarmKind.STICK_SLIP)
+        )
+    )
+    page.until('!document.getElementById("hidden-alarms").hidden')
+    told = page.text('#hidden-alarms')
+    assert told == '1 put aside though the cause stands: Stick-slip predicted, aft_stern'
+    assert page.js('document.getElementById("quiet").hidden')
+
+
+def test_what_was_not_done_stays_until_it_is_seen(
+    dashboard: Any, page: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('stickslip_monitor.dashboard.server.PATIENCE', 0.1)
+    dashboard.sail(20.0, 1000.0, 5.0)
+    dashboard.ship.deaf = True
+    page.until(f'document.querySelector(`{ALARM}`)')
+    page.js('document.getElementById("who").value = "Ada"')
+    page.js(f'document.querySelector(`{ALARM} [data-action=acknowledge]`).click()')
+    page.until('document.getElementById("answer").classList.contains("failed")')
+    assert page.text('#answer').startswith('Not done: the monitor has not answered')
+    assert page.text('#say-now') == page.text('#answer')
+    page.js('document.getElementById("answer").click()')
+    assert page.js('document.getElementById("answer").hidden')
+    page.complaints.clear()  # Chromium notes the refusal
+
+
+@pytest.mark.parametrize('quiet', ['alarms', 'status'])
+def test_no_alarm_is_not_said_before_it_is_known(
+    dashboards: Callable[..., Any], browser: Any, quiet: str
+) -> None:
+    dashboard = dashboards()
+    board = dashboard.board
+    if quiet == 'alarms':
+        dashboard.do(lambda: setattr(board, 'alarms', None))
+        dashboard.do(dashboard.ship.show)
+    browser.open(dashboard.url)
+    words = {'alarms': 'The list of alarms has not come', 'status': 'Nothing has been heard'}
+    browser.until(f'document.getElementById("banner").textContent.includes("{words[quiet]}")')
+    assert browser.js('document.getElementById("quiet").hidden')
+    assert browser.js('document.getElementById("unsure").checkVisibility()')
+
+
+def test_eight_tabs_share_one_stream(dashboard: Any, page: Any, kit: Any) -> None:
+    """A browser opens six connections to a server: with a stream each, the seventh tab hangs."""
+    tabs = [page.call('Target.createTarget', url=dashboard.url)['targetId'] for _ in range(7)]
+    page.until('document.querySelector(".bearing")')
+    try:
+        dashboard.sail(20.0, 1000.0, 5.0)
+
+        def titles() -> list[str]:
+            found = page.call('Target.getTargets')['targetInfos']
+            return [t['title'] for t in found if t['url'] == dashboard.url]
+
+        def all_know() -> bool:
+            return [t.startswith('(1) ') for t in titles()] == [True] * 8
+
+        page.until('document.title.startsWith("(1) ")')
+        kit.until(all_know, 'all tabs')
+        kit.until(lambda: len(dashboard.board.hub.readers) == 1, 'the end of the others')
+        # One that cannot be reached for a moment is there for actions, too.
+        assert page.js('fetch("/page.css").then((answer) => answer.status)') == 200
+    finally:
+        for tab in tabs:
+            page.call('Target.closeTarget', targetId=tab)
+
+
+def luminance(colour: str) -> float:
+    """Relative luminance by WCAG 2.1 of a colour in hexadecimal."""
+    parts = [int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5)]
+    linear = [v / 12.92 if v <= 0.03928 else ((v + 0.055) / 1.055) ** 2.4 for v in parts]
+    return float(sum(w * v for w, v in zip((0.2126, 0.7152, 0.0722), linear, strict=True)))
+
+
+def test_caution_can_be_told_at_night(page: Any) -> None:
+    """Each area of the map from the next; it was 1.05."""
+    page.js('document.documentElement.dataset.theme = "night"')
+    names = ('stable', 'caution', 'bistable', 'unstable')
+    shown = [
+        luminance(
+            page.js(f'getComputedStyle(document.documentElement).getPropertyValue("--{name}")')
+        )
+        for name in names
+    ]
+    steps = [(b + 0.05) / (a + 0.05) for a, b in itertools.pairwise(shown)]
+    assert min(steps) > 1.4, steps
+
+
+@pytest.fixture
+def fleet(dashboard: Any, browser: Any) -> Any:
+    """Fifty bearings on one shaft, whose speed is lost at 47 of them; one is in stick-slip."""
+    from stickslip_monitor.dashboard.state import _Bearing
+
+    board = dashboard.board
+    dashboard.sail(20.0, 1000.0, 5.0)
+    own = board._bearings['aft_stern']
+    lost = 'no sample of speed for {} s'
+    (alarm,) = [a for a in board.alarms['alarms'] if a['alarm'] == 'stick_slip']
+
+    def grow() -> None:
+        sick = own.status
+        alarms = [alarm | {'state': 'acknowledged'}]
+        for k in range(49):
+            name, stale = f'b{k:02}', k < 47
+            board._bearings[name] = _Bearing(replace(own.view, name=name))
+            words = {'reason': 'input_stale' if stale else 'normal', 'regime': 'stable'}
+            numbers = sick.numbers | {'fold_margin': 0.9}
+            status = replace(sick, words=words, sticking=False, numbers=numbers)
+            board._bearings[name].status, board._bearings[name].at = status, board._clock() + 1e6
+            if stale:
+                more = {'alarm': 'input_lost', 'priority': 'warning', 'bearing': name}
+                more |= {'state': 'unacknowledged', 'text': f'{name}: {lost.format(2 + k % 3)}'}
+                alarms.append(alarm | more | {'actions': ['acknowledge']})
+        board.alarms = board.alarms | {'alarms': alarms, 'unacknowledged': 47}
+
+    dashboard.do(grow)
+    browser.open(dashboard.url)
+    browser.until('document.querySelectorAll("#rows tr").length === 50')
+    return browser
+
+
+def test_fifty_bearings_at_a_glance(fleet: Any) -> None:
+    names = (
+        '[...document.querySelectorAll("#rows tr:not([hidden]) button")].map((b) => b.textContent)'
+    )
+    assert fleet.js(names)[0] == 'aft_stern'
+    assert fleet.js(names)[-2:] == ['b47', 'b48']
+    # Only the one that is looked at is drawn.
+    shown = (
+        '[...document.querySelectorAll(".bearing")].filter((b) => !b.hidden)'
+        '.map((b) => b.dataset.bearing)'
+    )
+    assert fleet.js(shown) == ['aft_stern']
+    fleet.js('document.querySelector("#rows [data-name=b48]").click()')
+    assert fleet.js(shown) == ['b48']
+    fleet.js('document.getElementById("only").click()')
+    assert len(fleet.js(names)) == 48
+    fleet.js(
+        '(() => { const f = document.getElementById("find"); f.value = "B4";'
+        ' f.dispatchEvent(new Event("input")); })()'
+    )
+    assert fleet.js(names) == [f'b4{k}' for k in range(7)]
+
+
+def test_one_lost_speed_is_one_entry_above_what_is_acknowledged(fleet: Any) -> None:
+    entries = fleet.js(
+        '[...document.querySelectorAll("#alarm-list > li")].map((li) =>'
+        ' [li.querySelector("h3").textContent, li.querySelector(".state").textContent])'
+    )
+    assert [title for title, _ in entries] == [
+        'WARNING: Input lost',
+        'ALARM: Stick-slip predicted',
+    ]
+    assert entries[0][1].startswith('47 bearings, not acknowledged')
+    assert fleet.text('#alarm-list .places').startswith('b00, b01, b02')
+
+
+def test_what_comes_next_is_a_reading(dashboard: Any, page: Any) -> None:
+    dashboard.sail(43.0, 1000.0, 5.0)
+    numbers = {'clears in [s]': '4', 'time to boundary [s]': '150'}
+    odds = {'probability can': '0.9', 'probability will': '0.25', 'probability runs': '0.1'}
+    point = dashboard.board.status('aft_stern').numbers
+    values = {
+        'regime': 'stable', 'speed [m/s]': '0.2', 'shaft speed [rpm]': '38.2', 'load [N]': '1000',
+        'fold speed [m/s]': str(point['fold_speed']),
+        'hopf speed [m/s]': str(point['hopf_speed']),
+    }  # fmt: skip
+    take = dashboard.board.take_status
+    dashboard.do(lambda: take('aft_stern', 1, 'x', values | numbers | odds))
+    page.until('document.querySelector(".soon").textContent')
+    assert page.text('.soon') == 'clears in 4 s; boundary reached in 3 min'
+    assert page.text('.chances') == 'stick-slip: can happen 90 %, starts by itself 25 %, runs 10 %'
+    # A journal of 0.1 m: n = 60 v / (pi d).
+    rpm = [60.0 * point[f'{name}_speed'] / (3.141592653589793 * 0.1) for name in ('fold', 'hopf')]
+    assert page.text('.boundaries') == f'fold {rpm[0]:.1f} rpm, Hopf {rpm[1]:.1f} rpm'
+
+
+def test_the_log_is_saved_and_told_in_the_time_that_is_chosen(dashboard: Any, page: Any) -> None:
+    page.call('Emulation.setTimezoneOverride', timezoneId='Asia/Kolkata')
+    dashboard.sail(20.0, 1000.0, 5.0)
+    dashboard.do(
+        lambda: dashboard.ship.act(
+            ActionRequest(Action.ACKNOWLEDGE, '=1+1', 'aft_stern', AlarmKind.STICK_SLIP)
+        )
+    )
+    page.until('document.querySelector("#log tr").textContent.includes("=1+1")')
+    first = 'document.querySelector("#log td").textContent'
+    utc = page.js(first)
+    page.js(
+        '(() => { const s = document.getElementById("local"); s.value = "local";'
+        ' s.dispatchEvent(new Event("change")); })()'
+    )
+
+    def seconds(text: str) -> int:
+        hours, minutes, rest = (int(part) for part in text[-8:].split(':'))
+        return 3600 * hours + 60 * minutes + rest
+
+    assert (seconds(page.js(first)) - seconds(utc)) % 86400 == 19800
+    assert page.text('#zone') == 'Time (local)'
+    page.js(
+        'URL.createObjectURL = (blob) => { blob.text().then((t) => { window.saved = t; });'
+        ' return "blob:x"; }; HTMLAnchorElement.prototype.click = function () {'
+        ' window.file = this.download; }; document.getElementById("csv").click()'
+    )
+    page.until('window.saved')
+    rows = list(csv.reader(io.StringIO(page.js('window.saved'))))
+    assert (page.js('window.file'), rows[0][:3]) == (
+        'stickslip_alarms.csv', ['time', 'bearing', 'alarm']
+    )  # fmt: skip
+    assert [row[4] for row in rows[-2:]] == ['raise', 'acknowledge']
+    # Nothing that a spreadsheet would compute.
+    assert rows[-1][7] == "'=1+1"
+    page.call('Emulation.setTimezoneOverride', timezoneId='')
+    page.js('localStorage.clear()')
+
+
+def test_it_sounds_only_where_it_was_asked_to(dashboard: Any, page: Any) -> None:
+    dashboard.sail(20.0, 1000.0, 5.0)
+    page.until(f'document.querySelector(`{ALARM}`)')
+    assert page.js('document.getElementById("sound").value') == 'off'
+    assert page.js('document.getElementById("sound").dataset.beeps') is None
+    page.js(
+        '(() => { const s = document.getElementById("sound"); s.value = "on";'
+        ' s.dispatchEvent(new Event("change")); })()'
+    )
+    page.until('document.getElementById("sound").dataset.beeps === "1"')
+    page.complaints.clear()  # Chromium wants a touch first

@@ -170,6 +170,65 @@ def test_more_readers_than_there_is_room_for(
     ask(work)
 
 
+def idle_connection(port: int, start: bytes = b'') -> socket.socket:
+    made = socket.create_connection(('127.0.0.1', port), timeout=10.0)
+    made.sendall(start)
+    return made
+
+
+def ended(made: socket.socket) -> bool:
+    """Whether the other end closes a connection, in the time it waits."""
+    try:
+        return made.recv(1) == b''
+    except ConnectionError:
+        return True
+
+
+@pytest.mark.parametrize(
+    'start', [b'', b'GET / HTTP/1.1\r\nHost: loc', b'GET / HTTP/1.1\r\n', b'\r\n']
+)
+def test_a_connection_that_asks_for_nothing_is_closed(dashboards: Any, start: bytes) -> None:
+    made = idle_connection(dashboards(idle=0.2).port, start)
+    assert ended(made)
+    made.close()
+
+
+def test_idle_connections_lock_nobody_out(dashboards: Any, kit: Any, caplog: Any) -> None:
+    """Thirty times as many as there is room for: the page still opens, and a stream goes on."""
+    crowded = dashboards(most=10)
+    crowded.sail(60.0, 1000.0)
+
+    async def work(session: Any) -> int:
+        async with session.get(f'{crowded.url}events') as stream:
+            await event(stream, 'state')
+            idle = [idle_connection(crowded.port) for _ in range(300)]
+            await event(stream, 'beat')
+            async with session.get(crowded.url) as answer:
+                code = int(answer.status)
+            assert await asyncio.to_thread(ended, idle[0])
+            for each in idle:
+                each.close()
+            return code
+
+    assert ask(work) == 200
+    assert caplog.text == ''
+
+
+def test_when_all_are_busy_one_more_is_turned_away(dashboards: Any) -> None:
+    crowded = dashboards(most=2)
+
+    async def work(session: Any) -> None:
+        for _ in range(2):
+            stream = await session.get(f'{crowded.url}events')
+            await event(stream, 'state')
+        third = idle_connection(crowded.port)
+        assert await asyncio.to_thread(ended, third)
+        third.close()
+        await event(stream, 'beat')
+
+    ask(work)
+
+
 # --- actions -----------------------------------------------------------------------------------
 
 
@@ -331,6 +390,21 @@ def test_the_token_becomes_a_cookie_that_does_not_tell_it(dashboards: Any) -> No
     assert 'HttpOnly' in cookie
     assert 'SameSite=Strict' in cookie
     assert (seen, foreign) == (200, 403)
+
+
+@pytest.mark.parametrize(('token', 'code'), [(TOKEN, 200), (TOKEN + '2', 303)])
+def test_a_new_token_logs_everybody_out_and_a_restart_nobody(
+    dashboards: Any, token: str, code: int
+) -> None:
+    async def work(session: Any) -> int:
+        first = dashboards(token=TOKEN)
+        await session.post(f'{first.url}login', data={'token': TOKEN})
+        await asyncio.to_thread(first.stop)
+        second = await asyncio.to_thread(lambda: dashboards(token=token))
+        async with session.get(second.url, allow_redirects=False) as answer:
+            return int(answer.status)
+
+    assert ask(work) == code
 
 
 def test_no_page_of_another_may_hold_or_feed_this_one(dashboard: Any) -> None:

@@ -105,6 +105,7 @@ def test_a_bearing_nobody_knows_is_passed_over(board: DashboardState) -> None:
 def test_silence_is_noticed_and_samples_age(board: DashboardState, now: list[float]) -> None:
     reader = board.hub.join()
     assert board.silent_for is board.sample_age('aft_stern', 'speed') is None
+    board.take_alarms(record([]))
     board.take_status('aft_stern', 0, '', values(1.0, 1.0, accepted=5))
     assert board.there
     now[0] += 2.5
@@ -122,7 +123,13 @@ def test_silence_is_noticed_and_samples_age(board: DashboardState, now: list[flo
     now[0] += 3.1
     board.tick()
     assert not board.there
-    assert board.monitor() == {'there': False, 'finished': False, 'silent': 3.1}
+    assert board.monitor() == {
+        'there': False,
+        'finished': False,
+        'silent': 3.1,
+        'faults': ['The monitor has been silent for 3 s.'],
+        'unheard': ['aft_stern'],
+    }
     assert b'"there":false' in reader._waiting['monitor ']
 
 
@@ -224,3 +231,66 @@ def test_what_another_did_is_no_answer(board: DashboardState) -> None:
     assert asyncio.run(ask('Ada')) == 1
     with pytest.raises(DashboardError, match='nothing is known to be done'):
         asyncio.run(ask('Bob'))
+
+
+def hear(board: DashboardState, bearing: str = 'aft_stern', **more: str) -> None:
+    board.take_status(bearing, 0, '', values(1.0, 1.0) | more)
+
+
+@pytest.mark.parametrize(
+    ('happens', 'words'),
+    [
+        (lambda b, now: None, 'Nothing has been heard of the monitor test yet.'),
+        (lambda b, now: b.take_other('port/monitor'), 'other monitors: /port/monitor; see --node'),
+        (lambda b, now: hear(b), 'The list of alarms has not come'),
+        (lambda b, now: (hear(b, 'fore'), b.take_alarms(record([]))), 'Nothing has been heard'),
+        (lambda b, now: (hear(b), hear(b, 'fore')), 'fore: watched by test, but not in --config'),
+        (
+            lambda b, now: (
+                hear(b),
+                b.take_alarms(record([]) | {'alarms': [alarm(bearing='fore')]}),
+            ),
+            'fore: watched by test, but not in --config',
+        ),
+        (
+            lambda b, now: (hear(b), b.take_alarms(record([]) | {'monitoring': False})),
+            'Not monitoring: the node is not active',
+        ),
+        (
+            lambda b, now: (hear(b, reason='not_monitoring'), now.append(now.pop() + 60.0)),
+            'Not monitoring: the node is not active',
+        ),
+        (
+            lambda b, now: (
+                b.take_alarms(record([])),
+                now.append(now.pop() + 200.0),
+                hear(b),
+            ),
+            'The list of alarms is 200 s old',
+        ),
+    ],
+)
+def test_never_all_clear_by_mistake(
+    board: DashboardState, now: list[float], happens: Any, words: str
+) -> None:
+    happens(board, now)
+    assert not board.there
+    assert words in ' '.join(board.monitor()['faults'])
+
+
+def test_a_bearing_that_the_node_does_not_have_is_told(now: list[float]) -> None:
+    board = DashboardState([VIEW, replace(VIEW, name='fore')], 'test', clock=lambda: now[0])
+    board.take_alarms(record([]))
+    hear(board)
+    assert (board.heard, board.there) == (True, False)
+    assert board.faults() == ['Of fore nothing is heard: test does not watch it.']
+    reader = board.hub.join()
+    hear(board, 'fore')
+    assert board.there
+    assert b'"faults":[]' in reader._waiting['monitor ']
+
+
+def test_what_cannot_be_delivered_is_said(board: DashboardState) -> None:
+    request = ActionRequest(Action.ACKNOWLEDGE, 'Ada')
+    with pytest.raises(DashboardError, match='the list of alarms has not come'):
+        asyncio.run(board.ask(None, request, 0.01))  # type: ignore[arg-type]

@@ -32,10 +32,40 @@ const SHAPES = {
   caution: ['rect', { x: 4, y: 4, width: 26, height: 26 }, 22],
 };
 
-export const clock = (ms) => (ms === null ? '–' : new Date(ms).toISOString().slice(11, 19));
+/** How times are told: UTC, or by the clock of the device; the date where it is not today's. */
+export const time = { local: false, now: null };
+export function moment(ms) {
+  const shift = time.local ? new Date(ms).getTimezoneOffset() * 60000 : 0;
+  return new Date(ms - shift).toISOString().slice(0, 19).replace('T', ' ');
+}
+export function clock(ms) {
+  if (ms === null || ms === undefined) return '–';
+  const text = moment(ms);
+  return time.now !== null && moment(time.now).slice(0, 10) === text.slice(0, 10) ? text.slice(11) : text;
+}
 export const nameOf = (alarm) => NAMES[alarm.alarm] ?? alarm.alarm;
 export const withoutName = ({ text, bearing }) => (text.startsWith(`${bearing}: `) ? text.slice(bearing.length + 2) : text);
-const keyOf = (alarm) => `${alarm.bearing}/${alarm.alarm}`;
+const keyOf = (alarm) => (alarm.members?.length > 1 ? `${alarm.members.length} bearings/${alarm.alarm}/${alarm.state}/${withoutName(alarm)}` : `${alarm.bearing}/${alarm.alarm}`);
+
+/**
+ * The order in which alarms are to be dealt with: what nobody has acknowledged above all else, in
+ * each the worse priority first, what stands above what has gone.
+ */
+export function rank(alarm) {
+  const part = WAITING.includes(alarm.state) ? 0 : ASIDE.includes(alarm.state) ? 2 : 1;
+  return 100 * part + 10 * PRIORITIES.indexOf(alarm.priority) + ORDER.indexOf(alarm.state);
+}
+
+/** One entry where many bearings have the same alarm from one cause, as from one lost speed. */
+export function grouped(alarms) {
+  const groups = new Map();
+  for (const alarm of alarms) {
+    const text = withoutName(alarm).replace(/ *\d+(\.\d+)?( s\b| seconds?)/g, '');
+    const key = [alarm.alarm, alarm.state, alarm.sounding, alarm.alarm.startsWith('input') ? text : alarm.bearing].join('\n');
+    groups.set(key, [...(groups.get(key) ?? []), alarm]);
+  }
+  return [...groups.values()].map((members) => ({ ...members[0], members }));
+}
 
 function stateOf(alarm) {
   let text = STATES[alarm.state] ?? alarm.state;
@@ -53,14 +83,16 @@ export class AlarmList {
     this.say = say;
     this.items = new Map();
     this.known = null;
+    this.standing = [];
+    this.none = this.trusted = false;
     const get = (id) => document.getElementById(id);
-    [this.list, this.aside, this.asideList, this.quiet, this.tally, this.silence, this.section] = ['alarm-list', 'aside', 'aside-list', 'quiet', 'tally', 'silence', 'alarms'].map(get);
+    [this.list, this.aside, this.asideList, this.quiet, this.unsure, this.shelved, this.tally, this.silence, this.section] = ['alarm-list', 'aside', 'aside-list', 'quiet', 'unsure', 'hidden-alarms', 'tally', 'silence', 'alarms'].map(get);
     this.silence.addEventListener('click', () => act('silence', null, this.silence));
   }
 
   show(record) {
-    const alarms = record.alarms.filter((alarm) => alarm.state !== 'normal');
-    const rank = (a) => 10 * ORDER.indexOf(a.state) + PRIORITIES.indexOf(a.priority);
+    const every = record.alarms.filter((alarm) => alarm.state !== 'normal');
+    const alarms = grouped(every);
     alarms.sort((a, b) => rank(a) - rank(b) || (b.since ?? 0) - (a.since ?? 0));
     const focused = document.activeElement;
     const within = this.section.contains(focused);
@@ -68,16 +100,28 @@ export class AlarmList {
     this.place(this.list, alarms.filter((a) => !ASIDE.includes(a.state)));
     this.place(this.asideList, aside);
     const kept = new Set(alarms.map(keyOf));
+    this.groups = alarms;
     for (const [key, item] of this.items) {
       if (!kept.has(key)) { item.root.remove(); this.items.delete(key); }
     }
     if (within && !this.section.contains(document.activeElement)) this.refocus(focused);
-    this.quiet.hidden = alarms.length > aside.length;
+    this.standing = every.filter((a) => ASIDE.includes(a.state) && a.active);
+    this.none = !alarms.length || (alarms.length === aside.length && !this.standing.length);
+    this.trust(this.trusted);
     this.aside.hidden = aside.length === 0;
     this.aside.querySelector('summary').textContent = `${aside.length} put aside: ${ASIDE.map((s) => [aside.filter((a) => a.state === s).length, STATES[s]]).filter(([n]) => n).map((pair) => pair.join(' ')).join(', ')}`;
     this.silence.hidden = !record.sounding;
     this.count(record);
-    this.announce(alarms);
+    this.announce(every);
+  }
+
+  /** Only what is known to be all clear is called so. */
+  trust(trusted) {
+    this.trusted = trusted;
+    this.quiet.hidden = !(this.none && trusted);
+    this.unsure.hidden = trusted;
+    this.shelved.hidden = !this.standing.length;
+    this.shelved.textContent = `${this.standing.length} put aside though the cause stands: ${this.standing.slice(0, 5).map((a) => `${nameOf(a)}, ${a.bearing}`).join('; ')}${this.standing.length > 5 ? ' …' : ''}`;
   }
 
   count(record) {
@@ -109,7 +153,7 @@ export class AlarmList {
 
   create(alarm) {
     const root = document.createElement('li');
-    root.innerHTML = '<div class="what"><h3></h3><div class="state"></div></div><p class="text"></p><div class="buttons"></div>';
+    root.innerHTML = '<div class="what"><h3></h3><div class="state"></div></div><div><p class="text"></p><small class="places"></small></div><div class="buttons"></div>';
     const shape = make('svg', { class: 'shape', viewBox: '0 0 34 34', 'aria-hidden': 'true' });
     const [kind, attributes, y] = SHAPES[alarm.priority] ?? SHAPES.caution;
     shape.append(make(kind, { class: 'fill', ...attributes }), make('text', { class: 'mark', x: 17, y }, '!'));
@@ -120,7 +164,7 @@ export class AlarmList {
       button.type = 'button';
       button.textContent = label;
       button.dataset.action = action;
-      button.setAttribute('aria-label', `${label}: ${nameOf(alarm)}, ${alarm.bearing}`);
+      button.setAttribute('aria-label', `${label}: ${nameOf(alarm)}, ${alarm.members.length > 1 ? `${alarm.members.length} bearings` : alarm.bearing}`);
       button.addEventListener('click', () => this.act(action, item.alarm, button));
       item.buttons[action] = button;
       root.querySelector('.buttons').append(button);
@@ -136,7 +180,9 @@ export class AlarmList {
     root.dataset.state = alarm.state;
     root.dataset.alarm = keyOf(alarm);
     root.querySelector('h3').textContent = `${alarm.priority.toUpperCase()}: ${nameOf(alarm)}`;
-    root.querySelector('.state').textContent = `${alarm.bearing}, ${stateOf(alarm)}, came ${clock(alarm.since)}`;
+    const places = alarm.members.map((each) => each.bearing);
+    root.querySelector('.state').textContent = `${places.length > 1 ? `${places.length} bearings` : alarm.bearing}, ${stateOf(alarm)}, came ${clock(alarm.since)}`;
+    root.querySelector('.places').textContent = places.length > 1 ? places.join(', ') : '';
     root.querySelector('.text').textContent = withoutName(alarm);
     const focused = document.activeElement;
     for (const [action, button] of Object.entries(item.buttons)) button.hidden = !alarm.actions.includes(action);

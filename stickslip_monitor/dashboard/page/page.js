@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Takes the stream of events and shows it. Every text from outside is set as text, never as markup.
 
-import { AlarmList, clock, nameOf, withoutName } from '/alarms.js';
+import { AlarmList, clock, moment, nameOf, time, withoutName } from '/alarms.js';
+import { Overview } from '/overview.js';
+import { Sound } from '/sound.js';
 import { AmplitudeGauge, MarginGauge } from '/gauges.js';
 import { StabilityMap } from '/map.js';
+import { connect } from '/stream.js';
 
-const TRAIL = 600, SILENCE = 12000, AGAIN = 2000, ANSWER = 5000;
-const REASONS = { normal: '✓ Normal', caution: '! Margin low', bistable: '! Bistable', stick_slip: '▲ Stick-slip predicted', amplitude_limit: '▲ Amplitude above limit', input_stale: '✕ Input lost', waiting: '… Waiting', not_monitoring: '… Not monitoring' };
+const TRAIL = 600, SILENCE = 12000, ANSWER = 5000;
+const REASONS = { normal: '✓ Normal', caution: '! Margin low', bistable: '! Bistable', stick_slip: '▲ Stick-slip predicted', amplitude_limit: '▲ Amplitude above limit', input_stale: '✕ Input lost', waiting: '… Waiting', not_monitoring: '✕ Not monitoring' };
 const WHAT = { raise: 'came', clear: 'went', acknowledge: 'acknowledged', silence: 'silenced', unsilence: 'silence ran out', shelve: 'shelved', unshelve: 'unshelved', reset: 'reset', suppress: 'suppressed', unsuppress: 'no longer suppressed', remove: 'taken out of service', restore: 'returned to service' };
 const FAULTS = { not_finite: 'not finite', implausible: 'implausible', repeated: 'repeated', out_of_order: 'out of order', clock_jump: 'clock jumps' };
 
@@ -26,6 +29,8 @@ class Bearing {
     put(this.find('h2'), bearing.name);
     this.name = bearing.name;
     this.topics = bearing.topics;
+    this.rpm = bearing.rpm;
+    this.shown = true;
     this.map = new StabilityMap(this.find('.map svg'), bearing);
     this.fold = new MarginGauge('Fold margin', bearing, { near: true, look: 'between', words: 'inside: stick-slip can run' }, 'outside: no stick-slip can last');
     this.hopf = new MarginGauge('Hopf margin', bearing, { near: false, look: 'bad', words: 'inside: stick-slip starts by itself' }, 'outside: steady sliding is stable');
@@ -42,14 +47,29 @@ class Bearing {
     this.show(status);
   }
 
+  /** What is not looked at is not drawn. */
+  reveal(shown) {
+    this.shown = shown;
+    this.root.hidden = !shown;
+    if (shown) { this.map.redraw(); if (this.status) this.show(this.status); }
+  }
+
   show(status) {
+    this.status = status;
+    if (!this.shown) return;
     const badge = this.find('.badge');
     badge.dataset.reason = status.reason;
     put(badge, REASONS[status.reason] ?? status.reason);
     put(this.find('.verdict'), withoutName({ text: status.text, bearing: this.name }));
     const astern = status.speed < 0 ? 'astern, ' : '';
     put(this.find('.speed'), speedText(status.rpm));
-    put(this.find('.surface'), status.speed === null ? '' : `${astern}${Math.abs(status.speed).toFixed(3)} m/s; fold ${status.fold_speed?.toFixed(3) ?? '–'}, Hopf ${status.hopf_speed?.toFixed(3) ?? '–'}`);
+    put(this.find('.surface'), status.speed === null ? '' : `${astern}${Math.abs(status.speed).toFixed(3)} m/s`);
+    const rpm = (speed) => (speed === null ? '–' : speedText(speed * this.rpm));
+    put(this.find('.boundaries'), status.regime === null ? '' : `fold ${rpm(status.fold_speed)}, Hopf ${rpm(status.hopf_speed)}`);
+    const parts = [['clears_in', 'clears in'], ['boundary_in', 'boundary reached in']].filter(([key]) => status[key] !== null && status[key] !== undefined).map(([key, words]) => `${words} ${duration(status[key])}`);
+    put(this.find('.soon'), parts.join('; '));
+    const chances = [['probability_can', 'can happen'], ['probability_will', 'starts by itself'], ['probability_runs', 'runs']].filter(([key]) => status[key] !== null).map(([key, words]) => `${words} ${(100 * status[key]).toFixed(0)} %`);
+    put(this.find('.chances'), chances.length ? `stick-slip: ${chances.join(', ')}` : '');
     put(this.find('.load'), loadText(status.load));
     put(this.find('.loads'), status.regime === null ? '' : `regime: ${status.regime}`);
     const known = status.regime !== null;
@@ -67,6 +87,7 @@ class Bearing {
       const row = body.querySelector(`[data-input="${name}"]`) ?? inputRow(body, name, this.topics[name]);
       const [state, count] = row.querySelectorAll('td');
       state.className = input.lost ? 'lost' : '';
+      row.title = input.fault;
       put(state, input.lost ? `✕ lost${input.age === null ? ', never heard' : `, ${input.age.toFixed(0)} s old`}` : '✓ heard');
       const faults = Object.entries(FAULTS).filter(([key]) => input.counts[key]).map(([key, words]) => `${input.counts[key]} ${words}`);
       put(count, `${input.counts.accepted ?? 0} used${faults.length ? `; ${faults.join(', ')}` : ''}`);
@@ -92,37 +113,32 @@ function inputRow(body, name, topic) {
 class Page {
   constructor() {
     this.bearings = new Map();
+    this.overview = new Overview((names) => { for (const [name, bearing] of this.bearings) bearing.reveal(names.has(name)); });
+    this.sound = new Sound(get('sound'));
+    get('csv').addEventListener('click', () => save(this.log));
+    get('local').addEventListener('change', () => { time.local = get('local').value === 'local'; keep('local', get('local').value); this.refresh(); });
+    get('answer').addEventListener('click', () => { get('answer').hidden = true; });
     this.alarms = new AlarmList((...request) => this.act(...request), (text) => put(get('say-now'), text));
     this.heardAt = Date.now();
     setInterval(() => this.watch(), 1000);
     document.addEventListener('visibilitychange', () => this.watch());
-    this.open();
-  }
-
-  open() {
-    this.stream?.close();
-    this.stream = new EventSource('/events');
-    this.heardAt = Date.now();
-    const on = (kind, take) => this.stream.addEventListener(kind, (event) => { this.heardAt = Date.now(); take(JSON.parse(event.data)); });
-    on('state', (state) => this.begin(state));
-    on('status', (status) => { this.bearings.get(status.bearing)?.take(status); this.time(status.time); });
-    on('alarms', (record) => this.take(record));
-    on('monitor', (monitor) => this.believe(monitor));
-    on('beat', (monitor) => this.believe(monitor));
-    this.stream.onerror = () => { this.lose(); if (this.stream.readyState === EventSource.CLOSED) this.retry(); };
-  }
-
-  /** The browser itself comes back after a broken connection, but not after a refusal. */
-  retry() {
-    clearTimeout(this.timer);
-    this.timer = setTimeout(async () => {
-      const answer = await fetch('/page.css', { method: 'HEAD', cache: 'no-store' }).catch(() => null);
-      if (answer?.ok) this.open(); else this.retry();
-    }, AGAIN);
+    const does = {
+      state: (state) => this.begin(state),
+      status: (status) => { this.bearings.get(status.bearing)?.take(status); this.overview.take(status); this.time(status.time); },
+      alarms: (record) => this.take(record),
+      monitor: (monitor) => this.believe(monitor),
+      beat: (monitor) => this.believe(monitor),
+    };
+    this.again = connect(({ kind, data }) => {
+      if (kind === 'lost') { this.lose(); return; }
+      if (kind === 'login') { location.assign('/login'); return; }
+      this.heardAt = Date.now();
+      does[kind](JSON.parse(data));
+    });
   }
 
   watch() {
-    if (Date.now() - this.heardAt > SILENCE && this.stream.readyState !== EventSource.CLOSED) { this.lose(); this.open(); }
+    if (Date.now() - this.heardAt > SILENCE) { this.heardAt = Date.now(); this.lose(); this.again(); }
   }
 
   begin(state) {
@@ -130,32 +146,44 @@ class Page {
     this.bearings = new Map(state.bearings.map((bearing) => [bearing.name, new Bearing(bearing)]));
     get('bearings').replaceChildren(...[...this.bearings.values()].map((bearing) => bearing.root));
     for (const { map } of this.bearings.values()) map.redraw();
+    this.overview.begin(state.bearings);
     this.time(Math.max(0, ...state.bearings.map((bearing) => bearing.status?.time ?? 0)));
     this.take(state);
     this.believe(state.monitor);
   }
 
   take({ alarms, log }) {
+    [this.record, this.log] = [alarms, log];
     if (alarms) {
       this.alarms.show(alarms);
+      this.sound.ring(alarms.sounding);
       document.title = `${alarms.unacknowledged ? `(${alarms.unacknowledged}) ` : ''}Stick-slip monitor`;
     }
     get('log').replaceChildren(...log.toReversed().map(logRow));
   }
 
+  refresh() {
+    put(get('zone'), time.local ? 'Time (local)' : 'Time (UTC)');
+    if (this.log) this.take({ alarms: this.record, log: this.log });
+    if (time.now) this.time(time.now);
+  }
+
   believe(monitor) {
     const where = this.source ? `${this.source.replay ? 'replay of ' : ''}${this.source.name}` : '';
     if (monitor.finished) this.tell('over', where, 'The recording is over: this is how it ended.');
-    else if (monitor.there) this.tell('live', where, '');
-    else this.tell('silent', where, monitor.silent === null ? 'The monitor has not been heard yet.' : `The monitor has been silent for ${monitor.silent.toFixed(0)} s: nothing here is current.`);
+    else if (!monitor.there) this.tell('silent', where, [...monitor.faults, 'Nothing here is current.'].join(' '));
+    else this.tell(monitor.faults.length ? 'doubtful' : 'live', where, monitor.faults.join(' '));
+    for (const [name, bearing] of this.bearings) bearing.root.classList.toggle('unheard', monitor.unheard.includes(name));
+    this.alarms.trust(monitor.there && !monitor.faults.length);
   }
 
   lose() {
+    this.alarms.trust(false);
     this.tell('lost', 'connection lost', 'The connection to the dashboard is lost: nothing here is current. Trying again …');
   }
 
   tell(link, words, banner) {
-    if (banner && document.body.dataset.link !== link) put(get('say-now'), banner);
+    if (banner && (document.body.dataset.link !== link || link === 'doubtful') && get('banner').textContent !== banner) put(get('say-now'), banner);
     document.body.dataset.link = link;
     put(get('link'), words);
     put(get('banner'), banner);
@@ -163,31 +191,71 @@ class Page {
   }
 
   time(ms) {
-    if (ms) put(get('clock'), `${new Date(ms).toISOString().slice(0, 19).replace('T', ' ')} UTC`);
+    if (ms) { time.now = ms; put(get('clock'), `${moment(ms)} ${time.local ? 'local time' : 'UTC'}`); }
   }
 
   async act(action, alarm, button) {
-    const by = await askName();
+    let by = await askName();
     if (!by) return;
+    if (action === 'shelve') {
+      const reason = await askReason(by);
+      if (!reason) return;
+      by = `${by}: ${reason}`;
+    }
     button.setAttribute('aria-disabled', 'true');
-    const body = JSON.stringify({ schema: 'stickslip_monitor/action/1', action, by, bearing: alarm?.bearing ?? null, alarm: alarm?.alarm ?? null });
-    let text = 'The dashboard cannot be reached: nothing is known to be done.';
-    try {
-      const answer = await fetch('/act', { method: 'POST', headers: { 'Content-Type': 'application/json' }, body });
-      if (answer.status === 401) location.assign('/login');
-      text = (await answer.json()).text;
-    } catch { /* said above */ }
+    const results = [];
+    for (const each of alarm?.members ?? [alarm]) results.push(await post(action, by, each));
     button.removeAttribute('aria-disabled');
-    this.answer(text);
+    const failed = results.filter(({ ok }) => !ok);
+    if (!failed.length) this.answer(results.length > 1 ? `${action}: ${results.length} alarms` : results[0].text, true);
+    else this.answer(`Not done${results.length > 1 ? ` for ${failed.length} of ${results.length}` : ''}: ${failed[0].text}`, false);
   }
 
-  answer(text) {
-    put(get('say'), text);
+  /** What was done goes by itself; what was not stays until it is seen and touched. */
+  answer(text, done) {
+    put(get(done ? 'say' : 'say-now'), text);
     put(get('answer'), text);
     get('answer').hidden = false;
     clearTimeout(this.answering);
-    this.answering = setTimeout(() => { get('answer').hidden = true; }, ANSWER);
+    get('answer').classList.toggle('failed', !done);
+    if (done) this.answering = setTimeout(() => { get('answer').hidden = true; }, ANSWER);
   }
+}
+
+async function post(action, by, alarm) {
+  const body = JSON.stringify({ schema: 'stickslip_monitor/action/1', action, by, bearing: alarm?.bearing ?? null, alarm: alarm?.alarm ?? null });
+  try {
+    const answer = await fetch('/act', { method: 'POST', headers: { 'Content-Type': 'application/json' }, body });
+    if (answer.status === 401) location.assign('/login');
+    return await answer.json();
+  } catch { return { ok: false, text: 'the dashboard cannot be reached: nothing is known to be done' }; }
+}
+
+function duration(seconds) {
+  if (seconds < 99.5) return `${seconds.toFixed(0)} s`;
+  return `${(seconds / 60).toFixed(0)} min`;
+}
+
+/** The log as a file, times in UTC by ISO 8601; a text that a spreadsheet would compute stays text. */
+function save(log = []) {
+  const cell = (text) => `"${(/^[=+@\t\r-]/.test(text) ? `'${text}` : text).replaceAll('"', '""')}"`;
+  const rows = log.map((c) => [c.time === null ? '' : new Date(c.time).toISOString(), c.bearing, c.alarm, c.priority, c.what, c.from, c.to, c.by, c.text]);
+  const text = [['time', 'bearing', 'alarm', 'priority', 'what', 'from', 'to', 'by', 'text'], ...rows].map((row) => row.map(cell).join(',')).join('\r\n');
+  const link = document.createElement('a');
+  link.href = URL.createObjectURL(new Blob([`${text}\r\n`], { type: 'text/csv' }));
+  link.download = 'stickslip_alarms.csv';
+  link.click();
+  URL.revokeObjectURL(link.href);
+}
+
+/** Why an alarm is put aside; it goes into the log with the name, as far as there is room. */
+async function askReason(by) {
+  const dialog = get('why');
+  get('reason').value = '';
+  get('reason').maxLength = Math.max(38 - by.length, 3);
+  dialog.showModal();
+  const said = await new Promise((resolve) => { dialog.addEventListener('close', () => resolve(dialog.returnValue), { once: true }); });
+  return said === 'ok' ? get('reason').value.trim() : '';
 }
 
 function logRow(change) {
@@ -224,6 +292,9 @@ function light() {
 get('who').value = recall('who') ?? '';
 get('who').addEventListener('change', (event) => keep('who', event.target.value.trim()));
 get('tools').addEventListener('submit', (event) => event.preventDefault());
+get('local').value = recall('local') ?? 'utc';
+time.local = get('local').value === 'local';
+put(get('zone'), time.local ? 'Time (local)' : 'Time (UTC)');
 get('theme').value = recall('theme') ?? 'auto';
 get('theme').addEventListener('change', (event) => { keep('theme', event.target.value); light(); });
 dark.addEventListener('change', light);

@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+// Many bearings at a glance, worst first; of few there is no need for it.
+
+const FEW = 4;
+const WORST = ['not_monitoring', 'stick_slip', 'amplitude_limit', 'input_stale', 'waiting', 'bistable', 'caution', 'normal'];
+const WORDS = { normal: '✓ normal', caution: '! margin low', bistable: '! bistable', stick_slip: '▲ stick-slip', amplitude_limit: '▲ amplitude', input_stale: '✕ input lost', waiting: '… waiting', not_monitoring: '✕ not monitored' };
+const badness = (status) => (status ? WORST.indexOf(status.reason) : 4);
+
+export class Overview {
+  /** reveal is called with the set of names of those that are to be shown in full. */
+  constructor(reveal) {
+    this.reveal = reveal;
+    this.rows = new Map();
+    const get = (id) => document.getElementById(id);
+    [this.root, this.body, this.find, this.only] = ['overview', 'rows', 'find', 'only'].map(get);
+    this.find.addEventListener('input', () => this.order());
+    this.only.addEventListener('change', () => this.order());
+    this.body.addEventListener('click', (event) => {
+      const name = event.target.closest('button')?.dataset.name;
+      if (name) { this.chosen = name; this.choose(); }
+    });
+  }
+
+  begin(bearings) {
+    this.root.hidden = bearings.length <= FEW;
+    this.rows = new Map();
+    this.body.replaceChildren();
+    if (this.root.hidden) return;
+    for (const { name, status } of bearings) {
+      const row = this.body.insertRow();
+      const button = document.createElement('button');
+      button.type = 'button';
+      button.dataset.name = name;
+      button.textContent = name;
+      for (let k = 0; k < 5; k += 1) row.insertCell();
+      row.cells[0].append(button);
+      this.rows.set(name, { row, status: null, name });
+      if (status) this.fill(name, status);
+    }
+    this.order();
+    if (!this.rows.has(this.chosen)) this.chosen = this.sorted()[0].name;
+    this.choose();
+  }
+
+  take(status) {
+    if (!this.rows.size) return;
+    const before = this.rows.get(status.bearing)?.status;
+    this.fill(status.bearing, status);
+    if (before?.reason !== status.reason) this.order();
+  }
+
+  fill(name, status) {
+    const own = this.rows.get(name);
+    if (!own) return;
+    own.status = status;
+    const load = status.load === null ? '–' : `${(status.load / 1000).toFixed(1)} kN`;
+    const margin = status.fold_margin === null ? '–' : `${(100 * status.fold_margin).toFixed(0)} %`;
+    const texts = [WORDS[status.reason] ?? status.reason, status.rpm === null ? '–' : `${Math.abs(status.rpm).toFixed(1)} rpm`, load, margin];
+    own.row.dataset.reason = status.reason;
+    texts.forEach((text, k) => { if (own.row.cells[k + 1].textContent !== text) own.row.cells[k + 1].textContent = text; });
+  }
+
+  sorted() {
+    const margin = ({ status }) => status?.fold_margin ?? Infinity;
+    return [...this.rows.values()].sort((a, b) => badness(a.status) - badness(b.status) || (margin(a) < margin(b) ? -1 : margin(a) > margin(b) ? 1 : 0));
+  }
+
+  order() {
+    const wanted = this.find.value.trim().toLowerCase();
+    this.sorted().forEach(({ row, name, status }, k) => {
+      row.hidden = !name.toLowerCase().includes(wanted) || (this.only.checked && status?.reason === 'normal');
+      if (this.body.rows[k] !== row) this.body.insertBefore(row, this.body.rows[k] ?? null);
+    });
+  }
+
+  choose() {
+    for (const { row, name } of this.rows.values()) row.querySelector('button').setAttribute('aria-pressed', name === this.chosen);
+    this.reveal(new Set([this.chosen]));
+  }
+}
