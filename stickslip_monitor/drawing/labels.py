@@ -110,7 +110,11 @@ class Labeller:
         shown = self._on_paper(x, y)
         known = np.all(np.isfinite(shown), axis=1)
         if known.any():
-            self._curves = np.concatenate([self._curves, _dense(shown, known)])
+            # What lies beyond the axes hides nothing, and a dense track covers few places.
+            points = _dense(shown, known)
+            points = points[np.all((points >= self._low) & (points <= self._high), axis=1)]
+            places = np.unique(np.rint(points / _APART), axis=0) * _APART
+            self._curves = np.concatenate([self._curves, places])
 
     def reserve(self, x: float, y: float, size: float = 9.0) -> None:
         """Keep labels off a mark at a point; its size in points of type."""

@@ -127,11 +127,11 @@ def _amplitude(course: Course) -> str:
     extreme = course.worst.get('amplitude')
     if extreme is None:
         return ''
-    text = (
-        f'The greatest predicted amplitude was {formatting.millimetres(extreme.value)}'
-        f' ({formatting.millimetres(extreme.point.amplitude_exact)} by the exact cycle), at'
-        f' {place(course, extreme)}'
-    )
+    exact = extreme.point.amplitude_exact
+    text = f'The greatest predicted amplitude was {formatting.millimetres(extreme.value)}'
+    if math.isfinite(exact):
+        text += f' ({formatting.millimetres(exact)} by the exact cycle)'
+    text += f', at {place(course, extreme)}'
     limit = course.config.alarm.amplitude_limit
     above = together(course.spells, (Condition.AMPLITUDE,))
     if above:
