@@ -247,9 +247,7 @@ def _monitor(
 ) -> Iterator[tuple[Take, Callable[[], Coroutine[Any, Any, Any]]]]:
     """What takes samples, and what has to run for it."""
     if args.node is not None:
-        with listen_to_node(
-            args, feed.take_status, feed.take_alarms, lambda _: None
-        ) as watcher:
+        with listen_to_node(args, feed.take_status, feed.take_alarms, lambda _: None) as watcher:
             from stickslip_monitor.ros.bridge import Bridge
 
             feed.act = watcher.act
