@@ -194,7 +194,12 @@ def _marks(labels: Labeller, bearing: Bearing, marks: Sequence[BranchMark]) -> N
 def _nothing(labels: Labeller, bearing: Bearing, diagram: Diagram) -> None:
     """Say why the picture is empty."""
     middle = 0.5 * (diagram.speed[0] + diagram.speed[-1])
-    sentence = assess(bearing, middle, diagram.load).outcome.sentence
+    point = assess(bearing, middle, diagram.load)
+    sentence = point.outcome.sentence
+    if point.exact_fold_speed > 0.0:
+        end = point.exact_fold_speed / bearing.speed.factor('rpm')
+        to = f'up to {end:.4g} rpm' if end < np.inf else 'at every high speed'
+        sentence = f'Averaging has no stick-slip cycle at this load; the exact model has one {to}.'
     low, high = labels.axes.get_xlim()
     top = labels.axes.get_ylim()[1]
     labels.point(

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from stickslip_monitor import Coulomb, FrictionLaw, Monitor, Stream, Stribeck, Tabulated
 from stickslip_monitor.drawing.canvas import save_figure
@@ -98,8 +99,26 @@ def test_the_diagram_draws_unstable_things_dashed() -> None:
 
 
 def test_an_empty_diagram_says_why() -> None:
-    text = ' '.join(words(draw_diagram(with_law(Coulomb(0.3, 0.1)), 1000.0)))
+    text = ' '.join(words(draw_diagram(with_law(Coulomb(0.1, 0.1)), 1000.0)))
     assert 'no speed has stick-slip.' in text.replace('\n', ' ')
+
+
+def test_a_diagram_without_an_averaged_cycle_tells_of_the_exact_one() -> None:
+    text = ' '.join(words(draw_diagram(with_law(Coulomb(0.3, 0.1)), 1000.0))).replace('\n', ' ')
+    mass, damping, stiffness, drop = 50.0, 400.0, 2.0e6, 0.2 * 1000.0
+    a = 0.5 * damping / mass
+    w = np.sqrt(stiffness / mass - a * a)
+    t = np.linspace(0.5, 1.0, 200_001) * 2.0 * np.pi / w
+
+    def falls_short(speed: float) -> float:
+        # From the end of sticking, y' = V and k y = N (mu_s - mu_k) - c V, a damped oscillation.
+        y = (drop - damping * speed) / stiffness
+        b = -(stiffness / mass * y + a * speed) / w
+        return speed - float(np.max(np.exp(-a * t) * (speed * np.cos(w * t) + b * np.sin(w * t))))
+
+    fold = brentq(falls_short, 0.005, 0.2)
+    rpm = fold / REFERENCE.bearing.speed.factor('rpm')
+    assert f'the exact model has one up to {rpm:.4g} rpm.' in text
 
 
 def test_an_empty_map_says_so() -> None:
