@@ -65,7 +65,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.print:
         print(text)
         return 0
-    save_figure(draw_trade_offs(_panels(voyages)), PICTURE)
+    save_figure(draw_trade_offs(_panels(voyages)), PICTURE, force=True)
     head, _, _ = PAGE.read_text('utf-8').partition(MARK)
     PAGE.write_text(f'{head}{MARK}\n{text}\n', 'utf-8')
     return 0
