@@ -103,7 +103,9 @@ def start_node() -> subprocess.Popen[bytes]:
     """Start the monitor node as a process of its own."""
     command = [sys.executable, '-m', 'stickslip_monitor.live', '--ros-args']
     command += ['--params-file', str(CONFIG), '--log-level', 'error']
-    console.print('[bold]1. The node[/], on its own:  ros2 run stickslip_monitor monitor')
+    console.print(
+        '[bold]1. The node[/], on its own:  .venv/bin/monitor --ros-args --params-file ...'
+    )
     return subprocess.Popen(command)
 
 

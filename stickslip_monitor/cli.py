@@ -10,6 +10,7 @@ import argparse
 import importlib
 import io
 import os
+import re
 import sys
 import traceback
 from collections.abc import Sequence
@@ -107,11 +108,24 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: list[str]) -> int:
+    arguments = _with_negative_values(arguments)
     asked = next((a for a in arguments if not a.startswith('-')), None)
     args = _parser(asked).parse_args(arguments)
     code: int = args.run(args)
     sys.stdout.flush()
     return code
+
+
+def _with_negative_values(arguments: list[str]) -> list[str]:
+    """``--speed -20rpm`` as ``--speed=-20rpm``, as argparse takes -20rpm for an option."""
+    joined: list[str] = []
+    for argument in arguments:
+        last = joined[-1] if joined else ''
+        if re.match(r'-\.?\d', argument) and last.startswith('--') and '=' not in last:
+            joined[-1] = f'{last}={argument}'
+        else:
+            joined.append(argument)
+    return joined
 
 
 def _print_anything() -> None:

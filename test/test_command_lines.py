@@ -71,6 +71,15 @@ def faults(line: str) -> str:
     return f'no executable {own[1]}' if own and f"f'{own[1]} = " not in setup else ''
 
 
+def test_a_negative_value_needs_no_equals_sign(capsys: pytest.CaptureFixture[str]) -> None:
+    config = str(ROOT / 'launch_configs' / 'reference_bearing.yaml')
+    told = []
+    for speed in (['--speed', '-20rpm'], ['--speed=-20rpm']):
+        assert cli.main(['assess', '--config', config, *speed, '--load', '1000N', '--json']) == 1
+        told.append(capsys.readouterr().out)
+    assert told[0] == told[1]
+
+
 def test_docs_have_command_lines() -> None:
     pages = {page for page, line in LINES if line.startswith('stickslip ')}
     assert {'README.md', 'docs/fit.md', 'docs/dashboard.md'} <= pages

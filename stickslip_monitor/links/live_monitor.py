@@ -102,7 +102,7 @@ class LiveMonitor:
 
     def _tell(self, events: Sequence[Event]) -> None:
         for event in events:
-            (self._log.error if event.raised else self._log.info)(event.text)
+            (self._log.warning if event.raised else self._log.info)(event.text)
         if events:
             # At the next tick: the alarm itself must not wait for the figures beside it.
             self._shown_ns = 0

@@ -95,6 +95,14 @@ def _distance(
     asked = 'are units, scales and topics of speed and load right?'
     bounded = np.isfinite(fold)
     if not bounded.any():
+        law = config.bearing.friction
+        at_rest = float(np.asarray(law.coefficient(np.zeros(1)))[0])
+        sliding = float(np.min(np.asarray(law.coefficient(np.linspace(1e-3, 2.0, 200)))))
+        if at_rest <= sliding:
+            return [
+                f'can never bring stick-slip: friction at rest, {at_rest:.4g}, is not above the'
+                f' least of sliding friction, {sliding:.4g}: are static and kinetic swapped?'
+            ]
         if np.isfinite(fold_speed(config.bearing, FACTOR * float(load.max()))):
             return []
         return [

@@ -17,6 +17,7 @@ from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.source_faults import questions
+from stickslip_monitor.physics.friction import Stribeck
 
 CONFIG = (
     load_config(Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml')
@@ -76,3 +77,9 @@ def test_a_shaft_a_metre_thick_and_one_topic_for_both() -> None:
     same = replace(CONFIG, load=replace(CONFIG.load, topic=CONFIG.speed.topic))
     (question,) = asked([0.2], [1000.0], same)['load']
     assert question.startswith('is read from the same field as the speed')
+
+
+def test_friction_that_rises_from_rest_is_asked_about() -> None:
+    swapped = replace(CONFIG, bearing=replace(CONFIG.bearing, friction=Stribeck(0.1, 0.3, 10.0)))
+    (question,) = asked([0.2], [1000.0], swapped)['speed']
+    assert question.endswith('are static and kinetic swapped?')

@@ -37,8 +37,11 @@ class Log(Protocol):
     def info(self, text: str, /) -> object:
         """Something that is as it should be."""
 
+    def warning(self, text: str, /) -> object:
+        """What people should look at."""
+
     def error(self, text: str, /) -> object:
-        """Something that is not."""
+        """Something that does not work."""
 
 
 class Store(Protocol):

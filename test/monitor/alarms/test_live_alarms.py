@@ -28,7 +28,7 @@ class Ship:
         self.now_ns, self.document, self.full = 0, document, ''
         self.published: list[dict[str, Any]] = []
         self.lines: list[str] = []
-        self.info = self.error = self.lines.append
+        self.info = self.warning = self.error = self.lines.append
         self.monitor = Monitor(config)
         self.alarms = LiveAlarms(
             config, lambda: T0 + self.now_ns, self.published.append, self, store=self

@@ -77,8 +77,8 @@ def test_scene_of_the_page_can_be_made(tmp_path: Path) -> None:
     scene = load_scene(path)
     counts = write_bag(scene, tmp_path / 'bag')
     assert counts == {'/shaft/speed': 6001, '/bearing/aft_stern/load': 1201 - 20 * 2}
-    told = re.findall(r'^\| `(\w+)` \| [^|]+ \|$', PAGE.read_text('utf-8'), re.M)
-    assert told == list(KEYS)
+    keys = PAGE.read_text('utf-8').partition('## Scenes that vary')[0]
+    assert re.findall(r'^\| `(\w+)` \| [^|]+ \|$', keys, re.M) == list(KEYS)
 
 
 def test_effect_that_is_listed_twice_is_named(make_scene: MakeScene) -> None:
