@@ -211,7 +211,7 @@ def _margins(axes: Axes, lines: _Lines) -> None:
     highest, lowest = -np.inf, -0.1
     for name, colour, word in (
         ('hopf_margin', REGIME_COLOUR[Regime.UNSTABLE], 'Hopf'),
-        ('fold_margin', REGIME_COLOUR[Regime.STABLE], 'fold'),
+        ('fold_margin', REGIME_COLOUR[Regime.BISTABLE], 'fold'),
     ):
         time, margin = lines.line(name)
         axes.plot(time, 100.0 * margin, color=colour, lw=1.4, label=f'{word} margin', zorder=4)

@@ -281,6 +281,11 @@ def test_nothing_is_wider_than_the_screen(dashboard: Any, page: Any, width: int)
         '.map((b) => b.getBoundingClientRect().height))'
     )
     assert low >= 44
+    # What it says has the whole width of a phone.
+    wide = '.getBoundingClientRect().width'
+    item = f'document.querySelector(`{ALARM}`)'
+    part = page.js(f'{item}.querySelector(".text"){wide} / {item}{wide}')
+    assert width > 500 or part > 0.8
 
 
 def test_a_screen_reader_finds_its_way(dashboard: Any, page: Any) -> None:

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from stickslip_monitor import Monitor, Stream
-from stickslip_monitor.drawing.palette import CONDITION_COLOUR
+from stickslip_monitor.drawing.palette import CONDITION_COLOUR, REGIME_COLOUR
 from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
+from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.ladder import Condition
@@ -71,6 +72,13 @@ def test_margins_amplitude_and_limit_are_drawn_in_their_units() -> None:
     assert 'limit' in lines
     shown = [text.get_text() for text in found['speed'].texts]
     assert {'Hopf', 'fold'} <= set(shown)
+
+
+def test_the_fold_has_its_colour_of_the_judged_course() -> None:
+    margins = panels(draw_timeline(timeline([60.0, 45.0, 36.0])))['margin']
+    colours = {line.get_label(): line.get_color() for line in margins.lines}
+    assert colours['fold margin'] == REGIME_COLOUR[Regime.BISTABLE]
+    assert colours['Hopf margin'] == REGIME_COLOUR[Regime.UNSTABLE]
 
 
 def test_events_are_numbered_as_in_the_table() -> None:

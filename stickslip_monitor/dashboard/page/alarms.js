@@ -153,7 +153,7 @@ export class AlarmList {
 
   create(alarm) {
     const root = document.createElement('li');
-    root.innerHTML = '<div class="what"><h3></h3><div class="state"></div></div><div><p class="text"></p><small class="places"></small></div><div class="buttons"></div>';
+    root.innerHTML = '<div class="what"><h3></h3><div class="state"></div></div><div class="words"><p class="text"></p><small class="places"></small></div><div class="buttons"></div>';
     const shape = make('svg', { class: 'shape', viewBox: '0 0 34 34', 'aria-hidden': 'true' });
     const [kind, attributes, y] = SHAPES[alarm.priority] ?? SHAPES.caution;
     shape.append(make(kind, { class: 'fill', ...attributes }), make('text', { class: 'mark', x: 17, y }, '!'));
