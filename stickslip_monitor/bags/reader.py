@@ -187,8 +187,6 @@ def open_bag(path: str | Path) -> Bag:
     path = Path(path)
     if not path.exists():
         raise BagError(f"bag '{path}' does not exist")
-    if path.is_file() and not path.stat().st_size:
-        raise BagError(f"bag '{path}' is empty: 0 bytes")
     paths, warnings, expected = _folder_files(path) if path.is_dir() else ([path], [], None)
     files = [part for file in paths for part in scan_file(file)]
     bag = Bag(path, files, [*warnings, *(text for file in files for text in file.warnings)])

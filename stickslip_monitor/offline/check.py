@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.reader import Bag, Fault, Request, Series, open_bag
+from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.monitor import Monitor
@@ -189,6 +190,8 @@ def check_bag(
         BagError: The bag cannot be read, lacks a topic, or a field leads to no number.
     """
     bag = open_bag(path)
+    if bag.files and not any(file.stat().st_size for file in bag.files):
+        raise BagError(f"bag '{path}' is empty: 0 bytes")
     requests = {b.name: (_request(b.speed), _request(b.load)) for b in config.bearings}
     series = bag.read({r for pair in requests.values() for r in pair}, progress)
     streams = {

@@ -315,7 +315,6 @@ CONVERT = "convert it with 'ros2 bag convert' first"
     [
         (lambda path: None, "bag '{}' does not exist"),
         (make_empty, "bag '{}' has no .mcap file"),
-        (Path.touch, "bag '{}' is empty: 0 bytes"),
         (make_text, "bag file '{}' is not an MCAP recording: it begins with bytes 74 69 6d 65 2c"),
         (make_sqlite, f"bag file '{{}}' is an SQLite recording (.db3), not MCAP: {CONVERT}"),
         (make_sqlite_folder, f"bag '{{}}' is an SQLite recording (.db3), not MCAP: {CONVERT}"),

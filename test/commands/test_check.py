@@ -314,3 +314,11 @@ def test_two_publishers_and_a_wrong_unit_are_told(
     assert '(here 20 and 60)' in out
     assert '20 to 60 in the messages (0.1047 to 0.3142 m/s), 10 a second, 100.0% used' in out
     assert 'question: speed on /shaft/speed has no boundary at any load' in out
+
+
+def test_an_empty_file_is_named_as_such(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'a.mcap').touch()
+    assert main(['check', str(tmp_path / 'a.mcap'), '--config', str(CONFIG)]) == 2
+    assert f"bag '{tmp_path / 'a.mcap'}' is empty: 0 bytes" in capsys.readouterr().err

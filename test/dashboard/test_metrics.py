@@ -193,7 +193,7 @@ def test_every_alert_is_tested_and_asks_for_what_there_is(dashboard: Any) -> Non
 def test_grafana_can_import_its_dashboard(tmp_path: Path) -> None:
     """What Grafana's import asks for, and that each query is one.
 
-    The schema is taken from the fields of Grafana's own ``dashboard_kind.cue``.
+    The schema beside this file is our own, of the fields that a dashboard's import reads.
     """
     jsonschema = pytest.importorskip('jsonschema', reason="the extra 'test' is not installed")
     board = json.loads((SHIPPED / 'grafana.json').read_text('utf-8'))
