@@ -61,7 +61,9 @@ import resource, sys
 resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[1]),) * 2)
 from stickslip_monitor.cli import main
 code = main(['check', *sys.argv[2:]])
-sys.stderr.write(f'\\n{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10}\\n')
+status = dict(line.split(':', 1) for line in open('/proc/self/status'))
+# Not ru_maxrss, which a process inherits from the one that started it.
+sys.stderr.write(f"\\n{int(status['VmHWM'].split()[0]) >> 10}\\n")
 sys.exit(code)
 """
 

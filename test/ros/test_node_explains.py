@@ -192,6 +192,8 @@ def test_the_security_policy_covers_all_topics_and_services(start: Any, kit: Any
     monitor = start(kit.parameters())
     node = monitor.peer.node
     monitor.state()
+    there = (name, f'/{monitor.space}')
+    monitor.peer.until(lambda: there in node.get_node_names_and_namespaces(), 'the node')
 
     def allowed(kind: str, rule: str) -> list[str]:
         groups = (group for group in profile if group.get(rule) == 'ALLOW')
