@@ -32,6 +32,8 @@ _POINT_FIELDS = (
     'fold_speed',
     'hopf_margin',
     'fold_margin',
+    'exact_fold_speed',
+    'exact_fold_margin',
     'growth_rate',
     'amplitude',
     'amplitude_exact',
