@@ -121,7 +121,7 @@ def _with_negative_values(arguments: list[str]) -> list[str]:
     joined: list[str] = []
     for argument in arguments:
         last = joined[-1] if joined else ''
-        if re.match(r'-\.?\d', argument) and last.startswith('--') and '=' not in last:
+        if re.match(r'-\.?\d', argument) and re.fullmatch(r'--[a-z][a-z-]*', last):
             joined[-1] = f'{last}={argument}'
         else:
             joined.append(argument)

@@ -78,6 +78,9 @@ def test_a_negative_value_needs_no_equals_sign(capsys: pytest.CaptureFixture[str
         assert cli.main(['assess', '--config', config, *speed, '--load', '1000N', '--json']) == 1
         told.append(capsys.readouterr().out)
     assert told[0] == told[1]
+    # What follows -- is never the value of an option.
+    assert cli.main(['check', '--config', config, '--', '-1.mcap']) == 2
+    assert "'-1.mcap' does not exist" in capsys.readouterr().err
 
 
 def test_docs_have_command_lines() -> None:
