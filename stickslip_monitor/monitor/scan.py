@@ -176,7 +176,8 @@ class _InputScan:
             jumps[samples.jumps] = cuts + carried
             since = np.maximum.accumulate(jumps)
         calm = bool(carried) and not samples.jumps.size and self._is_calm(columns[1], samples, now)
-        found = _OfInput(*columns, place=place, own=own, since=since, calm=calm)
+        value, stamp, until, gap, ends, future = columns
+        found = _OfInput(value, stamp, until, gap, ends, future, place, own, since, calm)
         self.heard = found.latest()
         self._last = None if self.heard is None else tuple(c[-1:].copy() for c in columns)
         return found
