@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.errors import BagError
 
@@ -33,22 +33,24 @@ STAMP_END = (1 << 31) * 1_000_000_000
 _HEAD = b'\x00\x01\x00\x00'
 
 
-def encode_float64s(values: ArrayLike) -> list[bytes]:
+def encode_float64s(values: ArrayLike) -> NDArray[np.void]:
     """Encode ``std_msgs/Float64`` messages.
 
     Args:
         values: The numbers, shape (n,).
 
     Returns:
-        n messages.
+        n messages, all of one length.
     """
-    raw = np.asarray(values, '<f8').tobytes()
-    return [_HEAD + raw[start : start + 8] for start in range(0, len(raw), 8)]
+    numbers = np.asarray(values, '<f8')
+    rows = np.empty(numbers.shape, np.dtype([('head', 'V4'), ('data', '<f8')]))
+    rows['head'], rows['data'] = np.void(_HEAD), numbers
+    return rows.view(f'V{rows.itemsize}')
 
 
 def encode_stamped(
     type_name: str, field: str, stamp_ns: ArrayLike, values: ArrayLike
-) -> list[bytes]:
+) -> NDArray[np.void]:
     """Encode messages that are a header, with an empty frame, and some numbers.
 
     Args:
@@ -58,7 +60,7 @@ def encode_stamped(
         values: The numbers, shape (n,).
 
     Returns:
-        n messages.
+        n messages, all of one length.
 
     Raises:
         BagError: A stamp is out of range.
@@ -75,8 +77,7 @@ def encode_stamped(
     rows['head'], rows['frame'] = np.void(_HEAD), 1
     rows['sec'], rows['nanosec'] = stamp // 1_000_000_000, stamp % 1_000_000_000
     rows['numbers'][:, fields.index(field)] = values
-    raw, size = rows.tobytes(), rows.dtype.itemsize
-    return [raw[start : start + size] for start in range(0, len(raw), size)]
+    return rows.view(f'V{rows.itemsize}')
 
 
 def encode_float64(value: float) -> bytes:

@@ -50,7 +50,7 @@ from stickslip_monitor.monitor.calibration_file import (
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.scan import Scan
-from stickslip_monitor.offline.check import check_bag
+from stickslip_monitor.offline.follow import scan_whole
 from stickslip_monitor.offline.truth import has_truth
 from stickslip_monitor.physics.belief import QUANTILES, Belief
 from stickslip_monitor.study.calibration.calibrate import (
@@ -211,7 +211,7 @@ def _dips(
 def _evidence(args: argparse.Namespace, path: str, config: BearingConfig) -> Evidence:
     only = MonitorConfig((config,))
     if args.reports is not None or args.level is not None:
-        return Evidence(_courses(path, check_bag(path, only).bearings[config.name].scan), ())
+        return Evidence(_courses(path, scan_whole(path, only).bearings[config.name].scan), ())
     (judged,) = judge_bag(path, only) if _has_truth(path, config) else (None,)
     if judged is None:
         raise CalibrationError(

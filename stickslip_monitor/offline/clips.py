@@ -142,7 +142,7 @@ def write_clips(checked: CheckReport, config: MonitorConfig, store: ClipFolder) 
 
 def _events(checked: CheckReport) -> Iterator[Event]:
     for bearing in checked.bearings.values():
-        yield from bearing.scan.events
+        yield from bearing.events
 
 
 def _store(recorder: ClipRecorder, store: ClipFolder) -> int:

@@ -36,7 +36,8 @@ from stickslip_monitor.monitor.scan import trend_at
 from stickslip_monitor.monitor.signals import QUANTITIES, Status
 from stickslip_monitor.monitor.trend import Trend
 from stickslip_monitor.monitor.verdict import describe
-from stickslip_monitor.offline.check import BearingReport, CheckReport
+from stickslip_monitor.offline.check import CheckReport
+from stickslip_monitor.offline.follow import WholeBearing, scan_whole
 
 NODE = 'stickslip_monitor'
 _BLOCK = 20_000
@@ -112,7 +113,8 @@ def messages(
     """
     sources = [checked.bag.messages(_inputs(config), spans)]
     spans = spans if spans is not None else TimeSpans([(0, (1 << 63) - 1)])
-    courses = [_Course(b, checked.bearings[b.name], checked) for b in config.bearings]
+    whole = scan_whole(checked.bag.path, config).bearings
+    courses = [_Course(b, whole[b.name], checked) for b in config.bearings]
     sources += [course.verdicts(config.publish_period, spans) for course in courses]
     sources += [course.warnings(spans) for course in courses]
     sources.append(_diagnostics(courses, checked, spans))
@@ -127,7 +129,7 @@ def _inputs(config: MonitorConfig) -> list[str]:
 class _Course:
     """One bearing over a recording, in the order of its stamps."""
 
-    def __init__(self, config: BearingConfig, report: BearingReport, checked: CheckReport) -> None:
+    def __init__(self, config: BearingConfig, report: WholeBearing, checked: CheckReport) -> None:
         self.config = config
         self._scan = scan = report.scan
         self._start_ns = checked.start_ns or 0
@@ -136,7 +138,7 @@ class _Course:
         self._times = scan.time_ns[self._rows]
         self.events = sorted(scan.events, key=lambda event: event.time_ns)
         self._event_times = np.array([event.time_ns for event in self.events], np.int64)
-        stream = report.stream
+        stream = self.stream = report.stream
         self._seen = {
             (row, status): np.sort(
                 stream.time_ns[(stream.is_load == bool(row)) & (scan.status == status)]
@@ -158,7 +160,9 @@ class _Course:
         for start in range(0, rows.size, _BLOCK):
             block = rows[start : start + _BLOCK]
             points = at_indices(self._scan.assessment, block)
-            columns = [encode_float64s(column) for column in verdict_numbers(points).values()]
+            columns: list[list[bytes]] = [
+                encode_float64s(column).tolist() for column in verdict_numbers(points).values()
+            ]
             columns.append([regimes[code] for code in np.asarray(points.regime_code).tolist()])
             for time_ns, *data in zip(self._scan.time_ns[block].tolist(), *columns, strict=True):
                 for (topic, kind), item in zip(names, data, strict=True):
@@ -231,7 +235,7 @@ def _diagnostics(
     if checked.start_ns is None or checked.end_ns is None:
         return
     changes = [event.time_ns for course in courses for event in course.events]
-    seconds = _seconds(checked)
+    seconds = _seconds(checked, courses)
     times = np.union1d(seconds, np.array(changes, np.int64))
     for time_ns in times[spans.holds(times)].tolist():
         statuses = []
@@ -246,14 +250,14 @@ def _diagnostics(
         yield Message('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', time_ns, data)
 
 
-def _seconds(checked: CheckReport) -> IntArray:
+def _seconds(checked: CheckReport, courses: list[_Course]) -> IntArray:
     """Every second of the recording, but not those of a silence beyond its first hour.
 
     A clock that was wrong for one message would else make ticks for years.
     """
     assert checked.start_ns is not None
     assert checked.end_ns is not None
-    stamps = [bearing.stream.time_ns for bearing in checked.bearings.values()]
+    stamps = [course.stream.time_ns for course in courses]
     ends = np.array([checked.start_ns, checked.end_ns], np.int64)
     heard = np.unique(np.concatenate([ends, *stamps]).clip(*ends))
     silent = np.flatnonzero(np.diff(heard) > _SILENCE_NS)
