@@ -31,6 +31,7 @@ from stickslip_monitor.bags.values import (
 )
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.fields import FieldPath
+from stickslip_monitor.files import near_name
 
 __all__ = ['Bag', 'Cut', 'Fault', 'Message', 'Request', 'Series', 'TopicInfo', 'open_bag']
 
@@ -220,7 +221,7 @@ def open_bag(path: str | Path) -> Bag:
     """
     path = Path(path)
     if not path.exists():
-        raise BagError(f"bag '{path}' does not exist")
+        raise BagError(f"bag '{path}' does not exist{near_name(path)}")
     paths, warnings, expected = _folder_files(path) if path.is_dir() else ([path], [], None)
     files = [part for file in paths for part in scan_file(file)]
     bag = Bag(path, files, [*warnings, *(text for file in files for text in file.warnings)])
