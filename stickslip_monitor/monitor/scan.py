@@ -567,14 +567,15 @@ def _admit(
 ) -> tuple[FloatArray, NDArray[np.int8]]:
     """SI value and status of every sample; counts go to the gate."""
     si = np.empty(stream.value.shape)
-    status = np.empty(stream.value.shape, dtype=np.int8)
+    status = np.zeros(stream.value.shape, dtype=np.int8)
     in_order, latest = True, list(gate.last_ns)
     for is_load, settings in enumerate((config.speed, config.load)):
-        own = stream.is_load == bool(is_load)
+        own = np.flatnonzero(stream.is_load == bool(is_load))
         si[own] = values = to_si(settings, stream.value[own])
-        status[own] = faults = value_faults(settings, values)
         stamps, before = stream.time_ns[own], latest[is_load]
+        faults = value_faults(settings, values)
         if faults.any():
+            status[own] = faults
             stamps = stamps[faults == Status.ACCEPTED]
         if stamps.size:
             late = (stamps[1:] <= stamps[:-1]).any()
