@@ -6,9 +6,11 @@ The message types this package writes itself: definition and ROS 2 type hash of 
 
 from __future__ import annotations
 
+import itertools
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -115,27 +117,25 @@ def encode_diagnostics(stamp_ns: int, statuses: Sequence[StatusFields]) -> bytes
         statuses: One for each component.
     """
     body = bytearray(struct.pack('<iI', stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000))
-    _add_text(body, '')
-    _add_count(body, len(statuses))
+    body += _text('') + struct.pack('<I', len(statuses))
     for status in statuses:
         body.append(status.level)
-        for text in (status.name, status.message, status.hardware_id):
-            _add_text(body, text)
-        _add_count(body, len(status.values))
-        for pair in status.values.items():
-            for text in pair:
-                _add_text(body, text)
+        body += bytes(-len(body) % 4)
+        body += b''.join(map(_text, (status.name, status.message, status.hardware_id)))
+        body += struct.pack('<I', len(status.values))
+        body += b''.join(map(_text, itertools.chain.from_iterable(status.values.items())))
+        if status.values:
+            # Behind the last text nothing is aligned.
+            *_, last = status.values.values()
+            del body[len(body) - (-len(last.encode()) - 1) % 4 :]
     return _HEAD + bytes(body)
 
 
-def _add_text(body: bytearray, text: str) -> None:
+@lru_cache(maxsize=4096)
+def _text(text: str) -> bytes:
+    """A text, from a place aligned to four bytes to the next one."""
     raw = text.encode() + b'\0'
-    _add_count(body, len(raw))
-    body += raw
-
-
-def _add_count(body: bytearray, count: int) -> None:
-    body += bytes(-len(body) % 4) + struct.pack('<I', count)
+    return struct.pack('<I', len(raw)) + raw + bytes(-len(raw) % 4)
 
 
 @dataclass(frozen=True, slots=True)

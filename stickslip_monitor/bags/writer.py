@@ -7,7 +7,7 @@ import contextlib
 import io
 import itertools
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -178,8 +178,12 @@ class BagWriter:
         Raises:
             BagError: As for :meth:`write`.
         """
+        self.write_columns((name, *column) for name, column in columns.items())
+
+    def write_columns(self, columns: Iterable[tuple[str, ArrayLike, Payload]]) -> None:
+        """The same; a topic may have several columns, each in order."""
         parts = []
-        for name, (time, payload) in columns.items():
+        for name, time, payload in columns:
             entry, log_time = self._entry(name), np.asarray(time, np.int64)
             if log_time.size:
                 self._widen(name, int(log_time.min()), int(log_time.max()))

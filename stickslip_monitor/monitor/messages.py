@@ -381,8 +381,12 @@ def diagnostic_values(state: BearingState) -> dict[str, str | float]:
         result[f'{name} age [s]'] = age
     for name, text in state.faults.items():
         result[f'{name} fault'] = text
-    for row, name in enumerate(QUANTITIES):
-        for status in Status:
-            label = status.name.lower().replace('_', ' ')
-            result[f'{name} samples {label}'] = int(state.counts[row, status])
+    result |= zip(_COUNTED, map(int, state.counts.flat), strict=True)
     return result
+
+
+_COUNTED = [
+    f'{name} samples {status.name.lower().replace("_", " ")}'
+    for name in QUANTITIES
+    for status in Status
+]

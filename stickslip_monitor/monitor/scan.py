@@ -18,9 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
-from stickslip_monitor.monitor.assessment import Assessments, assess, at_index, at_indices
+from stickslip_monitor.monitor.assessment import (
+    Assessment,
+    Assessments,
+    assess,
+    at_index,
+    at_indices,
+)
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig
-from stickslip_monitor.monitor.decision import ConditionClassifier, Decisions
+from stickslip_monitor.monitor.decision import ConditionClassifier, Decisions, Standing
 from stickslip_monitor.monitor.freshness import Fresh, Rhythm
 from stickslip_monitor.monitor.ladder import (
     LADDER,
@@ -37,6 +43,24 @@ from stickslip_monitor.monitor.verdict import Event, event_of
 _NOWHERE = np.empty(0, np.intp)
 
 
+class LatestPoint(NamedTuple):
+    """The last operating point, whose end may not be known yet.
+
+    Attributes:
+        number: Its number, counted from the first point of the recording.
+        first: That of the first point since the clock last jumped.
+        time_ns: Its time [ns].
+        assessment: Its assessment, of scalars.
+        standing: What the alarm rests on after it.
+    """
+
+    number: int
+    first: int
+    time_ns: int
+    assessment: Assessment
+    standing: Standing
+
+
 @dataclass(frozen=True, slots=True)
 class Scan:
     """The verdicts on a recording of one bearing, or on a part of one.
@@ -51,6 +75,7 @@ class Scan:
         events: Changes of the alarm, in order.
         counts: Samples by quantity (speed, load) and :class:`Status`, shape (2, 6).
         status: What became of each sample of the stream, a :class:`Status`, shape (m,).
+        latest: The last point so far; of a part it is as a rule the first of the next one.
     """
 
     time_ns: IntArray
@@ -61,6 +86,7 @@ class Scan:
     events: list[Event]
     counts: IntArray
     status: NDArray[np.int8]
+    latest: LatestPoint | None
 
     @property
     def sticking(self) -> BoolArray:
@@ -328,7 +354,15 @@ class BearingScan:
             events=events,
             counts=self._gate.counts - counted,
             status=status,
+            latest=self._latest(block, known, course),
         )
+
+    def _latest(self, block: _Block, known: Assessments, course: Decisions) -> LatestPoint | None:
+        k = block.points.time_ns.size - 1
+        if k < 0:
+            return None
+        time_ns = int(block.points.time_ns[k])
+        return LatestPoint(self._count - 1, self._first, time_ns, at_index(known, k), course.at(k))
 
     def _arrived(self, stream: Stream, si: FloatArray, status: NDArray[np.int8]) -> _Arrived:
         """The samples that are believed, and the monitor's time at each."""

@@ -76,6 +76,7 @@ def follow(
     config: MonitorConfig,
     make: Callable[[BearingConfig], _Follower],
     progress: Progress | None = None,
+    after: Callable[[int], None] | None = None,
 ) -> Followed[_Follower]:
     """Run the monitor over a bag.
 
@@ -85,6 +86,7 @@ def follow(
         make: Makes what takes the blocks of a bearing; called again where the bag has to be
             begun anew.
         progress: Called with bytes read and bytes in all.
+        after: Called when all have taken a block, with the log time it goes up to [ns].
 
     Raises:
         BagError: The bag cannot be read, lacks a topic, or a field leads to no number.
@@ -98,22 +100,30 @@ def follow(
         # Bearings know nothing of each other, and arithmetic on arrays needs no interpreter.
         with ThreadPoolExecutor(min(len(courses), os.cpu_count() or 1)) as pool:
             running: list[Future[None]] = []
+            read_ns: int | None = None
+
+            def taken() -> None:
+                for future in running:
+                    future.result()
+                if after is not None and read_ns is not None:
+                    after(read_ns)
+
             for part in reading:
-                span.hear(part.values())
                 # What was read before is scanned while the next is read.
-                _await(running)
+                taken()
+                read_ns = max(
+                    (int(s.log_time_ns[-1]) for s in part.values() if s.log_time_ns.size),
+                    default=None,
+                )
+                span.hear(part.values())
                 running = [pool.submit(each.take, part, span.start_ns) for each in courses]
-            _await(running)
-            _await([pool.submit(each.finish, span.start_ns, span.end_ns) for each in courses])
+            taken()
+            running = [pool.submit(each.finish, span.start_ns, span.end_ns) for each in courses]
+            taken()
         followers = {each.config.name: each.follower for each in courses}
         return Followed(followers, reading.faults(), span.start_ns, span.end_ns)
 
     return bag.read_with(use, asked, progress)
-
-
-def _await(running: Iterable[Future[None]]) -> None:
-    for future in running:
-        future.result()
 
 
 def requests_of(config: BearingConfig) -> tuple[Request, Request]:
