@@ -27,7 +27,15 @@ from stickslip_monitor.monitor.ladder import (
     LastSample,
 )
 from stickslip_monitor.monitor.lookahead import futures
-from stickslip_monitor.monitor.signals import SampleValidator, Status, Stream, to_si, value_faults
+from stickslip_monitor.monitor.measured import LevelCourse, follow_level
+from stickslip_monitor.monitor.signals import (
+    NO_LEVELS,
+    SampleValidator,
+    Status,
+    Stream,
+    to_si,
+    value_faults,
+)
 from stickslip_monitor.monitor.trend import Trend, window_of
 from stickslip_monitor.monitor.verdict import Event, event_of
 
@@ -47,6 +55,7 @@ class Scan:
         events: Changes of the alarm, in order.
         counts: Samples by quantity (speed, load) and :class:`Status`, shape (2, 6).
         status: What became of each sample of the stream, a :class:`Status`, shape (m,).
+        level: What the measured vibration said; ``None`` where none is configured.
     """
 
     time_ns: IntArray
@@ -57,6 +66,7 @@ class Scan:
     events: list[Event]
     counts: IntArray
     status: NDArray[np.int8]
+    level: LevelCourse | None = None
 
     @property
     def sticking(self) -> BoolArray:
@@ -131,8 +141,14 @@ def scan_bearing(
     lengths = np.diff(np.append(begin, evaluated.size))
     first = np.repeat(begin, lengths)
     times = samples.now[rows]
-    course = ConditionClassifier(config.bearing, config.alarm).follow(
-        points, times, begin[lengths > 0], _futures(config, samples, rows), _fresh(samples, rows)
+    level, measured = _measured(config, stream, status, samples, rows)
+    course = ConditionClassifier(config.bearing, config.alarm, config.level).follow(
+        points,
+        times,
+        begin[lengths > 0],
+        _futures(config, samples, rows),
+        _fresh(samples, rows),
+        measured,
     )
     walk = _Walk(config, samples, evaluated, course, start_ns)
     return Scan(
@@ -144,7 +160,25 @@ def scan_bearing(
         events=walk.run(end_ns, points),
         counts=gate.counts,
         status=status,
+        level=level,
     )
+
+
+def _measured(
+    config: BearingConfig,
+    stream: Stream,
+    status: NDArray[np.int8],
+    samples: _Believed,
+    rows: slice | NDArray[np.intp],
+) -> tuple[LevelCourse | None, NDArray[np.int8] | None]:
+    """What the level says, and what it says at each point, shape (n,)."""
+    if config.level is None:
+        return None, None
+    place = np.flatnonzero(status <= Status.CLOCK_JUMP)
+    level = follow_level(config.level, stream.level or NO_LEVELS, place[samples.jump])
+    begun = samples.first[rows]
+    first = np.where(samples.jump[begun], place[begun], -1) if place.size else begun
+    return level, level.at(samples.now[rows], place[rows], first)
 
 
 def _futures(
