@@ -455,16 +455,18 @@ class ConditionClassifier:
         starts: NDArray[np.intp],
         futures: NDArray[np.float64],
         fresh: Fresh,
+        taken: int,
         measured: NDArray[np.int8] | None = None,
     ) -> Decisions:
-        """:meth:`take` of all points of a recording at once.
+        """:meth:`take` of many points of a recording at once.
 
         Args:
             points: Assessments, shape (n,).
             times: Shape (n,) [ns].
-            starts: The points before which the clock jumped, the first included, shape (m,).
+            starts: The points before which the clock jumped, a first one of all included, (m,).
             futures: The speeds that the trend leads to, shape (n,) [m/s].
             fresh: How long each point counts.
+            taken: How many of the points were taken before: none, or the one before these.
             measured: What the level says, places in :data:`MEASURED`, shape (n,); ``None`` where
                 none is configured.
         """
@@ -473,7 +475,7 @@ class ConditionClassifier:
         if measured is not None:
             felt = _felt(self.config, points, measured)
             growth.asks, growth.forced = _with_measured(growth.asks, felt), felt[0] | felt[2]
-        sticking, grown = follow(growth, times, starts)
+        sticking, grown = follow(growth, times, starts, taken)
         asked = _asked(self.config, points, futures, sticking)
         if measured is not None:
             asked.insert(0, self._other(points, measured, sticking))
@@ -481,25 +483,38 @@ class ConditionClassifier:
         levels = {}
         for level, asks in zip(self.levels, asked, strict=True):
             level.fresh, level.asks, level.history = fresh, asks, []
-            on, count = follow(level, times, starts)
-            k = level.rung
+            before, was_on, k = level.raised, level.on, level.rung
+            on, count = follow(level, times, starts, taken)
             rung[on if k <= _STICK_RUNG else on & (rung == _STICK_RUNG)] = k
-            raises = np.flatnonzero(on & ~np.append(False, on)[:-1])
-            levels[k] = _LevelDecisions(asks, count, raises, level.history)
-        unseen_ns = None if measured is None else _unseen(measured, sticking, times, starts)
+            raises = np.flatnonzero(np.diff(on[taken:].astype(np.int8), prepend=was_on) > 0)
+            history = [before, *level.history]
+            levels[k] = _LevelDecisions(asks, count, raises + taken, history)
+        unseen_ns = None
+        if measured is not None:
+            unseen_ns = self._see_many(measured, sticking, times, starts, taken)
         return Decisions(self.config, rung, sticking, grown, levels, measured, unseen_ns)
 
-
-def _unseen(
-    measured: NDArray[np.int8], sticking: BoolArray, times: IntArray, starts: NDArray[np.intp]
-) -> IntArray:
-    """For how long stick-slip has been predicted while none was measured, shape (n,) [ns]."""
-    quiet = sticking & (measured == NOT_VIBRATING)
-    begins = quiet & ~np.append(False, quiet)[:-1]
-    begins[starts] = quiet[starts]
-    place = np.maximum.accumulate(np.where(begins, np.arange(times.size), 0))
-    lasting: IntArray = np.where(quiet, times - times[place], 0)
-    return lasting
+    def _see_many(
+        self,
+        measured: NDArray[np.int8],
+        sticking: BoolArray,
+        times: IntArray,
+        starts: NDArray[np.intp],
+        taken: int,
+    ) -> IntArray:
+        """For how long stick-slip has been predicted and none was measured, shape (n,) [ns]."""
+        quiet = sticking & (measured == NOT_VIBRATING)
+        begins = quiet & ~np.append(False, quiet)[:-1]
+        begins[starts] = quiet[starts]
+        place = np.maximum.accumulate(np.where(begins, np.arange(times.size), 0))
+        since = times[place]
+        if taken and self._unseen is not None:
+            since = np.where(place == 0, self._unseen[0], since)
+        lasting: IntArray = np.where(quiet, times - since, 0)
+        if times.size:
+            last = int(times[-1])
+            self._unseen = (last - int(lasting[-1]), last) if quiet[-1] else None
+        return lasting
 
 
 @dataclass(frozen=True, slots=True)
@@ -510,7 +525,7 @@ class _LevelDecisions:
         asks: What the points ask, each shape (n,).
         count: Shape (n,).
         raises: The points at which it was raised.
-        history: How often it had lately been, at each of these.
+        history: How often it had lately been: before, and at each of these.
     """
 
     asks: tuple[BoolArray, BoolArray]
@@ -520,8 +535,7 @@ class _LevelDecisions:
 
     def raised(self, k: int) -> int:
         """How often it had lately been raised when it last was, at a point."""
-        n = int(np.searchsorted(self.raises, k, 'right'))
-        return self.history[n - 1] if n else 0
+        return self.history[int(np.searchsorted(self.raises, k, 'right'))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -546,6 +560,19 @@ class Decisions:
     levels: dict[int, _LevelDecisions]
     measured: NDArray[np.int8] | None = None
     unseen_ns: IntArray | None = None
+
+    def until(self, size: int) -> Decisions:
+        """The first of the points."""
+        rows = slice(size)
+        return Decisions(
+            self.config,
+            self.rung[rows],
+            self.sticking[rows],
+            self.grown[rows],
+            self.levels,
+            None if self.measured is None else self.measured[rows],
+            None if self.unseen_ns is None else self.unseen_ns[rows],
+        )
 
     def at(self, k: int) -> Standing:
         """What the alarm rests on after point ``k``; :data:`QUIET` before the first."""

@@ -19,6 +19,7 @@ import math
 from bisect import bisect_left
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -186,17 +187,20 @@ class LevelTracker:
             self.code, self._count = step_of(self.code, self._count, step)
 
     def take_many(self, time_ns: IntArray, si: FloatArray) -> tuple[IntArray, NDArray[np.int8]]:
-        """Take good values with rising stamps, the first after a restart, at least one.
+        """Take good values with rising stamps, at least one.
 
         Returns:
             Time of the last change and state after each, shape (n,).
         """
-        changed = np.append(True, si[1:] != si[:-1])
-        changed_ns = np.maximum.accumulate(np.where(changed, time_ns, time_ns[0]))
-        gap = np.diff(time_ns, prepend=time_ns[:1])
-        since = time_ns - np.append(time_ns[0], changed_ns[:-1])
+        first = self.last_ns is None
+        before = int(time_ns[0]) if self.last_ns is None else self.last_ns
+        changed = si != np.append(self._last, si[:-1])
+        last_change = before if first else self.changed_ns
+        changed_ns = np.maximum.accumulate(np.where(changed, time_ns, last_change))
+        gap = np.diff(time_ns, prepend=before)
+        since = time_ns - np.append(last_change, changed_ns[:-1])
         begins = (gap > self.config.timeout_ns) | (changed & (since > self._stuck_ns))
-        begins[0] = True
+        begins[0] |= first
         lower, upper = self.bounds
         side = (si >= upper).astype(np.int64) - (si < lower)
         step = np.where(changed & ~begins, side * np.minimum(gap, _MOST_NS), 0)
@@ -233,12 +237,10 @@ class LevelTracker:
 
 @dataclass(frozen=True, slots=True)
 class LevelCourse:
-    """What a level said over a recording.
+    """What a level said over a recording, or a part of one.
 
     Attributes:
-        config: The input.
         time_ns: Stamps of the believed values, in order of arrival, shape (n,) [ns].
-        place: How many values of speed and load came before each, shape (n,).
         changed_ns: When the level last changed, shape (n,) [ns].
         code: What it says from then on, places in :data:`MEASURED`, shape (n,).
         counts: Values by :class:`Status`, shape (6,).
@@ -246,69 +248,86 @@ class LevelCourse:
         unknown: Why it said nothing at the end; ``None`` where it did.
     """
 
-    config: LevelConfig
     time_ns: IntArray
-    place: NDArray[np.int64]
     changed_ns: IntArray
     code: NDArray[np.int8]
     counts: IntArray
     status: NDArray[np.int8]
     unknown: Unknown | None
 
-    def at(
-        self, now_ns: IntArray, place: NDArray[np.int64], first: NDArray[np.int64]
-    ) -> NDArray[np.int8]:
-        """:meth:`LevelTracker.at` at some operating points, shape (k,).
+
+class LevelScan:
+    """:class:`LevelTracker` over a recording that comes in blocks."""
+
+    def __init__(self, config: LevelConfig) -> None:
+        self.tracker = LevelTracker(config)
+        self._last = np.zeros(1, np.int8)
+
+    def take(
+        self,
+        levels: Levels,
+        jumps: NDArray[np.intp],
+        place: NDArray[np.intp],
+        now_ns: IntArray,
+        carried: int,
+    ) -> tuple[LevelCourse, NDArray[np.int8]]:
+        """Take the next values.
 
         Args:
+            levels: The values.
+            jumps: Places among speed and load at which their clock jumped, rising, shape (j,).
+            place: Those of the operating points, shape (k,).
             now_ns: Their times, shape (k,) [ns].
-            place: Place of each point's later value among those of speed and load, shape (k,).
-            first: The same of the first value since the clock last jumped, shape (k,).
+            carried: Whether to tell of the last point before as well.
+
+        Returns:
+            What the level said, and what it said at the points, shape (k + carried,).
         """
-        own = np.searchsorted(self.place, place, 'right') - 1
-        if not self.time_ns.size:
-            return np.zeros(now_ns.size, np.int8)
-        last, changed = self.time_ns[own], self.changed_ns[own]
-        known = (own >= 0) & (self.place[own] > first)
-        known &= np.abs(now_ns - last) <= self.config.timeout_ns
-        known &= now_ns - changed <= stuck_ns(self.config)
-        return np.where(known, self.code[own], np.int8(UNKNOWN))
+        tracker, counted = self.tracker, self.tracker.counts.copy()
+        edges = np.searchsorted(levels.place, jumps, 'right').tolist()
+        rows, status = [self._row(-1)], [np.empty(0, np.int8)]
+        for number, (lo, hi) in enumerate(pairwise([0, *edges, levels.time_ns.size])):
+            if number:
+                tracker.restart()
+                rows.append(self._row(int(jumps[number - 1])))
+            found, changed, code = _follow(tracker, levels.time_ns[lo:hi], levels.value[lo:hi])
+            good, own = found <= Status.CLOCK_JUMP, np.ones(code.size, bool)
+            rows.append(
+                (levels.place[lo:hi][good], levels.time_ns[lo:hi][good], changed, code, own, own)
+            )
+            status.append(found)
+        columns: Any = tuple(map(np.concatenate, zip(*rows, strict=True)))
+        codes = np.append(self._last[:carried], self._at(columns, place, now_ns))
+        self._last = codes[-1:] if codes.size else self._last
+        _, time, changed, code, _, own = columns
+        end = int(now_ns[-1]) if now_ns.size else (tracker.last_ns or 0)
+        return LevelCourse(
+            time[own],
+            changed[own],
+            code[own],
+            tracker.counts - counted,
+            np.concatenate(status),
+            tracker.why_unknown(end),
+        ), codes
 
+    def _row(self, place: int) -> tuple[NDArray[Any], ...]:
+        """The tracker's state before the values from a place on."""
+        tracker = self.tracker
+        known, last = tracker.last_ns is not None, tracker.last_ns or 0
+        row = (place, last, tracker.changed_ns, tracker.code, known, False)
+        kinds = (np.int64, np.int64, np.int64, np.int8, bool, bool)
+        return tuple(np.array([x], kind) for x, kind in zip(row, kinds, strict=True))
 
-def follow_level(config: LevelConfig, levels: Levels, jumps: NDArray[np.int64]) -> LevelCourse:
-    """:class:`LevelTracker` over a recording.
-
-    Args:
-        config: The input.
-        levels: The values.
-        jumps: Places of the values of speed and load at which their clock jumped, rising.
-    """
-    tracker = LevelTracker(config)
-    edges = np.searchsorted(levels.place, jumps, 'right')
-    bounds = np.unique(np.concatenate([[0], edges, [levels.time_ns.size]])).tolist()
-    parts = []
-    for lo, hi in pairwise(bounds):
-        tracker.restart()
-        parts.append(_follow(tracker, levels.time_ns[lo:hi], levels.value[lo:hi]))
-    status, changed, code = (
-        np.concatenate([np.empty(0, kind), *(part[k] for part in parts)])
-        for k, kind in enumerate((np.int8, np.int64, np.int8))
-    )
-    if jumps.size and edges[-1] == levels.time_ns.size:
-        tracker.restart()
-    believed = status <= Status.CLOCK_JUMP
-    time = levels.time_ns[believed]
-    end = int(time.max()) if time.size else 0
-    return LevelCourse(
-        config,
-        time,
-        levels.place[believed],
-        changed,
-        code,
-        tracker.counts,
-        status,
-        tracker.why_unknown(end),
-    )
+    def _at(
+        self, columns: tuple[NDArray[Any], ...], place: NDArray[np.intp], now_ns: IntArray
+    ) -> NDArray[np.int8]:
+        """:meth:`LevelTracker.at` at some operating points, shape (k,)."""
+        before, last, changed, code, known, _ = columns
+        own = np.searchsorted(before, place, 'right') - 1
+        config = self.tracker.config
+        fresh = known[own] & (np.abs(now_ns - last[own]) <= config.timeout_ns)
+        fresh &= now_ns - changed[own] <= stuck_ns(config)
+        return np.where(fresh, code[own], np.int8(UNKNOWN)).astype(np.int8)
 
 
 def _follow(
@@ -321,7 +340,8 @@ def _follow(
         status[(status == Status.ACCEPTED) & (si < 0.0)] = Status.IMPLAUSIBLE
     good = status == Status.ACCEPTED
     time = time_ns[good]
-    if tracker.config.learns or not time.size or not np.all(np.diff(time) > 0):
+    rises = time.size and (tracker.last_ns is None or time[0] > tracker.last_ns)
+    if tracker.config.learns or not rises or not np.all(time[1:] > time[:-1]):
         return _follow_one_by_one(tracker, time_ns, value)
     tracker.counts += np.bincount(status, minlength=len(Status))
     changed, code = tracker.take_many(time, si[good])

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 
 from stickslip_monitor import Assessment, Monitor, MonitorConfig, Sample, Stream, build_config
 from stickslip_monitor.monitor.assessment import COLUMNS
+from stickslip_monitor.monitor.scan import BearingScan
 from stickslip_monitor.monitor.signals import NO_LEVELS, QUANTITIES, Levels, Status
 
 SECOND = 10**9
@@ -124,6 +126,16 @@ def _same_point(left: Assessment, right: Assessment) -> bool:
     return all(_bits(getattr(left, name)) == _bits(getattr(right, name)) for name in COLUMNS)
 
 
+def _cut(stream: Stream, a: int, b: int, last: bool) -> Stream:
+    """The samples from one to before another, and what came of the level among them."""
+    found = Stream(stream.time_ns[a:b], stream.is_load[a:b], stream.value[a:b])
+    if stream.level is None:
+        return found
+    own = stream.level
+    rows = slice(*np.searchsorted(own.place, [a, stream.time_ns.size + 1 if last else b]))
+    return replace(found, level=Levels(own.time_ns[rows], own.value[rows], own.place[rows] - a))
+
+
 def _in_order(stream: Stream) -> Iterator[Sample]:
     """The samples as they come."""
     levels = stream.level or NO_LEVELS
@@ -186,6 +198,49 @@ def test_scan_equals_update(
         assert (batch.assessment is None) == (single.assessment is None)
         if batch.assessment is not None and single.assessment is not None:
             assert _same_point(batch.assessment, single.assessment)
+
+
+@settings(max_examples=400, deadline=None)
+@given(
+    stream=_recordings() | _voyages() | (_recordings() | _voyages()).flatmap(_levels),
+    cuts=st.lists(st.integers(0, 300), max_size=6),
+    delays=st.sampled_from(
+        [{}, {'alarm__on_delay': 0.0, 'alarm__off_delay': 0.0}, {'alarm__onset_growth': 0.0}]
+    ),
+    level=st.sampled_from([{'level__threshold': 0.3}, {'level__timeout': 2.5}]),
+    start=st.sampled_from([None, -20 * SECOND, -SECOND]),
+)
+def test_any_cut_into_blocks_gives_the_same_scan(
+    stream: Stream,
+    cuts: list[int],
+    delays: dict[str, Any],
+    level: dict[str, Any],
+    start: int | None,
+) -> None:
+    own = {} if stream.level is None else {'level__topic': '/v', **level}
+    (config,) = _config(**delays, **own).bearings
+    end = int(stream.time_ns.max(initial=0)) + 60 * SECOND
+    whole = BearingScan(config, start).finish(stream, end)
+    edges = [0, *sorted(min(cut, stream.time_ns.size) for cut in cuts), stream.time_ns.size]
+    blocks = [_cut(stream, a, b, last=k == len(cuts)) for k, (a, b) in enumerate(pairwise(edges))]
+    scan = BearingScan(config, start)
+    parts = [*map(scan.take, blocks[:-1]), scan.finish(blocks[-1], end)]
+
+    for name in ('time_ns', 'until_ns', 'first', 'rung', 'sticking', 'status'):
+        joined = np.concatenate([getattr(part, name) for part in parts])
+        assert joined.tobytes() == getattr(whole, name).tobytes(), name
+    for name in COLUMNS:
+        joined = np.concatenate([getattr(part.assessment, name) for part in parts])
+        assert joined.tobytes() == getattr(whole.assessment, name).tobytes(), name
+    standings = [repr(p.course.at(k)) for p in parts for k in range(p.time_ns.size)]
+    assert standings == [repr(whole.course.at(k)) for k in range(whole.time_ns.size)]
+    assert sum(part.counts for part in parts).tolist() == whole.counts.tolist()
+    if whole.level is not None:
+        told = [part.level for part in parts if part.level is not None]
+        for name in ('time_ns', 'changed_ns', 'code', 'status'):
+            joined = np.concatenate([getattr(part, name) for part in told])
+            assert joined.tobytes() == getattr(whole.level, name).tobytes(), name
+    assert [repr(e) for part in parts for e in part.events] == [repr(e) for e in whole.events]
 
 
 def test_counts_every_sample_under_its_status() -> None:
