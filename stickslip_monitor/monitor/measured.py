@@ -215,24 +215,42 @@ class LevelTracker:
         if self._learned.threshold != before and not math.isnan(self._learned.threshold):
             self._set(self._learned.threshold, True)
 
+    def is_lost(self, now_ns: int) -> bool:
+        """Whether no value of about this time has come: none yet, or of another clock."""
+        return self.last_ns is None or abs(now_ns - self.last_ns) > self.config.timeout_ns
+
     def at(self, now_ns: int) -> int:
         """What the level says at a time, the place in :data:`MEASURED`."""
-        if self.last_ns is None or abs(now_ns - self.last_ns) > self.config.timeout_ns:
+        if self.is_lost(now_ns) or now_ns - self.changed_ns > self._stuck_ns:
             return UNKNOWN
-        return UNKNOWN if now_ns - self.changed_ns > self._stuck_ns else self.code
+        return self.code
 
     def why_unknown(self, now_ns: int) -> Unknown | None:
         """Why it says nothing; ``None`` where it does."""
         if self.last_ns is None:
             return Unknown.NOTHING
-        if abs(now_ns - self.last_ns) > self.config.timeout_ns:
-            return Unknown.LOST
-        if now_ns - self.changed_ns > self._stuck_ns:
-            return Unknown.STUCK
-        if self.code != UNKNOWN:
-            return None
+        why = said_at(self.config, self.last_ns, self.changed_ns, self.code, now_ns)[1]
         one = self.config.learns and math.isnan(self._learned.threshold)
-        return Unknown.ONE_MODE if one else Unknown.SHORT
+        return Unknown.ONE_MODE if one and why is Unknown.SHORT else why
+
+
+def said_at(
+    config: LevelConfig, last_ns: int, changed_ns: int, code: int, now_ns: int
+) -> tuple[Measured, Unknown | None]:
+    """What a level says at a time, and why it says nothing.
+
+    Args:
+        config: The input.
+        last_ns: Stamp of the last value [ns].
+        changed_ns: Stamp of the last one that differed from the one before [ns].
+        code: What it said with that, place in :data:`MEASURED`.
+        now_ns: The time [ns].
+    """
+    if abs(now_ns - last_ns) > config.timeout_ns:
+        return Measured.UNKNOWN, Unknown.LOST
+    if now_ns - changed_ns > stuck_ns(config):
+        return Measured.UNKNOWN, Unknown.STUCK
+    return MEASURED[code], Unknown.SHORT if code == UNKNOWN else None
 
 
 @dataclass(frozen=True, slots=True)
