@@ -103,19 +103,21 @@ class _Inverse(NamedTuple):
     Attributes:
         low: The least value of the table.
         high: The highest.
+        begin: Logarithm of the least value.
+        per_log: Rows to a unit of the logarithm.
         rows: ``ln x``, ``d ln x / d ln value`` and what is added to either up to the next row,
             shape (_TABLE_SIZE, 4).
     """
 
     low: float
     high: float
+    begin: float
+    per_log: float
     rows: FloatArray
 
     def look_up(self, value: FloatArray) -> tuple[FloatArray, FloatArray]:
         """``x``, off by 1e-7 at most, and ``d ln x / d value`` at some values of the table."""
-        begin = math.log(self.low)
-        per_log = (_TABLE_SIZE - 1.0) / (math.log(self.high) - begin)
-        place = (np.log(value) - begin) * per_log
+        place = (np.log(value) - self.begin) * self.per_log
         i = np.fmin(np.fmax(place, 0.0), _TABLE_SIZE - 2.0).astype(np.intp)
         log_x, more, slope, steeper = self.rows[i].T
         share = place - i
@@ -123,9 +125,7 @@ class _Inverse(NamedTuple):
 
     def look_up_number(self, value: float) -> tuple[float, float]:
         """:meth:`look_up` of one number."""
-        begin = math.log(self.low)
-        per_log = (_TABLE_SIZE - 1.0) / (math.log(self.high) - begin)
-        place = (float(np.log(value)) - begin) * per_log
+        place = (float(np.log(value)) - self.begin) * self.per_log
         i = int(min(max(place, 0.0), _TABLE_SIZE - 2.0))
         log_x, more, slope, steeper = self.rows[i].tolist()
         share = place - i
@@ -144,7 +144,10 @@ def _inverse(
         x = x * np.exp((d - function(x)) / (x * slope(x)))
     rows = np.stack([np.log(x), d / (x * slope(x))], axis=1)
     more = np.diff(rows, axis=0, append=rows[-1:])
-    return _Inverse(d[0], d[-1], np.stack([rows[:, 0], more[:, 0], rows[:, 1], more[:, 1]], 1))
+    rows = np.stack([rows[:, 0], more[:, 0], rows[:, 1], more[:, 1]], axis=1)
+    low, high = float(d[0]), float(d[-1])
+    begin = math.log(low)
+    return _Inverse(low, high, begin, (_TABLE_SIZE - 1.0) / (math.log(high) - begin), rows)
 
 
 def amplitude_for_growth(d: FloatArray) -> FloatArray:
