@@ -36,6 +36,11 @@ class Condition(str, Enum):
         return member
 
     NORMAL = 'normal', Level.OK, 'No stick-slip predicted.'
+    VIBRATION = (
+        'vibration',
+        Level.WARN,
+        'Vibration is measured where no stick-slip is possible: the model does not explain it.',
+    )
     CAUTION = 'caution', Level.WARN, 'Close to the stick-slip region.'
     BISTABLE = (
         'bistable',
@@ -50,8 +55,10 @@ class Condition(str, Enum):
         return str(self.value)
 
 
+# Vibration that the model does not explain hides nothing that the model says.
 LADDER = (
     Condition.NORMAL,
+    Condition.VIBRATION,
     Condition.CAUTION,
     Condition.BISTABLE,
     Condition.STICK_SLIP,
