@@ -274,9 +274,12 @@ def _amplitude_of_number(point: Assessment, law: Stribeck) -> float:
     bearing, speed, load = point._bearing, abs(point.speed), point.load
     if point.outcome_code not in (BISTABLE, STICK_SLIP) or not speed < point.fold_speed:
         return math.nan
-    with np.errstate(all='ignore'):
-        v, q = np.float64(speed), np.float64(bearing.damping / load)
-        return float(closed_form.stable_amplitude(law, v, q) / bearing.natural_frequency)
+    try:
+        velocity = closed_form.stable_amplitude_of_number(law, speed, bearing.damping / load)
+    except ArithmeticError:
+        # What Python's numbers refuse is nan or infinite in arrays.
+        return float(column('amplitude', bearing, point._points())[0])
+    return velocity / bearing.natural_frequency
 
 
 class _Column:
