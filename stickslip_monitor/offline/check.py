@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,9 @@ from stickslip_monitor.bags.series import Progress
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.measured import MEASURED, Unknown
 from stickslip_monitor.monitor.scan import Scan
-from stickslip_monitor.monitor.signals import QUANTITIES, STATUS_SENTENCES, Status, to_si
+from stickslip_monitor.monitor.signals import INPUTS, LEVEL, STATUS_SENTENCES, Status, to_si
 from stickslip_monitor.monitor.source_faults import (
     Plausibility,
     SourceFault,
@@ -109,14 +111,14 @@ class InputReport:
     """What came of one input of a bearing.
 
     Attributes:
-        quantity: ``'speed'`` or ``'load'``.
+        quantity: ``'speed'``, ``'load'`` or ``'level'``.
         topic: Where it was read.
         messages: Messages on the topic.
         used: Samples that were believed.
         faults: What was wrong with the others, and jumps of the clock.
         gaps: How regularly they came; a gap is longer than the input's timeout.
         span: The least and the greatest number believed, as in the messages; ``nan`` without any.
-        si_span: The same in SI units, surface speed [m/s] or load [N].
+        si_span: The same in SI units, surface speed [m/s] or load [N]; a level in its own unit.
         sources: Faults of the source that the samples show; they are among the faults as well.
         questions: What to ask where the numbers look like another unit or topic.
     """
@@ -152,7 +154,8 @@ class BearingReport:
             undetermined.
         worst: The least Hopf and fold margin and the greatest predicted amplitude, by name;
             a quantity that never had a value is absent.
-        inputs: What came of speed and load.
+        inputs: What came of speed and load, and of a level.
+        measured: Time by what the measured vibration said [s]; ``None`` where none is configured.
     """
 
     name: str
@@ -161,6 +164,7 @@ class BearingReport:
     seconds: dict[Regime, float]
     worst: dict[str, Extreme]
     inputs: tuple[InputReport, ...]
+    measured: dict[str, float] | None = None
 
     @property
     def complaints(self) -> list[str]:
@@ -233,37 +237,39 @@ class _BearingCheck:
 
     def __init__(self, config: BearingConfig) -> None:
         self._config = config
-        self._inputs = [_InputCheck(config, is_load) for is_load in range(len(QUANTITIES))]
+        self._inputs = [_InputCheck(config, k) for k in range(len(config.inputs))]
         self._plausibility = Plausibility(config)
         self._worst = Worst()
         self._events: list[Event] = []
         self._evaluations = 0
-        self._lasting_ns = [0] * len(REGIMES)
-        self._counts: NDArray[np.int64] | int = 0
+        self._lasting_ns = np.zeros(len(REGIMES), np.int64)
+        self._measured_ns = np.zeros(len(MEASURED), np.int64)
+        self._unknown: Unknown | None = None
 
     def take(self, block: BearingBlock) -> None:
         """Take the next part of the recording."""
         scan = block.scan
         self._events += scan.events
-        self._counts = self._counts + scan.counts
         self._evaluations += scan.time_ns.size
         self._plausibility.take(scan.assessment)
         self._worst.take(scan)
-        for k, lasting in enumerate(_lasting_ns(scan)):
-            self._lasting_ns[k] += lasting
+        self._lasting_ns += _lasting_ns(scan, np.asarray(scan.assessment.regime_code), REGIMES)
+        if scan.course.measured is not None:
+            self._measured_ns += _lasting_ns(scan, scan.course.measured, MEASURED)
+        if scan.level is not None:
+            self._unknown = scan.level.unknown
         for each in self._inputs:
             each.take(block)
 
     def report(self, span_ns: int, faults: Sequence[tuple[Fault, ...]]) -> BearingReport:
         """What was said over a recording of some length, with the faults of its messages."""
-        seconds = {
-            regime: lasting * 1e-9
-            for regime, lasting in zip(REGIMES, self._lasting_ns, strict=True)
-        }
-        silent_ns = max(0, span_ns - sum(self._lasting_ns))
+        seconds = dict(zip(REGIMES, (self._lasting_ns * 1e-9).tolist(), strict=True))
+        silent_ns = max(0, span_ns - int(self._lasting_ns.sum()))
         seconds[Regime.UNDETERMINED] += silent_ns * 1e-9
         asked = self._plausibility.questions()
-        counts = np.asarray(self._counts)
+        if self._unknown is not None:
+            asked['level'] = [f'says nothing at the end: {self._unknown.sentence}']
+        measured = zip(MEASURED, (self._measured_ns * 1e-9).tolist(), strict=True)
         return BearingReport(
             self._config.name,
             self._events,
@@ -271,28 +277,28 @@ class _BearingCheck:
             seconds,
             self._worst.found,
             tuple(
-                each.report(own, counts[k], tuple(asked[QUANTITIES[k]]))
-                for k, (each, own) in enumerate(zip(self._inputs, faults, strict=True))
+                each.report(own, tuple(asked.get(each.quantity, ())))
+                for each, own in zip(self._inputs, faults, strict=True)
             ),
+            None if self._config.level is None else {k.value: lasting for k, lasting in measured},
         )
 
 
-def _lasting_ns(scan: Scan) -> list[int]:
-    """The time in each regime [ns]."""
-    codes = np.asarray(scan.assessment.regime_code)
-    lasting = scan.until_ns - scan.time_ns
+def _lasting_ns(scan: Scan, codes: NDArray[np.int8], kinds: Sequence[Any]) -> IntArray:
+    """The time of each kind [ns]."""
     # Whole numbers below 2^53, as a stretch of months is, are added up without an error.
-    totals = np.bincount(codes, lasting, minlength=len(REGIMES))
-    return [int(total) for total in totals.tolist()]
+    totals = np.bincount(codes, scan.until_ns - scan.time_ns, minlength=len(kinds))
+    return totals.astype(np.int64)
 
 
 class _InputCheck:
     """Adds up what came of one input of a bearing."""
 
     def __init__(self, config: BearingConfig, is_load: int) -> None:
-        self._quantity = QUANTITIES[is_load]
+        self.quantity = INPUTS[is_load]
         self._is_load = is_load
-        self._source = config.load if is_load else config.speed
+        self._source = config.inputs[self.quantity]
+        self._counts = np.zeros(len(Status), np.int64)
         self._gaps = GapCount(self._source.timeout_ns)
         self._watch = SourceWatch(least_gap(config, is_load))
         self._sources: list[SourceFault] = []
@@ -305,38 +311,45 @@ class _InputCheck:
         self._messages += series.value.size
         self._gaps.take(series.stamp_ns)
         si = to_si(self._source, series.value)
+        if self._is_load == LEVEL:
+            # A level that jumps between two values is what is looked for, and no fault.
+            si = np.full(si.shape, np.nan)
         self._sources += self._watch.see_many(series.log_time_ns, series.stamp_ns, si)
-        self._widen(self._believed(block))
+        counts, believed = self._believed(block)
+        self._counts += counts
+        self._widen(believed)
 
-    def _believed(self, block: BearingBlock) -> FloatArray:
-        """The numbers that were believed."""
-        refused = block.scan.status > Status.CLOCK_JUMP
+    def _believed(self, block: BearingBlock) -> tuple[IntArray, FloatArray]:
+        """Samples by :class:`Status`, and the numbers of those that were believed."""
+        scan, stream = block.scan, block.stream
+        if self._is_load == LEVEL:
+            assert scan.level is not None
+            assert stream.level is not None
+            return scan.level.counts, stream.level.value[scan.level.status <= Status.CLOCK_JUMP]
+        counts, refused = scan.counts[self._is_load], scan.status > Status.CLOCK_JUMP
         if not refused.any():
-            return block.series[self._is_load].value
-        stream = block.stream
-        return stream.value[(stream.is_load == bool(self._is_load)) & ~refused]
+            return counts, block.series[self._is_load].value
+        return counts, stream.value[(stream.is_load == bool(self._is_load)) & ~refused]
 
     def _widen(self, value: FloatArray) -> None:
         if value.size:
             low, high = self._span
             self._span = min(low, float(value.min())), max(high, float(value.max()))
 
-    def report(
-        self, faults: tuple[Fault, ...], counts: NDArray[np.int64], asked: tuple[str, ...]
-    ) -> InputReport:
-        """What came of the input, by its messages' faults, its samples' counts, and questions."""
-        used = int(counts[: Status.CLOCK_JUMP + 1].sum())
+    def report(self, faults: tuple[Fault, ...], asked: tuple[str, ...]) -> InputReport:
+        """What came of the input, by its messages' faults, and questions."""
+        used = int(self._counts[: Status.CLOCK_JUMP + 1].sum())
         ends = np.array(self._span if used else (math.nan, math.nan))
         low, high = np.sort(to_si(self._source, ends)).tolist()
         texts = Counter(fault_text(fault, self._source) for fault in self._sources)
         return InputReport(
-            quantity=self._quantity,
+            quantity=self.quantity,
             topic=self._source.topic,
             messages=self._messages,
             used=used,
             faults=(
                 *faults,
-                *_faults(counts),
+                *_faults(self._counts),
                 *(Fault(count, text) for text, count in texts.items()),
             ),
             gaps=self._gaps.gaps(),

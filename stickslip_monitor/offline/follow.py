@@ -18,11 +18,11 @@ from stickslip_monitor.bags.reader import Bag, Fault, Request, Series, open_bag
 from stickslip_monitor.bags.series import Progress, Reading
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.scan import BearingScan, Scan, scan_bearing
-from stickslip_monitor.monitor.signals import Stream
+from stickslip_monitor.monitor.signals import Levels, Stream
 from stickslip_monitor.surface_store import prepare_surfaces
 
-Pair = tuple[Series, Series]
-"""Speed and load of a bearing."""
+Inputs = tuple[Series, ...]
+"""Speed, load and, where it is measured, level of a bearing."""
 _AHEAD_NS = 10**9
 """A stamp may be so much later than the recorder's time, by the errors of both clocks [ns]."""
 _NOTHING = np.empty(0, np.int64)
@@ -34,12 +34,12 @@ class BearingBlock:
     """A stretch of a recording, for one bearing.
 
     Attributes:
-        series: Speed and load as they were recorded.
+        series: Each input as it was recorded.
         stream: The same, merged in the order of the recording.
         scan: The verdicts that are known with them, a point behind.
     """
 
-    series: Pair
+    series: Inputs
     stream: Stream
     scan: Scan
 
@@ -126,25 +126,32 @@ def follow(
     return bag.read_with(use, asked, progress)
 
 
-def requests_of(config: BearingConfig) -> tuple[Request, Request]:
-    """What to read for a bearing: speed and load."""
-    return _request(config.speed), _request(config.load)
+def requests_of(config: BearingConfig) -> tuple[Request, ...]:
+    """What to read for a bearing: one request for each of its inputs."""
+    return tuple(map(_request, config.inputs.values()))
 
 
 def _request(source: InputConfig) -> Request:
     return Request(source.topic, source.field_text, source.type)
 
 
-def _merged(pair: Pair) -> tuple[Stream, NDArray[np.intp]]:
-    """Two series in the order in which the bag holds their messages, and where each was."""
-    speed, load = pair
-    order = np.argsort(np.concatenate([speed.sequence, load.sequence]), kind='stable')
+def _merged(series: Inputs) -> tuple[Stream, NDArray[np.intp]]:
+    """Series in the order in which the bag holds their messages, and where each was."""
+    speed, load, *level = series
+    sequence = np.concatenate([speed.sequence, load.sequence])
+    order = np.argsort(sequence, kind='stable')
     stream = Stream(
         np.concatenate([speed.stamp_ns, load.stamp_ns])[order],
         order >= speed.sequence.size,
         np.concatenate([speed.value, load.value])[order],
+        _levels(level[0], sequence[order]) if level else None,
     )
     return stream, order
+
+
+def _levels(level: Series, sequence: IntArray) -> Levels:
+    """The values of a level among those of speed and load, whose sequence is rising."""
+    return Levels(level.stamp_ns, level.value, np.searchsorted(sequence, level.sequence, 'right'))
 
 
 class SampleSpan:
@@ -181,28 +188,28 @@ class _Course(Generic[_Follower]):
 
     def __init__(self, config: BearingConfig, follower: _Follower) -> None:
         self.config, self.follower = config, follower
-        self._speed, self._load = requests_of(config)
+        self._requests = requests_of(config)
         self._scan: BearingScan | None = None
 
     def take(self, part: Mapping[Request, Series], start_ns: int | None) -> None:
         """Take a stretch of the recording."""
-        pair = part[self._speed], part[self._load]
-        stream, _ = _merged(pair)
-        self._hand_on(pair, stream, self._begun(start_ns).take(stream))
+        series = tuple(part[request] for request in self._requests)
+        stream, _ = _merged(series)
+        self._hand_on(series, stream, self._begun(start_ns).take(stream))
 
     def finish(self, start_ns: int | None, end_ns: int | None) -> None:
         """Come to its end."""
-        pair = _SILENCE, _SILENCE
-        stream, _ = _merged(pair)
-        self._hand_on(pair, stream, self._begun(start_ns).finish(stream, end_ns))
+        series = tuple(_SILENCE for _ in self._requests)
+        stream, _ = _merged(series)
+        self._hand_on(series, stream, self._begun(start_ns).finish(stream, end_ns))
 
     def _begun(self, start_ns: int | None) -> BearingScan:
         if self._scan is None:
             self._scan = BearingScan(self.config, start_ns)
         return self._scan
 
-    def _hand_on(self, pair: Pair, stream: Stream, scan: Scan) -> None:
-        self.follower.take(BearingBlock(pair, stream, scan))
+    def _hand_on(self, series: Inputs, stream: Stream, scan: Scan) -> None:
+        self.follower.take(BearingBlock(series, stream, scan))
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,16 +249,16 @@ def scan_whole(path: str | Path, config: MonitorConfig) -> WholeBag:
         BagError: The bag cannot be read, lacks a topic, or a field leads to no number.
     """
     bag = open_bag(path)
-    pairs = {b.name: requests_of(b) for b in config.bearings}
-    series = bag.read({request for pair in pairs.values() for request in pair})
+    asked = {b.name: requests_of(b) for b in config.bearings}
+    series = bag.read({request for own in asked.values() for request in own})
     span = SampleSpan(bag)
     span.hear(series.values())
     prepare_surfaces(item.bearing for item in config.bearings)
     found = {}
     for bearing in config.bearings:
-        speed, load = (series[request] for request in pairs[bearing.name])
-        stream, order = _merged((speed, load))
-        arrival = np.concatenate([speed.log_time_ns, load.log_time_ns])[order]
+        own = tuple(series[request] for request in asked[bearing.name])
+        stream, order = _merged(own)
+        arrival = np.concatenate([each.log_time_ns for each in own[:2]])[order]
         scan = scan_bearing(bearing, stream, span.start_ns, span.end_ns)
         found[bearing.name] = WholeBearing(stream, arrival, scan)
     return WholeBag(bag, found, span.start_ns)

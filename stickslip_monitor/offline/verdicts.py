@@ -8,6 +8,7 @@ memory does not grow with the recording.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from enum import Enum
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -34,11 +35,13 @@ from stickslip_monitor.monitor.assessment import (
     at_index,
     at_indices,
 )
-from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.config import BearingConfig, LevelConfig, MonitorConfig
 from stickslip_monitor.monitor.decision import QUIET, Standing
 from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.measured import MEASURED, Measured, Unknown, said_at
 from stickslip_monitor.monitor.messages import (
     BearingState,
+    LevelState,
     diagnostic_record,
     event_json,
     output_topics,
@@ -146,7 +149,7 @@ def topics(checked: CheckReport, config: MonitorConfig) -> Iterator[tuple[str, s
 
 def _inputs(config: MonitorConfig) -> list[str]:
     """The topics the bearings read, each once."""
-    return list(dict.fromkeys(i.topic for b in config.bearings for i in (b.speed, b.load)))
+    return list(dict.fromkeys(i.topic for b in config.bearings for i in b.inputs.values()))
 
 
 def tell_verdicts(
@@ -275,12 +278,15 @@ class _Course:
         self._evaluated_ns = _NEVER
         self._points = _PointLog(config)
         self._samples = _SampleLog()
+        self._levels = None if config.level is None else _LevelLog(config.level)
         self.heard_ns: IntArray = np.empty(0, np.int64)
 
     def take(self, block: BearingBlock) -> None:
         """Take the next stretch."""
         self.heard_ns = block.stream.time_ns
         self._samples.take(block)
+        if self._levels is not None:
+            self._levels.take(block)
         self._points.take(block.scan)
         self._columns += self._verdicts(block.scan)
 
@@ -296,17 +302,13 @@ class _Course:
         if not rows.size:
             return
         points, time_ns = at_indices(scan.assessment, rows), scan.time_ns[rows]
-        numbers = verdict_numbers(points).values()
+        numbers = list(verdict_numbers(points).values())
         for (topic, kind), column in zip(self._names, numbers, strict=False):
             yield MessageColumn(topic, kind, time_ns, encode_float64s(column))
-        topic, kind = self._names[-1]
-        codes = np.asarray(points.regime_code)
-        for code, regime in enumerate(REGIMES):
-            own = np.flatnonzero(codes == code)
-            if own.size:
-                word = np.array(encode_string(regime.value))
-                text = np.full(own.size, word.view(f'V{word.itemsize}'))
-                yield MessageColumn(topic, kind, time_ns[own], text)
+        words = self._names[len(numbers) :]
+        yield from _words(words[0], time_ns, np.asarray(points.regime_code), REGIMES)
+        if (measured := scan.course.measured) is not None:
+            yield from _words(words[1], time_ns, measured[rows], MEASURED)
 
     def _published(self, time_ns: IntArray) -> NDArray[np.intp]:
         """The evaluations that are published: each, or those a period apart and at a change."""
@@ -341,7 +343,10 @@ class _Course:
         counts, believed = self._samples.at(ticks, now_ns)
         points = self._points.at(ticks)
         told = np.searchsorted(self._event_times, ticks, 'right').tolist()
-        times = zip(ticks.tolist(), told, points, counts, believed.tolist(), strict=True)
+        levels: Sequence[LevelState | None] = [None] * ticks.size
+        if self._levels is not None:
+            levels = self._levels.at(ticks, now_ns)
+        times = zip(ticks.tolist(), told, points, counts, believed.tolist(), levels, strict=True)
         return [self._status(*each) for each in times]
 
     def _status(
@@ -351,6 +356,7 @@ class _Course:
         at: _PointAt,
         counts: NDArray[np.int64],
         believed: list[int],
+        level: LevelState | None,
     ) -> StatusFields:
         condition = self._events[told - 1].after if told else Condition.NORMAL
         lost = self._lost(time_ns, believed)
@@ -360,8 +366,9 @@ class _Course:
             self._config, condition, at.point, at.standing, lost if stale else {}, trend=trend
         )
         state = BearingState(
-            self._config, condition, text, at.point, at.standing, trend, lost, counts
-        )
+            self._config, condition, text, at.point, at.standing, trend, lost, counts,
+            vibration=level,
+        )  # fmt: skip
         record = diagnostic_record(NODE, state)
         return StatusFields(
             record.level, record.name, record.message, record.hardware_id, record.values
@@ -378,6 +385,17 @@ class _Course:
         return lost
 
 
+def _words(
+    topic: tuple[str, str], time_ns: IntArray, codes: NDArray[np.int8], words: Sequence[Enum]
+) -> Iterator[MessageColumn]:
+    """The messages of a topic that says one of a few words, by what they say."""
+    for code, word in enumerate(words):
+        own = np.flatnonzero(codes == code)
+        if own.size:
+            data = np.void(encode_string(word.value))
+            yield MessageColumn(*topic, time_ns[own], np.full(own.size, data, data.dtype))
+
+
 class _SampleLog:
     """What became of the samples, until their time has come."""
 
@@ -390,7 +408,7 @@ class _SampleLog:
         """Take a stretch of the recording."""
         status, stream = block.scan.status, block.stream
         plain = not status.any()
-        for row, series in enumerate(block.series):
+        for row, series in enumerate(block.series[: len(QUANTITIES)]):
             if plain:
                 self._note(row, Status.ACCEPTED, series.stamp_ns)
                 continue
@@ -424,6 +442,48 @@ class _SampleLog:
             done = int(np.searchsorted(ordered, now_ns, 'right'))
             self._believed[row] = ordered[max(done - 1, 0) :]
         return counts, believed
+
+
+class _LevelLog:
+    """What the level said, and what became of its values, until their time has come."""
+
+    def __init__(self, config: LevelConfig) -> None:
+        self._config = config
+        self._counts = np.zeros(len(Status), np.int64)
+        self._coming: list[list[IntArray]] = [[] for _ in Status]
+        self._said = np.empty((3, 0), np.int64)
+
+    def take(self, block: BearingBlock) -> None:
+        """Take a stretch of the recording."""
+        course, levels = block.scan.level, block.stream.level
+        assert course is not None
+        assert levels is not None
+        self._said = np.append(
+            self._said, [course.time_ns, course.changed_ns, course.code.astype(np.int64)], axis=1
+        )
+        for status, parts in zip(Status, self._coming, strict=True):
+            parts.append(levels.time_ns[course.status == status])
+
+    def at(self, ticks: IntArray, now_ns: int) -> list[LevelState]:
+        """What it said at some times, up to a time read [ns]."""
+        counts = np.repeat(self._counts[np.newaxis], ticks.size, axis=0)
+        for status, parts in zip(Status, self._coming, strict=True):
+            stamps = np.sort(np.concatenate([*parts, np.empty(0, np.int64)]))
+            counts[:, status] += np.searchsorted(stamps, ticks, 'right')
+            done = int(np.searchsorted(stamps, now_ns, 'right'))
+            self._counts[status] += done
+            parts[:] = [stamps[done:]]
+        said = self._said = self._said[:, np.argsort(self._said[0], kind='stable')]
+        places = (np.searchsorted(said[0], ticks, 'right') - 1).tolist()
+        self._said = said[:, max(int(np.searchsorted(said[0], now_ns, 'right')) - 1, 0) :]
+        times = zip(ticks.tolist(), places, counts, strict=True)
+        return [self._state(time_ns, said[:, k] if k >= 0 else None, n) for time_ns, k, n in times]
+
+    def _state(self, time_ns: int, said: IntArray | None, counts: NDArray[np.int64]) -> LevelState:
+        if said is None:
+            return LevelState(Measured.UNKNOWN, Unknown.NOTHING, counts)
+        last, changed, code = said.tolist()
+        return LevelState(*said_at(self._config, last, changed, code, time_ns), counts)
 
 
 class _PointAt(NamedTuple):
