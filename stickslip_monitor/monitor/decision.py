@@ -131,6 +131,8 @@ class _Growth(Latch):
 
     def step(self, rate: float, asked: bool, covered: int, rhythm: int) -> int:
         """What an interval adds, given the growth rate and what was asked at its point."""
+        if not (asked or self.count):
+            return 0  # nothing can be taken off
         if self.on:
             own = credit(covered, rhythm, self.due())
             return own if asked else -own
@@ -201,8 +203,6 @@ class _Rung(Latch):
 
     def step(self, asked: bool, covered: int, rhythm: int) -> int:
         """What an interval adds, given what was asked at its point."""
-        if not (asked or self.count):
-            return 0  # nothing can be taken off
         own = credit(covered, rhythm, self.due())
         return own if asked else -own
 
@@ -220,14 +220,17 @@ def _sliding(point: Assessment | Assessments) -> Any:
 def _ahead(point: Assessment | Assessments, future: Any) -> Any:
     """Whether the speed that the trend leads to lies below the fold."""
     fold, astern = point.stability_limit, point.speed < 0.0
-    below = (future < fold) & (astern ^ True) | (-future < fold) & astern
-    return _sliding(point) & below
+    return (future < fold) & (astern ^ True) | (-future < fold) & astern
+
+
+def _inside(point: Assessment | Assessments, sliding: Any) -> Any:
+    """Where a stick-slip cycle exists."""
+    return sliding & (decision_margin(point) < 0.0)
 
 
 def _grown(point: Assessment | Assessments) -> tuple[Any, Any]:
     """Where a disturbance grows, and where a cycle dies out."""
-    inside = _sliding(point) & (decision_margin(point) < 0.0)
-    return point.outcome_code == _STICK_SLIP, inside ^ True
+    return point.outcome_code == _STICK_SLIP, _inside(point, _sliding(point)) ^ True
 
 
 def near_fold(config: AlarmConfig, point: Assessment | Assessments) -> tuple[Any, Any]:
@@ -235,23 +238,30 @@ def near_fold(config: AlarmConfig, point: Assessment | Assessments) -> tuple[Any
 
     By the margin; by the probability that stick-slip can happen where there is one.
     """
-    sliding, margin = _sliding(point), decision_margin(point)
+    return _near_fold(config, point, _sliding(point))
+
+
+def _near_fold(
+    config: AlarmConfig, point: Assessment | Assessments, sliding: Any
+) -> tuple[Any, Any]:
     if point.has_belief:
-        return _above(point, config.caution_probability)
-    wide = margin <= config.caution_margin + config.hysteresis
-    return sliding & (margin < config.caution_margin), sliding & wide
+        return _above(point, sliding, config.caution_probability)
+    margin, limit = decision_margin(point), config.caution_margin
+    return sliding & (margin < limit), sliding & (margin <= limit + config.hysteresis)
 
 
-def _inside_fold(config: AlarmConfig, point: Assessment | Assessments) -> tuple[Any, Any]:
+def _inside_fold(
+    config: AlarmConfig, point: Assessment | Assessments, sliding: Any
+) -> tuple[Any, Any]:
     """The same of the bistable range."""
     if point.has_belief:
-        return _above(point, config.can_probability)
-    inside = _sliding(point) & (decision_margin(point) < 0.0)
+        return _above(point, sliding, config.can_probability)
+    inside = _inside(point, sliding)
     return inside, inside
 
 
-def _above(point: Assessment | Assessments, limit: float) -> tuple[Any, Any]:
-    sliding, can = _sliding(point), point.probability_can
+def _above(point: Assessment | Assessments, sliding: Any, limit: float) -> tuple[Any, Any]:
+    can = point.probability_can
     return sliding & (can > limit), sliding & (can >= LEFT_BELOW * limit)
 
 
@@ -301,9 +311,10 @@ def _asked(
         future: The speed that the trend leads to [m/s]; ``nan`` if unknown.
         sticking: Whether stick-slip is predicted to run.
     """
-    coming = _ahead(point, future) | sticking
-    near, wide = near_fold(config, point)
-    inside, held = _inside_fold(config, point)
+    sliding = _sliding(point)
+    coming = sliding & _ahead(point, future) | sticking
+    near, wide = _near_fold(config, point, sliding)
+    inside, held = _inside_fold(config, point, sliding)
     asked = [
         (near | coming, (wide | coming) ^ True),
         (inside | sticking, (held | sticking) ^ True),
@@ -392,7 +403,8 @@ class ConditionClassifier:
             now.insert(1, other)
             self._see(measured, time_ns)
         for level, step, asked in zip(self.levels, steps[1:], now[1:], strict=True):
-            level.take(step, asked[level.on], time_ns)
+            if step or asked[level.on]:
+                level.take(step, asked[level.on], time_ns)
         self._before, self._point = now, point
         return self._standing()
 
@@ -416,14 +428,12 @@ class ConditionClassifier:
         if not before:
             return [0] * (1 + len(self.levels))
         asked = before[0][growth.on]
-        grown = growth.step(self._rate(asked), asked, covered, rhythm)
-        return [
-            grown,
-            *(
-                level.step(asks[level.on], covered, rhythm)
-                for level, asks in zip(self.levels, before[1:], strict=True)
-            ),
-        ]
+        steps = [growth.step(self._rate(asked), asked, covered, rhythm)]
+        for level, asks in zip(self.levels, before[1:], strict=True):
+            asked = asks[level.on]
+            # Of an empty count nothing can be taken off.
+            steps.append(level.step(asked, covered, rhythm) if asked or level.count else 0)
+        return steps
 
     def _standing(self) -> Standing:
         growth, rung, asked, top = self.growth, 0, 0, -1

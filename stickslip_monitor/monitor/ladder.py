@@ -143,12 +143,12 @@ class AlarmTrack:
             self.start_ns = time_ns
         if self.stale:
             return []
-        passed = [deadline for deadline in self._deadlines(inputs) if deadline < time_ns]
+        first = min(self._deadlines(inputs))
         seen, self._seen_ns = self._seen_ns, time_ns
-        if not passed:
+        if first >= time_ns:
             return []
         # A timeout that was made shorter may have ended before the latest time seen.
-        until = min(passed) if seen is None else max(min(passed), seen)
+        until = first if seen is None else max(first, seen)
         before = self.condition
         self.stale = True
         return [ConditionChange(until, before, Condition.INPUT_STALE, self.lost(until, inputs))]

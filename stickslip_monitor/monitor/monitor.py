@@ -198,10 +198,11 @@ class BearingMonitor:
 
     def _paired(self, now_ns: int) -> bool:
         """Whether both inputs are young enough to make an operating point."""
-        return all(
-            heard is not None and now_ns - heard.time_ns <= config.timeout_ns
-            for heard, config in zip(self._heard, self._inputs, strict=True)
-        )
+        speed, load = self._heard
+        if speed is None or load is None:
+            return False
+        timeouts = self.gate.timeouts
+        return now_ns - speed.time_ns <= timeouts[0] and now_ns - load.time_ns <= timeouts[1]
 
     def _evaluate(self, now_ns: int, events: list[Event]) -> tuple[Verdict, list[Event]]:
         speed, load = self._values
@@ -218,8 +219,9 @@ class BearingMonitor:
     def _since(self, now_ns: int) -> tuple[int, int]:
         """How much of the time since the last point counted, and that point's rhythm [ns]."""
         last = self._last
-        until = min(rhythm.until_ns for rhythm in self._rhythms)
-        self._last = now_ns, until, max(rhythm.gap_ns for rhythm in self._rhythms)
+        speed, load = self._rhythms
+        until = min(speed.until_ns, load.until_ns)
+        self._last = now_ns, until, max(speed.gap_ns, load.gap_ns)
         if last is None:
             return 0, 0
         begin, until, rhythm_ns = last
