@@ -495,8 +495,8 @@ def _drift_text(result: Mapping[str, Any]) -> str:
     return (
         '## A bearing that wears\n\n'
         f'`mu_s - mu_k` rises by 42 % over {_PASSAGES} passages; the last one is judged,'
-        f' {result["ships"]} ships.\nThat the bearing may have changed was said, or the result refused, for'
-        f' {result["warned"]} of them. The first column\nis `--forget`.\n\n'
+        f' {result["ships"]} ships.\nThat the bearing may have changed was said, or the result'
+        f' refused, for {result["warned"]} of\nthem. The first column is `--forget`.\n\n'
         + _coverage(result['rows'])
     )
 

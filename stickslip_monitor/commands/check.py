@@ -27,6 +27,7 @@ from stickslip_monitor.commands.output import (
     add_force,
     add_json,
     check_outputs,
+    say_written,
 )
 from stickslip_monitor.errors import BagError, ConfigurationError, OutputError
 from stickslip_monitor.files import is_same
@@ -97,6 +98,7 @@ def run(args: argparse.Namespace) -> int:
         if source is not None:
             output.tell(_lessons(args, config, source, output, meter))
     output.finish()
+    say_written(args.report, args.mcap)
     return output.code
 
 

@@ -612,7 +612,7 @@ def _judge(bearing: Bearing, speed: FloatArray, load: FloatArray) -> tuple[NDArr
     return code, hopf + missing, fold + missing, exact + missing
 
 
-def at_indices(points: Assessments, rows: IndexArray) -> Assessments:
+def at_indices(points: Assessments, rows: IndexArray | slice) -> Assessments:
     """Some of the points of one-dimensional assessments."""
     return Assessments(
         points.speed[rows],

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Mapping
@@ -11,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
-from stickslip_monitor.errors import ConfigurationError, PhysicsError
+from stickslip_monitor.errors import ConfigurationError, PhysicsError, did_you_mean
 from stickslip_monitor.fields import FieldPath, parse_field
 from stickslip_monitor.monitor.calibration_file import (
     INPUT_KEYS,
@@ -130,8 +129,9 @@ class MonitorConfig:
         for candidate in self.bearings:
             if candidate.name == name:
                 return candidate
-        names = ', '.join(bearing.name for bearing in self.bearings)
-        raise ConfigurationError(f"bearing '{name}' is not configured; there are: {names}")
+        names = [bearing.name for bearing in self.bearings]
+        hint = did_you_mean(name, names) or f'; there are: {", ".join(names)}'
+        raise ConfigurationError(f"bearing '{name}' is not configured{hint}")
 
 
 def build_config(values: Mapping[str, Any]) -> MonitorConfig:
@@ -199,8 +199,7 @@ def _refuse_unknown(values: Mapping[str, Any], names: tuple[str, ...]) -> None:
                 f"section '{head}' is not a bearing: add it to bearings, which lists"
                 f' {", ".join(names)}'
             )
-        close = difflib.get_close_matches(key, known, n=1)
-        hint = f"; did you mean '{close[0]}'?" if close else ''
+        hint = did_you_mean(key, known)
         raise ConfigurationError(f"unknown parameter '{key}' = {values[key]!r}{hint}")
 
 

@@ -364,28 +364,32 @@ class ConditionClassifier:
         starts: NDArray[np.intp],
         futures: NDArray[np.float64],
         fresh: Fresh,
+        taken: int,
     ) -> Decisions:
-        """:meth:`take` of all points of a recording at once.
+        """:meth:`take` of many points of a recording at once.
 
         Args:
             points: Assessments, shape (n,).
             times: Shape (n,) [ns].
-            starts: The points before which the clock jumped, the first included, shape (m,).
+            starts: The points before which the clock jumped, a first one of all included, (m,).
             futures: The speeds that the trend leads to, shape (n,) [m/s].
             fresh: How long each point counts.
+            taken: How many of the points were taken before: none, or the one before these.
         """
         growth = self.growth
         growth.points, growth.fresh, growth.asks = points, fresh, _grown(points)
-        sticking, grown = follow(growth, times, starts)
+        sticking, grown = follow(growth, times, starts, taken)
         asked = _asked(self.config, points, futures, sticking)
         rung = np.zeros(times.size, np.int8)
         levels = []
         for k, (level, asks) in enumerate(zip(self.levels, asked, strict=True), 1):
             level.fresh, level.asks, level.history = fresh, asks, []
-            on, count = follow(level, times, starts)
+            before, was_on = level.raised, level.on
+            on, count = follow(level, times, starts, taken)
             rung[on if k <= _STICK_RUNG else on & (rung == _STICK_RUNG)] = k
-            raises = np.flatnonzero(on & ~np.append(False, on)[:-1])
-            levels.append(_LevelDecisions(asks, count, raises, level.history))
+            raises = np.flatnonzero(np.diff(on[taken:].astype(np.int8), prepend=was_on) > 0)
+            history = [before, *level.history]
+            levels.append(_LevelDecisions(asks, count, raises + taken, history))
         return Decisions(self.config, rung, sticking, grown, levels)
 
 
@@ -397,7 +401,7 @@ class _LevelDecisions:
         asks: What the points ask, each shape (n,).
         count: Shape (n,).
         raises: The points at which it was raised.
-        history: How often it had lately been, at each of these.
+        history: How often it had lately been: before, and at each of these.
     """
 
     asks: tuple[BoolArray, BoolArray]
@@ -407,8 +411,7 @@ class _LevelDecisions:
 
     def raised(self, k: int) -> int:
         """How often it had lately been raised when it last was, at a point."""
-        n = int(np.searchsorted(self.raises, k, 'right'))
-        return self.history[n - 1] if n else 0
+        return self.history[int(np.searchsorted(self.raises, k, 'right'))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -428,6 +431,13 @@ class Decisions:
     sticking: BoolArray
     grown: IntArray
     levels: list[_LevelDecisions]
+
+    def until(self, size: int) -> Decisions:
+        """The first of the points."""
+        rows = slice(size)
+        return Decisions(
+            self.config, self.rung[rows], self.sticking[rows], self.grown[rows], self.levels
+        )
 
     def at(self, k: int) -> Standing:
         """What the alarm rests on after point ``k``; :data:`QUIET` before the first."""

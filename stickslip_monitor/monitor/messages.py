@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip_monitor.errors import plural
 from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, Assessments, joined
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.decision import Standing
@@ -258,13 +259,15 @@ class NodeHealth:
     def message(self) -> str:
         """What there is to say, the worst first."""
         said = [
-            f'{self.failures} callbacks failed, last: {self.last_failure}'
+            f'{plural(self.failures, "callback")} failed, last: {self.last_failure}'
             if self.failures
             else '',
             self.state_file_fault,
             self.clip_fault,
             '' if self.monitoring else NOT_MONITORING,
-            f'{self.lost + self.missing} messages were lost.' if self.lost + self.missing else '',
+            f'{plural(self.lost + self.missing, "message")} lost.'
+            if self.lost + self.missing
+            else '',
         ]
         return ' '.join(text for text in said if text) or 'Monitoring.'
 

@@ -27,7 +27,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
-from stickslip_monitor.errors import RosError, StickslipError
+from stickslip_monitor.errors import RosError, StickslipError, plural
 from stickslip_monitor.monitor.clip_recorder import ClipStore
 from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig, build_config
 from stickslip_monitor.monitor.config_file import NODE_NAME
@@ -427,7 +427,7 @@ class MonitorNode(LifecycleNode):
         lost = health.lost + health.missing
         if lost > self._lost_told and steady - self._lost_told_at >= LOSS_PERIOD:
             logger.warning(
-                f'{lost - self._lost_told} messages were lost on their way to the node,'
+                f'{plural(lost - self._lost_told, "message")} lost on the way to the node,'
                 f' {lost} since it was configured'
             )
             self._lost_told, self._lost_told_at = lost, steady

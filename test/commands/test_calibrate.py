@@ -127,16 +127,46 @@ def test_an_operator_and_a_level_are_evidence_too(
         assert found['fold_50'] == pytest.approx(40.72, rel=0.06)
 
 
-def test_a_recording_without_evidence_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_check_proposes_what_a_calibration_would_change(
+    wrong: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    copy = tmp_path / 'without.mcap'
+    arguments = ['check', str(COAST_DOWN), '--learn', 'truth', '-c']
+    assert main([*arguments, str(CONFIG)]) == main(arguments[:2] + ['-c', str(CONFIG)]) == 1
+    agrees, _ = capsys.readouterr().out.split('learned: ')[1].split('\n', 1)
+    assert agrees.startswith('aft_stern: 1 episode agrees with the predicted fold of 40.7 rpm (')
+    # By the wrong drawing the fold is at 23.9 rpm, and 40.72 is 70 % above that.
+    before = wrong.read_bytes()
+    assert main([*arguments, str(wrong)]) == main(['check', str(COAST_DOWN), '-c', str(wrong)])
+    _, text = capsys.readouterr().out.split('learned: ')
+    off = int(text.split('1 episode ends ')[1].split('%')[0])
+    assert off == pytest.approx(70.4, abs=5.0)
+    assert 'above the predicted fold (' in text
+    assert 'predicted 23.9 rpm): calibrate with `stickslip calibrate ' in text
+    assert wrong.read_bytes() == before
+    # Without evidence nothing is learned, and that is said; the JSON stays what it was.
+    bare = tmp_path / 'bare.mcap'
+    without_truth(bare)
+    main(['check', str(bare), '-c', str(CONFIG), '--json', '--learn', 'truth'])
+    told = capsys.readouterr()
+    assert json.loads(told.out)['schema'] == 'stickslip_monitor/check/1'
+    assert 'nothing is learned: bag' in told.err
+
+
+def without_truth(copy: Path) -> None:
+    """Speed and load of the coast-down, as a ship would record them."""
     bag, own = open_bag(COAST_DOWN), ('/shaft/speed', '/bearing/aft_stern/load')
     with BagWriter(copy) as writer:
         for topic in own:
             writer.add_topic(topic, 'std_msgs/msg/Float64')
         for message in bag.messages(own):
             writer.write(message.topic, message.log_time_ns, message.data)
+
+
+def test_a_recording_without_evidence_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = tmp_path / 'without.mcap'
+    without_truth(copy)
     assert main(['calibrate', str(copy), '-c', str(CONFIG)]) == 2
     assert 'holds no truth about aft_stern' in capsys.readouterr().err
 

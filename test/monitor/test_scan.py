@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 
 from stickslip_monitor import Assessment, Monitor, MonitorConfig, Sample, Stream, build_config
 from stickslip_monitor.monitor.assessment import COLUMNS
+from stickslip_monitor.monitor.scan import BearingScan
 from stickslip_monitor.monitor.signals import QUANTITIES, Status
 
 SECOND = 10**9
@@ -143,6 +145,41 @@ def test_scan_equals_update(
         assert (batch.assessment is None) == (single.assessment is None)
         if batch.assessment is not None and single.assessment is not None:
             assert _same_point(batch.assessment, single.assessment)
+
+
+@settings(max_examples=400, deadline=None)
+@given(
+    stream=_recordings() | _voyages(),
+    cuts=st.lists(st.integers(0, 300), max_size=6),
+    delays=st.sampled_from(
+        [{}, {'alarm__on_delay': 0.0, 'alarm__off_delay': 0.0}, {'alarm__onset_growth': 0.0}]
+    ),
+    start=st.sampled_from([None, -20 * SECOND, -SECOND]),
+)
+def test_any_cut_into_blocks_gives_the_same_scan(
+    stream: Stream, cuts: list[int], delays: dict[str, float], start: int | None
+) -> None:
+    (config,) = _config(**delays).bearings
+    end = int(stream.time_ns.max(initial=0)) + 60 * SECOND
+    whole = BearingScan(config, start).finish(stream, end)
+    edges = [0, *sorted(min(cut, stream.time_ns.size) for cut in cuts), stream.time_ns.size]
+    blocks = [
+        Stream(stream.time_ns[a:b], stream.is_load[a:b], stream.value[a:b])
+        for a, b in pairwise(edges)
+    ]
+    scan = BearingScan(config, start)
+    parts = [*map(scan.take, blocks[:-1]), scan.finish(blocks[-1], end)]
+
+    for name in ('time_ns', 'until_ns', 'first', 'rung', 'sticking', 'status'):
+        joined = np.concatenate([getattr(part, name) for part in parts])
+        assert joined.tobytes() == getattr(whole, name).tobytes(), name
+    for name in COLUMNS:
+        joined = np.concatenate([getattr(part.assessment, name) for part in parts])
+        assert joined.tobytes() == getattr(whole.assessment, name).tobytes(), name
+    standings = [repr(p.course.at(k)) for p in parts for k in range(p.time_ns.size)]
+    assert standings == [repr(whole.course.at(k)) for k in range(whole.time_ns.size)]
+    assert sum(part.counts for part in parts).tolist() == whole.counts.tolist()
+    assert [repr(e) for part in parts for e in part.events] == [repr(e) for e in whole.events]
 
 
 def test_counts_every_sample_under_its_status() -> None:

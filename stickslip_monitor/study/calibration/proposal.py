@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from stickslip_monitor.errors import CalibrationError
+from stickslip_monitor.errors import CalibrationError, plural
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.averaging.boundaries import fold_speed
 from stickslip_monitor.physics.belief import QUANTILES
@@ -53,7 +53,7 @@ def _proposal(config: BearingConfig, result: Calibration, command: str) -> str:
     low, middle, high = (result.belief().fold_speed(load, p) / rpm for p in QUANTILES)
     predicted = fold_speed(config.bearing, load) / rpm
     count = result.episodes
-    which = f'{count} episodes' if count != 1 else '1 episode'
+    which = plural(count, 'episode')
     seen = f'{low:.1f} to {high:.1f} rpm at {load:.4g} N'
     if not count or low <= predicted <= high:
         does = 'agrees' if count == 1 else 'agree'
