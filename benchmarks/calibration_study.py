@@ -47,7 +47,7 @@ from stickslip_monitor.study.calibration.evidence import TRUST, TRUTH_TOLERANCE,
 from stickslip_monitor.study.calibration.likelihood import Likelihood
 from stickslip_monitor.study.calibration.posterior import prior_of
 from stickslip_monitor.study.calibration.recordings import courses_of
-from stickslip_monitor.study.voyages import OURS, Case, cases_of
+from stickslip_monitor.study.voyages import OURS, Sailed, cases_of
 from stickslip_monitor.study.warning_quality import Quality, pooled
 
 Array = NDArray[np.float64]
@@ -248,7 +248,7 @@ def voyages() -> dict[str, Any]:
             figures.items()}  # fmt: skip
 
 
-def _simulated(scene: str, seed: int) -> list[Case]:
+def _simulated(scene: str, seed: int) -> list[Sailed]:
     return list(cases_of(load_scene(_QUALITY / f'{scene}.yaml', seed, _SENSORS)))
 
 
@@ -268,7 +268,7 @@ def _unworn(config: BearingConfig) -> BearingConfig:
     return replace(config, bearing=replace(config.bearing, friction=law))
 
 
-def _calibrated(config: BearingConfig, learning: Sequence[Case]) -> BearingConfig:
+def _calibrated(config: BearingConfig, learning: Sequence[Sailed]) -> BearingConfig:
     """With what the lining did on other voyages, as a level would tell it."""
     dips = []
     prior = prior_of(config.bearing, config.tolerance)

@@ -149,7 +149,7 @@ def _voyages(
         )
 
 
-def cases_of(scene: Scene) -> Iterator[Case]:
+def cases_of(scene: Scene) -> Iterator[Sailed]:
     """Simulate a scene; each of its bearings, to be judged.
 
     Raises:
@@ -162,13 +162,13 @@ def cases_of(scene: Scene) -> Iterator[Case]:
 
 def _case(
     scene: Scene, config: BearingConfig, messages: Mapping[str, Messages], truth: Truth
-) -> Case:
+) -> Sailed:
     believed = as_believed(config, scene.parameter_error, scene.seed)
-    return Case(believed, *_stream(config, messages), truth, _is_plain(scene))
+    return Sailed(believed, *_stream(config, messages), truth, _is_plain(scene))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Case:
+class Sailed:
     """One bearing on one voyage: what the monitor believes and gets, and the truth.
 
     Attributes:

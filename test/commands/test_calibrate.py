@@ -131,7 +131,7 @@ def test_check_proposes_what_a_calibration_would_change(
     wrong: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = ['check', str(COAST_DOWN), '--learn', 'truth', '-c']
-    assert main([*arguments, str(CONFIG)]) == main(arguments[:2] + ['-c', str(CONFIG)]) == 1
+    assert main([*arguments, str(CONFIG)]) == main([*arguments[:2], '-c', str(CONFIG)]) == 1
     agrees, _ = capsys.readouterr().out.split('learned: ')[1].split('\n', 1)
     assert agrees.startswith('aft_stern: 1 episode agrees with the predicted fold of 40.7 rpm (')
     # By the wrong drawing the fold is at 23.9 rpm, and 40.72 is 70 % above that.
