@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from stickslip_monitor.monitor.assessment import Assessment, Outcome
+from stickslip_monitor.monitor.assessment import Assessment, Outcome, fold_share
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.decision import LEFT_BELOW, ONSET, QUIET, Standing, near_fold
 from stickslip_monitor.monitor.ladder import LADDER, Condition, ConditionChange
@@ -196,7 +196,8 @@ def _belief_text(config: BearingConfig, point: Assessment) -> str:
     if config.belief is None or not math.isfinite(point.probability_can):
         return ''
     low, _, high = config.belief.fold_band(point.load)
-    rpm = config.bearing.speed.factor('rpm')
+    # By averaging; the fold that decides may be the exact model's.
+    rpm = config.bearing.speed.factor('rpm') * fold_share(point)
     return (
         f' Stick-slip can happen with {point.probability_can:.0%}: fold'
         f' {low / rpm:.3g} to {high / rpm:.3g} rpm at this load.'
@@ -248,7 +249,7 @@ def _way_out_by_belief(
     limit = LEFT_BELOW * (alarm.caution_probability if near else alarm.can_probability)
     if not 0.0 < limit < point.probability_can:
         return ''
-    speed = belief.fold_speed(point.load, 1.0 - limit)
+    speed = belief.fold_speed(point.load, 1.0 - limit) / fold_share(point)
     return f' Ends above {_speed_text(config, point, speed)}.'
 
 
