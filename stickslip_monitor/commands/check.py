@@ -17,6 +17,7 @@ The exit code is 1 where the monitor warned, 2 where a bag could not be checked.
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -60,8 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--learn',
         metavar='FROM',
-        help="propose a calibration from an operator's reports (CSV), or from the 'truth' of"
-        ' simulated bags',
+        help="propose a calibration from the configured 'level', an operator's reports (a CSV"
+        " file), or the 'truth' of simulated bags",
     )
     parser.add_argument(
         '--jobs', type=int, metavar='N', help='bags checked at a time (default: one for each core)'
@@ -107,7 +108,15 @@ def _source(text: str | None, config: MonitorConfig) -> EvidenceSource | None:
         return None
     from stickslip_monitor.commands.calibrate import source_of
 
-    return source_of(None if text == 'truth' else text, None, 'data', config)
+    if text == 'level':
+        missing = [bearing.name for bearing in config.bearings if bearing.level is None]
+        if missing:
+            raise ConfigurationError(
+                f'--learn level needs a level of every bearing, and {", ".join(missing)} has none:'
+                ' configure level.topic'
+            )
+    told = None if text in ('level', 'truth') else text
+    return replace(source_of(told, None, 'data', config), true=text == 'truth')
 
 
 def _lessons(
@@ -120,7 +129,7 @@ def _lessons(
     """What all bags together teach of each bearing."""
     from stickslip_monitor.study.calibration.proposal import learned
 
-    reports = '' if args.learn == 'truth' else f' --reports {args.learn}'
+    reports = '' if args.learn in ('level', 'truth') else f' --reports {args.learn}'
     lessons = []
     for own in config.bearings:
         command = (

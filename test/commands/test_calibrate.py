@@ -118,13 +118,24 @@ def test_an_operator_and_a_level_are_evidence_too(
         for message in bag.messages(own):
             writer.write(message.topic, message.log_time_ns, message.data)
         writer.write_float64('/level', level_ns, level)
+    configured = wrong.with_name('level.yaml')
+    configured.write_text(
+        wrong.read_text().replace(
+            '      speed: {', '      level: {topic: /level, threshold: 0.5}\n      speed: {'
+        )
+    )
     for arguments in (
-        [str(COAST_DOWN), '--reports', str(reports)],
-        [str(copy), '--level', '/level'],
+        [str(COAST_DOWN), '--reports', str(reports), '-c', str(wrong)],
+        [str(copy), '--level', '/level', '-c', str(wrong)],
+        [str(copy), '-c', str(configured)],
     ):
-        assert main(['calibrate', *arguments, '-c', str(wrong), '--json']) == 0
+        assert main(['calibrate', *arguments, '--json']) == 0
         found = middle(json.loads(capsys.readouterr().out))
         assert found['fold_50'] == pytest.approx(40.72, rel=0.06)
+    assert main(['check', str(copy), '-c', str(configured), '--learn', 'level']) == 1
+    assert 'learned: aft_stern: 1 episode ends 7' in capsys.readouterr().out
+    assert main(['check', str(copy), '-c', str(wrong), '--learn', 'level']) == 2
+    assert 'aft_stern has none: configure level.topic' in capsys.readouterr().err
 
 
 def test_check_proposes_what_a_calibration_would_change(

@@ -16,6 +16,7 @@ import numpy as np
 from stickslip_monitor.bags.reader import Request, Series
 from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.measured import UNKNOWN, VIBRATING
 from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.offline.check import CheckReport
 from stickslip_monitor.offline.truth import has_truth, read_truth
@@ -70,15 +71,20 @@ def courses_of(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:
 
 @dataclass(frozen=True, slots=True)
 class EvidenceSource:
-    """Who tells when a bearing vibrated; the truth of a simulation where nobody else does.
+    """Who tells when a bearing vibrated.
+
+    Where nobody is named it is the level that is configured for the bearing, or else the truth in
+    a simulated recording.
 
     Attributes:
         told: An operator's reports.
         level: The topic and field of a level of vibration.
+        true: Whether it is the truth, and nothing else.
     """
 
     told: tuple[VibrationReport, ...] | None = None
     level: Request | None = None
+    true: bool = False
 
     def of_recording(self, checked: CheckReport, config: BearingConfig) -> Evidence:
         """What one recording tells.
@@ -87,9 +93,13 @@ class EvidenceSource:
             CalibrationError: It has no truth, and nobody else tells.
         """
         bag, name = checked.bag, checked.bag.path.name
+        scan = checked.bearings[config.name].scan
         if self.told is None and self.level is None:
-            return _true_evidence(checked, config)
-        courses = courses_of(name, checked.bearings[config.name].scan)
+            if self.true or config.level is None:
+                return _true_evidence(checked, config)
+            source = f'{config.level.topic} in {name}'
+            return Evidence(name, courses_of(name, scan), measured_reports(config, scan, source))
+        courses = courses_of(name, scan)
         level = None if self.level is None else bag.read([self.level])[self.level]
         return Evidence(name, courses, self._told_of(config), level)
 
@@ -120,6 +130,31 @@ class EvidenceSource:
                 ' shaft turned slowly enough for stick-slip; record a slow passage with reports'
             )
         return dips
+
+
+def measured_reports(
+    config: BearingConfig, scan: Scan, source: str
+) -> tuple[VibrationReport, ...]:
+    """What the configured level said; nothing where it was not known.
+
+    Args:
+        config: The bearing.
+        scan: The verdicts on a recording.
+        source: Where the reports come from.
+    """
+    state, time = scan.course.measured, scan.time_ns
+    if state is None or not time.size:
+        return ()
+    edges = np.flatnonzero((np.diff(state) != 0) | (np.diff(scan.first) != 0)) + 1
+    begins, ends = [0, *edges.tolist()], [*edges.tolist(), time.size - 1]
+    return tuple(
+        VibrationReport(
+            config.name, int(time[a]), int(time[b]), bool(state[a] == VIBRATING),
+            LEVEL_TOLERANCE, TRUST, f'{source}, {k + 1}',
+        )
+        for k, (a, b) in enumerate(zip(begins, ends, strict=True))
+        if state[a] != UNKNOWN and time[b] > time[a]
+    )  # fmt: skip
 
 
 def _true_evidence(checked: CheckReport, config: BearingConfig) -> Evidence:
