@@ -94,14 +94,19 @@ class EvidenceSource:
         """
         bag, name = checked.bag, checked.bag.path.name
         scan = checked.bearings[config.name].scan
-        if self.told is None and self.level is None:
-            if self.true or config.level is None:
-                return _true_evidence(checked, config)
+        if self._by_own_level(config):
+            assert config.level is not None
             source = f'{config.level.topic} in {name}'
             return Evidence(name, courses_of(name, scan), measured_reports(config, scan, source))
+        if self.told is None and self.level is None:
+            return _true_evidence(checked, config)
         courses = courses_of(name, scan)
         level = None if self.level is None else bag.read([self.level])[self.level]
         return Evidence(name, courses, self._told_of(config), level)
+
+    def _by_own_level(self, config: BearingConfig) -> bool:
+        somebody = self.told is not None or self.level is not None or self.true
+        return config.level is not None and not somebody
 
     def _told_of(self, config: BearingConfig) -> tuple[VibrationReport, ...]:
         return tuple(report for report in self.told or () if report.bearing == config.name)
@@ -114,6 +119,12 @@ class EvidenceSource:
                 not tell vibration from quiet.
         """
         _require_inside(self._told_of(config), found)
+        if self._by_own_level(config) and not any(one.reports for one in found):
+            assert config.level is not None
+            raise CalibrationError(
+                f'the level on {config.level.topic} never says whether {config.name} vibrates: it'
+                ' is lost, never changes, or has one mode only'
+            )
         if self.level is not None:
             found = _with_level_reports(config, self.level.topic, found)
         limit = dip_limit(prior)
