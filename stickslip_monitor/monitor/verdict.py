@@ -248,8 +248,14 @@ def _about(seconds: float) -> str:
 def _way_out_by_belief(
     config: BearingConfig, belief: Belief, condition: Condition, point: Assessment
 ) -> str:
-    alarm, near = config.alarm, condition is Condition.CAUTION
-    limit = LEFT_BELOW * (alarm.caution_probability if near else alarm.can_probability)
+    alarm = config.alarm
+    limits = {
+        Condition.CAUTION: alarm.caution_probability,
+        Condition.BISTABLE: alarm.can_probability,
+        Condition.STICK_SLIP: alarm.runs_probability,
+        Condition.AMPLITUDE: alarm.runs_probability,
+    }
+    limit = LEFT_BELOW * limits.get(condition, 0.0)
     if not 0.0 < limit < point.probability_can:
         return ''
     speed = belief.fold_speed(point.load, 1.0 - limit) / fold_share(point)
@@ -258,7 +264,7 @@ def _way_out_by_belief(
 
 def _way_out(config: BearingConfig, standing: Standing, point: Assessment) -> str:
     condition = standing.condition
-    if config.belief is not None and condition in (Condition.CAUTION, Condition.BISTABLE):
+    if config.belief is not None:
         return _way_out_by_belief(config, config.belief, condition, point)
     if condition is Condition.NORMAL or not math.isfinite(point.stability_limit):
         return ''

@@ -106,6 +106,8 @@ def test_stick_slip_goes_by_its_threshold(configure: Configure, runs: float) -> 
     begin, end = belief.hopf_speed(1000.0, 1.0 - runs), belief.fold_speed(1000.0, 1.0 - runs / 2)
     assert begin - 1.1 * step < speed[on[0]] < begin * 1.001
     assert speed[on[-1]] == pytest.approx(min(end, 60.0 * RPM), abs=1.1 * step)
+    (event,) = (event for event in scan.events if event.after.value == 'stick_slip')
+    assert f'Ends above {end / RPM:.4g} rpm.' in event.text
 
 
 def test_growth_leans_to_the_share_that_is_asked_for(configure: Configure) -> None:
