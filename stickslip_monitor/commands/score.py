@@ -41,7 +41,7 @@ from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.offline.follow import WholeBag, scan_whole
 from stickslip_monitor.offline.truth import TruthRecord, has_truth, read_truth
-from stickslip_monitor.study.recorder_clock import on_recorder_clock
+from stickslip_monitor.study.recorder_clock import scan_on_recorder_clock
 from stickslip_monitor.study.score import (
     EpisodeScore,
     Score,
@@ -135,8 +135,7 @@ def judge_bag(path: str | Path, config: MonitorConfig) -> list[Judged]:
 
 def _judge(path: str, whole: WholeBag, config: BearingConfig) -> Judged:
     record = read_truth(whole.bag, config.name)
-    own = whole.bearings[config.name]
-    scan = on_recorder_clock(config, own.stream, own.arrival_ns, own.scan, whole.start_ns)
+    scan = scan_on_recorder_clock(whole, config)
     truth = Truth(
         start_ns=record.start_ns,
         end_ns=record.end_ns,
