@@ -133,7 +133,7 @@ def test_a_lost_input_and_a_silent_monitor_are_shown(dashboard: Any, page: Any) 
     # Nothing more is heard: the heartbeat says so after three seconds.
     assert page.js('document.getElementById("banner").hidden')
     page.until('document.body.dataset.link === "silent"')
-    assert 'The monitor has been silent for' in page.text('#banner')
+    assert 'The monitor /stickslip_monitor has been silent for' in page.text('#banner')
     assert page.js('document.getElementById("quiet").hidden')
     dashboard.do(dashboard.ship.show)
     page.until('document.body.dataset.link === "live"')
@@ -336,12 +336,14 @@ def test_no_alarm_is_not_said_before_it_is_known(
     dashboards: Callable[..., Any], browser: Any, quiet: str
 ) -> None:
     dashboard = dashboards()
-    board = dashboard.board
     if quiet == 'alarms':
-        dashboard.do(lambda: setattr(board, 'alarms', None))
+        dashboard.do(lambda: setattr(dashboard.ship.shown, 'alarms', None))
         dashboard.do(dashboard.ship.show)
     browser.open(dashboard.url)
-    words = {'alarms': 'The list of alarms has not come', 'status': 'Nothing has been heard'}
+    words = {
+        'alarms': 'The list of alarms of /stickslip_monitor has not come',
+        'status': 'Nothing has been heard',
+    }
     browser.until(f'document.getElementById("banner").textContent.includes("{words[quiet]}")')
     assert browser.js('document.getElementById("quiet").hidden')
     assert browser.js('document.getElementById("unsure").checkVisibility()')
@@ -395,29 +397,30 @@ def test_caution_can_be_told_at_night(page: Any) -> None:
 @pytest.fixture
 def fleet(dashboard: Any, browser: Any) -> Any:
     """Fifty bearings on one shaft, whose speed is lost at 47 of them; one is in stick-slip."""
-    from stickslip_monitor.dashboard.state import _Bearing
+    from stickslip_monitor.dashboard.received import status_record
+    from stickslip_monitor.dashboard.watched import Watched
 
-    board = dashboard.board
+    shown = dashboard.ship.shown
     dashboard.sail(20.0, 1000.0, 5.0)
-    own = board._bearings['aft_stern']
+    own = shown.bearings['aft_stern']
     lost = 'no sample of speed for {} s'
-    (alarm,) = [a for a in board.alarms['alarms'] if a['alarm'] == 'stick_slip']
+    (alarm,) = [a for a in shown.alarms['alarms'] if a['alarm'] == 'stick_slip']
 
     def grow() -> None:
         sick = own.status
-        alarms = [alarm | {'state': 'acknowledged'}]
+        alarms = [alarm | {'state': 'acknowledged', 'priority': 'caution'}]
         for k in range(49):
             name, stale = f'b{k:02}', k < 47
-            board._bearings[name] = _Bearing(replace(own.view, name=name))
             words = {'reason': 'input_stale' if stale else 'normal', 'regime': 'stable'}
             numbers = sick.numbers | {'fold_margin': 0.9}
             status = replace(sick, words=words, sticking=False, numbers=numbers)
-            board._bearings[name].status, board._bearings[name].at = status, board._clock() + 1e6
+            at, record = shown._clock() + 1e6, status_record(status)
+            shown.bearings[name] = Watched(name, own.view, status, record, at=at)
             if stale:
                 more = {'alarm': 'input_lost', 'priority': 'warning', 'bearing': name}
                 more |= {'state': 'unacknowledged', 'text': f'{name}: {lost.format(2 + k % 3)}'}
                 alarms.append(alarm | more | {'actions': ['acknowledge']})
-        board.alarms = board.alarms | {'alarms': alarms, 'unacknowledged': 47}
+        shown.alarms = shown.alarms | {'alarms': alarms, 'unacknowledged': 47}
 
     dashboard.do(grow)
     browser.open(dashboard.url)
@@ -455,7 +458,7 @@ def test_one_lost_speed_is_one_entry_above_what_is_acknowledged(fleet: Any) -> N
     )
     assert [title for title, _ in entries] == [
         'WARNING: Input lost',
-        'ALARM: Stick-slip predicted',
+        'CAUTION: Stick-slip predicted',
     ]
     assert entries[0][1].startswith('47 bearings, not acknowledged')
     assert fleet.text('#alarm-list .places').startswith('b00, b01, b02')
@@ -503,19 +506,12 @@ def test_the_log_is_saved_and_told_in_the_time_that_is_chosen(dashboard: Any, pa
 
     assert (seconds(page.js(first)) - seconds(utc)) % 86400 == 19800
     assert page.text('#zone') == 'Time (local)'
-    page.js(
-        'URL.createObjectURL = (blob) => { blob.text().then((t) => { window.saved = t; });'
-        ' return "blob:x"; }; HTMLAnchorElement.prototype.click = function () {'
-        ' window.file = this.download; }; document.getElementById("csv").click()'
-    )
-    page.until('window.saved')
-    rows = list(csv.reader(io.StringIO(page.js('window.saved'))))
-    assert (page.js('window.file'), rows[0][:3]) == (
-        'stickslip_alarms.csv', ['time', 'bearing', 'alarm']
-    )  # fmt: skip
-    assert [row[4] for row in rows[-2:]] == ['raise', 'acknowledge']
+    saved = page.js('fetch(document.getElementById("csv").href).then((answer) => answer.text())')
+    rows = list(csv.reader(io.StringIO(saved)))
+    assert rows[0][:4] == ['time', 'node', 'bearing', 'alarm']
+    assert [row[5] for row in rows[-2:]] == ['raise', 'acknowledge']
     # Nothing that a spreadsheet would compute.
-    assert rows[-1][7] == "'=1+1"
+    assert rows[-1][8] == "'=1+1"
     page.call('Emulation.setTimezoneOverride', timezoneId='')
     page.js('localStorage.clear()')
 
