@@ -51,6 +51,7 @@ setup(
     ],
     zip_safe=False,
     install_requires=[
+        'argcomplete>=1.12',
         'lz4>=3.1',
         'mcap>=1.1',
         'mcap-ros2-support>=0.5',

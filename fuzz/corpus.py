@@ -186,11 +186,11 @@ ODD: dict[str, Odd] = {
         f"its statistics count 31 messages of '{SPEED}', and 30 can be read", 30, 30,
     ),
     'name that is no UTF-8': Odd(
-        _bad_name, 'has 1 records that cannot be read and were passed over', 30, 30
+        _bad_name, 'has 1 record that cannot be read: passed over', 30, 30
     ),
     'record of kind 0 in a chunk': Odd(
         lambda: file(_pieces(Piece([*messages(20, 10), raw(0, b'odd'), *messages(30, 10)]))),
-        'has 1 records that cannot be read and were passed over', 30, 30,
+        'has 1 record that cannot be read: passed over', 30, 30,
     ),
     'record of kind 0 in a bare run': Odd(
         lambda: file(
@@ -198,15 +198,15 @@ ODD: dict[str, Odd] = {
                    is_bare=True)],
             summary=False,
         ),
-        'has 1 records of kind 0, which is none; they were passed over', 30, 30,
+        'has 1 record of kind 0, which is none: passed over', 30, 30,
     ),
     'message shorter than its head': Odd(
         lambda: file(_pieces(Piece([*messages(20, 10), raw(5, b'odd'), *messages(30, 10)]))),
-        'has 1 records that cannot be read and were passed over', 30, 30,
+        'has 1 record that cannot be read: passed over', 30, 30,
     ),
     'bytes at the end of a chunk': Odd(
         lambda: file(_pieces(Piece([*messages(20), b'\x05' + b'\xff' * 20]))),
-        'has 21 bytes at its end that are no record', 30, 30,
+        'has 21 bytes at its end, no record', 30, 30,
     ),
     'joined files': Odd(
         lambda: file([Piece([*DEFINITIONS, *messages(0, 30)])])

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+# PYTHON_ARGCOMPLETE_OK
 """The command line ``stickslip``: one thin door to the commands.
 
 Exit codes: 0 all is fine, 1 warnings were found, 2 bad input, 3 a fault of the program.
@@ -13,10 +14,17 @@ import os
 import re
 import sys
 import traceback
+import warnings
 from collections.abc import Sequence
+from typing import Any
 
 from stickslip_monitor import __version__
-from stickslip_monitor.errors import StickslipError, program_fault
+from stickslip_monitor.errors import (
+    ConfigurationError,
+    StickslipError,
+    did_you_mean,
+    program_fault,
+)
 from stickslip_monitor.files import printable
 
 COMMANDS = {
@@ -36,9 +44,37 @@ COMMANDS = {
 }
 
 
+class _Paragraphs(argparse.HelpFormatter):
+    """Fills each paragraph of a description to the width of the terminal."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        paragraphs = text.split('\n\n')
+        return '\n\n'.join(
+            super(_Paragraphs, self)._fill_text(p, width, indent) for p in paragraphs
+        )
+
+
+class _Parser(argparse.ArgumentParser):
+    """Tells of an unknown option with the known one that is near it."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        found, left = super().parse_known_args(args, namespace)
+        for argument in left:
+            option = argument.partition('=')[0]
+            hint = did_you_mean(option, self._option_string_actions)
+            if hint and option not in self._option_string_actions:
+                self.error(f"unrecognized argument '{argument}'{hint}")
+        return found, left
+
+
 def _parser(asked: str | None) -> argparse.ArgumentParser:
     """The parser; only the asked command's module is imported."""
-    parser = argparse.ArgumentParser(
+    if asked is not None and asked not in COMMANDS:
+        raise ConfigurationError(
+            f"command '{asked}' is not known"
+            f'{did_you_mean(asked, COMMANDS) or "; there are: " + ", ".join(COMMANDS)}'
+        )
+    parser = _Parser(
         prog='stickslip',
         description="Predicts stick-slip of ships' stern bearings from shaft speed and load.",
         epilog='Exit codes: 0 fine, 1 warnings found, 2 bad input, 3 a fault of the program.',
@@ -52,7 +88,7 @@ def _parser(asked: str | None) -> argparse.ArgumentParser:
             name,
             help=text,
             description=module.__doc__ if module else text,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
+            formatter_class=_Paragraphs,
         )
         if module is not None:
             module.add_arguments(command)
@@ -85,6 +121,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     _print_anything()
+    if argv is None:
+        _hide_warnings()
     try:
         return _run(arguments)
     except StickslipError as error:
@@ -109,11 +147,24 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(arguments: list[str]) -> int:
     arguments = _with_negative_values(arguments)
-    asked = next((a for a in arguments if not a.startswith('-')), None)
-    args = _parser(asked).parse_args(arguments)
+    if '_ARGCOMPLETE' in os.environ:
+        _complete()
+    args = _parser(_asked(arguments)).parse_args(arguments)
     code: int = args.run(args)
     sys.stdout.flush()
     return code
+
+
+def _asked(arguments: Sequence[str]) -> str | None:
+    return next((argument for argument in arguments if not argument.startswith('-')), None)
+
+
+def _complete() -> None:
+    """Answer the shell, which asks what the line being typed can go on with, and end."""
+    import argcomplete
+
+    command = _asked(os.environ.get('COMP_LINE', '').split()[1:])
+    argcomplete.autocomplete(_parser(command if command in COMMANDS else None))
 
 
 def _with_negative_values(arguments: list[str]) -> list[str]:
@@ -126,6 +177,14 @@ def _with_negative_values(arguments: list[str]) -> list[str]:
         else:
             joined.append(argument)
     return joined
+
+
+def _hide_warnings() -> None:
+    """Show no warnings of Python, which are for developers, unless -W or PYTHONWARNINGS asks."""
+    if not sys.warnoptions:
+        warnings.simplefilter('ignore')
+        # Of the processes that check many bags, too.
+        os.environ['PYTHONWARNINGS'] = 'ignore'
 
 
 def _print_anything() -> None:

@@ -1,7 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The errors a caller may want to catch: one root, one subclass for each boundary."""
+"""The errors a caller may want to catch: one root, one subclass for each boundary.
+
+And the parts that their sentences share.
+"""
 
 from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
 
 
 class StickslipError(Exception):
@@ -62,6 +68,19 @@ class LinkError(StickslipError):
 
 class OutputError(StickslipError):
     """An output is an input, or would replace a file that this package did not write."""
+
+
+def plural(number: int, what: str) -> str:
+    """A number with its noun: ``0 events``, ``1 event``, ``1250 events``."""
+    return f'{number} {what}{"" if number == 1 else "s"}'
+
+
+def did_you_mean(given: object, known: Iterable[str]) -> str:
+    """The end of a sentence on an unknown name: ``; did you mean 'x'?``, empty if none is near."""
+    text, names = str(given), list(known)
+    close = difflib.get_close_matches(text, names, n=1)
+    close = close or [name for name in names if len(text) > 1 and text in name]
+    return f"; did you mean '{close[0]}'?" if close else ''
 
 
 def program_fault(error: BaseException) -> str:

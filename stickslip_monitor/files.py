@@ -11,7 +11,7 @@ import tempfile
 from pathlib import Path
 from typing import IO
 
-from stickslip_monitor.errors import OutputError
+from stickslip_monitor.errors import OutputError, did_you_mean
 
 _HEAD = 4096
 _LONGEST_TEXT = 4000
@@ -45,6 +45,16 @@ def open_file(path: str | Path) -> IO[bytes]:
         file.close()
         raise
     return file
+
+
+def near_name(path: str | Path) -> str:
+    """The end of a sentence on a path that is not there: what its folder has of a like name."""
+    path = Path(path)
+    try:
+        names = [entry.name for entry in path.parent.iterdir()]
+    except OSError:
+        return ''
+    return did_you_mean(path.name, names)
 
 
 def read_file(path: str | Path, most: int) -> bytes:
@@ -97,6 +107,7 @@ def check_replaceable(path: str | Path, mark: bytes | None, force: bool = False)
     try:
         mode = Path(path).stat().st_mode
     except OSError:
+        _check_folder(path)
         return
     if not stat.S_ISREG(mode):
         kind = _KINDS.get(stat.S_IFMT(mode), 'no file')
@@ -112,6 +123,19 @@ def check_replaceable(path: str | Path, mark: bytes | None, force: bool = False)
         raise OutputError(
             f"output '{path}' exists and was not written by this command: choose another name, or"
             ' replace it with --force'
+        )
+
+
+def _check_folder(path: str | Path) -> None:
+    """Refuse a new file in a folder that is not there or takes none."""
+    folder = Path(path).parent
+    if not folder.is_dir():
+        raise OutputError(f"output '{path}' cannot be written: there is no folder '{folder}'")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise OutputError(f"output '{path}' cannot be written: no permission in '{folder}'")
+    if len(os.fsencode(Path(path).name)) > os.pathconf(folder, 'PC_NAME_MAX'):
+        raise OutputError(
+            f"output '{printable(str(path))}' cannot be written: its name is too long"
         )
 
 

@@ -45,6 +45,7 @@ BUILDS_ON: dict[str, tuple[str, ...]] = {
 EVERYWHERE = {'numpy', 'scipy'}
 # Where anything else from outside may be imported: prefixes of paths inside the package.
 ONLY_IN = {
+    'argcomplete': ('cli.py',),
     'aiohttp': ('dashboard/', 'links/'),
     'distributed': ('offline/fleet.py',),
     'jinja2': ('report/',),

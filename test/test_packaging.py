@@ -108,6 +108,7 @@ def imported() -> set[str]:
 def test_every_import_is_a_declared_dependency() -> None:
     in_manifest = {
         'aiohttp': 'python3-aiohttp',
+        'argcomplete': 'python3-argcomplete',
         'jinja2': 'python3-jinja2',
         'lz4': 'mcap-ros2-support',
         'matplotlib': 'python3-matplotlib',

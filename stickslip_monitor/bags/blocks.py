@@ -39,7 +39,7 @@ from stickslip_monitor.bags.mcap_records import (
     scan,
     view,
 )
-from stickslip_monitor.errors import BagError
+from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.files import open_file
 
 # A cut chunk is fed in small pieces, so that an error inside costs only what follows it, and so
@@ -421,10 +421,10 @@ def contents_of(loaded: Loaded, tell: Callable[[str], None]) -> Contents:
             ' not known, and it was skipped'
         )
     if contents.odd:
-        tell(f'{place} has {contents.odd} records that cannot be read and were passed over')
+        tell(f'{place} has {plural(contents.odd, "record")} that cannot be read: passed over')
     rest = len(loaded.data) - contents.end
     if rest and loaded.block.kind is not BlockKind.CUT_CHUNK:
-        tell(f'{place} has {rest} bytes at its end that are no record and were not read')
+        tell(f'{place} has {plural(rest, "byte")} at its end, no record: not read')
     return contents
 
 

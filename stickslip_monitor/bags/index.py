@@ -46,7 +46,7 @@ from stickslip_monitor.bags.mcap_records import (
     walk,
 )
 from stickslip_monitor.bags.values import Cut
-from stickslip_monitor.errors import BagError
+from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.files import open_file
 
 _FOOTER_BODY = 20
@@ -249,7 +249,7 @@ class FileScan:
         start, end = int(good.min()), int(good.max())
         self.start_ns = start if self.start_ns is None else min(start, self.start_ns)
         self.end_ns = end if self.end_ns is None else max(end, self.end_ns)
-        return start, end
+        return (start if log_time_ns.all() else 0), end
 
 
 def scan_file(path: Path, use_summary: bool = True) -> list[FileScan]:
@@ -350,7 +350,9 @@ def _from_walks(path: Path, file: IO[bytes], size: int) -> list[FileScan]:
         following = _find_magic(file, end, size)
         if following is None:
             if end < size and walk.finished:
-                walk.tell(f"file '{path.name}' has {size - end} bytes behind its end, not read")
+                walk.tell(
+                    f"file '{path.name}' has {plural(size - end, 'byte')} behind its end, not read"
+                )
             return parts
         walk.tell(
             f"file '{path.name}' holds another recording from byte {following} on, as of files"
@@ -376,8 +378,8 @@ def _walk(walk: _Walk, file: IO[bytes], start: int, size: int) -> int:
         walk.take(last if section.ended else dataclasses.replace(last, index={}))
     if section.strange:
         walk.tell(
-            f"file '{walk.path.name}' has {section.strange} records of kind 0, which is none; they"
-            ' were passed over'
+            f"file '{walk.path.name}' has {plural(section.strange, 'record')} of kind 0,"
+            ' which is none: passed over'
         )
     if section.behind:
         walk.tell(
@@ -430,9 +432,10 @@ def _cut_text(result: FileScan, section: _Section, total: int, from_chunk: int) 
         f"file '{result.path.name}' is cut: its last whole record ends at byte {section.offset} of"
         f' {result.size}'
     )
+    messages, were = plural(total, 'message'), 'was' if total == 1 else 'were'
     if section.ended:
-        return f'{text}, behind the last message; all {total} messages were saved'
-    text += f', and {total} messages before the cut were saved'
+        return f'{text}, behind the last message; all {messages} {were} saved'
+    text += f', and {messages} before the cut {were} saved'
     return f'{text}, {from_chunk} of them from the chunk that is cut' if from_chunk else text
 
 

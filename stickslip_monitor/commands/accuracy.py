@@ -24,7 +24,9 @@ from stickslip_monitor.commands.output import (
     add_json,
     check_outputs,
     console,
+    line_width,
     print_json,
+    say_written,
 )
 from stickslip_monitor.drawing.canvas import MARKS, checked_suffix, save_figure, write_csv
 from stickslip_monitor.drawing.pareto import MethodMark, Panel, draw_pareto
@@ -78,6 +80,7 @@ def run(args: argparse.Namespace) -> int:
         write_csv(columns(rows), args.csv, args.force)
     if args.output:
         save_figure(draw_pareto(panels(rows), footnote(rows)), args.output, args.force)
+    say_written(args.csv, args.output)
     if args.json:
         print_json(to_json(rows))
     elif args.markdown:
@@ -238,10 +241,10 @@ def _print(out: Console, rows: Sequence[Row]) -> None:
         ' time: median per operating point.',
     )
     for i, heading in enumerate(headings):
-        table.add_column(heading, justify='right' if i else 'left', overflow='fold')
+        table.add_column(heading, justify='right' if i else 'left')
     for line in lines:
         table.add_row(*line)
-    if not out.is_terminal:
+    if line_width() is None:
         out.width = _WIDEST
     out.print(table)
     disturbed = sum(row.disturbed for row in rows)

@@ -15,16 +15,20 @@ from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.table import LOAD_UNITS
 from stickslip_monitor.physics.oscillator import SPEED_UNITS, BearingSpeed
 
-_QUANTITY = re.compile(r'\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z/]*)\s*')
+_QUANTITY = re.compile(r'\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*')
 
 
 def _split(what: str, text: str, units: tuple[str, ...]) -> tuple[float, str]:
+    """Number and unit; letters in the wrong case are understood, as no two units differ by it."""
     match = _QUANTITY.fullmatch(text)
-    if match is None or match.group(2) not in units or not math.isfinite(float(match.group(1))):
+    written = match.group(2) if match else ''
+    unit = {unit.lower(): unit for unit in units}.get(written.lower())
+    if match is None or unit is None or not math.isfinite(float(match.group(1))):
+        why = f", and '{written}' is none of these" if written and unit is None else ''
         raise ConfigurationError(
-            f"{what} '{text}' must be a number with a unit: one of {', '.join(units)}"
+            f"{what} '{text}' must be a number with a unit: one of {', '.join(units)}{why}"
         )
-    return float(match.group(1)), match.group(2)
+    return float(match.group(1)), unit
 
 
 def parse_speed(text: str, conversion: BearingSpeed, what: str = 'speed') -> float:

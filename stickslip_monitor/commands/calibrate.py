@@ -35,9 +35,11 @@ from stickslip_monitor.commands.output import (
     add_config,
     add_force,
     add_json,
+    check_outputs,
     console,
     json_text,
     print_json,
+    say_written,
 )
 from stickslip_monitor.commands.score import judge_bag
 from stickslip_monitor.errors import CalibrationError, ConfigurationError
@@ -131,6 +133,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the command."""
     if not 0.0 <= args.forget <= 1.0:
         raise ConfigurationError(f'--forget {args.forget:g} must be from 0 to 1')
+    _check_outputs(args)
     config = the_bearing(load_config(args.config), args.bearing)
     earlier = _earlier(args.add, config)
     prior = _prior(args, config, earlier)
@@ -311,6 +314,21 @@ def _write(
         from stickslip_monitor.drawing.canvas import save_figure
 
         save_figure(draw_calibration(_picture(config, found)), args.picture, args.force)
+    say_written(args.output, args.fragment, args.picture)
+
+
+def _check_outputs(args: argparse.Namespace) -> None:
+    outputs: list[tuple[str | None, bytes | None]] = [
+        (args.output, _RESULT_MARK),
+        (args.fragment, FRAGMENT_MARK),
+    ]
+    if args.picture is not None:
+        from stickslip_monitor.drawing.canvas import MARKS, checked_suffix
+
+        outputs.append((args.picture, MARKS.get(checked_suffix(args.picture))))
+    inputs = [*args.bags, args.config, args.reports, args.bench]
+    # The result of the last calibration may be renewed in its place.
+    check_outputs(outputs, inputs, args.force)
 
 
 def _prior_belief(found: Calibration) -> Belief:

@@ -24,6 +24,7 @@ from stickslip_monitor.commands.output import (
     add_force,
     add_json,
     check_outputs,
+    say_written,
 )
 from stickslip_monitor.errors import BagError, ConfigurationError, OutputError
 from stickslip_monitor.files import is_same
@@ -84,6 +85,7 @@ def run(args: argparse.Namespace) -> int:
             meter.hide()
             output.take(found)
     output.finish()
+    say_written(args.report, args.mcap)
     return output.code
 
 

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 from stickslip_monitor import __version__
 from stickslip_monitor.commands.check_results import error_json, to_json, to_text
-from stickslip_monitor.commands.output import print_json
-from stickslip_monitor.errors import StickslipError
+from stickslip_monitor.commands.output import line_width, print_json
+from stickslip_monitor.errors import StickslipError, plural
 from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.offline.archive import Stamp
@@ -201,7 +201,7 @@ class Output:
         if self._as_json:
             self._documents.append(document)
         elif not found.error:
-            sys.stdout.write(to_text(document, self._coloured))
+            sys.stdout.write(to_text(document, self._coloured, line_width()))
             sys.stdout.flush()
         if found.error:
             sys.stderr.write(f'ERROR: {printable(document["path"])}: {printable(found.error)}\n')
@@ -212,7 +212,7 @@ class Output:
             )
         if found.clips is not None:
             sys.stderr.write(
-                f'{printable(document["path"])}: {found.clips} clips written into'
+                f'{printable(document["path"])}: {plural(found.clips, "clip")} written into'
                 f' {printable(str(self._clips))}\n'
             )
         if self._file is not None:

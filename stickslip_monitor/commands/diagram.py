@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 
 from stickslip_monitor.commands.arguments import add_output, parse_load, speed_range, the_bearing
-from stickslip_monitor.commands.output import check_outputs
+from stickslip_monitor.commands.output import check_outputs, say_written
 from stickslip_monitor.drawing.branches import bifurcation_diagram, diagram_columns
 from stickslip_monitor.drawing.canvas import MARKS, checked_suffix, save_figure, write_csv
 from stickslip_monitor.drawing.diagram import draw_diagram
@@ -48,4 +48,5 @@ def run(args: argparse.Namespace) -> int:
         write_csv(diagram_columns(bearing, diagram), args.output, args.force)
     else:
         save_figure(draw_diagram(config, load, speeds, args.points), args.output, args.force)
+    say_written(args.output)
     return 0

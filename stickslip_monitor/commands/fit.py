@@ -24,10 +24,11 @@ from stickslip_monitor.commands.output import (
     check_outputs,
     console,
     print_json,
+    say_written,
 )
 from stickslip_monitor.drawing.canvas import MARKS, checked_suffix, save_figure, write_csv
 from stickslip_monitor.drawing.friction_fit import Boundary, FrictionFitPicture, draw_friction_fit
-from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.errors import ConfigurationError, plural
 from stickslip_monitor.files import write_whole
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
@@ -90,6 +91,7 @@ def run(args: argparse.Namespace) -> int:
         _write(args.fragment, fragment(args.curve, fit), args.force)
     if args.output:
         _draw(args, fit, spreads)
+    say_written(args.fragment, args.output)
     return int(bool(fit.warnings))
 
 
@@ -194,7 +196,8 @@ def _footnote(
     fit: StribeckFit,
     spreads: list[tuple[BearingConfig, BoundarySpread]],
 ) -> str:
-    text = f'{Path(args.curve).name}: {fit.weight.size} points, {fit.outliers.size} outliers'
+    outliers = plural(fit.outliers.size, 'outlier')
+    text = f'{Path(args.curve).name}: {fit.weight.size} points, {outliers}'
     if len(spreads) == 1:
         text += f'; boundaries of {spreads[0][0].name} at {args.load} with 95 % intervals'
     return text

@@ -16,6 +16,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from stickslip_monitor.commands.arguments import parse_load, parse_speed
+from stickslip_monitor.errors import plural
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.messages import number
 from stickslip_monitor.study.friction_fit.fit import StribeckFit
@@ -120,8 +121,9 @@ def fragment(source: str, fit: StribeckFit) -> str:
         f'{name} {error:.2g}' for name, error in zip(fit.names, fit.standard_error, strict=True)
     )
     name = ' '.join(Path(source).name.split())
+    outliers = plural(fit.outliers.size, 'outlier')
     return (
-        f'{FRAGMENT_MARK}{name}: {fit.weight.size} points, {fit.outliers.size} of them outliers.\n'
+        f'{FRAGMENT_MARK}{name}: {fit.weight.size} points, {outliers}.\n'
         f'# Standard errors: {errors}.\n'
         f'friction: {{law: stribeck, {values}}}\n'
     )
@@ -194,7 +196,7 @@ def _estimates(fit: StribeckFit) -> Table:
 
 def _print_outliers(out: Console, fit: StribeckFit) -> None:
     aside = int(np.sum(fit.weight == 0.0))
-    out.print(f'outliers: {fit.outliers.size} count less than half, {aside} of them not at all')
+    out.print(f'outliers: {fit.outliers.size} with less than half the weight, {aside} with none')
     for k in fit.outliers:
         out.print(
             f'  line {fit.curve.line[k]}: {fit.curve.coefficient[k]:.4g} at'

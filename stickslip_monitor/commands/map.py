@@ -17,7 +17,7 @@ from stickslip_monitor.commands.arguments import (
     speed_range,
     the_bearing,
 )
-from stickslip_monitor.commands.output import check_outputs
+from stickslip_monitor.commands.output import check_outputs, say_written
 from stickslip_monitor.drawing.canvas import MARKS, checked_suffix, save_figure, write_csv
 from stickslip_monitor.drawing.map import draw_map, map_ranges
 from stickslip_monitor.drawing.map_curves import boundaries, map_columns
@@ -55,6 +55,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         track = _track(args.track, config, own) if args.track else None
         save_figure(draw_map(own, speeds, loads, track), args.output, args.force)
+    say_written(args.output)
     return 0
 
 

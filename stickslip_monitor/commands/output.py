@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import shutil
 import sys
 import time
 from collections.abc import Iterable
@@ -17,6 +19,8 @@ from stickslip_monitor.files import check_replaceable, is_same, printable
 
 # Shorter work shows no bar, and does not import one [s].
 _PATIENCE = 0.5
+# How rich ends what it has cut off.
+_CUT = '\N{HORIZONTAL ELLIPSIS}'
 
 
 class ProgressBar:
@@ -75,7 +79,8 @@ def _new_bar() -> Any:
 
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import Console, Group
+    from rich.table import Table
     from rich.text import Text
 
 
@@ -148,15 +153,56 @@ def _files_of(path: Path) -> list[Path]:
         return [path]
 
 
+def say_written(*paths: str | Path | None) -> None:
+    """Say on the error stream which files were written; None is none."""
+    for path in paths:
+        if path is not None:
+            sys.stderr.write(f'{printable(str(path))} written\n')
+
+
+def line_width() -> int | None:
+    """Letters on a line of the terminal, or of what COLUMNS says; None where nothing limits it."""
+    limited = sys.stdout.isatty() or 'COLUMNS' in os.environ
+    return shutil.get_terminal_size().columns if limited else None
+
+
 def console() -> Console:
     """The console for tables; plain text where the output is not a terminal."""
     from rich.console import Console  # costs time to import, and not every command prints with it
+    from rich.table import Table
 
     class SafeConsole(Console):
-        """Prints no escapes of others: names that it is given may come from a file."""
+        """Prints no escapes of others: names that it is given may come from a file.
+
+        A table that does not fit is printed as a list, a line for each cell.
+        """
 
         def render_str(self, text: str, *arguments: Any, **options: Any) -> Text:
             safe = '\n'.join(map(printable, text.split('\n')))
             return super().render_str(safe, *arguments, **options)
 
-    return SafeConsole(highlight=False, soft_wrap=not sys.stdout.isatty())
+        def print(self, *objects: Any, **options: Any) -> None:
+            super().print(*(self._fitted(item) for item in objects), **options)
+
+        def _fitted(self, item: Any) -> Any:
+            if not isinstance(item, Table):
+                return item
+            drawn = (part.text for line in self.render_lines(item) for part in line)
+            return _as_list(item) if any(_CUT in text for text in drawn) else item
+
+    return SafeConsole(highlight=False, soft_wrap=line_width() is None)
+
+
+def _as_list(table: Table) -> Group:
+    """The same for a narrow screen: a block for each row, a line for each of its cells."""
+    from rich.console import Group
+
+    headings = [
+        str(column.header).replace('-\n', '').replace('\n', ' ') for column in table.columns
+    ]
+    lines = []
+    for first, *others in zip(*(column.cells for column in table.columns), strict=True):
+        lines.append(f'[bold]{first}[/]')
+        cells = zip(headings[1:], others, strict=True)
+        lines += [f'  {heading}: {cell}' for heading, cell in cells if cell]
+    return Group(*(text for text in (table.title, *lines, table.caption) if text))

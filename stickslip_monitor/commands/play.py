@@ -17,7 +17,7 @@ from rich.markup import escape
 from rich.progress import Progress
 
 from stickslip_monitor.bags.reader import Bag, open_bag
-from stickslip_monitor.errors import BagError, ConfigurationError, RosError
+from stickslip_monitor.errors import BagError, ConfigurationError, RosError, plural
 from stickslip_monitor.files import printable
 
 if TYPE_CHECKING:
@@ -98,6 +98,6 @@ def _play(player: Player, bag: Bag, options: _Options) -> None:
                 options.rate,
                 lambda now: bar.update(task, completed=(now - start) * 1e-9),
             )
-            err.print(f'played {count} messages')
+            err.print(f'played {plural(count, "message")}')
     for text in (*(cut.text for cut in bag.cuts), *bag.warnings):
         err.print(printable(f'data: {text}'))

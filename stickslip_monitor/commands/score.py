@@ -35,6 +35,7 @@ from stickslip_monitor.commands.output import (
     check_outputs,
     console,
     print_json,
+    say_written,
 )
 from stickslip_monitor.commands.score_scenes import is_scene, run_scenes
 from stickslip_monitor.errors import ConfigurationError
@@ -335,3 +336,4 @@ def _draw(path: str, judged: Sequence[Judged], force: bool) -> None:
         amplitude=record.amplitude.value,
     )
     save_score(draw_score(Path(one.path).name, one.config, one.scan, lining), path, force)
+    say_written(path)

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import difflib
 import ipaddress
 import re
 from collections.abc import Iterable, Mapping
@@ -11,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import SplitResult, urlsplit
 
-from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.errors import ConfigurationError, did_you_mean
 from stickslip_monitor.links.nmea import NmeaInput
 from stickslip_monitor.links.signalk import SignalKInput
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig, checked
@@ -167,8 +166,7 @@ def _refuse_unknown(values: Mapping[str, Any], bearings: Iterable[str]) -> None:
     known += [f'{b}.{q}.{p.name}' for b in bearings for q in QUANTITIES for p in INPUT_PARAMETERS]
     for key, value in values.items():
         if key not in known:
-            close = difflib.get_close_matches(key, known, n=1)
-            hint = f"; did you mean '{close[0]}'?" if close else ''
+            hint = did_you_mean(key, known)
             raise ConfigurationError(f"{SECTION}: unknown parameter '{key}' = {value!r}{hint}")
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.files import read_file
+from stickslip_monitor.files import near_name, read_file
 from stickslip_monitor.monitor.config import MonitorConfig, build_config
 
 # A fleet's bearings have some hundred kilobytes [bytes].
@@ -65,6 +65,8 @@ def load_yaml(path: str | Path) -> Any:
     try:
         text = read_file(path, _LARGEST).decode()
         return yaml.load(text, _Loader)  # a SafeLoader
+    except FileNotFoundError as error:
+        raise ConfigurationError(f'{path}: {error.strerror}{near_name(path)}') from error
     except OSError as error:
         raise ConfigurationError(f'{path}: {error.strerror or error}') from error
     except UnicodeDecodeError as error:

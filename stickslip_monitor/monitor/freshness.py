@@ -66,6 +66,17 @@ class Rhythm:
         self._last, self._before = stamp_ns, gap
         self.until_ns = now_ns + lasts(self.gap_ns)
 
+    def add_many(self, stamp_ns: IntArray, now_ns: IntArray) -> tuple[IntArray, IntArray]:
+        """:meth:`add` of several values; ``gap_ns`` and ``until_ns`` after each, shape (n,)."""
+        if not stamp_ns.size:
+            return stamp_ns, now_ns
+        own = np.diff(stamp_ns, prepend=stamp_ns[0] if self._last is None else self._last)
+        gap = np.maximum(own, np.append(self._before, own[:-1]))
+        until = now_ns + lasts(gap)
+        self._last, self._before = int(stamp_ns[-1]), int(own[-1])
+        self.gap_ns, self.until_ns = int(gap[-1]), int(until[-1])
+        return gap, until
+
 
 @dataclass(frozen=True, slots=True)
 class Fresh:

@@ -36,10 +36,13 @@ class Latch:
         asks: Of a recording: whether each point asks for a change where the latch is off, and
             where it is on, each shape (n,).
         fresh: Of a recording: how long each point counts.
+        forced: Of a recording: the points that, where they ask, change the state whatever has
+            been counted, shape (n,); ``None`` for none.
     """
 
     asks: tuple[BoolArray, BoolArray]
     fresh: Fresh
+    forced: BoolArray | None = None
 
     def __init__(self, config: AlarmConfig) -> None:
         self.config = config
@@ -63,40 +66,49 @@ class Latch:
         self.on = not self.on
         self.count = 0
 
-    def take(self, step: int, asks: bool, time_ns: int) -> None:
+    def take(self, step: int, asks: bool, time_ns: int, forced: bool = False) -> None:
         """Take a point: what has passed since the one before, and whether it asks for a change."""
         self.count = max(0, self.count + step)
-        if asks and self.count >= self.due():
+        if asks and (forced or self.count >= self.due()):
             self.switch(time_ns)
 
 
-def follow(latch: Latch, times: IntArray, starts: NDArray[np.intp]) -> tuple[BoolArray, IntArray]:
-    """Take all points of a recording at once, as :meth:`Latch.take` takes them one by one.
+def follow(
+    latch: Latch, times: IntArray, starts: NDArray[np.intp], taken: int = 0
+) -> tuple[BoolArray, IntArray]:
+    """Take many points of a recording at once, as :meth:`Latch.take` takes them one by one.
 
     Args:
         latch: The latch; its state goes on from where it is.
         times: Time of each point, shape (n,) [ns].
-        starts: The points before which the clock jumped, the first included, shape (m,).
+        starts: The points before which the clock jumped, a first one of all included, shape (m,).
+        taken: How many of the points were taken before: none, or the one before these.
 
     Returns:
         State and count after each point, each shape (n,).
     """
     on, count = np.zeros(times.size, bool), np.zeros(times.size, np.int64)
-    for begin, end in pairwise([*starts.tolist(), times.size]):
-        latch.restart()
+    on[:taken], count[:taken] = latch.on, latch.count
+    jumps = starts.tolist()
+    edges = jumps if jumps[:1] == [taken] else [taken, *jumps]
+    for begin, end in pairwise([*edges, times.size]):
+        low = begin - 1
+        if begin in jumps:
+            latch.restart()
+            low = begin
         k, size = begin, _FEW
         while k < end:
             if latch.count == 0:
                 # Nothing is added to an empty count before the next point that asks.
-                until = _next(latch.asks[latch.on], max(k - 1, begin), end)
+                until = _next(latch.asks[latch.on], max(k - 1, low), end)
                 on[k:until] = latch.on
                 k = max(k, until)
             high = min(end, k + size)
-            taken = _take_many(latch, k, high, k == begin, on, count)
-            if k + taken < high:
-                latch.switch(int(times[k + taken]))
-                on[k + taken] = latch.on
-                k, size = k + taken + 1, _FEW
+            before = _take_many(latch, k, high, k == low, on, count)
+            if k + before < high:
+                latch.switch(int(times[k + before]))
+                on[k + before] = latch.on
+                k, size = k + before + 1, _FEW
             else:
                 k, size = high, min(4 * size, _MANY)
     return on, count
@@ -116,7 +128,10 @@ def _take_many(latch: Latch, lo: int, hi: int, first: bool, on: BoolArray, count
     steps = latch.steps(lo - 1, hi - 1) if not first else np.append(0, latch.steps(lo, hi - 1))
     total = np.cumsum(steps)
     counted = total - np.minimum(np.minimum.accumulate(total), -latch.count)
-    change = latch.asks[latch.on][lo:hi] & (counted >= latch.due())
+    ready = counted >= latch.due()
+    if latch.forced is not None:
+        ready |= latch.forced[lo:hi]
+    change = latch.asks[latch.on][lo:hi] & ready
     taken = int(change.argmax()) if change.any() else hi - lo
     on[lo : lo + taken], count[lo : lo + taken] = latch.on, counted[:taken]
     if taken:

@@ -18,6 +18,7 @@ from collections import deque
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,22 +93,52 @@ class TrendWindow:
         while self._slots[0][0] <= slot - _SLOTS:
             self._slots.popleft()
 
+    def copy(self) -> TrendWindow:
+        """Another window with the same points."""
+        found = TrendWindow(0)
+        found._slot_ns, found._last_ns = self._slot_ns, self._last_ns
+        found._slots.extend(map(list, self._slots))
+        return found
+
     def fill(self, time_ns: IntArray, speed: FloatArray, load: FloatArray) -> None:
-        """Add to an empty window, all at once, operating points that begin within it."""
-        slot, rest = np.divmod(time_ns, self._slot_ns)
+        """:meth:`add` of several operating points.
+
+        Args:
+            time_ns: Their times, not falling, shape (n,) [ns].
+            speed: Surface speeds, shape (n,) [m/s].
+            load: Loads, shape (n,) [N].
+        """
+        if not (self._slot_ns and time_ns.size):
+            return
+        self._last_ns = int(time_ns[-1])
+        oldest = self._last_ns // self._slot_ns - _SLOTS + 1
+        k = int(np.searchsorted(time_ns, oldest * self._slot_ns))
+        slot, rest = np.divmod(time_ns[k:], self._slot_ns)
+        columns: tuple[NDArray[Any], ...] = (
+            slot, np.ones_like(slot), rest, speed[k:], load[k:],
+        )  # fmt: skip
+        if self._slots and self._slots[-1][0] == slot[0]:
+            # Goes on with the sums of the last slot.
+            last = self._slots.pop()
+            columns = tuple(np.append(*pair) for pair in zip(last, columns, strict=True))
+        self._add_slots(*columns)
+        while self._slots[0][0] < oldest:
+            self._slots.popleft()
+
+    def _add_slots(
+        self, slot: IntArray, count: IntArray, rest: IntArray, speed: FloatArray, load: FloatArray
+    ) -> None:
         first = np.append(0, np.flatnonzero(np.diff(slot)) + 1)
-        count = np.diff(np.append(first, slot.size))
-        group = np.repeat(np.arange(first.size), count)
+        group = np.repeat(np.arange(first.size), np.diff(np.append(first, slot.size)))
         columns = (
             slot[first],
-            count,
+            np.add.reduceat(count, first),
             np.add.reduceat(rest, first),
             # Term by term, as they are added one by one.
             np.bincount(group, speed),
             np.bincount(group, load),
         )
         self._slots.extend(map(list, zip(*(column.tolist() for column in columns), strict=True)))
-        self._last_ns = int(time_ns[-1])
 
     def trend(self, config: BearingConfig) -> Trend | None:
         """When steady sliding turns unstable; ``None`` where that cannot be said."""
@@ -128,26 +159,6 @@ class TrendWindow:
             for part in (slice(None, time.size // 2), slice(time.size // 2, None))
         ]
         return _reach(config.bearing, *lines, halves, span)
-
-
-def window_of(
-    window_ns: int, time_ns: IntArray, speed: FloatArray, load: FloatArray
-) -> TrendWindow:
-    """The window after the last of some operating points, of one segment of the clock.
-
-    Args:
-        window_ns: How long it is [ns].
-        time_ns: Their times, not falling, shape (n,) [ns].
-        speed: Surface speeds, shape (n,) [m/s].
-        load: Loads, shape (n,) [N].
-    """
-    window = TrendWindow(window_ns)
-    if time_ns.size and window_ns >= _SLOTS:
-        slot_ns = window_ns // _SLOTS
-        begin = (int(time_ns[-1]) // slot_ns - _SLOTS + 1) * slot_ns
-        k = int(np.searchsorted(time_ns, begin))
-        window.fill(time_ns[k:], speed[k:], load[k:])
-    return window
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,12 +4,11 @@
 from __future__ import annotations
 
 import datetime as dt
-import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from stickslip_monitor.errors import SceneError
+from stickslip_monitor.errors import SceneError, did_you_mean
 
 # Far beyond every sensor and sea; products of a few such numbers are still finite.
 LARGEST = 1e15
@@ -65,7 +64,9 @@ class Settings:
         """One of some texts."""
         value = self.value(key, f'one of {", ".join(options)}')
         if not isinstance(value, str) or value not in options:
-            raise self.broken(key, f'must be one of {", ".join(options)}{_hint(value, options)}')
+            raise self.broken(
+                key, f'must be one of {", ".join(options)}{did_you_mean(value, options)}'
+            )
         return value
 
     def number(
@@ -93,13 +94,7 @@ class Settings:
 
 def suggestion(key: Any, known: Sequence[str]) -> str:
     """What to say about a name that is not among the known ones."""
-    close = difflib.get_close_matches(str(key), known, n=1)
-    return f"did you mean '{close[0]}'?" if close else f'there are: {", ".join(known)}'
-
-
-def _hint(value: Any, options: Sequence[str]) -> str:
-    close = difflib.get_close_matches(str(value), options, n=1)
-    return f"; did you mean '{close[0]}'?" if close else ''
+    return did_you_mean(key, known).removeprefix('; ') or f'there are: {", ".join(known)}'
 
 
 def is_number(value: Any) -> bool:

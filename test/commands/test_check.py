@@ -152,7 +152,7 @@ def test_png_and_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     ('name', 'words'),
     [
         ('out.pdf', r"must end in one of \.html, \.png, \.json"),
-        ('nowhere/out.json', r"nowhere/out\.json' cannot be written: No such file or directory"),
+        ('nowhere/out.json', r"nowhere/out\.json' cannot be written: there is no folder"),
         ('folder.json', r"folder\.json' is a folder, and only files are replaced"),
     ],
 )  # fmt: skip

@@ -116,7 +116,7 @@ def test_one_of_several_bearings_is_chosen(
         ('a.csv', '1kN', ('--speeds=-1rpm:9rpm',), "speeds '-1rpm:9rpm' must rise"),
         ('a.csv', '1kN', ('--points', '1'), 'points = 1 must be from 10 to 100000'),
         ('a.csv', '1kN', ('--bearing', 'x'), "bearing 'x' is not configured; there are: aft"),
-        ('no/a.csv', '1kN', (), '{out}: No such file or directory'),
+        ('no/a.csv', '1kN', (), "'{out}' cannot be written: there is no folder"),
     ],
 )
 def test_bad_input_is_named_with_its_rule(

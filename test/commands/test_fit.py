@@ -160,7 +160,10 @@ def test_a_warning_is_exit_code_1(tmp_path: Path, capsys: pytest.CaptureFixture[
         ((CURVE, *LOAD, '--seed', '-3'), 'seed = -3 must not be negative'),
         ((CURVE, '--config', CONFIG, '--load', '0N'), 'load = 0 N must be greater than 0'),
         ((CURVE, *LOAD, '-o', 'plot.pdf'), "output file 'plot.pdf' must end in one of"),
-        ((CURVE, *LOAD, '--fragment', '/nowhere/a.yaml'), '/nowhere/a.yaml: No such file'),
+        (
+            (CURVE, *LOAD, '--fragment', '/nowhere/a.yaml'),
+            "'/nowhere/a.yaml' cannot be written: there is no folder",
+        ),
         (('none.csv',), 'none.csv: No such file'),
     ],
 )

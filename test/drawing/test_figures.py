@@ -28,7 +28,7 @@ from stickslip_monitor.drawing.palette import (
     REGIME_FILL,
 )
 from stickslip_monitor.drawing.track import Track, TrackEvent, track_of_scan
-from stickslip_monitor.errors import DrawingError
+from stickslip_monitor.errors import DrawingError, OutputError
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.config_file import load_config
@@ -233,7 +233,7 @@ def test_without_matplotlib_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) 
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     figure = draw_diagram(REFERENCE, 1000.0, points=20)
-    with pytest.raises(DrawingError, match=r'nowhere/a\.png: No such file or directory'):
+    with pytest.raises(OutputError, match=r"/a\.png' cannot be written: there is no folder '"):
         save_figure(figure, tmp_path / 'nowhere' / 'a.png')
 
 

@@ -18,7 +18,7 @@ from scipy.stats import theilslopes
 
 from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.trend import Trend, TrendWindow, _line, window_of
+from stickslip_monitor.monitor.trend import Trend, TrendWindow, _line
 
 SECOND = 10**9
 T0 = 1_700_000_000 * SECOND
@@ -36,7 +36,8 @@ def aft(configure: Configure) -> BearingConfig:
 def _trend(config: BearingConfig, time: Floats, speed: Floats, load: Floats) -> Trend | None:
     stamps = T0 + np.round(np.asarray(time) * SECOND).astype(np.int64)
     speed, load = np.broadcast_to(speed, stamps.shape), np.broadcast_to(load, stamps.shape)
-    window = window_of(config.alarm.trend_window_ns, stamps, speed, load)
+    window = TrendWindow(config.alarm.trend_window_ns)
+    window.fill(stamps, speed, load)
     return window.trend(config)
 
 
@@ -177,7 +178,10 @@ def test_a_window_filled_at_once_is_one_filled_point_by_point(seed: int) -> None
     singly = TrendWindow(30_000_000_007)
     for row in zip(stamps.tolist(), speed.tolist(), load.tolist(), strict=True):
         singly.add(*row)
-    together = window_of(30_000_000_007, stamps, speed, load)
+    together = TrendWindow(30_000_000_007)
+    cut = int(rng.integers(0, 500))
+    for part in (slice(cut), slice(cut, None)):
+        together.fill(stamps[part], speed[part], load[part])
     # To the last bit: a batch and a stream say the same.
     assert list(together._slots) == list(singly._slots)
     assert together._last_ns == singly._last_ns

@@ -178,7 +178,7 @@ def test_a_callback_that_fails_is_told_and_survived() -> None:
     assert node.survived(fails)('message') is None
     assert node._health.level == 2
     assert node._health.message.startswith(
-        '1 callbacks failed, last: ZeroDivisionError: float division by zero (test_node_explains'
+        '1 callback failed, last: ZeroDivisionError: float division by zero (test_node_explains'
     )
     assert logged[0].startswith('a callback failed and is survived: ZeroDivisionError')
 

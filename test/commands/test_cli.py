@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a person meets at the command line: slips of the hand, narrow screens, the Tab key."""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import shutil
+import subprocess
+import sysconfig
+import time
+from pathlib import Path
+
+import pytest
+
+from stickslip_monitor.cli import COMMANDS, main
+from stickslip_monitor.commands.check_results import to_text
+
+ROOT = Path(__file__).parents[2]
+CONFIG = str(ROOT / 'launch_configs' / 'reference_bearing.yaml')
+BAG = str(ROOT / 'bags' / 'coast_down')
+POINT = ('assess', '--config', CONFIG, '--speed', '20rpm', '--load', '1kN')
+CURVE = ('fit', str(ROOT / 'launch_configs' / 'examples' / 'friction_curve.csv'))
+SCRIPTS = sysconfig.get_path('scripts')
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'text'),
+    [
+        (('chek', BAG), "command 'chek' is not known; did you mean 'check'?"),
+        (('xyz',), f"command 'xyz' is not known; there are: {', '.join(COMMANDS)}"),
+        (('check', f'{ROOT}/bags/coast_dwn', '--config', CONFIG), "; did you mean 'coast_down'?"),
+        (
+            ('check', BAG, '--config', f'{CONFIG[:-5]}s.yaml'),
+            "No such file or directory; did you mean 'reference_bearing.yaml'?",
+        ),
+        (
+            ('simulate', str(ROOT / 'launch_configs/scenes/coastdown.yaml'), '-o', 'x'),
+            "; did you mean 'coast_down.yaml'?",
+        ),
+        ((*POINT, '--bearing', 'aft'), "'aft' is not configured; did you mean 'aft_stern'?"),
+        (
+            (*POINT[:-1], '1kip'),
+            "load '1kip' must be a number with a unit: one of N, kN, and 'kip' is none of these",
+        ),
+        ((*POINT[:-1], '1'), "load '1' must be a number with a unit: one of N, kN\n"),
+    ],
+)
+def test_a_slip_is_told_with_what_was_meant(
+    arguments: tuple[str, ...], text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(arguments) == 2
+    said = capsys.readouterr().err
+    assert text in said
+    assert said.count('\n') == 1
+
+
+def test_an_unknown_option_is_told_with_the_known_one(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main((*POINT, '--bering=aft_stern'))
+    assert (
+        "unrecognized argument '--bering=aft_stern'; did you mean '--bearing'?\n"
+        in capsys.readouterr().err
+    )
+
+
+def test_units_are_understood_in_any_case(capsys: pytest.CaptureFixture[str]) -> None:
+    said = set()
+    for speed, load in (('-20rpm', '1kN'), ('-20 RPM', '1 kn'), ('-20Rpm', '1e3 n')):
+        assert main((*POINT[:3], '--speed', speed, '--load', load)) == 1
+        said.add(capsys.readouterr().out)
+    assert len(said) == 1
+
+
+def test_one_is_not_several_and_figures_are_in_percent_and_millimetres() -> None:
+    event = {'time': 10**9, 'from': 'normal', 'to': 'stick_slip', 'level': 'ERROR', 'text': 'X.'}
+    bearing = {
+        'data': [],
+        'inputs': {},
+        'events': [event],
+        'seconds': {'stable': 1.0},
+        'worst': {
+            'hopf_margin': {'time': 2 * 10**9, 'value': -0.52378},
+            'fold_margin': {'time': 0, 'value': 0.125},
+            'amplitude': {'time': 0, 'value': 1.0694e-3, 'amplitude_exact': 1.07012e-3},
+        },
+    }
+    document = {'path': 'a', 'duration': 3.0, 'messages': 1, 'start': 0, 'cuts': [],
+                'warnings': [], 'topics': {}, 'bearings': {'aft': bearing}}  # fmt: skip
+    assert to_text(document, False).splitlines() == [
+        'a: 1 message in 3.0 s',
+        'aft: 1 event',
+        '    time [s]  from             to               what',
+        '        1.00  normal           stick_slip       X.',
+        'time in each regime: stable 1.0 s',
+        'worst Hopf margin: -52.4% at 2.00 s',
+        'worst fold margin: +12.5% at 0.00 s',
+        'worst amplitude: 1.069 mm (exact cycle: 1.07 mm) at 0.00 s',
+    ]
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [
+        (*CURVE, '--journal-diameter', '0.1', '--config', CONFIG, '--load', '1kN'),
+        POINT,
+        ('check', BAG, '--config', CONFIG),
+        ('score', BAG, '--config', CONFIG),
+        ('accuracy', '--from', str(ROOT / 'docs' / 'accuracy.csv')),
+        ('simulate', str(ROOT / 'launch_configs/scenes/wear.yaml'), '-o', 'bag', '--cost'),
+        ('--help',),
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_on_a_screen_of_40_columns_nothing_is_cut_off(
+    arguments: tuple[str, ...], tmp_path: Path
+) -> None:
+    done = subprocess.run(
+        [f'{SCRIPTS}/stickslip', *arguments],
+        cwd=tmp_path, env=os.environ | {'COLUMNS': '40'}, text=True, capture_output=True,
+        timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode < 2, done.stderr
+    # Long words (paths) are left to the terminal to break.
+    lines = [line for line in done.stdout.splitlines() if len(line.split()) > 1]
+    assert max(map(len, lines)) <= 40
+    assert '\N{HORIZONTAL ELLIPSIS}' not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'option', 'name'),
+    [
+        (('check', BAG, '--config', CONFIG), '--report', 'a.html'),
+        (('map', '--config', CONFIG), '-o', 'a.svg'),
+        (('diagram', '--config', CONFIG, '--load', '1kN', '--points', '10'), '-o', 'a.csv'),
+        ((*CURVE, '--journal-diameter', '0.1'), '--fragment', 'a.yaml'),
+        (('score', BAG, '--config', CONFIG), '--picture', 'a.png'),
+    ],
+    ids=lambda value: value[0] if isinstance(value, tuple) else '',
+)
+def test_a_missing_folder_is_told_before_the_work_and_a_file_after_it(
+    arguments: tuple[str, ...], option: str, name: str,
+    tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    path = tmp_path / 'none' / name
+    assert main((*arguments, option, str(path))) == 2
+    assert capsys.readouterr() == (
+        '',
+        f"ERROR: output '{path}' cannot be written: there is no folder '{path.parent}'\n",
+    )
+    path.parent.mkdir()
+    assert main((*arguments, option, str(path))) < 2
+    assert capsys.readouterr().err == f'{path} written\n'
+    assert path.is_file()
+
+
+@pytest.mark.skipif(shutil.which('bash') is None, reason='bash is not installed')
+def test_bash_completes_commands_options_and_files() -> None:
+    """In a real bash: what is typed with the Tab key is what is run."""
+    child, terminal = pty.fork()
+    if child == 0:
+        environment = os.environ | {'PATH': f'{SCRIPTS}:{os.environ["PATH"]}', 'TERM': 'dumb'}
+        os.chdir(ROOT)
+        os.execvpe('bash', ['bash', '--norc', '--noprofile', '-i'], environment)
+    try:
+        _type(
+            terminal,
+            'PS1=; eval "$(register-python-argcomplete stickslip)"; echo go$((1))\n',
+            'go1',
+        )
+        _type(terminal, 'stickslip che\t', 'check ')
+        _type(terminal, 'bags/coast_d\t', 'bags/coast_down/')
+        _type(terminal, ' --conf\t', '--config ')
+        _type(terminal, 'launch_configs/ref\t', 'reference_bearing.yaml')
+        _type(terminal, '\n', '6 events')
+    finally:
+        os.write(terminal, b'\x03exit\n')
+        os.close(terminal)
+        os.waitpid(child, 0)
+
+
+def _type(terminal: int, typed: str, expected: str) -> None:
+    os.write(terminal, typed.encode())
+    seen, end = b'', time.monotonic() + 60.0
+    while expected.encode() not in seen:
+        assert time.monotonic() < end, seen
+        if select.select([terminal], [], [], 0.1)[0]:
+            seen += os.read(terminal, 65536)
