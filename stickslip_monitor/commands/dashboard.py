@@ -299,7 +299,7 @@ def bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0.0) -
         ),
         caution_margin=alarm.caution_margin,
         amplitude_limit=limit if math.isfinite(limit) else None,
-        topics={'speed': config.speed.topic, 'load': config.load.topic},
+        topics={name: source.topic for name, source in config.inputs.items()},
         wider=partial(bearing_view, config),
     )
 

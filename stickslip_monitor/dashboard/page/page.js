@@ -11,7 +11,7 @@ import { StabilityMap } from '/map.js';
 import { connect } from '/stream.js';
 
 const SILENCE = 12000, ANSWER = 5000;
-const REASONS = { normal: '✓ Normal', caution: '! Margin low', bistable: '! Bistable', stick_slip: '▲ Stick-slip predicted', amplitude_limit: '▲ Amplitude above limit', input_stale: '✕ Input lost', waiting: '… Waiting', not_monitoring: '✕ Not monitoring' };
+const REASONS = { normal: '✓ Normal', caution: '! Margin low', bistable: '! Bistable', stick_slip: '▲ Stick-slip predicted', amplitude_limit: '▲ Amplitude above limit', vibration: '! Vibration not explained', input_stale: '✕ Input lost', waiting: '… Waiting', not_monitoring: '✕ Not monitoring' };
 const WHAT = { raise: 'came', clear: 'went', acknowledge: 'acknowledged', silence: 'silenced', unsilence: 'silence ran out', shelve: 'shelved', unshelve: 'unshelved', reset: 'reset', suppress: 'suppressed', unsuppress: 'no longer suppressed', remove: 'taken out of service', restore: 'returned to service' };
 const MEASURED = { quiet: '✓ quiet', vibrating: '▲ vibrating', unknown: 'not known' };
 const FAULTS = { not_finite: 'not finite', implausible: 'implausible', repeated: 'repeated', out_of_order: 'out of order', clock_jump: 'clock jumps' };
@@ -87,7 +87,7 @@ class Bearing {
     put(this.find('.soon'), parts.join('; '));
     const chances = [['probability_can', 'can happen'], ['probability_will', 'starts by itself'], ['probability_runs', 'runs']].filter(([key]) => status[key] !== null).map(([key, words]) => `${words} ${(100 * status[key]).toFixed(0)} %`);
     put(this.find('.chances'), chances.length ? `stick-slip: ${chances.join(', ')}` : '');
-    put(this.find('.measured'), status.measured ? `vibration measured: ${MEASURED[status.measured] ?? status.measured}` : '');
+    put(this.find('.measured'), status.measured ? `vibration measured: ${MEASURED[status.measured] ?? status.measured}${status.unmeasured ? ` (${status.unmeasured})` : ''}` : '');
     this.find('.measured').dataset.level = status.measured ?? '';
     put(this.find('.load'), loadText(status.load));
     put(this.find('.loads'), status.regime === null ? '' : `regime: ${status.regime}`);
@@ -107,7 +107,7 @@ class Bearing {
       const [state, count] = row.querySelectorAll('td');
       state.className = input.lost ? 'lost' : '';
       put(row.querySelector('.fault'), input.fault);
-      put(this.find(`[data-of="${name}"] .name`), `${name === 'load' ? 'Bearing load' : 'Shaft speed'}${input.lost ? ', last known' : ''}`);
+      if (name !== 'level') put(this.find(`[data-of="${name}"] .name`), `${name === 'load' ? 'Bearing load' : 'Shaft speed'}${input.lost ? ', last known' : ''}`);
       put(state, input.lost ? `✕ lost${input.age === null ? ', never heard' : `, ${input.age.toFixed(0)} s old`}` : '✓ heard');
       const faults = Object.entries(FAULTS).filter(([key]) => input.counts[key]).map(([key, words]) => `${input.counts[key]} ${words}`);
       put(count, `${input.counts.accepted ?? 0} used${faults.length ? `; ${faults.join(', ')}` : ''}`);
