@@ -54,7 +54,7 @@ export class Charts {
 
   build({ name, unit, lines, optional }) {
     const figure = document.createElement('figure');
-    const svg = make('svg', { role: 'img' });
+    const svg = make('svg', { role: 'img', 'aria-label': `${name}: nothing is known yet` });
     const caption = document.createElement('figcaption');
     caption.append(`${name} [${unit}]`);
     lines.forEach(([, words], k) => {

@@ -41,7 +41,7 @@ class Bearing {
     this.amplitude = new AmplitudeGauge(bearing);
     this.find('.gauges').append(this.fold.root, this.hopf.root, this.amplitude.root);
     if (bearing.status) this.show(bearing.status);
-    else { put(this.find('.badge'), REASONS.waiting); this.find('.badge').dataset.reason = 'waiting'; this.map.show(null, [], 'nothing is known yet'); }
+    else { put(this.find('.badge'), REASONS.waiting); this.find('.badge').dataset.reason = 'waiting'; this.map.show(null, [], 'nothing is known yet'); this.gauge({}); }
   }
 
   take(status) {
@@ -91,13 +91,16 @@ class Bearing {
     this.find('.measured').dataset.level = status.measured ?? '';
     put(this.find('.load'), loadText(status.load));
     put(this.find('.loads'), status.regime === null ? '' : `regime: ${status.regime}`);
-    const known = status.regime !== null;
-    this.fold.show(status.fold_margin, known);
-    this.hopf.show(status.hopf_margin, known);
-    this.amplitude.show(status);
+    this.gauge(status);
     const point = status.speed === null || status.load === null ? null : [status.speed, status.load];
     this.map.show(point, this.history.trail, point ? `${speedText(status.rpm)}, ${loadText(status.load)}, ${status.regime}` : 'no operating point');
     this.inputs(status.inputs);
+  }
+
+  gauge({ regime = null, fold_margin: fold = null, hopf_margin: hopf = null, ...rest }) {
+    this.fold.show(fold, regime !== null);
+    this.hopf.show(hopf, regime !== null);
+    this.amplitude.show({ amplitude: null, amplitude_exact: null, ...rest, regime });
   }
 
   inputs(inputs) {
