@@ -10,7 +10,7 @@ import { ReplayBar } from '/replay.js';
 import { StabilityMap } from '/map.js';
 import { connect } from '/stream.js';
 
-const SILENCE = 12000, ANSWER = 5000;
+const SILENCE = 12000, ANSWER = 5000, REDRAW = 250;
 const REASONS = { normal: '✓ Normal', caution: '! Margin low', bistable: '! Bistable', stick_slip: '▲ Stick-slip predicted', amplitude_limit: '▲ Amplitude above limit', vibration: '! Vibration not explained', input_stale: '✕ Input lost', waiting: '… Waiting', not_monitoring: '✕ Not monitoring' };
 const WHAT = { raise: 'came', clear: 'went', acknowledge: 'acknowledged', silence: 'silenced', unsilence: 'silence ran out', shelve: 'shelved', unshelve: 'unshelved', reset: 'reset', suppress: 'suppressed', unsuppress: 'no longer suppressed', remove: 'taken out of service', restore: 'returned to service' };
 const MEASURED = { quiet: '✓ quiet', vibrating: '▲ vibrating', unknown: 'not known' };
@@ -149,7 +149,7 @@ class Page {
     document.addEventListener('visibilitychange', () => this.watch());
     const does = {
       state: (state) => this.begin(state),
-      status: (status) => { this.bearings.get(status.bearing)?.take(status); this.overview.take(status); this.time(status.time); },
+      status: (status) => this.later(status),
       map: (map) => this.bearings.get(map.bearing)?.map.remake(map),
       replay: (replay) => this.replay.show(replay),
       alarms: (record) => this.take(record),
@@ -164,11 +164,29 @@ class Page {
     });
   }
 
+  /** However often a bearing is told, it is drawn no oftener than an eye can follow. */
+  later(status) {
+    this.told ??= new Map();
+    this.told.set(status.bearing, status);
+    this.drawing ??= setTimeout(() => this.draw(), Date.now() - (this.drawnAt ?? 0) < REDRAW ? REDRAW : 0);
+  }
+
+  draw() {
+    [this.drawing, this.drawnAt] = [null, Date.now()];
+    for (const status of this.told.values()) {
+      this.bearings.get(status.bearing)?.take(status);
+      this.overview.take(status);
+      this.time(status.time);
+    }
+    this.told.clear();
+  }
+
   watch() {
     if (Date.now() - this.heardAt > SILENCE) { this.heardAt = Date.now(); this.lose(); this.again(); }
   }
 
   begin(state) {
+    this.told?.clear();
     this.source = state.source;
     this.bearings = new Map(state.bearings.map((bearing) => [bearing.name, new Bearing(bearing)]));
     get('bearings').replaceChildren(...[...this.bearings.values()].map((bearing) => bearing.root));
