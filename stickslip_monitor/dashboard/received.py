@@ -17,7 +17,7 @@ from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA
 from stickslip_monitor.monitor.alarms.annunciator import Action
 from stickslip_monitor.monitor.alarms.lifecycle import TABLE, AlarmState
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
-from stickslip_monitor.monitor.signals import INPUTS, Status
+from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES, Status
 
 NUMBERS = {
     'speed': 'speed [m/s]',
@@ -103,8 +103,7 @@ def read_status(time_ns: int, text: str, values: Mapping[str, str]) -> BearingSt
         None if sticking is None else sticking == 'true',
         _numbers(values, NUMBERS),
         _numbers(values, {quantity: f'{quantity} age [s]' for quantity in INPUTS}),
-        # A bearing without a level has no word of it.
-        {quantity: own for quantity, own in counts.items() if own},
+        {quantity: own for quantity, own in counts.items() if own or quantity in QUANTITIES},
         {q: values[f'{q} fault'] for q in INPUTS if f'{q} fault' in values},
     )
 
