@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measured vibration: whether the lining vibrates, by an RMS value or a band level.
 
-The level tells vibration from quiet by a threshold, a deadband below it and a second of net time.
-It is *unknown* until either has been seen for that long, while the level is lost or stuck, and as
-long as there is no threshold. What is unknown takes nothing from the verdict on speed and load.
+The level tells vibration from quiet by a threshold, a deadband below it and three seconds of net
+time. Towards vibration only a level counts that does not fall by 3 dB, as that of a lining that
+rings down after a blow does. It is *unknown* until either has been seen for that long, while the
+level is lost or stuck, and as long as there is no threshold. What is unknown takes nothing from
+the verdict on speed and load.
 
 A value that repeats the one before it says nothing: a live level is never twice the same, and a
 sensor that dies repeats its last value for ever, whether that was quiet or full scale. No value
-counts for more than half of the second, however long it is held.
+counts for more than half of that time, however long it is held.
 
 The level has a clock of its own: its stamps move no other input's time. It is compared with the
 operating points by :meth:`LevelTracker.at`, at their times.
@@ -49,7 +51,7 @@ MEASURED = tuple(Measured)
 UNKNOWN, QUIET, VIBRATING = range(3)
 """Places in :data:`MEASURED`."""
 
-DUE_NS = 10**9
+DUE_NS = 3 * 10**9
 """Net time above the threshold, or below the deadband, that is believed [ns]."""
 _MOST_NS = DUE_NS // 2
 _STUCK_NS = 10 * 10**9
@@ -62,7 +64,7 @@ class Unknown(SentenceEnum):
     LOST = 'lost', 'the level is lost'
     STUCK = 'stuck', 'the level never changes: its sensor is stuck'
     ONE_MODE = 'one_mode', 'no threshold is configured, and only one mode has been seen'
-    SHORT = 'short', 'the level has not been above or below its threshold for a second'
+    SHORT = 'short', 'the level has not been above or below its threshold for long enough'
 
 
 def stuck_ns(config: LevelConfig) -> int:
@@ -70,24 +72,52 @@ def stuck_ns(config: LevelConfig) -> int:
     return max(_STUCK_NS, 2 * config.timeout_ns)
 
 
-def step_of(code: int, count: int, step: int) -> tuple[int, int]:
-    """State and count after a value that adds to it, or takes from it, so much time.
+FALLS_DB = 3.0
+"""A level this far below its highest since it rose is that of something that rings down [dB]."""
+
+
+class _Switch:
+    """Quiet, vibrating or neither, and how far the change to another has come.
 
     Args:
+        in_db: Whether the level is in decibels.
+
+    Attributes:
         code: The state, place in :data:`MEASURED`.
         count: Net time towards vibration, or if negative towards quiet [ns].
-        step: Time above the threshold; negative: time below the deadband [ns].
     """
-    count += step
-    if count >= DUE_NS and code != VIBRATING:
-        return VIBRATING, 0
-    if count <= -DUE_NS and code != QUIET:
-        return QUIET, 0
-    if code == VIBRATING:
-        return code, min(count, 0)
-    if code == QUIET:
-        return code, max(count, 0)
-    return code, count
+
+    def __init__(self, in_db: bool) -> None:
+        self._in_db = in_db
+        self.restart()
+
+    def restart(self) -> None:
+        """Nothing is known."""
+        self.code, self.count, self._highest = UNKNOWN, 0, 0.0
+
+    def take(self, step: int, level: float) -> None:
+        """Take a value.
+
+        Args:
+            step: Time that it counts above the threshold; negative: below the deadband [ns].
+            level: The value, in the unit.
+        """
+        if step > 0 and self.code != VIBRATING:
+            self._highest = max(self._highest, level) if self.count > 0 else level
+            if self._falls(level):
+                step = -min(step, self.count)
+        self.count += step
+        if abs(self.count) >= DUE_NS:
+            self.code, self.count = VIBRATING if self.count > 0 else QUIET, 0
+        elif self.code == VIBRATING:
+            self.count = min(self.count, 0)
+        elif self.code == QUIET:
+            self.count = max(self.count, 0)
+
+    def _falls(self, level: float) -> bool:
+        if self._in_db:
+            return level < self._highest - FALLS_DB
+        return level < self._highest * 10.0 ** (-FALLS_DB / 20.0)
 
 
 class LevelTracker:
@@ -98,12 +128,16 @@ class LevelTracker:
         counts: Values by :class:`Status`, shape (6,).
         last_ns: Stamp of the last value believed [ns].
         changed_ns: Stamp of the last one that differed from the one before [ns].
-        code: What it said last, place in :data:`MEASURED`.
         bounds: Quiet is below the first, vibration not below the second; in the unit, ``nan`` as
             long as there is no threshold.
     """
 
     bounds: tuple[float, float]
+
+    @property
+    def code(self) -> int:
+        """What it said last, place in :data:`MEASURED`."""
+        return self._switch.code
 
     def __init__(self, config: LevelConfig) -> None:
         self.counts = np.zeros(len(Status), dtype=np.int64)
@@ -111,8 +145,8 @@ class LevelTracker:
         self._learned = LearnedThreshold()
         self._last = math.nan
         self.changed_ns = 0
-        self.code, self._count = UNKNOWN, 0
         self.config = config
+        self._switch = _Switch(config.unit == 'dB')
         self._configure()
 
     def retune(self, config: LevelConfig) -> None:
@@ -140,7 +174,7 @@ class LevelTracker:
     def restart(self) -> None:
         """The clock jumped: what is waited for starts anew."""
         self.last_ns, self._last = None, math.nan
-        self.code, self._count = UNKNOWN, 0
+        self._switch.restart()
         self._learned.restart()
 
     def add(self, time_ns: int, value: float) -> Status:
@@ -171,11 +205,13 @@ class LevelTracker:
         changed, self._last = si != self._last, si
         begins = last_ns is None
         if last_ns is None or time_ns - last_ns > self.config.timeout_ns:
-            self.code, self._count, begins = UNKNOWN, 0, True
+            self._switch.restart()
+            begins = True
         if not changed:
             return
         if last_ns is not None and time_ns - self.changed_ns > self._stuck_ns:
-            self.code, self._count, begins = UNKNOWN, 0, True
+            self._switch.restart()
+            begins = True
         self.changed_ns = time_ns
         if self.config.learns:
             self._learn(time_ns, si)
@@ -183,8 +219,7 @@ class LevelTracker:
         side = (si >= upper) - (si < lower)
         if side and not begins:
             assert last_ns is not None
-            step = side * min(time_ns - last_ns, _MOST_NS)
-            self.code, self._count = step_of(self.code, self._count, step)
+            self._switch.take(side * min(time_ns - last_ns, _MOST_NS), si)
 
     def take_many(self, time_ns: IntArray, si: FloatArray) -> tuple[IntArray, NDArray[np.int8]]:
         """Take good values with rising stamps, at least one.
@@ -204,9 +239,9 @@ class LevelTracker:
         lower, upper = self.bounds
         side = (si >= upper).astype(np.int64) - (si < lower)
         step = np.where(changed & ~begins, side * np.minimum(gap, _MOST_NS), 0)
-        code, self._count = _codes(step, begins, self.code, self._count)
+        code = _codes(self._switch, step, begins, si)
         self.last_ns, self._last = int(time_ns[-1]), float(si[-1])
-        self.changed_ns, self.code = int(changed_ns[-1]), int(code[-1])
+        self.changed_ns = int(changed_ns[-1])
         return changed_ns, code
 
     def _learn(self, time_ns: int, si: float) -> None:
@@ -215,24 +250,42 @@ class LevelTracker:
         if self._learned.threshold != before and not math.isnan(self._learned.threshold):
             self._set(self._learned.threshold, True)
 
+    def is_lost(self, now_ns: int) -> bool:
+        """Whether no value of about this time has come: none yet, or of another clock."""
+        return self.last_ns is None or abs(now_ns - self.last_ns) > self.config.timeout_ns
+
     def at(self, now_ns: int) -> int:
         """What the level says at a time, the place in :data:`MEASURED`."""
-        if self.last_ns is None or abs(now_ns - self.last_ns) > self.config.timeout_ns:
+        if self.is_lost(now_ns) or now_ns - self.changed_ns > self._stuck_ns:
             return UNKNOWN
-        return UNKNOWN if now_ns - self.changed_ns > self._stuck_ns else self.code
+        return self.code
 
     def why_unknown(self, now_ns: int) -> Unknown | None:
         """Why it says nothing; ``None`` where it does."""
         if self.last_ns is None:
             return Unknown.NOTHING
-        if abs(now_ns - self.last_ns) > self.config.timeout_ns:
-            return Unknown.LOST
-        if now_ns - self.changed_ns > self._stuck_ns:
-            return Unknown.STUCK
-        if self.code != UNKNOWN:
-            return None
+        why = said_at(self.config, self.last_ns, self.changed_ns, self.code, now_ns)[1]
         one = self.config.learns and math.isnan(self._learned.threshold)
-        return Unknown.ONE_MODE if one else Unknown.SHORT
+        return Unknown.ONE_MODE if one and why is Unknown.SHORT else why
+
+
+def said_at(
+    config: LevelConfig, last_ns: int, changed_ns: int, code: int, now_ns: int
+) -> tuple[Measured, Unknown | None]:
+    """What a level says at a time, and why it says nothing.
+
+    Args:
+        config: The input.
+        last_ns: Stamp of the last value [ns].
+        changed_ns: Stamp of the last one that differed from the one before [ns].
+        code: What it said with that, place in :data:`MEASURED`.
+        now_ns: The time [ns].
+    """
+    if abs(now_ns - last_ns) > config.timeout_ns:
+        return Measured.UNKNOWN, Unknown.LOST
+    if now_ns - changed_ns > stuck_ns(config):
+        return Measured.UNKNOWN, Unknown.STUCK
+    return MEASURED[code], Unknown.SHORT if code == UNKNOWN else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -361,25 +414,25 @@ def _follow_one_by_one(
     return np.array(status, np.int8), np.array(changed, np.int64), np.array(code, np.int8)
 
 
-def _codes(
-    step: IntArray, begins: BoolArray, code: int, count: int
-) -> tuple[NDArray[np.int8], int]:
-    """State after each value, shape (n,), and the last count; what changes nothing is skipped."""
+def _codes(switch: _Switch, step: IntArray, begins: BoolArray, si: FloatArray) -> NDArray[np.int8]:
+    """State after each value, shape (n,); what changes nothing is skipped."""
     of_any = np.flatnonzero((step != 0) | begins).tolist()
     of_rise = np.flatnonzero((step > 0) | begins).tolist()
     of_fall = np.flatnonzero((step < 0) | begins).tolist()
-    states, places, k = [code], [0], 0
+    states, places, k = [switch.code], [0], 0
     while True:
-        asks = of_any if count or code == UNKNOWN else of_rise if code == QUIET else of_fall
+        settled = switch.count == 0 and switch.code != UNKNOWN
+        asks = of_any if not settled else of_rise if switch.code == QUIET else of_fall
         at = bisect_left(asks, k)
         if at == len(asks):
             break
-        k, before = asks[at], code
+        k = asks[at]
         if begins[k]:
-            code, count = UNKNOWN, 0
-        code, count = step_of(code, count, int(step[k]))
-        if code != before:
-            states.append(code)
+            switch.restart()
+        if step[k]:
+            switch.take(int(step[k]), float(si[k]))
+        if switch.code != states[-1]:
+            states.append(switch.code)
             places.append(k)
         k += 1
-    return np.repeat(np.array(states, np.int8), np.diff([*places, step.size])), count
+    return np.repeat(np.array(states, np.int8), np.diff([*places, step.size]))

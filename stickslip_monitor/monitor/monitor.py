@@ -12,6 +12,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
@@ -156,6 +159,20 @@ class BearingMonitor:
         if self.level is None:
             return None
         return MEASURED[UNKNOWN if self.now_ns is None else self.level.at(self.now_ns)]
+
+    def last_ns(self, place: int) -> int | None:
+        """Stamp of the last sample believed of an input, a place in :data:`INPUTS` [ns]."""
+        return self._tracker().last_ns if place == LEVEL else self.gate.last_ns[place]
+
+    def counted(self, place: int) -> NDArray[np.int64]:
+        """Samples of an input by :class:`Status`, shape (6,)."""
+        return self._tracker().counts if place == LEVEL else self.gate.counts[place]
+
+    def is_lost(self, place: int) -> bool:
+        """Whether an input does not count at the latest time."""
+        if place != LEVEL:
+            return INPUTS[place] in self.lost()
+        return self.now_ns is not None and self._tracker().is_lost(self.now_ns)
 
     def _move_to(self, time_ns: int, jumped: bool) -> list[Event]:
         """Go to the time of a believed sample; a first one before the start moves the start."""

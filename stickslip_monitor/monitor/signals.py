@@ -93,6 +93,14 @@ class Stream:
                 f' {self.value.shape}: they must be one-dimensional and of one length'
             )
 
+    def until(self, size: int) -> Stream:
+        """The first values of speed and load, and what came of the level among them."""
+        level, rows = self.level, slice(size)
+        if level is not None:
+            own = slice(int(np.searchsorted(level.place, size)))
+            level = Levels(level.time_ns[own], level.value[own], level.place[own])
+        return Stream(self.time_ns[rows], self.is_load[rows], self.value[rows], level)
+
 
 class Status(IntEnum):
     """What became of a sample."""

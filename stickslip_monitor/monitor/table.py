@@ -16,7 +16,7 @@ from stickslip_monitor.physics.oscillator import SPEED_UNITS
 REQUIRED = object()
 FRICTION_LAWS = ('stribeck', 'coulomb', 'tabulated')
 LOAD_UNITS = ('N', 'kN')
-LEVEL_UNITS = ('m/s^2', 'g', 'mm/s', 'um', 'Pa', 'V', '1', 'dB')
+LEVEL_UNITS = ('m/s^2', 'g', 'mm/s', 'um', 'Pa', 'V', 'none', 'dB')
 TOLERANCES = (
     ('damping', 'the damping'),
     ('static', 'the static coefficient'),

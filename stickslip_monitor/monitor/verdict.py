@@ -60,6 +60,7 @@ class Event:
         text: What happened, for a person.
         standing: What the alarm rested on.
         says: What the condition says by itself, whatever came before.
+        measured: What the measured vibration said; ``None`` where none is configured.
     """
 
     bearing: str
@@ -72,6 +73,7 @@ class Event:
     text: str
     standing: Standing = QUIET
     says: str = ''
+    measured: Measured | None = None
 
     @property
     def raised(self) -> bool:
@@ -101,6 +103,7 @@ def event_of(
         describe(config, after, assessment, standing, lost, before, trend),
         standing,
         describe(config, after, assessment, standing, lost, None, trend),
+        None if config.level is None else standing.measured or Measured.UNKNOWN,
     )
 
 

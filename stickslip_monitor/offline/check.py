@@ -21,9 +21,18 @@ from stickslip_monitor.bags.reader import Bag, Fault, Request, Series, open_bag
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
+from stickslip_monitor.monitor.measured import MEASURED
 from stickslip_monitor.monitor.monitor import Monitor
 from stickslip_monitor.monitor.scan import Scan
-from stickslip_monitor.monitor.signals import QUANTITIES, STATUS_SENTENCES, Status, Stream, to_si
+from stickslip_monitor.monitor.signals import (
+    INPUTS,
+    LEVEL,
+    STATUS_SENTENCES,
+    Levels,
+    Status,
+    Stream,
+    to_si,
+)
 from stickslip_monitor.monitor.source_faults import (
     SourceFault,
     fault_text,
@@ -85,14 +94,14 @@ class InputReport:
     """What came of one input of a bearing.
 
     Attributes:
-        quantity: ``'speed'`` or ``'load'``.
+        quantity: ``'speed'``, ``'load'`` or ``'level'``.
         topic: Where it was read.
         messages: Messages on the topic.
         used: Samples that were believed.
         faults: What was wrong with the others, and jumps of the clock.
         gaps: How regularly they came; a gap is longer than the input's timeout.
         span: The least and the greatest number believed, as in the messages; ``nan`` without any.
-        si_span: The same in SI units, surface speed [m/s] or load [N].
+        si_span: The same in SI units, surface speed [m/s] or load [N]; a level in its own unit.
         sources: Faults of the source that the samples show; they are among the faults as well.
         questions: What to ask where the numbers look like another unit or topic.
     """
@@ -127,7 +136,7 @@ class BearingReport:
             undetermined.
         worst: The least Hopf and fold margin and the greatest predicted amplitude, by name;
             a quantity that never had a value is absent.
-        inputs: What came of speed and load.
+        inputs: What came of speed and load, and of a level.
         stream: The samples.
     """
 
@@ -142,6 +151,16 @@ class BearingReport:
     def complaints(self) -> list[str]:
         """What was wrong with the samples, one clause for each kind."""
         return [text for item in self.inputs for text in item.complaints]
+
+    @property
+    def measured(self) -> dict[str, float] | None:
+        """Time by what the measured vibration said [s]; ``None`` where none is configured."""
+        codes = self.scan.course.measured
+        if codes is None:
+            return None
+        lasting = (self.scan.until_ns - self.scan.time_ns) * 1e-9
+        totals = np.bincount(codes, weights=lasting, minlength=len(MEASURED)).tolist()
+        return {state.value: total for state, total in zip(MEASURED, totals, strict=True)}
 
     @property
     def has_warnings(self) -> bool:
@@ -192,10 +211,10 @@ def check_bag(
     bag = open_bag(path)
     if bag.files and not any(file.stat().st_size for file in bag.files):
         raise BagError(f"bag '{path}' is empty: 0 bytes")
-    requests = {b.name: (_request(b.speed), _request(b.load)) for b in config.bearings}
-    series = bag.read({r for pair in requests.values() for r in pair}, progress)
+    requests = {b.name: list(map(_request, b.inputs.values())) for b in config.bearings}
+    series = bag.read({r for own in requests.values() for r in own}, progress)
     streams = {
-        name: _stream(series[speed], series[load]) for name, (speed, load) in requests.items()
+        name: _stream(*(series[request] for request in own)) for name, own in requests.items()
     }
     start, end = _span(bag, streams)
     prepare_surfaces(item.bearing for item in config.bearings)
@@ -217,8 +236,8 @@ def _request(source: InputConfig) -> Request:
     return Request(source.topic, source.field_text, source.type)
 
 
-def _stream(speed: Series, load: Series) -> Stream:
-    """Merge two series into the order in which the bag holds their messages."""
+def _stream(speed: Series, load: Series, level: Series | None = None) -> Stream:
+    """Merge series into the order in which the bag holds their messages."""
     sequence = np.concatenate([speed.sequence, load.sequence])
     order = np.argsort(sequence, kind='stable')
     is_load = np.arange(sequence.size) >= speed.sequence.size
@@ -226,7 +245,13 @@ def _stream(speed: Series, load: Series) -> Stream:
         np.concatenate([speed.stamp_ns, load.stamp_ns])[order],
         is_load[order],
         np.concatenate([speed.value, load.value])[order],
+        None if level is None else _levels(level, sequence[order]),
     )
+
+
+def _levels(level: Series, sequence: IntArray) -> Levels:
+    """The values of a level among those of speed and load, whose sequence is rising."""
+    return Levels(level.stamp_ns, level.value, np.searchsorted(sequence, level.sequence, 'right'))
 
 
 def _span(bag: Bag, streams: dict[str, Stream]) -> tuple[int | None, int | None]:
@@ -277,9 +302,11 @@ def _inputs(
     config: BearingConfig, scan: Scan, series: list[Series], stream: Stream
 ) -> tuple[InputReport, ...]:
     asked = questions(config, scan.assessment)
+    if scan.level is not None and scan.level.unknown is not None:
+        asked['level'] = [f'says nothing at the end: {scan.level.unknown.sentence}']
     return tuple(
-        _input(config, is_load, scan, own, stream, tuple(asked[quantity]))
-        for is_load, (quantity, own) in enumerate(zip(QUANTITIES, series, strict=True))
+        _input(config, is_load, scan, own, stream, tuple(asked.get(quantity, ())))
+        for is_load, (quantity, own) in enumerate(zip(config.inputs, series, strict=True))
     )
 
 
@@ -291,20 +318,22 @@ def _input(
     stream: Stream,
     asked: tuple[str, ...],
 ) -> InputReport:
-    source = config.load if is_load else config.speed
-    counts = scan.counts[is_load]
+    quantity = INPUTS[is_load]
+    source = config.inputs[quantity]
+    counts, own = _believed(scan, stream, is_load)
+    si = to_si(source, series.value)
     sources = find_source_faults(
         series.log_time_ns,
         series.stamp_ns,
-        to_si(source, series.value),
+        # A level that jumps between two values is what is looked for, and no fault.
+        np.full(si.shape, np.nan) if is_load == LEVEL else si,
         least_gap(config, is_load),
     )
-    own = stream.value[(stream.is_load == bool(is_load)) & (scan.status <= Status.CLOCK_JUMP)]
     ends = np.array([own.min(), own.max()] if own.size else [np.nan, np.nan])
     low, high = np.sort(to_si(source, ends)).tolist()
     texts = (fault_text(fault, source) for fault in sources)
     return InputReport(
-        quantity=QUANTITIES[is_load],
+        quantity=quantity,
         topic=source.topic,
         messages=int(series.value.size),
         used=int(counts[: Status.CLOCK_JUMP + 1].sum()),
@@ -319,6 +348,18 @@ def _input(
         sources=tuple(sources),
         questions=asked,
     )
+
+
+def _believed(
+    scan: Scan, stream: Stream, is_load: int
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Samples of an input by :class:`Status`, and the numbers of those that were believed."""
+    if is_load == LEVEL:
+        assert scan.level is not None
+        assert stream.level is not None
+        return scan.level.counts, stream.level.value[scan.level.status <= Status.CLOCK_JUMP]
+    own = (stream.is_load == bool(is_load)) & (scan.status <= Status.CLOCK_JUMP)
+    return scan.counts[is_load], stream.value[own]
 
 
 def _faults(counts: NDArray[np.int64]) -> list[Fault]:
