@@ -17,7 +17,7 @@ from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA
 from stickslip_monitor.monitor.alarms.annunciator import Action
 from stickslip_monitor.monitor.alarms.lifecycle import TABLE, AlarmState
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
-from stickslip_monitor.monitor.signals import QUANTITIES, Status
+from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES, Status
 
 NUMBERS = {
     'speed': 'speed [m/s]',
@@ -95,7 +95,7 @@ def read_status(time_ns: int, text: str, values: Mapping[str, str]) -> BearingSt
             if (count := _number(values, f'{quantity} samples {words}')) is not None
             and math.isfinite(count)
         }
-        for quantity in QUANTITIES
+        for quantity in INPUTS
     }
     return BearingStatus(
         time_ns,
@@ -103,9 +103,9 @@ def read_status(time_ns: int, text: str, values: Mapping[str, str]) -> BearingSt
         {word: values[word] for word in WORDS if word in values},
         None if sticking is None else sticking == 'true',
         _numbers(values, NUMBERS),
-        _numbers(values, {quantity: f'{quantity} age [s]' for quantity in QUANTITIES}),
-        counts,
-        {q: values[f'{q} fault'] for q in QUANTITIES if f'{q} fault' in values},
+        _numbers(values, {quantity: f'{quantity} age [s]' for quantity in INPUTS}),
+        {quantity: own for quantity, own in counts.items() if own or quantity in QUANTITIES},
+        {q: values[f'{q} fault'] for q in INPUTS if f'{q} fault' in values},
     )
 
 

@@ -20,6 +20,7 @@ from stickslip_monitor.monitor.config import InputConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME
 from stickslip_monitor.monitor.messages import diagnostic_record, state_of
 from stickslip_monitor.monitor.monitor import Monitor
+from stickslip_monitor.monitor.signals import LEVEL
 from stickslip_monitor.surface_store import prepare_surfaces
 
 _SHOWN_EVERY = 0.2
@@ -173,7 +174,7 @@ class Replay:
     def _take(self, sample: _Sample) -> None:
         name, is_load, time_ns = sample.bearing, sample.is_load, sample.stamp_ns
         update = self._monitor.bearings[name].update(is_load, time_ns, sample.value)
-        if update.status.believed:
+        if update.status.believed and is_load != LEVEL:
             self._ahead_ns[name] = time_ns - sample.log_ns
         self._alarms.feed(name, is_load, time_ns, update)
 
@@ -195,7 +196,7 @@ def _samples(path: str, config: MonitorConfig) -> Iterator[_Sample]:
     sources = [
         (b.name, is_load, _request(source))
         for b in config.bearings
-        for is_load, source in enumerate((b.speed, b.load))
+        for is_load, source in enumerate(b.inputs.values())
     ]
     series = bag.read({request for *_, request in sources})
     own = [_column(name, is_load, series[request]) for name, is_load, request in sources]

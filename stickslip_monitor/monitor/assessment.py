@@ -306,10 +306,18 @@ def _believed(name: str, points: Assessment | Assessments) -> dict[str, Any]:
         return {name: points.speed * np.nan}
     if name == 'probability_runs':  # without a memory it is what starts by itself
         return {name: points.probability_will}
-    margins = name.startswith('fold')
-    ask = points._belief.fold_margins if margins else points._belief.probabilities
-    names = BELIEFS[3:] if margins else BELIEFS[:2]
-    return dict(zip(names, ask(points.speed, points.load), strict=True))
+    belief, speed, load, share = points._belief, points.speed, points.load, fold_share(points)
+    if name.startswith('fold'):
+        return dict(zip(BELIEFS[3:], belief.fold_margins(speed * share, load), strict=True))
+    return dict(zip(BELIEFS[:2], belief.probabilities(speed, load, share), strict=True))
+
+
+def fold_share(points: Assessment | Assessments) -> Any:
+    """The averaged fold as a share of the one that decides, which may be the exact model's."""
+    fold, limit = points.fold_speed, points.stability_limit
+    if isinstance(points, Assessment):
+        return fold / limit if fold < limit else 1.0
+    return np.divide(fold, limit, out=np.ones(np.shape(limit)), where=np.less(fold, limit))
 
 
 @dataclass(frozen=True, slots=True)

@@ -290,7 +290,7 @@ class BearingScan:
             _InputScan(config.load, None),
         )
         self._level = None if config.level is None else LevelScan(config.level)
-        self._classifier = ConditionClassifier(config.bearing, config.alarm, config.level)
+        self._classifier = ConditionClassifier(config)
         self._track = AlarmTrack(config)
         self._track.start_ns = start_ns
         self._window = TrendWindow(config.alarm.trend_window_ns)
