@@ -211,8 +211,8 @@ def test_hostile_texts_stay_text(dashboard: Any, page: Any) -> None:
     dashboard.do(poison)
     page.until(f'document.querySelector(`#aside-list {ALARM}`)')
     assert page.text(f'{ALARM} .text') == HOSTILE
+    page.until(f'document.querySelector(".badge").textContent === {json.dumps(HOSTILE)}')
     assert page.text('.verdict') == HOSTILE
-    assert page.text('.badge') == HOSTILE
     assert HOSTILE in page.text('#log')
     assert page.js('document.querySelectorAll("main img, main script").length') == 0
 
