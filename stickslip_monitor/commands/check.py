@@ -17,6 +17,7 @@ The exit code is 1 where the monitor warned, 2 where a bag could not be checked.
 from __future__ import annotations
 
 import argparse
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -129,12 +130,14 @@ def _lessons(
     """What all bags together teach of each bearing."""
     from stickslip_monitor.study.calibration.proposal import learned
 
-    reports = '' if args.learn in ('level', 'truth') else f' --reports {args.learn}'
+    reports = () if args.learn in ('level', 'truth') else ('--reports', args.learn)
     lessons = []
     for own in config.bearings:
-        command = (
-            f'stickslip calibrate {" ".join(args.bags)} --config {args.config}{reports}'
-            f' --bearing {own.name} --output {own.name}.calibration.json'
+        command = shlex.join(
+            [
+                *('stickslip', 'calibrate', *args.bags, '--config', args.config, *reports),
+                *('--bearing', own.name, '--output', f'{own.name}.calibration.json'),
+            ]
         )
         evidence = [found[own.name] for found in output.evidence if own.name in found]
         lessons += learned(

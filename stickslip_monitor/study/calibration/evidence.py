@@ -207,8 +207,6 @@ def level_episodes(
 def level_threshold(name: str, level: FloatArray) -> float:
     """The level that tells vibration from quiet: the minimum between its two modes.
 
-    Two Gaussians are fitted to the logarithm of the level by expectation maximisation.
-
     Args:
         name: The topic, for a sentence.
         level: Shape (n,); what is not above 0 does not count.
