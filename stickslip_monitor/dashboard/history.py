@@ -17,7 +17,7 @@ COLUMNS = ('time', 'speed', 'load', *MARGINS, *CHANCES)
 Row = list[Any]
 
 
-class History:
+class TenMinutes:
     """The newest rows, bounded in time and number."""
 
     def __init__(self) -> None:
