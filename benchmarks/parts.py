@@ -10,6 +10,7 @@ PARTS: tuple[str, ...] = (
     'node',
     'fleet_node',
     'links',
+    'dashboard',
 )
 """Modules of this package with ``run(quick: bool) -> Table``."""
 SOAK = 'soak'

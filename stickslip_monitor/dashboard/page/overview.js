@@ -2,8 +2,8 @@
 // Many bearings at a glance, worst first; of few there is no need for it.
 
 const FEW = 4;
-const WORST = ['not_monitoring', 'stick_slip', 'amplitude_limit', 'input_stale', 'waiting', 'bistable', 'caution', 'normal'];
-const WORDS = { normal: '✓ normal', caution: '! margin low', bistable: '! bistable', stick_slip: '▲ stick-slip', amplitude_limit: '▲ amplitude', input_stale: '✕ input lost', waiting: '… waiting', not_monitoring: '✕ not monitored' };
+const WORST = ['not_monitoring', 'stick_slip', 'amplitude_limit', 'input_stale', 'waiting', 'bistable', 'vibration', 'caution', 'normal'];
+const WORDS = { normal: '✓ normal', caution: '! margin low', bistable: '! bistable', stick_slip: '▲ stick-slip', amplitude_limit: '▲ amplitude', vibration: '! vibration', input_stale: '✕ input lost', waiting: '… waiting', not_monitoring: '✕ not monitored' };
 const badness = (status) => (status ? WORST.indexOf(status.reason) : 4);
 
 export class Overview {
