@@ -57,8 +57,8 @@ def run(quick: bool) -> Table:
 _NOTES = """\
 Help loads neither numpy nor the monitor. Of a check numpy takes a quarter, the rest are the
 modules of the monitor, most of all making their dataclasses, and the bag's libraries; the Bessel
-functions come from scipy's compiled module alone, as the package takes longer to import than all of
-ours."""
+functions come from scipy's compiled module alone, as the package takes longer to import than all
+of ours."""
 
 
 def _once(arguments: tuple[str, ...]) -> tuple[float, float]:
