@@ -2,11 +2,11 @@
 """Infer a bearing's stability boundaries from recordings and reports of vibration.
 
 Evidence is an operator's CSV file (--reports: bearing, start, end, state, and as one likes
-tolerance [s] and trust), a topic with the level of vibration (--level), or the truth in simulated
-bags. The result is a file that `calibration:` in the bearing's configuration names; it holds for
-the readings of the same sensors, and is no measurement of friction. The exit code is 1 where a
-warning says that the result is worth less (no episode, a doubtful report, a surprise), and 2 for
-bad input.
+tolerance [s] and trust), a topic with the level of vibration (--level), or else the level that is
+configured for the bearing, or where there is none the truth in simulated bags. The result is a
+file that `calibration:` in the bearing's configuration names; it holds for the readings of the
+same sensors, and is no measurement of friction. The exit code is 1 where a warning says that the
+result is worth less (no episode, a doubtful report, a surprise), and 2 for bad input.
 """
 
 from __future__ import annotations

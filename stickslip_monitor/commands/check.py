@@ -19,12 +19,12 @@ The exit code is 1 where the monitor warned, 2 where a bag could not be checked.
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stickslip_monitor.commands.check_jobs import Output, Task, check_one
 from stickslip_monitor.commands.output import (
     ProgressBar,
     add_config,
@@ -35,13 +35,14 @@ from stickslip_monitor.commands.output import (
 )
 from stickslip_monitor.errors import BagError, ConfigurationError, OutputError
 from stickslip_monitor.files import is_same
-from stickslip_monitor.monitor.config import MonitorConfig
-from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.offline.archive import STDIN, find_bags, spooled
 
 if TYPE_CHECKING:
+    from stickslip_monitor.commands.check_jobs import Output
     from stickslip_monitor.commands.report import ReportFile
+    from stickslip_monitor.monitor.config import MonitorConfig
     from stickslip_monitor.study.calibration.recordings import EvidenceSource
+
+STDIN = '-'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -88,6 +89,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     _check_options(args)
+    # Not needed for help or a wrong option, and it takes most of the time to start.
+    from stickslip_monitor.offline.archive import find_bags, spooled
+
     if STDIN in args.bags:
         with ProgressBar() as meter, spooled(sys.stdin.buffer, meter.show) as path:
             args.bags = [str(path)]
@@ -102,6 +106,9 @@ def run(args: argparse.Namespace) -> int:
 def _run(
     args: argparse.Namespace, bags: list[Path], meter: ProgressBar, shown: str | None = None
 ) -> int:
+    from stickslip_monitor.commands.check_jobs import Output, Task, check_one
+    from stickslip_monitor.monitor.config_file import load_config
+
     config = load_config(args.config)
     _check_recordings(args, bags)
     file = _report_file(args, config, bags)
@@ -153,12 +160,14 @@ def _lessons(
     """What all bags together teach of each bearing."""
     from stickslip_monitor.study.calibration.proposal import learned
 
-    reports = '' if args.learn in ('level', 'truth') else f' --reports {args.learn}'
+    reports = () if args.learn in ('level', 'truth') else ('--reports', args.learn)
     lessons = []
     for own in config.bearings:
-        command = (
-            f'stickslip calibrate {" ".join(args.bags)} --config {args.config}{reports}'
-            f' --bearing {own.name} --output {own.name}.calibration.json'
+        command = shlex.join(
+            [
+                *('stickslip', 'calibrate', *args.bags, '--config', args.config, *reports),
+                *('--bearing', own.name, '--output', f'{own.name}.calibration.json'),
+            ]
         )
         evidence = [found[own.name] for found in output.evidence if own.name in found]
         lessons += learned(

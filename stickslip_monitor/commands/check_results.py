@@ -193,11 +193,9 @@ def _input_line(quantity: str, item: Mapping[str, Any]) -> str:
         return f'{place}: {plural(item["messages"], "message")}, none used'
     (low, high), (si_low, si_high) = item['span'], item['si_span']
     unit = 'm/s' if quantity == 'speed' else 'N'
+    si = '' if quantity == 'level' else f' ({si_low:.4g} to {si_high:.4g} {unit})'
     rate = '' if item['rate'] is None else f', {item["rate"]:.3g} a second'
-    return (
-        f'{place}: {low:.4g} to {high:.4g} in the messages'
-        f' ({si_low:.4g} to {si_high:.4g} {unit}){rate}, {item["share"]:.1%} used'
-    )
+    return f'{place}: {low:.4g} to {high:.4g} in the messages{si}{rate}, {item["share"]:.1%} used'
 
 
 def _worst(quantity: str, extreme: Mapping[str, Any], start: int) -> str:

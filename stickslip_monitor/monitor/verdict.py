@@ -153,11 +153,11 @@ def _what(config: BearingConfig, standing: Standing, point: Assessment) -> str:
         what = f'{_OVER[condition]}: {condition} clears in {_about(max(standing.clears, 1.0))}.'
     elif point.outcome is Outcome.STICK_SLIP and not standing.sticking:
         what = f'Steady sliding is unstable: stick-slip is starting{_starting(standing, point)}.'
+    elif standing.sticking and standing.measured is Measured.VIBRATING:
+        what = _measured_text(point)
     elif standing.asked > standing.rung:
         delay = config.alarm.on_delay_ns * 1e-9
         what = f'{asked.sentence[:-1]}, but not yet for {delay:g} s.'
-    elif standing.sticking and standing.measured is Measured.VIBRATING:
-        what = _measured_text(config, point)
     elif condition is Condition.CAUTION and not near_fold(config.alarm, point)[0]:
         what = 'The speed is falling towards the stick-slip region.'
     else:
@@ -167,7 +167,7 @@ def _what(config: BearingConfig, standing: Standing, point: Assessment) -> str:
     return what
 
 
-def _measured_text(config: BearingConfig, point: Assessment) -> str:
+def _measured_text(point: Assessment) -> str:
     """Stick-slip that is measured: how it stands to what the model says."""
     if point.outcome is Outcome.STICK_SLIP:
         return 'Stick-slip predicted, and vibration is measured.'

@@ -15,8 +15,6 @@ from stickslip_monitor.bags.reader import natural
 from stickslip_monitor.errors import BagError
 
 Stamp = tuple[tuple[str, int, int], ...]
-STDIN = '-'
-"""Stands for a recording on standard input."""
 _PIECE = 1 << 20
 
 
