@@ -203,7 +203,7 @@ class Page {
     if (alarms) {
       this.alarms.show(alarms);
       this.sound.ring(alarms.sounding);
-      document.title = `${alarms.unacknowledged ? `(${alarms.unacknowledged}) ` : ''}Stick-slip monitor`;
+      this.trust(this.trusted);
     }
     get('log').replaceChildren(...log.toReversed().map(logRow));
   }
@@ -223,12 +223,21 @@ class Page {
     if (get('notices').textContent !== monitor.notices.join(' ')) { put(get('notices'), monitor.notices.join(' ')); put(get('say'), monitor.notices.join(' ')); }
     get('notices').hidden = !monitor.notices.length;
     for (const [name, bearing] of this.bearings) bearing.root.classList.toggle('unheard', monitor.unheard.includes(name));
-    this.alarms.trust(monitor.there && !monitor.faults.length);
+    this.overview.believe(monitor.unheard);
+    this.trust(monitor.there && !monitor.faults.length);
+  }
+
+  /** The title, too, tells a tab that is not looked at what it does not know. */
+  trust(trusted) {
+    this.alarms.trust(trusted);
+    this.trusted = trusted;
+    const waiting = this.record?.unacknowledged ? `(${this.record.unacknowledged}) ` : '';
+    document.title = `${trusted || get('banner').hidden || document.body.dataset.link === 'over' ? '' : '✕ '}${waiting}Stick-slip monitor`;
   }
 
   lose() {
-    this.alarms.trust(false);
     this.tell('lost', 'connection lost', 'The connection to the dashboard is lost: nothing here is current. Trying again …');
+    this.trust(false);
   }
 
   tell(link, words, banner) {
