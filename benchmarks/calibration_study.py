@@ -376,7 +376,7 @@ _SAYINGS = {
 }
 _LOOKS = (('#0072b2', 'o'), ('#d55e00', 's'), ('#009e73', 'D'))
 _HEAD = (
-    'episodes', 'fold: error', 'bias', 'half-width', 'cover', 'Hopf: error', 'bias', 'half-width',
+    'fold: error', 'bias', 'half-width', 'cover', 'Hopf: error', 'bias', 'half-width',
     'cover', 'least effective',
 )  # fmt: skip
 
@@ -395,7 +395,7 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return '\n'.join([*lines, *(f'| {" | ".join(row)} |' for row in rows), ''])
 
 
-def _coverage(rows: Sequence[Sequence[Any]]) -> str:
+def _coverage(rows: Sequence[Sequence[Any]], first: str = 'episodes') -> str:
     cells = []
     for name, *values in rows:
         texts = [str(name)]
@@ -403,7 +403,7 @@ def _coverage(rows: Sequence[Sequence[Any]]) -> str:
             error, bias, half, cover = values[k : k + 4]
             texts += [f'{error:.1%}', f'{bias:+.1%}', f'{half:.1%}', f'{cover:.0%}']
         cells.append([*texts, f'{values[8]:.0f}'])
-    return _table(_HEAD, cells)
+    return _table([first, *_HEAD], cells)
 
 
 def _level_text(result: Mapping[str, Any]) -> str:
@@ -412,8 +412,8 @@ def _level_text(result: Mapping[str, Any]) -> str:
         'Median error and bias of the posterior median, median half-width of the 90 % interval\n'
         'with the floor, and how often it covers the truth.\n\n'
         + _coverage(result['rows'])
-        + f'\nA change of the bearing was said, falsely, of {result["warned"]} ships after 20'
-        f' episodes; {result["refused"]} results were\nrefused.\n'
+        + f'\nA change of the bearing was said, falsely, of {result["warned"]} ships;'
+        f' results refused: {result["refused"]}.\n'
     )
 
 
@@ -421,7 +421,7 @@ def _operator_text(result: Mapping[str, Any]) -> str:
     return (
         f'## Reports of an operator: {result["ships"]} ships\n\n'
         'Times off by up to 5 s and told with 10 s; one report in ten says the opposite; trust'
-        f' 0.9.\n{result["refused"]} results were refused.\n\n' + _coverage(result['rows'])
+        f' 0.9.\nResults refused: {result["refused"]}.\n\n' + _coverage(result['rows'])
     )
 
 
@@ -441,7 +441,8 @@ def _reliability_text(result: Mapping[str, Any]) -> str:
         ' seconds in\nbrackets. `runs` goes by thresholds and so begins before the noise has'
         ' grown: it is for\nwarnings.\n\n'
         + _table(['', *(['said -> was'] * 8), 'Brier'], rows)
-        + '\n![What was said, and what was](images/reliability.png)\n'
+        + '\n![What was said, and what was](images/reliability.png)\n\n'
+        'Grey: where 0.4 to 0.7 is said it should happen in 0.35 to 0.75.\n'
     )
 
 
@@ -496,8 +497,7 @@ def _drift_text(result: Mapping[str, Any]) -> str:
         '## A bearing that wears\n\n'
         f'`mu_s - mu_k` rises by 42 % over {_PASSAGES} passages; the last one is judged,'
         f' {result["ships"]} ships.\nThat the bearing may have changed was said, or the result'
-        f' refused, for {result["warned"]} of\nthem. The first column is `--forget`.\n\n'
-        + _coverage(result['rows'])
+        f' refused, for {result["warned"]} of\nthem.\n\n' + _coverage(result['rows'], '`--forget`')
     )
 
 

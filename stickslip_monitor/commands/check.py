@@ -22,7 +22,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stickslip_monitor.commands.check_jobs import Output, Task, check_one
 from stickslip_monitor.commands.output import (
     ProgressBar,
     add_config,
@@ -33,12 +32,11 @@ from stickslip_monitor.commands.output import (
 )
 from stickslip_monitor.errors import BagError, ConfigurationError, OutputError
 from stickslip_monitor.files import is_same
-from stickslip_monitor.monitor.config import MonitorConfig
-from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.offline.archive import find_bags
 
 if TYPE_CHECKING:
+    from stickslip_monitor.commands.check_jobs import Output
     from stickslip_monitor.commands.report import ReportFile
+    from stickslip_monitor.monitor.config import MonitorConfig
     from stickslip_monitor.study.calibration.recordings import EvidenceSource
 
 
@@ -78,6 +76,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     _check_options(args)
+    # Not needed for help or a wrong option, and they take most of the time to start.
+    from stickslip_monitor.commands.check_jobs import Output, Task, check_one
+    from stickslip_monitor.monitor.config_file import load_config
+    from stickslip_monitor.offline.archive import find_bags
+
     bags = find_bags(args.bags)
     config = load_config(args.config)
     _check_recordings(args, bags)

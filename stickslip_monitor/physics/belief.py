@@ -27,11 +27,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import i0e, i1e, ndtr, ndtri
 
 from stickslip_monitor.arrays import FloatArray, flatten, in_blocks, restore
 from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.physics.averaging.dimensionless import decline, speed_for_decline
+from stickslip_monitor.physics.bessel import i0e, i1e, ndtr, ndtri
 from stickslip_monitor.physics.friction import Stribeck, require_not_negative
 from stickslip_monitor.physics.oscillator import Bearing
 
