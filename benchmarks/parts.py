@@ -6,6 +6,7 @@ PARTS: tuple[str, ...] = (
     'physics',
     'diagram',
     'integration',
+    'startup',
     'check_day',
     'node',
     'fleet_node',

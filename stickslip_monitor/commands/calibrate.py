@@ -47,7 +47,7 @@ from stickslip_monitor.monitor.calibration_file import (
 )
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.offline.check import check_bag
+from stickslip_monitor.offline.follow import scan_whole
 from stickslip_monitor.physics.belief import QUANTILES, Belief
 from stickslip_monitor.study.calibration.calibrate import (
     FLOOR,
@@ -188,8 +188,8 @@ def _dips(
     found = []
     for k, path in enumerate(bags):
         meter.show(f'reading {Path(path).name}', k, len(bags))
-        checked = check_bag(path, MonitorConfig((config,)))
-        found.append(source.of_recording(checked, config))
+        whole = scan_whole(path, MonitorConfig((config,)))
+        found.append(source.of_recording(whole, config))
     return source.dips(config, prior, found)
 
 

@@ -24,6 +24,7 @@ from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.offline.archive import Stamp
 from stickslip_monitor.offline.check import CheckReport, check_bag
+from stickslip_monitor.offline.follow import scan_whole
 
 if TYPE_CHECKING:
     from stickslip_monitor.commands.report import ReportPart
@@ -138,10 +139,12 @@ def failed(task: Task, bag: Path, text: str) -> Found:
 
 def _evidence(task: Task, checked: CheckReport) -> dict[str, Evidence | str]:
     found: dict[str, Evidence | str] = {}
-    for config in task.config.bearings if task.learn is not None else ():
-        assert task.learn is not None
+    if task.learn is None:
+        return found
+    whole = scan_whole(checked.bag.path, task.config)
+    for config in task.config.bearings:
         try:
-            found[config.name] = task.learn.of_recording(checked, config)
+            found[config.name] = task.learn.of_recording(whole, config)
         except CalibrationError as error:
             found[config.name] = str(error)
     return found

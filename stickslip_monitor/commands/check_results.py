@@ -52,15 +52,15 @@ def error_json(path: Path, text: str) -> dict[str, Any]:
 
 def _bearing_record(item: BearingReport) -> dict[str, Any]:
     return {
-        'events': event_records(item.scan.events),
+        'events': event_records(item.events),
         'seconds': {regime.value: seconds for regime, seconds in item.seconds.items()},
         'worst': {
             name: {'time': extreme.time_ns, 'value': number(extreme.value)}
             | {k: v for k, v in point_record(extreme.point).items() if k in _OF_WORST[name]}
             for name, extreme in item.worst.items()
         },
-        **({} if (measured := item.measured) is None else {'measured': measured}),
-        'evaluations': int(item.scan.time_ns.size),
+        **({} if item.measured is None else {'measured': item.measured}),
+        'evaluations': item.evaluations,
         'data': item.complaints,
         'inputs': {each.quantity: _input(each) for each in item.inputs},
     }

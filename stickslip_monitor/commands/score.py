@@ -39,7 +39,7 @@ from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.scan import Scan
-from stickslip_monitor.offline.check import CheckReport, check_bag
+from stickslip_monitor.offline.follow import WholeBag, scan_whole
 from stickslip_monitor.offline.truth import TruthRecord, has_truth, read_truth
 from stickslip_monitor.study.recorder_clock import scan_on_recorder_clock
 from stickslip_monitor.study.score import (
@@ -128,14 +128,14 @@ def judge_bag(path: str | Path, config: MonitorConfig) -> list[Judged]:
     Raises:
         BagError: The bag cannot be read, or it holds no truth.
     """
-    report = check_bag(path, config)
-    known = [b for b in config.bearings if has_truth(report.bag, b.name)]
-    return [_judge(str(path), report, bearing) for bearing in known or config.bearings[:1]]
+    whole = scan_whole(path, config)
+    known = [b for b in config.bearings if has_truth(whole.bag, b.name)]
+    return [_judge(str(path), whole, bearing) for bearing in known or config.bearings[:1]]
 
 
-def _judge(path: str, report: CheckReport, config: BearingConfig) -> Judged:
-    record = read_truth(report.bag, config.name)
-    scan = scan_on_recorder_clock(report, config)
+def _judge(path: str, whole: WholeBag, config: BearingConfig) -> Judged:
+    record = read_truth(whole.bag, config.name)
+    scan = scan_on_recorder_clock(whole, config)
     truth = Truth(
         start_ns=record.start_ns,
         end_ns=record.end_ns,

@@ -25,9 +25,9 @@ from stickslip_monitor.drawing.track import envelope
 from stickslip_monitor.monitor.assessment import Regime, at_indices
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Level
-from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.intervals import ConditionInterval, coarsened
+from stickslip_monitor.offline.outline import Verdicts
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,12 +55,12 @@ class Timeline:
 
     Attributes:
         config: The bearing.
-        scan: Its verdicts and events.
+        scan: Its verdicts and events, or their outline.
         spells: The alarm's conditions, from the recording's start to its end.
     """
 
     config: BearingConfig
-    scan: Scan
+    scan: Verdicts
     spells: Sequence[ConditionInterval]
 
     @property

@@ -632,9 +632,16 @@ def _judge(bearing: Bearing, speed: FloatArray, load: FloatArray) -> tuple[NDArr
     size = magnitude * load
     ordinary = bool(((size > 0.0) & (size < np.inf)).all())
     q = bearing.damping / load if ordinary else damping_per_load(bearing.damping, load)
-    hopf, fold = solver.boundaries(q)
     curve = fold_curve(bearing)
-    exact = curve.speed(load, fold)
+    # Speed and load come in turns as a rule, so that a load is met twice.
+    first = np.append(0, np.flatnonzero(load[1:] != load[:-1]) + 1)[: load.size]
+    shared = 4 * first.size < 3 * load.size
+    loads = load[first] if shared else load
+    hopf, fold = solver.boundaries(q[first] if shared else q)
+    exact = curve.speed(loads, fold)
+    if shared:
+        times = np.diff(np.append(first, load.size))
+        hopf, fold, exact = (np.repeat(limit, times) for limit in (hopf, fold, exact))
     code = np.where((fold != fold) & (exact != exact), NO_BOUNDARY, NO_CYCLE)
     averaged = solver.has_cycle(magnitude, q, fold)
     code = np.where(curve.has_cycle(magnitude, load, fold, exact, averaged), BISTABLE, code)

@@ -321,6 +321,7 @@ class LevelScan:
     def __init__(self, config: LevelConfig) -> None:
         self.tracker = LevelTracker(config)
         self._last = np.zeros(1, np.int8)
+        self._now_ns: int | None = None
 
     def take(
         self,
@@ -359,7 +360,9 @@ class LevelScan:
         codes = np.append(self._last[:carried], self._at(columns, place, now_ns))
         self._last = codes[-1:] if codes.size else self._last
         _, time, changed, code, _, own = columns
-        end = int(now_ns[-1]) if now_ns.size else (tracker.last_ns or 0)
+        if now_ns.size:
+            self._now_ns = int(now_ns[-1])
+        end = (tracker.last_ns or 0) if self._now_ns is None else self._now_ns
         return LevelCourse(
             time[own],
             changed[own],

@@ -16,24 +16,18 @@ from itertools import pairwise
 import numpy as np
 
 from stickslip_monitor.arrays import IntArray
-from stickslip_monitor.bags.values import Request
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.scan import Scan, scan_bearing
 from stickslip_monitor.monitor.signals import Status, Stream
-from stickslip_monitor.offline.check import CheckReport
+from stickslip_monitor.offline.follow import WholeBag
 
 _EARLIEST = np.iinfo(np.int64).min
 
 
-def scan_on_recorder_clock(checked: CheckReport, config: BearingConfig) -> Scan:
-    """The verdicts of a check on one bearing, with times of the recorder."""
-    asked = [Request(s.topic, s.field_text, s.type) for s in (config.speed, config.load)]
-    found = checked.bag.read(asked)
-    series = [found[request] for request in asked]
-    order = np.argsort(np.concatenate([own.sequence for own in series]), kind='stable')
-    arrivals: IntArray = np.concatenate([own.log_time_ns for own in series])[order]
-    own = checked.bearings[config.name]
-    return on_recorder_clock(config, own.stream, arrivals, own.scan, checked.start_ns)
+def scan_on_recorder_clock(whole: WholeBag, config: BearingConfig) -> Scan:
+    """The verdicts on one bearing of a bag, with times of the recorder."""
+    own = whole.bearings[config.name]
+    return on_recorder_clock(config, own.stream, own.arrival_ns, own.scan, whole.start_ns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

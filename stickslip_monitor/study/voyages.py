@@ -23,7 +23,7 @@ from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Condition, Level
 from stickslip_monitor.monitor.scan import Scan, scan_bearing, trend_at
 from stickslip_monitor.monitor.signals import Levels, Stream, to_si
-from stickslip_monitor.monitor.source_faults import find_source_faults, least_gap
+from stickslip_monitor.monitor.source_faults import SourceWatch, least_gap
 from stickslip_monitor.offline.intervals import condition_intervals
 from stickslip_monitor.offline.processes import run_in_processes
 from stickslip_monitor.offline.truth import Column, episodes_of, topic
@@ -348,7 +348,7 @@ def _has_wrong_source(config: BearingConfig, stream: Stream, arrival_ns: IntArra
         own = stream.is_load == bool(is_load)
         si = to_si(source, stream.value[own])
         gap = least_gap(config, is_load)
-        if find_source_faults(arrival_ns[own], stream.time_ns[own], si, gap):
+        if SourceWatch(gap).see_many(arrival_ns[own], stream.time_ns[own], si):
             return True
     return False
 

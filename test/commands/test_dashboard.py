@@ -86,11 +86,9 @@ def test_a_recording_is_played_to_its_end(start: Callable[..., str]) -> None:
     # The check reads the same recording in bulk.
     checked = check_bag(BAG, load_config(CONFIG)).bearings['aft_stern']
     assert status['inputs']['load']['counts']['accepted'] == checked.inputs[1].used
-    assert status['reason'] == checked.scan.events[-1].after.value == 'bistable'
+    assert status['reason'] == checked.events[-1].after.value == 'bistable'
     raised = [c['time'] for c in state['log'] if c['what'] == 'raise']
-    expected = [
-        event_record(event)['time'] // 10**6 for event in checked.scan.events if event.raised
-    ]
+    expected = [event_record(event)['time'] // 10**6 for event in checked.events if event.raised]
     assert raised == expected
     # Nobody was there: what came and went waits.
     assert state['alarms']['unacknowledged'] == len(expected) > 0

@@ -124,7 +124,8 @@ def test_acknowledging_without_a_mouse(dashboard: Any, page: Any) -> None:
     page.type('new oil')
     page.press('Enter')
     page.until(f'document.querySelector(`#aside-list {ALARM}`)')
-    assert dashboard.ship.asked[-1].by == 'Ada L.: new oil'
+    assert (dashboard.ship.asked[-1].by, dashboard.ship.asked[-1].reason) == ('Ada L.', 'new oil')
+    assert 'aft_stern/stick_slip: shelve by Ada L.: new oil' in page.text('#log')
     assert page.text('#aside summary') == '1 put aside: 1 shelved'
     # What has gone from sight leaves the focus to the list.
     assert page.js('document.activeElement.id') == 'alarms'
@@ -448,6 +449,17 @@ def test_fifty_bearings_at_a_glance(fleet: Any) -> None:
         ' f.dispatchEvent(new Event("input")); })()'
     )
     assert fleet.js(names) == [f'b4{k}' for k in range(7)]
+
+
+def test_one_that_is_not_heard_any_more_is_not_normal(dashboard: Any, fleet: Any) -> None:
+    """Its last word was normal: it does not stay in the table as if it were so."""
+    row = 'document.querySelector("#rows tr").innerText.replace(/\\s+/g, " ")'
+    assert fleet.js(row).startswith('aft_stern')
+    dashboard.do(lambda: setattr(dashboard.ship.shown.bearings['b48'], 'at', 0.0))
+    fleet.until(f'{row}.startsWith("b48 ✕ not heard")')
+    assert fleet.js('document.title').startswith('✕ ')
+    fleet.js('document.getElementById("only").click()')
+    assert fleet.js('document.querySelector("[data-name=b48]").checkVisibility()')
 
 
 def test_one_lost_speed_is_one_entry_above_what_is_acknowledged(fleet: Any) -> None:

@@ -18,7 +18,7 @@ from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.measured import UNKNOWN, VIBRATING
 from stickslip_monitor.monitor.scan import Scan
-from stickslip_monitor.offline.check import CheckReport
+from stickslip_monitor.offline.follow import WholeBag
 from stickslip_monitor.offline.truth import has_truth, read_truth
 from stickslip_monitor.study.calibration.calibrate import dip_limit
 from stickslip_monitor.study.calibration.dips import (
@@ -86,20 +86,20 @@ class EvidenceSource:
     level: Request | None = None
     true: bool = False
 
-    def of_recording(self, checked: CheckReport, config: BearingConfig) -> Evidence:
+    def of_recording(self, whole: WholeBag, config: BearingConfig) -> Evidence:
         """What one recording tells.
 
         Raises:
             CalibrationError: It has no truth, and nobody else tells.
         """
-        bag, name = checked.bag, checked.bag.path.name
-        scan = checked.bearings[config.name].scan
+        bag, name = whole.bag, whole.bag.path.name
+        scan = whole.bearings[config.name].scan
         if self._by_own_level(config):
             assert config.level is not None
             source = f'{config.level.topic} in {name}'
             return Evidence(name, courses_of(name, scan), measured_reports(config, scan, source))
         if self.told is None and self.level is None:
-            return _true_evidence(checked, config)
+            return _true_evidence(whole, config)
         courses = courses_of(name, scan)
         level = None if self.level is None else bag.read([self.level])[self.level]
         return Evidence(name, courses, self._told_of(config), level)
@@ -168,15 +168,15 @@ def measured_reports(
     )  # fmt: skip
 
 
-def _true_evidence(checked: CheckReport, config: BearingConfig) -> Evidence:
-    bag = checked.bag
+def _true_evidence(whole: WholeBag, config: BearingConfig) -> Evidence:
+    bag = whole.bag
     if not has_truth(bag, config.name):
         raise CalibrationError(
             f"bag '{bag.path}' holds no truth about {config.name}, as those of a simulation do:"
             ' give --reports or --level'
         )
     truth = read_truth(bag, config.name)
-    scan = scan_on_recorder_clock(checked, config)
+    scan = scan_on_recorder_clock(whole, config)
     name, span = bag.path.name, (truth.start_ns, truth.end_ns)
     source = f'truth of {name}'
     reports = alternating(config.name, span, truth.episodes, TRUTH_TOLERANCE, TRUST, source)
