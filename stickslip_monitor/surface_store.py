@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stickslip_monitor.errors import cause
 from stickslip_monitor.physics.chebyshev import Pieces, PiecewiseChebyshev2D
 from stickslip_monitor.physics.cycle.surface import CycleSurface, surface_of
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
@@ -90,7 +91,7 @@ def _prepare(surface: CycleSurface, folder: Path | None) -> list[str]:
     try:
         _write(path, surface)
     except OSError as error:
-        return [_complaint(str(error))]
+        return [_complaint(f'{folder}: {cause(error)}')]
     return []
 
 

@@ -387,6 +387,7 @@ def _input_row(item: InputReport, source: InputConfig) -> InputRow:
                 for f in item.faults
             ),
             *(f'{item.quantity} {text}' for text in item.questions),
+            *([item.fault] if item.fault else ()),
         ),
     )
 

@@ -10,7 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +18,12 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.reader import Bag, Fault, Request, Series, open_bag
+from stickslip_monitor.bags.schema import short_name
+from stickslip_monitor.bags.topics import missing_topic
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
+from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
 from stickslip_monitor.monitor.monitor import Monitor
 from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.monitor.signals import QUANTITIES, STATUS_SENTENCES, Status, Stream, to_si
@@ -95,6 +98,7 @@ class InputReport:
         si_span: The same in SI units, surface speed [m/s] or load [N].
         sources: Faults of the source that the samples show; they are among the faults as well.
         questions: What to ask where the numbers look like another unit or topic.
+        fault: Why the input brings nothing, in the words of the running monitor; or nothing.
     """
 
     quantity: str
@@ -107,13 +111,14 @@ class InputReport:
     si_span: tuple[float, float] = (math.nan, math.nan)
     sources: tuple[SourceFault, ...] = ()
     questions: tuple[str, ...] = ()
+    fault: str = ''
 
     @property
     def complaints(self) -> list[str]:
         """What was wrong, one clause for each kind."""
         place = f'{self.quantity} on {self.topic}'
         found = [f'{place}: {fault.count} x {fault.text}' for fault in self.faults]
-        return found if self.used else [*found, f'{place}: no usable sample']
+        return [*found, f'{place}: {self.fault}'] if self.fault else found
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,6 +197,7 @@ def check_bag(
     bag = open_bag(path)
     if bag.files and not any(file.stat().st_size for file in bag.files):
         raise BagError(f"bag '{path}' is empty: 0 bytes")
+    _check_topics(bag, config)
     requests = {b.name: (_request(b.speed), _request(b.load)) for b in config.bearings}
     series = bag.read({r for pair in requests.values() for r in pair}, progress)
     streams = {
@@ -205,12 +211,40 @@ def check_bag(
         name = bearing.name
         scan = monitor.scan({name: streams[name]}, start, end)[name]
         own = [series[request] for request in requests[name]]
-        return _report(bearing, scan, own, streams[name], start, end)
+        return _report(bag, bearing, scan, own, streams[name], start, end)
 
     # Bearings know nothing of each other, and arithmetic on arrays needs no interpreter.
     with ThreadPoolExecutor(len(config.bearings)) as pool:
         reports = dict(zip(streams, pool.map(report, config.bearings), strict=True))
     return CheckReport(bag, reports, start, end)
+
+
+def _check_topics(bag: Bag, config: MonitorConfig) -> None:
+    """Refuse inputs that the recording does not have, or not with their type.
+
+    Raises:
+        BagError: In the words of the running monitor.
+    """
+    for source in (source for b in config.bearings for source in (b.speed, b.load)):
+        fault = input_fault(_facts(bag, source))
+        if source.topic not in bag.topics:
+            raise BagError(f'{fault[:-1]}: {missing_topic(bag.topics, source.topic)}')
+        if fault:
+            raise BagError(fault[:-1])
+
+
+def _facts(bag: Bag, source: InputConfig) -> InputFacts:
+    """What is known of an input before its samples are."""
+    topic = bag.topics.get(source.topic)
+    publishers: tuple[Publisher, ...] = ()
+    if topic is not None:
+        fits = short_name(topic.type) == short_name(source.type)
+        name = f"Bag '{bag.path.name}'"
+        publishers = (Publisher(name, source.type if fits else topic.type),)
+    return InputFacts(
+        source.topic, source.type, source.timeout_ns * 1e-9, lost=True, publishers=publishers,
+        heard=True,
+    )  # fmt: skip
 
 
 def _request(source: InputConfig) -> Request:
@@ -245,6 +279,7 @@ def _span(bag: Bag, streams: dict[str, Stream]) -> tuple[int | None, int | None]
 
 
 def _report(
+    bag: Bag,
     config: BearingConfig,
     scan: Scan,
     series: list[Series],
@@ -258,7 +293,7 @@ def _report(
         scan,
         _seconds(scan, span),
         worst(scan),
-        _inputs(config, scan, series, stream),
+        _inputs(bag, config, scan, series, stream),
         stream,
     )
 
@@ -274,12 +309,43 @@ def _seconds(scan: Scan, span: float) -> dict[Regime, float]:
 
 
 def _inputs(
-    config: BearingConfig, scan: Scan, series: list[Series], stream: Stream
+    bag: Bag, config: BearingConfig, scan: Scan, series: list[Series], stream: Stream
 ) -> tuple[InputReport, ...]:
     asked = questions(config, scan.assessment)
-    return tuple(
+    reports = (
         _input(config, is_load, scan, own, stream, tuple(asked[quantity]))
         for is_load, (quantity, own) in enumerate(zip(QUANTITIES, series, strict=True))
+    )
+    sources = config.speed, config.load
+    return tuple(
+        replace(
+            report,
+            fault=_fault(_facts(bag, sources[k]), report.used, scan.counts[k])
+            or _clock_fault(sources[k], sources[1 - k], series[k], series[1 - k]),
+        )
+        for k, report in enumerate(reports)
+    )
+
+
+def _fault(facts: InputFacts, used: int, counts: NDArray[np.int64]) -> str:
+    """Why no sample of an input was believed; nothing where some were."""
+    if used:
+        return ''
+    if not counts.sum():
+        return input_fault(replace(facts, publishers=()))
+    worst = max(Status, key=lambda status: int(counts[status]))
+    return input_fault(replace(facts, refused=worst))
+
+
+def _clock_fault(source: InputConfig, other: InputConfig, own: Series, others: Series) -> str:
+    """Whether stamps are behind those of the other input, by how they lie in the recording."""
+    if source.topic == other.topic or not own.stamp_ns.size or not others.stamp_ns.size:
+        return ''
+    # Of the last messages; when they were recorded takes out that one came later.
+    behind, ahead = (int(each.log_time_ns[-1] - each.stamp_ns[-1]) for each in (own, others))
+    facts = InputFacts(source.topic, source.type, source.timeout_ns * 1e-9, lost=False)
+    return input_fault(
+        replace(facts, heard=True, behind=(behind - ahead) * 1e-9, other=other.topic)
     )
 
 
