@@ -249,7 +249,7 @@ class FileScan:
         start, end = int(good.min()), int(good.max())
         self.start_ns = start if self.start_ns is None else min(start, self.start_ns)
         self.end_ns = end if self.end_ns is None else max(end, self.end_ns)
-        return start, end
+        return (start if log_time_ns.all() else 0), end
 
 
 def scan_file(path: Path, use_summary: bool = True) -> list[FileScan]:

@@ -4,12 +4,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 from stickslip_monitor.bags.index import DATED, FileScan, scan_file
 from stickslip_monitor.bags.metadata import FILE_NAME, read_metadata
-from stickslip_monitor.bags.series import Progress, ReadResult, Source, Wanted, merged, read_series
+from stickslip_monitor.bags.series import (
+    Doubt,
+    Progress,
+    Reading,
+    Source,
+    Wanted,
+    joined,
+    merged,
+)
 from stickslip_monitor.bags.topics import check_request, check_topics, list_topics
 from stickslip_monitor.bags.values import (
     Cut,
@@ -26,6 +35,7 @@ from stickslip_monitor.files import near_name
 
 __all__ = ['Bag', 'Cut', 'Fault', 'Message', 'Request', 'Series', 'TopicInfo', 'open_bag']
 
+_Result = TypeVar('_Result')
 _MOST_NAMED = 10
 _LATEST_NS = (1 << 63) - 1
 
@@ -113,20 +123,44 @@ class Bag:
                 number, or a file cannot be read.
             ConfigurationError: A field is not a path.
         """
+        return self.read_with(lambda reading: joined(reading, reading), requests, progress)
+
+    def read_with(
+        self,
+        use: Callable[[Reading], _Result],
+        requests: Iterable[Request],
+        progress: Progress | None = None,
+    ) -> _Result:
+        """Read numbers of some topics in blocks, in bounded memory.
+
+        Args:
+            use: Given the blocks, one stretch of time after the other. Where the summary of a
+                file proves wrong, iterating over them raises, and it is called again with new
+                ones, so it must begin with nothing.
+            requests: What to read.
+            progress: Told the bytes done and the bytes to do after each block.
+
+        Returns:
+            What ``use`` returns.
+
+        Raises:
+            BagError: As of :meth:`read`.
+            ConfigurationError: As of :meth:`read`.
+        """
         requests = list(requests)
         while True:
-            found = self._read(requests, progress)
-            if not found.doubted:
-                return found.series
-            self._look_again(found.doubted)
+            try:
+                return use(self._reading(requests, progress))
+            except Doubt as doubt:
+                self._look_again(doubt.file)
 
-    def _read(self, requests: Iterable[Request], progress: Progress | None) -> ReadResult:
+    def _reading(self, requests: Iterable[Request], progress: Progress | None) -> Reading:
         asked: dict[str, dict[FieldPath, list[Request]]] = {}
         for request in requests:
             path = check_request(self.topics, request)
             asked.setdefault(request.topic, {}).setdefault(path, []).append(request)
         topics = [Wanted(topic, self.topics[topic].type, paths) for topic, paths in asked.items()]
-        return read_series(self._files, topics, self._warn, progress)
+        return Reading(self._files, topics, self._warn, progress)
 
     def messages(
         self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
@@ -158,11 +192,11 @@ class Bag:
             sources += [Source(number, block, channels, file.channels) for block in blocks]
         return merged(sources, self._warn, spans or TimeSpans([(self._earliest_ns, _LATEST_NS)]))
 
-    def _look_again(self, doubted: Collection[int]) -> None:
-        """Walk through files whose summary does not say what is in them."""
+    def _look_again(self, doubted: int) -> None:
+        """Walk through a file whose summary does not say what is in it."""
         files: list[FileScan] = []
         for number, file in enumerate(self._files):
-            parts = scan_file(file.path, use_summary=False) if number in doubted else [file]
+            parts = scan_file(file.path, use_summary=False) if number == doubted else [file]
             files += parts
             self._warnings.update(dict.fromkeys(text for p in parts for text in p.warnings))
         self._files = tuple(files)

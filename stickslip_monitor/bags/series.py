@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers of several topics, read block by block and put in order once at the end.
+"""One pass over a recording for the numbers that were asked for, in blocks.
+
+The chunks of a recording are taken in the order in which they begin, and what lies before the
+beginning of the next one is put in order and handed on. So memory holds the chunks that overlap
+in time and no more: as a rule two. Only a recording whose chunks all span much of it, because it
+was written in no order of time, takes memory in proportion to its length.
 
 Messages of several blocks in the order of their log times, with few blocks in memory.
-
-One pass over a recording for the numbers that were asked for.
 """
 
 from __future__ import annotations
@@ -12,7 +15,8 @@ import heapq
 import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 from mcap.records import Channel
@@ -21,146 +25,23 @@ from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.bags.blocks import (
     Block,
     DamagedBlock,
+    Entries,
     Loaded,
     Redefined,
     find_entries,
     load,
     prefetch,
 )
-from stickslip_monitor.bags.decode import FieldNumbers, FieldReader
+from stickslip_monitor.bags.decode import FieldReader
 from stickslip_monitor.bags.index import DATED, FileScan
 from stickslip_monitor.bags.topics import make_plan
 from stickslip_monitor.bags.values import Fault, Message, Request, Series, TimeSpans
 from stickslip_monitor.fields import FieldPath
 
-
-@dataclass(slots=True)
-class ChannelColumn:
-    """What was read of one channel of one file so far, in file order."""
-
-    plan: FieldReader
-    stamp_ns: list[IntArray] = field(default_factory=list)
-    values: list[FloatArray] = field(default_factory=list)
-    undecoded: int = 0
-    encapsulations: Counter[int] = field(default_factory=Counter)
-    short: Counter[int] = field(default_factory=Counter)
-
-    @property
-    def count(self) -> int:
-        """The messages taken."""
-        return sum(part.shape[1] for part in self.values)
-
-    def take(self, numbers: FieldNumbers) -> None:
-        """Append messages."""
-        if numbers.stamp_ns is not None:
-            self.stamp_ns.append(numbers.stamp_ns)
-        self.values.append(numbers.values)
-        self.undecoded += numbers.undecoded
-        self.encapsulations.update(numbers.encapsulations)
-        self.short.update(numbers.short)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MessageOrder:
-    """Log time [ns] and sequence number of the messages of one strand, in file order."""
-
-    log_time_ns: IntArray
-    sequence: IntArray
-
-
-@dataclass(slots=True)
-class Order:
-    """Which strand each message belongs to, and its log time [ns], in file order."""
-
-    strand: list[IntArray] = field(default_factory=list)
-    log_time_ns: list[IntArray] = field(default_factory=list)
-
-    def take(self, strand: IntArray, log_time_ns: IntArray, offset: IntArray) -> None:
-        """Append the messages of one block, by their offsets in it."""
-        order = np.argsort(offset, kind='stable')
-        self.strand.append(strand[order])
-        self.log_time_ns.append(log_time_ns[order])
-
-    def ranked(self, strands: int) -> list[MessageOrder]:
-        """Number all messages by log time, then place, and sort them out to the strands."""
-        strand, log_time = joined(self.strand), joined(self.log_time_ns)
-        rank = np.arange(len(log_time))
-        if not (log_time[1:] >= log_time[:-1]).all():
-            rank[np.argsort(log_time, kind='stable')] = np.arange(len(log_time))
-        places = (np.flatnonzero(strand == number) for number in range(strands))
-        return [MessageOrder(log_time[place], rank[place]) for place in places]
-
-
-def take_block(
-    loaded: Loaded,
-    strands: Mapping[int, tuple[int, ChannelColumn]],
-    order: Order,
-    known: Mapping[int, Channel],
-    tell: Callable[[str], None],
-) -> None:
-    """Read the messages of a block.
-
-    Args:
-        loaded: The block.
-        strands: Number and strand of each channel wanted.
-        order: Where the order of the messages is noted.
-        known: All channels of its file.
-        tell: Told what is wrong with the block, in a sentence.
-
-    Raises:
-        DamagedBlock: A channel changes its meaning inside the block, or with it.
-    """
-    numbers: list[IntArray] = []
-    times: list[IntArray] = []
-    offsets: list[IntArray] = []
-    for entries in find_entries(loaded, strands, known, tell):
-        number, strand = strands[entries.channel]
-        strand.take(strand.plan.read(loaded.data, entries.offset, entries.size))
-        numbers.append(np.full(len(entries.offset), number, np.int64))
-        times.append(entries.log_time_ns)
-        offsets.append(entries.offset)
-    order.take(joined(numbers), joined(times), joined(offsets))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Table:
-    """The messages of one topic in order; ``values`` has a row for each path."""
-
-    log_time_ns: IntArray
-    stamp_ns: IntArray
-    sequence: IntArray
-    values: FloatArray
-
-
-def make_table(
-    strands: Sequence[ChannelColumn], ranked: Sequence[MessageOrder], rows: int
-) -> Table:
-    """Join the strands of a topic in the order of their sequence numbers."""
-    log_time = joined([part.log_time_ns for part in ranked])
-    sequence = joined([part.sequence for part in ranked])
-    stamp = joined([_stamps(strand, part) for strand, part in zip(strands, ranked, strict=True)])
-    parts = [np.empty((rows, 0)), *(part for strand in strands for part in strand.values)]
-    values = np.concatenate(parts, axis=1)
-    if not (sequence[1:] > sequence[:-1]).all():
-        order = np.argsort(sequence)
-        log_time, stamp, sequence = log_time[order], stamp[order], sequence[order]
-        values = values[:, order]
-    return Table(log_time, stamp, sequence, values)
-
-
-def _stamps(strand: ChannelColumn, ranked: MessageOrder) -> IntArray:
-    """Join the stamps, with the log time where a message has none."""
-    if not strand.stamp_ns:
-        return ranked.log_time_ns
-    stamp = joined(strand.stamp_ns)
-    return np.where(stamp == 0, ranked.log_time_ns, stamp)
-
-
-def joined(parts: Sequence[IntArray]) -> IntArray:
-    """Join arrays of integers, none at all giving an empty one."""
-    if len(parts) == 1:
-        return parts[0]
-    return np.concatenate(parts) if parts else np.empty(0, np.int64)
+# Messages of each topic, and of all, that are handed on at a time: few enough for the caches.
+_OF_TOPIC, _OF_ALL = 1 << 15, 1 << 19
+# Bits of a message's place in the recording that are its place in a block.
+_PLACE = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,25 +125,107 @@ class Wanted:
     requests: Mapping[FieldPath, Sequence[Request]]
 
 
-# The strands of a file by channel, each with its number among the strands of all files.
-_FileStrands = dict[int, tuple[int, ChannelColumn]]
+class Doubt(Exception):
+    """The summary of a file does not say what is in it; ``file`` is its number."""
+
+    def __init__(self, file: int) -> None:
+        super().__init__(file)
+        self.file = file
 
 
-@dataclass(frozen=True, slots=True)
-class ReadResult:
-    """What a pass gave: the series, and the numbers of the files whose summary proved wrong."""
+class _Rows(NamedTuple):
+    """Messages of a topic, shape (n,) each; ``values`` has a row for each path.
 
-    series: dict[Request, Series]
-    doubted: tuple[int, ...]
+    ``place`` is where a message lies: the number of its block, and the byte in it.
+    """
+
+    log_time_ns: IntArray
+    stamp_ns: IntArray
+    place: IntArray
+    values: FloatArray
+
+    def part(self, rows: slice | IntArray) -> _Rows:
+        """Some of them."""
+        columns: Any = (column[..., rows] for column in self)
+        return _Rows(*columns)
 
 
-def read_series(
-    files: Sequence[FileScan],
-    topics: Sequence[Wanted],
-    tell: Callable[[str], None],
-    progress: Progress | None,
-) -> ReadResult:
-    """Read numbers of some topics.
+@dataclass(slots=True)
+class _TopicColumn:
+    """What was read of one topic so far: counts of all, and the messages not handed on yet."""
+
+    wanted: Wanted
+    waiting: list[_Rows] = field(default_factory=list)
+    count: int = 0
+    beyond: int = 0
+    unset: int = 0
+    undecoded: int = 0
+    encapsulations: Counter[int] = field(default_factory=Counter)
+    short: Counter[int] = field(default_factory=Counter)
+
+    def take(
+        self, plan: FieldReader, data: bytes, entries: Entries, block: int, least: int
+    ) -> None:
+        """Take the messages of one channel of a block, in the order in which they lie there."""
+        numbers = plan.read(data, entries.offset, entries.size)
+        log_time = entries.log_time_ns
+        stamp = log_time
+        if numbers.stamp_ns is not None:
+            stamp = np.where(numbers.stamp_ns == 0, log_time, numbers.stamp_ns)
+        rows = _Rows(log_time, stamp, entries.offset + (block << _PLACE), numbers.values)
+        self.count += len(log_time)
+        self.undecoded += numbers.undecoded
+        self.encapsulations.update(numbers.encapsulations)
+        self.short.update(numbers.short)
+        if log_time.min() < least:
+            beyond = int((log_time < 0).sum())
+            self.beyond += beyond
+            self.unset += int((log_time < least).sum()) - beyond
+            rows = rows.part(np.flatnonzero(log_time >= least))
+        self.waiting.append(rows)
+
+    def joined(self) -> _Rows:
+        """The messages that wait, as far as known in order."""
+        if len(self.waiting) == 1:
+            return self.waiting[0]
+        nothing = np.empty(0, np.int64)
+        none = _Rows(nothing, nothing, nothing, np.empty((len(self.wanted.requests), 0)))
+        columns = zip(none, *self.waiting, strict=True)
+        return _Rows(*(np.concatenate(parts, axis=-1) for parts in columns))
+
+    def faults(self) -> Iterator[tuple[Request, tuple[Fault, ...]]]:
+        """What was wrong with the messages, for each request."""
+        common = [
+            (
+                self.beyond,
+                'have a log time of 2^63 ns or more, which is no time, and were not used',
+            ),
+            (self.unset, 'have log time 0, as of a clock that was not set, and were not used'),
+            (self.undecoded, f'cannot be decoded as {self.wanted.type}'),
+            *(
+                (n, f'are in {_encapsulation(kind)}')
+                for kind, n in sorted(self.encapsulations.items())
+            ),
+        ]
+        whole = f"of {self.count} messages of '{self.wanted.topic}'"
+        for row, requests in enumerate(self.wanted.requests.values()):
+            short = (self.short[row], f"have too few elements for field '{requests[0].field}'")
+            faults = tuple(
+                Fault(count, f'{count} {whole} {reason}')
+                for count, reason in (*common, short)
+                if count
+            )
+            yield from ((request, faults) for request in requests)
+
+
+# The topic of each channel wanted of a file, with the plan to read it.
+_FileChannels = dict[int, tuple[_TopicColumn, FieldReader]]
+
+
+class Reading:
+    """A pass over a recording for numbers of some topics.
+
+    Iterating gives a series for each request, for one stretch of time after the other.
 
     Args:
         files: The files of the recording in order.
@@ -270,117 +233,174 @@ def read_series(
         tell: Told what is wrong with a block, in a sentence.
         progress: Told the bytes done and the bytes to do after each block.
 
-    Returns:
-        A series for each request.
-
     Raises:
-        BagError: A path does not lead to a number, or a file cannot be read.
+        BagError: A path does not lead to a number.
     """
-    strands = _make_strands(files, topics)
-    order = Order()
-    jobs = list(_jobs(files, strands))
-    total, done = sum(block.length for _, block in jobs), 0
-    doubted = set()
-    for (number, block), loaded in zip(jobs, prefetch([block for _, block in jobs]), strict=True):
-        try:
-            if isinstance(loaded, DamagedBlock):
-                raise loaded
-            take_block(loaded, strands[number], order, files[number].channels, tell)
-        except Redefined:
-            doubted.add(number)
-        except DamagedBlock as damage:
-            tell(str(damage))
-        done += block.length
-        if progress is not None:
-            progress(done, total)
-    doubted.update(
-        number
-        for number, (file, members) in enumerate(zip(files, strands, strict=True))
-        if file.summarised and any(s.count != file.counts[id_] for id_, (_, s) in members.items())
+
+    def __init__(
+        self,
+        files: Sequence[FileScan],
+        topics: Sequence[Wanted],
+        tell: Callable[[str], None],
+        progress: Progress | None,
+    ) -> None:
+        self._files, self._tell, self._progress = files, tell, progress
+        self._columns = [_TopicColumn(topic) for topic in topics]
+        self._channels = _plan(files, self._columns)
+        self._counts: list[Counter[int]] = [Counter() for _ in files]
+        self._least = 1 if any((file.end_ns or 0) >= DATED for file in files) else 0
+        self._sequence = 0
+
+    def __iter__(self) -> Iterator[dict[Request, Series]]:
+        """Yield the series, without faults, of one stretch of time after the other.
+
+        Raises:
+            Doubt: The summary of a file proves wrong: what was yielded may be so too.
+            BagError: A file cannot be read.
+        """
+        jobs = sorted(enumerate(self._jobs()), key=lambda job: (job[1][1].start_ns, job[0]))
+        begins = [block.start_ns for _, (_, block) in jobs]
+        most = limit = min(_OF_TOPIC * len(self._columns), _OF_ALL)
+        for number, waiting in enumerate(self._load(jobs), 1):
+            if waiting >= limit and number < len(jobs):
+                yield self._flush(begins[number])
+                limit = most + 2 * self._waiting
+        yield self._flush(None)
+        self._compare()
+
+    def faults(self) -> dict[Request, tuple[Fault, ...]]:
+        """What was wrong with the messages read."""
+        return dict(pair for column in self._columns for pair in column.faults())
+
+    @property
+    def _waiting(self) -> int:
+        return sum(len(rows.place) for column in self._columns for rows in column.waiting)
+
+    def _jobs(self) -> Iterator[tuple[int, Block]]:
+        """List the blocks that may have something wanted, with the number of their file."""
+        for number, (file, members) in enumerate(zip(self._files, self._channels, strict=True)):
+            for block in file.blocks:
+                if members and (not block.index or block.index.keys() & members.keys()):
+                    yield number, block
+
+    def _load(self, jobs: Sequence[tuple[int, tuple[int, Block]]]) -> Iterator[int]:
+        """Take the blocks; yield how many messages wait after each."""
+        total, done = sum(block.length for _, (_, block) in jobs), 0
+        for job, loaded in zip(jobs, prefetch([b for _, (_, b) in jobs]), strict=True):
+            place, (number, block) = job
+            try:
+                if isinstance(loaded, DamagedBlock):
+                    raise loaded
+                self._take(loaded, number, place)
+            except Redefined:
+                raise Doubt(number) from None
+            except DamagedBlock as damage:
+                self._tell(str(damage))
+            done += block.length
+            if self._progress is not None:
+                self._progress(done, total)
+            yield self._waiting
+
+    def _take(self, loaded: Loaded, number: int, place: int) -> None:
+        """Read the messages of a block.
+
+        Raises:
+            DamagedBlock: A channel changes its meaning inside the block, or with it.
+        """
+        channels = self._channels[number]
+        known = self._files[number].channels
+        for entries in find_entries(loaded, channels, known, self._tell):
+            if (
+                entries.log_time_ns.min() < loaded.block.start_ns
+                and self._files[number].summarised
+            ):
+                raise Doubt(number)
+            column, plan = channels[entries.channel]
+            column.take(plan, loaded.data, entries, place, self._least)
+            self._counts[number][entries.channel] += len(entries.offset)
+
+    def _flush(self, before_ns: int | None) -> dict[Request, Series]:
+        """Hand on, in order, what lies before a log time [ns]."""
+        tables = [column.joined() for column in self._columns]
+        if not tables:
+            return {}
+        log_time = np.concatenate([rows.log_time_ns for rows in tables])
+        order = np.argsort(np.concatenate([rows.place for rows in tables]), kind='stable')
+        ordered = log_time[order]
+        if (ordered[1:] < ordered[:-1]).any():
+            order = order[np.argsort(ordered, kind='stable')]
+            ordered = log_time[order]
+        done = len(order)
+        if before_ns is not None:
+            done = int(np.searchsorted(ordered, before_ns))
+        rank = np.empty(len(order), np.int64)
+        rank[order] = np.arange(len(order))
+        result: dict[Request, Series] = {}
+        begin = 0
+        for column, rows in zip(self._columns, tables, strict=True):
+            own = rank[begin : begin + len(rows.place)]
+            begin += len(rows.place)
+            result.update(_hand_on(column, rows, own, done, self._sequence))
+        self._sequence += done
+        return result
+
+    def _compare(self) -> None:
+        """Doubt a summary that counts otherwise."""
+        rows = zip(self._files, self._channels, self._counts, strict=True)
+        for number, (file, members, counts) in enumerate(rows):
+            if file.summarised and any(counts[id_] != file.counts[id_] for id_ in members):
+                raise Doubt(number)
+
+
+def _hand_on(
+    column: _TopicColumn, rows: _Rows, rank: IntArray, done: int, sequence: int
+) -> Iterator[tuple[Request, Series]]:
+    """The series of a topic's messages of low rank; the others wait on."""
+    if (rank[1:] < rank[:-1]).any():
+        order = np.argsort(rank)
+        rows, rank = rows.part(order), rank[order]
+    cut = int(np.searchsorted(rank, done))
+    column.waiting = [rows.part(slice(cut, None))] if cut < len(rank) else []
+    log_time, stamp, _, values = rows.part(slice(cut))
+    number = rank[:cut] + sequence
+    for value, requests in zip(values, column.wanted.requests.values(), strict=True):
+        series = Series(log_time, stamp, number, value, ())
+        yield from ((request, series) for request in requests)
+
+
+def joined(parts: Iterable[Mapping[Request, Series]], reading: Reading) -> dict[Request, Series]:
+    """The series of a whole recording."""
+    found: dict[Request, list[Series]] = {}
+    for part in parts:
+        for request, series in part.items():
+            found.setdefault(request, []).append(series)
+    faults = reading.faults()
+    return {request: _joined(series, faults[request]) for request, series in found.items()}
+
+
+def _joined(parts: Sequence[Series], faults: tuple[Fault, ...]) -> Series:
+    log_time, stamp, sequence = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ('log_time_ns', 'stamp_ns', 'sequence')
     )
-    return ReadResult(_all_series(topics, files, strands, order), tuple(sorted(doubted)))
+    return Series(log_time, stamp, sequence, np.concatenate([p.value for p in parts]), faults)
 
 
-def _make_strands(files: Sequence[FileScan], topics: Sequence[Wanted]) -> list[_FileStrands]:
-    wanted = {topic.topic: topic for topic in topics}
+def _plan(files: Sequence[FileScan], columns: Sequence[_TopicColumn]) -> list[_FileChannels]:
+    known = {column.wanted.topic: column for column in columns}
     plans: dict[tuple[str, str, bytes], FieldReader] = {}
-    strands: list[_FileStrands] = []
-    number = 0
+    found: list[_FileChannels] = []
     for file in files:
-        strands.append({})
+        found.append({})
         for channel in file.channels.values():
-            if channel.topic in wanted:
+            column = known.get(channel.topic)
+            if column is not None:
                 schema = file.schemas[channel.schema_id]
                 key = (channel.topic, schema.name, schema.data)
                 if key not in plans:
-                    paths = tuple(wanted[channel.topic].requests)
-                    plans[key] = make_plan(channel.topic, schema, paths)
-                strands[-1][channel.id] = (number, ChannelColumn(plans[key]))
-                number += 1
-    return strands
-
-
-def _jobs(
-    files: Sequence[FileScan], strands: Sequence[_FileStrands]
-) -> Iterator[tuple[int, Block]]:
-    """List the blocks with the number of their file, without those that have nothing wanted."""
-    for number, (file, members) in enumerate(zip(files, strands, strict=True)):
-        for block in file.blocks:
-            if members and (not block.index or block.index.keys() & members.keys()):
-                yield number, block
-
-
-def _all_series(
-    topics: Sequence[Wanted],
-    files: Sequence[FileScan],
-    strands: Sequence[_FileStrands],
-    order: Order,
-) -> dict[Request, Series]:
-    ranked = order.ranked(sum(map(len, strands)))
-    earliest = 1 if any((file.end_ns or 0) >= DATED for file in files) else 0
-    result: dict[Request, Series] = {}
-    for topic in topics:
-        mine = [
-            member
-            for file, members in zip(files, strands, strict=True)
-            for channel, member in members.items()
-            if file.channels[channel].topic == topic.topic
-        ]
-        result.update(_topic_series(topic, mine, ranked, earliest))
-    return result
-
-
-def _topic_series(
-    topic: Wanted,
-    members: Sequence[tuple[int, ChannelColumn]],
-    ranked: Sequence[MessageOrder],
-    earliest: int,
-) -> Iterator[tuple[Request, Series]]:
-    strands = [strand for _, strand in members]
-    whole = make_table(strands, [ranked[number] for number, _ in members], len(topic.requests))
-    # In the order of their times: those without one come first.
-    unset = int(np.searchsorted(whole.log_time_ns, earliest))
-    beyond = int(np.searchsorted(whole.log_time_ns, 0))
-    table = Table(*(getattr(whole, part.name)[..., unset:] for part in fields(whole)))
-    kinds = sum((strand.encapsulations for strand in strands), Counter[int]())
-    common = [
-        (beyond, 'have a log time of 2^63 ns or more, which is no time, and were not used'),
-        (unset - beyond, 'have log time 0, as of a clock that was not set, and were not used'),
-        (sum(strand.undecoded for strand in strands), f'cannot be decoded as {topic.type}'),
-        *((count, f'are in {_encapsulation(kind)}') for kind, count in sorted(kinds.items())),
-    ]
-    for row, requests in enumerate(topic.requests.values()):
-        short = sum(strand.short[row] for strand in strands)
-        counts = [*common, (short, f"have too few elements for field '{requests[0].field}'")]
-        faults = tuple(
-            Fault(count, f"{count} of {len(whole.sequence)} messages of '{topic.topic}' {reason}")
-            for count, reason in counts
-            if count
-        )
-        series = Series(
-            table.log_time_ns, table.stamp_ns, table.sequence, table.values[row], faults
-        )
-        yield from ((request, series) for request in requests)
+                    plans[key] = make_plan(channel.topic, schema, tuple(column.wanted.requests))
+                found[-1][channel.id] = column, plans[key]
+    return found
 
 
 # RTPS 2.5, table 10.3.

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Serve a page that shows the bearings and their alarms, and takes actions on them.
 
-Without --bag it listens to a running monitor over ROS 2; with --bag it runs the monitor over a
+Without --bag it listens to running monitors over ROS 2; with --bag it runs the monitor over a
 recording, in the recording's time. It listens on this machine only; to open it to others give
 --host and a token file. /metrics is for Prometheus.
 """
@@ -14,14 +14,14 @@ import ipaddress
 import math
 import socket
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
 
-from stickslip_monitor.commands.output import add_config
 from stickslip_monitor.drawing.map import map_ranges
 from stickslip_monitor.drawing.map_curves import boundaries
 from stickslip_monitor.errors import ConfigurationError, DashboardError, RosError
@@ -30,8 +30,11 @@ from stickslip_monitor.monitor.config_file import NODE_NAME, load_config
 
 if TYPE_CHECKING:
     from stickslip_monitor.dashboard.access import Access
-    from stickslip_monitor.dashboard.state import BearingView, DashboardState, Desk
-    from stickslip_monitor.ros.watcher import TakeStatus, Watcher
+    from stickslip_monitor.dashboard.event_log import EventLog
+    from stickslip_monitor.dashboard.replay import Replay
+    from stickslip_monitor.dashboard.state import DashboardState
+    from stickslip_monitor.dashboard.watched import BearingView, WatchedMonitor
+    from stickslip_monitor.ros.watcher import Listener, Watcher
 
 DEFAULT_PORT = 8370
 _SPEEDS_DRAWN = 120
@@ -40,7 +43,14 @@ _LOCALHOST = 'localhost'
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_config(parser)
+    parser.add_argument(
+        '--config',
+        '-c',
+        required=True,
+        action='append',
+        metavar='FILE',
+        help='ROS 2 parameter file; with several nodes one for all, or one for each in order',
+    )
     add_page(parser)
     parser.add_argument(
         '--port', type=int, default=DEFAULT_PORT, help=f'0 for any (default {DEFAULT_PORT})'
@@ -50,7 +60,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--rate', type=float, default=1.0, help='replay so many times faster (default 1)'
     )
     parser.add_argument(
-        '--node', default=f'/{NODE_NAME}', help=f"the monitor's full name (default /{NODE_NAME})"
+        '--node',
+        action='append',
+        help=f"the monitor's full name (default /{NODE_NAME}); again for each further monitor",
     )
 
 
@@ -66,6 +78,9 @@ def add_page(parser: argparse.ArgumentParser) -> None:
         '--name', action='append', default=[], help='host name by which people reach this machine'
     )
     parser.add_argument(
+        '--log', metavar='FILE', help='keep what happens here, over restarts of the page'
+    )
+    parser.add_argument(
         '--diagnostics', default='/diagnostics', metavar='TOPIC', help='(default /diagnostics)'
     )
 
@@ -76,14 +91,81 @@ def run(args: argparse.Namespace) -> int:
         from stickslip_monitor.dashboard.state import DashboardState
     except ImportError as error:
         raise missing_extra(error) from error
-    config = load_config(args.config)
+    if args.bag is not None and args.log is not None:
+        raise ConfigurationError('--log is for a running monitor: a replay is not kept')
+    nodes = _nodes(args)
+    configs = [load_config(path) for path in args.config]
+    if len(configs) not in (1, len(nodes)):
+        raise ConfigurationError(
+            f'--config is given {len(configs)} times for {len(nodes)} nodes: give one for all, or'
+            ' one for each'
+        )
+    if args.bag is not None:
+        monitors = [watched(configs[0], args.bag, replay=True)]
+    else:
+        own = configs if len(configs) > 1 else configs * len(nodes)
+        monitors = [watched(config, node, node) for config, node in zip(own, nodes, strict=True)]
     access = page_access(args)
-    source = args.bag or args.node
-    board = DashboardState(
-        [bearing_view(b) for b in config.bearings], source, replay=args.bag is not None
-    )
-    asyncio.run(_serve(args, config, board, access))
+    with event_log(args) as log:
+        board = DashboardState(monitors, args.bag is not None, log)
+        asyncio.run(_serve(args, configs[0], board, access))
     return 0
+
+
+def _nodes(args: argparse.Namespace) -> list[str]:
+    """The full names of the monitors, each in a namespace of its own."""
+    nodes: list[str] = args.node or [f'/{NODE_NAME}']
+    spaces = [_space(node) for node in nodes]
+    for k, space in enumerate(spaces):
+        if space in spaces[:k]:
+            raise ConfigurationError(
+                f"--node '{nodes[k]}' is in the same namespace as '{nodes[spaces.index(space)]}':"
+                ' bearings are told apart by the namespace; use a dashboard for each'
+            )
+    return nodes
+
+
+def _space(node: str) -> str:
+    """The namespace of a node's full name, without slashes around it."""
+    return node.strip('/').rpartition('/')[0]
+
+
+def watched(
+    config: MonitorConfig, source: str, node: str = '', replay: bool = False
+) -> WatchedMonitor:
+    """A monitor that is to be shown: what it is called, and the full name of its node if any."""
+    from stickslip_monitor.dashboard.watched import WatchedMonitor
+
+    views = [bearing_view(bearing) for bearing in config.bearings]
+    return WatchedMonitor(source, views, _space(node), replay)
+
+
+@contextmanager
+def event_log(args: argparse.Namespace) -> Iterator[EventLog]:
+    """What happened, kept in the file of ``--log`` if there is one.
+
+    Raises:
+        RosError: The file cannot be used, or another dashboard uses it.
+        AlarmStateError: What is in it is not a log.
+    """
+    from stickslip_monitor.dashboard.event_log import LOG_SCHEMA, EventLog
+
+    if args.log is None:
+        yield EventLog()
+        return
+    from stickslip_monitor.ros.state_file import StateFile, StateWriter
+
+    file = StateFile(args.log, '--log', 'dashboard')
+    document = file.read()
+    if document is not None and (
+        not isinstance(document, dict) or document.get('schema') != LOG_SCHEMA
+    ):
+        raise DashboardError(f"--log '{args.log}' is a file of something else: it is not touched")
+    writer = StateWriter(file)
+    try:
+        yield EventLog(writer)
+    finally:
+        writer.close()
 
 
 def missing_extra(error: ImportError) -> DashboardError:
@@ -132,9 +214,9 @@ async def _serve(
         from stickslip_monitor.dashboard.server import Server, serve
     except ImportError as error:
         raise missing_extra(error) from error
-    open_desk = _replay if args.bag is not None else _live
-    with open_desk(args, config, board) as desk:
-        application = Server(board, desk, access).application()
+    feed = _replay if args.bag is not None else _live
+    with feed(args, config, board) as player:
+        application = Server(board, access, player).application()
         await serve(application, board, args.host, args.port, say_address)
 
 
@@ -145,20 +227,22 @@ def say_address(url: str) -> None:
 
 
 @contextmanager
-def _live(args: argparse.Namespace, _: MonitorConfig, board: DashboardState) -> Iterator[Desk]:
-    """Feed the board by a monitor that runs beside."""
-    with listen_to_node(args, board.take_status, board.take_alarms, board.take_other) as watcher:
-        yield watcher
+def _live(args: argparse.Namespace, _: MonitorConfig, board: DashboardState) -> Iterator[None]:
+    """Feed the board by the monitors that run beside."""
+    monitors = {monitor.source: monitor for monitor in board.monitors}
+    with listen_to_nodes(monitors, args.diagnostics) as watcher:
+        for name, monitor in monitors.items():
+            monitor.act = partial(watcher.act, name)
+        yield
 
 
 @contextmanager
-def listen_to_node(
-    args: argparse.Namespace,
-    take_status: TakeStatus,
-    take_alarms: Callable[[Any], None],
-    take_other: Callable[[str], None],
-) -> Iterator[Watcher]:
-    """Listen to a node from a thread of its own, and take what it says on the running loop.
+def listen_to_nodes(listeners: Mapping[str, Listener], diagnostics: str) -> Iterator[Watcher]:
+    """Listen to nodes from a thread of its own, and take what they say on the running loop.
+
+    Args:
+        listeners: Who takes it, by the node's full name.
+        diagnostics: The topic of their diagnostics.
 
     Raises:
         RosError: ROS 2 is not there.
@@ -170,45 +254,33 @@ def listen_to_node(
             f'ROS 2 is not available ({error}): source its setup file, or install this package'
             " with the extra 'ros'"
         ) from error
-    loop = asyncio.get_running_loop()
-
-    def on_loop(take: Callable[..., None]) -> Callable[..., None]:
-        def hand_over(*values: Any) -> None:
-            loop.call_soon_threadsafe(take, *values)
-
-        return hand_over
-
-    with open_watcher(
-        args.node,
-        args.diagnostics,
-        on_loop(take_status),
-        on_loop(take_alarms),
-        on_loop(take_other),
-    ) as watcher:
+    hand_over = asyncio.get_running_loop().call_soon_threadsafe
+    with open_watcher(listeners, diagnostics, hand_over) as watcher:
         yield watcher
 
 
 @contextmanager
 def _replay(
     args: argparse.Namespace, config: MonitorConfig, board: DashboardState
-) -> Iterator[Desk]:
+) -> Iterator[Replay]:
     """Feed the board by a recording."""
     from stickslip_monitor.dashboard.replay import Replay
 
     replay = Replay(args.bag, config, args.rate, board)
-    task = asyncio.get_running_loop().create_task(replay.play())
+    task = asyncio.get_running_loop().create_task(replay.run())
     try:
         yield replay
     finally:
         task.cancel()
 
 
-def bearing_view(config: BearingConfig) -> BearingView:
-    """The bearing with its stability map."""
-    from stickslip_monitor.dashboard.state import BearingView, Curves
+def bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0.0) -> BearingView:
+    """The bearing with a stability map that contains a speed [m/s] and a load [N]."""
+    from stickslip_monitor.dashboard.watched import BearingView, Curves
 
     bearing, alarm = config.bearing, config.alarm
-    speeds, loads = map_ranges(bearing)
+    (_, fastest), (_, highest) = map_ranges(bearing)
+    speeds, loads = (0.0, max(fastest, speed)), (0.0, max(highest, load))
     curves = boundaries(bearing, speeds, loads, alarm.caution_margin, _SPEEDS_DRAWN)
     limit = alarm.amplitude_limit
     return BearingView(
@@ -223,6 +295,7 @@ def bearing_view(config: BearingConfig) -> BearingView:
         caution_margin=alarm.caution_margin,
         amplitude_limit=limit if math.isfinite(limit) else None,
         topics={'speed': config.speed.topic, 'load': config.load.topic},
+        wider=partial(bearing_view, config),
     )
 
 

@@ -19,6 +19,7 @@ import uuid
 from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,11 +27,12 @@ from urllib.parse import urlsplit
 
 from stickslip_monitor.commands.dashboard import (
     add_page,
-    bearing_view,
-    listen_to_node,
+    event_log,
+    listen_to_nodes,
     missing_extra,
     page_access,
     say_address,
+    watched,
 )
 from stickslip_monitor.commands.output import add_config
 from stickslip_monitor.errors import ConfigurationError, LinkError
@@ -45,6 +47,7 @@ from stickslip_monitor.surface_store import prepare_surfaces
 
 if TYPE_CHECKING:
     from stickslip_monitor.dashboard.state import DashboardState
+    from stickslip_monitor.dashboard.watched import WatchedMonitor
     from stickslip_monitor.links.live_monitor import Sink
     from stickslip_monitor.links.nmea_client import NmeaClient, Take
     from stickslip_monitor.links.signalk_client import SignalKClient
@@ -84,7 +87,8 @@ def run(args: argparse.Namespace) -> int:
     config, links = load_watch(args.config, args.node is not None)
     if args.request_token:
         return asyncio.run(_request_token(links))
-    asyncio.run(_watch(args, config, links))
+    with _board(args, config) as board:
+        asyncio.run(_watch(args, config, links, board))
     return 0
 
 
@@ -134,15 +138,20 @@ def _labelled(config: MonitorConfig, links: LinksConfig) -> MonitorConfig:
 class Feed:
     """Hands what the monitor says to everything that shows it.
 
+    Args:
+        monitors: The monitor as the page knows it, where there is a page.
+
     Attributes:
+        monitors: The same.
         sinks: What shows it.
         act: Takes what people ask of the monitor.
     """
 
     act: Callable[[ActionRequest], None]
 
-    def __init__(self) -> None:
-        self.sinks: list[Sink] = []
+    def __init__(self, monitors: Sequence[WatchedMonitor]) -> None:
+        self.monitors = monitors
+        self.sinks: list[Sink] = [*monitors]
         self._heard = -SILENT
 
     @property
@@ -157,6 +166,16 @@ class Feed:
         self._heard = time.monotonic()
         for sink in self.sinks:
             sink.take_status(bearing, time_ns, text, values)
+
+    def take_health(self, level: int, text: str) -> None:
+        """The status of a node beside has come; only a page shows it."""
+        for monitor in self.monitors:
+            monitor.take_health(level, text)
+
+    def take_other(self, node: str) -> None:
+        """Another monitor than that beside has been heard."""
+        for monitor in self.monitors:
+            monitor.take_other(node)
 
     def take_alarms(self, record: Any) -> None:
         """The list of alarms has come; what is none is ignored."""
@@ -179,14 +198,18 @@ class LinkStates:
             (_log.info if up else _log.error)(f'{name}: {"works" if up else why}')
 
 
-async def _watch(args: argparse.Namespace, config: MonitorConfig, links: LinksConfig) -> None:
-    board = _board(args, config)
+async def _watch(
+    args: argparse.Namespace,
+    config: MonitorConfig,
+    links: LinksConfig,
+    board: DashboardState | None,
+) -> None:
     for complaint in prepare_surfaces(b.bearing for b in config.bearings):
         _log.warning(complaint)
-    feed, states = Feed(), LinkStates(board)
+    feed, states = Feed(() if board is None else board.monitors), LinkStates(board)
     with _monitor(args, config, links, feed) as (take, run_monitor):
         clients = _clients(config, links, take, feed, states)
-        feed.sinks += [*clients, *([] if board is None else [board])]
+        feed.sinks += clients
         for client in clients:
             await client.start()
         tasks = [
@@ -210,12 +233,15 @@ async def _watch(args: argparse.Namespace, config: MonitorConfig, links: LinksCo
             await asyncio.wait(tasks, timeout=_GOING)
 
 
-def _board(args: argparse.Namespace, config: MonitorConfig) -> DashboardState | None:
+@contextmanager
+def _board(args: argparse.Namespace, config: MonitorConfig) -> Iterator[DashboardState | None]:
     if args.port is None:
-        return None
+        yield None
+        return
     from stickslip_monitor.dashboard.state import DashboardState
 
-    return DashboardState([bearing_view(b) for b in config.bearings], args.node or args.config)
+    with event_log(args) as log:
+        yield DashboardState([watched(config, args.node or args.config, args.node or '')], log=log)
 
 
 async def _serve(args: argparse.Namespace, board: DashboardState | None, feed: Feed) -> None:
@@ -225,7 +251,9 @@ async def _serve(args: argparse.Namespace, board: DashboardState | None, feed: F
             from stickslip_monitor.dashboard.server import Server, serve
         except ImportError as error:
             raise missing_extra(error) from error
-        application = Server(board, feed, page_access(args)).application()
+        for monitor in board.monitors:
+            monitor.act = feed.act
+        application = Server(board, page_access(args)).application()
         await serve(application, board, args.host, args.port, say_address)
         return
     stop, loop = asyncio.Event(), asyncio.get_running_loop()
@@ -247,10 +275,10 @@ def _monitor(
 ) -> Iterator[tuple[Take, Callable[[], Coroutine[Any, Any, Any]]]]:
     """What takes samples, and what has to run for it."""
     if args.node is not None:
-        with listen_to_node(args, feed.take_status, feed.take_alarms, lambda _: None) as watcher:
+        with listen_to_nodes({args.node: feed}, args.diagnostics) as watcher:
             from stickslip_monitor.ros.bridge import Bridge
 
-            feed.act = watcher.act
+            feed.act = partial(watcher.act, args.node)
             bridge = Bridge(watcher.node, args.node, config, links.labels)
             yield bridge.take, asyncio.Event().wait
         return

@@ -38,6 +38,7 @@ NUMBERS = {
     'probability_runs': 'probability runs',
 }
 """The numbers of an operating point, by the keys of the diagnostics that they come from."""
+WORDS = ('reason', 'regime', 'outcome', 'measured')
 NOT_MONITORING = 'not_monitoring'
 """The reason of a bearing whose node is not active."""
 STATUSES = {status.name.lower(): status.name.lower().replace('_', ' ') for status in Status}
@@ -51,7 +52,7 @@ class BearingStatus:
     Attributes:
         time_ns: When, on the clock of the monitor [ns].
         text: What the monitor says, for a person.
-        words: ``reason``, ``regime`` and ``outcome``; those that are known.
+        words: ``reason``, ``regime``, ``outcome`` and ``measured``; those that are known.
         sticking: Whether stick-slip is predicted; ``None`` before the first operating point.
         numbers: By the names of :data:`NUMBERS`; those that are known, ``inf`` and ``nan`` too.
         ages: Ages of the inputs that are lost [s].
@@ -99,7 +100,7 @@ def read_status(time_ns: int, text: str, values: Mapping[str, str]) -> BearingSt
     return BearingStatus(
         time_ns,
         text,
-        {word: values[word] for word in ('reason', 'regime', 'outcome') if word in values},
+        {word: values[word] for word in WORDS if word in values},
         None if sticking is None else sticking == 'true',
         _numbers(values, NUMBERS),
         _numbers(values, {quantity: f'{quantity} age [s]' for quantity in QUANTITIES}),
@@ -129,6 +130,7 @@ def status_record(status: BearingStatus) -> dict[str, Any]:
         'reason': status.words.get('reason', 'waiting'),
         'regime': status.words.get('regime'),
         'outcome': status.words.get('outcome'),
+        'measured': status.words.get('measured'),
         'sticking': status.sticking,
         **numbers,
         'inputs': {
@@ -160,6 +162,7 @@ _TYPES: dict[str, Any] = {
 }
 _TABLE = {(state.value, trigger.value) for state, trigger in TABLE}
 _ALARM = ('bearing', 'alarm', 'priority', 'state', 'by', 'text')
+_NOTE = ('what', 'text')
 _CHANGE = ('bearing', 'alarm', 'priority', 'what', 'from', 'to', 'by', 'text')
 
 
@@ -184,13 +187,35 @@ def checked_alarms(document: Any, bearings: Collection[str]) -> dict[str, Any] |
         'monitoring': document.get('monitoring') is not False,
         'sounding': document['sounding'],
         'unacknowledged': document['unacknowledged'],
-        'flood': document['flood'],
+        'flood': {
+            'flooding': bool(document['flood'].get('flooding')),
+            'alarms_10min': _count(document['flood'].get('alarms_10min')),
+        },
         'alarms': [_alarm(alarm) for alarm in own],
         'changes': [
             {key: change[key] for key in _CHANGE} | {'time': _milliseconds(change.get('time'))}
             for change in document['changes']
         ],
+        'notes': [
+            {key: note[key] for key in _NOTE} | {'time': _milliseconds(note.get('time'))}
+            for note in _list(document.get('notes'))
+            if _texts(note, _NOTE)
+        ],
     }
+
+
+def log_entries(record: dict[str, Any], node: str) -> list[dict[str, Any]]:
+    """What a list of alarms says has happened, in its order of time."""
+    entries = [each | {'node': node} for each in (*record['notes'], *record['changes'])]
+    return sorted(entries, key=lambda entry: entry['time'] or 0)
+
+
+def _count(value: Any) -> int:
+    return value if isinstance(value, int) else 0
+
+
+def _list(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else []
 
 
 def _texts(record: Any, keys: Collection[str]) -> bool:

@@ -41,11 +41,14 @@ class _Sample:
 class Replay:
     """Plays a recording to a monitor and its alarms, and shows both on a board.
 
+    It can be held, and go to any place: backwards by playing it anew up to there, as fast as the
+    monitor can.
+
     Args:
         path: The recording.
         config: The configuration.
         rate: How much faster than recorded.
-        board: What is fed.
+        board: What is fed; its one monitor is that of the recording.
 
     Raises:
         BagError: It cannot be read, or lacks a topic.
@@ -57,46 +60,105 @@ class Replay:
     ) -> None:
         if not (math.isfinite(rate) and rate > 0.0):
             raise ConfigurationError(f'--rate {rate:g} must be a number above 0')
-        self._rate, self._board = rate, board
+        self._config, self._rate, self._board = config, rate, board
+        (self._shown,) = board.monitors
+        self._shown.act = self.act
         self._samples = list(_samples(path, config))
         if not self._samples:
             raise BagError(f"bag '{path}' has no sample of the configured inputs")
         prepare_surfaces(item.bearing for item in config.bearings)
-        self._monitor = Monitor(config)
+        self._start_ns = self._samples[0].log_ns
+        self._length_ns = self._samples[-1].log_ns - self._start_ns
+        self._changed = asyncio.Event()
+        self._paused = False
+        self._begin()
+
+    def _begin(self) -> None:
+        """Stand before the first sample, with a monitor that knows nothing."""
+        self._monitor = Monitor(self._config)
         self._alarms = LiveAlarms(
-            config, lambda: self._log_ns, board.take_alarms, logging.getLogger(NODE_NAME)
+            self._config,
+            lambda: self._log_ns,
+            self._shown.take_alarms,
+            logging.getLogger(NODE_NAME),
         )
-        self._log_ns = self._start_ns = self._samples[0].log_ns
+        self._next = 0
+        self._log_ns = self._start_ns
         # How far the clock of the samples is from the recorder's, bearing by bearing [ns].
-        self._ahead_ns = dict.fromkeys(
-            self._monitor.bearings, self._samples[0].stamp_ns - self._start_ns
-        )
+        first = self._samples[0]
+        self._ahead_ns = dict.fromkeys(self._monitor.bearings, first.stamp_ns - first.log_ns)
+        self._go_from(self._start_ns)
+        self._alarms.begin()
+
+    def _go_from(self, log_ns: int) -> None:
+        """Count the time of the recording from here."""
+        self._from_ns, self._since = log_ns, time.monotonic()
+
+    def _wanted_ns(self) -> int:
+        """How far it should have come by now [ns]."""
+        passed = 0.0 if self._paused else (time.monotonic() - self._since) * self._rate
+        return min(self._from_ns + round(passed * 1e9), self._start_ns + self._length_ns)
 
     def act(self, request: ActionRequest) -> None:
         """Do what a person asks for."""
         self._alarms.act(request.action, request.by, request.bearing, request.kind)
 
+    def hold(self, paused: bool) -> None:
+        """Stand still, or go on."""
+        self._go_from(self._wanted_ns())
+        self._paused = paused
+        self._changed.set()
+
+    def seek(self, seconds: float) -> None:
+        """Go to a time since its beginning [s]."""
+        place = self._start_ns + round(min(max(seconds, 0.0), self._length_ns * 1e-9) * 1e9)
+        if place < self._log_ns or self._board.finished:
+            self._board.begin_again()
+            self._begin()
+        self._go_from(place)
+        self._changed.set()
+
+    async def run(self) -> None:
+        """Play it to its end, and again whenever somebody goes back."""
+        while True:
+            await self.play()
+            self._changed.clear()
+            await self._changed.wait()
+
     async def play(self) -> None:
-        """Play it to its end."""
-        self._alarms.begin()
-        begin, shown, slept = time.monotonic(), -math.inf, time.monotonic()
-        for sample in self._samples:
-            while True:
-                left = begin + (sample.log_ns - self._start_ns) * 1e-9 / self._rate
-                left -= time.monotonic()
-                self._pass_time(sample.log_ns - round(max(left, 0.0) * self._rate * 1e9))
-                if time.monotonic() - shown >= _SHOWN_EVERY:
-                    shown = time.monotonic()
-                    self._show()
-                # However fast it is to go, the readers of the page get their turn.
-                if left > 0.0 or time.monotonic() - slept > _TURN:
-                    await asyncio.sleep(min(max(left, 0.0), _SHOWN_EVERY))
-                    slept = time.monotonic()
-                if left <= 0.0:
-                    break
-            self._take(sample)
+        """Play it from where it is to its end."""
+        shown = -math.inf
+        while self._next < len(self._samples):
+            behind = self._advance(self._wanted_ns())
+            if time.monotonic() - shown >= _SHOWN_EVERY:
+                shown = time.monotonic()
+                self._show()
+            # However fast it is to go, the readers of the page get their turn.
+            await asyncio.sleep(0.0 if behind else self._pause())
         self._show()
         self._board.finish()
+
+    def _pause(self) -> float:
+        """How long nothing has to be done [s]."""
+        if self._paused:
+            return _SHOWN_EVERY
+        left = (self._samples[self._next].log_ns - self._wanted_ns()) * 1e-9 / self._rate
+        return min(max(left, 0.0), _SHOWN_EVERY)
+
+    def _advance(self, wanted_ns: int) -> bool:
+        """Take what was recorded until then; whether there is more than a turn's worth of it."""
+        end = time.monotonic() + _TURN
+        while self._next < len(self._samples):
+            sample = self._samples[self._next]
+            if sample.log_ns > wanted_ns:
+                self._pass_time(wanted_ns)
+                return False
+            if time.monotonic() > end:
+                return True
+            self._pass_time(sample.log_ns)
+            self._take(sample)
+            self._next += 1
+        return False
 
     def _pass_time(self, log_ns: int) -> None:
         """Let the recorder's time pass without a sample."""
@@ -118,7 +180,13 @@ class Replay:
     def _show(self) -> None:
         for name, bearing in self._monitor.bearings.items():
             record = diagnostic_record(NODE_NAME, state_of(bearing))
-            self._board.take_status(name, self._time_ns(name), record.message, record.values)
+            self._shown.take_status(name, self._time_ns(name), record.message, record.values)
+        place = {
+            'at': round((self._log_ns - self._start_ns) * 1e-9, 1),
+            'length': round(self._length_ns * 1e-9, 1),
+            'paused': self._paused,
+        }
+        self._board.play(place)
 
 
 def _samples(path: str, config: MonitorConfig) -> Iterator[_Sample]:

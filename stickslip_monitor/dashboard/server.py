@@ -6,10 +6,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import math
 import signal
 from collections.abc import Callable
 from importlib import resources
-from typing import Any
+from typing import Any, Protocol
 
 from aiohttp import web
 
@@ -17,7 +18,7 @@ from stickslip_monitor.dashboard.access import COOKIE, Access, add_headers, guar
 from stickslip_monitor.dashboard.doors import listen, watch
 from stickslip_monitor.dashboard.metrics import Metrics
 from stickslip_monitor.dashboard.received import OFFERED
-from stickslip_monitor.dashboard.state import DashboardState, Desk
+from stickslip_monitor.dashboard.state import DashboardState
 from stickslip_monitor.errors import ConfigurationError, DashboardError, StickslipError
 from stickslip_monitor.monitor.alarms.requests import parse_request
 
@@ -41,8 +42,20 @@ FILES = {
     '/gauges.js': ('gauges.js', 'text/javascript'),
     '/overview.js': ('overview.js', 'text/javascript'),
     '/sound.js': ('sound.js', 'text/javascript'),
+    '/charts.js': ('charts.js', 'text/javascript'),
+    '/replay.js': ('replay.js', 'text/javascript'),
     '/icon.svg': ('icon.svg', 'image/svg+xml'),
 }
+
+
+class Player(Protocol):
+    """What plays a recording."""
+
+    def hold(self, paused: bool) -> None:
+        """Stand still, or go on."""
+
+    def seek(self, seconds: float) -> None:
+        """Go to a time since its beginning [s]."""
 
 
 class Server:
@@ -50,8 +63,8 @@ class Server:
 
     Args:
         board: What is shown.
-        desk: Where actions go.
         access: Who may come in.
+        player: What can be held and sent to another place; ``None`` but for a replay.
         heartbeat: See :data:`HEARTBEAT` [s].
         stalled: See :data:`STALLED` [s].
     """
@@ -59,12 +72,12 @@ class Server:
     def __init__(
         self,
         board: DashboardState,
-        desk: Desk,
         access: Access,
+        player: Player | None = None,
         heartbeat: float = HEARTBEAT,
         stalled: float = STALLED,
     ) -> None:
-        self._board, self._desk, self._access = board, desk, access
+        self._board, self._access, self._player = board, access, player
         self._heartbeat, self._stalled = heartbeat, stalled
         self._metrics = Metrics(board)
 
@@ -80,6 +93,10 @@ class Server:
         app.router.add_get('/events', self._events)
         app.router.add_post('/act', self._act)
         app.router.add_get('/metrics', self._scrape)
+        app.router.add_get('/history', self._history)
+        app.router.add_get('/log.csv', self._log)
+        if self._player is not None:
+            app.router.add_post('/replay', self._replay)
         app.on_response_prepare.append(add_headers)
         app.on_shutdown.append(self._end_streams)
         return app
@@ -131,11 +148,8 @@ class Server:
             return self._board.hub.event('beat', self._board.monitor())
 
     async def _act(self, request: web.Request) -> web.Response:
-        if request.content_type != 'application/json':
-            return _answer(415, 'a request must be application/json')
         try:
-            document = json.loads(await asyncio.wait_for(request.read(), SLOWEST_REQUEST))
-            asked = parse_request(document, self._board.bearings)
+            asked = parse_request(await _document(request), self._board.bearings)
             if asked.action not in OFFERED:
                 raise ConfigurationError(f'{asked.action} is not for a dashboard')
         except asyncio.TimeoutError:
@@ -143,12 +157,38 @@ class Server:
         except (ValueError, RecursionError) as error:
             return _answer(400, str(error))
         try:
-            count = await self._board.ask(self._desk, asked, PATIENCE)
+            count = await self._board.ask(asked, PATIENCE)
         except DashboardError as error:
             return _answer(409, str(error))
         except StickslipError as error:
             return _answer(503, str(error))
         return _answer(200, f'{asked.action}: {count} alarm{"s" if count != 1 else ""}')
+
+    async def _replay(self, request: web.Request) -> web.Response:
+        assert self._player is not None
+        try:
+            paused, place = _course(await _document(request))
+        except asyncio.TimeoutError:
+            return _answer(408, 'the request did not come whole in time: nothing was done')
+        except (ValueError, RecursionError) as error:
+            return _answer(400, str(error))
+        if paused is not None:
+            self._player.hold(paused)
+        if place is not None:
+            self._player.seek(place)
+        return _answer(200, '')
+
+    async def _history(self, request: web.Request) -> web.Response:
+        found = self._board.history(request.query.get('bearing', ''))
+        if found is None:
+            return web.Response(status=404, text='There is no such bearing.\n')
+        return web.json_response(found)
+
+    async def _log(self, _: web.Request) -> web.Response:
+        headers = {'Content-Disposition': 'attachment; filename="stickslip_alarms.csv"'}
+        return web.Response(
+            text=self._board.log.csv(), content_type='text/csv', charset='utf-8', headers=headers
+        )
 
     async def _scrape(self, request: web.Request) -> web.Response:
         body, kind = self._metrics.text(request.headers.get('Accept', ''))
@@ -163,6 +203,36 @@ def _file(body: bytes, kind: str) -> Callable[[web.Request], Any]:
         return web.Response(body=body, content_type=kind, charset='utf-8')
 
     return serve
+
+
+async def _document(request: web.Request) -> Any:
+    """What a request to do something says.
+
+    Raises:
+        ValueError: It is no JSON.
+        asyncio.TimeoutError: It does not come whole in time.
+    """
+    if request.content_type != 'application/json':
+        raise web.HTTPUnsupportedMediaType(text='a request must be application/json\n')
+    return json.loads(await asyncio.wait_for(request.read(), SLOWEST_REQUEST))
+
+
+def _course(document: Any) -> tuple[bool | None, float | None]:
+    """Whether a replay is to stand still, and where it is to go [s]; ``None`` for as it is.
+
+    Raises:
+        ConfigurationError: The request is none.
+    """
+    if not isinstance(document, dict):
+        raise ConfigurationError('a request must be a JSON object')
+    paused, place = document.get('paused'), document.get('at')
+    if paused is not None and not isinstance(paused, bool):
+        raise ConfigurationError(f'paused = {paused!r} must be true or false')
+    if place is None:
+        return paused, None
+    if isinstance(place, bool) or not isinstance(place, (int, float)) or not math.isfinite(place):
+        raise ConfigurationError(f'at = {place!r} must be a time in seconds')
+    return paused, float(place)
 
 
 def _answer(code: int, text: str) -> web.Response:

@@ -24,13 +24,15 @@ class StateFile:
 
     Args:
         path: The file; ``~`` stands for the home folder.
+        name: The setting that names it, for a person.
+        user: What uses it, for a person.
 
     Raises:
         RosError: Its folder does not exist, or something else than a file is at its place.
     """
 
-    def __init__(self, path: str) -> None:
-        self._given = path
+    def __init__(self, path: str, name: str = 'state_file', user: str = 'node') -> None:
+        self._given, self._user = f"{name} = '{path}'", user
         try:
             self.path = Path(path).expanduser()
             for suffix in _SUFFIXES:
@@ -38,12 +40,12 @@ class StateFile:
             found = self.path.stat().st_mode if self.path.exists() else stat.S_IFREG
             folder = self.path.parent.is_dir()
         except (OSError, RuntimeError, ValueError) as error:
-            raise RosError(f"state_file = '{path}' cannot be used: {cause(error)}") from error
+            raise RosError(f'{self._given} cannot be used: {cause(error)}') from error
         if not folder:
-            raise RosError(f"state_file = '{path}': there is no folder {self.path.parent}")
+            raise RosError(f'{self._given}: there is no folder {self.path.parent}')
         if not stat.S_ISREG(found):
             kind = 'a folder' if stat.S_ISDIR(found) else 'a device, pipe or socket'
-            raise RosError(f"state_file = '{path}' must be a file, but is {kind}")
+            raise RosError(f'{self._given} must be a file, but is {kind}')
         self._lock: int | None = None
 
     def _beside(self, suffix: str) -> Path:
@@ -63,7 +65,7 @@ class StateFile:
         except BlockingIOError as error:
             os.close(descriptor)
             raise RosError(
-                f"state_file = '{self._given}' is in use by another node: give each its own"
+                f'{self._given} is in use by another {self._user}: give each its own'
             ) from error
         except OSError:
             # A file system without locks, or without space: not a reason not to monitor.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Listens to a monitor from another process, and hands on what people ask of it."""
+"""Listens to monitors from another process, and hands on what people ask of it."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ import json
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from typing import Any
+from functools import partial
+from typing import Any, Protocol
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
@@ -20,11 +21,30 @@ from std_msgs.msg import String
 
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.alarms.requests import ActionRequest, request_record
-from stickslip_monitor.monitor.messages import hardware_id
+from stickslip_monitor.monitor.messages import NODE_STATUS, hardware_id
 from stickslip_monitor.ros.message_types import ROS_FAULTS
 
-TakeStatus = Callable[[str, int, str, Mapping[str, str]], None]
-TakeAlarms = Callable[[Any], None]
+
+class Listener(Protocol):
+    """Takes what a monitor says."""
+
+    def take_status(
+        self, bearing: str, time_ns: int, text: str, values: Mapping[str, str]
+    ) -> None:
+        """The diagnostic status of a bearing, its time in [ns]."""
+
+    def take_health(self, level: int, text: str) -> None:
+        """The diagnostic status of the node itself."""
+
+    def take_alarms(self, document: Any, /) -> None:
+        """The list of alarms."""
+
+    def take_other(self, node: str) -> None:
+        """The name of another monitor whose diagnostics come."""
+
+
+HandOver = Callable[..., object]
+"""Calls a function with arguments where the listeners live."""
 _ALARMS = QoSProfile(
     depth=20,
     reliability=ReliabilityPolicy.RELIABLE,
@@ -34,52 +54,52 @@ _RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
 
 class Watcher:
-    """A node beside the monitor's. Its callbacks run in the thread that spins it.
+    """A node beside those of the monitors. Its callbacks run in the thread that spins it.
 
     Args:
-        monitor: Full name of the monitor's node.
-        diagnostics: Topic of its diagnostics.
-        take_status: Called with bearing, time [ns], text and key-value pairs of each status.
-        take_alarms: Called with each list of alarms.
-        take_other: Called with the name of another monitor whose diagnostics come.
+        listeners: Who takes what a monitor says, by the full name of its node.
+        diagnostics: Topic of their diagnostics.
+        hand_over: Calls a listener's method.
 
     Raises:
         RosError: A name is none.
     """
 
     def __init__(
-        self,
-        monitor: str,
-        diagnostics: str,
-        take_status: TakeStatus,
-        take_alarms: TakeAlarms,
-        take_other: Callable[[str], None],
+        self, listeners: Mapping[str, Listener], diagnostics: str, hand_over: HandOver
     ) -> None:
-        self._monitor = monitor.strip('/')
-        self._take_status, self._take_alarms = take_status, take_alarms
-        self._take_other = take_other
+        self._listeners = {name.strip('/'): own for name, own in listeners.items()}
+        self._hand_over = hand_over
+        self._actions: dict[str, Any] = {}
         self.node = Node('stickslip_dashboard')
+        name = diagnostics
         try:
             self.node.create_subscription(
                 DiagnosticArray, diagnostics, self._on_diagnostics, _RELIABLE
             )
-            self.node.create_subscription(String, f'{monitor}/alarms', self._on_alarms, _ALARMS)
-            self._actions = self.node.create_publisher(String, f'{monitor}/actions', _RELIABLE)
+            for name, own in listeners.items():
+                self.node.create_subscription(
+                    String, f'{name}/alarms', partial(self._on_alarms, own), _ALARMS
+                )
+                self._actions[name] = self.node.create_publisher(
+                    String, f'{name}/actions', _RELIABLE
+                )
         except ROS_FAULTS as error:
             self.node.destroy_node()
             text = str(error).splitlines()[0].rstrip(':')
-            raise RosError(f"node '{monitor}': {text}") from error
+            raise RosError(f"node '{name}': {text}") from error
 
-    def act(self, request: ActionRequest) -> None:
-        """Hand a request on.
+    def act(self, monitor: str, request: ActionRequest) -> None:
+        """Hand a request on to the monitor of that full name.
 
         Raises:
-            RosError: No monitor is there to take it.
+            RosError: It is not there to take it.
         """
-        if not self._actions.get_subscription_count():
+        actions = self._actions[monitor]
+        if not actions.get_subscription_count():
             raise RosError('the monitor is not there, or not active: nothing was done')
         try:
-            self._actions.publish(String(data=json.dumps(request_record(request))))
+            actions.publish(String(data=json.dumps(request_record(request))))
         except rclpy_implementation.RCLError as error:
             raise RosError(f'the monitor cannot be told: {error}') from error
 
@@ -88,30 +108,33 @@ class Watcher:
         for status in message.status:
             # Others publish on /diagnostics too, monitors in other namespaces among them.
             node, _, bearing = status.name.rpartition(': ')
-            if status.hardware_id != hardware_id(node, bearing):
-                continue
-            if node != self._monitor:
-                self._take_other(node)
-            else:
-                values = {pair.key: pair.value for pair in status.values}
-                self._take_status(bearing, time_ns, status.message, values)
+            if bearing == NODE_STATUS and status.hardware_id == node:
+                if own := self._listeners.get(node):
+                    self._hand_over(own.take_health, status.level[0], status.message)
+            elif status.hardware_id == hardware_id(node, bearing):
+                self._on_status(node, bearing, time_ns, status)
 
-    def _on_alarms(self, message: String) -> None:
+    def _on_status(self, node: str, bearing: str, time_ns: int, status: DiagnosticStatus) -> None:
+        own = self._listeners.get(node)
+        if own is None:
+            for each in self._listeners.values():
+                self._hand_over(each.take_other, node)
+            return
+        values = {pair.key: pair.value for pair in status.values}
+        self._hand_over(own.take_status, bearing, time_ns, status.message, values)
+
+    def _on_alarms(self, listener: Listener, message: String) -> None:
         try:
             document = json.loads(message.data)
         except (ValueError, RecursionError):
             self.node.get_logger().warning('a list of alarms is not JSON', once=True)
             return
-        self._take_alarms(document)
+        self._hand_over(listener.take_alarms, document)
 
 
 @contextmanager
 def open_watcher(
-    monitor: str,
-    diagnostics: str,
-    take_status: TakeStatus,
-    take_alarms: TakeAlarms,
-    take_other: Callable[[str], None],
+    listeners: Mapping[str, Listener], diagnostics: str, hand_over: HandOver
 ) -> Iterator[Watcher]:
     """A watcher that is spun by a thread of its own, with ROS running for as long.
 
@@ -119,7 +142,7 @@ def open_watcher(
     """
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        watcher = Watcher(monitor, diagnostics, take_status, take_alarms, take_other)
+        watcher = Watcher(listeners, diagnostics, hand_over)
         executor = SingleThreadedExecutor()
         executor.add_node(watcher.node)
         thread = threading.Thread(target=_spin, args=(executor,), name='ros', daemon=True)

@@ -38,21 +38,22 @@ def until(condition: Callable[[], Any], what: str, deadline: float = DEADLINE) -
 class Ship:
     """A monitor and its alarms, real but for the clock: time passes when the test says so.
 
-    It is the desk to which the dashboard hands what people ask for.
+    It takes what people ask for on the page.
     """
 
-    def __init__(self, board: Any) -> None:
+    def __init__(self, shown: Any) -> None:
         from stickslip_monitor.monitor.alarms.live_alarms import LiveAlarms
         from stickslip_monitor.monitor.config_file import load_config
         from stickslip_monitor.monitor.monitor import Monitor
 
         config = load_config(REFERENCE)
-        self.board, self.monitor = board, Monitor(config)
+        self.shown, self.monitor = shown, Monitor(config)
+        shown.act = self.act
         self.seconds = 0.0
         self.asked: list[Any] = []
         self.deaf = False
         log = logging.getLogger('ship')
-        self.alarms = LiveAlarms(config, lambda: self.time_ns, board.take_alarms, log)
+        self.alarms = LiveAlarms(config, lambda: self.time_ns, shown.take_alarms, log)
         self.alarms.begin()
 
     @property
@@ -81,7 +82,7 @@ class Ship:
         from stickslip_monitor.monitor.messages import diagnostic_record, state_of
 
         record = diagnostic_record('stickslip_monitor', state_of(self.monitor.bearings[BEARING]))
-        self.board.take_status(BEARING, self.time_ns, record.message, record.values)
+        self.shown.take_status(BEARING, self.time_ns, record.message, record.values)
 
     def act(self, request: Any) -> None:
         """Do what is asked for."""
@@ -93,10 +94,16 @@ class Ship:
 class Dashboard:
     """The real server in a thread of its own; what touches the board is done there."""
 
-    def __init__(self, token: str = '', port: int = 0, **limits: float) -> None:
+    def __init__(
+        self,
+        token: str = '',
+        port: int = 0,
+        nodes: tuple[str, ...] = ('/stickslip_monitor',),
+        **limits: float,
+    ) -> None:
         from aiohttp import web
 
-        from stickslip_monitor.commands.dashboard import bearing_view
+        from stickslip_monitor.commands.dashboard import watched
         from stickslip_monitor.dashboard.access import Access
         from stickslip_monitor.dashboard.doors import listen
         from stickslip_monitor.dashboard.server import Server
@@ -104,11 +111,12 @@ class Dashboard:
         from stickslip_monitor.monitor.config_file import load_config
 
         self._loop = asyncio.new_event_loop()
-        views = [bearing_view(bearing) for bearing in load_config(REFERENCE).bearings]
-        self.board = DashboardState(views, '/stickslip_monitor')
-        self.ship = Ship(self.board)
+        config = load_config(REFERENCE)
+        self.board = DashboardState([watched(config, node, node) for node in nodes])
+        self.ships = [Ship(monitor) for monitor in self.board.monitors]
+        self.ship = self.ships[0]
         access = Access(token, frozenset({'ship.test'}))
-        self._app = Server(self.board, self.ship, access, 0.3, 2.0).application()
+        self._app = Server(self.board, access, None, 0.3, 2.0).application()
         self._runner = web.AppRunner(self._app, access_log=None, shutdown_timeout=1.0)
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()

@@ -167,7 +167,7 @@ def test_it_comes_back_after_it_was_turned_away(
     """A browser by itself tries again after a broken connection, but not after a refusal."""
     dashboard.sail(60.0, 1000.0)
     with monkeypatch.context() as crowded:
-        crowded.setattr('stickslip_monitor.dashboard.state.MOST_READERS', 0)
+        crowded.setattr('stickslip_monitor.dashboard.hub.MOST_READERS', 0)
         browser.open(dashboard.url)
         browser.until('document.body.dataset.link === "lost"')
     browser.until(f'{STANDS} === "normal"')
@@ -199,7 +199,7 @@ def test_hostile_texts_stay_text(dashboard: Any, page: Any) -> None:
         ship = dashboard.ship
         for causes in ship.alarms.annunciator.causes.values():
             causes.texts = dict.fromkeys(AlarmKind, HOSTILE)
-        ship.board.take_status('aft_stern', 1, HOSTILE, {'reason': HOSTILE, 'regime': HOSTILE})
+        ship.shown.take_status('aft_stern', 1, HOSTILE, {'reason': HOSTILE, 'regime': HOSTILE})
         ship.act(ActionRequest(Action.ACKNOWLEDGE, HOSTILE))
         ship.act(ActionRequest(Action.SUPPRESS, HOSTILE))
 
@@ -465,13 +465,13 @@ def test_what_comes_next_is_a_reading(dashboard: Any, page: Any) -> None:
     dashboard.sail(43.0, 1000.0, 5.0)
     numbers = {'clears in [s]': '4', 'time to boundary [s]': '150'}
     odds = {'probability can': '0.9', 'probability will': '0.25', 'probability runs': '0.1'}
-    point = dashboard.board.status('aft_stern').numbers
+    point = dashboard.board.bearings['aft_stern'].status.numbers
     values = {
         'regime': 'stable', 'speed [m/s]': '0.2', 'shaft speed [rpm]': '38.2', 'load [N]': '1000',
         'fold speed [m/s]': str(point['fold_speed']),
         'hopf speed [m/s]': str(point['hopf_speed']),
     }  # fmt: skip
-    take = dashboard.board.take_status
+    take = dashboard.ship.shown.take_status
     dashboard.do(lambda: take('aft_stern', 1, 'x', values | numbers | odds))
     page.until('document.querySelector(".soon").textContent')
     assert page.text('.soon') == 'clears in 4 s; boundary reached in 3 min'

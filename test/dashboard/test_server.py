@@ -158,7 +158,7 @@ def test_a_reader_that_left_is_forgotten(dashboard: Any, kit: Any) -> None:
 def test_more_readers_than_there_is_room_for(
     dashboard: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr('stickslip_monitor.dashboard.state.MOST_READERS', 1)
+    monkeypatch.setattr('stickslip_monitor.dashboard.hub.MOST_READERS', 1)
 
     async def work(session: Any) -> None:
         async with session.get(f'{dashboard.url}events') as stream:
@@ -286,7 +286,7 @@ def test_what_the_monitor_does_not_answer_is_not_said_to_be_done(
     def refuse(_: Any) -> None:
         raise RosError('the monitor is not there')
 
-    monkeypatch.setattr(dashboard.ship, 'act', refuse)
+    monkeypatch.setattr(dashboard.ship.shown, 'act', refuse)
     assert post(dashboard) == (503, {'ok': False, 'text': 'the monitor is not there'})
 
 

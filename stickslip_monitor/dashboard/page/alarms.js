@@ -48,11 +48,13 @@ export const withoutName = ({ text, bearing }) => (text.startsWith(`${bearing}: 
 const keyOf = (alarm) => (alarm.members?.length > 1 ? `${alarm.members.length} bearings/${alarm.alarm}/${alarm.state}/${withoutName(alarm)}` : `${alarm.bearing}/${alarm.alarm}`);
 
 /**
- * The order in which alarms are to be dealt with: what nobody has acknowledged above all else, in
- * each the worse priority first, what stands above what has gone.
+ * The order in which alarms are to be dealt with: what stands and nobody has acknowledged above all
+ * else, then the other alarms and warnings that stand, what has gone and waits, and the rest; in each
+ * the worse priority first.
  */
 export function rank(alarm) {
-  const part = WAITING.includes(alarm.state) ? 0 : ASIDE.includes(alarm.state) ? 2 : 1;
+  const stands = alarm.state === 'acknowledged' && alarm.priority !== 'caution';
+  const part = alarm.state === 'unacknowledged' ? 0 : stands ? 1 : WAITING.includes(alarm.state) ? 2 : ASIDE.includes(alarm.state) ? 4 : 3;
   return 100 * part + 10 * PRIORITIES.indexOf(alarm.priority) + ORDER.indexOf(alarm.state);
 }
 
@@ -87,6 +89,9 @@ export class AlarmList {
     this.none = this.trusted = false;
     const get = (id) => document.getElementById(id);
     [this.list, this.aside, this.asideList, this.quiet, this.unsure, this.shelved, this.tally, this.silence, this.section] = ['alarm-list', 'aside', 'aside-list', 'quiet', 'unsure', 'hidden-alarms', 'tally', 'silence', 'alarms'].map(get);
+    this.seen = get('seen');
+    // Those that are listed now, not those that come while they are being acknowledged.
+    this.seen.addEventListener('click', () => act('acknowledge', { members: this.waiting }, this.seen));
     this.silence.addEventListener('click', () => act('silence', null, this.silence));
   }
 
@@ -111,6 +116,8 @@ export class AlarmList {
     this.aside.hidden = aside.length === 0;
     this.aside.querySelector('summary').textContent = `${aside.length} put aside: ${ASIDE.map((s) => [aside.filter((a) => a.state === s).length, STATES[s]]).filter(([n]) => n).map((pair) => pair.join(' ')).join(', ')}`;
     this.silence.hidden = !record.sounding;
+    this.waiting = every.filter((a) => a.actions.includes('acknowledge'));
+    this.seen.hidden = this.waiting.length < 2;
     this.count(record);
     this.announce(every);
   }
@@ -176,7 +183,7 @@ export class AlarmList {
   fill(item, alarm) {
     item.alarm = alarm;
     const { root } = item;
-    root.className = `alarm priority-${alarm.priority}${WAITING.includes(alarm.state) ? ' waiting' : ''}${alarm.sounding ? ' sounding' : ''}`;
+    root.className = `alarm priority-${alarm.priority}${WAITING.includes(alarm.state) ? ' waiting' : ''}${['returned_unacknowledged', 'latched'].includes(alarm.state) ? ' gone' : ''}${alarm.sounding ? ' sounding' : ''}`;
     root.dataset.state = alarm.state;
     root.dataset.alarm = keyOf(alarm);
     root.querySelector('h3').textContent = `${alarm.priority.toUpperCase()}: ${nameOf(alarm)}`;

@@ -10,12 +10,16 @@ function build(name) {
   root.className = 'gauge';
   root.innerHTML = '<div class="row"><span class="name"></span><b></b></div>';
   const svg = make('svg', { viewBox: `0 0 ${W} 30`, preserveAspectRatio: 'none', 'aria-hidden': 'true' });
+  const scale = document.createElement('div');
+  scale.className = 'scale';
+  scale.ariaHidden = 'true';
+  for (let k = 0; k < 3; k += 1) scale.append(document.createElement('span'));
   const note = document.createElement('small');
-  root.append(svg, note);
+  root.append(svg, scale, note);
   root.querySelector('.name').textContent = name;
   root.setAttribute('role', 'meter');
   root.setAttribute('aria-label', name);
-  return { root, svg, note, number: root.querySelector('b') };
+  return { root, svg, note, scale, number: root.querySelector('b') };
 }
 
 function tell(parts, low, high, now, number, note) {
@@ -25,6 +29,11 @@ function tell(parts, low, high, now, number, note) {
   parts.root.setAttribute('aria-valuemax', high);
   parts.root.setAttribute('aria-valuenow', now);
   parts.root.setAttribute('aria-valuetext', `${number}, ${note}`);
+}
+
+/** What the ends and the middle of a gauge stand for. */
+function mark(parts, texts) {
+  texts.forEach((text, k) => { if (parts.scale.children[k].textContent !== text) parts.scale.children[k].textContent = text; });
 }
 
 const rect = (look, x, width, y = 6, height = 16) => make('rect', { class: look, x, y, width: Math.max(width, 0), height });
@@ -37,6 +46,7 @@ export class MarginGauge {
     this.near = inside.near ? bearing.caution_margin : 0;
     this.look = inside.look;
     this.words = [inside.words, outside];
+    mark(this.parts, ['−100 %', '0', '+100 %']);
   }
 
   x(margin) {
@@ -85,6 +95,7 @@ export class AmplitudeGauge {
     if (this.limit !== null) bars.push(make('path', { class: 'limit', d: `M${x(this.limit)} 1V27` }));
     this.parts.svg.replaceChildren(...bars);
     const mm = (value) => `${(1e3 * value).toFixed(2)} mm`;
+    mark(this.parts, ['0', `${+(500 * this.top).toPrecision(3)}`, `${+(1e3 * this.top).toPrecision(3)} mm`]);
     const known = status.regime !== null;
     const number = best === null ? (known ? '0 mm' : '–') : mm(best);
     const about = best === null ? (known ? 'no stick-slip cycle exists' : 'not known') : `${sticking ? 'predicted' : 'if something starts it'}${amplitude === null ? '' : `; by averaging (KBM) ${mm(amplitude)}`}`;

@@ -14,7 +14,7 @@ export function make(kind, attributes = {}, text = '') {
 }
 
 /** Round numbers that divide a range into a few parts. */
-function ticks(top, most) {
+export function ticks(top, most) {
   const raw = top / most;
   const decade = 10 ** Math.floor(Math.log10(raw));
   const step = [1, 2, 5, 10].map((s) => s * decade).find((s) => s >= raw);
@@ -38,6 +38,13 @@ export class StabilityMap {
 
   y(load) {
     return TOP + (1 - load / this.bearing.loads[1]) * this.plotHeight;
+  }
+
+  /** Take over another range of speeds and loads. */
+  remake(map) {
+    Object.assign(this.bearing, map);
+    this.width = 0;
+    this.redraw();
   }
 
   redraw() {

@@ -5,12 +5,15 @@ import { AlarmList, clock, moment, nameOf, time, withoutName } from '/alarms.js'
 import { Overview } from '/overview.js';
 import { Sound } from '/sound.js';
 import { AmplitudeGauge, MarginGauge } from '/gauges.js';
+import { Charts, History } from '/charts.js';
+import { ReplayBar } from '/replay.js';
 import { StabilityMap } from '/map.js';
 import { connect } from '/stream.js';
 
-const TRAIL = 600, SILENCE = 12000, ANSWER = 5000;
+const SILENCE = 12000, ANSWER = 5000;
 const REASONS = { normal: '✓ Normal', caution: '! Margin low', bistable: '! Bistable', stick_slip: '▲ Stick-slip predicted', amplitude_limit: '▲ Amplitude above limit', input_stale: '✕ Input lost', waiting: '… Waiting', not_monitoring: '✕ Not monitoring' };
 const WHAT = { raise: 'came', clear: 'went', acknowledge: 'acknowledged', silence: 'silenced', unsilence: 'silence ran out', shelve: 'shelved', unshelve: 'unshelved', reset: 'reset', suppress: 'suppressed', unsuppress: 'no longer suppressed', remove: 'taken out of service', restore: 'returned to service' };
+const MEASURED = { quiet: '✓ quiet', vibrating: '▲ vibrating', unknown: 'not known' };
 const FAULTS = { not_finite: 'not finite', implausible: 'implausible', repeated: 'repeated', out_of_order: 'out of order', clock_jump: 'clock jumps' };
 
 const get = (id) => document.getElementById(id);
@@ -21,7 +24,7 @@ const loadText = (load) => (load === null ? '–' : Math.abs(load) < 9999.5 ? `$
 /** One bearing's part of the page. */
 class Bearing {
   constructor(bearing) {
-    this.trail = [...bearing.trail];
+    this.history = new History();
     this.root = get('bearing').content.firstElementChild.cloneNode(true);
     this.find = (selector) => this.root.querySelector(selector);
     this.root.setAttribute('aria-label', `Bearing ${bearing.name}`);
@@ -31,6 +34,7 @@ class Bearing {
     this.topics = bearing.topics;
     this.rpm = bearing.rpm;
     this.shown = true;
+    this.charts = new Charts(this.find('.charts'), bearing);
     this.map = new StabilityMap(this.find('.map svg'), bearing);
     this.fold = new MarginGauge('Fold margin', bearing, { near: true, look: 'between', words: 'inside: stick-slip can run' }, 'outside: no stick-slip can last');
     this.hopf = new MarginGauge('Hopf margin', bearing, { near: false, look: 'bad', words: 'inside: stick-slip starts by itself' }, 'outside: steady sliding is stable');
@@ -41,17 +45,30 @@ class Bearing {
   }
 
   take(status) {
-    const last = this.trail.at(-1);
-    if (status.speed !== null && (!last || last[0] !== status.speed || last[1] !== status.load)) this.trail.push([status.speed, status.load]);
-    if (this.trail.length > TRAIL) this.trail.shift();
+    const fresh = this.history.add(status);
     this.show(status);
+    if (fresh && this.shown) this.charts.show(this.history.rows);
+  }
+
+  /** What was before the page was opened is asked for when somebody looks at it. */
+  async remember() {
+    if (this.asked) return;
+    this.asked = true;
+    try {
+      const answer = await fetch(`/history?bearing=${encodeURIComponent(this.name)}`);
+      if (answer.ok) this.history.precede((await answer.json()).rows); else this.asked = false;
+    } catch { this.asked = false; }
+    if (this.shown && this.status) { this.show(this.status); this.charts.show(this.history.rows); }
   }
 
   /** What is not looked at is not drawn. */
   reveal(shown) {
     this.shown = shown;
     this.root.hidden = !shown;
-    if (shown) { this.map.redraw(); if (this.status) this.show(this.status); }
+    if (!shown) return;
+    this.map.redraw();
+    if (this.status) { this.show(this.status); this.charts.show(this.history.rows); }
+    this.remember();
   }
 
   show(status) {
@@ -70,6 +87,8 @@ class Bearing {
     put(this.find('.soon'), parts.join('; '));
     const chances = [['probability_can', 'can happen'], ['probability_will', 'starts by itself'], ['probability_runs', 'runs']].filter(([key]) => status[key] !== null).map(([key, words]) => `${words} ${(100 * status[key]).toFixed(0)} %`);
     put(this.find('.chances'), chances.length ? `stick-slip: ${chances.join(', ')}` : '');
+    put(this.find('.measured'), status.measured ? `vibration measured: ${MEASURED[status.measured] ?? status.measured}` : '');
+    this.find('.measured').dataset.level = status.measured ?? '';
     put(this.find('.load'), loadText(status.load));
     put(this.find('.loads'), status.regime === null ? '' : `regime: ${status.regime}`);
     const known = status.regime !== null;
@@ -77,7 +96,7 @@ class Bearing {
     this.hopf.show(status.hopf_margin, known);
     this.amplitude.show(status);
     const point = status.speed === null || status.load === null ? null : [status.speed, status.load];
-    this.map.show(point, this.trail, point ? `${speedText(status.rpm)}, ${loadText(status.load)}, ${status.regime}` : 'no operating point');
+    this.map.show(point, this.history.trail, point ? `${speedText(status.rpm)}, ${loadText(status.load)}, ${status.regime}` : 'no operating point');
     this.inputs(status.inputs);
   }
 
@@ -87,7 +106,8 @@ class Bearing {
       const row = body.querySelector(`[data-input="${name}"]`) ?? inputRow(body, name, this.topics[name]);
       const [state, count] = row.querySelectorAll('td');
       state.className = input.lost ? 'lost' : '';
-      row.title = input.fault;
+      put(row.querySelector('.fault'), input.fault);
+      put(this.find(`[data-of="${name}"] .name`), `${name === 'load' ? 'Bearing load' : 'Shaft speed'}${input.lost ? ', last known' : ''}`);
       put(state, input.lost ? `✕ lost${input.age === null ? ', never heard' : `, ${input.age.toFixed(0)} s old`}` : '✓ heard');
       const faults = Object.entries(FAULTS).filter(([key]) => input.counts[key]).map(([key, words]) => `${input.counts[key]} ${words}`);
       put(count, `${input.counts.accepted ?? 0} used${faults.length ? `; ${faults.join(', ')}` : ''}`);
@@ -102,7 +122,9 @@ function inputRow(body, name, topic) {
   head.scope = 'row';
   const code = document.createElement('code');
   code.textContent = topic ?? '';
-  head.append(`${name} `, code);
+  const fault = document.createElement('small');
+  fault.className = 'fault';
+  head.append(`${name} `, code, fault);
   row.append(head);
   row.insertCell();
   row.insertCell();
@@ -115,7 +137,7 @@ class Page {
     this.bearings = new Map();
     this.overview = new Overview((names) => { for (const [name, bearing] of this.bearings) bearing.reveal(names.has(name)); });
     this.sound = new Sound(get('sound'));
-    get('csv').addEventListener('click', () => save(this.log));
+    this.replay = new ReplayBar();
     get('local').addEventListener('change', () => { time.local = get('local').value === 'local'; keep('local', get('local').value); this.refresh(); });
     get('answer').addEventListener('click', () => { get('answer').hidden = true; });
     this.alarms = new AlarmList((...request) => this.act(...request), (text) => put(get('say-now'), text));
@@ -125,6 +147,8 @@ class Page {
     const does = {
       state: (state) => this.begin(state),
       status: (status) => { this.bearings.get(status.bearing)?.take(status); this.overview.take(status); this.time(status.time); },
+      map: (map) => this.bearings.get(map.bearing)?.map.remake(map),
+      replay: (replay) => this.replay.show(replay),
       alarms: (record) => this.take(record),
       monitor: (monitor) => this.believe(monitor),
       beat: (monitor) => this.believe(monitor),
@@ -145,8 +169,9 @@ class Page {
     this.source = state.source;
     this.bearings = new Map(state.bearings.map((bearing) => [bearing.name, new Bearing(bearing)]));
     get('bearings').replaceChildren(...[...this.bearings.values()].map((bearing) => bearing.root));
-    for (const { map } of this.bearings.values()) map.redraw();
     this.overview.begin(state.bearings);
+    if (this.overview.root.hidden) for (const bearing of this.bearings.values()) bearing.reveal(true);
+    this.replay.show(state.replay);
     this.time(Math.max(0, ...state.bearings.map((bearing) => bearing.status?.time ?? 0)));
     this.take(state);
     this.believe(state.monitor);
@@ -173,6 +198,9 @@ class Page {
     if (monitor.finished) this.tell('over', where, 'The recording is over: this is how it ended.');
     else if (!monitor.there) this.tell('silent', where, [...monitor.faults, 'Nothing here is current.'].join(' '));
     else this.tell(monitor.faults.length ? 'doubtful' : 'live', where, monitor.faults.join(' '));
+    this.replay.show(null, monitor.finished);
+    if (get('notices').textContent !== monitor.notices.join(' ')) { put(get('notices'), monitor.notices.join(' ')); put(get('say'), monitor.notices.join(' ')); }
+    get('notices').hidden = !monitor.notices.length;
     for (const [name, bearing] of this.bearings) bearing.root.classList.toggle('unheard', monitor.unheard.includes(name));
     this.alarms.trust(monitor.there && !monitor.faults.length);
   }
@@ -204,11 +232,15 @@ class Page {
     }
     button.setAttribute('aria-disabled', 'true');
     const results = [];
-    for (const each of alarm?.members ?? [alarm]) results.push(await post(action, by, each));
+    const members = alarm?.members ?? [alarm];
+    for (const each of members) {
+      results.push(await post(action, by, each));
+      if (!results.at(-1).ok) break;
+    }
     button.removeAttribute('aria-disabled');
-    const failed = results.filter(({ ok }) => !ok);
-    if (!failed.length) this.answer(results.length > 1 ? `${action}: ${results.length} alarms` : results[0].text, true);
-    else this.answer(`Not done${results.length > 1 ? ` for ${failed.length} of ${results.length}` : ''}: ${failed[0].text}`, false);
+    const last = results.at(-1), left = members.length - results.length + 1;
+    if (last.ok) this.answer(results.length > 1 ? `${action}: ${results.length} alarms` : last.text, true);
+    else this.answer(`Not done${members.length > 1 ? ` for ${left} of ${members.length}` : ''}: ${last.text}`, false);
   }
 
   /** What was done goes by itself; what was not stays until it is seen and touched. */
@@ -236,18 +268,6 @@ function duration(seconds) {
   return `${(seconds / 60).toFixed(0)} min`;
 }
 
-/** The log as a file, times in UTC by ISO 8601; a text that a spreadsheet would compute stays text. */
-function save(log = []) {
-  const cell = (text) => `"${(/^[=+@\t\r-]/.test(text) ? `'${text}` : text).replaceAll('"', '""')}"`;
-  const rows = log.map((c) => [c.time === null ? '' : new Date(c.time).toISOString(), c.bearing, c.alarm, c.priority, c.what, c.from, c.to, c.by, c.text]);
-  const text = [['time', 'bearing', 'alarm', 'priority', 'what', 'from', 'to', 'by', 'text'], ...rows].map((row) => row.map(cell).join(',')).join('\r\n');
-  const link = document.createElement('a');
-  link.href = URL.createObjectURL(new Blob([`${text}\r\n`], { type: 'text/csv' }));
-  link.download = 'stickslip_alarms.csv';
-  link.click();
-  URL.revokeObjectURL(link.href);
-}
-
 /** Why an alarm is put aside; it goes into the log with the name, as far as there is room. */
 async function askReason(by) {
   const dialog = get('why');
@@ -258,9 +278,17 @@ async function askReason(by) {
   return said === 'ok' ? get('reason').value.trim() : '';
 }
 
-function logRow(change) {
+/** A change of an alarm, or a note of the node on anything else. */
+function logRow(entry) {
   const row = document.createElement('tr');
-  for (const text of [clock(change.time), `${nameOf(change)}, ${change.bearing}`, WHAT[change.what] ?? change.what, change.by]) row.insertCell().textContent = text;
+  row.insertCell().textContent = clock(entry.time);
+  if (!entry.alarm) {
+    const note = row.insertCell();
+    note.colSpan = 3;
+    note.textContent = `${entry.node}: ${entry.text}`;
+    return row;
+  }
+  for (const text of [`${nameOf(entry)}, ${entry.bearing}`, WHAT[entry.what] ?? entry.what, entry.by]) row.insertCell().textContent = text;
   return row;
 }
 

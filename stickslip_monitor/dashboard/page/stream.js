@@ -3,7 +3,7 @@
 // more than six connections to a server; where there are no shared workers each tab has its own.
 
 const AGAIN = 2000;
-const KINDS = ['state', 'status', 'alarms', 'monitor', 'beat'];
+const KINDS = ['state', 'status', 'map', 'alarms', 'monitor', 'replay', 'beat'];
 const numberOf = (event) => Number(event.lastEventId.split('-').at(-1));
 
 export class Stream {

@@ -33,7 +33,7 @@ from stickslip_monitor.study.calibration.posterior import (
 )
 from stickslip_monitor.study.calibration.two_states import STICKING
 
-FLOOR = 0.01
+FLOOR = 0.006
 """Relative error of a boundary that no evidence takes away: the model's own."""
 _DOUBTFUL = 0.5
 _SURPRISING = 0.025

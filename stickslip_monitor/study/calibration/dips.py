@@ -178,7 +178,7 @@ def _dip(
     offset = int(time[0])
     middle = np.round(mean((time - offset).astype(float))).astype(np.int64) + offset
     speed, load = mean(course.speed[rows]), mean(course.load[rows])
-    path = path_of(middle, speed, load, own, (end - start) / 1e9, viscous)
+    path = path_of(middle, speed, load, own, (start, end), viscous)
     return Dip(course.name, start, end, own, middle, path)
 
 
@@ -208,7 +208,7 @@ def path_of(
     speed: FloatArray,
     load: FloatArray,
     reports: Sequence[VibrationReport],
-    seconds: float,
+    span: tuple[int, int],
     viscous: float = 0.0,
 ) -> FloatArray:
     """A dip as the likelihood takes it.
@@ -218,7 +218,7 @@ def path_of(
         speed: Shape (bins,) [m/s], above 0.
         load: Shape (bins,) [N], above 0.
         reports: In order of time.
-        seconds: Length of the dip [s].
+        span: Begin and end of the dip [ns].
         viscous: ``nu/c`` [1/N].
 
     Returns:
@@ -230,7 +230,7 @@ def path_of(
     path[:, SPEED], path[:, LOG_SPEED] = speed, np.log(speed)
     path[:, LOAD_TERM] = np.log(load / (1.0 + viscous * load))
     last = -1
-    for report in reports:
+    for k, report in enumerate(reports):
         start, end = core_of(report)
         first = max(last + 1, int(np.searchsorted(time_ns, start)))
         last = max(first, int(np.searchsorted(time_ns, end, 'right')) - 1)
@@ -240,16 +240,31 @@ def path_of(
         path[first : last + 1, STATE] = STICKING if report.squeal else QUIET
         path[first, BEGIN] = 1.0
         path[last, RIGHT] = report.trust
-        path[last, WRONG] = (1.0 - report.trust) * chance(report, seconds)
+        path[last, WRONG] = (1.0 - report.trust) * chance(reports, k, span)
     ends = np.flatnonzero((path[:, RIGHT] > 0.0) | (path[:, WRONG] > 0.0))
     return path[: ends[-1] + 1] if ends.size else path[:0]
 
 
-def chance(report: VibrationReport, seconds: float) -> float:
+def chance(reports: Sequence[VibrationReport], k: int, span: tuple[int, int]) -> float:
     """The probability with which a worthless report would have said just this.
 
-    A wrong squeal could have been reported at any time of the dip.
+    A wrong squeal could have begun, and ended, at any time of the dip. An end of it at which
+    nothing changes is no such coincidence: that of the dip, or one where the report beside it
+    tells of a squeal too.
+
+    Args:
+        reports: Those of the dip, in order of time.
+        k: Which of them.
+        span: Begin and end of the dip [ns].
     """
+    report = reports[k]
     if not report.squeal:
         return _HALF
-    return float(_HALF * min(1.0, 2.0 * report.tolerance / seconds) ** 2)
+    off = report.tolerance * 1e9
+    beside = [r for r in reports[max(k - 1, 0) : k + 2] if r.squeal and r is not report]
+    known = [span[0], span[1], *(t for r in beside for t in (r.start_ns, r.end_ns))]
+    free = sum(
+        all(abs(end - t) > off for t in known) for end in (report.start_ns, report.end_ns)
+    )
+    share = min(1.0, 2.0 * off / (span[1] - span[0]))
+    return float(_HALF * share**free)

@@ -125,11 +125,28 @@ def test_without_trust_a_report_tells_nothing(coast: Coast) -> None:
     assert value[:, 1:] == pytest.approx(np.ones((200, 3)))
 
 
-def test_a_wrong_squeal_is_less_likely_to_be_said_than_quiet() -> None:
+def said(start: int, end: int, squeal: bool) -> VibrationReport:
+    return VibrationReport('aft', start * BIN_NS, end * BIN_NS, squeal, 5.0, 0.9, '')
+
+
+@pytest.mark.parametrize(
+    ('reports', 'chances'),
+    [
+        # A dip of 100 s: a free end of a wrong squeal has a chance of 2 * 5 s / 100 s.
+        ([said(20, 60, True)], [0.5 * 0.1**2]),
+        ([said(20, 60, False)], [0.5]),
+        ([said(0, 40, False), said(40, 70, True), said(70, 100, False)], [0.5, 0.005, 0.5]),
+        # At the dip's own ends, and at those of another squeal, nothing coincides by chance.
+        ([said(0, 40, False), said(40, 70, True), said(70, 100, True)], [0.5, 0.05, 0.5]),
+        ([said(0, 40, True), said(40, 70, True), said(70, 100, False)], [0.5, 0.05, 0.5]),
+    ],
+)
+def test_a_wrong_squeal_is_as_likely_as_its_ends(
+    reports: list[VibrationReport], chances: list[float]
+) -> None:
     time = np.arange(100) * BIN_NS
-    speed, load = np.full(100, 1.0), np.full(100, 1000.0)
-    for squeal, chance in ((True, 0.5 * (2.0 * 5.0 / 100.0) ** 2), (False, 0.5)):
-        report = VibrationReport('aft', 20 * BIN_NS, 60 * BIN_NS, squeal, 5.0, 0.9, '')
-        path = path_of(time, speed, load, [report], 100.0)
-        assert path[:, WRONG].sum() == pytest.approx(0.1 * chance)
-        assert np.flatnonzero(path[:, STATE]).tolist() == list(range(25, 56))
+    path = path_of(time, np.full(100, 1.0), np.full(100, 1e3), reports, (0, 100 * BIN_NS))
+    wrong = path[path[:, RIGHT] > 0.0, WRONG]
+    assert wrong == pytest.approx(0.1 * np.array(chances))
+    first = path[:, STATE] > 0.0
+    assert np.flatnonzero(first)[0] == reports[0].start_ns // BIN_NS + 5

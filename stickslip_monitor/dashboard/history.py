@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ten minutes of a bearing, a row a second."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any
+
+SPAN = 600_000
+"""How far back it goes [ms]."""
+STEP = 1000
+"""Rows are so far apart, or further [ms]."""
+MARGINS = ('fold_margin', 'hopf_margin')
+CHANCES = ('probability_can', 'probability_will', 'probability_runs')
+COLUMNS = ('time', 'speed', 'load', *MARGINS, *CHANCES)
+"""Time [ms], speed [m/s], load [N], margins and probabilities [-]."""
+Row = list[Any]
+
+
+class History:
+    """The newest rows, bounded in time and number."""
+
+    def __init__(self) -> None:
+        self.rows: deque[Row] = deque(maxlen=SPAN // STEP)
+
+    def add(self, record: dict[str, Any]) -> None:
+        """Take a status for the page; one of the same second replaces the one before it.
+
+        Where the clock has stepped back, what lies in its future is dropped.
+        """
+        now, rows = record['time'], self.rows
+        while rows and rows[-1][0] // STEP >= now // STEP:
+            rows.pop()
+        while rows and rows[0][0] < now - SPAN:
+            rows.popleft()
+        rows.append(row_of(record))
+
+
+def row_of(record: dict[str, Any]) -> Row:
+    """A row; what rests on a lost input has no value, though the last one is still told."""
+    lost = {name for name, each in record['inputs'].items() if each['lost']}
+    hidden = set(lost) | ({*MARGINS, *CHANCES} if lost else set())
+    return [None if name in hidden else record[name] for name in COLUMNS]

@@ -1,0 +1,362 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One monitor as the dashboard knows it: its bearings, its alarms, and what is missing of them."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from stickslip_monitor.dashboard.history import History
+from stickslip_monitor.dashboard.received import (
+    BearingStatus,
+    checked_alarms,
+    log_entries,
+    offered,
+    read_status,
+    status_record,
+)
+from stickslip_monitor.errors import DashboardError
+from stickslip_monitor.monitor.alarms.requests import ActionRequest
+
+SILENT = 3.0
+"""A monitor of which nothing has been heard for so long is not believed to be there [s]."""
+ALARMS_SILENT = 150.0
+"""The list of alarms comes at least once a minute; after so long it is not believed [s]."""
+MOST_NAMES = 20
+"""Other monitors and bearings that are remembered, to tell of them."""
+_BEYOND = 5
+# A map made anew has this much room beyond the point that did not fit.
+_ROOM = 1.2
+_NO_ANSWER = 'the monitor has not answered: nothing is known to be done'
+_NO_ALARMS = 'the list of alarms has not come from the monitor: nothing was done'
+
+
+@dataclass(frozen=True, slots=True)
+class Curves:
+    """The stability map as loads over speed; ``None`` where there is no boundary.
+
+    Attributes:
+        speed: Surface speeds, rising [m/s].
+        caution, fold, hopf: Load from which the fold margin is below the caution margin, a cycle
+            exists, and the equilibrium is unstable [N].
+    """
+
+    speed: list[float]
+    caution: list[float | None]
+    fold: list[float | None]
+    hopf: list[float | None]
+
+
+@dataclass(frozen=True, slots=True)
+class BearingView:
+    """What the page is told of a bearing once.
+
+    Attributes:
+        name: Name of the bearing.
+        rpm: Shaft speed at a surface speed of 1 m/s [rpm].
+        speeds, loads: Ends of the map [m/s], [N].
+        curves: What divides it.
+        caution_margin: Fold margin below which the alarm says caution.
+        amplitude_limit: Amplitude that raises the amplitude alarm [m]; ``None`` for none.
+        topics: Where speed and load are read, by quantity.
+        wider: Makes the view anew with a map that contains a speed [m/s] and a load [N].
+    """
+
+    name: str
+    rpm: float
+    speeds: tuple[float, float]
+    loads: tuple[float, float]
+    curves: Curves
+    caution_margin: float
+    amplitude_limit: float | None
+    topics: dict[str, str]
+    wider: Callable[[float, float], BearingView] | None = None
+
+
+@dataclass(slots=True)
+class Watched:
+    """A bearing: what is shown of it, and what was heard.
+
+    Attributes:
+        key: Its name with the namespace of its node, as the page knows it: ``port/aft``.
+        view: What the page is told of it once.
+        status: The newest.
+        record: The same for the page.
+        history: The last ten minutes.
+        heard: When a believed sample of each input was noticed last [s].
+        at: When it was heard itself [s].
+    """
+
+    key: str
+    view: BearingView
+    status: BearingStatus | None = None
+    record: dict[str, Any] | None = None
+    history: History = field(default_factory=History)
+    believed: dict[str, int] = field(default_factory=dict)
+    heard: dict[str, float] = field(default_factory=dict)
+    at: float | None = None
+
+    def take(self, status: BearingStatus, now: float) -> None:
+        """Take a new status."""
+        self.status, self.at = status, now
+        for quantity in status.counts:
+            count = status.believed(quantity)
+            if count > self.believed.get(quantity, 0):
+                self.heard[quantity] = now
+            self.believed[quantity] = count
+        self.record = status_record(status)
+        self.history.add(self.record)
+
+    def map(self) -> dict[str, Any]:
+        """The stability map for the page."""
+        curves = self.view.curves
+        columns = {name: getattr(curves, name) for name in ('speed', 'caution', 'fold', 'hopf')}
+        return {'speeds': self.view.speeds, 'loads': self.view.loads, 'curves': columns}
+
+    def state(self) -> dict[str, Any]:
+        """All that the page shows of it, but for its history."""
+        names = ('rpm', 'caution_margin', 'amplitude_limit', 'topics')
+        own = {name: getattr(self.view, name) for name in names}
+        return {'name': self.key, **own, **self.map(), 'status': self.record}
+
+    def widen(self) -> bool:
+        """Make the map anew where the point has been beyond it for some time; whether it was.
+
+        A single wrong sample does not make a map on which nothing can be seen.
+        """
+        wider, lately = self.view.wider, list(self.history.rows)[-_BEYOND:]
+        if wider is None or len(lately) < _BEYOND:
+            return False
+        speed, load = (
+            min((0.0 if row[k] is None else abs(row[k])) for row in lately) for k in (1, 2)
+        )
+        if speed <= self.view.speeds[1] and load <= self.view.loads[1]:
+            return False
+        fastest = _ROOM * speed if speed > self.view.speeds[1] else self.view.speeds[1]
+        highest = _ROOM * load if load > self.view.loads[1] else self.view.loads[1]
+        self.view = wider(fastest, highest)
+        return True
+
+
+Send = Callable[[str, dict[str, Any], str], None]
+
+
+class WatchedMonitor:
+    """The newest of one monitor.
+
+    Args:
+        source: Where it comes from, for a person: the node's full name, or the recording's.
+        views: Its bearings.
+        space: Namespace of its node, without slashes around it; empty for none.
+        replay: Whether it comes from a recording.
+        clock: Time that never steps [s].
+
+    Attributes:
+        bearings: Its bearings by their own names.
+        alarms: The newest list of alarms for the page; ``None`` before it came.
+        act: Hands a request on to it; what comes of it arrives by :meth:`take_alarms`.
+        told: Called with what is new for the page: kind, document, and what tells it from others.
+        log: Takes entries of the log.
+    """
+
+    act: Callable[[ActionRequest], None]
+    told: Send
+    log: Callable[[list[dict[str, Any]]], None]
+
+    def __init__(
+        self,
+        source: str,
+        views: Iterable[BearingView],
+        space: str = '',
+        replay: bool = False,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.source, self.space, self._replay, self._clock = source, space, replay, clock
+        self._views = tuple(views)
+        self._others: dict[str, float] = {}
+        self._expected: list[tuple[ActionRequest, asyncio.Future[int]]] = []
+        self.forget()
+
+    def forget(self) -> None:
+        """Know nothing yet."""
+        self.bearings = {view.name: Watched(self.key(view.name), view) for view in self._views}
+        self.alarms: dict[str, Any] | None = None
+        self._health: tuple[int, str] = (0, '')
+        self._heard_at: float | None = None
+        self._listed_at: float | None = None
+        self._foreign: dict[str, float] = {}
+
+    @property
+    def namespace(self) -> str:
+        """The namespace of its node, as ROS has it."""
+        return f'/{self.space}'
+
+    def key(self, bearing: str) -> str:
+        """A bearing's name in the namespace of its node, as in the diagnostics."""
+        return f'{self.space}/{bearing}' if self.space else bearing
+
+    @property
+    def silent_for(self) -> float | None:
+        """Time since anything was heard of it [s]; ``None`` before it was."""
+        return None if self._heard_at is None else self._clock() - self._heard_at
+
+    @property
+    def heard(self) -> bool:
+        """Whether anything of it is heard."""
+        silent = self.silent_for
+        return silent is not None and silent < SILENT
+
+    @property
+    def there(self) -> bool:
+        """Whether all of it that must be heard is."""
+        return self.heard and not self.faults()
+
+    def unheard(self) -> list[str]:
+        """Keys of the bearings of which nothing is heard."""
+        now = self._clock()
+        own = self.bearings.values()
+        return [each.key for each in own if each.at is None or now - each.at >= SILENT]
+
+    def faults(self) -> list[str]:
+        """Why what is shown must not be taken for all there is; a sentence each."""
+        if self.silent_for is None:
+            others = ', '.join(self._others)
+            there = f' There are other monitors: {others}; see --node.' if others else ''
+            return [f'Nothing has been heard of the monitor {self.source} yet.{there}']
+        if not self.heard and not self._idle():
+            return [f'The monitor {self.source} has been silent for {self.silent_for:.0f} s.']
+        return list(self._gaps())
+
+    def _gaps(self) -> Iterator[str]:
+        name = self.source
+        if self._idle():
+            yield f'Not monitoring: {name} is not active, and nobody watches its bearings.'
+            return
+        if missing := self.unheard():
+            yield f'Of {_listed(missing)} nothing is heard: {name} does not watch it.'
+        now = self._clock()
+        foreign = [each for each, at in self._foreign.items() if now - at < ALARMS_SILENT]
+        if foreign:
+            yield f'{_listed(foreign)}: watched by {name}, but not in --config, so not shown.'
+        if self.alarms is None or self._listed_at is None:
+            yield f'The list of alarms of {name} has not come: nobody knows whether any stands.'
+        elif not self._replay and now - self._listed_at > ALARMS_SILENT:
+            late = now - self._listed_at
+            yield f'The list of alarms of {name} is {late:.0f} s old: later alarms are not known.'
+
+    def notice(self) -> str:
+        """What the node says of itself, where that is not that all is well."""
+        level, text = self._health
+        return f'{self.source}: {text}' if level and self.heard and not self._idle() else ''
+
+    def _idle(self) -> bool:
+        told = self.alarms is not None and not self.alarms['monitoring']
+        return told or any(own.status and own.status.idle for own in self.bearings.values())
+
+    def sample_age(self, bearing: str, quantity: str) -> float | None:
+        """Time since an input's last believed sample was noticed [s]; ``None`` without one."""
+        at = self.bearings[bearing].heard.get(quantity)
+        return None if at is None else self._clock() - at
+
+    def take_status(
+        self, bearing: str, time_ns: int, text: str, values: Mapping[str, str]
+    ) -> None:
+        """A diagnostic status of a bearing has come; of one that is not known it is ignored."""
+        own = self.bearings.get(bearing)
+        if own is None:
+            self._remember(self._foreign, self.key(bearing))
+            return
+        self._heard_at = self._clock()
+        own.take(read_status(time_ns, self._full(bearing, text), values), self._heard_at)
+        assert own.record is not None
+        self.told('status', {'bearing': own.key, **own.record}, own.key)
+
+    def take_health(self, level: int, text: str) -> None:
+        """The diagnostic status of the node itself has come; levels are those of ROS."""
+        self._health = (level, text)
+
+    def take_alarms(self, document: Any) -> None:
+        """The list of alarms has come; what is none is ignored."""
+        record = checked_alarms(document, self.bearings)
+        if record is None:
+            return
+        for each in (*record['alarms'], *record['changes']):
+            each['text'] = self._full(each['bearing'], each['text'])
+            each['bearing'] = self.key(each['bearing'])
+        self.alarms, self._listed_at = record, self._clock()
+        for alarm in document['alarms']:
+            if alarm['bearing'] not in self.bearings:
+                self._remember(self._foreign, self.key(alarm['bearing']))
+        self.log(log_entries(record, self.source))
+        self.told('alarms', {}, '')
+        for request, done in self._expected:
+            if not done.done() and (count := _answers(record['changes'], request)):
+                done.set_result(count)
+
+    def take_other(self, node: str) -> None:
+        """Another monitor than those that are shown has been heard."""
+        self._remember(self._others, f'/{node}')
+
+    def _full(self, bearing: str, text: str) -> str:
+        """A sentence on a bearing, with the namespace in its name."""
+        inside = self.space and text.startswith(f'{bearing}: ')
+        return f'{self.space}/{text}' if inside else text
+
+    def _remember(self, names: dict[str, float], name: str) -> None:
+        if name in names or len(names) < MOST_NAMES:
+            names[name] = self._clock()
+
+    def concerned(self, request: ActionRequest) -> bool:
+        """Whether there is anything that a request could change, as far as is known here."""
+        return offered(self.alarms, request)
+
+    def bare(self, request: ActionRequest) -> ActionRequest:
+        """A request as the node itself knows the bearing."""
+        names = {own.key: name for name, own in self.bearings.items()}
+        known = None if request.bearing is None else names[request.bearing]
+        return replace(request, bearing=known)
+
+    async def ask(self, request: ActionRequest, patience: float) -> int:
+        """Hand a request on and wait for what comes of it.
+
+        Args:
+            request: What is asked for, the bearing by its key.
+            patience: How long to wait [s].
+
+        Returns:
+            The number of alarms that were changed.
+
+        Raises:
+            DashboardError: Nothing came of it in time, or its alarms are not known.
+            StickslipError: It cannot be handed on.
+        """
+        if self.alarms is None:
+            raise DashboardError(_NO_ALARMS)
+        entry = (request, asyncio.get_running_loop().create_future())
+        self._expected.append(entry)
+        try:
+            self.act(self.bare(request))
+            return await asyncio.wait_for(entry[1], patience)
+        except asyncio.TimeoutError as error:
+            raise DashboardError(' '.join([_NO_ANSWER, *self.faults()])) from error
+        finally:
+            self._expected.remove(entry)
+
+
+def _listed(names: list[str]) -> str:
+    few = ', '.join(names[:5])
+    return few if len(names) <= 5 else f'{few} and {len(names) - 5} more'
+
+
+def _answers(changes: list[dict[str, Any]], request: ActionRequest) -> int:
+    """How many of some changes are what was asked for."""
+    return sum(
+        change['by'] == request.by
+        and change['what'] == request.action.value
+        and request.bearing in (None, change['bearing'])
+        and request.kind in (None, change['alarm'])
+        for change in changes
+    )
