@@ -43,6 +43,7 @@ from stickslip_monitor.ros.input_watch import InputWatch
 from stickslip_monitor.ros.inputs import Inputs, check_inputs
 from stickslip_monitor.ros.message_types import ROS_FAULTS
 from stickslip_monitor.ros.outputs import Outputs
+from stickslip_monitor.ros.service import ServiceManager
 from stickslip_monitor.ros.state_file import StateFile, StateWriter
 from stickslip_monitor.surface_store import prepare_surfaces
 
@@ -543,10 +544,12 @@ def make_executor() -> Executor:
 
 def _spin(node: MonitorNode, told: Sequence[int]) -> None:
     """Spin until a signal has been noted, or somebody shuts ROS down."""
-    executor = make_executor()
+    executor, manager = make_executor(), ServiceManager()
     executor.add_node(node)
+    manager.tell('READY=1')
     try:
         while rclpy.ok() and not told:
+            manager.beat()
             try:
                 # Python runs its signal handlers between waits: none may last.
                 executor.spin_once(LONGEST_WAIT)
@@ -558,6 +561,7 @@ def _spin(node: MonitorNode, told: Sequence[int]) -> None:
                     return
                 node.survive(error)
     finally:
+        manager.tell('STOPPING=1')
         executor.shutdown()
 
 

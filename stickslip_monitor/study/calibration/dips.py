@@ -263,8 +263,6 @@ def chance(reports: Sequence[VibrationReport], k: int, span: tuple[int, int]) ->
     off = report.tolerance * 1e9
     beside = [r for r in reports[max(k - 1, 0) : k + 2] if r.squeal and r is not report]
     known = [span[0], span[1], *(t for r in beside for t in (r.start_ns, r.end_ns))]
-    free = sum(
-        all(abs(end - t) > off for t in known) for end in (report.start_ns, report.end_ns)
-    )
+    free = sum(all(abs(end - t) > off for t in known) for end in (report.start_ns, report.end_ns))
     share = min(1.0, 2.0 * off / (span[1] - span[0]))
     return float(_HALF * share**free)
