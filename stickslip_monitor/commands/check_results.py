@@ -59,6 +59,7 @@ def _bearing_record(item: BearingReport) -> dict[str, Any]:
             | {k: v for k, v in point_record(extreme.point).items() if k in _OF_WORST[name]}
             for name, extreme in item.worst.items()
         },
+        **({} if (measured := item.measured) is None else {'measured': measured}),
         'evaluations': int(item.scan.time_ns.size),
         'data': item.complaints,
         'inputs': {each.quantity: _input(each) for each in item.inputs},

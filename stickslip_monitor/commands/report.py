@@ -221,7 +221,7 @@ def _case(bag: str, config: MonitorConfig, checked: CheckReport, item: BearingRe
     parts = condition_intervals(item.scan.events, start, end)
     doubts = [
         f'{each.quantity} on {each.topic}: {text}'
-        for each, source in zip(item.inputs, (own.speed, own.load), strict=True)
+        for each, source in zip(item.inputs, own.inputs.values(), strict=True)
         for text in dict.fromkeys(fault_text(fault, source) for fault in each.sources)
     ]
     asked = [
@@ -316,7 +316,7 @@ def _bearing_part(anchor: str, item: BearingReport, case: _Case) -> BearingPart:
 def _input_rows(item: BearingReport, config: BearingConfig) -> tuple[InputRow, ...]:
     return tuple(
         _input_row(report, source)
-        for report, source in zip(item.inputs, (config.speed, config.load), strict=True)
+        for report, source in zip(item.inputs, config.inputs.values(), strict=True)
     )
 
 

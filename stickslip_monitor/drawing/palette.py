@@ -41,6 +41,7 @@ CAUTION_FILL = '#faf7d6'
 
 CONDITION_COLOUR = {
     Condition.NORMAL: '#0072b2',
+    Condition.VIBRATION: '#cc79a7',
     Condition.CAUTION: '#a08c00',
     Condition.BISTABLE: '#e69f00',
     Condition.STICK_SLIP: '#d55e00',
@@ -51,6 +52,7 @@ CONDITION_COLOUR = {
 
 CONDITION_NAMES = {
     Condition.NORMAL: 'Normal',
+    Condition.VIBRATION: 'Vibration not explained',
     Condition.CAUTION: 'Margin low',
     Condition.BISTABLE: 'Bistable',
     Condition.STICK_SLIP: 'Stick-slip predicted',

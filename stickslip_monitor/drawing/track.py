@@ -78,6 +78,7 @@ _CELL = 1.0
 _LEGEND_COLUMN, _LEGEND_ROW, _LEGEND_TITLE = 1.3, 0.2, 0.3
 _MARKER = {
     Condition.NORMAL: 'o',
+    Condition.VIBRATION: 'v',
     Condition.CAUTION: 's',
     Condition.BISTABLE: 'D',
     Condition.STICK_SLIP: '^',

@@ -23,7 +23,7 @@ from stickslip_monitor.physics.averaging import boundaries, closed_form
 from stickslip_monitor.physics.averaging.solver import averaged_solver, damping_per_load
 from stickslip_monitor.physics.belief import Belief, probability_runs
 from stickslip_monitor.physics.cycle.fold import fold_curve
-from stickslip_monitor.physics.cycle.surface import exact_amplitude
+from stickslip_monitor.physics.cycle.surface import exact_amplitude, exact_amplitude_of_number
 from stickslip_monitor.physics.friction import Stribeck, computes_as
 from stickslip_monitor.physics.oscillator import Bearing
 
@@ -257,19 +257,29 @@ class _Number:
 
 def _worked_out(name: str, point: Assessment) -> float:
     """A column's number at one point; what every sample asks for without arrays."""
-    law = _stribeck_of(point._bearing)
-    often = name in ('amplitude', 'growth_rate') and point.outcome_code != NOT_FINITE
-    if law is None or not often:
-        return float(column(name, point._bearing, point._points())[0])
-    bearing, speed, load = point._bearing, abs(point.speed), point.load
-    with np.errstate(all='ignore'):
+    if name == 'amplitude_exact' and point.outcome_code != NOT_FINITE:
+        folds = point.fold_speed, point.exact_fold_speed
+        return exact_amplitude_of_number(point._bearing, point.speed, point.load, *folds)
+    bearing, solver = point._bearing, _number_solver(point._bearing)
+    if solver is not None and point.outcome_code != NOT_FINITE:
         if name == 'growth_rate':
-            drive = max(load, 0.0) * -float(law.slope(speed))
-            return (drive - bearing.damping) / (2.0 * bearing.mass)
-        if point.outcome_code not in (BISTABLE, STICK_SLIP) or not speed < point.fold_speed:
-            return math.nan
-        v, q = np.float64(speed), np.float64(bearing.damping / load)
-        return float(closed_form.stable_amplitude(law, v, q) / bearing.natural_frequency)
+            return boundaries.growth_rate_of_number(bearing, solver.law, point.speed, point.load)
+        if name == 'amplitude':
+            return _amplitude_of_number(point, solver.law)
+    return float(column(name, bearing, point._points())[0])
+
+
+def _amplitude_of_number(point: Assessment, law: Stribeck) -> float:
+    """:func:`_amplitude` of one point."""
+    bearing, speed, load = point._bearing, abs(point.speed), point.load
+    if point.outcome_code not in (BISTABLE, STICK_SLIP) or not speed < point.fold_speed:
+        return math.nan
+    try:
+        velocity = closed_form.stable_amplitude_of_number(law, speed, bearing.damping / load)
+    except ArithmeticError:
+        # What Python's numbers refuse is nan or infinite in arrays.
+        return float(column('amplitude', bearing, point._points())[0])
+    return velocity / bearing.natural_frequency
 
 
 class _Column:
@@ -553,9 +563,9 @@ def assess(
         never raises for a number: an input that is not finite has its own outcome.
     """
     if isinstance(speed, float) and isinstance(load, float):
-        law = _stribeck_of(bearing)
-        if law is not None and 0.0 < abs(speed) * load < math.inf:
-            return _assess_number(bearing, law, float(speed), float(load), belief)
+        solver = _number_solver(bearing)
+        if solver is not None and 0.0 < abs(speed) * load < math.inf:
+            return _assess_number(bearing, solver, float(speed), float(load), belief)
     shape, (v, n) = flatten(speed, load)
     with np.errstate(all='ignore'):
         columns = in_blocks(partial(_judge, bearing), v, n)
@@ -566,18 +576,37 @@ def assess(
     return Assessments(v, n, codes, hopfs, folds, exacts, bearing, _belief=belief)
 
 
+class _NumberSolver:
+    """The boundaries of a bearing with Stribeck's law at one load after another."""
+
+    __slots__ = ('_bearing', '_curve', '_known', 'law')
+
+    def __init__(self, bearing: Bearing, law: Stribeck) -> None:
+        self._bearing, self.law, self._curve = bearing, law, fold_curve(bearing)
+        self._known = 0.0, (math.nan, math.nan, math.nan)
+
+    def boundaries(self, load: float) -> tuple[float, float, float]:
+        """Hopf, fold and exact fold speed at a load [m/s]: the next speed often has the same."""
+        last, found = self._known
+        if last != load:
+            hopf, fold = closed_form.boundaries_of_number(self.law, self._bearing.damping / load)
+            found = hopf, fold, self._curve.speed_of_number(load, fold)
+            self._known = load, found
+        return found
+
+
 @lru_cache(maxsize=32)
-def _stribeck_of(bearing: Bearing) -> Stribeck | None:
-    """The law of a bearing where single points are assessed without arrays."""
-    return bearing.friction if computes_as(bearing.friction, Stribeck) else None
+def _number_solver(bearing: Bearing) -> _NumberSolver | None:
+    """What assesses single points without arrays, for bearings where that is known."""
+    law = bearing.friction
+    return _NumberSolver(bearing, law) if computes_as(law, Stribeck) else None
 
 
 def _assess_number(
-    bearing: Bearing, law: Stribeck, speed: float, load: float, belief: Belief | None
+    bearing: Bearing, solver: _NumberSolver, speed: float, load: float, belief: Belief | None
 ) -> Assessment:
     """:func:`assess` of one ordinary point: the same operations, so the same bits."""
-    hopf, fold = closed_form.boundaries_of_number(law, bearing.damping / load)
-    exact = fold_curve(bearing).speed_of_number(load, fold)
+    hopf, fold, exact = solver.boundaries(load)
     size, code = abs(speed), NO_CYCLE
     if size < hopf:
         code = STICK_SLIP

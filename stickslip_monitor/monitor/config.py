@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from typing import Any
 
@@ -67,6 +67,24 @@ class InputConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class LevelConfig(InputConfig):
+    """Where the measured vibration comes from, and what tells it from quiet.
+
+    Attributes:
+        threshold: Level from which on it is vibration, in the unit; ``nan``: to be learned.
+        hysteresis: How far below it the level must fall to be quiet [dB].
+    """
+
+    threshold: float = math.nan
+    hysteresis: float = 3.0
+
+    @property
+    def learns(self) -> bool:
+        """Whether the threshold is learned from the level itself."""
+        return math.isnan(self.threshold)
+
+
+@dataclass(frozen=True, slots=True)
 class AlarmConfig:
     """Thresholds and delays of a bearing's alarm; meanings as in the parameter table."""
 
@@ -96,6 +114,13 @@ class BearingConfig:
     alarm: AlarmConfig
     tolerance: Tolerance = EXACT
     belief: Belief | None = field(default=None, compare=False)
+    level: LevelConfig | None = None
+
+    @property
+    def inputs(self) -> dict[str, InputConfig]:
+        """The inputs that there are, by name: speed, load and, where measured, level."""
+        found = {'speed': self.speed, 'load': self.load}
+        return found if self.level is None else {**found, 'level': self.level}
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,11 +296,14 @@ def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
             f'{name}.alarm.minimum_speed = {minimum_speed:g} m/s must be below'
             f' {name}.speed.maximum = {own["speed.maximum"]:g} m/s'
         )
+    speed = _input(name, 'speed', own, bearing.speed.factor(own['speed.unit']), minimum_speed)
+    load = _input(name, 'load', own, _NEWTONS[own['load.unit']], 0.0)
     return BearingConfig(
         name=name,
         bearing=bearing,
-        speed=_input(name, 'speed', own, bearing.speed.factor(own['speed.unit']), minimum_speed),
-        load=_input(name, 'load', own, _NEWTONS[own['load.unit']], 0.0),
+        speed=speed,
+        load=load,
+        level=_level(name, own, (speed, load)),
         alarm=AlarmConfig(
             caution_margin=own['alarm.caution_margin'],
             can_probability=own['alarm.can_probability'],
@@ -380,3 +408,57 @@ def _input(
         deadband=deadband,
         unit=own[f'{quantity}.unit'],
     )
+
+
+def _level(
+    name: str, own: Mapping[str, Any], others: tuple[InputConfig, ...]
+) -> LevelConfig | None:
+    """The input of measured vibration; ``None`` where there is none."""
+    if not own['level.topic']:
+        _require_no_level(name, own)
+        return None
+    base = _input(name, 'level', own, 1.0, 0.0)
+    level = LevelConfig(
+        **{item.name: getattr(base, item.name) for item in fields(InputConfig)},
+        threshold=own['level.threshold'],
+        hysteresis=own['level.hysteresis'],
+    )
+    _check_threshold(name, level)
+    for quantity, other in zip(('speed', 'load'), others, strict=True):
+        if level.topic != other.topic:
+            continue
+        if level.field == other.field:
+            raise ConfigurationError(
+                f'{name}.level is read from the same field as the {quantity},'
+                f' {level.topic} {level.field_text}: it must be a number of its own'
+            )
+        if level.type != other.type:
+            raise ConfigurationError(
+                f'{name}.level.type = {level.type!r} must be that of {name}.{quantity},'
+                f' {other.type!r}: both are read from {level.topic}'
+            )
+    return level
+
+
+def _require_no_level(name: str, own: Mapping[str, Any]) -> None:
+    for row in BEARING_PARAMETERS:
+        value = own[row.name]
+        if row.name.startswith('level.') and value != row.default and value == value:
+            raise ConfigurationError(
+                f"parameter '{name}.level.topic' is missing, and {name}.{row.name} = {value!r} is"
+                ' given: name the topic of the measured vibration'
+            )
+
+
+def _check_threshold(name: str, level: LevelConfig) -> None:
+    threshold, in_db = level.threshold, level.unit == 'dB'
+    if threshold <= 0.0 and not in_db:
+        raise ConfigurationError(
+            f'{name}.level.threshold = {threshold:g} {level.unit} must be above 0, as every RMS'
+            ' value is; for a level in decibels set level.unit to dB'
+        )
+    if abs(threshold) > level.maximum:
+        raise ConfigurationError(
+            f'{name}.level.threshold = {threshold:g} {level.unit} must not be above'
+            f' {name}.level.maximum = {level.maximum:g} {level.unit}: no value beyond is believed'
+        )

@@ -7,6 +7,11 @@ not shrink below what noise always brings; so the monitor integrates ``E' = g``,
 predicts stick-slip from ``E = alarm.onset_growth`` on. It ends when the point has been where no
 cycle exists for :data:`DECAY` times ``2 m/c``, net time, both ways.
 
+Where vibration is *measured* (:mod:`.measured`) it takes over that memory: stick-slip runs where
+vibration is seen and a cycle may exist, and does not where none is seen and it would not start by
+itself. Vibration where no cycle can be is a rung of its own. A level that says nothing changes
+nothing.
+
 The rungs are raised and cleared by integrating delays (:mod:`.latch`) whose increments no single
 value can dominate (:mod:`.freshness`). A rung that keeps returning is held (:data:`HOLDS`).
 """
@@ -22,10 +27,12 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, IntArray
 from stickslip_monitor.monitor.assessment import OUTCOMES, Assessment, Assessments, Outcome
-from stickslip_monitor.monitor.config import AlarmConfig
+from stickslip_monitor.monitor.config import AlarmConfig, LevelConfig
 from stickslip_monitor.monitor.freshness import Fresh, credit, credit_of_many, lasts
 from stickslip_monitor.monitor.ladder import LADDER, Condition
 from stickslip_monitor.monitor.latch import Latch, follow
+from stickslip_monitor.monitor.measured import MEASURED, UNKNOWN, VIBRATING, Measured
+from stickslip_monitor.monitor.measured import QUIET as NOT_VIBRATING
 from stickslip_monitor.physics.averaging.boundaries import growth_rate
 from stickslip_monitor.physics.oscillator import Bearing
 
@@ -34,6 +41,7 @@ _NO_CONTACT = OUTCOMES.index(Outcome.NO_CONTACT)
 _AT_REST = OUTCOMES.index(Outcome.AT_REST)
 
 _STICK_RUNG = LADDER.index(Condition.STICK_SLIP)
+_VIBRATION_RUNG = LADDER.index(Condition.VIBRATION)
 
 E_FOLD = 2**32
 """Growth is counted in parts of this many to an e-fold."""
@@ -41,7 +49,7 @@ ONSET = 6.0
 """E-folds from the disturbance that is always there to the sliding limit, where it sticks."""
 DECAY = 4.8
 """How long a cycle outlives the fold [2 m/c]."""
-HOLDS = ((1,), (1, 60), (1, 60), (1, 6, 30), (1, 60))
+HOLDS = ((1,), (1, 60), (1, 60), (1, 60), (1, 6, 30), (1, 60))
 """Of each rung the off-delay when it is raised for the first, second and further time [off_delay].
 
 With them no more than ten conditions are raised within sixty off-delays, whatever fluctuates.
@@ -69,6 +77,8 @@ class Standing:
         clears: In how many seconds the rung clears if the point stays where it is; ``None``
             while the point holds it.
         raised: How often this rung has been raised, each time soon after it was cleared.
+        measured: What the measured vibration says; ``None`` where none is configured.
+        unseen: For how long stick-slip has been predicted while no vibration was measured [s].
     """
 
     rung: int = 0
@@ -77,6 +87,8 @@ class Standing:
     growth: float = 0.0
     clears: float | None = None
     raised: int = 0
+    measured: Measured | None = None
+    unseen: float = 0.0
 
     @property
     def condition(self) -> Condition:
@@ -119,6 +131,8 @@ class _Growth(Latch):
 
     def step(self, rate: float, asked: bool, covered: int, rhythm: int) -> int:
         """What an interval adds, given the growth rate and what was asked at its point."""
+        if not (asked or self.count):
+            return 0  # nothing can be taken off
         if self.on:
             own = credit(covered, rhythm, self.due())
             return own if asked else -own
@@ -171,8 +185,8 @@ class _Rung(Latch):
         """The delay that runs [ns]."""
         if self.on:
             return held_ns(self.config, self.rung, self.raised)
-        if self.rung == _STICK_RUNG and self.config.onset_growth:
-            return 0  # growth is a delay of its own
+        if self.rung == _VIBRATION_RUNG or (self.rung == _STICK_RUNG and self.config.onset_growth):
+            return 0  # growth is a delay of its own, and so is that of the level
         return self.config.on_delay_ns
 
     def switch(self, time_ns: int) -> None:
@@ -189,8 +203,6 @@ class _Rung(Latch):
 
     def step(self, asked: bool, covered: int, rhythm: int) -> int:
         """What an interval adds, given what was asked at its point."""
-        if not (asked or self.count):
-            return 0  # nothing can be taken off
         own = credit(covered, rhythm, self.due())
         return own if asked else -own
 
@@ -208,14 +220,17 @@ def _sliding(point: Assessment | Assessments) -> Any:
 def _ahead(point: Assessment | Assessments, future: Any) -> Any:
     """Whether the speed that the trend leads to lies below the fold."""
     fold, astern = point.stability_limit, point.speed < 0.0
-    below = (future < fold) & (astern ^ True) | (-future < fold) & astern
-    return _sliding(point) & below
+    return (future < fold) & (astern ^ True) | (-future < fold) & astern
+
+
+def _inside(point: Assessment | Assessments, sliding: Any) -> Any:
+    """Where a stick-slip cycle exists."""
+    return sliding & (decision_margin(point) < 0.0)
 
 
 def _grown(point: Assessment | Assessments) -> tuple[Any, Any]:
     """Where a disturbance grows, and where a cycle dies out."""
-    inside = _sliding(point) & (decision_margin(point) < 0.0)
-    return point.outcome_code == _STICK_SLIP, inside ^ True
+    return point.outcome_code == _STICK_SLIP, _inside(point, _sliding(point)) ^ True
 
 
 def near_fold(config: AlarmConfig, point: Assessment | Assessments) -> tuple[Any, Any]:
@@ -223,24 +238,66 @@ def near_fold(config: AlarmConfig, point: Assessment | Assessments) -> tuple[Any
 
     By the margin; by the probability that stick-slip can happen where there is one.
     """
-    sliding, margin = _sliding(point), decision_margin(point)
+    return _near_fold(config, point, _sliding(point))
+
+
+def _near_fold(
+    config: AlarmConfig, point: Assessment | Assessments, sliding: Any
+) -> tuple[Any, Any]:
     if point.has_belief:
-        return _above(point, config.caution_probability)
-    wide = margin <= config.caution_margin + config.hysteresis
-    return sliding & (margin < config.caution_margin), sliding & wide
+        return _above(point, sliding, config.caution_probability)
+    margin, limit = decision_margin(point), config.caution_margin
+    return sliding & (margin < limit), sliding & (margin <= limit + config.hysteresis)
 
 
-def _inside_fold(config: AlarmConfig, point: Assessment | Assessments) -> tuple[Any, Any]:
+def _inside_fold(
+    config: AlarmConfig, point: Assessment | Assessments, sliding: Any
+) -> tuple[Any, Any]:
     """The same of the bistable range."""
     if point.has_belief:
-        return _above(point, config.can_probability)
-    inside = _sliding(point) & (decision_margin(point) < 0.0)
+        return _above(point, sliding, config.can_probability)
+    inside = _inside(point, sliding)
     return inside, inside
 
 
-def _above(point: Assessment | Assessments, limit: float) -> tuple[Any, Any]:
-    sliding, can = _sliding(point), point.probability_can
+def _above(point: Assessment | Assessments, sliding: Any, limit: float) -> tuple[Any, Any]:
+    can = point.probability_can
     return sliding & (can > limit), sliding & (can >= LEFT_BELOW * limit)
+
+
+def _felt(
+    config: AlarmConfig, point: Assessment | Assessments, measured: Any
+) -> tuple[Any, Any, Any]:
+    """What measured vibration says of a point.
+
+    Args:
+        config: The alarm.
+        point: Assessment of scalars, or of arrays of shape (n,).
+        measured: What the level says, place in :data:`MEASURED`, of the same shape.
+
+    Returns:
+        Whether vibration is measured where a cycle may exist: one that begins, and one that goes
+        on; and whether none is measured where none starts by itself.
+    """
+    near, wide = near_fold(config, point)
+    seen = measured == VIBRATING
+    quiet = (measured == NOT_VIBRATING) & (point.outcome_code != _STICK_SLIP)
+    return seen & near, seen & wide, quiet
+
+
+def _with_measured(asks: tuple[Any, Any], felt: tuple[Any, Any, Any]) -> tuple[Any, Any]:
+    """Where stick-slip begins and ends, given what is measured beside what is predicted."""
+    (start, end), (seen, goes_on, quiet) = asks, felt
+    return start | seen, (end & (goes_on ^ True)) | quiet
+
+
+def _unexplained(
+    config: AlarmConfig, point: Assessment | Assessments, measured: Any, sticking: Any
+) -> tuple[Any, Any]:
+    """Where vibration is measured that can be no stick-slip, and where it is not."""
+    near, wide = near_fold(config, point)
+    other = (measured == VIBRATING) & (sticking ^ True)
+    return other & (near ^ True), (other & (wide ^ True)) ^ True
 
 
 def _asked(
@@ -254,9 +311,10 @@ def _asked(
         future: The speed that the trend leads to [m/s]; ``nan`` if unknown.
         sticking: Whether stick-slip is predicted to run.
     """
-    coming = _ahead(point, future) | sticking
-    near, wide = near_fold(config, point)
-    inside, held = _inside_fold(config, point)
+    sliding = _sliding(point)
+    coming = sliding & _ahead(point, future) | sticking
+    near, wide = _near_fold(config, point, sliding)
+    inside, held = _inside_fold(config, point, sliding)
     asked = [
         (near | coming, (wide | coming) ^ True),
         (inside | sticking, (held | sticking) ^ True),
@@ -274,15 +332,28 @@ def _asked(
 
 
 class ConditionClassifier:
-    """The memories between operating points and the alarm, for one bearing."""
+    """The memories between operating points and the alarm, for one bearing.
 
-    def __init__(self, bearing: Bearing, config: AlarmConfig) -> None:
+    Args:
+        bearing: The bearing.
+        config: The alarm.
+        level: What tells vibration from quiet; ``None`` where none is measured.
+    """
+
+    def __init__(
+        self, bearing: Bearing, config: AlarmConfig, level: LevelConfig | None = None
+    ) -> None:
         self.bearing = bearing
         self.growth = _Growth(bearing, config)
-        self.levels = [_Rung(config, k) for k in range(1, len(LADDER))]
+        rungs = [k for k in range(1, len(LADDER)) if level or k != _VIBRATION_RUNG]
+        self.levels = [_Rung(config, k) for k in rungs]
         self.config = config
+        self.level = level
         self._before: list[tuple[bool, bool]] = []
         self._point: Assessment | None = None
+        self._measured: Measured | None = None
+        # Since when stick-slip has been predicted while none was measured [ns].
+        self._unseen: tuple[int, int] | None = None
 
     @property
     def config(self) -> AlarmConfig:
@@ -297,12 +368,18 @@ class ConditionClassifier:
 
     def restart(self) -> None:
         """The clock jumped: what waited on time starts anew."""
-        self._before = []
+        self._before, self._unseen = [], None
         for latch in (self.growth, *self.levels):
             latch.restart()
 
     def take(
-        self, point: Assessment, time_ns: int, future: float, covered: int, rhythm: int
+        self,
+        point: Assessment,
+        time_ns: int,
+        future: float,
+        covered: int,
+        rhythm: int,
+        measured: int = UNKNOWN,
     ) -> Standing:
         """Take an operating point.
 
@@ -312,15 +389,38 @@ class ConditionClassifier:
             future: The speed that the trend leads to [m/s]; ``nan`` if unknown.
             covered: How much of the time since the point before that one counted [ns].
             rhythm: That one's rhythm [ns].
+            measured: What the level says, place in :data:`MEASURED`.
         """
         steps = self._steps(covered, rhythm)
-        growth, asks = self.growth, _grown(point)
-        growth.take(steps[0], asks[growth.on], time_ns)
+        growth, asks, forced = self.growth, _grown(point), False
+        if self.level is not None:
+            felt = _felt(self.config, point, measured)
+            asks, forced = _with_measured(asks, felt), felt[0] or felt[2]
+        growth.take(steps[0], asks[growth.on], time_ns, forced)
         now = [asks, *_asked(self.config, point, future, growth.on)]
+        if self.level is not None:
+            other = self._other(point, measured, growth.on)
+            now.insert(1, other)
+            self._see(measured, time_ns)
         for level, step, asked in zip(self.levels, steps[1:], now[1:], strict=True):
-            level.take(step, asked[level.on], time_ns)
+            if step or asked[level.on]:
+                level.take(step, asked[level.on], time_ns)
         self._before, self._point = now, point
         return self._standing()
+
+    def _other(self, point: Assessment | Assessments, measured: Any, sticking: Any) -> Any:
+        """Whether there is vibration that is no stick-slip; a learned threshold cannot know."""
+        assert self.level is not None
+        known = measured if not self.level.learns else measured * 0
+        return _unexplained(self.config, point, known, sticking)
+
+    def _see(self, measured: int, time_ns: int) -> None:
+        self._measured = MEASURED[measured]
+        if not self.growth.on or measured != NOT_VIBRATING:
+            self._unseen = None
+        else:
+            since = time_ns if self._unseen is None else self._unseen[0]
+            self._unseen = since, time_ns
 
     def _steps(self, covered: int, rhythm: int) -> list[int]:
         """What has passed since the point before, for the growth and each rung."""
@@ -328,27 +428,28 @@ class ConditionClassifier:
         if not before:
             return [0] * (1 + len(self.levels))
         asked = before[0][growth.on]
-        grown = growth.step(self._rate(asked), asked, covered, rhythm)
-        return [
-            grown,
-            *(
-                level.step(asks[level.on], covered, rhythm)
-                for level, asks in zip(self.levels, before[1:], strict=True)
-            ),
-        ]
+        steps = [growth.step(self._rate(asked), asked, covered, rhythm)]
+        for level, asks in zip(self.levels, before[1:], strict=True):
+            asked = asks[level.on]
+            # Of an empty count nothing can be taken off.
+            steps.append(level.step(asked, covered, rhythm) if asked or level.count else 0)
+        return steps
 
     def _standing(self) -> Standing:
-        now, growth = self._before, self.growth
-        rung = max((k for k, level in enumerate(self.levels, 1) if level.on), default=0)
-        if rung > _STICK_RUNG and not self.levels[_STICK_RUNG - 1].on:
-            rung = max((k for k, level in enumerate(self.levels[:-1], 1) if level.on), default=0)
-        asked = max((k for k in range(1, len(now)) if now[k][False]), default=0)
+        growth, rung, asked, top = self.growth, 0, 0, -1
+        for k, level in enumerate(self.levels):
+            if self._before[k + 1][False]:
+                asked = level.rung
+            if level.on and (level.rung <= _STICK_RUNG or rung == _STICK_RUNG):
+                rung, top = level.rung, k
         grown = 0.0 if growth.on else growth.count / E_FOLD
+        unseen = (self._unseen[1] - self._unseen[0]) * 1e-9 if self._unseen else 0.0
+        measured = self._measured
         if not rung:
-            return Standing(0, growth.on, asked, grown, None, 0)
-        level = self.levels[rung - 1]
-        clears = (level.due() - level.count) * 1e-9 if now[rung][True] else None
-        return Standing(rung, growth.on, asked, grown, clears, level.raised)
+            return Standing(0, growth.on, asked, grown, None, 0, measured, unseen)
+        level = self.levels[top]
+        clears = (level.due() - level.count) * 1e-9 if self._before[top + 1][True] else None
+        return Standing(rung, growth.on, asked, grown, clears, level.raised, measured, unseen)
 
     def _rate(self, asked: bool) -> float:
         """The growth rate at the point before; not needed where nothing can shrink."""
@@ -365,6 +466,7 @@ class ConditionClassifier:
         futures: NDArray[np.float64],
         fresh: Fresh,
         taken: int,
+        measured: NDArray[np.int8] | None = None,
     ) -> Decisions:
         """:meth:`take` of many points of a recording at once.
 
@@ -375,22 +477,54 @@ class ConditionClassifier:
             futures: The speeds that the trend leads to, shape (n,) [m/s].
             fresh: How long each point counts.
             taken: How many of the points were taken before: none, or the one before these.
+            measured: What the level says, places in :data:`MEASURED`, shape (n,); ``None`` where
+                none is configured.
         """
         growth = self.growth
         growth.points, growth.fresh, growth.asks = points, fresh, _grown(points)
+        if measured is not None:
+            felt = _felt(self.config, points, measured)
+            growth.asks, growth.forced = _with_measured(growth.asks, felt), felt[0] | felt[2]
         sticking, grown = follow(growth, times, starts, taken)
         asked = _asked(self.config, points, futures, sticking)
+        if measured is not None:
+            asked.insert(0, self._other(points, measured, sticking))
         rung = np.zeros(times.size, np.int8)
-        levels = []
-        for k, (level, asks) in enumerate(zip(self.levels, asked, strict=True), 1):
+        levels = {}
+        for level, asks in zip(self.levels, asked, strict=True):
             level.fresh, level.asks, level.history = fresh, asks, []
-            before, was_on = level.raised, level.on
+            before, was_on, k = level.raised, level.on, level.rung
             on, count = follow(level, times, starts, taken)
             rung[on if k <= _STICK_RUNG else on & (rung == _STICK_RUNG)] = k
             raises = np.flatnonzero(np.diff(on[taken:].astype(np.int8), prepend=was_on) > 0)
             history = [before, *level.history]
-            levels.append(_LevelDecisions(asks, count, raises + taken, history))
-        return Decisions(self.config, rung, sticking, grown, levels)
+            levels[k] = _LevelDecisions(asks, count, raises + taken, history)
+        unseen_ns = None
+        if measured is not None:
+            unseen_ns = self._see_many(measured, sticking, times, starts, taken)
+        return Decisions(self.config, rung, sticking, grown, levels, measured, unseen_ns)
+
+    def _see_many(
+        self,
+        measured: NDArray[np.int8],
+        sticking: BoolArray,
+        times: IntArray,
+        starts: NDArray[np.intp],
+        taken: int,
+    ) -> IntArray:
+        """For how long stick-slip has been predicted and none was measured, shape (n,) [ns]."""
+        quiet = sticking & (measured == NOT_VIBRATING)
+        begins = quiet & ~np.append(False, quiet)[:-1]
+        begins[starts] = quiet[starts]
+        place = np.maximum.accumulate(np.where(begins, np.arange(times.size), 0))
+        since = times[place]
+        if taken and self._unseen is not None:
+            since = np.where(place == 0, self._unseen[0], since)
+        lasting: IntArray = np.where(quiet, times - since, 0)
+        if times.size:
+            last = int(times[-1])
+            self._unseen = (last - int(lasting[-1]), last) if quiet[-1] else None
+        return lasting
 
 
 @dataclass(frozen=True, slots=True)
@@ -424,19 +558,30 @@ class Decisions:
         sticking: Whether stick-slip is predicted to run, shape (n,).
         grown: Growth, or the time it has been dying out, as counted, shape (n,).
         levels: The rungs from caution up.
+        measured: What the level says, places in :data:`MEASURED`, shape (n,); ``None`` where
+            none is configured.
+        unseen_ns: For how long stick-slip has been predicted and not measured, shape (n,) [ns].
     """
 
     config: AlarmConfig
     rung: NDArray[np.int8]
     sticking: BoolArray
     grown: IntArray
-    levels: list[_LevelDecisions]
+    levels: dict[int, _LevelDecisions]
+    measured: NDArray[np.int8] | None = None
+    unseen_ns: IntArray | None = None
 
     def until(self, size: int) -> Decisions:
         """The first of the points."""
         rows = slice(size)
         return Decisions(
-            self.config, self.rung[rows], self.sticking[rows], self.grown[rows], self.levels
+            self.config,
+            self.rung[rows],
+            self.sticking[rows],
+            self.grown[rows],
+            self.levels,
+            None if self.measured is None else self.measured[rows],
+            None if self.unseen_ns is None else self.unseen_ns[rows],
         )
 
     def at(self, k: int) -> Standing:
@@ -444,15 +589,18 @@ class Decisions:
         if k < 0:
             return QUIET
         rung, sticking = int(self.rung[k]), bool(self.sticking[k])
-        asked = max((j for j, lv in enumerate(self.levels, 1) if lv.asks[False][k]), default=0)
+        asked = max((j for j, lv in self.levels.items() if lv.asks[False][k]), default=0)
         grown = 0.0 if sticking else int(self.grown[k]) / E_FOLD
+        measured, unseen = None, 0.0
+        if self.measured is not None and self.unseen_ns is not None:
+            measured, unseen = MEASURED[self.measured[k]], int(self.unseen_ns[k]) * 1e-9
         if not rung:
-            return Standing(0, sticking, asked, grown, None, 0)
-        level = self.levels[rung - 1]
+            return Standing(0, sticking, asked, grown, None, 0, measured, unseen)
+        level = self.levels[rung]
         raised = level.raised(k)
         left = held_ns(self.config, rung, raised) - int(level.count[k])
         clears = left * 1e-9 if level.asks[True][k] else None
-        return Standing(rung, sticking, asked, grown, clears, raised)
+        return Standing(rung, sticking, asked, grown, clears, raised, measured, unseen)
 
 
 def warns(config: AlarmConfig, point: Assessment) -> bool:

@@ -36,6 +36,11 @@ class Condition(str, Enum):
         return member
 
     NORMAL = 'normal', Level.OK, 'No stick-slip predicted.'
+    VIBRATION = (
+        'vibration',
+        Level.WARN,
+        'Vibration is measured where no stick-slip is possible: the model does not explain it.',
+    )
     CAUTION = 'caution', Level.WARN, 'Close to the stick-slip region.'
     BISTABLE = (
         'bistable',
@@ -50,8 +55,10 @@ class Condition(str, Enum):
         return str(self.value)
 
 
+# Vibration that the model does not explain hides nothing that the model says.
 LADDER = (
     Condition.NORMAL,
+    Condition.VIBRATION,
     Condition.CAUTION,
     Condition.BISTABLE,
     Condition.STICK_SLIP,
@@ -136,12 +143,12 @@ class AlarmTrack:
             self.start_ns = time_ns
         if self.stale:
             return []
-        passed = [deadline for deadline in self._deadlines(inputs) if deadline < time_ns]
+        first = min(self._deadlines(inputs))
         seen, self._seen_ns = self._seen_ns, time_ns
-        if not passed:
+        if first >= time_ns:
             return []
         # A timeout that was made shorter may have ended before the latest time seen.
-        until = min(passed) if seen is None else max(min(passed), seen)
+        until = first if seen is None else max(first, seen)
         before = self.condition
         self.stale = True
         return [ConditionChange(until, before, Condition.INPUT_STALE, self.lost(until, inputs))]

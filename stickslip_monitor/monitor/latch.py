@@ -36,10 +36,13 @@ class Latch:
         asks: Of a recording: whether each point asks for a change where the latch is off, and
             where it is on, each shape (n,).
         fresh: Of a recording: how long each point counts.
+        forced: Of a recording: the points that, where they ask, change the state whatever has
+            been counted, shape (n,); ``None`` for none.
     """
 
     asks: tuple[BoolArray, BoolArray]
     fresh: Fresh
+    forced: BoolArray | None = None
 
     def __init__(self, config: AlarmConfig) -> None:
         self.config = config
@@ -63,10 +66,10 @@ class Latch:
         self.on = not self.on
         self.count = 0
 
-    def take(self, step: int, asks: bool, time_ns: int) -> None:
+    def take(self, step: int, asks: bool, time_ns: int, forced: bool = False) -> None:
         """Take a point: what has passed since the one before, and whether it asks for a change."""
         self.count = max(0, self.count + step)
-        if asks and self.count >= self.due():
+        if asks and (forced or self.count >= self.due()):
             self.switch(time_ns)
 
 
@@ -125,7 +128,10 @@ def _take_many(latch: Latch, lo: int, hi: int, first: bool, on: BoolArray, count
     steps = latch.steps(lo - 1, hi - 1) if not first else np.append(0, latch.steps(lo, hi - 1))
     total = np.cumsum(steps)
     counted = total - np.minimum(np.minimum.accumulate(total), -latch.count)
-    change = latch.asks[latch.on][lo:hi] & (counted >= latch.due())
+    ready = counted >= latch.due()
+    if latch.forced is not None:
+        ready |= latch.forced[lo:hi]
+    change = latch.asks[latch.on][lo:hi] & ready
     taken = int(change.argmax()) if change.any() else hi - lo
     on[lo : lo + taken], count[lo : lo + taken] = latch.on, counted[:taken]
     if taken:

@@ -10,6 +10,7 @@ its samples give one by one.
 from __future__ import annotations
 
 import math
+import operator
 from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -35,11 +36,15 @@ class SpeedTrend:
         self._slots: deque[list[int]] = deque()
         self._last: list[float] = []
         self.future = math.nan
+        # The slot before which slots have been summed, and the sums.
+        self._summed: int | None = None
+        self._late, self._early = [0, 0, 0], [0, 0, 0]
 
     def restart(self) -> None:
         """The clock jumped."""
         self._slots.clear()
         self._last.clear()
+        self._summed = None
         self.future = math.nan
 
     def add(self, time_ns: int, speed: float, ahead_ns: int) -> None:
@@ -61,7 +66,7 @@ class SpeedTrend:
         own[1] += 1
         own[2] += time_ns
         own[3] += round(min(max(middle, -_FASTEST), _FASTEST) * _UNIT)
-        self.future = self._future(slot, time_ns, ahead_ns) if ahead_ns else math.nan
+        self.future = self._future(time_ns, ahead_ns) if ahead_ns else math.nan
 
     def add_many(self, time_ns: IntArray, speed: FloatArray, ahead_ns: int) -> FloatArray:
         """:meth:`add` of several speeds; :attr:`future` after each, shape (n,).
@@ -91,19 +96,26 @@ class SpeedTrend:
         )
         return middle[len(before) :]
 
-    def _future(self, slot: int, time_ns: int, ahead_ns: int) -> float:
-        late, early = [0, 0, 0], [0, 0, 0]
-        for number, n, time, total in self._slots:
-            if slot - _EARLY_END < number < slot - _LATE:
-                continue
-            own = early if number < slot - _LATE else late
-            own[0] += n
-            own[1] += time
-            own[2] += total
-        if not early[0]:
+    def _future(self, time_ns: int, ahead_ns: int) -> float:
+        slot, *own = self._slots[-1]
+        if self._summed != slot:
+            self._summed, self._late, self._early = slot, *self._sums(slot)
+        (n, times, speeds), (m, early_times, early_speeds) = self._late, self._early
+        if not m:
             return math.nan
-        ages = [total[0] * time_ns - total[1] for total in (late, early)]
-        return float(_line((late[0], ages[0], late[2]), (early[0], ages[1], early[2]), ahead_ns))
+        n += own[0]
+        late = n, n * time_ns - times - own[1], speeds + own[2]
+        early = m, m * time_ns - early_times, early_speeds
+        return float(_line(late, early, ahead_ns))
+
+    def _sums(self, slot: int) -> tuple[list[int], list[int]]:
+        """Counts, sums of times and of speeds of the late and the early slots before a slot."""
+        late, early = [0, 0, 0], [0, 0, 0]
+        for number, *sums in self._slots:
+            if number < slot and not slot - _EARLY_END < number < slot - _LATE:
+                own = early if number < slot - _LATE else late
+                own[:] = map(operator.add, own, sums)
+        return late, early
 
 
 def _line(late: tuple[Any, ...], early: tuple[Any, ...], ahead: int) -> Any:

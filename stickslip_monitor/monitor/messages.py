@@ -20,6 +20,7 @@ from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, Assessment
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.decision import Standing
 from stickslip_monitor.monitor.ladder import Condition, Level
+from stickslip_monitor.monitor.measured import Measured, Unknown
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.signals import QUANTITIES, Status
 from stickslip_monitor.monitor.trend import Trend
@@ -60,7 +61,7 @@ def output_topics(bearings: Iterable[BearingConfig], node: str) -> dict[str, str
     for bearing in bearings:
         own = f'{node}/{bearing.name}'
         topics |= {f'{own}/{name}': 'std_msgs/msg/Float64' for name in topic_numbers(bearing)}
-        topics[f'{own}/regime'] = 'std_msgs/msg/String'
+        topics |= {f'{own}/{name}': 'std_msgs/msg/String' for name in topic_words(bearing)}
     return topics | {
         f'{node}/warnings': 'std_msgs/msg/String',
         '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
@@ -70,6 +71,11 @@ def output_topics(bearings: Iterable[BearingConfig], node: str) -> dict[str, str
 def topic_numbers(bearing: BearingConfig) -> tuple[str, ...]:
     """The numbers that have a topic of their own, by the topic's last part."""
     return VERDICT_NUMBERS if bearing.belief is None else (*VERDICT_NUMBERS, *BELIEFS)
+
+
+def topic_words(bearing: BearingConfig) -> tuple[str, ...]:
+    """The words that have a topic of their own, by the topic's last part."""
+    return ('regime',) if bearing.level is None else ('regime', 'measured')
 
 
 def verdict_numbers(point: Assessment | Assessments) -> dict[str, Any]:
@@ -148,6 +154,7 @@ def _event_record(event: Event, point: dict[str, Any]) -> dict[str, Any]:
         'growth': event.standing.growth,
         'clears_in': event.standing.clears,
         'raised': event.standing.raised,
+        **({} if event.measured is None else {'measured': event.measured.value}),
         **point,
         'input_age': {name: number(age) for name, age in event.lost.items()},
         'text': event.text,
@@ -166,6 +173,21 @@ NODE_STATUS = 'the node'
 
 
 @dataclass(frozen=True, slots=True)
+class LevelState:
+    """The measured vibration of a bearing at an instant.
+
+    Attributes:
+        measured: What it says.
+        unknown: Why it says nothing; ``None`` where it does.
+        counts: Values by :class:`Status`, shape (6,).
+    """
+
+    measured: Measured
+    unknown: Unknown | None
+    counts: NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
 class BearingState:
     """A bearing at an instant.
 
@@ -180,6 +202,7 @@ class BearingState:
         counts: Samples by quantity (speed, load) and :class:`Status`, shape (2, 6).
         faults: What is wrong with an input, by quantity; see :mod:`.input_faults`.
         monitoring: Whether anybody watches the bearing.
+        vibration: What is measured of it; ``None`` where none is configured.
     """
 
     config: BearingConfig
@@ -192,6 +215,7 @@ class BearingState:
     counts: NDArray[np.int64]
     faults: Mapping[str, str] = field(default_factory=dict)
     monitoring: bool = True
+    vibration: LevelState | None = None
 
     @property
     def waiting(self) -> bool:
@@ -299,7 +323,16 @@ def state_of(
         bearing.gate.counts,
         faults or {},
         monitoring,
+        _level_of(bearing),
     )
+
+
+def _level_of(bearing: BearingMonitor) -> LevelState | None:
+    if bearing.level is None or bearing.measured is None:
+        return None
+    now_ns = bearing.now_ns
+    unknown = Unknown.NOTHING if now_ns is None else bearing.level.why_unknown(now_ns)
+    return LevelState(bearing.measured, unknown, bearing.level.counts)
 
 
 def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:
@@ -381,8 +414,23 @@ def diagnostic_values(state: BearingState) -> dict[str, str | float]:
         result[f'{name} age [s]'] = age
     for name, text in state.faults.items():
         result[f'{name} fault'] = text
-    for row, name in enumerate(QUANTITIES):
+    result |= _level_values(state)
+    rows = list(zip(QUANTITIES, state.counts, strict=True))
+    if state.vibration is not None:
+        rows.append(('level', state.vibration.counts))
+    for name, counts in rows:
         for status in Status:
             label = status.name.lower().replace('_', ' ')
-            result[f'{name} samples {label}'] = int(state.counts[row, status])
+            result[f'{name} samples {label}'] = int(counts[status])
     return result
+
+
+def _level_values(state: BearingState) -> dict[str, str | float]:
+    level = state.vibration if state.monitoring else None
+    if level is None:
+        return {}
+    return {
+        'measured': level.measured.value,
+        'measured unknown': '' if level.unknown is None else level.unknown.sentence,
+        'predicted but not measured for [s]': state.standing.unseen,
+    }

@@ -12,6 +12,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
@@ -19,9 +22,11 @@ from stickslip_monitor.monitor.decision import QUIET, ConditionClassifier, Stand
 from stickslip_monitor.monitor.freshness import Rhythm
 from stickslip_monitor.monitor.ladder import AlarmTrack, Condition, ConditionChange, LastSample
 from stickslip_monitor.monitor.lookahead import SpeedTrend
+from stickslip_monitor.monitor.measured import MEASURED, UNKNOWN, LevelTracker, Measured
 from stickslip_monitor.monitor.scan import Scan, scan_bearing
 from stickslip_monitor.monitor.signals import (
-    QUANTITIES,
+    INPUTS,
+    LEVEL,
     Sample,
     SampleValidator,
     Status,
@@ -53,7 +58,8 @@ class BearingMonitor:
     def __init__(self, config: BearingConfig) -> None:
         self.config = config
         self.gate = SampleValidator(config)
-        self.bands = ConditionClassifier(config.bearing, config.alarm)
+        self.bands = ConditionClassifier(config.bearing, config.alarm, config.level)
+        self.level = None if config.level is None else LevelTracker(config.level)
         self.track = AlarmTrack(config)
         self.now_ns: int | None = None
         self.verdict: Verdict | None = None
@@ -75,6 +81,9 @@ class BearingMonitor:
         self._inputs = (config.speed, config.load)
         self.gate.timeouts = (config.speed.timeout_ns, config.load.timeout_ns)
         self.bands.config = config.alarm
+        if self.level is not None and config.level is not None:
+            self.level.retune(config.level)
+            self.bands.level = config.level
         self.track.retune(config)
         # Points of another scale, or slots of another width.
         self._window = TrendWindow(config.alarm.trend_window_ns)
@@ -118,7 +127,9 @@ class BearingMonitor:
         return self._events(self.track.advance(time_ns, self._heard))
 
     def update(self, is_load: int, time_ns: int, value: float) -> Update:
-        """Take one sample of one input (0 speed, 1 load)."""
+        """Take one sample of one input (0 speed, 1 load, 2 level)."""
+        if is_load == LEVEL:
+            return Update(self._tracker().add(time_ns, value))
         config = self._inputs[is_load]
         si, fault = number_to_si(config, value)
         status = self.gate.admit(is_load, time_ns, fault)
@@ -135,12 +146,42 @@ class BearingMonitor:
             return Update(status, None, events)
         return Update(status, *self._evaluate(self.now_ns, events))
 
+    def _tracker(self) -> LevelTracker:
+        if self.level is None:
+            raise ConfigurationError(
+                f"parameter '{self.config.name}.level.topic' is missing: no level is configured"
+            )
+        return self.level
+
+    @property
+    def measured(self) -> Measured | None:
+        """What the measured vibration says now; ``None`` where none is configured."""
+        if self.level is None:
+            return None
+        return MEASURED[UNKNOWN if self.now_ns is None else self.level.at(self.now_ns)]
+
+    def last_ns(self, place: int) -> int | None:
+        """Stamp of the last sample believed of an input, a place in :data:`INPUTS` [ns]."""
+        return self._tracker().last_ns if place == LEVEL else self.gate.last_ns[place]
+
+    def counted(self, place: int) -> NDArray[np.int64]:
+        """Samples of an input by :class:`Status`, shape (6,)."""
+        return self._tracker().counts if place == LEVEL else self.gate.counts[place]
+
+    def is_lost(self, place: int) -> bool:
+        """Whether an input does not count at the latest time."""
+        if place != LEVEL:
+            return INPUTS[place] in self.lost()
+        return self.now_ns is not None and self._tracker().is_lost(self.now_ns)
+
     def _move_to(self, time_ns: int, jumped: bool) -> list[Event]:
         """Go to the time of a believed sample; a first one before the start moves the start."""
         first = self._heard == [None, None]
         if self.now_ns is not None and (jumped or (first and time_ns < self.now_ns)):
             self.now_ns = time_ns
             self._heard = [None, None]
+            if jumped and self.level is not None:
+                self.level.restart()
             self._restart(time_ns)
             return []
         self.now_ns = time_ns if self.now_ns is None else max(self.now_ns, time_ns)
@@ -157,16 +198,19 @@ class BearingMonitor:
 
     def _paired(self, now_ns: int) -> bool:
         """Whether both inputs are young enough to make an operating point."""
-        return all(
-            heard is not None and now_ns - heard.time_ns <= config.timeout_ns
-            for heard, config in zip(self._heard, self._inputs, strict=True)
-        )
+        speed, load = self._heard
+        if speed is None or load is None:
+            return False
+        timeouts = self.gate.timeouts
+        return now_ns - speed.time_ns <= timeouts[0] and now_ns - load.time_ns <= timeouts[1]
 
     def _evaluate(self, now_ns: int, events: list[Event]) -> tuple[Verdict, list[Event]]:
         speed, load = self._values
         point = assess(self.config.bearing, speed, load, self.config.belief)
         self._runs = point.remember_runs(self._runs)
-        standing = self.bands.take(point, now_ns, self._speeds.future, *self._since(now_ns))
+        measured = UNKNOWN if self.level is None else self.level.at(now_ns)
+        future, since = self._speeds.future, self._since(now_ns)
+        standing = self.bands.take(point, now_ns, future, *since, measured)
         changes = self.track.apply(standing.rung, now_ns)
         self.verdict = Verdict(self.config.name, now_ns, point, standing)
         self._window.add(now_ns, speed, load)
@@ -175,8 +219,9 @@ class BearingMonitor:
     def _since(self, now_ns: int) -> tuple[int, int]:
         """How much of the time since the last point counted, and that point's rhythm [ns]."""
         last = self._last
-        until = min(rhythm.until_ns for rhythm in self._rhythms)
-        self._last = now_ns, until, max(rhythm.gap_ns for rhythm in self._rhythms)
+        speed, load = self._rhythms
+        until = min(speed.until_ns, load.until_ns)
+        self._last = now_ns, until, max(speed.gap_ns, load.gap_ns)
         if last is None:
             return 0, 0
         begin, until, rhythm_ns = last
@@ -214,11 +259,11 @@ class Monitor:
         Raises:
             ConfigurationError: The sample's bearing or quantity is not configured.
         """
-        if sample.quantity not in QUANTITIES:
+        if sample.quantity not in INPUTS:
             raise ConfigurationError(
-                f"quantity '{sample.quantity}' is not one of {', '.join(QUANTITIES)}"
+                f"quantity '{sample.quantity}' is not one of {', '.join(INPUTS)}"
             )
-        is_load = QUANTITIES.index(sample.quantity)
+        is_load = INPUTS.index(sample.quantity)
         return self._bearing(sample.bearing).update(is_load, sample.time_ns, sample.value)
 
     def advance(self, time_ns: int) -> list[Event]:

@@ -30,7 +30,15 @@ from stickslip_monitor.monitor.ladder import (
     LastSample,
 )
 from stickslip_monitor.monitor.lookahead import SpeedTrend
-from stickslip_monitor.monitor.signals import SampleValidator, Status, Stream, to_si, value_faults
+from stickslip_monitor.monitor.measured import LevelCourse, LevelScan
+from stickslip_monitor.monitor.signals import (
+    NO_LEVELS,
+    SampleValidator,
+    Status,
+    Stream,
+    to_si,
+    value_faults,
+)
 from stickslip_monitor.monitor.trend import Trend, TrendWindow
 from stickslip_monitor.monitor.verdict import Event, event_of
 
@@ -51,6 +59,7 @@ class Scan:
         events: Changes of the alarm, in order.
         counts: Samples by quantity (speed, load) and :class:`Status`, shape (2, 6).
         status: What became of each sample of the stream, a :class:`Status`, shape (m,).
+        level: What the measured vibration said; ``None`` where none is configured.
     """
 
     time_ns: IntArray
@@ -61,6 +70,7 @@ class Scan:
     events: list[Event]
     counts: IntArray
     status: NDArray[np.int8]
+    level: LevelCourse | None = None
 
     @property
     def sticking(self) -> BoolArray:
@@ -279,7 +289,8 @@ class BearingScan:
             _InputScan(config.speed, config.alarm.look_ahead_ns),
             _InputScan(config.load, None),
         )
-        self._classifier = ConditionClassifier(config.bearing, config.alarm)
+        self._level = None if config.level is None else LevelScan(config.level)
+        self._classifier = ConditionClassifier(config.bearing, config.alarm, config.level)
         self._track = AlarmTrack(config)
         self._track.start_ns = start_ns
         self._window = TrendWindow(config.alarm.trend_window_ns)
@@ -309,8 +320,15 @@ class BearingScan:
         points = block.points
         known = assess(self.config.bearing, points.speed, points.load, self.config.belief)
         self._runs = known.remember_runs(self._runs)
+        level, measured = self._measured(stream, status, block)
         course = self._classifier.follow(
-            known, points.time_ns, block.restarts(), points.future, points.fresh(), block.carried
+            known,
+            points.time_ns,
+            block.restarts(),
+            points.future,
+            points.fresh(),
+            block.carried,
+            measured,
         )
         walk = _Walk(self.config, self._track, block, course)
         walk.run()
@@ -328,6 +346,22 @@ class BearingScan:
             events=events,
             counts=self._gate.counts - counted,
             status=status,
+            level=level,
+        )
+
+    def _measured(
+        self, stream: Stream, status: NDArray[np.int8], block: _Block
+    ) -> tuple[LevelCourse | None, NDArray[np.int8] | None]:
+        """What the level says, and what it says at each point of a block."""
+        if self._level is None:
+            return None, None
+        place, new = np.flatnonzero(status <= Status.CLOCK_JUMP), slice(block.carried, None)
+        return self._level.take(
+            stream.level or NO_LEVELS,
+            place[block.samples.jumps],
+            place[block.points.place[new]],
+            block.points.time_ns[new],
+            block.carried,
         )
 
     def _arrived(self, stream: Stream, si: FloatArray, status: NDArray[np.int8]) -> _Arrived:

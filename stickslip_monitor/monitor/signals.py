@@ -20,6 +20,10 @@ from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig
 
 QUANTITIES = ('speed', 'load')
+"""What makes an operating point."""
+INPUTS = (*QUANTITIES, 'level')
+"""What may be measured of a bearing; the places are those in the monitor's calls."""
+LEVEL = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +32,7 @@ class Sample:
 
     Attributes:
         bearing: Name of the bearing.
-        quantity: ``'speed'`` or ``'load'``.
+        quantity: One of :data:`INPUTS`.
         time_ns: Time of the measurement [ns].
         value: The number in the message, in the input's own scale.
     """
@@ -40,6 +44,32 @@ class Sample:
 
 
 @dataclass(frozen=True, slots=True)
+class Levels:
+    """The values of a level, in order of arrival among those of speed and load.
+
+    Attributes:
+        time_ns: Times of measurement, shape (m,) [ns].
+        value: Numbers in the input's own scale, shape (m,).
+        place: How many values of speed and load came before each, not falling, shape (m,).
+    """
+
+    time_ns: NDArray[np.int64]
+    value: NDArray[np.float64]
+    place: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        shapes = {self.time_ns.shape, self.value.shape, self.place.shape}
+        if len(shapes) != 1 or self.time_ns.ndim != 1:
+            raise ConfigurationError(
+                f'level columns have shapes {self.time_ns.shape}, {self.value.shape} and'
+                f' {self.place.shape}: they must be one-dimensional and of one length'
+            )
+
+
+NO_LEVELS = Levels(np.empty(0, np.int64), np.empty(0), np.empty(0, np.int64))
+
+
+@dataclass(frozen=True, slots=True)
 class Stream:
     """The samples of one bearing in order of arrival, for bulk evaluation.
 
@@ -47,11 +77,13 @@ class Stream:
         time_ns: Times of measurement, shape (n,) int64 [ns].
         is_load: Whether the sample is a load (else a speed), shape (n,) bool.
         value: Numbers in the inputs' own scales, shape (n,).
+        level: The values of measured vibration that came among them; ``None`` for none.
     """
 
     time_ns: NDArray[np.int64]
     is_load: NDArray[np.bool_]
     value: NDArray[np.float64]
+    level: Levels | None = None
 
     def __post_init__(self) -> None:
         shapes = {self.time_ns.shape, self.is_load.shape, self.value.shape}
@@ -60,6 +92,14 @@ class Stream:
                 f'stream columns have shapes {self.time_ns.shape}, {self.is_load.shape} and'
                 f' {self.value.shape}: they must be one-dimensional and of one length'
             )
+
+    def until(self, size: int) -> Stream:
+        """The first values of speed and load, and what came of the level among them."""
+        level, rows = self.level, slice(size)
+        if level is not None:
+            own = slice(int(np.searchsorted(level.place, size)))
+            level = Levels(level.time_ns[own], level.value[own], level.place[own])
+        return Stream(self.time_ns[rows], self.is_load[rows], self.value[rows], level)
 
 
 class Status(IntEnum):

@@ -16,6 +16,7 @@ from stickslip_monitor.physics.oscillator import SPEED_UNITS
 REQUIRED = object()
 FRICTION_LAWS = ('stribeck', 'coulomb', 'tabulated')
 LOAD_UNITS = ('N', 'kN')
+LEVEL_UNITS = ('m/s^2', 'g', 'mm/s', 'um', 'Pa', 'V', 'none', 'dB')
 TOLERANCES = (
     ('damping', 'the damping'),
     ('static', 'the static coefficient'),
@@ -155,10 +156,17 @@ def _positive(name: str, unit: str, text: str) -> Parameter:
 
 
 def _input(
-    quantity: str, units: tuple[str, ...], maximum: float, si_unit: str
+    quantity: str,
+    units: tuple[str, ...],
+    maximum: float,
+    si_unit: str,
+    topic: tuple[Any, str] = (REQUIRED, ''),
+    unit: Any = REQUIRED,
 ) -> tuple[Parameter, ...]:
     return (
-        Parameter(f'{quantity}.topic', 'str', REQUIRED, f'Topic that carries the {quantity}.'),
+        Parameter(
+            f'{quantity}.topic', 'str', topic[0], f'Topic that carries the {quantity}{topic[1]}.'
+        ),
         Parameter(
             f'{quantity}.type', 'str', 'std_msgs/msg/Float64', 'Message type of that topic.'
         ),
@@ -169,7 +177,7 @@ def _input(
             'Path to the number inside the message, e.g. data, velocity[0] or wrench.force.z.',
         ),
         Parameter(
-            f'{quantity}.unit', 'str', REQUIRED, 'Unit of scale * number + offset.', choices=units
+            f'{quantity}.unit', 'str', unit, 'Unit of scale * number + offset.', choices=units
         ),
         Parameter(f'{quantity}.scale', 'float', 1.0, 'Factor applied to the number.', live=True),
         Parameter(
@@ -248,6 +256,32 @@ BEARING_PARAMETERS = (
     ),
     *_input('speed', SPEED_UNITS, 100.0, 'm/s'),
     *_input('load', LOAD_UNITS, 1e8, 'N'),
+    *_input(
+        'level',
+        LEVEL_UNITS,
+        1e12,
+        '',
+        ('', ' of measured vibration, an RMS value or a band level; empty for none'),
+        'm/s^2',
+    ),
+    Parameter(
+        'level.threshold',
+        'float',
+        math.nan,
+        'Level from which on it is vibration, in the unit; without it the monitor learns one from'
+        ' the two modes of the level, once both have been seen.',
+        live=True,
+    ),
+    Parameter(
+        'level.hysteresis',
+        'float',
+        3.0,
+        'How far below the threshold the level must fall to be quiet.',
+        unit='dB',
+        minimum=0.0,
+        maximum=60.0,
+        live=True,
+    ),
     Parameter(
         'alarm.caution_margin',
         'float',

@@ -10,8 +10,12 @@ from stickslip_monitor.monitor.assessment import Assessment, Outcome
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.decision import LEFT_BELOW, ONSET, QUIET, Standing, near_fold
 from stickslip_monitor.monitor.ladder import LADDER, Condition, ConditionChange
+from stickslip_monitor.monitor.measured import Measured
 from stickslip_monitor.monitor.trend import Trend
 from stickslip_monitor.physics.belief import Belief
+
+DOUBT = 60.0
+"""Predicted for so long without measured vibration, the parameters are in doubt [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +60,7 @@ class Event:
         text: What happened, for a person.
         standing: What the alarm rested on.
         says: What the condition says by itself, whatever came before.
+        measured: What the measured vibration said; ``None`` where none is configured.
     """
 
     bearing: str
@@ -68,6 +73,7 @@ class Event:
     text: str
     standing: Standing = QUIET
     says: str = ''
+    measured: Measured | None = None
 
     @property
     def raised(self) -> bool:
@@ -97,6 +103,7 @@ def event_of(
         describe(config, after, assessment, standing, lost, before, trend),
         standing,
         describe(config, after, assessment, standing, lost, None, trend),
+        None if config.level is None else standing.measured or Measured.UNKNOWN,
     )
 
 
@@ -115,7 +122,7 @@ def describe(
     if point is None or condition is Condition.INPUT_STALE:
         return f'{config.name}: {condition.sentence}'
     what = _what(config, standing, point)
-    if before in LADDER[2:] and condition in LADDER[1 : LADDER.index(before)]:
+    if before in _EASES and condition in _EASES[: _EASES.index(before)]:
         what = f'Eased from {before}. {what}'
     if before is Condition.INPUT_STALE:
         what = f'Speed and load are back. {what}'
@@ -125,10 +132,13 @@ def describe(
     if standing.sticking and math.isfinite(point.amplitude):
         where += f', predicted amplitude {point.amplitude * 1e3:.3g} mm'
     where += f', fold margin {point.stability_margin:+.1%}.{_way_out(config, standing, point)}'
-    return where + _belief_text(config, point) + _trend_text(trend)
+    where += _belief_text(config, point) + _doubt_text(standing)
+    return where + _trend_text(trend)
 
 
+_EASES = LADDER[LADDER.index(Condition.CAUTION) :]
 _OVER = {
+    Condition.VIBRATION: 'No longer any vibration that the model does not explain',
     Condition.CAUTION: 'No longer close to the stick-slip region',
     Condition.BISTABLE: 'No longer inside the bistable range',
     Condition.STICK_SLIP: 'Stick-slip no longer predicted',
@@ -146,6 +156,8 @@ def _what(config: BearingConfig, standing: Standing, point: Assessment) -> str:
     elif standing.asked > standing.rung:
         delay = config.alarm.on_delay_ns * 1e-9
         what = f'{asked.sentence[:-1]}, but not yet for {delay:g} s.'
+    elif standing.sticking and standing.measured is Measured.VIBRATING:
+        what = _measured_text(config, point)
     elif condition is Condition.CAUTION and not near_fold(config.alarm, point)[0]:
         what = 'The speed is falling towards the stick-slip region.'
     else:
@@ -153,6 +165,27 @@ def _what(config: BearingConfig, standing: Standing, point: Assessment) -> str:
     if standing.raised > 1:
         what += f' Fluctuating across the boundary: raised {standing.raised} times lately.'
     return what
+
+
+def _measured_text(config: BearingConfig, point: Assessment) -> str:
+    """Stick-slip that is measured: how it stands to what the model says."""
+    if point.outcome is Outcome.STICK_SLIP:
+        return 'Stick-slip predicted, and vibration is measured.'
+    if point.stability_margin < 0.0:
+        return 'Stick-slip: vibration is measured, and in the bistable range it goes on by itself.'
+    return (
+        'Stick-slip: vibration is measured, close outside the region in which the model expects'
+        ' it: are the parameters right?'
+    )
+
+
+def _doubt_text(standing: Standing) -> str:
+    if not standing.sticking or standing.unseen < DOUBT:
+        return ''
+    return (
+        f' No vibration has been measured for {_about(standing.unseen)}, though stick-slip is'
+        ' predicted: are the parameters and the threshold of the level right?'
+    )
 
 
 def _starting(standing: Standing, point: Assessment) -> str:

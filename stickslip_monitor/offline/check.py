@@ -24,9 +24,18 @@ from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
+from stickslip_monitor.monitor.measured import MEASURED
 from stickslip_monitor.monitor.monitor import Monitor
 from stickslip_monitor.monitor.scan import Scan
-from stickslip_monitor.monitor.signals import QUANTITIES, STATUS_SENTENCES, Status, Stream, to_si
+from stickslip_monitor.monitor.signals import (
+    INPUTS,
+    LEVEL,
+    STATUS_SENTENCES,
+    Levels,
+    Status,
+    Stream,
+    to_si,
+)
 from stickslip_monitor.monitor.source_faults import (
     SourceFault,
     fault_text,
@@ -88,14 +97,14 @@ class InputReport:
     """What came of one input of a bearing.
 
     Attributes:
-        quantity: ``'speed'`` or ``'load'``.
+        quantity: ``'speed'``, ``'load'`` or ``'level'``.
         topic: Where it was read.
         messages: Messages on the topic.
         used: Samples that were believed.
         faults: What was wrong with the others, and jumps of the clock.
         gaps: How regularly they came; a gap is longer than the input's timeout.
         span: The least and the greatest number believed, as in the messages; ``nan`` without any.
-        si_span: The same in SI units, surface speed [m/s] or load [N].
+        si_span: The same in SI units, surface speed [m/s] or load [N]; a level in its own unit.
         sources: Faults of the source that the samples show; they are among the faults as well.
         questions: What to ask where the numbers look like another unit or topic.
         fault: Why the input brings nothing, in the words of the running monitor; or nothing.
@@ -132,7 +141,7 @@ class BearingReport:
             undetermined.
         worst: The least Hopf and fold margin and the greatest predicted amplitude, by name;
             a quantity that never had a value is absent.
-        inputs: What came of speed and load.
+        inputs: What came of speed and load, and of a level.
         stream: The samples.
     """
 
@@ -147,6 +156,16 @@ class BearingReport:
     def complaints(self) -> list[str]:
         """What was wrong with the samples, one clause for each kind."""
         return [text for item in self.inputs for text in item.complaints]
+
+    @property
+    def measured(self) -> dict[str, float] | None:
+        """Time by what the measured vibration said [s]; ``None`` where none is configured."""
+        codes = self.scan.course.measured
+        if codes is None:
+            return None
+        lasting = (self.scan.until_ns - self.scan.time_ns) * 1e-9
+        totals = np.bincount(codes, weights=lasting, minlength=len(MEASURED)).tolist()
+        return {state.value: total for state, total in zip(MEASURED, totals, strict=True)}
 
     @property
     def has_warnings(self) -> bool:
@@ -198,10 +217,10 @@ def check_bag(
     if bag.files and not any(file.stat().st_size for file in bag.files):
         raise BagError(f"bag '{path}' is empty: 0 bytes")
     _check_topics(bag, config)
-    requests = {b.name: (_request(b.speed), _request(b.load)) for b in config.bearings}
-    series = bag.read({r for pair in requests.values() for r in pair}, progress)
+    requests = {b.name: list(map(_request, b.inputs.values())) for b in config.bearings}
+    series = bag.read({r for own in requests.values() for r in own}, progress)
     streams = {
-        name: _stream(series[speed], series[load]) for name, (speed, load) in requests.items()
+        name: _stream(*(series[request] for request in own)) for name, own in requests.items()
     }
     start, end = _span(bag, streams)
     prepare_surfaces(item.bearing for item in config.bearings)
@@ -225,7 +244,7 @@ def _check_topics(bag: Bag, config: MonitorConfig) -> None:
     Raises:
         BagError: In the words of the running monitor.
     """
-    for source in (source for b in config.bearings for source in (b.speed, b.load)):
+    for source in (source for b in config.bearings for source in b.inputs.values()):
         fault = input_fault(_facts(bag, source))
         if source.topic not in bag.topics:
             raise BagError(f'{fault[:-1]}: {missing_topic(bag.topics, source.topic)}')
@@ -251,8 +270,8 @@ def _request(source: InputConfig) -> Request:
     return Request(source.topic, source.field_text, source.type)
 
 
-def _stream(speed: Series, load: Series) -> Stream:
-    """Merge two series into the order in which the bag holds their messages."""
+def _stream(speed: Series, load: Series, level: Series | None = None) -> Stream:
+    """Merge series into the order in which the bag holds their messages."""
     sequence = np.concatenate([speed.sequence, load.sequence])
     order = np.argsort(sequence, kind='stable')
     is_load = np.arange(sequence.size) >= speed.sequence.size
@@ -260,7 +279,13 @@ def _stream(speed: Series, load: Series) -> Stream:
         np.concatenate([speed.stamp_ns, load.stamp_ns])[order],
         is_load[order],
         np.concatenate([speed.value, load.value])[order],
+        None if level is None else _levels(level, sequence[order]),
     )
+
+
+def _levels(level: Series, sequence: IntArray) -> Levels:
+    """The values of a level among those of speed and load, whose sequence is rising."""
+    return Levels(level.stamp_ns, level.value, np.searchsorted(sequence, level.sequence, 'right'))
 
 
 def _span(bag: Bag, streams: dict[str, Stream]) -> tuple[int | None, int | None]:
@@ -312,24 +337,23 @@ def _inputs(
     bag: Bag, config: BearingConfig, scan: Scan, series: list[Series], stream: Stream
 ) -> tuple[InputReport, ...]:
     asked = questions(config, scan.assessment)
-    reports = (
-        _input(config, is_load, scan, own, stream, tuple(asked[quantity]))
-        for is_load, (quantity, own) in enumerate(zip(QUANTITIES, series, strict=True))
-    )
-    sources = config.speed, config.load
-    return tuple(
-        replace(
-            report,
-            fault=_fault(_facts(bag, sources[k]), report.used, scan.counts[k])
-            or _clock_fault(sources[k], sources[1 - k], series[k], series[1 - k]),
-        )
-        for k, report in enumerate(reports)
-    )
+    if scan.level is not None and scan.level.unknown is not None:
+        asked['level'] = [f'says nothing at the end: {scan.level.unknown.sentence}']
+    sources = list(config.inputs.values())
+    found = []
+    for k, (quantity, source) in enumerate(config.inputs.items()):
+        own = tuple(asked.get(quantity, ()))
+        report = _input(config, k, scan, series[k], stream, own, _facts(bag, source))
+        # Each is held against the load, and the load against the speed.
+        other = int(k != 1)
+        clock = _clock_fault(source, sources[other], series[k], series[other])
+        found.append(replace(report, fault=report.fault or clock))
+    return tuple(found)
 
 
-def _fault(facts: InputFacts, used: int, counts: NDArray[np.int64]) -> str:
+def _fault(facts: InputFacts, counts: NDArray[np.int64]) -> str:
     """Why no sample of an input was believed; nothing where some were."""
-    if used:
+    if counts[: Status.CLOCK_JUMP + 1].any():
         return ''
     if not counts.sum():
         return input_fault(replace(facts, publishers=()))
@@ -356,21 +380,24 @@ def _input(
     series: Series,
     stream: Stream,
     asked: tuple[str, ...],
+    facts: InputFacts,
 ) -> InputReport:
-    source = config.load if is_load else config.speed
-    counts = scan.counts[is_load]
+    quantity = INPUTS[is_load]
+    source = config.inputs[quantity]
+    counts, own = _believed(scan, stream, is_load)
+    si = to_si(source, series.value)
     sources = find_source_faults(
         series.log_time_ns,
         series.stamp_ns,
-        to_si(source, series.value),
+        # A level that jumps between two values is what is looked for, and no fault.
+        np.full(si.shape, np.nan) if is_load == LEVEL else si,
         least_gap(config, is_load),
     )
-    own = stream.value[(stream.is_load == bool(is_load)) & (scan.status <= Status.CLOCK_JUMP)]
     ends = np.array([own.min(), own.max()] if own.size else [np.nan, np.nan])
     low, high = np.sort(to_si(source, ends)).tolist()
     texts = (fault_text(fault, source) for fault in sources)
     return InputReport(
-        quantity=QUANTITIES[is_load],
+        quantity=quantity,
         topic=source.topic,
         messages=int(series.value.size),
         used=int(counts[: Status.CLOCK_JUMP + 1].sum()),
@@ -384,7 +411,20 @@ def _input(
         si_span=(low, high),
         sources=tuple(sources),
         questions=asked,
+        fault=_fault(facts, counts),
     )
+
+
+def _believed(
+    scan: Scan, stream: Stream, is_load: int
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Samples of an input by :class:`Status`, and the numbers of those that were believed."""
+    if is_load == LEVEL:
+        assert scan.level is not None
+        assert stream.level is not None
+        return scan.level.counts, stream.level.value[scan.level.status <= Status.CLOCK_JUMP]
+    own = (stream.is_load == bool(is_load)) & (scan.status <= Status.CLOCK_JUMP)
+    return scan.counts[is_load], stream.value[own]
 
 
 def _faults(counts: NDArray[np.int64]) -> list[Fault]:

@@ -25,8 +25,10 @@ from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, at_index, at_indices
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.measured import MEASURED, Measured, Unknown, said_at
 from stickslip_monitor.monitor.messages import (
     BearingState,
+    LevelState,
     diagnostic_record,
     event_json,
     output_topics,
@@ -121,7 +123,7 @@ def messages(
 
 def _inputs(config: MonitorConfig) -> list[str]:
     """The topics the bearings read, each once."""
-    return list(dict.fromkeys(i.topic for b in config.bearings for i in (b.speed, b.load)))
+    return list(dict.fromkeys(i.topic for b in config.bearings for i in b.inputs.values()))
 
 
 class _Course:
@@ -144,6 +146,13 @@ class _Course:
             for row in range(len(QUANTITIES))
             for status in Status
         }
+        self._level_seen, self._level_rows = [], np.empty(0, np.intp)
+        if scan.level is not None and stream.level is not None:
+            self._level_rows = np.argsort(scan.level.time_ns, kind='stable')
+            self._level_times = scan.level.time_ns[self._level_rows]
+            self._level_seen = [
+                np.sort(stream.level.time_ns[scan.level.status == status]) for status in Status
+            ]
         self._believed = [
             np.sort(np.concatenate([self._seen[row, s] for s in Status if s.believed]))
             for row in range(len(QUANTITIES))
@@ -153,6 +162,7 @@ class _Course:
         """Numbers and regime of every evaluation, or at most one each period [s]."""
         names = list(output_topics([self.config], f'/{NODE}').items())[:-2]
         regimes = [encode_string(regime.value) for regime in REGIMES]
+        measured = [encode_string(state.value) for state in MEASURED]
         rows = self._published(round(period * 1e9))
         rows = rows[spans.holds(self._scan.time_ns[rows])]
         for start in range(0, rows.size, _BLOCK):
@@ -160,6 +170,8 @@ class _Course:
             points = at_indices(self._scan.assessment, block)
             columns = [encode_float64s(column) for column in verdict_numbers(points).values()]
             columns.append([regimes[code] for code in np.asarray(points.regime_code).tolist()])
+            if (codes := self._scan.course.measured) is not None:
+                columns.append([measured[code] for code in codes[block].tolist()])
             for time_ns, *data in zip(self._scan.time_ns[block].tolist(), *columns, strict=True):
                 for (topic, kind), item in zip(names, data, strict=True):
                     yield Message(topic, kind, time_ns, item)
@@ -203,7 +215,22 @@ class _Course:
                 for row in range(len(QUANTITIES))
             ]
         )
-        return BearingState(self.config, condition, text, point, standing, trend, lost, counts)
+        level = self._level(time_ns)
+        return BearingState(
+            self.config, condition, text, point, standing, trend, lost, counts, vibration=level
+        )
+
+    def _level(self, time_ns: int) -> LevelState | None:
+        course, config = self._scan.level, self.config.level
+        if course is None or config is None:
+            return None
+        k = int(np.searchsorted(self._level_times, time_ns, 'right')) - 1
+        counts = np.array([np.searchsorted(t, time_ns, 'right') for t in self._level_seen])
+        if k < 0:
+            return LevelState(Measured.UNKNOWN, Unknown.NOTHING, counts)
+        i = self._level_rows[k]
+        known = int(course.time_ns[i]), int(course.changed_ns[i]), int(course.code[i])
+        return LevelState(*said_at(config, *known, time_ns), counts)
 
     def _trend(self, i: int) -> Trend | None:
         scan = self._scan

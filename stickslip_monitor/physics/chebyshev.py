@@ -74,6 +74,20 @@ class PiecewiseChebyshev2D:
         powers = self.powers.transpose(1, 2, 0).take(panel, axis=2)
         return horner(horner(powers, s), t)
 
+    def value_of_number(self, x: float, y: float) -> float | None:
+        """The function at one point inside the grid, as of arrays; ``None`` off the panels."""
+        rows, columns = self.cell.shape
+        i, j = min(int(x * CELLS), rows - 1), min(int(y * CELLS), columns - 1)
+        panel = int(self.cell[i, j])
+        if panel == NOWHERE:
+            return None
+        (x0, y0), (width, height) = self.centre[panel].tolist(), self.half[panel].tolist()
+        s, t = (x - x0) / width, (y - y0) / height
+        *rest, last = self.powers[panel].tolist()
+        for row in reversed(rest):
+            last = [value * s + power for value, power in zip(last, row, strict=True)]
+        return float(horner(last, t))
+
 
 @dataclass(frozen=True, slots=True)
 class Pieces:

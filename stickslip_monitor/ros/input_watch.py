@@ -15,7 +15,7 @@ from rclpy.qos import QoSCompatibility, qos_check_compatible
 from stickslip_monitor.monitor.config import InputConfig
 from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
 from stickslip_monitor.monitor.monitor import BearingMonitor
-from stickslip_monitor.monitor.signals import QUANTITIES, Status, number_to_si
+from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, Status, number_to_si
 from stickslip_monitor.monitor.source_faults import SourceWatch, fault_text, least_gap
 from stickslip_monitor.ros.inputs import TELEMETRY
 
@@ -50,7 +50,8 @@ class InputWatch:
         self._node, self._bearings = node, bearings
         self._tracks = {
             name: tuple(
-                _Track(SourceWatch(least_gap(bearing.config, is_load))) for is_load in (0, 1)
+                _Track(SourceWatch(least_gap(bearing.config, is_load)))
+                for is_load in range(len(bearing.config.inputs))
             )
             for name, bearing in bearings.items()
         }
@@ -65,13 +66,14 @@ class InputWatch:
         now_ns = time.monotonic_ns()
         if believed:
             track.arrived = now_ns * 1e-9
-        track.source.see(
-            now_ns, time_ns, number_to_si(config.load if is_load else config.speed, value)[0]
-        )
+        # A level that jumps between two values is what is looked for, and no fault.
+        source = config.inputs[INPUTS[is_load]]
+        si = math.nan if is_load == LEVEL else number_to_si(source, value)[0]
+        track.source.see(now_ns, time_ns, si)
 
     def faults(self, bearing: str) -> dict[str, str]:
         """What is wrong with the inputs of a bearing, by quantity."""
-        tracks = zip(QUANTITIES, self._tracks[bearing], strict=True)
+        tracks = zip(INPUTS, self._tracks[bearing], strict=False)
         return {name: track.told for name, track in tracks if track.told}
 
     def explain(self, bearing: str, now: float, without_clock: bool) -> str:
@@ -120,14 +122,15 @@ class InputWatch:
 
     def _facts(self, bearing: str, is_load: int, now: float, without_clock: bool) -> InputFacts:
         monitor, track = self._bearings[bearing], self._tracks[bearing][is_load]
-        sources = monitor.config.speed, monitor.config.load
-        source, other = sources[is_load], sources[1 - is_load]
-        own_ns, other_ns = monitor.gate.last_ns[is_load], monitor.gate.last_ns[1 - is_load]
+        sources = list(monitor.config.inputs.values())
+        place = 0 if is_load else 1  # of the input that its clock is compared with
+        source, other = sources[is_load], sources[place]
+        own_ns, other_ns = monitor.last_ns(is_load), monitor.last_ns(place)
         refused = _refused(monitor, is_load, track)
         behind = 0.0
         if own_ns is not None and other_ns is not None and source.topic != other.topic:
             behind = (other_ns - own_ns) * 1e-9
-        lost = own_ns is None or QUANTITIES[is_load] in monitor.lost()
+        lost = own_ns is None or monitor.is_lost(is_load)
         self._lost |= lost
         timeout = source.timeout_ns * 1e-9
         return InputFacts(
@@ -161,7 +164,7 @@ class InputWatch:
 
 def _refused(monitor: BearingMonitor, is_load: int, track: _Track) -> Status | None:
     """Why samples have been refused since the last believed one; ``None`` where none was."""
-    counts = tuple(int(count) for count in monitor.gate.counts[is_load])
+    counts = tuple(int(count) for count in monitor.counted(is_load))
     believed = sum(counts[status] for status in _BELIEVED)
     if believed != track.believed or not track.refused:
         track.believed, track.refused = believed, counts

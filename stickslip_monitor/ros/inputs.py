@@ -74,7 +74,7 @@ def check_inputs(config: MonitorConfig) -> None:
     """
     users: dict[str, tuple[str, str]] = {}
     for bearing in config.bearings:
-        for quantity, source in (('speed', bearing.speed), ('load', bearing.load)):
+        for quantity, source in bearing.inputs.items():
             name = f'{bearing.name}.{quantity}'
             check_field(name, source)
             user, kind = users.setdefault(source.topic, (name, source.type))
@@ -114,7 +114,7 @@ class Inputs:
         readings: dict[tuple[str, str], list[InputReader]] = {}
         timeouts: dict[tuple[str, str], int] = {}
         for bearing in config.bearings:
-            for is_load, source in enumerate((bearing.speed, bearing.load)):
+            for is_load, source in enumerate(bearing.inputs.values()):
                 key = source.topic, source.type
                 number = number_reader(source.field)
                 readings.setdefault(key, []).append(InputReader(bearing.name, is_load, number))

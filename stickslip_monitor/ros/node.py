@@ -34,6 +34,7 @@ from stickslip_monitor.monitor.config_file import NODE_NAME
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.messages import NodeHealth, state_of
 from stickslip_monitor.monitor.monitor import BearingMonitor, Monitor
+from stickslip_monitor.monitor.signals import LEVEL
 from stickslip_monitor.monitor.verdict import Event, Verdict
 from stickslip_monitor.ros import parameters
 from stickslip_monitor.ros.actions import Actions
@@ -275,7 +276,7 @@ class MonitorNode(LifecycleNode):
     def _receive(self, name: str, is_load: int, time_ns: int, value: float, latest: bool) -> None:
         bearing = self._monitor.bearings[name]
         update = bearing.update(is_load, time_ns, value)
-        if update.status.believed:
+        if update.status.believed and is_load != LEVEL:
             self._heard.add(name)
         self._watch_inputs.take(name, is_load, time_ns, value, update.status.believed)
         if update.events:
@@ -518,9 +519,8 @@ def _inputs_lines(node: MonitorNode, config: MonitorConfig) -> Iterator[str]:
         inputs = (
             f'{name} in {units.get(f"{bearing.name}.{name}.unit", default)} from'
             f' {node.resolve_topic_name(source.topic)} ({source.type}, {source.field_text})'
-            for name, source, default in (
-                ('speed', bearing.speed, 'rpm'),
-                ('load', bearing.load, 'N'),
+            for (name, source), default in zip(
+                bearing.inputs.items(), ('rpm', 'N', 'm/s^2'), strict=False
             )
         )
         yield f'{bearing.name}: {", ".join(inputs)}'

@@ -14,7 +14,6 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64, String
 
-from stickslip_monitor.monitor.assessment import Assessment
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.messages import (
     BearingState,
@@ -24,6 +23,7 @@ from stickslip_monitor.monitor.messages import (
     event_json,
     health_record,
     topic_numbers,
+    topic_words,
 )
 from stickslip_monitor.monitor.verdict import Event, Verdict
 
@@ -73,7 +73,7 @@ class Outputs:
                 )
                 for topic, kind, number in (
                     # What takes longest to work out comes last.
-                    ('regime', String, _regime),
+                    *((topic, String, _WORDS[topic]) for topic in topic_words(bearing)),
                     *(
                         (topic, Float64, _number(topic))
                         for topic in reversed(topic_numbers(bearing))
@@ -94,10 +94,9 @@ class Outputs:
 
     def publish_verdict(self, verdict: Verdict) -> None:
         """Amplitude, margins and regime of one bearing."""
-        point = verdict.assessment
         for publisher, message, value in self._bearings[verdict.bearing]:
             if self._wanted(publisher):
-                message.data = value(point)
+                message.data = value(verdict)
                 self._send(publisher, message, verdict.time_ns)
 
     def publish_event(self, event: Event) -> None:
@@ -146,18 +145,20 @@ class Outputs:
             )
 
 
-def _number(name: str) -> Callable[[Assessment], float]:
+def _number(name: str) -> Callable[[Verdict], float]:
     """One of :func:`.records.verdict_numbers`, worked out only where somebody wants it."""
 
-    def read(point: Assessment) -> float:
-        value = float(getattr(point, name))
+    def read(verdict: Verdict) -> float:
+        value = float(getattr(verdict.assessment, name))
         return 0.0 if math.isnan(value) and name.startswith('amplitude') else value
 
     return read
 
 
-def _regime(point: Assessment) -> str:
-    return str(point.regime.value)
+_WORDS: dict[str, Callable[[Verdict], str]] = {
+    'regime': lambda verdict: str(verdict.assessment.regime.value),
+    'measured': lambda verdict: str(verdict.standing.measured),
+}
 
 
 def _status(record: DiagnosticRecord) -> DiagnosticStatus:

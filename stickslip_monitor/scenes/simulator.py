@@ -67,7 +67,7 @@ def _check_range(channel: Channel, time: FloatArray, value: FloatArray) -> None:
     """Refuse an operating point that the monitor of one of its bearings would not believe."""
     for bearing in channel.bearings:
         size = np.abs(value) * channel.ratio(bearing.name)
-        most = (bearing.speed if channel.quantity == 'speed' else bearing.load).maximum
+        most = bearing.inputs[channel.quantity].maximum
         beyond = np.flatnonzero(size > most)
         if beyond.size:
             unit = 'm/s' if channel.quantity == 'speed' else 'N'

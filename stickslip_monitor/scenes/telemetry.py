@@ -14,7 +14,7 @@ from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 from stickslip_monitor.bags.encode import NUMBER_FIELDS, STAMP_END, STAMPED_FIELDS
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
-from stickslip_monitor.monitor.signals import QUANTITIES
+from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES
 from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_load
 from stickslip_monitor.scenes.settings import Settings
 
@@ -67,7 +67,7 @@ class Channel:
     Several bearings of one shaft read one speed topic; SI values are then those of the first.
 
     Attributes:
-        quantity: ``'speed'`` or ``'load'``.
+        quantity: ``'speed'``, ``'load'`` or ``'level'``.
         bearings: The bearings that read it, at least one.
         rate: Samples per second [Hz].
     """
@@ -79,8 +79,7 @@ class Channel:
     @property
     def input(self) -> InputConfig:
         """Topic, scale and offset."""
-        bearing = self.bearings[0]
-        return bearing.speed if self.quantity == 'speed' else bearing.load
+        return self.bearings[0].inputs[self.quantity]
 
     @property
     def topic(self) -> str:
@@ -98,14 +97,22 @@ class Channel:
         return STAMP_END if self.is_stamped else 1 << 63
 
     def factor(self, unit: str) -> float:
-        """SI value (surface speed [m/s] or load [N]) of one unit.
+        """SI value (surface speed [m/s] or load [N], a level in its own unit) of one unit.
 
         ``nominal`` is a load, :func:`nominal_load`, and ``fold`` the fold speed at that load.
 
         Raises:
-            SceneError: The unit is m/s, and the topic serves bearings of different diameters, or
-                it is one that the first of these bearings does not have.
+            SceneError: The unit of a level is not its own; that of a speed is m/s, and the topic
+                serves bearings of different diameters, or is one that the first of them does not
+                have.
         """
+        if self.quantity == 'level':
+            if unit != self.input.unit:
+                raise SceneError(
+                    f'unit {unit} of the level on {self.topic} must be that of the configuration,'
+                    f' {self.input.unit}'
+                )
+            return 1.0
         if unit in ('nominal', 'fold'):
             config = self.bearings[0]
             load = nominal_load(config)
@@ -122,7 +129,7 @@ class Channel:
 
     def ratio(self, bearing: str) -> float:
         """A bearing's own SI value of one of the channel's: journals may differ in diameter."""
-        if self.quantity == 'load':
+        if self.quantity != 'speed':
             return 1.0
         diameter = {b.name: b.bearing.journal_diameter for b in self.bearings}
         return diameter[bearing] / self.bearings[0].bearing.journal_diameter
@@ -218,7 +225,11 @@ def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
     channels: dict[str, Channel] = {}
     for bearing in config.bearings:
         own = _section(telemetry, bearing.name, [b.name for b in config.bearings])
-        for quantity in QUANTITIES:
+        for quantity in QUANTITIES if 'level' not in own else INPUTS:
+            if quantity not in bearing.inputs:
+                raise SceneError(
+                    f'telemetry.level: the configuration has no {bearing.name}.level.topic'
+                )
             rate = own.section(quantity, ['rate'], 'its sampling, {rate: Hz}').number(
                 'rate', 'Hz', least=_LOWEST_RATE, most=_HIGHEST_RATE
             )
@@ -232,11 +243,11 @@ def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
 def _section(telemetry: Any, bearing: str, bearings: Sequence[str]) -> Settings:
     """The telemetry of one bearing: its own section, or the common one."""
     names = set(telemetry) if isinstance(telemetry, dict) else set()
-    for_each = not names.isdisjoint(bearings) and names.isdisjoint(QUANTITIES)
+    for_each = not names.isdisjoint(bearings) and names.isdisjoint(INPUTS)
     if not for_each:
-        return Settings('telemetry', telemetry, QUANTITIES)
+        return Settings('telemetry', telemetry, INPUTS)
     rates = 'the rates of its speed and load'
-    return Settings('telemetry', telemetry, bearings).section(bearing, QUANTITIES, rates)
+    return Settings('telemetry', telemetry, bearings).section(bearing, INPUTS, rates)
 
 
 def _check_input(name: str, settings: InputConfig) -> None:

@@ -101,8 +101,7 @@ def _stretches(
         now = np.maximum.accumulate(stream.time_ns[believed[start:end]])
         before = scan
         if end < believed.size:
-            rows = slice(0, int(believed[end]))
-            cut = Stream(stream.time_ns[rows], stream.is_load[rows], stream.value[rows])
+            cut = stream.until(int(believed[end]))
             before = scan_bearing(config, cut, start_ns, int(now[-1]))
         yield _Stretch(
             now_ns=now,

@@ -22,7 +22,7 @@ from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Condition, Level
 from stickslip_monitor.monitor.scan import Scan, scan_bearing, trend_at
-from stickslip_monitor.monitor.signals import Stream, to_si
+from stickslip_monitor.monitor.signals import Levels, Stream, to_si
 from stickslip_monitor.monitor.source_faults import find_source_faults, least_gap
 from stickslip_monitor.offline.intervals import condition_intervals
 from stickslip_monitor.offline.processes import run_in_processes
@@ -119,7 +119,8 @@ def judge(call: Call) -> list[Voyage]:
     for sensors in call.sensors:
         scene = load_scene(call.scene, call.seed, sensors)
         try:
-            messages, columns = _run(_without_lining(scene) if truths else scene)
+            known = truths and not any(c.quantity == 'level' for c in scene.channels)
+            messages, columns = _run(_without_lining(scene) if known else scene)
             truths = truths or {
                 b.name: _truth(scene, b.name, columns) for b in scene.config.bearings
             }
@@ -138,8 +139,9 @@ def _voyages(
 ) -> Iterator[Voyage]:
     variants = call.variants if sensors == call.varied_sensors else ()
     for config in scene.config.bearings:
+        sent = None if config.level is None or config.level.topic not in messages else config.level
         case = _Case(
-            as_believed(config, scene.parameter_error, scene.seed),
+            as_believed(replace(config, level=sent), scene.parameter_error, scene.seed),
             *_stream(config, messages),
             truths[config.name],
             _is_plain(scene),
@@ -233,7 +235,12 @@ def _stream(config: BearingConfig, messages: Mapping[str, Messages]) -> tuple[St
     )
     is_load = np.arange(arrival.size) >= pair[0].raw.size
     value = np.concatenate([own.raw for own in pair])
-    return Stream(stamp[order], is_load[order], value[order]), arrival[order]
+    stream = Stream(stamp[order], is_load[order], value[order])
+    if config.level is not None and (level := messages.get(config.level.topic)) is not None:
+        place = np.searchsorted(arrival[order], level.log_time_ns, 'right')
+        time = level.log_time_ns if level.stamp_ns is None else level.stamp_ns
+        stream = replace(stream, level=Levels(time, level.raw, place))
+    return stream, arrival[order]
 
 
 def _span(truth: Truth, stream: Stream) -> tuple[int, int]:

@@ -9,6 +9,7 @@ def test_conditions() -> None:
         Level.OK,
         Level.WARN,
         Level.WARN,
+        Level.WARN,
         Level.ERROR,
         Level.ERROR,
     ]

@@ -81,13 +81,13 @@ def test_caution_and_bistable_go_by_their_thresholds(configure: Configure) -> No
     can, rung = scan.assessment.probability_can, scan.rung
     down, up = can[: can.argmax()], can[can.argmax() :]
     delay = 2.0 * 0.4 * RPM  # what the speed changes by within the delay
-    first = [int(np.argmax(rung >= k)) for k in (1, 2)]
+    first = [int(np.argmax(rung >= k)) for k in (2, 3)]
     for k, limit in zip(first, (0.2, 0.9), strict=True):
         belief = config.bearing('aft').belief
         assert belief is not None
         crossing = belief.fold_speed(1000.0, 1.0 - limit)
         assert crossing - 2.5 * delay < scan.assessment.speed[k] < crossing
-    last = int(np.flatnonzero(rung >= 1)[-1])
+    last = int(np.flatnonzero(rung >= 2)[-1])
     assert can[last] < 0.1 < up[0]
     assert down[0] < 0.2
 

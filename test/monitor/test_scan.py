@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -15,7 +17,7 @@ from hypothesis import strategies as st
 from stickslip_monitor import Assessment, Monitor, MonitorConfig, Sample, Stream, build_config
 from stickslip_monitor.monitor.assessment import COLUMNS
 from stickslip_monitor.monitor.scan import BearingScan
-from stickslip_monitor.monitor.signals import QUANTITIES, Status
+from stickslip_monitor.monitor.signals import NO_LEVELS, QUANTITIES, Levels, Status
 
 SECOND = 10**9
 _PARAMETERS = {
@@ -40,7 +42,7 @@ _PARAMETERS = {
 }
 
 
-def _config(**changes: float) -> MonitorConfig:
+def _config(**changes: Any) -> MonitorConfig:
     values = _PARAMETERS | {key.replace('__', '.'): value for key, value in changes.items()}
     return build_config({'bearings': ['b']} | {f'b.{k}': v for k, v in values.items()})
 
@@ -93,6 +95,29 @@ def _voyages(draw: Any) -> Stream:
     return Stream(times.astype(np.int64), np.arange(2 * count) % 2 == 1, values)
 
 
+@st.composite
+def _levels(draw: Any, stream: Stream) -> Stream:
+    """A measured level among the samples: noisy, stuck, lost, late, or of another clock."""
+    n, rng = stream.time_ns.size, np.random.default_rng(draw(st.integers(0, 999)))
+    m = draw(st.integers(0, 600))
+    place = np.sort(rng.integers(0, n + 1, m))
+    near = np.append(stream.time_ns, stream.time_ns[-1:] if n else 0)[place]
+    within = np.arange(m) - np.searchsorted(place, place)
+    step = draw(st.sampled_from([SECOND // 50, SECOND // 5, SECOND]))
+    spread = draw(st.sampled_from([0, 0, SECOND // 10, 20 * SECOND]))
+    late = draw(st.sampled_from([0, 0, -SECOND, 10 * SECOND, -10 * SECOND]))
+    time = near + late + within * step + rng.integers(0, spread + 1, m)
+    block = draw(st.sampled_from([20, 100]))
+    loud = np.repeat(rng.random(m // block + 1) < 0.5, block)[:m]
+    noise = 10.0 ** (draw(st.sampled_from([0.0, 0.02, 0.3])) * rng.standard_normal(m))
+    value = np.where(loud, 1.0, 0.05) * noise
+    odd = rng.random(m) < draw(st.sampled_from([0.0, 0.0, 0.1]))
+    value = np.where(odd, rng.choice([math.nan, -1.0, 0.0, 1e30, 0.8, math.inf], m), value)
+    if draw(st.booleans()):
+        value[m // 2 :] = value[m // 2 : m // 2 + 1]
+    return replace(stream, level=Levels(time.astype(np.int64), value, place))
+
+
 def _bits(value: float) -> bytes:
     return np.float64(value).tobytes()
 
@@ -101,25 +126,49 @@ def _same_point(left: Assessment, right: Assessment) -> bool:
     return all(_bits(getattr(left, name)) == _bits(getattr(right, name)) for name in COLUMNS)
 
 
+def _cut(stream: Stream, a: int, b: int, last: bool) -> Stream:
+    """The samples from one to before another, and what came of the level among them."""
+    found = Stream(stream.time_ns[a:b], stream.is_load[a:b], stream.value[a:b])
+    if stream.level is None:
+        return found
+    own = stream.level
+    rows = slice(*np.searchsorted(own.place, [a, stream.time_ns.size + 1 if last else b]))
+    return replace(found, level=Levels(own.time_ns[rows], own.value[rows], own.place[rows] - a))
+
+
+def _in_order(stream: Stream) -> Iterator[Sample]:
+    """The samples as they come."""
+    levels = stream.level or NO_LEVELS
+    vibration = list(zip(levels.place.tolist(), levels.time_ns, levels.value, strict=True))
+    for k in range(stream.time_ns.size + 1):
+        while vibration and vibration[0][0] == k:
+            _, time_ns, value = vibration.pop(0)
+            yield Sample('b', 'level', int(time_ns), float(value))
+        if k < stream.time_ns.size:
+            quantity = QUANTITIES[int(stream.is_load[k])]
+            yield Sample('b', quantity, int(stream.time_ns[k]), float(stream.value[k]))
+
+
 @settings(max_examples=400, deadline=None)
 @given(
-    stream=_recordings() | _voyages(),
+    stream=_recordings() | _voyages() | (_recordings() | _voyages()).flatmap(_levels),
     delays=st.sampled_from(
         [{}, {'alarm__on_delay': 0.0, 'alarm__off_delay': 0.0}, {'alarm__onset_growth': 0.0}]
     ),
+    level=st.sampled_from([{'level__threshold': 0.3}, {'level__timeout': 2.5}]),
     start=st.sampled_from([None, -20 * SECOND, -SECOND]),
     tail=st.sampled_from([0, SECOND, 60 * SECOND]),
 )
 def test_scan_equals_update(
-    stream: Stream, delays: dict[str, float], start: int | None, tail: int
+    stream: Stream, delays: dict[str, Any], level: dict[str, Any], start: int | None, tail: int
 ) -> None:
-    config = _config(**delays)
+    levels = stream.level
+    config = _config(**delays, **({} if levels is None else {'level__topic': '/v', **level}))
     live = Monitor(config)
     if start is not None:
         live.advance(start)
     verdicts, events = [], []
-    for time_ns, is_load, value in zip(stream.time_ns, stream.is_load, stream.value, strict=False):
-        sample = Sample('b', QUANTITIES[int(is_load)], int(time_ns), float(value))
+    for sample in _in_order(stream):
         update = live.update(sample)
         events += update.events
         if update.verdict is not None:
@@ -134,6 +183,10 @@ def test_scan_equals_update(
     assert [repr(scan.course.at(k)) for k in range(len(verdicts))] == [
         repr(v.standing) for v in verdicts
     ]
+    tracker = live.bearings['b'].level
+    if tracker is not None:
+        assert scan.level is not None
+        assert scan.level.counts.tolist() == tracker.counts.tolist()
     for name in COLUMNS:
         column = getattr(scan.assessment, name)
         assert [_bits(x) for x in column] == [_bits(getattr(v.assessment, name)) for v in verdicts]
@@ -149,24 +202,27 @@ def test_scan_equals_update(
 
 @settings(max_examples=400, deadline=None)
 @given(
-    stream=_recordings() | _voyages(),
+    stream=_recordings() | _voyages() | (_recordings() | _voyages()).flatmap(_levels),
     cuts=st.lists(st.integers(0, 300), max_size=6),
     delays=st.sampled_from(
         [{}, {'alarm__on_delay': 0.0, 'alarm__off_delay': 0.0}, {'alarm__onset_growth': 0.0}]
     ),
+    level=st.sampled_from([{'level__threshold': 0.3}, {'level__timeout': 2.5}]),
     start=st.sampled_from([None, -20 * SECOND, -SECOND]),
 )
 def test_any_cut_into_blocks_gives_the_same_scan(
-    stream: Stream, cuts: list[int], delays: dict[str, float], start: int | None
+    stream: Stream,
+    cuts: list[int],
+    delays: dict[str, Any],
+    level: dict[str, Any],
+    start: int | None,
 ) -> None:
-    (config,) = _config(**delays).bearings
+    own = {} if stream.level is None else {'level__topic': '/v', **level}
+    (config,) = _config(**delays, **own).bearings
     end = int(stream.time_ns.max(initial=0)) + 60 * SECOND
     whole = BearingScan(config, start).finish(stream, end)
     edges = [0, *sorted(min(cut, stream.time_ns.size) for cut in cuts), stream.time_ns.size]
-    blocks = [
-        Stream(stream.time_ns[a:b], stream.is_load[a:b], stream.value[a:b])
-        for a, b in pairwise(edges)
-    ]
+    blocks = [_cut(stream, a, b, last=k == len(cuts)) for k, (a, b) in enumerate(pairwise(edges))]
     scan = BearingScan(config, start)
     parts = [*map(scan.take, blocks[:-1]), scan.finish(blocks[-1], end)]
 
@@ -179,6 +235,11 @@ def test_any_cut_into_blocks_gives_the_same_scan(
     standings = [repr(p.course.at(k)) for p in parts for k in range(p.time_ns.size)]
     assert standings == [repr(whole.course.at(k)) for k in range(whole.time_ns.size)]
     assert sum(part.counts for part in parts).tolist() == whole.counts.tolist()
+    if whole.level is not None:
+        told = [part.level for part in parts if part.level is not None]
+        for name in ('time_ns', 'changed_ns', 'code', 'status'):
+            joined = np.concatenate([getattr(part, name) for part in told])
+            assert joined.tobytes() == getattr(whole.level, name).tobytes(), name
     assert [repr(e) for part in parts for e in part.events] == [repr(e) for e in whole.events]
 
 

@@ -7,6 +7,7 @@ from collections import Counter
 import pytest
 
 from stickslip_monitor.monitor.config import checked
+from stickslip_monitor.monitor.signals import INPUTS
 from stickslip_monitor.monitor.table import (
     BEARING_PARAMETERS,
     NODE_PARAMETERS,
@@ -41,8 +42,9 @@ def test_every_default_keeps_its_own_rule() -> None:
 
 def test_only_thresholds_scales_and_timeouts_are_live() -> None:
     live = {p.name for p in (*NODE_PARAMETERS, *BEARING_PARAMETERS) if p.live}
-    inputs = {
-        f'{q}.{x}' for q in ('speed', 'load') for x in ('scale', 'offset', 'timeout', 'maximum')
+    inputs = {f'{q}.{x}' for q in INPUTS for x in ('scale', 'offset', 'timeout', 'maximum')} | {
+        'level.threshold',
+        'level.hysteresis',
     }
     alarm = {p.name for p in BEARING_PARAMETERS if p.name.startswith('alarm.')}
     assert live == inputs | alarm | {'publish_period', 'shelve_time', 'silence_time'}

@@ -89,7 +89,7 @@ def test_normal_has_no_way_out(aft: BearingConfig) -> None:
 
 def test_a_condition_that_is_only_held_by_its_delay_names_no_way_out(aft: BearingConfig) -> None:
     point = assess(aft.bearing, 60.0 * PER_RPM, 1000.0)
-    assert 'Ends' not in describe(aft, Condition.STICK_SLIP, point, Standing(3, clears=5.0), {})
+    assert 'Ends' not in describe(aft, Condition.STICK_SLIP, point, Standing(4, clears=5.0), {})
 
 
 @pytest.mark.parametrize(
@@ -178,30 +178,30 @@ def test_when_it_begins(aft: BearingConfig, trend: Trend, words: str) -> None:
     [
         (
             60.0,
-            Standing(1, clears=4.2),
+            Standing(2, clears=4.2),
             'No longer close to the stick-slip region: caution clears in 4 s. At',
         ),
         (
             60.0,
-            Standing(3, clears=4.2),
+            Standing(4, clears=4.2),
             'Stick-slip no longer predicted: stick_slip clears in 4 s. At',
         ),
         (
             20.0,
-            Standing(2, asked=2, growth=1.5),
+            Standing(3, asked=3, growth=1.5),
             'Steady sliding is unstable: stick-slip is starting, in about 1 s. At',
         ),
         (
             30.73,
-            Standing(2, asked=2),
+            Standing(3, asked=3),
             'Steady sliding is unstable: stick-slip is starting slowly. At',
         ),
-        (20.0, Standing(0, True, asked=3), 'Stick-slip predicted, but not yet for 2 s. At'),
-        (43.0, Standing(0, asked=1), 'Close to the stick-slip region, but not yet for 2 s. At'),
-        (60.0, Standing(1, asked=1), 'The speed is falling towards the stick-slip region. At'),
+        (20.0, Standing(0, True, asked=4), 'Stick-slip predicted, but not yet for 2 s. At'),
+        (43.0, Standing(0, asked=2), 'Close to the stick-slip region, but not yet for 2 s. At'),
+        (60.0, Standing(2, asked=2), 'The speed is falling towards the stick-slip region. At'),
         (
             35.0,
-            Standing(2, asked=2, raised=3),
+            Standing(3, asked=3, raised=3),
             'can start stick-slip. Fluctuating across the boundary: raised 3 times lately. At',
         ),
     ],
@@ -218,7 +218,7 @@ def test_the_text_says_what_is_about_to_change(
 def test_an_eased_condition_says_so_and_an_alarm_does_not(aft: BearingConfig) -> None:
     point = assess(aft.bearing, 43.0 * PER_RPM, 1000.0)
     change = ConditionChange(7, Condition.STICK_SLIP, Condition.CAUTION)
-    event = event_of(aft, change, point, Standing(1, asked=1))
+    event = event_of(aft, change, point, Standing(2, asked=2))
     assert event.text.startswith('aft: Eased from stick_slip. Close to the stick-slip region. At')
     assert event.says == _text(aft, Condition.CAUTION, 43.0, 1000.0)
 

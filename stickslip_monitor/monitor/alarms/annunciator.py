@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 
-from stickslip_monitor.monitor.alarms.causes import LATCHING, RUNG_OF, AlarmKind, Causes
+from stickslip_monitor.monitor.alarms.causes import LATCHING, RUNG_OF, AlarmKind, Causes, kinds_of
 from stickslip_monitor.monitor.alarms.flood import Flood, FloodFigures
 from stickslip_monitor.monitor.alarms.lifecycle import AlarmState, Facts, Trigger, follow
 from stickslip_monitor.monitor.assessment import Outcome
@@ -133,7 +133,8 @@ class Annunciator:
         self.now_ns = 0
         self.causes = {b.name: Causes(b) for b in config.bearings}
         self.alarms = {
-            b.name: {kind: LiveAlarm(b.name, kind) for kind in AlarmKind} for b in config.bearings
+            b.name: {kind: LiveAlarm(b.name, kind) for kind in kinds_of(b)}
+            for b in config.bearings
         }
         self._flood = Flood()
 
@@ -156,6 +157,8 @@ class Annunciator:
         self.config = config
         for bearing in config.bearings:
             self.causes[bearing.name].config = bearing
+            for kind in kinds_of(bearing):
+                self.alarms[bearing.name].setdefault(kind, LiveAlarm(bearing.name, kind))
 
     def restart(self) -> None:
         """The monitor starts afresh: what it knew is believed until it knows again."""
@@ -234,7 +237,7 @@ class Annunciator:
         self, own: dict[AlarmKind, LiveAlarm], action: Action, kind: AlarmKind | None
     ) -> list[LiveAlarm]:
         if kind is not None:
-            return [own[kind]]
+            return [own[kind]] if kind in own else []
         if action is Action.SHELVE:
             return [alarm for alarm in own.values() if alarm.state in STANDING]
         return list(own.values())

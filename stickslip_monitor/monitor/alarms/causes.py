@@ -52,6 +52,7 @@ class AlarmKind(str, Enum):
         Priority.CAUTION,
         'An input keeps bringing values that cannot be.',
     )
+    VIBRATION = 'vibration', Priority.WARNING, Condition.VIBRATION.sentence
 
     def __str__(self) -> str:
         return self.value
@@ -64,8 +65,15 @@ RUNG_OF = {
     AlarmKind.MARGIN_LOW: LADDER.index(Condition.CAUTION),
 }
 """The alarms of the ladder, worst first, and the rung from which each has its cause."""
+SUPPRESSIBLE = (*RUNG_OF, AlarmKind.VIBRATION)
+"""The alarms that mean nothing at rest and while the shaft starts to turn."""
 LATCHING = (AlarmKind.AMPLITUDE_LIMIT, AlarmKind.STICK_SLIP)
 """The alarms that latch where latching is configured."""
+
+
+def kinds_of(config: BearingConfig) -> tuple[AlarmKind, ...]:
+    """The alarms that a bearing has: that of vibration takes a level."""
+    return tuple(k for k in AlarmKind if config.level or k is not AlarmKind.VIBRATION)
 
 
 class Causes:
@@ -88,6 +96,7 @@ class Causes:
         self.texts: dict[AlarmKind, str] = {}
         self._recalled_until: int | None = None
         self._rung = 0
+        self._vibration = False
         self._lost = False
         self._lost_until: int | None = None
         self._absurd_since: int | None = None
@@ -106,12 +115,14 @@ class Causes:
             return self._lost or self._lost_until is not None
         if kind is AlarmKind.INPUT_IMPLAUSIBLE:
             return self._absurd
+        if kind is AlarmKind.VIBRATION:
+            return self._vibration
         return self._rung >= RUNG_OF[kind]
 
     def suppression(self, kind: AlarmKind, now_ns: int) -> list[str]:
         """Why the cause means nothing now; empty where it counts."""
         reasons = [SHAFT_LOCKED] if self.shaft_locked else []
-        if kind in RUNG_OF:
+        if kind in SUPPRESSIBLE:
             reasons += [AT_REST] if self._resting else []
             reasons += [START_UP] if now_ns < self._start_up_until else []
         return reasons
@@ -126,6 +137,9 @@ class Causes:
             delay = self.config.alarm.input_off_delay_ns
             self._lost, self._lost_until = False, now_ns + delay if delay else None
         before, self._rung = self._rung, LADDER.index(event.after)
+        self._vibration = event.after is Condition.VIBRATION
+        if self._vibration:
+            self.texts[AlarmKind.VIBRATION] = event.says or event.text
         for kind, rung in RUNG_OF.items():
             if before < rung <= self._rung or rung == self._rung:
                 self.texts[kind] = event.says or event.text

@@ -89,6 +89,13 @@ def growth_rate(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
     return mapped(rate, speed, load)
 
 
+def growth_rate_of_number(bearing: Bearing, law: Stribeck, speed: float, load: float) -> float:
+    """:func:`growth_rate` of one point of finite numbers, to the last bit, of Stribeck's law."""
+    fall = (law.static - law.kinetic) * law.decay * float(np.exp(-law.decay * abs(speed)))
+    drive = max(load, 0.0) * -(law.viscous - fall)
+    return (drive - bearing.damping) / (2.0 * bearing.mass)
+
+
 @dataclass(frozen=True, slots=True)
 class StationaryAmplitudes:
     """Displacement amplitudes of all limit cycles under first-order KBM averaging.

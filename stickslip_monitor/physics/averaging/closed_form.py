@@ -9,7 +9,6 @@ the way to ``inf`` and ``nan`` is for the caller to silence.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from scipy.special import i1e
@@ -97,15 +96,20 @@ def peak_slope(law: Stribeck, speed: FloatArray) -> FloatArray:
     return _fall(law) * 2.0 * i1e(v) / v - law.viscous
 
 
-def stable_amplitude(law: Stribeck, speed: Any, q: Any) -> Any:
-    """Velocity amplitude of the stable cycle [m/s], for speeds below the fold speed.
-
-    Of arrays, or of numbers of numpy's.
-    """
+def stable_amplitude(law: Stribeck, speed: FloatArray, q: FloatArray) -> FloatArray:
+    """Velocity amplitude of the stable cycle [m/s], for speeds below the fold speed."""
     v = np.minimum(np.maximum(law.decay * speed, _TINY), _HUGE)
     kappa = (q + law.viscous) / _fall(law)
     alpha = dimensionless.stable_amplitude(v, kappa, law.kinetic / (law.static - law.kinetic))
     return np.maximum(alpha / law.decay, speed)
+
+
+def stable_amplitude_of_number(law: Stribeck, speed: float, q: float) -> float:
+    """:func:`stable_amplitude` of one point."""
+    v = min(max(law.decay * speed, _TINY), _HUGE)
+    kappa = (q + law.viscous) / _fall(law)
+    ratio = law.kinetic / (law.static - law.kinetic)
+    return max(dimensionless.stable_amplitude_of_number(v, kappa, ratio) / law.decay, speed)
 
 
 def threshold_amplitude(

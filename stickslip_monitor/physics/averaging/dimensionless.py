@@ -35,6 +35,7 @@ _NODES, _WEIGHTS = (np.array(column) for column in zip(*unit_gauss(14), strict=T
 _START_LOGS = np.linspace(math.log(1e-4), math.log(1e8), 321)
 # Close to zero damping the amplitude changes fastest.
 _START_SHARES = np.linspace(0.0, 1.0, 41) ** 2
+_FIRST_LOG = float(_START_LOGS[0])
 _PER_LOG = float(1.0 / (_START_LOGS[1] - _START_LOGS[0]))
 # The four neighbours that a point between two of the grid is interpolated from, by the first.
 _ROW_CELL, _COLUMN_CELL = (
@@ -103,19 +104,21 @@ class _Inverse(NamedTuple):
     Attributes:
         low: The least value of the table.
         high: The highest.
+        begin: Logarithm of the least value.
+        per_log: Rows to a unit of the logarithm.
         rows: ``ln x``, ``d ln x / d ln value`` and what is added to either up to the next row,
             shape (_TABLE_SIZE, 4).
     """
 
     low: float
     high: float
+    begin: float
+    per_log: float
     rows: FloatArray
 
     def look_up(self, value: FloatArray) -> tuple[FloatArray, FloatArray]:
         """``x``, off by 1e-7 at most, and ``d ln x / d value`` at some values of the table."""
-        begin = math.log(self.low)
-        per_log = (_TABLE_SIZE - 1.0) / (math.log(self.high) - begin)
-        place = (np.log(value) - begin) * per_log
+        place = (np.log(value) - self.begin) * self.per_log
         i = np.fmin(np.fmax(place, 0.0), _TABLE_SIZE - 2.0).astype(np.intp)
         log_x, more, slope, steeper = self.rows[i].T
         share = place - i
@@ -123,9 +126,7 @@ class _Inverse(NamedTuple):
 
     def look_up_number(self, value: float) -> tuple[float, float]:
         """:meth:`look_up` of one number."""
-        begin = math.log(self.low)
-        per_log = (_TABLE_SIZE - 1.0) / (math.log(self.high) - begin)
-        place = (float(np.log(value)) - begin) * per_log
+        place = (float(np.log(value)) - self.begin) * self.per_log
         i = int(min(max(place, 0.0), _TABLE_SIZE - 2.0))
         log_x, more, slope, steeper = self.rows[i].tolist()
         share = place - i
@@ -144,7 +145,10 @@ def _inverse(
         x = x * np.exp((d - function(x)) / (x * slope(x)))
     rows = np.stack([np.log(x), d / (x * slope(x))], axis=1)
     more = np.diff(rows, axis=0, append=rows[-1:])
-    return _Inverse(d[0], d[-1], np.stack([rows[:, 0], more[:, 0], rows[:, 1], more[:, 1]], 1))
+    rows = np.stack([rows[:, 0], more[:, 0], rows[:, 1], more[:, 1]], axis=1)
+    low, high = float(d[0]), float(d[-1])
+    begin = math.log(low)
+    return _Inverse(low, high, begin, (_TABLE_SIZE - 1.0) / (math.log(high) - begin), rows)
 
 
 def amplitude_for_growth(d: FloatArray) -> FloatArray:
@@ -245,6 +249,25 @@ def _balance(sine: Any, v: Any, kappa: Any, r: float) -> tuple[Any, Any]:
     return balance, stretch * feed - (2.0 / np.pi) * (r + 1.0)
 
 
+def _balance_of_number(sine: float, v: float, kappa: float, r: float) -> tuple[float, float]:
+    """:func:`_balance` of one point: the same operations, of numbers but for the nodes."""
+    square = sine * sine
+    cosine = math.sqrt(1.0 - square)
+    alpha = v / cosine
+    scale = float(np.exp(alpha * square / (1.0 + cosine)))
+    cos_t = np.sqrt(1.0 - _SQUARES * square)
+    rise = np.exp(alpha * square * _REST / (cos_t + cosine))
+    fall = 1.0 / rise
+    loss = float(np.add.reduce((rise + fall) * _FEW_WEIGHTS))
+    loss_slope = float(np.add.reduce((rise - fall) * (cos_t * _FEW_WEIGHTS)))
+    i1 = float(i1e(alpha)) * scale
+    half = 0.5 * kappa
+    balance = i1 - half * alpha - (sine * (2.0 * r + loss)) * (1.0 / math.pi)
+    stretch = alpha * sine / (cosine * cosine)
+    feed = float(i0e(alpha)) * scale - i1 / alpha - half - sine * loss_slope * (1.0 / math.pi)
+    return balance, stretch * feed - (2.0 / math.pi) * (r + 1.0)
+
+
 def _tangent(limit: Any, share: Any, r: float) -> Any:
     """``sin(theta)`` of the stable cycle to first order about the sliding limit."""
     return (0.5 * np.pi / (1.0 + r)) * (limit * (1.0 - share))
@@ -291,7 +314,7 @@ def _start_table(r: float) -> FloatArray:
     return np.ascontiguousarray(np.transpose(cells, (2, 0, 3, 1)))
 
 
-def stable_amplitude(v: Any, kappa: Any, r: float) -> Any:
+def stable_amplitude(v: FloatArray, kappa: FloatArray, r: float) -> FloatArray:
     """The ``alpha`` >= v of the stable stick-slip cycle, for points below the fold.
 
     There is exactly one: the balance is positive at the sliding limit, falls with infinite slope
@@ -299,17 +322,26 @@ def stable_amplitude(v: Any, kappa: Any, r: float) -> Any:
     method starts from a table so close to the root that one step suffices.
 
     Args:
-        v: ``beta V`` > 0, shape (n,) or a number of numpy's.
+        v: ``beta V`` > 0, shape (n,).
         kappa: Damping number >= 0 with ``2 I1e(v)/v >= kappa``, shape of ``v``.
         r: ``mu_k/Delta`` >= 0.
 
     Returns:
         ``alpha`` >= v, shape of ``v``; exactly ``v`` where rounding leaves no room above it.
     """
-    sine = (_start_of_number if isinstance(v, float) else _start)(v, kappa, r)
+    sine = _start(v, kappa, r)
     balance, slope = _balance(sine, v, kappa, r)
     sine = np.maximum(sine - balance / slope, 0.0)
-    return v / np.sqrt(1.0 - sine * sine)
+    result: FloatArray = v / np.sqrt(1.0 - sine * sine)
+    return result
+
+
+def stable_amplitude_of_number(v: float, kappa: float, r: float) -> float:
+    """:func:`stable_amplitude` of one point."""
+    sine = _start_of_number(v, kappa, r)
+    balance, slope = _balance_of_number(sine, v, kappa, r)
+    sine = max(sine - balance / slope, 0.0)
+    return v / math.sqrt(1.0 - sine * sine)
 
 
 def _start(v: FloatArray, kappa: FloatArray, r: float) -> FloatArray:
@@ -328,10 +360,10 @@ def _start(v: FloatArray, kappa: FloatArray, r: float) -> FloatArray:
 
 
 def _start_of_number(v: float, kappa: float, r: float) -> float:
-    """:func:`_start` of numbers of numpy's."""
-    limit = i1e(v)
+    """:func:`_start` of one point."""
+    limit = float(i1e(v))
     share = min(0.5 * kappa * v / limit, 1.0)
-    column = float((np.log(v) - _START_LOGS[0]) * _PER_LOG)
+    column = (float(np.log(v)) - _FIRST_LOG) * _PER_LOG
     column = min(max(column, 0.0), _START_LOGS.size - 1.0)
     row = math.sqrt(share) * (_START_SHARES.size - 1.0)
     i, j = int(_ROW_CELL[int(row)]), int(_COLUMN_CELL[int(column)])

@@ -10,6 +10,7 @@ towards a standstill, an amplitude in proportion to the speed and a constant one
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from functools import lru_cache
 
@@ -62,6 +63,7 @@ class CycleSurface:
         # A law in pieces makes a surface with creases, of which polynomials make nothing, and of
         # any law but these the fold is not known to enough digits.
         self._smooth = any(computes_as(bearing.friction, kind) for kind in (Stribeck, Coulomb))
+        self._drop = bearing.friction.static / (bearing.mass * bearing.natural_frequency)
         self._core = range(0)
         if self._unit == self._onset:
             # Cycles far from harmonic take many steps: few octaves for a heavily damped lining.
@@ -97,6 +99,38 @@ class CycleSurface:
         if rest.size:
             out[rest] = exact_cycle(self.bearing, speed[rest], load[rest]).amplitude
         return out
+
+    def amplitude_of_number(self, speed: float, load: float, fold: float, exact: float) -> float:
+        """:meth:`amplitude` of one point, to the last bit, and without arrays as a rule.
+
+        Args:
+            speed: ``V`` > 0 [m/s].
+            load: ``N`` [N].
+            fold: Fold speed of averaging at that load [m/s].
+            exact: That of the exact model, as of :attr:`folds` [m/s].
+        """
+        found = self._look_up_number(speed, load, exact)
+        if found is None:
+            points = (np.array([value]) for value in (speed, load, fold))
+            found = float(self.amplitude(*points)[0])
+        return found
+
+    def _look_up_number(self, speed: float, load: float, exact: float) -> float | None:
+        """What the sheets that are there know of one point; ``None`` where they do not."""
+        mantissa, exponent = math.frexp(load / self._unit)
+        sheet = self.sheets.get(exponent - 1)
+        if sheet is None or not (speed > 0.0 and load > self._onset):
+            return None
+        if exact != exact:
+            return exact
+        x = float(np.log2(speed / (self._drop * load if exact == math.inf else exact)))
+        if x > 0.0:
+            return math.nan if exact < math.inf else None
+        u = float(np.log2(1.0 - x))
+        size = sheet.value_of_number(u, 2.0 * mantissa - 1.0) if u < _SQUARES else None
+        if size is None:
+            return None
+        return float(np.exp(size)) * (speed / self.bearing.natural_frequency)
 
     def lookup(
         self, speed: FloatArray, load: FloatArray, fold: FloatArray
@@ -164,8 +198,7 @@ class CycleSurface:
 
     def _limit(self, load: FloatArray, exact: FloatArray) -> FloatArray:
         """The exact fold, or a scale of speeds where every speed has a cycle [m/s]."""
-        drop = self.bearing.friction.static / (self.bearing.mass * self.bearing.natural_frequency)
-        return np.where(np.isposinf(exact), drop * load, exact)
+        return np.where(np.isposinf(exact), self._drop * load, exact)
 
     def _build(self, octave: int) -> PiecewiseChebyshev2D:
         def size(u: FloatArray, y: FloatArray) -> FloatArray:
@@ -190,6 +223,13 @@ class CycleSurface:
 def surface_of(bearing: Bearing) -> CycleSurface:
     """The surface of a bearing, one for all who ask."""
     return CycleSurface(bearing)
+
+
+def exact_amplitude_of_number(
+    bearing: Bearing, speed: float, load: float, fold: float, exact: float
+) -> float:
+    """:func:`exact_amplitude` of one point, to the last bit; ``exact`` is its exact fold [m/s]."""
+    return surface_of(bearing).amplitude_of_number(abs(speed), load, fold, exact)
 
 
 def exact_amplitude(

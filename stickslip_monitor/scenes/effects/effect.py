@@ -13,8 +13,8 @@ import numpy as np
 from stickslip_monitor.bags.encode import STAMPED_FIELDS
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.signals import QUANTITIES
-from stickslip_monitor.monitor.table import LOAD_UNITS
+from stickslip_monitor.monitor.signals import INPUTS
+from stickslip_monitor.monitor.table import LEVEL_UNITS, LOAD_UNITS
 from stickslip_monitor.physics.oscillator import SPEED_UNITS
 from stickslip_monitor.scenes.cost import Stopwatch
 from stickslip_monitor.scenes.friction_course import FrictionCourse
@@ -28,6 +28,7 @@ from stickslip_monitor.scenes.windows import random_stream
 UNITS: Mapping[str, Sequence[str]] = {
     'speed': (*SPEED_UNITS, 'fold'),
     'load': (*LOAD_UNITS, 'nominal'),
+    'level': LEVEL_UNITS,
 }
 
 
@@ -79,7 +80,7 @@ class BuildContext:
 
         Args:
             settings: The effect's settings, named as the effect.
-            quantity: ``'speed'`` or ``'load'``.
+            quantity: ``'speed'``, ``'load'`` or ``'level'``.
 
         Raises:
             SceneError: There is no such bearing, or the effect is listed twice for a channel.
@@ -118,7 +119,7 @@ class BuildContext:
         Raises:
             SceneError: There is neither section, or :meth:`pick` refuses.
         """
-        named = [quantity for quantity in QUANTITIES if quantity in settings]
+        named = [quantity for quantity in INPUTS if quantity in settings]
         if not named:
             raise SceneError(f'{settings.name} must name speed, load or both')
         for quantity in named:
@@ -222,7 +223,7 @@ def require_header(channel: Channel, otherwise: str) -> None:
 
 
 # None where the shaft or the sensors of the context have got all there is of the effect.
-SENSOR_KEYS = ('bearing', *QUANTITIES)
+SENSOR_KEYS = ('bearing', *INPUTS)
 """Settings of an effect that is told for each quantity."""
 Builder = Callable[[Settings, BuildContext], Effect | RecordingCut | None]
 

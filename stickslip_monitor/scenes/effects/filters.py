@@ -15,7 +15,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.scenes.effects.effect import SENSOR_KEYS, BuildContext, EffectKind
+from stickslip_monitor.monitor.signals import QUANTITIES
+from stickslip_monitor.scenes.effects.effect import BuildContext, EffectKind
 from stickslip_monitor.scenes.sensing import LONGEST, SHORTEST
 from stickslip_monitor.scenes.settings import Settings
 
@@ -110,7 +111,9 @@ def build_averaging(settings: Settings, context: BuildContext) -> None:
         context.sense(channel, MovingMean(own.number('window', 's', least=SHORTEST, most=LONGEST)))
 
 
+# A level is made of its samples already.
+_KEYS = ('bearing', *QUANTITIES)
 EFFECTS = {
-    'filtering': EffectKind(SENSOR_KEYS, build_filtering),
-    'averaging': EffectKind(SENSOR_KEYS, build_averaging),
+    'filtering': EffectKind(_KEYS, build_filtering),
+    'averaging': EffectKind(_KEYS, build_averaging),
 }

@@ -9,6 +9,9 @@ The motion comes from the event-driven integrator. The disturbance is a fluctuat
 force, white on the grid of the integrator's drive, that no sensor sees: without any, steady
 sliding would go on for ever below the Hopf speed. Intervals of sticking and events are always
 recorded; amplitude and motion, sampled at their own rates, on request.
+
+A level that the scene sends is the effective value of the motion: of a harmonic one with the
+amplitude of the last four periods, as displacement, velocity or acceleration.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError, SceneError
@@ -28,6 +32,7 @@ from stickslip_monitor.monitor.assessment import margin
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.offline.truth import BOOL, FLOAT64, STRING, Column, event_text, topic
 from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_speed
+from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.scenes.effects.effect import UNITS, BuildContext, EffectKind
 from stickslip_monitor.scenes.friction_course import (
     STEP,
@@ -36,6 +41,7 @@ from stickslip_monitor.scenes.friction_course import (
     with_parameters,
 )
 from stickslip_monitor.scenes.lining import (
+    PERIODS,
     AmplitudeWindows,
     EpisodeEvent,
     Episodes,
@@ -47,7 +53,7 @@ from stickslip_monitor.scenes.lining import (
 from stickslip_monitor.scenes.profile import Profile, check_points, read_values
 from stickslip_monitor.scenes.settings import Settings
 from stickslip_monitor.scenes.shaft import TimeBlock
-from stickslip_monitor.scenes.telemetry import nominal_load
+from stickslip_monitor.scenes.telemetry import Channel, nominal_load
 from stickslip_monitor.scenes.windows import random_stream
 
 FRICTION_DRIFT_KEYS = ('bearing', 'parameter', 'points', 'table')
@@ -144,6 +150,8 @@ _GAP = 50.0
 # differ between processors, and recordings must not.
 _INSTANTS, _PLACES = 9, 12
 _MOTION = ('displacement', 'velocity', 'acceleration')
+LEVEL_FACTORS = {'um': (0, 1e6), 'mm/s': (1, 1e3), 'm/s^2': (2, 1.0), 'g': (2, 1.0 / 9.80665)}
+"""Of each unit of a level the power of the frequency, and how many make an SI unit."""
 
 
 class _Pending:
@@ -209,7 +217,9 @@ class _Told:
     duration: float
     amplitude: AmplitudeWindows | None
     motion: Regular | None
+    level: tuple[Channel, AmplitudeWindows] | None
     pending: dict[str, _Pending] = field(default_factory=dict)
+    levels: _Pending = field(default_factory=lambda: _Pending('level', FLOAT64))
 
     def __post_init__(self) -> None:
         kinds = {'stick': FLOAT64, 'events': STRING}
@@ -230,20 +240,39 @@ class _Told:
             self._finish(end)
         return (pending.due(end, last) for pending in self.pending.values())
 
+    def send_level(self, block: TimeBlock) -> None:
+        """Add the lining's motion to the level of a block that has been followed."""
+        if self.level is None:
+            return
+        found = self.levels.due(block.end, block.end == self.duration)
+        signal = block.signals[self.level[0].topic]
+        own = np.zeros(signal.time.size)
+        # There is no window before the scene's start.
+        own[np.searchsorted(signal.time, found.time)] = found.values
+        signal.value[:] = np.hypot(signal.value, own)
+
     def _follow(self, end: float) -> None:
         none = np.empty(0)
-        windows = none if self.amplitude is None else self.amplitude.until(end)
-        regular = none if self.motion is None else self.motion.until(end)
-        times = np.concatenate([windows, regular])
+        windows = [self.amplitude, None if self.level is None else self.level[1]]
+        asked = [none if each is None else each.until(end) for each in windows]
+        asked.append(none if self.motion is None else self.motion.until(end))
+        times = np.concatenate(asked)
         order = np.argsort(times, kind='stable')
         walk = self.lining.follow(end, times[order])
         place = np.argsort(order, kind='stable')
+        of_amplitude, of_level, of_motion = np.split(
+            place, np.cumsum([part.size for part in asked])[:-1]
+        )
         if self.amplitude is not None:
-            own = place[: windows.size]
-            at, found = self.amplitude.amplitudes(walk.displacement[own], walk.velocity[own])
+            at, found = _amplitudes(self.amplitude, walk, of_amplitude)
             self.pending['amplitude'].add(at, np.round(found, _PLACES))
+        if self.level is not None:
+            channel, own = self.level
+            at, found = _amplitudes(own, walk, of_level)
+            bearing = self.lining.config.bearing
+            self.levels.add(at, effective_value(channel.input.unit, bearing, found))
         if self.motion is not None:
-            self._tell_motion(walk, place[windows.size :])
+            self._tell_motion(walk, of_motion)
         ended, events = self.watch.see(walk)
         if ended:
             self.pending['stick'].add(*zip(*ended, strict=True))
@@ -268,6 +297,19 @@ class _Told:
         self.pending['events'].add([known], [text])
 
 
+def _amplitudes(
+    windows: AmplitudeWindows, walk: Walk, own: NDArray[np.intp]
+) -> tuple[FloatArray, FloatArray]:
+    return windows.amplitudes(walk.displacement[own], walk.velocity[own])
+
+
+def effective_value(unit: str, bearing: Bearing, amplitude: FloatArray) -> FloatArray:
+    """The RMS value in a unit of a harmonic motion with some amplitudes [m]."""
+    power, factor = LEVEL_FACTORS[unit]
+    scale = bearing.natural_frequency**power * factor * math.sqrt(0.5)
+    return np.asarray(np.round(amplitude, _PLACES) * scale)
+
+
 @dataclass(frozen=True, slots=True)
 class LiningMotion:
     """Follows the linings of some bearings."""
@@ -278,6 +320,7 @@ class LiningMotion:
         """Follow them through a block."""
         for told in self.told:
             block.truth.extend(told.columns(block.end))
+            told.send_level(block)
 
 
 def build_lining_motion(settings: Settings, context: BuildContext) -> LiningMotion:
@@ -322,7 +365,36 @@ def _told(
         duration=context.duration,
         amplitude=_amplitude(settings, period, context.duration),
         motion=_motion(settings, context.duration),
+        level=_level(context, config, period),
     )
+
+
+def _level(
+    context: BuildContext, config: BearingConfig, period: float
+) -> tuple[Channel, AmplitudeWindows] | None:
+    """The channel of a bearing's level, and the windows that it is taken from."""
+    channel = next(
+        (
+            c
+            for c in context.channels
+            if c.quantity == 'level' and config.name in [b.name for b in c.bearings]
+        ),
+        None,
+    )
+    if channel is None:
+        return None
+    if channel.input.unit not in LEVEL_FACTORS:
+        raise SceneError(
+            f'{config.name}.level.unit = {channel.input.unit} in the configuration: a scene can'
+            f' send a level in {", ".join(LEVEL_FACTORS)} only'
+        )
+    most = AmplitudeWindows.highest_rate(period)
+    if channel.rate > most:
+        raise SceneError(
+            f'telemetry.level.rate = {channel.rate:g} Hz must not be above {most:.3g} Hz for'
+            f' bearing {config.name}: a value takes {PERIODS} natural periods'
+        )
+    return channel, AmplitudeWindows(channel.rate, period, context.duration)
 
 
 def _rate(settings: Settings, key: str, most: float) -> float | None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.monitor.signals import QUANTITIES
+from stickslip_monitor.monitor.signals import INPUTS
 from stickslip_monitor.scenes.effects.effect import (
     SENSOR_KEYS,
     UNITS,
@@ -94,7 +94,7 @@ def build_clock_jump(settings: Settings, context: BuildContext) -> Effect:
                 f'{settings.label("jumps")}: jump {number} is by {by:g} s, which must not be 0 nor'
                 f' beyond {_LONGEST:g} s'
             )
-    channels = [c for quantity in QUANTITIES for c in context.pick(settings, quantity)]
+    channels = [c for quantity in INPUTS for c in context.pick(settings, quantity)]
     if any(by < 0.0 for _, by in rows):
         for channel in channels:
             require_header(channel, 'its clock can only jump forward')

@@ -24,7 +24,10 @@ STAGES: Mapping[str, tuple[str, ...]] = {
     'turning': ('blade_ripple', 'misalignment'),
     'lining': ('friction_drift', 'operating_point', 'lining_motion'),
     'sensing': ('filtering', 'averaging'),
-    'sensor': ('bias', 'sensor_noise', 'spikes', 'quantisation', 'stuck', 'not_a_number'),
+    'sensor': (
+        'vibration_background', 'bias', 'sensor_noise', 'spikes', 'quantisation', 'stuck',
+        'not_a_number',
+    ),
     'recording': (
         'clock_jitter', 'clock_jump', 'out_of_order', 'repeated_stamps', 'dropout',
         'second_publisher',
@@ -36,7 +39,15 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     'profiles': ('speed_profile', 'speed_steps', 'manoeuvre', 'load_profile', 'load_steps'),
     'disturbances': ('load_in_waves', 'blade_ripple', 'misalignment'),
     'filters': ('filtering', 'averaging'),
-    'sensor': ('bias', 'sensor_noise', 'spikes', 'quantisation', 'stuck', 'not_a_number'),
+    'sensor': (
+        'vibration_background',
+        'bias',
+        'sensor_noise',
+        'spikes',
+        'quantisation',
+        'stuck',
+        'not_a_number',
+    ),
     'recorder': (
         'clock_jitter',
         'clock_jump',

@@ -204,7 +204,81 @@ def build_not_a_number(settings: Settings, context: BuildContext) -> Effect:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _Background:
+    """What a level shows without the lining.
+
+    Attributes:
+        topic: Its topic.
+        bearing: The bearing whose shaft it hears.
+        fold: The fold speed at the nominal load [m/s].
+        floor: Of the sensor and of what is always there.
+        engine: At the fold speed; it grows with the square of the speed.
+        sea: Share by which both rise and fall.
+        period: Period of that [s].
+        scatter: Relative standard deviation of a value.
+        random: The random stream of the scatter.
+    """
+
+    topic: str
+    bearing: str
+    fold: float
+    floor: float
+    engine: float
+    sea: float
+    period: float
+    scatter: float
+    random: np.random.Generator
+
+    def apply(self, block: TimeBlock) -> None:
+        """Add it to the next values."""
+        signal = block.signals[self.topic]
+        ratio = block.shaft.speed(self.bearing, signal.time) / self.fold
+        swell = 1.0 + self.sea * np.sin(2.0 * np.pi / self.period * signal.time)
+        total = np.hypot(signal.value, (self.floor + self.engine * ratio**2) * swell)
+        total *= 1.0 + self.scatter * self.random.standard_normal(total.size)
+        signal.value[:] = np.maximum(total, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class VibrationBackground:
+    """Adds to some levels what is not the lining."""
+
+    sources: list[_Background]
+
+    def apply(self, block: TimeBlock) -> None:
+        """Add it to the next values."""
+        for source in self.sources:
+            source.apply(block)
+
+
+def build_vibration_background(settings: Settings, context: BuildContext) -> Effect:
+    """Build the effect."""
+    sources = []
+    for channel in context.pick(settings, 'level'):
+        unit = channel.input.unit
+        channel.factor(settings.choice('unit', UNITS['level']))
+        bearing = channel.bearings[0]
+        sea = settings.number('sea', '-', least=0.0, most=1.0) if 'sea' in settings else 0.0
+        sources.append(
+            _Background(
+                channel.topic,
+                bearing.name,
+                context.shaft.channel(bearing.name, 'speed').factor('fold'),
+                settings.number('floor', unit, above=0.0),
+                settings.number('engine', unit, least=0.0),
+                sea,
+                settings.number('period', 's', above=0.0) if sea else 1.0,
+                settings.number('scatter', '-', least=0.0, most=0.3),
+                context.random(settings, channel),
+            )
+        )
+    return VibrationBackground(sources)
+
+
+_BACKGROUND_KEYS = ('bearing', 'unit', 'floor', 'engine', 'sea', 'period', 'scatter')
 EFFECTS = {
+    'vibration_background': EffectKind(_BACKGROUND_KEYS, build_vibration_background),
     'bias': EffectKind(SENSOR_KEYS, build_bias),
     'sensor_noise': EffectKind(SENSOR_KEYS, build_sensor_noise),
     'spikes': EffectKind(SENSOR_KEYS, build_spikes),

@@ -60,7 +60,11 @@ LADDER_KINDS = list(RUNG_OF)  # worst first
 class Life(RuleBasedStateMachine):
     @initialize(latch=st.booleans(), inhibit=st.sampled_from([0.0, 20.0]))
     def begin(self, latch: bool, inhibit: float) -> None:
-        values = REFERENCE | {'alarm.latch': latch, 'alarm.startup_inhibit': inhibit}
+        values = REFERENCE | {
+            'alarm.latch': latch,
+            'alarm.startup_inhibit': inhibit,
+            'level.topic': '/v',
+        }
         config = build_config({'bearings': ['b']} | {f'b.{k}': v for k, v in values.items()})
         config = replace(config, shelve_time_ns=60 * SECOND, silence_time_ns=30 * SECOND)
         self.config = config

@@ -14,10 +14,10 @@ from stickslip_monitor.monitor.alarms import annunciator as module
 from stickslip_monitor.monitor.alarms.annunciator import Action, Annunciator, LiveAlarm
 from stickslip_monitor.monitor.alarms.causes import AlarmKind
 from stickslip_monitor.monitor.alarms.lifecycle import TABLE, AlarmState, Facts, Trigger, follow
-from stickslip_monitor.monitor.ladder import LADDER, Condition
+from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.verdict import Event
 
-NORMAL, STICK_SLIP, AMPLITUDE = LADDER[0], LADDER[3], LADDER[4]
+NORMAL, STICK_SLIP, AMPLITUDE = Condition.NORMAL, Condition.STICK_SLIP, Condition.AMPLITUDE
 Row = tuple[AlarmState, Trigger, str]
 Key = tuple[object, ...]
 

@@ -224,6 +224,22 @@ def test_no_point_sees_its_neighbours():
         np.testing.assert_array_equal(alone[0], together[i])
 
 
+def test_a_number_has_the_bits_that_it_has_in_an_array(bearing):
+    rng = np.random.default_rng(5)
+    load = np.append(_loads(bearing, 300, rng), 0.5 * _onset(bearing))
+    fold = np.asarray(fold_speed(bearing, load))
+    exact = surface_of(bearing).folds.speed(load, fold)
+    speed = 1.2 * 2.0 ** -rng.uniform(0, 6, load.size) * np.nan_to_num(exact, nan=0.1)
+    _, known = surface_of(bearing).lookup(speed, load, fold)
+    columns = [column[known].tolist() for column in (speed, load, fold, exact)]
+    single = [
+        surface_of(bearing).amplitude_of_number(*point) for point in zip(*columns, strict=True)
+    ]
+    bulk = surface_of(bearing).amplitude(*map(np.array, columns[:3]))
+    np.testing.assert_array_equal(single, bulk)
+    assert 0 < np.isnan(bulk).sum() < bulk.size
+
+
 def test_building_asks_for_a_bounded_number_of_cycles(monkeypatch, bearing):
     asked = []
     slip = surface_module.slip_round_trip
