@@ -580,7 +580,7 @@ def _check_environment() -> None:
     if not domain.isdecimal() or int(domain) > HIGHEST_DOMAIN:
         raise RosError(f"ROS_DOMAIN_ID = '{domain}' must be 0 to {HIGHEST_DOMAIN}")
     if os.environ.get('ROS_SECURITY_ENABLE') == 'true' and not os.environ.get(KEYSTORE):
-        raise RosError(f'ROS_SECURITY_ENABLE is true, but {KEYSTORE} names no keystore')
+        raise RosError('ROS_SECURITY_ENABLE is true, but ROS_SECURITY_KEYSTORE names no keystore')
 
 
 def _initialise(args: Sequence[str] | None) -> None:
