@@ -387,6 +387,20 @@ def test_launch_file_starts_the_installed_node(description: Recorded) -> None:
     assert node.kwargs['executable'] == 'monitor'
 
 
+def test_launch_starts_the_program_of_a_wheel(
+    launch_file: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A wheel has no lib/<package>, in which `launch_ros` looks for a package's executables."""
+    monitor = tmp_path / 'bin' / 'monitor'
+    monitor.parent.mkdir()
+    monitor.touch()
+    monkeypatch.setattr(launch_file, 'IN_WHEEL', monitor)
+    described = launch_file.generate_launch_description()
+    (node,) = (part for part in described if part.kind == 'Node')
+    assert node.kwargs['executable'] == str(monitor)
+    assert 'package' not in node.kwargs
+
+
 def test_launch_file_declares_the_arguments_it_uses(description: Recorded) -> None:
     declared = [part.args[0] for part in description if part.kind == 'DeclareLaunchArgument']
     used = {part.args[0] for part in description if part.kind == 'LaunchConfiguration'}

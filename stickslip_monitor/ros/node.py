@@ -14,6 +14,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -570,7 +571,7 @@ def _sentence(error: Exception) -> str:
     return ' '.join(re.sub(r',? at /\S+', '', str(error)).split())
 
 
-def _check_environment() -> None:
+def _check_environment(args: Sequence[str]) -> None:
     """Check what ROS 2 itself would ignore, or die of without a reason.
 
     Raises:
@@ -579,12 +580,26 @@ def _check_environment() -> None:
     domain = os.environ.get('ROS_DOMAIN_ID') or '0'
     if not domain.isdecimal() or int(domain) > HIGHEST_DOMAIN:
         raise RosError(f"ROS_DOMAIN_ID = '{domain}' must be 0 to {HIGHEST_DOMAIN}")
-    if os.environ.get('ROS_SECURITY_ENABLE') == 'true' and not os.environ.get(KEYSTORE):
+    if os.environ.get('ROS_SECURITY_ENABLE') == 'true':
+        _check_enclave(os.environ.get(KEYSTORE, ''), args)
+
+
+def _check_enclave(keystore: str, args: Sequence[str]) -> None:
+    """Check that the keys are there: without them ROS 2 goes on without any security."""
+    if not keystore:
         raise RosError('ROS_SECURITY_ENABLE is true, but ROS_SECURITY_KEYSTORE names no keystore')
+    given = [value for name, value in pairwise(args) if name in ('-e', '--enclave')]
+    enclave = os.environ.get('ROS_SECURITY_ENCLAVE_OVERRIDE') or (given or ['/'])[-1]
+    folder = Path(keystore) / 'enclaves' / enclave.strip('/')
+    if not (folder / 'cert.pem').is_file():
+        raise RosError(
+            f"ROS_SECURITY_ENABLE is true, but the keystore '{keystore}' has no enclave"
+            f" '{enclave}'"
+        )
 
 
 def _initialise(args: Sequence[str] | None) -> None:
-    _check_environment()
+    _check_environment(sys.argv if args is None else args)
     try:
         rclpy.init(
             args=None if args is None else list(args),
