@@ -75,11 +75,13 @@ setup(
         'sim': ['numba>=0.57'],
         # colcon runs tests only where it finds pytest here.
         'test': [
+            'axe-core-python>=0.1',
             'colcon-ros',
             'colcon-test-result',
             'distributed>=2024.1',
+            # Grafana's own models of a dashboard.
+            'grafana-foundation-sdk>=1; python_version >= "3.11"',
             'hypothesis>=6.60',
-            'jsonschema>=4',
             'mpmath>=1.2',
             'numba>=0.57',
             'pynmeagps>=1.0.40',

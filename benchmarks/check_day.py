@@ -27,6 +27,7 @@ from stickslip_monitor.commands.check_results import to_json, to_text
 from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.offline.check import check_bag
+from stickslip_monitor.offline.follow import scan_whole
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'launch_configs' / 'two_bearings.yaml'
@@ -115,8 +116,9 @@ def measure(path: Path) -> dict[str, float]:
     memory = _most_memory()
     reading = _processor_time(lambda: open_bag(path).read(requests))
     physics = 0.0
+    scans = scan_whole(path, config).bearings
     for own in config.bearings:
-        points = report.bearings[own.name].scan.assessment
+        points = scans[own.name].scan.assessment
         physics += _processor_time(partial(assess, own.bearing, points.speed, points.load))
     return {
         'reading': reading,

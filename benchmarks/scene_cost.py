@@ -82,6 +82,10 @@ def _scene(folder: Path, effects: list[dict[str, Any]]) -> Scene:
     bearing = config['/**']['ros__parameters']['aft_stern']
     bearing['speed'] |= {'type': 'geometry_msgs/msg/TwistStamped', 'field': 'twist.angular.x'}
     bearing['load'] |= {'type': 'geometry_msgs/msg/WrenchStamped', 'field': 'wrench.force.z'}
+    telemetry = {'speed': {'rate': RATE}, 'load': {'rate': RATE}}
+    if any('vibration_background' in effect for effect in effects):
+        bearing['level'] = {'topic': '/aft/level', 'unit': 'mm/s'}
+        telemetry['level'] = {'rate': RATE}
     (folder / 'config.yaml').write_text(yaml.safe_dump(config), 'utf-8')
     scene = {
         'scene': 'stickslip_monitor/scene/1',
@@ -90,7 +94,7 @@ def _scene(folder: Path, effects: list[dict[str, Any]]) -> Scene:
         'start': 1_700_000_000_000_000_000,
         'seed': 1,
         'config': 'config.yaml',
-        'telemetry': {'speed': {'rate': RATE}, 'load': {'rate': RATE}},
+        'telemetry': telemetry,
         'effects': effects,
     }
     path = folder / 'scene.yaml'

@@ -1,34 +1,100 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ten minutes of telemetry at 1 kHz: is a message lost?"""
+"""Ten minutes of telemetry at 1 kHz to the node, a day at 100 Hz in haste to the monitor."""
 
 from __future__ import annotations
 
+import json
+import logging
+import math
 import os
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 from benchmarks.live import subjects
+from benchmarks.reference import CONFIG, LOAD
 from benchmarks.table import Table
+from stickslip_monitor.monitor.alarms.live_alarms import LiveAlarms
+from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.monitor import Monitor
 
 RATE, SECONDS, SHORT = 1000.0, 600.0, 10.0
+DAY_RATE, HOUR, HOURS = 100, 3600, 24
+_SETTLED = 5.0
 
 
 def run(quick: bool) -> Table:
-    """Feed the monitor alone; a short run lasts ten seconds."""
-    seconds = SHORT if quick else SECONDS
+    """Feed both; a short run lasts ten seconds, and an hour."""
+    row = _node(SHORT if quick else SECONDS)
+    hours = 1 if quick else HOURS
+    command = [sys.executable, '-m', 'benchmarks.soak', str(hours)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    day = json.loads(done.stdout)
+    return Table(
+        title='Over a long time',
+        text=(
+            'The node: speed and load, a thousand of each a second. Lost is what it has not'
+            ' counted as a sample. The monitor with its alarms: hours of speed and load, a'
+            ' hundred of each a second by their stamps, as fast as they are taken; the shaft'
+            ' passes through the stick-slip region and back twice an hour. Memory is that of'
+            ' the process when it has settled (of the monitor, after a quarter of an hour by'
+            ' the stamps) and at the end.'
+        ),
+        columns=('what', 'lasts', 'samples', 'lost', 'CPU', 'memory', 'at the end'),
+        rows=[row, ['the monitor, in haste', f'{hours} h', *day]],
+    )
+
+
+def _node(seconds: float) -> list[str]:
     with subjects(150 + os.getpid() % 50) as nodes:
         nodes.pop('bare').stop()
-        found = nodes['monitor'].stretch(RATE, seconds)
-    row = [
-        f'{seconds:g} s',
-        f'{2 * found.sent}',
-        f'{found.lost}',
-        f'{found.cpu:.0%}',
+        node = nodes['monitor']
+        node.stretch(RATE, _SETTLED)
+        before = memory(node.process.pid)
+        found = node.stretch(RATE, seconds)
+        after = memory(node.process.pid)
+    sent, lost = f'{2 * found.sent}', f'{found.lost}'
+    cpu = f'{found.cpu:.0%}'
+    return ['the node', f'{seconds:g} s', sent, lost, cpu, f'{before:.1f} MB', f'{after:.1f} MB']
+
+
+def _day(hours: int) -> list[str]:
+    """What a monitor in this process does with some hours of telemetry."""
+    config = load_config(CONFIG)
+    monitor, (name,) = Monitor(config), (bearing.name for bearing in config.bearings)
+    log = logging.getLogger('soak')
+    alarms = LiveAlarms(config, lambda: 0, lambda record: None, log)
+    alarms.begin()
+    bearing, step_ns = monitor.bearings[name], 10**9 // (2 * DAY_RATE)
+    begin, before, count = time.process_time(), 0.0, 2 * DAY_RATE * HOUR * hours
+    for number in range(1, count + 1):
+        is_load, time_ns = number % 2, number * step_ns
+        rpm = 40.0 - 25.0 * math.sin(4e-9 * math.pi * time_ns / HOUR)
+        value = LOAD + number % 7 if is_load else rpm
+        alarms.feed(name, is_load, time_ns, bearing.update(is_load, time_ns, value))
+        if number % (2 * DAY_RATE) == 0:
+            alarms.advance(time_ns)
+        if number == count // (4 * hours):
+            before = memory(os.getpid())
+    spent, after = time.process_time() - begin, memory(os.getpid())
+    lost = count - int(bearing.gate.counts[:, 0].sum())
+    return [
+        str(count),
+        str(lost),
+        f'{1e6 * spent / count:.0f} µs a sample',
+        f'{before:.1f} MB',
+        f'{after:.1f} MB',
     ]
-    return Table(
-        title='Ten minutes at 1 kHz',
-        text=(
-            'Speed and load, a thousand of each a second. Lost is what the node has not counted as'
-            ' a sample.'
-        ),
-        columns=('time', 'sent', 'lost', 'CPU'),
-        rows=[row],
-    )
+
+
+def memory(pid: int) -> float:
+    """Memory that a process has at this moment [MB]."""
+    status = Path(f'/proc/{pid}/status').read_text('utf-8')
+    (kilobytes,) = re.findall(r'^VmRSS:\s+(\d+) kB$', status, flags=re.MULTILINE)
+    return int(kilobytes) * 1.024e-3
+
+
+if __name__ == '__main__':
+    print(json.dumps(_day(int(sys.argv[1]))))

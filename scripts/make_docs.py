@@ -46,6 +46,11 @@ GROUPS = (
     ),
     ('speed', 'Input: speed', ''),
     ('load', 'Input: load', ''),
+    (
+        'level',
+        'Input: level of measured vibration',
+        'Optional; what it adds is in [alarms.md](alarms.md#measured-vibration).',
+    ),
     ('alarm', 'Alarm', ''),
 )
 
@@ -133,6 +138,9 @@ contact.
   `friction.decay`, so regime and margins are those of its median; `tolerance.speed` and
   `tolerance.load` come on top.
 - `alarm.minimum_speed` is below `speed.maximum`.
+- A level is measured where `level.topic` is given. Its `threshold` is above 0, unless its unit is
+  dB, and not above its `maximum`; it is read from a field of its own. Its unit is only a name, but
+  for dB.
 - Caution is raised while the fold margin is below `caution_margin` and ends above
   `caution_margin + hysteresis`. The amplitude alarm is raised above `amplitude_limit` and ends
   below `amplitude_limit * (1 - hysteresis)`.
@@ -168,7 +176,7 @@ def _default(row: Parameter) -> str:
     if row.default is REQUIRED:
         return '*required*'
     if row.default == () or (isinstance(row.default, float) and math.isnan(row.default)):
-        return '*by law*'
+        return '*learned*' if row.name == 'level.threshold' else '*by law*'
     if isinstance(row.default, bool):
         return f'`{str(row.default).lower()}`'
     if row.default == '':

@@ -32,6 +32,7 @@ SENSORS = [
     ROOT / 'launch_configs' / 'sensors' / f'{n}.yaml' for n in ('ideal', 'ordinary', 'poor')
 ]
 ORDINARY = SENSORS[1]
+WITH_LEVEL = ROOT / 'launch_configs' / 'sensors' / 'ordinary_level.yaml'
 MARK = '<!-- Made by `make warning-quality`. -->'
 # Of a wrong source no verdict can come, only the fault; it stands by itself.
 WRONG_SOURCE, ODD_SAMPLES = 'two_publishers', 'spikes'
@@ -90,7 +91,8 @@ def _field(name: str, value: float) -> dict[str, Any]:
 
 def _calls(seeds: Iterable[int]) -> list[Call]:
     variants = tuple(_field(name, v) for name, values in _known().items() for v in values)
-    sensors = tuple(map(str, SENSORS))
+    # What the lining does is followed with the first of them.
+    sensors = tuple(map(str, (WITH_LEVEL, *SENSORS)))
     return [
         Call(str(scene), seed, sensors, variants, varied_sensors=str(ORDINARY))
         for scene in sorted(SCENES.glob('*.yaml'))
@@ -116,6 +118,12 @@ def _page(voyages: Sequence[Voyage], seeds: range) -> Iterable[str]:
     yield 'The monitor with ordinary sensors.'
     yield ''
     yield from _scenes([v for v in own if v.sensors == str(ORDINARY)])
+    yield ''
+    yield '### Measured vibration'
+    yield ''
+    yield 'The monitor with ordinary sensors, and with a level of measured vibration beside them.'
+    yield ''
+    yield from _with_level(own)
     yield ''
     yield '### A wrong source'
     yield ''
@@ -143,10 +151,33 @@ def _scenes(voyages: Sequence[Voyage]) -> Iterable[str]:
         yield _row(f'`{Path(scene).stem}`', *cells)
 
 
+_LEVEL_COLUMNS = ('episodes', 'detected', 'told', 'false_per_100h', 'wrong_hours')
+
+
+def _with_level(voyages: Sequence[Voyage]) -> Iterable[str]:
+    """Scene by scene without and with a level, and in all."""
+    labels = [FIGURES[name][0] for name in _LEVEL_COLUMNS]
+    with_level = [f'{label}, with a level' for label in labels[1:]]
+    yield _row('scene', *labels, *with_level)
+    yield _row('---', *('---:' for _ in (*labels, *with_level)))
+    parts = [
+        [v for v in voyages if v.sensors == str(sensors)] for sensors in (ORDINARY, WITH_LEVEL)
+    ]
+    scenes = [grouped(part, OURS, 'scene') for part in parts]
+    rows = {f'`{Path(key[0]).stem}`': [own[key] for own in scenes] for key in scenes[0]}
+    rows['all'] = [pooled(v.rules[OURS] for v in part) for part in parts]
+    for name, pair in rows.items():
+        plain, level = (quality.figures() for quality in pair)
+        cells = [written(name, plain[name]) for name in _LEVEL_COLUMNS]
+        yield _row(name, *cells, *(written(n, level[n]) for n in _LEVEL_COLUMNS[1:]))
+
+
 def _wrong_source(voyages: Sequence[Voyage]) -> Iterable[str]:
     told: dict[str, list[int]] = {}
     for voyage in voyages:
         name = Path(voyage.scene).stem
+        if voyage.sensors == str(WITH_LEVEL):
+            continue
         kind = name if name in (WRONG_SOURCE, ODD_SAMPLES) else ''
         told.setdefault(kind, []).append(voyage.rules[OURS].wrong_source)
     for kind, found in sorted(told.items(), reverse=True):

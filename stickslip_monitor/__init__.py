@@ -1,30 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Condition monitoring of ships' stern bearings: predicts stick-slip from shaft speed and load."""
+"""Condition monitoring of ships' stern bearings: predicts stick-slip from shaft speed and load.
 
-from stickslip_monitor.errors import StickslipError
-from stickslip_monitor.monitor.assessment import Assessment, Assessments, Outcome, Regime, assess
-from stickslip_monitor.monitor.config import MonitorConfig, build_config
-from stickslip_monitor.monitor.monitor import Monitor
-from stickslip_monitor.monitor.signals import Sample, Stream
-from stickslip_monitor.physics.averaging.boundaries import (
-    StationaryAmplitudes,
-    amplitude_rate,
-    fold_load,
-    fold_speed,
-    growth_rate,
-    hopf_load,
-    hopf_speed,
-    stationary_amplitudes,
-)
-from stickslip_monitor.physics.cycle.cycles import (
-    Cycle,
-    CycleKind,
-    exact_cycle,
-    exact_fold_speed,
-    exact_unstable_cycle,
-)
-from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
-from stickslip_monitor.physics.oscillator import Bearing, BearingSpeed
+A name is imported when it is first used, so that a command starts without what it does not need.
+"""
+
+from importlib import import_module as _import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from stickslip_monitor.errors import StickslipError
+    from stickslip_monitor.monitor.assessment import (
+        Assessment,
+        Assessments,
+        Outcome,
+        Regime,
+        assess,
+    )
+    from stickslip_monitor.monitor.config import MonitorConfig, build_config
+    from stickslip_monitor.monitor.monitor import Monitor
+    from stickslip_monitor.monitor.signals import Sample, Stream
+    from stickslip_monitor.physics.averaging.boundaries import (
+        StationaryAmplitudes,
+        amplitude_rate,
+        fold_load,
+        fold_speed,
+        growth_rate,
+        hopf_load,
+        hopf_speed,
+        stationary_amplitudes,
+    )
+    from stickslip_monitor.physics.cycle.cycles import (
+        Cycle,
+        CycleKind,
+        exact_cycle,
+        exact_fold_speed,
+        exact_unstable_cycle,
+    )
+    from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
+    from stickslip_monitor.physics.oscillator import Bearing, BearingSpeed
 
 __all__ = [
     'Assessment',
@@ -60,3 +73,45 @@ __all__ = [
 ]
 
 __version__ = '0.2.0'
+
+
+_HOMES = {
+    'errors': ('StickslipError',),
+    'monitor.assessment': ('Assessment', 'Assessments', 'Outcome', 'Regime', 'assess'),
+    'monitor.config': ('MonitorConfig', 'build_config'),
+    'monitor.monitor': ('Monitor',),
+    'monitor.signals': ('Sample', 'Stream'),
+    'physics.averaging.boundaries': (
+        'StationaryAmplitudes',
+        'amplitude_rate',
+        'fold_load',
+        'fold_speed',
+        'growth_rate',
+        'hopf_load',
+        'hopf_speed',
+        'stationary_amplitudes',
+    ),
+    'physics.cycle.cycles': (
+        'Cycle',
+        'CycleKind',
+        'exact_cycle',
+        'exact_fold_speed',
+        'exact_unstable_cycle',
+    ),
+    'physics.friction': ('Coulomb', 'FrictionLaw', 'Stribeck', 'Tabulated'),
+    'physics.oscillator': ('Bearing', 'BearingSpeed'),
+}
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """What a name of :data:`__all__` stands for."""
+    if name not in _HOME:
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    found = globals()[name] = getattr(_import_module(f'{__name__}.{_HOME[name]}'), name)
+    return found
+
+
+def __dir__() -> list[str]:
+    """The public names, used or not."""
+    return sorted({*globals(), *__all__})

@@ -10,8 +10,10 @@ from __future__ import annotations
 import hashlib
 import io
 import os
+import queue
 import stat
 import tempfile
+import threading
 from collections.abc import Iterable
 from dataclasses import astuple, fields
 from pathlib import Path
@@ -76,9 +78,7 @@ def prepare_surfaces(bearings: Iterable[Bearing], directory: Path | None = None)
 
 
 def _prepare(surface: CycleSurface, folder: Path | None) -> list[str]:
-    # Of a law of the user's own nobody knows what its name stands for.
-    known = type(surface.bearing.friction) in (Stribeck, Coulomb, Tabulated)
-    if not known:
+    if not _is_known(surface.bearing):
         surface.prepare()
         return []
     if folder is None:
@@ -88,11 +88,65 @@ def _prepare(surface: CycleSurface, folder: Path | None) -> list[str]:
     if _read(path, surface):
         return []
     surface.prepare()
+    return _keep(path, surface)
+
+
+def _keep(path: Path, surface: CycleSurface) -> list[str]:
+    """Write a surface; why that cannot be, if it cannot."""
     try:
         _write(path, surface)
     except OSError as error:
-        return [_complaint(f'{folder}: {cause(error)}')]
+        return [_complaint(f'{path.parent}: {cause(error)}')]
     return []
+
+
+class SurfaceBuilder:
+    """Builds in a thread what bearings are about to need, so that no callback has to.
+
+    What a surface says does not depend on when it is built.
+
+    Args:
+        directory: Where to keep surfaces; by default the user's cache.
+    """
+
+    def __init__(self, directory: Path | None = None) -> None:
+        self._folder = default_directory() if directory is None else directory
+        self._asked: set[Bearing] = set()
+        self._waiting: queue.SimpleQueue[tuple[Bearing, range] | None] = queue.SimpleQueue()
+        self._thread: threading.Thread | None = None
+
+    def need(self, bearing: Bearing, load: float) -> None:
+        """Have the surface ready for that load [N] and up to twice or half of it."""
+        octaves = surface_of(bearing).missing(load)
+        if not octaves or bearing in self._asked:
+            return
+        self._asked.add(bearing)
+        self._waiting.put((bearing, octaves))
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._run, name='surfaces', daemon=True)
+            self._thread.start()
+
+    def close(self, patience: float = 2.0) -> None:
+        """Finish what is being built, unless that takes longer than patience [s]."""
+        if self._thread is not None:
+            self._waiting.put(None)
+            self._thread.join(patience)
+            self._thread = None
+
+    def _run(self) -> None:
+        while (wanted := self._waiting.get()) is not None:
+            bearing, octaves = wanted
+            surface = surface_of(bearing)
+            surface.prepare()
+            surface.extend(octaves)
+            if self._folder is not None and _is_known(bearing):
+                _keep(self._folder / surface_file(bearing), surface)
+            self._asked.discard(bearing)
+
+
+def _is_known(bearing: Bearing) -> bool:
+    """Whether a name stands for a law: of one of the user's own nobody knows for which."""
+    return type(bearing.friction) in (Stribeck, Coulomb, Tabulated)
 
 
 def _complaint(why: str) -> str:

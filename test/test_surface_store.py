@@ -14,7 +14,7 @@ from stickslip_monitor import surface_store
 from stickslip_monitor.physics.cycle.surface import CycleSurface
 from stickslip_monitor.physics.friction import Coulomb, Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
-from stickslip_monitor.surface_store import prepare_surfaces, surface_file
+from stickslip_monitor.surface_store import SurfaceBuilder, prepare_surfaces, surface_file
 
 BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
 SPEED, LOAD, FOLD = np.array([0.1]), np.array([1000.0]), np.array([0.2132256])
@@ -57,6 +57,21 @@ def test_a_second_start_reads_what_the_first_one_built(tmp_path, built, surfaces
     assert known.all()
     np.testing.assert_array_equal(first, second)
     assert [path.name for path in tmp_path.iterdir()] == [surface_file(BEARING)]
+
+
+def test_what_a_load_will_need_is_built_beside_and_kept(tmp_path, surfaces):
+    surface = surfaces[BEARING] = CycleSurface(BEARING)
+    builder = SurfaceBuilder(tmp_path)
+    # c/(Delta beta) = 200 N is the least load with a cycle: 9 kN are in the sixth octave above.
+    assert list(surface.missing(9000.0)) == [4, 5, 6]
+    builder.need(BEARING, 9000.0)
+    builder.close(60.0)
+    assert not surface.missing(9000.0)
+    surfaces.clear()
+    assert prepare_surfaces([BEARING], tmp_path) == []
+    assert not surfaces[BEARING].missing(9000.0)
+    for load in (0.0, -5.0, 100.0, np.inf, np.nan):
+        assert not surface.missing(load)
 
 
 def test_every_property_that_counts_has_a_file_of_its_own():

@@ -6,12 +6,14 @@ The message types this package writes itself: definition and ROS 2 type hash of 
 
 from __future__ import annotations
 
+import itertools
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.errors import BagError
 
@@ -33,22 +35,24 @@ STAMP_END = (1 << 31) * 1_000_000_000
 _HEAD = b'\x00\x01\x00\x00'
 
 
-def encode_float64s(values: ArrayLike) -> list[bytes]:
+def encode_float64s(values: ArrayLike) -> NDArray[np.void]:
     """Encode ``std_msgs/Float64`` messages.
 
     Args:
         values: The numbers, shape (n,).
 
     Returns:
-        n messages.
+        n messages, all of one length.
     """
-    raw = np.asarray(values, '<f8').tobytes()
-    return [_HEAD + raw[start : start + 8] for start in range(0, len(raw), 8)]
+    numbers = np.asarray(values, '<f8')
+    rows = np.empty(numbers.shape, np.dtype([('head', 'V4'), ('data', '<f8')]))
+    rows['head'], rows['data'] = np.void(_HEAD), numbers
+    return rows.view(f'V{rows.itemsize}')
 
 
 def encode_stamped(
     type_name: str, field: str, stamp_ns: ArrayLike, values: ArrayLike
-) -> list[bytes]:
+) -> NDArray[np.void]:
     """Encode messages that are a header, with an empty frame, and some numbers.
 
     Args:
@@ -58,7 +62,7 @@ def encode_stamped(
         values: The numbers, shape (n,).
 
     Returns:
-        n messages.
+        n messages, all of one length.
 
     Raises:
         BagError: A stamp is out of range.
@@ -75,8 +79,7 @@ def encode_stamped(
     rows['head'], rows['frame'] = np.void(_HEAD), 1
     rows['sec'], rows['nanosec'] = stamp // 1_000_000_000, stamp % 1_000_000_000
     rows['numbers'][:, fields.index(field)] = values
-    raw, size = rows.tobytes(), rows.dtype.itemsize
-    return [raw[start : start + size] for start in range(0, len(raw), size)]
+    return rows.view(f'V{rows.itemsize}')
 
 
 def encode_float64(value: float) -> bytes:
@@ -114,27 +117,25 @@ def encode_diagnostics(stamp_ns: int, statuses: Sequence[StatusFields]) -> bytes
         statuses: One for each component.
     """
     body = bytearray(struct.pack('<iI', stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000))
-    _add_text(body, '')
-    _add_count(body, len(statuses))
+    body += _text('') + struct.pack('<I', len(statuses))
     for status in statuses:
         body.append(status.level)
-        for text in (status.name, status.message, status.hardware_id):
-            _add_text(body, text)
-        _add_count(body, len(status.values))
-        for pair in status.values.items():
-            for text in pair:
-                _add_text(body, text)
+        body += bytes(-len(body) % 4)
+        body += b''.join(map(_text, (status.name, status.message, status.hardware_id)))
+        body += struct.pack('<I', len(status.values))
+        body += b''.join(map(_text, itertools.chain.from_iterable(status.values.items())))
+        if status.values:
+            # Behind the last text nothing is aligned.
+            *_, last = status.values.values()
+            del body[len(body) - (-len(last.encode()) - 1) % 4 :]
     return _HEAD + bytes(body)
 
 
-def _add_text(body: bytearray, text: str) -> None:
+@lru_cache(maxsize=4096)
+def _text(text: str) -> bytes:
+    """A text, from a place aligned to four bytes to the next one."""
     raw = text.encode() + b'\0'
-    _add_count(body, len(raw))
-    body += raw
-
-
-def _add_count(body: bytearray, count: int) -> None:
-    body += bytes(-len(body) % 4) + struct.pack('<I', count)
+    return struct.pack('<I', len(raw)) + raw + bytes(-len(raw) % 4)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,9 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TypeVar
 
+from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.index import DATED, FileScan, scan_file
+from stickslip_monitor.bags.mcap_file import Payload
 from stickslip_monitor.bags.metadata import FILE_NAME, read_metadata
 from stickslip_monitor.bags.series import (
     Doubt,
@@ -18,6 +20,7 @@ from stickslip_monitor.bags.series import (
     Wanted,
     joined,
     merged,
+    payloads,
 )
 from stickslip_monitor.bags.topics import check_request, check_topics, list_topics
 from stickslip_monitor.bags.values import (
@@ -177,6 +180,32 @@ class Bag:
         Raises:
             BagError: A topic is not there, or a file cannot be read.
         """
+        spans = spans or self._always
+        return merged(self._sources(topics, spans), self._warn, spans)
+
+    def payloads(
+        self, topics: Collection[str], spans: TimeSpans | None = None
+    ) -> Iterator[tuple[int, dict[str, tuple[IntArray, Payload]]]]:
+        """Yield messages by the block, still encoded, in the order in which blocks begin.
+
+        Args:
+            topics: Which topics.
+            spans: The log times that are wanted; all when None.
+
+        Yields:
+            When a block begins [ns], and log times and messages of each topic in it.
+
+        Raises:
+            BagError: A topic is not there, or a file cannot be read.
+        """
+        spans = spans or self._always
+        return payloads(self._sources(topics, spans), self._warn, spans)
+
+    @property
+    def _always(self) -> TimeSpans:
+        return TimeSpans([(self._earliest_ns, _LATEST_NS)])
+
+    def _sources(self, topics: Collection[str] | None, spans: TimeSpans) -> list[Source]:
         check_topics(self.topics, topics or ())
         for_topics = self.topics if topics is None else topics
         sources: list[Source] = []
@@ -186,11 +215,12 @@ class Bag:
                 for channel in file.channels.values()
                 if channel.topic in for_topics
             }
-            blocks = file.blocks
-            if spans is not None:
-                blocks = [b for b in blocks if spans.overlap(b.start_ns, b.end_ns)]
-            sources += [Source(number, block, channels, file.channels) for block in blocks]
-        return merged(sources, self._warn, spans or TimeSpans([(self._earliest_ns, _LATEST_NS)]))
+            sources += [
+                Source(number, block, channels, file.channels)
+                for block in file.blocks
+                if spans.overlap(block.start_ns, block.end_ns)
+            ]
+        return sources
 
     def _look_again(self, doubted: int) -> None:
         """Walk through a file whose summary does not say what is in it."""

@@ -34,6 +34,8 @@ from stickslip_monitor.bags.blocks import (
 )
 from stickslip_monitor.bags.decode import FieldReader
 from stickslip_monitor.bags.index import DATED, FileScan
+from stickslip_monitor.bags.mcap_file import Payload
+from stickslip_monitor.bags.mcap_records import view
 from stickslip_monitor.bags.topics import make_plan
 from stickslip_monitor.bags.values import Fault, Message, Request, Series, TimeSpans
 from stickslip_monitor.fields import FieldPath
@@ -111,6 +113,45 @@ def _items(source: Source, tell: Callable[[str], None], spans: TimeSpans) -> Ite
         topic, type_name = source.channels[channel]
         message = Message(topic, type_name, log_time, loaded.data[offset : offset + size])
         yield log_time, source.file, source.block.offset, offset, message
+
+
+def payloads(
+    sources: Iterable[Source], tell: Callable[[str], None], spans: TimeSpans
+) -> Iterator[tuple[int, dict[str, tuple[IntArray, Payload]]]]:
+    """Yield the messages of one block after the other, in the order in which those begin.
+
+    Args:
+        sources: The blocks.
+        tell: Told what is wrong with a block, in a sentence.
+        spans: The log times that are wanted.
+
+    Yields:
+        When a block begins [ns], and log times and messages, encoded, of each topic in it.
+    """
+    ordered = sorted(sources, key=lambda source: source.block.start_ns)
+    blocks = prefetch([source.block for source in ordered])
+    for source, loaded in zip(ordered, blocks, strict=True):
+        try:
+            if isinstance(loaded, DamagedBlock):
+                raise loaded
+            found = find_entries(loaded, source.channels, source.known, tell)
+        except DamagedBlock as damage:
+            tell(str(damage))
+            continue
+        columns = {}
+        for entries in found:
+            rows = np.flatnonzero(spans.holds(entries.log_time_ns))
+            if rows.size:
+                raw = _raw(loaded.data, entries.offset[rows], entries.size[rows])
+                columns[source.channels[entries.channel][0]] = entries.log_time_ns[rows], raw
+        yield source.block.start_ns, columns
+
+
+def _raw(data: bytes, offset: IntArray, size: IntArray) -> Payload:
+    if size.min() == size.max() > 0:
+        return view(data, f'V{size[0]}')[offset]
+    ends = (offset + size).tolist()
+    return [data[begin:end] for begin, end in zip(offset.tolist(), ends, strict=True)]
 
 
 Progress = Callable[[int, int], None]

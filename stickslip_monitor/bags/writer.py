@@ -7,8 +7,7 @@ import contextlib
 import io
 import itertools
 import shutil
-import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -17,12 +16,12 @@ from typing import IO
 import numpy as np
 from mcap.records import Header, Metadata
 from mcap.stream_reader import StreamReader
-from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
-from mcap.writer import CompressionType, Writer
+from mcap.well_known import MessageEncoding, SchemaEncoding
 from numpy.typing import ArrayLike
 
 from stickslip_monitor.bags.encode import MESSAGE_TYPES, MessageType, encode_float64s
-from stickslip_monitor.bags.mcap_records import PARSE_ERRORS
+from stickslip_monitor.bags.mcap_file import COMPRESSIONS, McapFile, Payload, RecordColumn
+from stickslip_monitor.bags.mcap_records import HEAD, PARSE_ERRORS
 from stickslip_monitor.bags.metadata import FILE_NAME, TopicEntry, render_metadata
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.files import open_file
@@ -32,15 +31,8 @@ _LIBRARY = 'stickslip_monitor'
 # Within this much of a file its label ends, if it has one [bytes].
 _BEGIN = 512
 
-# Opcode and length of a record.
-_RECORD_HEAD = struct.Struct('<BQ')
 _LATEST = (1 << 63) - 1
 _SUFFIX = '.mcap'
-_COMPRESSIONS = {
-    'none': CompressionType.NONE,
-    'lz4': CompressionType.LZ4,
-    'zstd': CompressionType.ZSTD,
-}
 
 
 @dataclass(slots=True)
@@ -77,10 +69,10 @@ class BagWriter:
             BagError: The path exists already, or the compression is unknown.
         """
         self.path = Path(path)
-        if compression not in _COMPRESSIONS:
-            known = ', '.join(_COMPRESSIONS)
+        if compression not in COMPRESSIONS:
+            known = ', '.join(COMPRESSIONS)
             raise BagError(f"compression '{compression}' is unknown: use one of {known}")
-        self._compression = _COMPRESSIONS[compression]
+        self._compression = compression
         self._chunk_size = chunk_size
         self._is_file = self.path.suffix == _SUFFIX
         self._label = label
@@ -97,12 +89,9 @@ class BagWriter:
         with self._trouble():
             self._make_parent()
             self._draft, self._file = self._begin_draft()
-            self._writer = Writer(
-                self._file, chunk_size=self._chunk_size, compression=self._compression
-            )
-            self._writer.start(profile=Profile.ROS2, library=_LIBRARY)
+            self._records = McapFile(self._file, self._compression, self._chunk_size, _LIBRARY)
             if self._label is not None:
-                self._writer.add_metadata(self._label, {})
+                self._records.add_metadata(self._label)
         return self
 
     def __exit__(
@@ -137,7 +126,7 @@ class BagWriter:
         schema, message_type = self._schemas[type]
         metadata = {'offered_qos_profiles': '', 'topic_type_hash': message_type.type_hash}
         with self._trouble():
-            channel = self._writer.register_channel(name, MessageEncoding.CDR, schema, metadata)
+            channel = self._records.add_channel(name, MessageEncoding.CDR, schema, metadata)
         self._topics[name] = _Topic(channel, type, message_type.type_hash)
 
     def write(self, topic: str, log_time_ns: int, data: bytes) -> None:
@@ -152,15 +141,10 @@ class BagWriter:
             BagError: Unknown topic, a time out of range, or the disk does not take it.
         """
         entry = self._entry(topic)
-        if not 0 <= log_time_ns <= _LATEST:
-            raise BagError(
-                f"log time {log_time_ns} ns of topic '{topic}' is not between 0 and {_LATEST}"
-            )
+        self._widen(topic, log_time_ns, log_time_ns)
         with self._trouble():
-            self._writer.add_message(entry.channel, log_time_ns, data, log_time_ns, entry.count)
+            self._records.add(entry.channel, entry.count, log_time_ns, data)
         entry.count += 1
-        self._start_ns = min(self._start_ns, log_time_ns)
-        self._end_ns = max(self._end_ns, log_time_ns)
 
     def write_float64(self, topic: str, log_time_ns: ArrayLike, value: ArrayLike) -> None:
         """Write ``std_msgs/Float64`` messages of one topic; see :meth:`write_float64s`."""
@@ -185,7 +169,7 @@ class BagWriter:
             {name: (time, encode_float64s(value)) for name, (time, value) in columns.items()}
         )
 
-    def write_merged(self, columns: Mapping[str, tuple[ArrayLike, list[bytes]]]) -> None:
+    def write_merged(self, columns: Mapping[str, tuple[ArrayLike, Payload]]) -> None:
         """Write encoded messages of several topics, merged by their log times.
 
         Args:
@@ -194,13 +178,29 @@ class BagWriter:
         Raises:
             BagError: As for :meth:`write`.
         """
-        names = list(columns)
-        times = [np.asarray(log_time, np.int64) for log_time, _ in columns.values()]
-        owner = np.repeat(np.arange(len(names)), [len(time) for time in times])
-        merged = np.concatenate([np.empty(0, np.int64), *times])
-        data = [message for _, messages in columns.values() for message in messages]
-        for row in np.argsort(merged, kind='stable').tolist():
-            self.write(names[owner[row]], int(merged[row]), data[row])
+        self.write_columns((name, *column) for name, column in columns.items())
+
+    def write_columns(self, columns: Iterable[tuple[str, ArrayLike, Payload]]) -> None:
+        """The same; a topic may have several columns, each in order."""
+        parts = []
+        for name, time, payload in columns:
+            entry, log_time = self._entry(name), np.asarray(time, np.int64)
+            if log_time.size:
+                self._widen(name, int(log_time.min()), int(log_time.max()))
+            parts.append(RecordColumn(entry.channel, entry.count, log_time, payload))
+            entry.count += log_time.size
+        with self._trouble():
+            self._records.add_merged(parts)
+
+    def _widen(self, topic: str, first_ns: int, last_ns: int) -> None:
+        """Widen the span of the recording by that of some messages."""
+        for log_time in (first_ns, last_ns):
+            if not 0 <= log_time <= _LATEST:
+                raise BagError(
+                    f"log time {log_time} ns of topic '{topic}' is not between 0 and {_LATEST}"
+                )
+        self._start_ns = min(self._start_ns, first_ns)
+        self._end_ns = max(self._end_ns, last_ns)
 
     def break_off(self) -> None:
         """Leave the recording as one that lost power in mid-write; nothing more can be written.
@@ -209,12 +209,12 @@ class BagWriter:
         recording's end is missing.
         """
         with self._trouble():
+            self._records.drain()
             begin = self._file.tell()
-            # Of all that mcap offers, this one has no types.
-            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._records.finish()
             self._file.seek(begin)
-            head = self._file.read(_RECORD_HEAD.size)
-            self._file.truncate(begin + (_RECORD_HEAD.size + _RECORD_HEAD.unpack(head)[1]) // 2)
+            head = self._file.read(HEAD.size)
+            self._file.truncate(begin + (HEAD.size + HEAD.unpack(head)[1]) // 2)
         self._is_broken = True
 
     def _entry(self, topic: str) -> _Topic:
@@ -230,7 +230,7 @@ class BagWriter:
             names = ', '.join(MESSAGE_TYPES)
             raise BagError(f"type '{type_name}' needs a definition: built in are only {names}")
         with self._trouble():
-            schema = self._writer.register_schema(
+            schema = self._records.add_schema(
                 type_name, SchemaEncoding.ROS2, known.definition.encode()
             )
         return schema, known
@@ -268,7 +268,7 @@ class BagWriter:
 
     def _finish(self) -> None:
         if not self._is_broken:
-            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._records.finish()
         self._file.close()
         if not (self._is_file or self._is_broken):
             topics = [
@@ -283,6 +283,7 @@ class BagWriter:
         self._draft.rename(self.path)
 
     def _clear(self) -> None:
+        self._records.close()
         # Closing a file on a full disk fails once more; the draft goes either way.
         with contextlib.suppress(OSError):
             self._file.close()

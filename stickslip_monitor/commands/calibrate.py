@@ -2,11 +2,11 @@
 """Infer a bearing's stability boundaries from recordings and reports of vibration.
 
 Evidence is an operator's CSV file (--reports: bearing, start, end, state, and as one likes
-tolerance [s] and trust), a topic with the level of vibration (--level), or the truth in simulated
-bags. The result is a file that `calibration:` in the bearing's configuration names; it holds for
-the readings of the same sensors, and is no measurement of friction. The exit code is 1 where a
-warning says that the result is worth less (no episode, a doubtful report, a surprise), and 2 for
-bad input.
+tolerance [s] and trust), a topic with the level of vibration (--level), or else the level that is
+configured for the bearing, or where there is none the truth in simulated bags. The result is a
+file that `calibration:` in the bearing's configuration names; it holds for the readings of the
+same sensors, and is no measurement of friction. The exit code is 1 where a warning says that the
+result is worth less (no episode, a doubtful report, a surprise), and 2 for bad input.
 """
 
 from __future__ import annotations
@@ -14,14 +14,11 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from datetime import datetime, timezone
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
@@ -41,8 +38,7 @@ from stickslip_monitor.commands.output import (
     print_json,
     say_written,
 )
-from stickslip_monitor.commands.score import judge_bag
-from stickslip_monitor.errors import CalibrationError, ConfigurationError, cause
+from stickslip_monitor.errors import ConfigurationError, cause
 from stickslip_monitor.files import write_whole
 from stickslip_monitor.monitor.calibration_file import (
     CALIBRATION_SCHEMA,
@@ -51,35 +47,22 @@ from stickslip_monitor.monitor.calibration_file import (
 )
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.scan import Scan
-from stickslip_monitor.offline.check import check_bag
-from stickslip_monitor.offline.truth import has_truth
+from stickslip_monitor.offline.follow import scan_whole
 from stickslip_monitor.physics.belief import QUANTILES, Belief
 from stickslip_monitor.study.calibration.calibrate import (
     FLOOR,
     Calibration,
     belief_in,
     calibrate,
-    dip_limit,
 )
 from stickslip_monitor.study.calibration.dips import (
     Dip,
-    TelemetryBins,
-    VibrationReport,
-    course_of,
-    cut_dips,
 )
 from stickslip_monitor.study.calibration.evidence import (
-    LEVEL_TOLERANCE,
-    TRUST,
-    TRUTH_TOLERANCE,
-    alternating,
-    in_order,
-    level_episodes,
-    level_threshold,
     read_reports,
 )
 from stickslip_monitor.study.calibration.posterior import SEED, Prior, prior_of
+from stickslip_monitor.study.calibration.recordings import EvidenceSource
 from stickslip_monitor.study.calibration.result import (
     FRAGMENT_MARK,
     fragment,
@@ -92,14 +75,6 @@ from stickslip_monitor.study.calibration.result import (
 _PRIOR_DRAWS = 512
 _RESULT_MARK = CALIBRATION_SCHEMA.encode()
 _PICTURE_LOADS = 60
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Evidence:
-    """What one recording tells of a bearing."""
-
-    courses: tuple[TelemetryBins, ...]
-    reports: tuple[VibrationReport, ...]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -134,11 +109,13 @@ def run(args: argparse.Namespace) -> int:
     if not 0.0 <= args.forget <= 1.0:
         raise ConfigurationError(f'--forget {args.forget:g} must be from 0 to 1')
     _check_outputs(args)
-    config = the_bearing(load_config(args.config), args.bearing)
+    whole = load_config(args.config)
+    config = the_bearing(whole, args.bearing)
+    source = source_of(args.reports, args.level, args.field, whole)
     earlier = _earlier(args.add, config)
     prior = _prior(args, config, earlier)
     with ProgressBar() as meter:
-        dips = _dips(args, config, prior, meter)
+        dips = _dips(args.bags, config, source, prior, meter)
         found = calibrate(
             dips,
             prior,
@@ -184,119 +161,36 @@ def _prior(
     return prior_with_bench(prior, args.bench, document)
 
 
+def source_of(
+    reports: str | None, level: str | None, field: str, config: MonitorConfig
+) -> EvidenceSource:
+    """Who tells when the bearings of a configuration vibrated.
+
+    Args:
+        reports: An operator's file, if any.
+        level: A topic with the level of vibration, if any.
+        field: The number in its messages.
+        config: The configuration.
+    """
+    names = [bearing.name for bearing in config.bearings]
+    told = None if reports is None else tuple(read_reports(reports, names))
+    return EvidenceSource(told, None if level is None else Request(level, field))
+
+
 def _dips(
-    args: argparse.Namespace, config: BearingConfig, prior: Prior, meter: ProgressBar
+    bags: Sequence[str],
+    config: BearingConfig,
+    source: EvidenceSource,
+    prior: Prior,
+    meter: ProgressBar,
 ) -> list[Dip]:
     """The dips of all recordings of which something was reported."""
     found = []
-    for k, path in enumerate(args.bags):
-        meter.show(f'reading {Path(path).name}', k, len(args.bags))
-        found.append(_evidence(args, path, config))
-    if args.level is not None:
-        found = _with_levels(args, config, found)
-    reports = _operator_reports(args.reports, config, found)
-    limit = dip_limit(prior)
-    timeout = max(config.speed.timeout_ns, config.load.timeout_ns)
-    dips = [
-        dip
-        for one in found
-        for course in one.courses
-        for dip in cut_dips(course, reports or one.reports, limit, prior.viscous, timeout)
-    ]
-    if not dips:
-        raise CalibrationError(
-            f'there is no evidence on {config.name}: no report is about a time in which the shaft'
-            ' turned slowly enough for stick-slip; record a slow passage with reports'
-        )
-    return dips
-
-
-def _evidence(args: argparse.Namespace, path: str, config: BearingConfig) -> Evidence:
-    only = MonitorConfig((config,))
-    if args.reports is not None or args.level is not None:
-        return Evidence(_courses(path, check_bag(path, only).bearings[config.name].scan), ())
-    (judged,) = judge_bag(path, only) if _has_truth(path, config) else (None,)
-    if judged is None:
-        raise CalibrationError(
-            f"bag '{path}' holds no truth about {config.name}, as those of a simulation do: give"
-            ' --reports or --level'
-        )
-    truth = judged.truth
-    span = truth.start_ns, truth.end_ns
-    source = f'truth of {Path(path).name}'
-    reports = alternating(config.name, span, truth.episodes, TRUTH_TOLERANCE, TRUST, source)
-    return Evidence(_courses(path, judged.scan), tuple(reports))
-
-
-def _has_truth(path: str, config: BearingConfig) -> bool:
-    from stickslip_monitor.bags.reader import open_bag
-
-    return has_truth(open_bag(path), config.name)
-
-
-def _courses(path: str, scan: Scan) -> tuple[TelemetryBins, ...]:
-    """Speed and load between two jumps of the clock."""
-    begins = np.append(np.unique(scan.first), scan.time_ns.size)
-    speed, load = scan.assessment.speed, scan.assessment.load
-    return tuple(
-        course_of(Path(path).name, scan.time_ns[a:b], speed[a:b], load[a:b])
-        for a, b in pairwise(begins)
-        if b > a
-    )
-
-
-def _with_levels(
-    args: argparse.Namespace, config: BearingConfig, found: Sequence[Evidence]
-) -> list[Evidence]:
-    """The recordings with the reports that a level makes; one threshold for all of them."""
-    from stickslip_monitor.bags.reader import open_bag
-
-    request = Request(args.level, args.field)
-    series = [open_bag(path).read([request])[request] for path in args.bags]
-    threshold = level_threshold(args.level, np.concatenate([one.value for one in series]))
-    gap = max(config.speed.timeout_ns, config.load.timeout_ns)
-    result = []
-    for path, own, evidence in zip(args.bags, series, found, strict=True):
-        known = np.isfinite(own.value) & (own.value > 0.0)
-        time = own.stamp_ns[known]
-        reports = [
-            report
-            for a, b in _stretches(time, gap)
-            for report in alternating(
-                config.name,
-                (int(time[a]), int(time[b - 1])),
-                level_episodes(time[a:b], own.value[known][a:b], threshold, gap),
-                LEVEL_TOLERANCE,
-                TRUST,
-                f'{args.level} in {Path(path).name}',
-            )
-        ]
-        result.append(Evidence(evidence.courses, tuple(in_order(reports))))
-    return result
-
-
-def _stretches(time: NDArray[np.int64], gap: int) -> list[tuple[int, int]]:
-    """Stretches of times without a gap, as ranges of their indices."""
-    bounds = [0, *(np.flatnonzero(np.diff(time) > gap) + 1).tolist(), time.size]
-    return [(a, b) for a, b in pairwise(bounds) if b - a > 1]
-
-
-def _operator_reports(
-    path: str | None, config: BearingConfig, found: Sequence[Evidence]
-) -> tuple[VibrationReport, ...]:
-    if path is None:
-        return ()
-    spans = [
-        (int(c.time_ns[0]), int(c.time_ns[-1])) for one in found for c in one.courses
-    ]  # fmt: skip
-    own = [r for r in read_reports(path, [config.name]) if r.bearing == config.name]
-    for report in own:
-        if not any(report.end_ns > a and report.start_ns < b for a, b in spans):
-            raise CalibrationError(
-                f'{report.source}: the report lies outside the recordings: give the bag that it'
-                ' is about'
-            )
-    return tuple(own)
+    for k, path in enumerate(bags):
+        meter.show(f'reading {Path(path).name}', k, len(bags))
+        whole = scan_whole(path, MonitorConfig((config,)))
+        found.append(source.of_recording(whole, config))
+    return source.dips(config, prior, found)
 
 
 def _write(

@@ -8,16 +8,20 @@ opens anywhere, without a network: .html to be read, .png to be shown, .json for
 PlotJuggler; with --clips only what came and went around each alarm, a small file for each.
 Several bags are checked on all cores, or with --scheduler on a Dask cluster whose workers see
 them under the same paths; one that cannot be checked is named and does not keep the others up.
+With --learn the times at which a bearing vibrated are compared with what was predicted, over all
+bags together, and a calibration is proposed where it would change something; that is advice, which
+changes neither the configuration nor the exit code.
 The exit code is 1 where the monitor warned, 2 where a bag could not be checked.
 """
 
 from __future__ import annotations
 
 import argparse
+import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stickslip_monitor.commands.check_jobs import Output, Task, check_one
 from stickslip_monitor.commands.output import (
     ProgressBar,
     add_config,
@@ -28,12 +32,12 @@ from stickslip_monitor.commands.output import (
 )
 from stickslip_monitor.errors import BagError, ConfigurationError, OutputError
 from stickslip_monitor.files import is_same
-from stickslip_monitor.monitor.config import MonitorConfig
-from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.offline.archive import find_bags
 
 if TYPE_CHECKING:
+    from stickslip_monitor.commands.check_jobs import Output
     from stickslip_monitor.commands.report import ReportFile
+    from stickslip_monitor.monitor.config import MonitorConfig
+    from stickslip_monitor.study.calibration.recordings import EvidenceSource
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,6 +58,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--clips', metavar='DIR', help='write a clip of each alarm into this folder'
     )
     parser.add_argument(
+        '--learn',
+        metavar='FROM',
+        help="propose a calibration from the configured 'level', an operator's reports (a CSV"
+        " file), or the 'truth' of simulated bags",
+    )
+    parser.add_argument(
         '--jobs', type=int, metavar='N', help='bags checked at a time (default: one for each core)'
     )
     parser.add_argument(
@@ -66,6 +76,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     _check_options(args)
+    # Not needed for help or a wrong option, and they take most of the time to start.
+    from stickslip_monitor.commands.check_jobs import Output, Task, check_one
+    from stickslip_monitor.monitor.config_file import load_config
+    from stickslip_monitor.offline.archive import find_bags
+
     bags = find_bags(args.bags)
     config = load_config(args.config)
     _check_recordings(args, bags)
@@ -73,7 +88,8 @@ def run(args: argparse.Namespace) -> int:
     # A folder's bags are a list, even where it holds one only.
     listed = len(bags) > 1 or bags != [Path(path) for path in args.bags]
     output = Output(args.json, file, listed, args.clips)
-    task = Task(config, file.suffix if file else None, args.mcap, args.clips)
+    source = _source(args.learn, config)
+    task = Task(config, file.suffix if file else None, args.mcap, args.clips, source)
     with ProgressBar() as meter:
         if listed or args.scheduler is not None:
             # Processes and clusters are not needed for one bag, and cost time to import.
@@ -84,9 +100,54 @@ def run(args: argparse.Namespace) -> int:
             found = check_one(task, bags[0], meter.show)
             meter.hide()
             output.take(found)
+        if source is not None:
+            output.tell(_lessons(args, config, source, output, meter))
     output.finish()
     say_written(args.report, args.mcap)
     return output.code
+
+
+def _source(text: str | None, config: MonitorConfig) -> EvidenceSource | None:
+    if text is None:
+        return None
+    from stickslip_monitor.commands.calibrate import source_of
+
+    if text == 'level':
+        missing = [bearing.name for bearing in config.bearings if bearing.level is None]
+        if missing:
+            raise ConfigurationError(
+                f'--learn level needs a level of every bearing, and {", ".join(missing)} has none:'
+                ' configure level.topic'
+            )
+    told = None if text in ('level', 'truth') else text
+    return replace(source_of(told, None, 'data', config), true=text == 'truth')
+
+
+def _lessons(
+    args: argparse.Namespace,
+    config: MonitorConfig,
+    source: EvidenceSource,
+    output: Output,
+    meter: ProgressBar,
+) -> list[str]:
+    """What all bags together teach of each bearing."""
+    from stickslip_monitor.study.calibration.proposal import learned
+
+    reports = () if args.learn in ('level', 'truth') else ('--reports', args.learn)
+    lessons = []
+    for own in config.bearings:
+        command = shlex.join(
+            [
+                *('stickslip', 'calibrate', *args.bags, '--config', args.config, *reports),
+                *('--bearing', own.name, '--output', f'{own.name}.calibration.json'),
+            ]
+        )
+        evidence = [found[own.name] for found in output.evidence if own.name in found]
+        lessons += learned(
+            own, source, evidence, command, lambda done, total: meter.show('learning', done, total)
+        )
+    meter.hide()
+    return lessons
 
 
 def _check_options(args: argparse.Namespace) -> None:

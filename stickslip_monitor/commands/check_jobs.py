@@ -10,8 +10,8 @@ import hashlib
 import os
 import pickle
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,14 +19,16 @@ from typing import TYPE_CHECKING, Any
 from stickslip_monitor import __version__
 from stickslip_monitor.commands.check_results import error_json, to_json, to_text
 from stickslip_monitor.commands.output import line_width, print_json
-from stickslip_monitor.errors import StickslipError, plural
+from stickslip_monitor.errors import CalibrationError, StickslipError, plural
 from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.offline.archive import Stamp
 from stickslip_monitor.offline.check import CheckReport, check_bag
+from stickslip_monitor.offline.follow import scan_whole
 
 if TYPE_CHECKING:
     from stickslip_monitor.commands.report import ReportPart
+    from stickslip_monitor.study.calibration.recordings import Evidence, EvidenceSource
 
 Progress = Callable[[str, int, int | None], None]
 
@@ -40,12 +42,14 @@ class Task:
         report: The ending of the report, ``None`` for no report.
         mcap: Where to write the recording of verdicts, if at all.
         clips: The folder to write clips into, if at all.
+        learn: Who tells when the bearings vibrated, where that is to be learned from.
     """
 
     config: MonitorConfig
     report: str | None = None
     mcap: str | None = None
     clips: str | None = None
+    learn: EvidenceSource | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,12 +60,14 @@ class Found:
         document: What ``check --json`` prints of it.
         part: Its part of the report, where one is wanted.
         clips: How many clips were written, ``None`` where none were wanted.
+        evidence: What it tells of each bearing, or why it tells nothing, where that is wanted.
         faulty: Whether it could not be checked by a fault of the program.
     """
 
     document: dict[str, Any]
     part: ReportPart | None = None
     clips: int | None = None
+    evidence: dict[str, Evidence | str] = field(default_factory=dict)
     faulty: bool = False
 
     @property
@@ -111,7 +117,7 @@ def check_one(task: Task, bag: Path, progress: Progress | None = None) -> Found:
     if task.mcap is not None:
         _write_mcap(task.mcap, checked, task.config, show)
     clips = None if task.clips is None else _write_clips(task.clips, checked, task.config)
-    return Found(to_json(checked), _part(task, checked), clips)
+    return Found(to_json(checked), _part(task, checked), clips, _evidence(task, checked))
 
 
 def attempt(task: Task, bag: Path, progress: Progress | None = None) -> Found:
@@ -129,6 +135,19 @@ def failed(task: Task, bag: Path, text: str) -> Found:
     from stickslip_monitor.commands.report import missing_part
 
     return Found(error_json(bag, text), missing_part(bag, text, _anchor(bag)))
+
+
+def _evidence(task: Task, checked: CheckReport) -> dict[str, Evidence | str]:
+    found: dict[str, Evidence | str] = {}
+    if task.learn is None:
+        return found
+    whole = scan_whole(checked.bag.path, task.config)
+    for config in task.config.bearings:
+        try:
+            found[config.name] = task.learn.of_recording(whole, config)
+        except CalibrationError as error:
+            found[config.name] = str(error)
+    return found
 
 
 def _unseen(text: str, done: int, total: int | None) -> None:
@@ -184,6 +203,7 @@ class Output:
 
     Attributes:
         code: The exit code so far: 1 after a warning, 2 after a bag that could not be checked.
+        evidence: Of each bag, to be learned from.
     """
 
     def __init__(
@@ -192,11 +212,13 @@ class Output:
         self._as_json, self._file, self._listed, self._clips = as_json, file, listed, clips
         self._coloured = sys.stdout.isatty() and 'NO_COLOR' not in os.environ
         self._documents: list[dict[str, Any]] = []
+        self.evidence: list[dict[str, Evidence | str]] = []
         self.code = 0
 
     def take(self, found: Found) -> None:
         """Take up one bag."""
         document = found.document
+        self.evidence.append(found.evidence)
         self.code = max(self.code, found.code)
         if self._as_json:
             self._documents.append(document)
@@ -217,6 +239,12 @@ class Output:
             )
         if self._file is not None:
             self._file.add(found.part, document)
+
+    def tell(self, lessons: Iterable[str]) -> None:
+        """Print what is learned, beside the JSON."""
+        out = sys.stderr if self._as_json else sys.stdout
+        for text in lessons:
+            out.write(f'learned: {printable(text)}\n')
 
     def finish(self) -> None:
         """Print and write what only makes a whole with the last bag."""

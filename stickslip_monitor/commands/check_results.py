@@ -52,15 +52,15 @@ def error_json(path: Path, text: str) -> dict[str, Any]:
 
 def _bearing_record(item: BearingReport) -> dict[str, Any]:
     return {
-        'events': event_records(item.scan.events),
+        'events': event_records(item.events),
         'seconds': {regime.value: seconds for regime, seconds in item.seconds.items()},
         'worst': {
             name: {'time': extreme.time_ns, 'value': number(extreme.value)}
             | {k: v for k, v in point_record(extreme.point).items() if k in _OF_WORST[name]}
             for name, extreme in item.worst.items()
         },
-        **({} if (measured := item.measured) is None else {'measured': measured}),
-        'evaluations': int(item.scan.time_ns.size),
+        **({} if item.measured is None else {'measured': item.measured}),
+        'evaluations': item.evaluations,
         'data': item.complaints,
         'inputs': {each.quantity: _input(each) for each in item.inputs},
     }
@@ -194,11 +194,9 @@ def _input_line(quantity: str, item: Mapping[str, Any]) -> str:
         return f'{place}: {plural(item["messages"], "message")}, none used'
     (low, high), (si_low, si_high) = item['span'], item['si_span']
     unit = 'm/s' if quantity == 'speed' else 'N'
+    si = '' if quantity == 'level' else f' ({si_low:.4g} to {si_high:.4g} {unit})'
     rate = '' if item['rate'] is None else f', {item["rate"]:.3g} a second'
-    return (
-        f'{place}: {low:.4g} to {high:.4g} in the messages'
-        f' ({si_low:.4g} to {si_high:.4g} {unit}){rate}, {item["share"]:.1%} used'
-    )
+    return f'{place}: {low:.4g} to {high:.4g} in the messages{si}{rate}, {item["share"]:.1%} used'
 
 
 def _worst(quantity: str, extreme: Mapping[str, Any], start: int) -> str:

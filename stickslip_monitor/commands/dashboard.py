@@ -24,7 +24,7 @@ from rich.console import Console
 
 from stickslip_monitor.drawing.map import map_ranges
 from stickslip_monitor.drawing.map_curves import boundaries
-from stickslip_monitor.errors import ConfigurationError, DashboardError, RosError
+from stickslip_monitor.errors import AlarmStateError, ConfigurationError, DashboardError, RosError
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME, load_config
 
@@ -156,7 +156,10 @@ def event_log(args: argparse.Namespace) -> Iterator[EventLog]:
     from stickslip_monitor.ros.state_file import StateFile, StateWriter
 
     file = StateFile(args.log, '--log', 'dashboard')
-    document = file.read()
+    try:
+        document = file.read()
+    except AlarmStateError as error:
+        raise DashboardError(f"--log '{args.log}' cannot be used: {error}") from error
     if document is not None and (
         not isinstance(document, dict) or document.get('schema') != LOG_SCHEMA
     ):
@@ -271,6 +274,8 @@ def _replay(
     try:
         yield replay
     finally:
+        if task.done():
+            task.result()
         task.cancel()
 
 
@@ -294,7 +299,7 @@ def bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0.0) -
         ),
         caution_margin=alarm.caution_margin,
         amplitude_limit=limit if math.isfinite(limit) else None,
-        topics={'speed': config.speed.topic, 'load': config.load.topic},
+        topics={name: source.topic for name, source in config.inputs.items()},
         wider=partial(bearing_view, config),
     )
 

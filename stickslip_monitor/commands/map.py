@@ -61,6 +61,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _track(path: str, config: MonitorConfig, own: BearingConfig) -> Track:
     # Imported only for a track: reading bags takes time to import.
-    from stickslip_monitor.offline.check import check_bag
+    from stickslip_monitor.offline.follow import scan_whole
 
-    return track_of_scan(check_bag(path, config).bearings[own.name].scan)
+    return track_of_scan(scan_whole(path, config).bearings[own.name].scan)

@@ -27,7 +27,9 @@ from stickslip_monitor.monitor.config import BearingConfig, InputConfig, Monitor
 from stickslip_monitor.monitor.config_file import load_parameters
 from stickslip_monitor.monitor.source_faults import fault_text
 from stickslip_monitor.offline.check import BearingReport, CheckReport, InputReport
+from stickslip_monitor.offline.follow import follow
 from stickslip_monitor.offline.intervals import condition_intervals
+from stickslip_monitor.offline.outline import Outline, Outliner
 from stickslip_monitor.report import formatting
 from stickslip_monitor.report.document import (
     BagPart,
@@ -189,7 +191,11 @@ def make_part(
     if suffix == '.json':
         return None
     name = _name(checked.bag.path)
-    cases = [_case(name, config, checked, item) for item in checked.bearings.values()]
+    outlines = follow(checked.bag, config, Outliner).followers
+    cases = [
+        _case(name, config, checked, item, outlines[item.name].outline())
+        for item in checked.bearings.values()
+    ]
     findings = tuple((name, case.finding) for case in cases)
     # matplotlib's settings belong to the process, not to one of its threads.
     with _DRAWING:
@@ -215,10 +221,12 @@ def _name(path: Path) -> str:
     return printable(Path(os.path.realpath(path)).name)
 
 
-def _case(bag: str, config: MonitorConfig, checked: CheckReport, item: BearingReport) -> _Case:
+def _case(
+    bag: str, config: MonitorConfig, checked: CheckReport, item: BearingReport, outline: Outline
+) -> _Case:
     start, end = checked.start_ns or 0, checked.end_ns or 0
     own = config.bearing(item.name)
-    parts = condition_intervals(item.scan.events, start, end)
+    parts = condition_intervals(item.events, start, end)
     doubts = [
         f'{each.quantity} on {each.topic}: {text}'
         for each, source in zip(item.inputs, own.inputs.values(), strict=True)
@@ -227,7 +235,7 @@ def _case(bag: str, config: MonitorConfig, checked: CheckReport, item: BearingRe
     asked = [
         f'{each.quantity} on {each.topic} {q}' for each in item.inputs for q in each.questions
     ]
-    course = Course(own, item.scan, parts, item.seconds, item.worst, doubts, asked)
+    course = Course(own, outline, parts, item.seconds, item.worst, doubts, asked)
     return _Case(bag, own, course, finding_of(course))
 
 
@@ -297,8 +305,8 @@ def _lasting(checked: CheckReport) -> str:
 
 
 def _bearing_part(anchor: str, item: BearingReport, case: _Case) -> BearingPart:
-    rows, note = event_rows(item.scan.events)
-    known = item.scan.time_ns.size > 0
+    rows, note = event_rows(item.events)
+    known = item.evaluations > 0
     return BearingPart(
         anchor=anchor,
         name=item.name,

@@ -20,14 +20,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from stickslip_monitor.arrays import IntArray
-from stickslip_monitor.bags.reader import Request
 from stickslip_monitor.commands.output import (
     add_config,
     add_force,
@@ -42,9 +39,9 @@ from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.scan import Scan
-from stickslip_monitor.offline.check import CheckReport, check_bag
+from stickslip_monitor.offline.follow import WholeBag, scan_whole
 from stickslip_monitor.offline.truth import TruthRecord, has_truth, read_truth
-from stickslip_monitor.study.recorder_clock import on_recorder_clock
+from stickslip_monitor.study.recorder_clock import scan_on_recorder_clock
 from stickslip_monitor.study.score import (
     EpisodeScore,
     Score,
@@ -131,16 +128,14 @@ def judge_bag(path: str | Path, config: MonitorConfig) -> list[Judged]:
     Raises:
         BagError: The bag cannot be read, or it holds no truth.
     """
-    report = check_bag(path, config)
-    known = [b for b in config.bearings if has_truth(report.bag, b.name)]
-    return [_judge(str(path), report, bearing) for bearing in known or config.bearings[:1]]
+    whole = scan_whole(path, config)
+    known = [b for b in config.bearings if has_truth(whole.bag, b.name)]
+    return [_judge(str(path), whole, bearing) for bearing in known or config.bearings[:1]]
 
 
-def _judge(path: str, report: CheckReport, config: BearingConfig) -> Judged:
-    record = read_truth(report.bag, config.name)
-    own = report.bearings[config.name]
-    arrivals = _arrivals(report, config)
-    scan = on_recorder_clock(config, own.stream, arrivals, own.scan, report.start_ns)
+def _judge(path: str, whole: WholeBag, config: BearingConfig) -> Judged:
+    record = read_truth(whole.bag, config.name)
+    scan = scan_on_recorder_clock(whole, config)
     truth = Truth(
         start_ns=record.start_ns,
         end_ns=record.end_ns,
@@ -152,16 +147,6 @@ def _judge(path: str, report: CheckReport, config: BearingConfig) -> Judged:
     span = (record.start_ns, record.end_ns)
     score = score_bearing(config.alarm, scan.events, span, truth)
     return Judged(path, config, scan, record, score)
-
-
-def _arrivals(report: CheckReport, config: BearingConfig) -> IntArray:
-    """When the recorder got each sample of a bearing's stream, shape (n,) [ns]."""
-    asked = [Request(s.topic, s.field_text, s.type) for s in (config.speed, config.load)]
-    found = report.bag.read(asked)
-    series = [found[request] for request in asked]
-    order = np.argsort(np.concatenate([own.sequence for own in series]), kind='stable')
-    arrivals: IntArray = np.concatenate([own.log_time_ns for own in series])[order]
-    return arrivals
 
 
 def to_json(judged: Sequence[Judged], total: Score) -> dict[str, Any]:

@@ -32,6 +32,7 @@ FIGURES: Mapping[str, tuple[str, str]] = {
     'lead_10s': ('lead of 10 s or more', '.1%'),
     'missed': ('missed', '.1%'),
     'detected': ('detected', '.1%'),
+    'told': ('detected within 5 s', '.1%'),
     'detected_plain': ('detected, without knocks, wear and waves', '.1%'),
     'false_per_100h': ('false alarms per 100 h', '.1f'),
     'wrong_hours': ('hours wrongly in alarm', '.2f'),

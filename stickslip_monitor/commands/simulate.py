@@ -25,6 +25,7 @@ from stickslip_monitor.bags.encode import (
     encode_stamped,
     encode_string,
 )
+from stickslip_monitor.bags.mcap_file import Payload
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.commands.output import console
 from stickslip_monitor.errors import SceneError
@@ -35,7 +36,7 @@ from stickslip_monitor.scenes.scene_file import load_scene
 from stickslip_monitor.scenes.simulator import simulate
 from stickslip_monitor.scenes.telemetry import Signal
 
-_ENCODERS: Mapping[str, Callable[[Any], list[bytes]]] = {
+_ENCODERS: Mapping[str, Callable[[Any], Payload]] = {
     BOOL: lambda values: [encode_bool(value) for value in values],
     FLOAT64: encode_float64s,
     STRING: lambda values: [encode_string(value) for value in values],
@@ -153,7 +154,7 @@ def write_bag(
         return writer.message_counts
 
 
-def _encoded(signal: Signal) -> tuple[IntArray, list[bytes]]:
+def _encoded(signal: Signal) -> tuple[IntArray, Payload]:
     """Log times and messages of a signal."""
     sent, source = signal.messages(), signal.channel.input
     if sent.stamp_ns is None:

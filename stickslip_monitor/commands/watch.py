@@ -116,6 +116,11 @@ def _labelled(config: MonitorConfig, links: LinksConfig) -> MonitorConfig:
     """The configuration with every input called what it is on its bus."""
     labels = links.labels
     for bearing in config.bearings:
+        if bearing.level is not None:
+            raise ConfigurationError(
+                f'{bearing.name}.level.topic = {bearing.level.topic!r}: without --node only speed'
+                ' and load come from a bus, and no level; leave it out'
+            )
         for is_load, quantity in enumerate(QUANTITIES):
             if (bearing.name, is_load) not in labels:
                 raise ConfigurationError(

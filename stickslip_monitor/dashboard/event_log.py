@@ -20,7 +20,7 @@ _LONGEST = 300
 _FORMULA = ('=', '+', '-', '@', '\t', '\r')
 
 
-class Store(Protocol):
+class LogStore(Protocol):
     """Keeps one document over a restart, and tries again where it cannot."""
 
     fault: str
@@ -41,9 +41,9 @@ class EventLog:
         store: What keeps the entries over a restart; ``None`` for nothing.
     """
 
-    def __init__(self, store: Store | None = None) -> None:
+    def __init__(self, store: LogStore | None = None) -> None:
         self._entries: dict[tuple[Any, ...], dict[str, Any]] = {}
-        self._store: Store | None = None
+        self._store: LogStore | None = None
         if store is not None:
             document = store.read()
             known = document.get('entries') if isinstance(document, dict) else None

@@ -17,7 +17,7 @@ COLUMNS = ('time', 'speed', 'load', *MARGINS, *CHANCES)
 Row = list[Any]
 
 
-class History:
+class TenMinutes:
     """The newest rows, bounded in time and number."""
 
     def __init__(self) -> None:
@@ -38,6 +38,6 @@ class History:
 
 def row_of(record: dict[str, Any]) -> Row:
     """A row; what rests on a lost input has no value, though the last one is still told."""
-    lost = {name for name, each in record['inputs'].items() if each['lost']}
-    hidden = set(lost) | ({*MARGINS, *CHANCES} if lost else set())
+    lost = {name for name in ('speed', 'load') if record['inputs'].get(name, {}).get('lost')}
+    hidden = lost | ({*MARGINS, *CHANCES} if lost else set())
     return [None if name in hidden else record[name] for name in COLUMNS]

@@ -22,6 +22,7 @@ from stickslip_monitor.dashboard.state import DashboardState
 from stickslip_monitor.dashboard.watched import Watched, WatchedMonitor
 from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
 from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.measured import MEASURED
 
 GAUGES = {
     'speed': ('speed_meters_per_second', 'Surface speed of the journal, negative astern.'),
@@ -148,6 +149,17 @@ def _bearings(known: list[_Known]) -> Iterator[Metric]:
         'Whether the condition of the bearing is this one.',
         [*_BEARING, 'condition'],
         [((*k.labels, c), k.status.words.get('reason') == c) for k in known for c in _CONDITIONS],
+    )
+    yield _family(
+        'measured',
+        'Whether this is what the measured vibration says.',
+        [*_BEARING, 'state'],
+        [
+            ((*k.labels, state.value), k.status.words['measured'] == state.value)
+            for k in known
+            if 'measured' in k.status.words
+            for state in MEASURED
+        ],
     )
     yield from _inputs(known)
 

@@ -17,7 +17,7 @@ from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA
 from stickslip_monitor.monitor.alarms.annunciator import Action
 from stickslip_monitor.monitor.alarms.lifecycle import TABLE, AlarmState
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
-from stickslip_monitor.monitor.signals import QUANTITIES, Status
+from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES, Status
 
 NUMBERS = {
     'speed': 'speed [m/s]',
@@ -38,7 +38,14 @@ NUMBERS = {
     'probability_runs': 'probability runs',
 }
 """The numbers of an operating point, by the keys of the diagnostics that they come from."""
-WORDS = ('reason', 'regime', 'outcome', 'measured')
+WORDS = {
+    'reason': 'reason',
+    'regime': 'regime',
+    'outcome': 'outcome',
+    'measured': 'measured',
+    'unmeasured': 'measured unknown',
+}
+"""The words of a bearing, by the keys of the diagnostics that they come from."""
 NOT_MONITORING = 'not_monitoring'
 """The reason of a bearing whose node is not active."""
 STATUSES = {status.name.lower(): status.name.lower().replace('_', ' ') for status in Status}
@@ -52,7 +59,7 @@ class BearingStatus:
     Attributes:
         time_ns: When, on the clock of the monitor [ns].
         text: What the monitor says, for a person.
-        words: ``reason``, ``regime``, ``outcome`` and ``measured``; those that are known.
+        words: By the names of :data:`WORDS`; those that are known.
         sticking: Whether stick-slip is predicted; ``None`` before the first operating point.
         numbers: By the names of :data:`NUMBERS`; those that are known, ``inf`` and ``nan`` too.
         ages: Ages of the inputs that are lost [s].
@@ -88,25 +95,28 @@ def read_status(time_ns: int, text: str, values: Mapping[str, str]) -> BearingSt
         values: Its key-value pairs.
     """
     sticking = values.get('stick-slip predicted')
-    counts = {
-        quantity: {
-            name: int(count)
-            for name, words in STATUSES.items()
-            if (count := _number(values, f'{quantity} samples {words}')) is not None
-            and math.isfinite(count)
-        }
-        for quantity in QUANTITIES
-    }
+    counts = {quantity: _counts(values, quantity) for quantity in INPUTS}
     return BearingStatus(
         time_ns,
         text,
-        {word: values[word] for word in WORDS if word in values},
+        {word: values[key] for word, key in WORDS.items() if key in values},
         None if sticking is None else sticking == 'true',
         _numbers(values, NUMBERS),
-        _numbers(values, {quantity: f'{quantity} age [s]' for quantity in QUANTITIES}),
-        counts,
-        {q: values[f'{q} fault'] for q in QUANTITIES if f'{q} fault' in values},
+        _numbers(values, {quantity: f'{quantity} age [s]' for quantity in INPUTS}),
+        {quantity: own for quantity, own in counts.items() if own or quantity in QUANTITIES},
+        {q: values[f'{q} fault'] for q in INPUTS if f'{q} fault' in values},
     )
+
+
+def _counts(values: Mapping[str, str], quantity: str) -> dict[str, int]:
+    found = {
+        name: _number(values, f'{quantity} samples {words}') for name, words in STATUSES.items()
+    }
+    return {
+        name: int(count)
+        for name, count in found.items()
+        if count is not None and math.isfinite(count)
+    }
 
 
 def _numbers(values: Mapping[str, str], keys: Mapping[str, str]) -> dict[str, float]:
@@ -131,6 +141,7 @@ def status_record(status: BearingStatus) -> dict[str, Any]:
         'regime': status.words.get('regime'),
         'outcome': status.words.get('outcome'),
         'measured': status.words.get('measured'),
+        'unmeasured': status.words.get('unmeasured', ''),
         'sticking': status.sticking,
         **numbers,
         'inputs': {

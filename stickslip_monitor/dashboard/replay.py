@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from heapq import merge
+from typing import Any
 
 from stickslip_monitor.bags.reader import Request, Series, open_bag
 from stickslip_monitor.dashboard.state import DashboardState
@@ -20,6 +21,7 @@ from stickslip_monitor.monitor.config import InputConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME
 from stickslip_monitor.monitor.messages import diagnostic_record, state_of
 from stickslip_monitor.monitor.monitor import Monitor
+from stickslip_monitor.monitor.signals import LEVEL
 from stickslip_monitor.surface_store import prepare_surfaces
 
 _SHOWN_EVERY = 0.2
@@ -68,7 +70,8 @@ class Replay:
             raise BagError(f"bag '{path}' has no sample of the configured inputs")
         prepare_surfaces(item.bearing for item in config.bearings)
         self._start_ns = self._samples[0].log_ns
-        self._length_ns = self._samples[-1].log_ns - self._start_ns
+        # They are in the order of the recording, which need not be that of its clock.
+        self._length_ns = max(sample.log_ns for sample in self._samples) - self._start_ns
         self._changed = asyncio.Event()
         self._paused = False
         self._begin()
@@ -113,7 +116,8 @@ class Replay:
         """Go to a time since its beginning [s]."""
         place = self._start_ns + round(min(max(seconds, 0.0), self._length_ns * 1e-9) * 1e9)
         if place < self._log_ns or self._board.finished:
-            self._board.begin_again()
+            self._log_ns = self._start_ns
+            self._board.begin_again(self._place())
             self._begin()
         self._go_from(place)
         self._changed.set()
@@ -140,6 +144,8 @@ class Replay:
 
     def _pause(self) -> float:
         """How long nothing has to be done [s]."""
+        if self._next == len(self._samples):
+            return 0.0
         if self._paused:
             return _SHOWN_EVERY
         left = (self._samples[self._next].log_ns - self._wanted_ns()) * 1e-9 / self._rate
@@ -173,7 +179,7 @@ class Replay:
     def _take(self, sample: _Sample) -> None:
         name, is_load, time_ns = sample.bearing, sample.is_load, sample.stamp_ns
         update = self._monitor.bearings[name].update(is_load, time_ns, sample.value)
-        if update.status.believed:
+        if update.status.believed and is_load != LEVEL:
             self._ahead_ns[name] = time_ns - sample.log_ns
         self._alarms.feed(name, is_load, time_ns, update)
 
@@ -181,12 +187,15 @@ class Replay:
         for name, bearing in self._monitor.bearings.items():
             record = diagnostic_record(NODE_NAME, state_of(bearing))
             self._shown.take_status(name, self._time_ns(name), record.message, record.values)
-        place = {
+        self._board.play(self._place())
+
+    def _place(self) -> dict[str, Any]:
+        """Where it is, for the page."""
+        return {
             'at': round((self._log_ns - self._start_ns) * 1e-9, 1),
             'length': round(self._length_ns * 1e-9, 1),
             'paused': self._paused,
         }
-        self._board.play(place)
 
 
 def _samples(path: str, config: MonitorConfig) -> Iterator[_Sample]:
@@ -195,7 +204,7 @@ def _samples(path: str, config: MonitorConfig) -> Iterator[_Sample]:
     sources = [
         (b.name, is_load, _request(source))
         for b in config.bearings
-        for is_load, source in enumerate((b.speed, b.load))
+        for is_load, source in enumerate(b.inputs.values())
     ]
     series = bag.read({request for *_, request in sources})
     own = [_column(name, is_load, series[request]) for name, is_load, request in sources]

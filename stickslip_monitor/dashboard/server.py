@@ -48,7 +48,7 @@ FILES = {
 }
 
 
-class Player(Protocol):
+class RecordingPlayer(Protocol):
     """What plays a recording."""
 
     def hold(self, paused: bool) -> None:
@@ -73,7 +73,7 @@ class Server:
         self,
         board: DashboardState,
         access: Access,
-        player: Player | None = None,
+        player: RecordingPlayer | None = None,
         heartbeat: float = HEARTBEAT,
         stalled: float = STALLED,
     ) -> None:

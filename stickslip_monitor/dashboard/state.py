@@ -104,9 +104,9 @@ class DashboardState:
             self.playing = place
             self.hub.send('replay', place)
 
-    def begin_again(self) -> None:
+    def begin_again(self, place: dict[str, Any]) -> None:
         """The recording starts from its beginning: what came of it is forgotten."""
-        self.finished = False
+        self.finished, self.playing = False, place
         self.log.clear()
         for monitor in self.monitors:
             monitor.forget()

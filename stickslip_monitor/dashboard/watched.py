@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from stickslip_monitor.dashboard.history import History
+from stickslip_monitor.dashboard.history import TenMinutes
 from stickslip_monitor.dashboard.received import (
     BearingStatus,
     checked_alarms,
@@ -94,7 +94,7 @@ class Watched:
     view: BearingView
     status: BearingStatus | None = None
     record: dict[str, Any] | None = None
-    history: History = field(default_factory=History)
+    history: TenMinutes = field(default_factory=TenMinutes)
     believed: dict[str, int] = field(default_factory=dict)
     heard: dict[str, float] = field(default_factory=dict)
     at: float | None = None

@@ -28,9 +28,9 @@ from stickslip_monitor.drawing.track import envelope
 from stickslip_monitor.monitor.assessment import Regime, at_indices
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Level
-from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.intervals import ConditionInterval, coarsened
+from stickslip_monitor.offline.outline import Verdicts
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,12 +58,12 @@ class Timeline:
 
     Attributes:
         config: The bearing.
-        scan: Its verdicts and events.
+        scan: Its verdicts and events, or their outline.
         spells: The alarm's conditions, from the recording's start to its end.
     """
 
     config: BearingConfig
-    scan: Scan
+    scan: Verdicts
     spells: Sequence[ConditionInterval]
 
     @property
@@ -129,8 +129,10 @@ class _Lines:
             'hopf_speed': point.hopf_speed / rpm,
             'fold_speed': point.fold_speed / rpm,
             'load': np.asarray(point.load),
-            'hopf_margin': np.where(np.isfinite(point.hopf_margin), point.hopf_margin, np.nan),
-            'fold_margin': np.where(np.isfinite(point.fold_margin), point.fold_margin, np.nan),
+            'hopf_margin': _finite(point.hopf_margin),
+            'fold_margin': _finite(point.fold_margin),
+            'fold_low': _finite(point.fold_margin_low),
+            'fold_high': _finite(point.fold_margin_high),
             'possible': point.amplitude * 1e3,
             'predicted': np.where(scan.sticking, point.amplitude * 1e3, 0.0),
         }
@@ -154,6 +156,15 @@ class _Lines:
             predicted[kept] > 0.0, points.amplitude_exact * 1e3, np.nan
         )
 
+    def band(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Time, and what 5 and 95 % of the belief have the fold margin below."""
+        low, high = (
+            np.insert(self.columns[name], self._breaks, np.nan)
+            for name in ('fold_low', 'fold_high')
+        )
+        kept = envelope(self._most, low, high)
+        return self._time[kept], low[kept], high[kept]
+
     def line(self, name: str) -> tuple[FloatArray, FloatArray]:
         """Time and value of a column, thinned to its envelope."""
         value = np.insert(np.asarray(self.columns[name], dtype=float), self._breaks, np.nan)
@@ -161,6 +172,10 @@ class _Lines:
         time = self._time[kept]
         # A break has no time of its own: it is nan in value already, and drawn nowhere.
         return time, value[kept]
+
+
+def _finite(values: FloatArray) -> FloatArray:
+    return np.where(np.isfinite(values), values, np.nan)
 
 
 def _speed(axes: Axes, lines: _Lines) -> None:
@@ -221,6 +236,13 @@ def _margins(axes: Axes, lines: _Lines) -> None:
         drawn.set(linestyle=dashes, label=f'{word} margin')
         highest = max(highest, float(np.nanmax(margin, initial=-np.inf)))
         lowest = min(lowest, float(np.nanmin(margin, initial=0.0)))
+    if lines.timeline.config.belief is not None:
+        time, low, high = lines.band()
+        colour = REGIME_COLOUR[Regime.BISTABLE]
+        axes.fill_between(
+            time, 100.0 * low, 100.0 * high, color=colour, alpha=0.3, lw=0.0, zorder=3,
+            label='5 to 95 %',
+        )  # fmt: skip
     caution = lines.timeline.config.alarm.caution_margin
     axes.axhspan(0.0, 100.0 * caution, color=CAUTION_FILL, lw=0.0, zorder=1)
     axes.axhspan(-1e4, 0.0, color=REGIME_FILL[Regime.BISTABLE], lw=0.0, zorder=1)

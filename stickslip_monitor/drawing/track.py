@@ -18,7 +18,7 @@ from stickslip_monitor.drawing.canvas import WIDTH
 from stickslip_monitor.drawing.labels import Labeller, around
 from stickslip_monitor.drawing.palette import CONDITION_COLOUR, CONDITION_NAMES, INK, MUTED, PAPER
 from stickslip_monitor.monitor.ladder import Condition
-from stickslip_monitor.monitor.scan import Scan
+from stickslip_monitor.offline.outline import Verdicts
 
 
 def envelope(most: int, *columns: Any) -> IndexArray:
@@ -113,7 +113,7 @@ class Track:
     events: Sequence[TrackEvent] = ()
 
 
-def track_of_scan(scan: Scan) -> Track:
+def track_of_scan(scan: Verdicts) -> Track:
     """The track of a bearing's scanned recording, interrupted where an input was lost."""
     start = int(scan.time_ns[0]) if scan.time_ns.size else 0
     lost = np.flatnonzero(scan.until_ns[:-1] < scan.time_ns[1:]) + 1

@@ -34,6 +34,7 @@ _TITLES = {
     AlarmKind.MARGIN_LOW: 'MARGIN LOW',
     AlarmKind.INPUT_LOST: 'INPUT LOST',
     AlarmKind.INPUT_IMPLAUSIBLE: 'INPUT FAULT',
+    AlarmKind.VIBRATION: 'VIBRATION',
 }
 _KINDS = {kind.value: kind for kind in AlarmKind}
 _PRIORITIES = {Priority.ALARM: 'A', Priority.WARNING: 'W', Priority.CAUTION: 'C'}

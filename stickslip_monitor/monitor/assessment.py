@@ -306,10 +306,18 @@ def _believed(name: str, points: Assessment | Assessments) -> dict[str, Any]:
         return {name: points.speed * np.nan}
     if name == 'probability_runs':  # without a memory it is what starts by itself
         return {name: points.probability_will}
-    margins = name.startswith('fold')
-    ask = points._belief.fold_margins if margins else points._belief.probabilities
-    names = BELIEFS[3:] if margins else BELIEFS[:2]
-    return dict(zip(names, ask(points.speed, points.load), strict=True))
+    belief, speed, load, share = points._belief, points.speed, points.load, fold_share(points)
+    if name.startswith('fold'):
+        return dict(zip(BELIEFS[3:], belief.fold_margins(speed * share, load), strict=True))
+    return dict(zip(BELIEFS[:2], belief.probabilities(speed, load, share), strict=True))
+
+
+def fold_share(points: Assessment | Assessments) -> Any:
+    """The averaged fold as a share of the one that decides, which may be the exact model's."""
+    fold, limit = points.fold_speed, points.stability_limit
+    if isinstance(points, Assessment):
+        return fold / limit if fold < limit else 1.0
+    return np.divide(fold, limit, out=np.ones(np.shape(limit)), where=np.less(fold, limit))
 
 
 @dataclass(frozen=True, slots=True)
@@ -624,9 +632,16 @@ def _judge(bearing: Bearing, speed: FloatArray, load: FloatArray) -> tuple[NDArr
     size = magnitude * load
     ordinary = bool(((size > 0.0) & (size < np.inf)).all())
     q = bearing.damping / load if ordinary else damping_per_load(bearing.damping, load)
-    hopf, fold = solver.boundaries(q)
     curve = fold_curve(bearing)
-    exact = curve.speed(load, fold)
+    # Speed and load come in turns as a rule, so that a load is met twice.
+    first = np.append(0, np.flatnonzero(load[1:] != load[:-1]) + 1)[: load.size]
+    shared = 4 * first.size < 3 * load.size
+    loads = load[first] if shared else load
+    hopf, fold = solver.boundaries(q[first] if shared else q)
+    exact = curve.speed(loads, fold)
+    if shared:
+        times = np.diff(np.append(first, load.size))
+        hopf, fold, exact = (np.repeat(limit, times) for limit in (hopf, fold, exact))
     code = np.where((fold != fold) & (exact != exact), NO_BOUNDARY, NO_CYCLE)
     averaged = solver.has_cycle(magnitude, q, fold)
     code = np.where(curve.has_cycle(magnitude, load, fold, exact, averaged), BISTABLE, code)

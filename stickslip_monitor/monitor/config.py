@@ -98,6 +98,7 @@ class AlarmConfig:
     startup_inhibit_ns: int = 0
     trend_window_ns: int = 0
     can_probability: float = 0.5
+    runs_probability: float = 0.5
     caution_probability: float = 0.05
     onset_growth: float = 3.0
     look_ahead_ns: int = 20 * 10**9
@@ -307,6 +308,7 @@ def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
         alarm=AlarmConfig(
             caution_margin=own['alarm.caution_margin'],
             can_probability=own['alarm.can_probability'],
+            runs_probability=own['alarm.runs_probability'],
             caution_probability=own['alarm.caution_probability'],
             hysteresis=own['alarm.hysteresis'],
             amplitude_limit=own['alarm.amplitude_limit'],

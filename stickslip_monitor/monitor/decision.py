@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, IntArray
 from stickslip_monitor.monitor.assessment import OUTCOMES, Assessment, Assessments, Outcome
-from stickslip_monitor.monitor.config import AlarmConfig, LevelConfig
+from stickslip_monitor.monitor.config import AlarmConfig, BearingConfig
 from stickslip_monitor.monitor.freshness import Fresh, credit, credit_of_many, lasts
 from stickslip_monitor.monitor.ladder import LADDER, Condition
 from stickslip_monitor.monitor.latch import Latch, follow
@@ -114,6 +114,8 @@ class _Growth(Latch):
 
     Attributes:
         points: Of a recording: the assessment of arrays, shape (n,).
+        lean: Factor of what drives a disturbance: that of the belief's bearings which all but
+            ``alarm.runs_probability`` of them are steadier than.
     """
 
     points: Assessments
@@ -121,6 +123,8 @@ class _Growth(Latch):
     def __init__(self, bearing: Bearing, config: AlarmConfig) -> None:
         super().__init__(config)
         self.bearing = bearing
+        self.lean = 1.0
+        self._half_rate = bearing.damping / (2.0 * bearing.mass)
         time = 2.0 * bearing.mass / bearing.damping if bearing.damping > 0.0 else math.inf
         self.decay_ns = int(min(DECAY * time * 1e9, 2.0**62))
 
@@ -137,8 +141,15 @@ class _Growth(Latch):
             own = credit(covered, rhythm, self.due())
             return own if asked else -own
         most = self._most(max(float(lasts(rhythm)), 1.0))
+        rate = self._leaning(rate)
         grown = round(min(max(rate, -most), most) * covered * (E_FOLD / 1e9))
         return max(grown, 0) if asked else min(grown, 0)
+
+    def _leaning(self, rate: Any) -> Any:
+        """``(N mu' - c)/2 m`` with ``N mu'`` times :attr:`lean`."""
+        if self.lean == 1.0:
+            return rate
+        return (rate + self._half_rate) * self.lean - self._half_rate
 
     def _most(self, length: Any) -> Any:
         """The largest rate [1/s] that counts: half of what is due while a value lasts [ns]."""
@@ -153,6 +164,7 @@ class _Growth(Latch):
             return np.where(asked, own, -own)
         rate = growth_rate(self.bearing, self.points.speed[lo:hi], self.points.load[lo:hi])
         most = self._most(np.maximum(lasts(rhythm), 1.0))
+        rate = self._leaning(rate)
         grown = np.rint(np.clip(rate, -most, most) * covered * (E_FOLD / 1e9)).astype(np.int64)
         return np.where(asked, np.maximum(grown, 0), np.minimum(grown, 0))
 
@@ -228,9 +240,18 @@ def _inside(point: Assessment | Assessments, sliding: Any) -> Any:
     return sliding & (decision_margin(point) < 0.0)
 
 
-def _grown(point: Assessment | Assessments) -> tuple[Any, Any]:
-    """Where a disturbance grows, and where a cycle dies out."""
-    return point.outcome_code == _STICK_SLIP, _inside(point, _sliding(point)) ^ True
+def _grown(config: AlarmConfig, point: Assessment | Assessments) -> tuple[Any, Any]:
+    """Where a disturbance grows, and where a cycle dies out.
+
+    Where there are probabilities, those of one bearing of all that are believed in:
+    ``alarm.runs_probability`` of them are less steady.
+    """
+    sliding = _sliding(point)
+    if not point.has_belief:
+        return point.outcome_code == _STICK_SLIP, _inside(point, sliding) ^ True
+    limit = config.runs_probability
+    held = _above(point, sliding, limit)[1]
+    return sliding & (point.probability_will > limit), held ^ True
 
 
 def near_fold(config: AlarmConfig, point: Assessment | Assessments) -> tuple[Any, Any]:
@@ -266,7 +287,7 @@ def _above(point: Assessment | Assessments, sliding: Any, limit: float) -> tuple
 
 
 def _felt(
-    config: AlarmConfig, point: Assessment | Assessments, measured: Any
+    config: AlarmConfig, point: Assessment | Assessments, measured: Any, starts: Any
 ) -> tuple[Any, Any, Any]:
     """What measured vibration says of a point.
 
@@ -274,6 +295,7 @@ def _felt(
         config: The alarm.
         point: Assessment of scalars, or of arrays of shape (n,).
         measured: What the level says, place in :data:`MEASURED`, of the same shape.
+        starts: Whether a disturbance grows, of the same shape.
 
     Returns:
         Whether vibration is measured where a cycle may exist: one that begins, and one that goes
@@ -281,7 +303,7 @@ def _felt(
     """
     near, wide = near_fold(config, point)
     seen = measured == VIBRATING
-    quiet = (measured == NOT_VIBRATING) & (point.outcome_code != _STICK_SLIP)
+    quiet = (measured == NOT_VIBRATING) & (starts ^ True)
     return seen & near, seen & wide, quiet
 
 
@@ -335,36 +357,31 @@ class ConditionClassifier:
     """The memories between operating points and the alarm, for one bearing.
 
     Args:
-        bearing: The bearing.
-        config: The alarm.
+        config: The bearing.
+
+    Attributes:
         level: What tells vibration from quiet; ``None`` where none is measured.
     """
 
-    def __init__(
-        self, bearing: Bearing, config: AlarmConfig, level: LevelConfig | None = None
-    ) -> None:
-        self.bearing = bearing
-        self.growth = _Growth(bearing, config)
-        rungs = [k for k in range(1, len(LADDER)) if level or k != _VIBRATION_RUNG]
-        self.levels = [_Rung(config, k) for k in rungs]
-        self.config = config
-        self.level = level
+    def __init__(self, config: BearingConfig) -> None:
+        self.level = config.level
+        self.growth = _Growth(config.bearing, config.alarm)
+        rungs = [k for k in range(1, len(LADDER)) if self.level or k != _VIBRATION_RUNG]
+        self.levels = [_Rung(config.alarm, k) for k in rungs]
+        self.retune(config)
         self._before: list[tuple[bool, bool]] = []
         self._point: Assessment | None = None
         self._measured: Measured | None = None
         # Since when stick-slip has been predicted while none was measured [ns].
         self._unseen: tuple[int, int] | None = None
 
-    @property
-    def config(self) -> AlarmConfig:
-        """The settings; new ones change no state."""
-        return self._config
-
-    @config.setter
-    def config(self, config: AlarmConfig) -> None:
-        self._config = config
+    def retune(self, config: BearingConfig) -> None:
+        """Take over new settings, which change no state."""
+        self.config = config.alarm
         for latch in (self.growth, *self.levels):
-            latch.config = config
+            latch.config = config.alarm
+        belief = config.belief
+        self.growth.lean = belief.lean(config.alarm.runs_probability) if belief else 1.0
 
     def restart(self) -> None:
         """The clock jumped: what waited on time starts anew."""
@@ -392,9 +409,9 @@ class ConditionClassifier:
             measured: What the level says, place in :data:`MEASURED`.
         """
         steps = self._steps(covered, rhythm)
-        growth, asks, forced = self.growth, _grown(point), False
+        growth, asks, forced = self.growth, _grown(self.config, point), False
         if self.level is not None:
-            felt = _felt(self.config, point, measured)
+            felt = _felt(self.config, point, measured, asks[0])
             asks, forced = _with_measured(asks, felt), felt[0] or felt[2]
         growth.take(steps[0], asks[growth.on], time_ns, forced)
         now = [asks, *_asked(self.config, point, future, growth.on)]
@@ -481,9 +498,9 @@ class ConditionClassifier:
                 none is configured.
         """
         growth = self.growth
-        growth.points, growth.fresh, growth.asks = points, fresh, _grown(points)
+        growth.points, growth.fresh, growth.asks = points, fresh, _grown(self.config, points)
         if measured is not None:
-            felt = _felt(self.config, points, measured)
+            felt = _felt(self.config, points, measured, growth.asks[0])
             growth.asks, growth.forced = _with_measured(growth.asks, felt), felt[0] | felt[2]
         sticking, grown = follow(growth, times, starts, taken)
         asked = _asked(self.config, points, futures, sticking)

@@ -68,11 +68,11 @@ def are_apart(mean: FloatArray, spread: FloatArray) -> bool:
 def least_between(mean: FloatArray, spread: FloatArray, share: FloatArray) -> float:
     """Where the density of two modes is least between them."""
     between = np.linspace(mean[0], mean[1], 1001)
-    density = sum(
-        p / s * np.exp(-0.5 * ((between - m) / s) ** 2)
+    one, two = (
+        np.log(p / s) - 0.5 * ((between - m) / s) ** 2
         for m, s, p in zip(mean, spread, share, strict=True)
     )
-    return float(between[np.argmin(density)])
+    return float(between[np.argmin(np.logaddexp(one, two))])
 
 
 class LearnedThreshold:
@@ -87,7 +87,7 @@ class LearnedThreshold:
         self._counts: IntArray = np.zeros(_BINS, np.int64)
         self._next_ns: int | None = None
         self._count = 0
-        self._next_fit = _FIRST_FIT
+        self._next_fit = self._spacing = _FIRST_FIT
         self._known = (_BINS, -1)
         self._strange = 0
 
@@ -110,8 +110,11 @@ class LearnedThreshold:
 
     def _fit(self) -> None:
         seen = np.flatnonzero(self._counts)
-        # Anew when there is a twentieth more to learn from, or when another mode shows.
-        self._next_fit = self._count + max(_FIRST_FIT, self._count // _GROWS)
+        # Anew when there is a twentieth more to learn from; soon when another mode shows.
+        most = max(_FIRST_FIT, self._count // _GROWS)
+        shows = self._strange >= _STRANGE
+        self._spacing = _FIRST_FIT if shows else min(2 * self._spacing, most)
+        self._next_fit = self._count + self._spacing
         margin = round(APART_DB / _STEP_DB)
         self._known = int(seen[0]) - margin, int(seen[-1]) + margin
         self._strange = 0

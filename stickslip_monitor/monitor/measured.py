@@ -54,6 +54,7 @@ UNKNOWN, QUIET, VIBRATING = range(3)
 DUE_NS = 3 * 10**9
 """Net time above the threshold, or below the deadband, that is believed [ns]."""
 _MOST_NS = DUE_NS // 2
+_MEAN_NS = 5 * 10**8
 _STUCK_NS = 10 * 10**9
 
 
@@ -93,7 +94,8 @@ class _Switch:
 
     def restart(self) -> None:
         """Nothing is known."""
-        self.code, self.count, self._highest = UNKNOWN, 0, 0.0
+        self.code, self.count = UNKNOWN, 0
+        self._mean = self._highest = 0.0
 
     def take(self, step: int, level: float) -> None:
         """Take a value.
@@ -102,10 +104,8 @@ class _Switch:
             step: Time that it counts above the threshold; negative: below the deadband [ns].
             level: The value, in the unit.
         """
-        if step > 0 and self.code != VIBRATING:
-            self._highest = max(self._highest, level) if self.count > 0 else level
-            if self._falls(level):
-                step = -min(step, self.count)
+        if step > 0 and self.code != VIBRATING and self._falls(step, level):
+            step = -min(step, self.count)
         self.count += step
         if abs(self.count) >= DUE_NS:
             self.code, self.count = VIBRATING if self.count > 0 else QUIET, 0
@@ -114,10 +114,16 @@ class _Switch:
         elif self.code == QUIET:
             self.count = max(self.count, 0)
 
-    def _falls(self, level: float) -> bool:
+    def _falls(self, step: int, level: float) -> bool:
+        """Whether the mean of the last half second has fallen since the level rose."""
+        if self.count <= 0:
+            self._mean = self._highest = level
+            return False
+        self._mean += min(1.0, step / _MEAN_NS) * (level - self._mean)
+        self._highest = max(self._highest, self._mean)
         if self._in_db:
-            return level < self._highest - FALLS_DB
-        return level < self._highest * 10.0 ** (-FALLS_DB / 20.0)
+            return self._mean < self._highest - FALLS_DB
+        return self._mean < self._highest * 10.0 ** (-FALLS_DB / 20.0)
 
 
 class LevelTracker:
@@ -315,6 +321,7 @@ class LevelScan:
     def __init__(self, config: LevelConfig) -> None:
         self.tracker = LevelTracker(config)
         self._last = np.zeros(1, np.int8)
+        self._now_ns: int | None = None
 
     def take(
         self,
@@ -353,7 +360,9 @@ class LevelScan:
         codes = np.append(self._last[:carried], self._at(columns, place, now_ns))
         self._last = codes[-1:] if codes.size else self._last
         _, time, changed, code, _, own = columns
-        end = int(now_ns[-1]) if now_ns.size else (tracker.last_ns or 0)
+        if now_ns.size:
+            self._now_ns = int(now_ns[-1])
+        end = (tracker.last_ns or 0) if self._now_ns is None else self._now_ns
         return LevelCourse(
             time[own],
             changed[own],

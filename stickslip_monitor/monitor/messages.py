@@ -415,14 +415,15 @@ def diagnostic_values(state: BearingState) -> dict[str, str | float]:
     for name, text in state.faults.items():
         result[f'{name} fault'] = text
     result |= _level_values(state)
-    rows = list(zip(QUANTITIES, state.counts, strict=True))
+    result |= zip(_COUNTED, map(int, state.counts.flat), strict=True)
     if state.vibration is not None:
-        rows.append(('level', state.vibration.counts))
-    for name, counts in rows:
-        for status in Status:
-            label = status.name.lower().replace('_', ' ')
-            result[f'{name} samples {label}'] = int(counts[status])
+        result |= zip(_COUNTED_LEVELS, map(int, state.vibration.counts), strict=True)
     return result
+
+
+_STATUSES = [status.name.lower().replace('_', ' ') for status in Status]
+_COUNTED = [f'{name} samples {status}' for name in QUANTITIES for status in _STATUSES]
+_COUNTED_LEVELS = [f'level samples {status}' for status in _STATUSES]
 
 
 def _level_values(state: BearingState) -> dict[str, str | float]:

@@ -58,7 +58,7 @@ class BearingMonitor:
     def __init__(self, config: BearingConfig) -> None:
         self.config = config
         self.gate = SampleValidator(config)
-        self.bands = ConditionClassifier(config.bearing, config.alarm, config.level)
+        self.bands = ConditionClassifier(config)
         self.level = None if config.level is None else LevelTracker(config.level)
         self.track = AlarmTrack(config)
         self.now_ns: int | None = None
@@ -80,7 +80,7 @@ class BearingMonitor:
         self.config = config
         self._inputs = (config.speed, config.load)
         self.gate.timeouts = (config.speed.timeout_ns, config.load.timeout_ns)
-        self.bands.config = config.alarm
+        self.bands.retune(config)
         if self.level is not None and config.level is not None:
             self.level.retune(config.level)
             self.bands.level = config.level

@@ -18,9 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
-from stickslip_monitor.monitor.assessment import Assessments, assess, at_index, at_indices
+from stickslip_monitor.monitor.assessment import (
+    Assessment,
+    Assessments,
+    assess,
+    at_index,
+    at_indices,
+)
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig
-from stickslip_monitor.monitor.decision import ConditionClassifier, Decisions
+from stickslip_monitor.monitor.decision import ConditionClassifier, Decisions, Standing
 from stickslip_monitor.monitor.freshness import Fresh, Rhythm
 from stickslip_monitor.monitor.ladder import (
     LADDER,
@@ -45,6 +51,24 @@ from stickslip_monitor.monitor.verdict import Event, event_of
 _NOWHERE = np.empty(0, np.intp)
 
 
+class LatestPoint(NamedTuple):
+    """The last operating point, whose end may not be known yet.
+
+    Attributes:
+        number: Its number, counted from the first point of the recording.
+        first: That of the first point since the clock last jumped.
+        time_ns: Its time [ns].
+        assessment: Its assessment, of scalars.
+        standing: What the alarm rests on after it.
+    """
+
+    number: int
+    first: int
+    time_ns: int
+    assessment: Assessment
+    standing: Standing
+
+
 @dataclass(frozen=True, slots=True)
 class Scan:
     """The verdicts on a recording of one bearing, or on a part of one.
@@ -60,6 +84,7 @@ class Scan:
         counts: Samples by quantity (speed, load) and :class:`Status`, shape (2, 6).
         status: What became of each sample of the stream, a :class:`Status`, shape (m,).
         level: What the measured vibration said; ``None`` where none is configured.
+        latest: The last point so far; of a part it is as a rule the first of the next one.
     """
 
     time_ns: IntArray
@@ -71,6 +96,7 @@ class Scan:
     counts: IntArray
     status: NDArray[np.int8]
     level: LevelCourse | None = None
+    latest: LatestPoint | None = None
 
     @property
     def sticking(self) -> BoolArray:
@@ -290,7 +316,7 @@ class BearingScan:
             _InputScan(config.load, None),
         )
         self._level = None if config.level is None else LevelScan(config.level)
-        self._classifier = ConditionClassifier(config.bearing, config.alarm, config.level)
+        self._classifier = ConditionClassifier(config)
         self._track = AlarmTrack(config)
         self._track.start_ns = start_ns
         self._window = TrendWindow(config.alarm.trend_window_ns)
@@ -347,6 +373,7 @@ class BearingScan:
             counts=self._gate.counts - counted,
             status=status,
             level=level,
+            latest=self._latest(block, known, course),
         )
 
     def _measured(
@@ -363,6 +390,13 @@ class BearingScan:
             block.points.time_ns[new],
             block.carried,
         )
+
+    def _latest(self, block: _Block, known: Assessments, course: Decisions) -> LatestPoint | None:
+        k = block.points.time_ns.size - 1
+        if k < 0:
+            return None
+        time_ns = int(block.points.time_ns[k])
+        return LatestPoint(self._count - 1, self._first, time_ns, at_index(known, k), course.at(k))
 
     def _arrived(self, stream: Stream, si: FloatArray, status: NDArray[np.int8]) -> _Arrived:
         """The samples that are believed, and the monitor's time at each."""
@@ -601,14 +635,15 @@ def _admit(
 ) -> tuple[FloatArray, NDArray[np.int8]]:
     """SI value and status of every sample; counts go to the gate."""
     si = np.empty(stream.value.shape)
-    status = np.empty(stream.value.shape, dtype=np.int8)
+    status = np.zeros(stream.value.shape, dtype=np.int8)
     in_order, latest = True, list(gate.last_ns)
     for is_load, settings in enumerate((config.speed, config.load)):
-        own = stream.is_load == bool(is_load)
+        own = np.flatnonzero(stream.is_load == bool(is_load))
         si[own] = values = to_si(settings, stream.value[own])
-        status[own] = faults = value_faults(settings, values)
         stamps, before = stream.time_ns[own], latest[is_load]
+        faults = value_faults(settings, values)
         if faults.any():
+            status[own] = faults
             stamps = stamps[faults == Status.ACCEPTED]
         if stamps.size:
             late = (stamps[1:] <= stamps[:-1]).any()

@@ -136,7 +136,10 @@ def to_si(config: InputConfig, value: NDArray[np.float64]) -> NDArray[np.float64
 
 def value_faults(config: InputConfig, si: NDArray[np.float64]) -> NDArray[np.int8]:
     """Status of each SI value by itself: accepted, not finite or implausible."""
-    status = np.where(np.abs(si) <= config.maximum, Status.ACCEPTED, Status.IMPLAUSIBLE)
+    plausible = np.abs(si) <= config.maximum
+    if plausible.all():
+        return np.zeros(si.shape, np.int8)
+    status = np.where(plausible, Status.ACCEPTED, Status.IMPLAUSIBLE)
     return np.where(np.isfinite(si), status, Status.NOT_FINITE).astype(np.int8)
 
 

@@ -7,7 +7,7 @@ Two faults can be seen in the samples themselves:
 - **stamps to and fro**: stamps step back again and again, as with two clocks on one topic.
 
 One instance of :class:`SourceWatch` follows one input, one sample at a time at constant cost and
-memory; :func:`find_source_faults` gives the same for a recording, bit for bit::
+memory; :meth:`SourceWatch.see_many` gives the same for many at once, bit for bit::
 
     watch = SourceWatch(least_gap(bearing_config, is_load))
     for fault in watch.see(arrival_ns, stamp_ns, si):  # every sample, refused ones too
@@ -26,12 +26,13 @@ longer pause starts anew: single late messages are no fault. A minute without ev
 
 A speed in Hz that is read as revolutions a minute, or a torque that is read as a load, is no
 fault of any sample, and the verdict that follows from it is a quiet one. So what all samples
-together say is also held against what a stern bearing can be (:func:`questions`).
+together say is also held against what a stern bearing can be (:class:`Plausibility`).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -50,52 +51,84 @@ FACTOR = 5.0
 """Least distance from the boundary, as a factor, that is asked about if it is never smaller."""
 
 
-def questions(config: BearingConfig, points: Assessments) -> dict[str, list[str]]:
-    """What to ask about the inputs of a bearing.
+class Plausibility:
+    """What all operating points of a recording say about the inputs of a bearing.
 
     Args:
         config: The bearing.
-        points: All operating points of a recording, of arrays; none ask nothing.
-
-    Returns:
-        Questions by quantity, each a clause that follows the name of the input.
     """
-    speed, load = np.abs(points.speed), np.asarray(points.load)
-    found: dict[str, list[str]] = {'speed': [], 'load': []}
-    if config.speed.topic == config.load.topic and config.speed.field == config.load.field:
-        found['load'].append('is read from the same field as the speed: is it the right topic?')
-    if config.bearing.journal_diameter >= THICKEST:
-        found['speed'].append(
-            f'turns a journal of {config.bearing.journal_diameter:g} m: is journal_diameter in'
-            ' metres?'
-        )
-    if not speed.size:
+
+    def __init__(self, config: BearingConfig) -> None:
+        self._config = config
+        self._count = self._negative = 0
+        self._fastest = self._heaviest = 0.0
+        # Of the points of a turning shaft: whether all have a fold, and speeds relative to it.
+        self._turning = False
+        self._bounded = True
+        self._least, self._most = math.inf, -math.inf
+
+    def take(self, points: Assessments) -> None:
+        """Take some points, of arrays."""
+        if not points.speed.size:
+            return
+        speed, load, fold = np.abs(points.speed), points.load, points.fold_speed
+        self._count += speed.size
+        self._fastest = max(self._fastest, float(speed.max()))
+        self._negative += int(np.count_nonzero(load < 0.0))
+        turning = (speed > 0.0) & (load > 0.0)
+        if not turning.all():
+            speed, load, fold = speed[turning], load[turning], fold[turning]
+        if not speed.size:
+            return
+        self._turning = True
+        self._heaviest = max(self._heaviest, float(load.max()))
+        bounded = np.isfinite(fold)
+        if not bounded.all():
+            self._bounded = False
+            speed, fold = speed[bounded], fold[bounded]
+        ratio = speed / fold
+        self._least = float(ratio.min(initial=self._least))
+        self._most = float(ratio.max(initial=self._most))
+
+    def questions(self) -> dict[str, list[str]]:
+        """Questions by quantity, each a clause that follows the name of the input."""
+        config = self._config
+        found: dict[str, list[str]] = {'speed': [], 'load': []}
+        if config.speed.topic == config.load.topic and config.speed.field == config.load.field:
+            found['load'].append(
+                'is read from the same field as the speed: is it the right topic?'
+            )
+        if config.bearing.journal_diameter >= THICKEST:
+            found['speed'].append(
+                f'turns a journal of {config.bearing.journal_diameter:g} m: is journal_diameter in'
+                ' metres?'
+            )
+        if self._fastest > FASTEST:
+            found['speed'].append(
+                f'reaches {self._fastest:.4g} m/s at the surface of the journal, more than'
+                f' {FASTEST:g} m/s: are its unit and scale right?'
+            )
+        if self._negative > 0.5 * self._count:
+            found['load'].append(
+                'is negative for most of the time: is the sign of its scale right?'
+            )
+        if self._turning:
+            found['speed'] += self._distance()
         return found
-    if speed.max() > FASTEST:
-        found['speed'].append(
-            f'reaches {speed.max():.4g} m/s at the surface of the journal, more than'
-            f' {FASTEST:g} m/s: are its unit and scale right?'
-        )
-    if np.count_nonzero(load < 0.0) > 0.5 * load.size:
-        found['load'].append('is negative for most of the time: is the sign of its scale right?')
-    turning = (speed > 0.0) & (load > 0.0)
-    found['speed'] += _distance(config, speed[turning], load[turning], points.fold_speed[turning])
-    return found
 
-
-def _distance(
-    config: BearingConfig,
-    speed: NDArray[np.float64],
-    load: NDArray[np.float64],
-    fold: NDArray[np.float64],
-) -> list[str]:
-    """Whether the points of a turning shaft are all far from the boundary."""
-    if not speed.size:
+    def _distance(self) -> list[str]:
+        """Whether the points of a turning shaft are all far from the boundary."""
+        asked = 'are units, scales and topics of speed and load right?'
+        if self._least == math.inf:
+            return self._without_boundary(asked)
+        if self._least > FACTOR:
+            return [f'is never below {self._least:.3g} times the fold speed: {asked}']
+        if self._most < 1.0 / FACTOR and self._bounded:
+            return [f'is never above {self._most:.2g} times the fold speed: {asked}']
         return []
-    asked = 'are units, scales and topics of speed and load right?'
-    bounded = np.isfinite(fold)
-    if not bounded.any():
-        law = config.bearing.friction
+
+    def _without_boundary(self, asked: str) -> list[str]:
+        law = self._config.bearing.friction
         at_rest = float(np.asarray(law.coefficient(np.zeros(1)))[0])
         sliding = float(np.min(np.asarray(law.coefficient(np.linspace(1e-3, 2.0, 200)))))
         if at_rest <= sliding:
@@ -103,18 +136,12 @@ def _distance(
                 f'can never bring stick-slip: friction at rest, {at_rest:.4g}, is not above the'
                 f' least of sliding friction, {sliding:.4g}: are static and kinetic swapped?'
             ]
-        if np.isfinite(fold_speed(config.bearing, FACTOR * float(load.max()))):
+        if np.isfinite(fold_speed(self._config.bearing, FACTOR * self._heaviest)):
             return []
         return [
             f'has no boundary at any load up to {FACTOR:g} times the largest seen,'
-            f' {load.max():.4g} N: {asked}'
+            f' {self._heaviest:.4g} N: {asked}'
         ]
-    ratio = speed[bounded] / fold[bounded]
-    if ratio.min() > FACTOR:
-        return [f'is never below {ratio.min():.3g} times the fold speed: {asked}']
-    if ratio.max() < 1.0 / FACTOR and bounded.all():
-        return [f'is never above {ratio.max():.2g} times the fold speed: {asked}']
-    return []
 
 
 ENOUGH = 12
@@ -256,6 +283,50 @@ class SourceWatch:
             self._value = si
         return tuple(raised)
 
+    def see_many(
+        self,
+        arrival_ns: NDArray[np.int64],
+        stamp_ns: NDArray[np.int64],
+        si: NDArray[np.float64],
+    ) -> list[SourceFault]:
+        """:meth:`see` of several samples.
+
+        Args:
+            arrival_ns: When each came, not falling, shape (n,) [ns].
+            stamp_ns: Their stamps, shape (n,) [ns].
+            si: Their values, shape (n,) [SI].
+
+        Returns:
+            The faults in the order in which they were raised.
+        """
+        if not stamp_ns.size:
+            return []
+        found = []
+        before = stamp_ns[0] if self._stamp_ns is None else self._stamp_ns
+        for place in np.flatnonzero(np.diff(stamp_ns, prepend=before) < 0).tolist():
+            found += self._step_back(self._number + 1 + place, int(arrival_ns[place]))
+        self._number += stamp_ns.size
+        self._stamp_ns = int(stamp_ns[-1])
+        known = np.isfinite(si)
+        if not known.all():
+            arrival_ns, si = arrival_ns[known], si[known]
+        if si.size:
+            found += self._jumps(arrival_ns, np.append(self._value, si))
+            self._value = float(si[-1])
+        return sorted(found, key=lambda fault: fault.raised_ns)
+
+    def _jumps(
+        self, arrival_ns: NDArray[np.int64], si: NDArray[np.float64]
+    ) -> Iterator[SourceFault]:
+        """The faults that values raise, each behind the one before the first."""
+        with np.errstate(over='ignore'):
+            # As a rule one part of the condition leaves nothing for the others.
+            steep = np.flatnonzero(np.abs(np.diff(si)) >= _GAP * np.abs(si[1:]))
+            jumps = steep[_is_jump(si[steep], si[steep + 1], self.least_gap)]
+        rows = (arrival_ns[jumps], si[jumps], si[jumps + 1])
+        for now_ns, before, after in zip(*(row.tolist() for row in rows), strict=True):
+            yield from self._jump(now_ns, before, after)
+
     def standing(self, now_ns: int) -> tuple[SourceFault, ...]:
         """The faults that stand at a time of arrival [ns]."""
         for evidence in (self._stamps, self._levels):
@@ -275,39 +346,6 @@ class SourceWatch:
             return []
         levels = (min(before, after), max(before, after))
         return _raised(self._levels, self._levels.add(arrival_ns, levels))
-
-
-def find_source_faults(
-    arrival_ns: NDArray[np.int64],
-    stamp_ns: NDArray[np.int64],
-    si: NDArray[np.float64],
-    least_gap: float = 0.0,
-) -> list[SourceFault]:
-    """All faults that :class:`SourceWatch` raises over the samples of one input.
-
-    Args:
-        arrival_ns: When each came, not falling, shape (n,) [ns].
-        stamp_ns: Their stamps, shape (n,) [ns].
-        si: Their values, shape (n,) [SI].
-        least_gap: The least distance between two levels [SI].
-
-    Returns:
-        The faults in the order in which they were raised.
-    """
-    watch, found = SourceWatch(least_gap), []
-    for number in (np.flatnonzero(np.diff(stamp_ns) < 0) + 1).tolist():
-        found += watch._step_back(number, int(arrival_ns[number]))
-    known = np.isfinite(si)
-    if not known.all():
-        arrival_ns, si = arrival_ns[known], si[known]
-    with np.errstate(over='ignore'):
-        # As a rule one part of the condition leaves nothing for the others.
-        steep = np.flatnonzero(np.abs(np.diff(si)) >= _GAP * np.abs(si[1:]))
-        jumps = steep[_is_jump(si[steep], si[steep + 1], least_gap)] + 1
-    rows = (arrival_ns[jumps], si[jumps - 1], si[jumps])
-    for now_ns, before, after in zip(*(row.tolist() for row in rows), strict=True):
-        found += watch._jump(now_ns, before, after)
-    return sorted(found, key=lambda fault: fault.raised_ns)
 
 
 def _raised(evidence: _Evidence, raised: bool) -> list[SourceFault]:

@@ -325,6 +325,16 @@ BEARING_PARAMETERS = (
         live=True,
     ),
     Parameter(
+        'alarm.runs_probability',
+        'float',
+        0.5,
+        'With a tolerance or a calibration: stick-slip is predicted where this share of the'
+        ' bearings believed in has it start, and ends where half of it has no cycle any more.',
+        minimum=0.0,
+        maximum=1.0,
+        live=True,
+    ),
+    Parameter(
         'alarm.caution_probability',
         'float',
         0.05,

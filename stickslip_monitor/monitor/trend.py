@@ -161,6 +161,56 @@ class TrendWindow:
         return _reach(config.bearing, *lines, halves, span)
 
 
+def may_cross(
+    config: BearingConfig,
+    time_ns: IntArray,
+    speed: FloatArray,
+    load: FloatArray,
+    begin: NDArray[np.intp],
+    last: NDArray[np.intp],
+) -> NDArray[np.bool_]:
+    """Where there may be a trend; elsewhere :meth:`TrendWindow.trend` surely gives none.
+
+    More than half of the pairs of n slots are at least n/4 slots apart, so the median slope is at
+    most the range of the values over that time, and what the line says of now is bounded.
+
+    Args:
+        config: The bearing.
+        time_ns: Times of the operating points, shape (n,) [ns].
+        speed: Surface speeds, shape (n,) [m/s].
+        load: Loads, shape (n,) [N].
+        begin: The points before which the clock jumped last, shape (m,).
+        last: The points after which the trend is asked for, -1 for none, shape (m,).
+    """
+    slot_ns = config.alarm.trend_window_ns // _SLOTS
+    if not slot_ns:
+        return np.zeros(last.size, np.bool_)
+    if (time_ns[1:] < time_ns[:-1]).any():
+        return last >= 0
+    known = np.maximum(last, 0)
+    oldest = (time_ns[known] // slot_ns - _SLOTS + 1) * slot_ns
+    low = np.maximum(np.searchsorted(time_ns, oldest), begin)
+    number = np.cumsum(np.diff(time_ns // slot_ns, prepend=-1) != 0)
+    count = number[known] - number[low] + 1
+    shift = _SLOTS / np.maximum(count // 4 - 1, 1)
+    slowest, speeds = _bounds(np.abs(speed), low, known)[0], _bounds(speed, low, known)
+    loads = _bounds(load, low, known)
+    slow = slowest - shift * (speeds[1] - speeds[0])
+    heavy = loads[1] + shift * (loads[1] - loads[0])
+    fold = np.asarray(fold_speed(config.bearing, heavy))
+    found: NDArray[np.bool_] = (last >= 0) & (count >= _FEWEST) & (slow < fold * (1.0 + 1e-9))
+    return found
+
+
+def _bounds(
+    value: FloatArray, low: NDArray[np.intp], last: NDArray[np.intp]
+) -> tuple[FloatArray, FloatArray]:
+    """The least and the greatest of values from some on to others."""
+    edges = np.stack([low, last + 1], axis=1).ravel()
+    ended = np.append(value, value[-1:])
+    return np.minimum.reduceat(ended, edges)[::2], np.maximum.reduceat(ended, edges)[::2]
+
+
 @dataclass(frozen=True, slots=True)
 class Line:
     """A robust straight line: value now, slope, and the interval of the slope."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from stickslip_monitor.monitor.assessment import Assessment, Outcome
+from stickslip_monitor.monitor.assessment import Assessment, Outcome, fold_share
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.decision import LEFT_BELOW, ONSET, QUIET, Standing, near_fold
 from stickslip_monitor.monitor.ladder import LADDER, Condition, ConditionChange
@@ -153,11 +153,11 @@ def _what(config: BearingConfig, standing: Standing, point: Assessment) -> str:
         what = f'{_OVER[condition]}: {condition} clears in {_about(max(standing.clears, 1.0))}.'
     elif point.outcome is Outcome.STICK_SLIP and not standing.sticking:
         what = f'Steady sliding is unstable: stick-slip is starting{_starting(standing, point)}.'
+    elif standing.sticking and standing.measured is Measured.VIBRATING:
+        what = _measured_text(point)
     elif standing.asked > standing.rung:
         delay = config.alarm.on_delay_ns * 1e-9
         what = f'{asked.sentence[:-1]}, but not yet for {delay:g} s.'
-    elif standing.sticking and standing.measured is Measured.VIBRATING:
-        what = _measured_text(config, point)
     elif condition is Condition.CAUTION and not near_fold(config.alarm, point)[0]:
         what = 'The speed is falling towards the stick-slip region.'
     else:
@@ -167,7 +167,7 @@ def _what(config: BearingConfig, standing: Standing, point: Assessment) -> str:
     return what
 
 
-def _measured_text(config: BearingConfig, point: Assessment) -> str:
+def _measured_text(point: Assessment) -> str:
     """Stick-slip that is measured: how it stands to what the model says."""
     if point.outcome is Outcome.STICK_SLIP:
         return 'Stick-slip predicted, and vibration is measured.'
@@ -199,7 +199,8 @@ def _belief_text(config: BearingConfig, point: Assessment) -> str:
     if config.belief is None or not math.isfinite(point.probability_can):
         return ''
     low, _, high = config.belief.fold_band(point.load)
-    rpm = config.bearing.speed.factor('rpm')
+    # By averaging; the fold that decides may be the exact model's.
+    rpm = config.bearing.speed.factor('rpm') * fold_share(point)
     return (
         f' Stick-slip can happen with {point.probability_can:.0%}: fold'
         f' {low / rpm:.3g} to {high / rpm:.3g} rpm at this load.'
@@ -247,11 +248,17 @@ def _about(seconds: float) -> str:
 def _way_out_by_belief(
     config: BearingConfig, belief: Belief, condition: Condition, point: Assessment
 ) -> str:
-    alarm, near = config.alarm, condition is Condition.CAUTION
-    limit = LEFT_BELOW * (alarm.caution_probability if near else alarm.can_probability)
+    alarm = config.alarm
+    limits = {
+        Condition.CAUTION: alarm.caution_probability,
+        Condition.BISTABLE: alarm.can_probability,
+        Condition.STICK_SLIP: alarm.runs_probability,
+        Condition.AMPLITUDE: alarm.runs_probability,
+    }
+    limit = LEFT_BELOW * limits.get(condition, 0.0)
     if not 0.0 < limit < point.probability_can:
         return ''
-    speed = belief.fold_speed(point.load, 1.0 - limit)
+    speed = belief.fold_speed(point.load, 1.0 - limit) / fold_share(point)
     return f' Ends above {_speed_text(config, point, speed)}.'
 
 
@@ -260,7 +267,7 @@ def _way_out(config: BearingConfig, standing: Standing, point: Assessment) -> st
     if standing.asked > standing.rung:
         # The text is about what is not raised yet, and the way out would be of what stands.
         return ''
-    if config.belief is not None and condition in (Condition.CAUTION, Condition.BISTABLE):
+    if config.belief is not None:
         return _way_out_by_belief(config, config.belief, condition, point)
     if condition is Condition.NORMAL or not math.isfinite(point.stability_limit):
         return ''

@@ -1,50 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How regularly the messages of an input came, and where they did not.
+"""The monitor over a recorded bag: what it says of every bearing, and what the data lacked.
 
-The monitor over a recorded bag: every bearing scanned, and what was wrong with the data.
+Everything is added up while the bag is read, so memory does not grow with the recording.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.arrays import IntArray
-from stickslip_monitor.bags.reader import Bag, Fault, Request, Series, open_bag
+from stickslip_monitor.arrays import FloatArray, IntArray
+from stickslip_monitor.bags.reader import Bag, Fault, open_bag
 from stickslip_monitor.bags.schema import short_name
+from stickslip_monitor.bags.series import Progress
 from stickslip_monitor.bags.topics import missing_topic
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
-from stickslip_monitor.monitor.measured import MEASURED
-from stickslip_monitor.monitor.monitor import Monitor
+from stickslip_monitor.monitor.measured import MEASURED, Unknown
 from stickslip_monitor.monitor.scan import Scan
-from stickslip_monitor.monitor.signals import (
-    INPUTS,
-    LEVEL,
-    STATUS_SENTENCES,
-    Levels,
-    Status,
-    Stream,
-    to_si,
-)
+from stickslip_monitor.monitor.signals import INPUTS, LEVEL, STATUS_SENTENCES, Status, to_si
 from stickslip_monitor.monitor.source_faults import (
+    Plausibility,
     SourceFault,
+    SourceWatch,
     fault_text,
-    find_source_faults,
     least_gap,
-    questions,
 )
-from stickslip_monitor.offline.intervals import Extreme, worst
-from stickslip_monitor.surface_store import prepare_surfaces
+from stickslip_monitor.monitor.verdict import Event
+from stickslip_monitor.offline.follow import BearingBlock, follow, requests_of
+from stickslip_monitor.offline.intervals import Extreme, Worst
 
 _MOST_NAMED = 5
 
@@ -72,24 +65,48 @@ class Gaps:
     longest: tuple[Gap, ...]
 
 
-def find_gaps(stamp_ns: IntArray, limit_ns: int) -> Gaps:
-    """Find the intervals between messages that are longer than a limit.
+class GapCount:
+    """Finds the intervals between the messages of a topic that are longer than a limit.
 
     Args:
-        stamp_ns: Stamps in order of arrival, shape (n,) [ns]; steps back count as no time.
         limit_ns: The longest interval that is no gap [ns].
-
-    Returns:
-        The gaps and the rate apart from them.
     """
-    interval = np.diff(stamp_ns)
-    long = np.flatnonzero(interval > limit_ns)
-    lasting = interval[long]
-    regular = interval.size - long.size
-    passed = float(np.maximum(interval, 0).sum() - lasting.sum()) * 1e-9
-    order = np.argsort(-lasting, kind='stable')[:_MOST_NAMED]
-    named = [Gap(int(stamp_ns[long[i]]), float(lasting[i]) / 1e9) for i in order]
-    return Gaps(regular / passed if passed > 0.0 else np.nan, int(long.size), tuple(named))
+
+    def __init__(self, limit_ns: int) -> None:
+        self._limit_ns = limit_ns
+        self._last: IntArray | None = None
+        self._count = self._regular = self._passed_ns = 0
+        self._longest: list[tuple[int, int]] = []
+
+    def take(self, stamp_ns: IntArray) -> None:
+        """Take some stamps in order of arrival, shape (n,) [ns]; steps back count as no time."""
+        if not stamp_ns.size:
+            return
+        if self._last is not None:
+            stamp_ns = np.append(self._last, stamp_ns)
+        self._last = stamp_ns[-1:].copy()
+        interval = np.diff(stamp_ns)
+        self._passed_ns += int(np.maximum(interval, 0).sum())
+        self._regular += interval.size
+        long = np.flatnonzero(interval > self._limit_ns)
+        if long.size:
+            self._take_gaps(stamp_ns[long], interval[long])
+
+    def _take_gaps(self, start_ns: IntArray, lasting_ns: IntArray) -> None:
+        self._count += start_ns.size
+        self._regular -= start_ns.size
+        self._passed_ns -= int(lasting_ns.sum())
+        order = np.argsort(-lasting_ns, kind='stable')[:_MOST_NAMED]
+        self._longest += zip(lasting_ns[order].tolist(), start_ns[order].tolist(), strict=True)
+        self._longest.sort(key=lambda gap: -gap[0])
+        del self._longest[_MOST_NAMED:]
+
+    def gaps(self) -> Gaps:
+        """The gaps, and the rate apart from them."""
+        passed = float(self._passed_ns) * 1e-9
+        longest = tuple(Gap(start, lasting / 1e9) for lasting, start in self._longest)
+        rate = self._regular / passed if passed > 0.0 else math.nan
+        return Gaps(rate, self._count, longest)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,21 +153,23 @@ class BearingReport:
 
     Attributes:
         name: Name of the bearing.
-        scan: All verdicts and events.
+        events: All changes of the alarm, in order.
+        evaluations: How many operating points were evaluated.
         seconds: Time spent in each regime [s]; time without a usable operating point counts as
             undetermined.
         worst: The least Hopf and fold margin and the greatest predicted amplitude, by name;
             a quantity that never had a value is absent.
         inputs: What came of speed and load, and of a level.
-        stream: The samples.
+        measured: Time by what the measured vibration said [s]; ``None`` where none is configured.
     """
 
     name: str
-    scan: Scan
+    events: list[Event]
+    evaluations: int
     seconds: dict[Regime, float]
     worst: dict[str, Extreme]
     inputs: tuple[InputReport, ...]
-    stream: Stream
+    measured: dict[str, float] | None = None
 
     @property
     def complaints(self) -> list[str]:
@@ -158,19 +177,9 @@ class BearingReport:
         return [text for item in self.inputs for text in item.complaints]
 
     @property
-    def measured(self) -> dict[str, float] | None:
-        """Time by what the measured vibration said [s]; ``None`` where none is configured."""
-        codes = self.scan.course.measured
-        if codes is None:
-            return None
-        lasting = (self.scan.until_ns - self.scan.time_ns) * 1e-9
-        totals = np.bincount(codes, weights=lasting, minlength=len(MEASURED)).tolist()
-        return {state.value: total for state, total in zip(MEASURED, totals, strict=True)}
-
-    @property
     def has_warnings(self) -> bool:
         """Whether any event raised a warning or an alarm, or an input has a wrong source."""
-        return any(event.after.level for event in self.scan.events) or any(
+        return any(event.after.level for event in self.events) or any(
             item.sources for item in self.inputs
         )
 
@@ -198,7 +207,7 @@ class CheckReport:
 
 
 def check_bag(
-    path: str | Path, config: MonitorConfig, progress: Callable[[int, int], None] | None = None
+    path: str | Path, config: MonitorConfig, progress: Progress | None = None
 ) -> CheckReport:
     """Run the monitor over a bag.
 
@@ -217,24 +226,15 @@ def check_bag(
     if bag.files and not any(file.stat().st_size for file in bag.files):
         raise BagError(f"bag '{path}' is empty: 0 bytes")
     _check_topics(bag, config)
-    requests = {b.name: list(map(_request, b.inputs.values())) for b in config.bearings}
-    series = bag.read({r for own in requests.values() for r in own}, progress)
-    streams = {
-        name: _stream(*(series[request] for request in own)) for name, own in requests.items()
+    found = follow(bag, config, _BearingCheck, progress)
+    start, end = found.start_ns, found.end_ns
+    span_ns = end - start if start is not None and end is not None else 0
+    reports = {
+        bearing.name: found.followers[bearing.name].report(
+            span_ns, [found.faults[request] for request in requests_of(bearing)]
+        )
+        for bearing in config.bearings
     }
-    start, end = _span(bag, streams)
-    prepare_surfaces(item.bearing for item in config.bearings)
-    monitor = Monitor(config)
-
-    def report(bearing: BearingConfig) -> BearingReport:
-        name = bearing.name
-        scan = monitor.scan({name: streams[name]}, start, end)[name]
-        own = [series[request] for request in requests[name]]
-        return _report(bag, bearing, scan, own, streams[name], start, end)
-
-    # Bearings know nothing of each other, and arithmetic on arrays needs no interpreter.
-    with ThreadPoolExecutor(len(config.bearings)) as pool:
-        reports = dict(zip(streams, pool.map(report, config.bearings), strict=True))
     return CheckReport(bag, reports, start, end)
 
 
@@ -245,191 +245,173 @@ def _check_topics(bag: Bag, config: MonitorConfig) -> None:
         BagError: In the words of the running monitor.
     """
     for source in (source for b in config.bearings for source in b.inputs.values()):
-        fault = input_fault(_facts(bag, source))
-        if source.topic not in bag.topics:
-            raise BagError(f'{fault[:-1]}: {missing_topic(bag.topics, source.topic)}')
-        if fault:
-            raise BagError(fault[:-1])
+        topic = bag.topics.get(source.topic)
+        facts = _facts(source)
+        if topic is None:
+            reason = missing_topic(bag.topics, source.topic)
+            raise BagError(f'{input_fault(facts)[:-1]}: {reason}')
+        if short_name(topic.type) != short_name(source.type):
+            bags = (Publisher(f"Bag '{bag.path.name}'", topic.type),)
+            raise BagError(input_fault(replace(facts, publishers=bags))[:-1])
 
 
-def _facts(bag: Bag, source: InputConfig) -> InputFacts:
-    """What is known of an input before its samples are."""
-    topic = bag.topics.get(source.topic)
-    publishers: tuple[Publisher, ...] = ()
-    if topic is not None:
-        fits = short_name(topic.type) == short_name(source.type)
-        name = f"Bag '{bag.path.name}'"
-        publishers = (Publisher(name, source.type if fits else topic.type),)
-    return InputFacts(
-        source.topic, source.type, source.timeout_ns * 1e-9, lost=True, publishers=publishers,
-        heard=True,
-    )  # fmt: skip
+def _facts(source: InputConfig) -> InputFacts:
+    """An input of which nothing has come."""
+    return InputFacts(source.topic, source.type, source.timeout_ns * 1e-9, lost=True)
 
 
-def _request(source: InputConfig) -> Request:
-    return Request(source.topic, source.field_text, source.type)
+class _BearingCheck:
+    """Adds up what the monitor says of one bearing."""
+
+    def __init__(self, config: BearingConfig) -> None:
+        self._config = config
+        self._inputs = [_InputCheck(config, k) for k in range(len(config.inputs))]
+        self._plausibility = Plausibility(config)
+        self._worst = Worst()
+        self._events: list[Event] = []
+        self._evaluations = 0
+        self._lasting_ns = np.zeros(len(REGIMES), np.int64)
+        self._measured_ns = np.zeros(len(MEASURED), np.int64)
+        self._unknown: Unknown | None = None
+
+    def take(self, block: BearingBlock) -> None:
+        """Take the next part of the recording."""
+        scan = block.scan
+        self._events += scan.events
+        self._evaluations += scan.time_ns.size
+        self._plausibility.take(scan.assessment)
+        self._worst.take(scan)
+        self._lasting_ns += _lasting_ns(scan, np.asarray(scan.assessment.regime_code), REGIMES)
+        if scan.course.measured is not None:
+            self._measured_ns += _lasting_ns(scan, scan.course.measured, MEASURED)
+        if scan.level is not None:
+            self._unknown = scan.level.unknown
+        for each in self._inputs:
+            each.take(block)
+
+    def report(self, span_ns: int, faults: Sequence[tuple[Fault, ...]]) -> BearingReport:
+        """What was said over a recording of some length, with the faults of its messages."""
+        seconds = dict(zip(REGIMES, (self._lasting_ns * 1e-9).tolist(), strict=True))
+        silent_ns = max(0, span_ns - int(self._lasting_ns.sum()))
+        seconds[Regime.UNDETERMINED] += silent_ns * 1e-9
+        asked = self._plausibility.questions()
+        if self._unknown is not None:
+            asked['level'] = [f'says nothing at the end: {self._unknown.sentence}']
+        measured = zip(MEASURED, (self._measured_ns * 1e-9).tolist(), strict=True)
+        return BearingReport(
+            self._config.name,
+            self._events,
+            self._evaluations,
+            seconds,
+            self._worst.found,
+            tuple(
+                # Each is held against the load, and the load against the speed.
+                each.report(own, tuple(asked.get(each.quantity, ())), self._inputs[int(k != 1)])
+                for k, (each, own) in enumerate(zip(self._inputs, faults, strict=True))
+            ),
+            None if self._config.level is None else {k.value: lasting for k, lasting in measured},
+        )
 
 
-def _stream(speed: Series, load: Series, level: Series | None = None) -> Stream:
-    """Merge series into the order in which the bag holds their messages."""
-    sequence = np.concatenate([speed.sequence, load.sequence])
-    order = np.argsort(sequence, kind='stable')
-    is_load = np.arange(sequence.size) >= speed.sequence.size
-    return Stream(
-        np.concatenate([speed.stamp_ns, load.stamp_ns])[order],
-        is_load[order],
-        np.concatenate([speed.value, load.value])[order],
-        None if level is None else _levels(level, sequence[order]),
-    )
+def _lasting_ns(scan: Scan, codes: NDArray[np.int8], kinds: Sequence[Any]) -> IntArray:
+    """The time of each kind [ns]."""
+    # Whole numbers below 2^53, as a stretch of months is, are added up without an error.
+    totals = np.bincount(codes, scan.until_ns - scan.time_ns, minlength=len(kinds))
+    return totals.astype(np.int64)
 
 
-def _levels(level: Series, sequence: IntArray) -> Levels:
-    """The values of a level among those of speed and load, whose sequence is rising."""
-    return Levels(level.stamp_ns, level.value, np.searchsorted(sequence, level.sequence, 'right'))
+class _InputCheck:
+    """Adds up what came of one input of a bearing."""
+
+    def __init__(self, config: BearingConfig, is_load: int) -> None:
+        self.quantity = INPUTS[is_load]
+        self._is_load = is_load
+        self._source = config.inputs[self.quantity]
+        self._counts = np.zeros(len(Status), np.int64)
+        self._gaps = GapCount(self._source.timeout_ns)
+        self._watch = SourceWatch(least_gap(config, is_load))
+        self._sources: list[SourceFault] = []
+        self._span = (math.inf, -math.inf)
+        self._messages = 0
+        self._delay_ns = 0
+
+    def take(self, block: BearingBlock) -> None:
+        """Take the next part of the recording."""
+        series = block.series[self._is_load]
+        self._messages += series.value.size
+        if series.value.size:
+            self._delay_ns = int(series.log_time_ns[-1] - series.stamp_ns[-1])
+        self._gaps.take(series.stamp_ns)
+        si = to_si(self._source, series.value)
+        if self._is_load == LEVEL:
+            # A level that jumps between two values is what is looked for, and no fault.
+            si = np.full(si.shape, np.nan)
+        self._sources += self._watch.see_many(series.log_time_ns, series.stamp_ns, si)
+        counts, believed = self._believed(block)
+        self._counts += counts
+        self._widen(believed)
+
+    def _believed(self, block: BearingBlock) -> tuple[IntArray, FloatArray]:
+        """Samples by :class:`Status`, and the numbers of those that were believed."""
+        scan, stream = block.scan, block.stream
+        if self._is_load == LEVEL:
+            assert scan.level is not None
+            assert stream.level is not None
+            return scan.level.counts, stream.level.value[scan.level.status <= Status.CLOCK_JUMP]
+        counts, refused = scan.counts[self._is_load], scan.status > Status.CLOCK_JUMP
+        if not refused.any():
+            return counts, block.series[self._is_load].value
+        return counts, stream.value[(stream.is_load == bool(self._is_load)) & ~refused]
+
+    def _widen(self, value: FloatArray) -> None:
+        if value.size:
+            low, high = self._span
+            self._span = min(low, float(value.min())), max(high, float(value.max()))
+
+    def _fault(self, other: _InputCheck) -> str:
+        """Why the input brings nothing, or what its clock differs from the other's by."""
+        facts = _facts(self._source)
+        if not self._messages:
+            return input_fault(facts)
+        if not self._counts[: Status.CLOCK_JUMP + 1].any():
+            worst = max(Status, key=lambda status: int(self._counts[status]))
+            sender = (Publisher('', self._source.type),)
+            return input_fault(replace(facts, publishers=sender, refused=worst))
+        if not other._messages or self._source.topic == other._source.topic:
+            return ''
+        # By how the last stamps of both lie in the recording, whichever came later.
+        behind = (self._delay_ns - other._delay_ns) * 1e-9
+        known = replace(facts, lost=False, heard=True, other=other._source.topic)
+        return input_fault(replace(known, behind=behind))
+
+    def report(
+        self, faults: tuple[Fault, ...], asked: tuple[str, ...], other: _InputCheck
+    ) -> InputReport:
+        """What came of the input, by its messages' faults, and questions."""
+        used = int(self._counts[: Status.CLOCK_JUMP + 1].sum())
+        ends = np.array(self._span if used else (math.nan, math.nan))
+        low, high = np.sort(to_si(self._source, ends)).tolist()
+        texts = Counter(fault_text(fault, self._source) for fault in self._sources)
+        return InputReport(
+            quantity=self.quantity,
+            topic=self._source.topic,
+            messages=self._messages,
+            used=used,
+            faults=(
+                *faults,
+                *_faults(self._counts),
+                *(Fault(count, text) for text, count in texts.items()),
+            ),
+            gaps=self._gaps.gaps(),
+            span=(float(ends[0]), float(ends[1])),
+            si_span=(low, high),
+            sources=tuple(self._sources),
+            questions=asked,
+            fault=self._fault(other),
+        )
 
 
-def _span(bag: Bag, streams: dict[str, Stream]) -> tuple[int | None, int | None]:
-    """Start and end of the recording on the clock of the samples.
-
-    Stamps in headers may be from another clock than the recorder's: then the samples' own span
-    counts.
-    """
-    times = [stream.time_ns for stream in streams.values() if stream.time_ns.size]
-    if bag.start_ns is None or bag.end_ns is None or not times:
-        return bag.start_ns, bag.end_ns
-    first, last = min(int(t[0]) for t in times), max(int(t.max()) for t in times)
-    if first < bag.start_ns or last > bag.end_ns:
-        return first, last
-    return bag.start_ns, bag.end_ns
-
-
-def _report(
-    bag: Bag,
-    config: BearingConfig,
-    scan: Scan,
-    series: list[Series],
-    stream: Stream,
-    start_ns: int | None,
-    end_ns: int | None,
-) -> BearingReport:
-    span = (end_ns - start_ns) * 1e-9 if start_ns is not None and end_ns is not None else 0.0
-    return BearingReport(
-        config.name,
-        scan,
-        _seconds(scan, span),
-        worst(scan),
-        _inputs(bag, config, scan, series, stream),
-        stream,
-    )
-
-
-def _seconds(scan: Scan, span: float) -> dict[Regime, float]:
-    lasting = (scan.until_ns - scan.time_ns) * 1e-9
-    totals = np.bincount(
-        np.asarray(scan.assessment.regime_code), weights=lasting, minlength=len(REGIMES)
-    )
-    seconds = {regime: float(totals[i]) for i, regime in enumerate(REGIMES)}
-    seconds[Regime.UNDETERMINED] += max(0.0, span - float(lasting.sum()))
-    return seconds
-
-
-def _inputs(
-    bag: Bag, config: BearingConfig, scan: Scan, series: list[Series], stream: Stream
-) -> tuple[InputReport, ...]:
-    asked = questions(config, scan.assessment)
-    if scan.level is not None and scan.level.unknown is not None:
-        asked['level'] = [f'says nothing at the end: {scan.level.unknown.sentence}']
-    sources = list(config.inputs.values())
-    found = []
-    for k, (quantity, source) in enumerate(config.inputs.items()):
-        own = tuple(asked.get(quantity, ()))
-        report = _input(config, k, scan, series[k], stream, own, _facts(bag, source))
-        # Each is held against the load, and the load against the speed.
-        other = int(k != 1)
-        clock = _clock_fault(source, sources[other], series[k], series[other])
-        found.append(replace(report, fault=report.fault or clock))
-    return tuple(found)
-
-
-def _fault(facts: InputFacts, counts: NDArray[np.int64]) -> str:
-    """Why no sample of an input was believed; nothing where some were."""
-    if counts[: Status.CLOCK_JUMP + 1].any():
-        return ''
-    if not counts.sum():
-        return input_fault(replace(facts, publishers=()))
-    worst = max(Status, key=lambda status: int(counts[status]))
-    return input_fault(replace(facts, refused=worst))
-
-
-def _clock_fault(source: InputConfig, other: InputConfig, own: Series, others: Series) -> str:
-    """Whether stamps are behind those of the other input, by how they lie in the recording."""
-    if source.topic == other.topic or not own.stamp_ns.size or not others.stamp_ns.size:
-        return ''
-    # Of the last messages; when they were recorded takes out that one came later.
-    behind, ahead = (int(each.log_time_ns[-1] - each.stamp_ns[-1]) for each in (own, others))
-    facts = InputFacts(source.topic, source.type, source.timeout_ns * 1e-9, lost=False)
-    return input_fault(
-        replace(facts, heard=True, behind=(behind - ahead) * 1e-9, other=other.topic)
-    )
-
-
-def _input(
-    config: BearingConfig,
-    is_load: int,
-    scan: Scan,
-    series: Series,
-    stream: Stream,
-    asked: tuple[str, ...],
-    facts: InputFacts,
-) -> InputReport:
-    quantity = INPUTS[is_load]
-    source = config.inputs[quantity]
-    counts, own = _believed(scan, stream, is_load)
-    si = to_si(source, series.value)
-    sources = find_source_faults(
-        series.log_time_ns,
-        series.stamp_ns,
-        # A level that jumps between two values is what is looked for, and no fault.
-        np.full(si.shape, np.nan) if is_load == LEVEL else si,
-        least_gap(config, is_load),
-    )
-    ends = np.array([own.min(), own.max()] if own.size else [np.nan, np.nan])
-    low, high = np.sort(to_si(source, ends)).tolist()
-    texts = (fault_text(fault, source) for fault in sources)
-    return InputReport(
-        quantity=quantity,
-        topic=source.topic,
-        messages=int(series.value.size),
-        used=int(counts[: Status.CLOCK_JUMP + 1].sum()),
-        faults=(
-            *series.faults,
-            *_faults(counts),
-            *(Fault(count, text) for text, count in Counter(texts).items()),
-        ),
-        gaps=find_gaps(series.stamp_ns, source.timeout_ns),
-        span=(float(ends[0]), float(ends[1])),
-        si_span=(low, high),
-        sources=tuple(sources),
-        questions=asked,
-        fault=_fault(facts, counts),
-    )
-
-
-def _believed(
-    scan: Scan, stream: Stream, is_load: int
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Samples of an input by :class:`Status`, and the numbers of those that were believed."""
-    if is_load == LEVEL:
-        assert scan.level is not None
-        assert stream.level is not None
-        return scan.level.counts, stream.level.value[scan.level.status <= Status.CLOCK_JUMP]
-    own = (stream.is_load == bool(is_load)) & (scan.status <= Status.CLOCK_JUMP)
-    return scan.counts[is_load], stream.value[own]
-
-
-def _faults(counts: NDArray[np.int64]) -> list[Fault]:
-    return [
-        Fault(int(counts[status]), sentence)
-        for status, sentence in STATUS_SENTENCES.items()
-        if counts[status]
-    ]
+def _faults(counts: NDArray[np.int64]) -> Iterator[Fault]:
+    for status, sentence in STATUS_SENTENCES.items():
+        if counts[status]:
+            yield Fault(int(counts[status]), sentence)

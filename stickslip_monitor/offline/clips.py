@@ -7,9 +7,11 @@ import contextlib
 import itertools
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
+
+import numpy as np
 
 from stickslip_monitor.bags.encode import MESSAGE_TYPES
 from stickslip_monitor.bags.values import TimeSpans
@@ -19,7 +21,7 @@ from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecor
 from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.check import CheckReport
-from stickslip_monitor.offline.verdicts import NODE, messages, topics
+from stickslip_monitor.offline.verdicts import NODE, MessageColumn, tell_verdicts, topics
 
 _SLICE = 500
 # Told in the file, so that a recording of somebody else is none of ours, whatever its name.
@@ -131,18 +133,33 @@ def write_clips(checked: CheckReport, config: MonitorConfig, store: ClipFolder) 
     spans = TimeSpans((time_ns - around, time_ns + around) for time_ns in alarms)
     told = iter([event for event in events if spans.overlap(event.time_ns, event.time_ns)])
     count = 0
-    for message in messages(checked, config, spans):
-        recorder.add(ClipMessage(message.log_time_ns, message.topic, message.type, message.data))
-        if message.topic == f'/{NODE}/warnings':
-            recorder.note(next(told))
-        count += _store(recorder, store)
+
+    def take(columns: Sequence[MessageColumn]) -> None:
+        nonlocal count
+        for message in _in_order(columns):
+            recorder.add(message)
+            if message.topic == f'/{NODE}/warnings':
+                recorder.note(next(told))
+            count += _store(recorder, store)
+
+    tell_verdicts(checked, config, take, spans)
     recorder.finish()
     return count + _store(recorder, store)
 
 
+def _in_order(columns: Sequence[MessageColumn]) -> list[ClipMessage]:
+    found = []
+    for topic, kind, time_ns, payload in columns:
+        data = payload.tolist() if isinstance(payload, np.ndarray) else payload
+        found += [
+            ClipMessage(t, topic, kind, d) for t, d in zip(time_ns.tolist(), data, strict=True)
+        ]
+    return sorted(found, key=lambda message: message.time_ns)
+
+
 def _events(checked: CheckReport) -> Iterator[Event]:
     for bearing in checked.bearings.values():
-        yield from bearing.scan.events
+        yield from bearing.events
 
 
 def _store(recorder: ClipRecorder, store: ClipFolder) -> int:

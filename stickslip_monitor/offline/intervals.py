@@ -6,13 +6,14 @@ The worst moments of a recording.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stickslip_monitor.monitor.assessment import Assessment, at_index
+from stickslip_monitor.arrays import FloatArray, IndexArray
+from stickslip_monitor.monitor.assessment import Assessment, at_index, at_indices
 from stickslip_monitor.monitor.ladder import LADDER, Condition
 from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.monitor.verdict import Event
@@ -108,26 +109,34 @@ class Extreme:
     point: Assessment
 
 
-def worst(scan: Scan) -> dict[str, Extreme]:
+class Worst:
     """The least Hopf and fold margin, and the greatest amplitude while stick-slip is predicted.
 
-    Args:
-        scan: The verdicts on one bearing.
-
-    Returns:
-        The moments by name; a quantity that never had a value is absent.
+    Attributes:
+        found: The moments by name; a quantity that never had a value is absent.
     """
-    point = scan.assessment
-    sticking_amplitude = np.where(scan.sticking, point.amplitude, np.nan)
-    columns: dict[str, NDArray[np.float64]] = {
-        'hopf_margin': np.where(np.isfinite(point.hopf_margin), point.hopf_margin, np.nan),
-        'fold_margin': np.where(np.isfinite(point.fold_margin), point.fold_margin, np.nan),
-        'amplitude': -sticking_amplitude,
-    }
-    found = {}
-    for name, column in columns.items():
-        if not np.all(np.isnan(column)):
-            i = int(np.nanargmin(column))
-            value = float(abs(column[i]) if name == 'amplitude' else column[i])
-            found[name] = Extreme(int(scan.time_ns[i]), value, at_index(point, i))
-    return found
+
+    def __init__(self) -> None:
+        self.found: dict[str, Extreme] = {}
+        self._least: dict[str, float] = {}
+
+    def take(self, scan: Scan) -> None:
+        """Take the next part of the verdicts on one bearing."""
+        points = scan.assessment
+        for name in ('hopf_margin', 'fold_margin'):
+            margin = getattr(points, name)
+            self._take(name, scan, None, np.where(np.isfinite(margin), margin, np.inf))
+        rows = np.flatnonzero(scan.sticking)
+        if rows.size:
+            amplitude = at_indices(points, rows).amplitude
+            self._take('amplitude', scan, rows, np.where(np.isnan(amplitude), np.inf, -amplitude))
+
+    def _take(self, name: str, scan: Scan, rows: IndexArray | None, badness: FloatArray) -> None:
+        """Take a column whose least value is the worst; ``inf`` is none."""
+        i = int(badness.argmin()) if badness.size else -1
+        if i < 0 or not badness[i] < self._least.get(name, math.inf):
+            return
+        self._least[name] = value = float(badness[i])
+        k = i if rows is None else int(rows[i])
+        value = -value if name == 'amplitude' else value
+        self.found[name] = Extreme(int(scan.time_ns[k]), value, at_index(scan.assessment, k))

@@ -27,11 +27,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import i0e, i1e, ndtr, ndtri
 
 from stickslip_monitor.arrays import FloatArray, flatten, in_blocks, restore
 from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.physics.averaging.dimensionless import decline, speed_for_decline
+from stickslip_monitor.physics.bessel import i0e, i1e, ndtr, ndtri
 from stickslip_monitor.physics.friction import Stribeck, require_not_negative
 from stickslip_monitor.physics.oscillator import Bearing
 
@@ -366,6 +366,15 @@ class Belief:
         friction = replace(law, decay=self._beta, viscous=viscous)
         return replace(bearing, damping=damping, friction=friction)
 
+    def lean(self, p: float) -> float:
+        """Factor of ``N/N0`` that takes the middle to where it starts with the probability ``p``.
+
+        To first order, at the load whose Hopf speed is ``1/beta``; 1 for ``p = 0.5``.
+        """
+        d = np.ones(1)
+        spread = float(self._first_order_spread(1, d, self._load_at(d))[0])
+        return math.exp(-spread * float(ndtri(min(max(p, 1e-9), 1.0 - 1e-9))))
+
     def can(self, speed: ArrayLike, load: ArrayLike) -> Any:
         """The probability that a stick-slip cycle exists; inputs broadcast."""
         return self.probabilities(speed, load)[0]
@@ -374,16 +383,25 @@ class Belief:
         """The probability that stick-slip starts by itself; inputs broadcast."""
         return self.probabilities(speed, load)[1]
 
-    def probabilities(self, speed: ArrayLike, load: ArrayLike) -> tuple[Any, Any]:
-        """:meth:`can` and :meth:`will`."""
-        if isinstance(speed, float) and isinstance(load, float):
-            return self._probabilities_of_one(abs(speed), load)
-        shape, (v, n) = flatten(speed, load)
+    def probabilities(
+        self, speed: ArrayLike, load: ArrayLike, share: ArrayLike = 1.0
+    ) -> tuple[Any, Any]:
+        """:meth:`can` and :meth:`will`.
+
+        Args:
+            speed: Surface speed [m/s].
+            load: Load [N]; broadcasts with ``speed``.
+            share: Of the averaged fold in the one that counts, at most 1; broadcasts.
+        """
+        if isinstance(speed, float) and isinstance(load, float) and isinstance(share, float):
+            return self._probabilities_of_one(abs(speed), load, share)
+        shape, (v, n, part) = flatten(speed, load, share)
         known = np.isfinite(v) & np.isfinite(n) & (v != 0.0)
         moved = known & (n > 0.0)
         can, will = (np.where(known, 0.0, np.nan) for _ in range(2))
         with np.errstate(all='ignore'):
-            can[moved], will[moved] = in_blocks(self._looked_up, np.abs(v[moved]), n[moved])
+            found = in_blocks(self._looked_up, np.abs(v[moved]), n[moved], part[moved])
+        can[moved], will[moved] = found
         return restore(can, shape), restore(will, shape)
 
     def fold_speed(self, load: ArrayLike, p: float) -> Any:
@@ -429,28 +447,35 @@ class Belief:
             found[far] = self.fold_speed(load[far], QUANTILES[share])
         return found
 
-    def _probabilities_of_one(self, v: float, n: float) -> tuple[float, float]:
+    def _probabilities_of_one(self, v: float, n: float, share: float) -> tuple[float, float]:
         if not (0.0 < v < math.inf and math.isfinite(n)):
             return math.nan, math.nan
         if n <= 0.0:
             return 0.0, 0.0
         d = float(np.log(n / (1.0 + self.points.viscous * n))) - self._log_load
         if d > self._top:
-            return self.exact_probabilities(v, n)
+            can, will = (
+                self.exact_probabilities(v * share, n)[0],
+                self.exact_probabilities(v, n)[1],
+            )
+            return can, min(will, can)
         v *= self._beta
         fold, hopf = self._tables
-        can = float(ndtr(fold.look_up_one(d, _value_of_one(v))))
+        can = float(ndtr(fold.look_up_one(d, _value_of_one(v * share))))
         will = float(ndtr(hopf.look_up_one(d, v)))
         return can, min(will, can)
 
-    def _looked_up(self, v: FloatArray, n: FloatArray) -> tuple[NDArray[Any], ...]:
+    def _looked_up(
+        self, v: FloatArray, n: FloatArray, share: FloatArray
+    ) -> tuple[NDArray[Any], ...]:
         d = self.points.decrement(n) - self._log_load
         scaled = self._beta * v
-        can = ndtr(self._tables[0].look_up(d, decline(scaled)))
+        can = ndtr(self._tables[0].look_up(d, decline(scaled * share)))
         will = np.minimum(ndtr(self._tables[1].look_up(d, scaled)), can)
         far = np.flatnonzero(d > self._top)
         if far.size:
-            can[far], will[far] = self.exact_probabilities(v[far], n[far])
+            can[far] = self.exact_probabilities((v * share)[far], n[far])[0]
+            will[far] = np.minimum(self.exact_probabilities(v[far], n[far])[1], can[far])
         return can, will
 
     def _deviation(self) -> float:

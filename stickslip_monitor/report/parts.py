@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from stickslip_monitor.drawing.palette import CONDITION_NAMES
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.ladder import Level
@@ -45,6 +47,14 @@ def facts(course: Course) -> tuple[Fact, ...]:
             extreme = course.worst[name]
             note = f'{formatting.minute(extreme.time_ns)}, at {place(course, extreme)}'
             found.append(Fact(title, shown(extreme.value), note))
+    point = course.scan.assessment
+    if point.has_belief:
+        can, will = (
+            float(np.nanmax(p, initial=0.0))
+            for p in (point.probability_can, point.probability_will)
+        )
+        note = f'that it starts by itself: at most {will:.0%}'
+        found.append(Fact('greatest probability of stick-slip', f'{can:.0%}', note))
     return tuple(found)
 
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Condition
-from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.offline.intervals import ConditionInterval, Extreme, together
+from stickslip_monitor.offline.outline import Verdicts
 from stickslip_monitor.report import formatting
 from stickslip_monitor.report.document import Finding
 
@@ -32,7 +32,7 @@ class Course:
 
     Attributes:
         config: The bearing.
-        scan: Its verdicts and events.
+        scan: Its verdicts and events, or their outline.
         spells: The alarm's conditions from start to end.
         seconds: Time in each regime [s].
         worst: The worst moments by name.
@@ -41,7 +41,7 @@ class Course:
     """
 
     config: BearingConfig
-    scan: Scan
+    scan: Verdicts
     spells: Sequence[ConditionInterval]
     seconds: Mapping[Regime, float]
     worst: Mapping[str, Extreme]

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import heapq
+import operator
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -30,9 +32,10 @@ TELEMETRY = QoSProfile(
     reliability=ReliabilityPolicy.BEST_EFFORT,
     durability=DurabilityPolicy.VOLATILE,
 )
-# Messages of a topic that are taken in one go before the other callbacks have their turn.
-_BURST = 50
 
+# Time [ns], topic and message.
+Arrival = tuple[int, 'Lane', Any]
+_time_of = operator.itemgetter(0)
 
 Receive = Callable[[str, int, int, float, bool], None]
 Tap = Callable[[str, Any, int | None], None]
@@ -92,7 +95,7 @@ class Inputs:
         node: The node.
         config: The configuration.
         receive: Called with ``(bearing, is_load, time_ns, value, latest)`` for every number;
-            ``latest`` is false where a later message of its topic has come already.
+            ``latest`` is false where a later number of its bearing has come already.
         done: Called when the messages that waited have been taken.
         health: Where losses are counted.
         tap: Called with topic, message and its time [ns] before the numbers of it, if given.
@@ -110,7 +113,7 @@ class Inputs:
         health: NodeHealth,
         tap: Tap | None = None,
     ) -> None:
-        self._node, self._health = node, health
+        self._health, self._receive, self._tap, self._done = health, receive, tap, done
         readings: dict[tuple[str, str], list[InputReader]] = {}
         timeouts: dict[tuple[str, str], int] = {}
         for bearing in config.bearings:
@@ -122,12 +125,14 @@ class Inputs:
         self._lanes: list[Lane] = []
         try:
             for key, readers in readings.items():
-                lane = Lane(node, *key, readers, timeouts[key], receive, tap)
+                lane = Lane(node, *key, readers, timeouts[key], len(self._lanes))
                 self._lanes.append(lane)
-                lane.subscribe(done, self._on_lost)
+                lane.subscribe(self._on_message, self._on_lost)
         except ROS_FAULTS:
             self.destroy()
             raise
+        for lane in self._lanes:
+            lane.beside = [other for other in self._lanes if other.shares_bearing(lane)]
 
     def destroy(self) -> None:
         """Take the subscriptions down."""
@@ -136,8 +141,36 @@ class Inputs:
 
     def take_waiting(self) -> None:
         """Take what waits on every topic, for a node that was held up."""
-        for lane in self._lanes:
-            lane.take_waiting()
+        self._hand_over([lane.waiting() for lane in self._lanes], held_up=True)
+
+    def _on_message(self, lane: Lane, message: Any) -> None:
+        """Take a message and those that wait with it: a turn of the executor is dear."""
+        found = {lane: lane.waiting(message)}
+        lanes = [lane]
+        for one in lanes:
+            if found[one]:
+                new = [other for other in one.beside if other not in found]
+                found |= {other: other.waiting() for other in new}
+                lanes += new
+        self._hand_over([found[one] for one in sorted(lanes, key=lambda one: one.place)])
+        self._done()
+
+    def _hand_over(self, topics: Sequence[list[Arrival]], held_up: bool = False) -> None:
+        """Hand over what came on some topics in order of time, each topic's in its own order."""
+        some = [arrivals for arrivals in topics if arrivals]
+        arrivals = some[0] if len(some) == 1 else list(heapq.merge(*some, key=_time_of))
+        last = {
+            reading.bearing: place
+            for place, (_, lane, _) in enumerate(arrivals)
+            for reading in lane.readers
+        }
+        for place, (time_ns, lane, message) in enumerate(arrivals):
+            if self._tap is not None:
+                self._tap(lane.name, message, time_ns)
+            for reading in lane.readers:
+                latest = last[reading.bearing] == place and not held_up
+                number = reading.number(message)
+                self._receive(reading.bearing, reading.is_load, time_ns, number, latest)
 
     def count_missing(self) -> None:
         """Bring the node's count of missing messages up to date."""
@@ -156,8 +189,13 @@ class Lane:
         kind: Its message type.
         readers: What is read from a message.
         timeout_ns: The shortest timeout of those inputs [ns].
-        receive: See :class:`Inputs`.
-        tap: See :class:`Inputs`.
+        place: Its place among all topics.
+
+    Attributes:
+        readers: What is read from a message.
+        name: The full name of the topic.
+        place: Its place among all topics.
+        beside: The topics that bring other numbers of its bearings.
     """
 
     def __init__(
@@ -167,13 +205,13 @@ class Lane:
         kind: str,
         readers: list[InputReader],
         timeout_ns: int,
-        receive: Receive,
-        tap: Tap | None,
+        place: int,
     ) -> None:
         self._node, self._topic, self._kind = node, topic, kind
-        self._readers, self._receive, self._tap = readers, receive, tap
+        self.readers, self.place = readers, place
+        self.beside: list[Lane] = []
         self._stamp = stamp_reader(kind)
-        self._name = node.resolve_topic_name(topic)
+        self.name = node.resolve_topic_name(topic)
         self._gaps = StampGaps(timeout_ns)
         self._subscription: Any = None
         self._tick_ns = self._shared = 0
@@ -183,20 +221,16 @@ class Lane:
         """Messages missing by the stamps of the sender."""
         return self._gaps.missing
 
-    def subscribe(self, done: Callable[[], None], on_lost: Callable[[Any], None]) -> None:
+    def shares_bearing(self, other: Lane) -> bool:
+        """Whether another topic brings a number of one of its bearings."""
+        own = {reading.bearing for reading in self.readers}
+        return other is not self and any(reading.bearing in own for reading in other.readers)
+
+    def subscribe(self, take: Callable[[Lane, Any], None], on_lost: Callable[[Any], None]) -> None:
         """Listen from now on."""
 
         def receive(message: Any) -> None:
-            """Take a message and those that wait behind it: a turn of the executor is dear."""
-            for _ in range(_BURST):
-                following = self._waiting()
-                self._take(message, following is None)
-                message = following
-                if message is None:
-                    break
-            else:
-                self._take(message, True)
-            done()
+            take(self, message)
 
         arguments = message_type(self._kind), self._topic, self._node.survived(receive), TELEMETRY
         try:
@@ -211,31 +245,25 @@ class Lane:
         if self._subscription is not None:
             self._node.destroy_subscription(self._subscription)
 
-    def take_waiting(self) -> None:
-        """Take what waits, and not what comes meanwhile."""
-        for _ in range(_DEPTH):
-            message = self._waiting()
-            if message is None:
-                return
-            self._take(message, False)
+    def waiting(self, message: Any = None) -> list[Arrival]:
+        """What waits, a message that was taken already first, and not what comes meanwhile.
 
-    def _waiting(self) -> Any:
+        What comes before the first ``/clock`` has no time and is not used.
+        """
+        found: list[Arrival] = []
+        message = self._next() if message is None else message
+        while message is not None:
+            if time_ns := self._time(message):
+                found.append((time_ns, self, message))
+            message = self._next() if len(found) < _DEPTH else None
+        return found
+
+    def _next(self) -> Any:
         """The next message, taken as rclpy's executors do; ``None`` for none."""
         subscription = self._subscription
         with subscription.handle:
             taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
         return None if taken is None else taken[0]
-
-    def _take(self, message: Any, latest: bool) -> None:
-        time_ns = self._time(message)
-        if time_ns == 0:
-            # use_sim_time is set and /clock has said nothing yet: there is no time.
-            return
-        if self._tap is not None:
-            self._tap(self._name, message, time_ns)
-        for reading in self._readers:
-            number = reading.number(message)
-            self._receive(reading.bearing, reading.is_load, time_ns, number, latest)
 
     def _time(self, message: Any) -> int:
         """The time of measurement where the message carries it, else that of its arrival [ns]."""

@@ -47,7 +47,7 @@ from stickslip_monitor.ros.message_types import ROS_FAULTS
 from stickslip_monitor.ros.outputs import Outputs
 from stickslip_monitor.ros.service import ServiceManager
 from stickslip_monitor.ros.state_file import StateFile, StateWriter
-from stickslip_monitor.surface_store import prepare_surfaces
+from stickslip_monitor.surface_store import SurfaceBuilder, prepare_surfaces
 
 WATCHDOG_PERIOD = 0.1
 LONGEST_WAIT = 0.2
@@ -81,6 +81,7 @@ class MonitorNode(LifecycleNode):
     _clips: Clips | None = None
     _state_file: StateWriter | None = None
     _outputs: Outputs | None = None
+    _surfaces: SurfaceBuilder | None = None
 
     def __init__(
         self, store: Callable[[ClipConfig], ClipStore] | None = None, **options: Any
@@ -104,6 +105,7 @@ class MonitorNode(LifecycleNode):
         self._actions: Actions | None = None
         self._ticker: Any = None
         self._simulated = False
+        self._surfaces = SurfaceBuilder()
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._begin_watching()
 
@@ -224,6 +226,8 @@ class MonitorNode(LifecycleNode):
             self._clips.close()
         if self._state_file is not None:
             self._state_file.close()
+        if self._surfaces is not None:
+            self._surfaces.close()
         super().destroy_node()
 
     def _failed(self, text: str) -> TransitionCallbackReturn:
@@ -420,6 +424,9 @@ class MonitorNode(LifecycleNode):
             self._note('input', f'{bearing}: {text}')
         assert self._inputs is not None
         self._inputs.count_missing()
+        for watched in self._monitor.bearings.values():
+            if watched.verdict is not None and self._surfaces is not None:
+                self._surfaces.need(watched.config.bearing, watched.verdict.assessment.load)
         health = self._health
         if self._clips is not None:
             health.clip_fault = self._clips.fault

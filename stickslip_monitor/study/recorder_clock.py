@@ -19,8 +19,15 @@ from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.scan import Scan, scan_bearing
 from stickslip_monitor.monitor.signals import Status, Stream
+from stickslip_monitor.offline.follow import WholeBag
 
 _EARLIEST = np.iinfo(np.int64).min
+
+
+def scan_on_recorder_clock(whole: WholeBag, config: BearingConfig) -> Scan:
+    """The verdicts on one bearing of a bag, with times of the recorder."""
+    own = whole.bearings[config.name]
+    return on_recorder_clock(config, own.stream, own.arrival_ns, own.scan, whole.start_ns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,7 +23,7 @@ from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Condition, Level
 from stickslip_monitor.monitor.scan import Scan, scan_bearing, trend_at
 from stickslip_monitor.monitor.signals import Levels, Stream, to_si
-from stickslip_monitor.monitor.source_faults import find_source_faults, least_gap
+from stickslip_monitor.monitor.source_faults import SourceWatch, least_gap
 from stickslip_monitor.offline.intervals import condition_intervals
 from stickslip_monitor.offline.processes import run_in_processes
 from stickslip_monitor.offline.truth import Column, episodes_of, topic
@@ -139,13 +139,7 @@ def _voyages(
 ) -> Iterator[Voyage]:
     variants = call.variants if sensors == call.varied_sensors else ()
     for config in scene.config.bearings:
-        sent = None if config.level is None or config.level.topic not in messages else config.level
-        case = _Case(
-            as_believed(replace(config, level=sent), scene.parameter_error, scene.seed),
-            *_stream(config, messages),
-            truths[config.name],
-            _is_plain(scene),
-        )
+        case = _case(scene, config, messages, truths[config.name])
         yield Voyage(
             scene=call.scene,
             seed=scene.seed,
@@ -156,9 +150,36 @@ def _voyages(
         )
 
 
+def cases_of(scene: Scene) -> Iterator[Sailed]:
+    """Simulate a scene; each of its bearings, to be judged.
+
+    Raises:
+        SceneError: It says nothing about the truth.
+    """
+    messages, columns = _run(scene)
+    for config in scene.config.bearings:
+        yield _case(scene, config, messages, _truth(scene, config.name, columns))
+
+
+def _case(
+    scene: Scene, config: BearingConfig, messages: Mapping[str, Messages], truth: Truth
+) -> Sailed:
+    sent = None if config.level is None or config.level.topic not in messages else config.level
+    believed = as_believed(replace(config, level=sent), scene.parameter_error, scene.seed)
+    return Sailed(believed, *_stream(config, messages), truth, _is_plain(scene))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class _Case:
-    """One bearing on one voyage: what the monitor believes and gets, and the truth."""
+class Sailed:
+    """One bearing on one voyage: what the monitor believes and gets, and the truth.
+
+    Attributes:
+        config: What the monitor believes.
+        stream: The samples.
+        arrival_ns: When the recorder got each [ns].
+        truth: The truth.
+        plain: Whether what happens shows in speed and load, and does so once.
+    """
 
     config: BearingConfig
     stream: Stream
@@ -170,9 +191,7 @@ class _Case:
         """The judgement of the monitor and of the bare rules."""
         scan = self._scan(self.config)
         told = list(_forecasts(self.config, scan)) if forecasts else []
-        said = on_recorder_clock(
-            self.config, self.stream, self.arrival_ns, scan, self.truth.start_ns
-        )
+        said = self._on_recorder_clock(scan)
         ours = self._judged(_monitor_said(said, self.truth), told)
         wrong_source = _has_wrong_source(self.config, self.stream, self.arrival_ns)
         bare = {name: self._judged(rule) for name, rule in _bare_rules(said).items()}
@@ -182,6 +201,14 @@ class _Case:
         """The judgement of the monitor with some fields of its alarm changed."""
         config = replace(self.config, alarm=replace(self.config.alarm, **variant))
         return self._judged(_monitor_said(self._scan(config), self.truth))
+
+    def recorded(self) -> Scan:
+        """The verdicts, on the recorder's clock."""
+        return self._on_recorder_clock(self._scan(self.config))
+
+    def _on_recorder_clock(self, scan: Scan) -> Scan:
+        start = self.truth.start_ns
+        return on_recorder_clock(self.config, self.stream, self.arrival_ns, scan, start)
 
     def _scan(self, config: BearingConfig) -> Scan:
         return scan_bearing(config, self.stream, *_span(self.truth, self.stream))
@@ -321,7 +348,7 @@ def _has_wrong_source(config: BearingConfig, stream: Stream, arrival_ns: IntArra
         own = stream.is_load == bool(is_load)
         si = to_si(source, stream.value[own])
         gap = least_gap(config, is_load)
-        if find_source_faults(arrival_ns[own], stream.time_ns[own], si, gap):
+        if SourceWatch(gap).see_many(arrival_ns[own], stream.time_ns[own], si):
             return True
     return False
 

@@ -6,7 +6,8 @@ The three figures of alarm systems are the rates of false and of missed alarms a
 
 - *warned*: a warning (caution or above) stands at an episode's first stick; *lead* is how long it
   has stood; *missed*: none stands from the first to the last stick.
-- *detected*: the stick-slip alarm stands at some time of the episode.
+- *detected*: the stick-slip alarm stands at some time of the episode; *told*: before it, or within
+  its first 5 s.
 - *false*: a stick-slip alarm without an episode within 60 s; *wrong* is the time in that alarm
   that is further than 60 s from every episode.
 - *far*: warnings that are raised and cleared while the true fold margin is at least 0.4.
@@ -43,6 +44,8 @@ FAR = 0.4
 BURST_NS = 600 * 10**9
 MANY = 10
 """Raised conditions in ten minutes that are a burst."""
+SOON = 5.0
+"""An episode is told if the alarm comes no later than this [s]."""
 ENOUGH_LEAD = 10.0
 """A lead that leaves time to act [s]."""
 
@@ -90,6 +93,7 @@ class Quality:
         leads: Of each episode that was warned of, the lead [s]; negative where it came late.
         missed: Episodes that were not warned of.
         detected: Episodes that were detected.
+        told: Those of them that were told within 5 s.
         plain: Episodes of voyages without knocks, wear and waves.
         plain_detected: Those of them that were detected.
         false: False stick-slip alarms.
@@ -108,6 +112,7 @@ class Quality:
     leads: tuple[float, ...] = ()
     missed: int = 0
     detected: int = 0
+    told: int = 0
     plain: int = 0
     plain_detected: int = 0
     false: int = 0
@@ -147,6 +152,7 @@ class Quality:
             'lead_10s': _ratio(early, self.episodes),
             'missed': _ratio(self.missed, self.episodes),
             'detected': _ratio(self.detected, self.episodes),
+            'told': _ratio(self.told, self.episodes),
             'detected_plain': _ratio(self.plain_detected, self.plain),
             'false_per_100h': _ratio(self.false * 360_000.0, self.seconds),
             'wrong_hours': self.wrong / 3600.0,
@@ -186,7 +192,8 @@ def quality_of(
     episodes = intersection(merged(truth.episodes), window)
     warned, alarmed = intersection(said.warned, window), intersection(said.alarmed, window)
     leads = [lead_of(episode, warned) for episode in episodes]
-    detected = sum(bool(intersection([episode], alarmed)) for episode in episodes)
+    alarms = [lead_of(episode, alarmed) for episode in episodes]
+    detected = sum(lead is not None for lead in alarms)
     near = merged((first - NEAR_NS, last + NEAR_NS) for first, last in episodes)
     false = [alarm for alarm in alarmed if not intersection([alarm], near)]
     far = _far(truth)
@@ -196,6 +203,7 @@ def quality_of(
         leads=tuple(lead for lead in leads if lead is not None),
         missed=sum(lead is None for lead in leads),
         detected=detected,
+        told=sum(lead is not None and lead >= -SOON for lead in alarms),
         plain=len(episodes) if plain else 0,
         plain_detected=detected if plain else 0,
         false=len(false),

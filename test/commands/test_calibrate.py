@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
@@ -104,63 +105,118 @@ def test_an_operator_and_a_level_are_evidence_too(
         for a, b, state in zip(times, times[1:], ('quiet', 'squeal', 'quiet'), strict=False)
     ]
     reports.write_text('\n'.join(['bearing,start,end,state', *lines]))
-    # A level beside speed and load, on the same clock.
-    copy = tmp_path / 'with_level.mcap'
-    own = ('/shaft/speed', '/bearing/aft_stern/load')
-    level_ns = np.arange(bag.start_ns, bag.end_ns, 10**8)
+    copy, level_ns = tmp_path / 'with_level.mcap', np.arange(bag.start_ns, bag.end_ns, 10**8)
     loud = (level_ns > begin) & (level_ns < end)
-    level = np.where(loud, 2.0, 0.1) * np.exp(
-        0.1 * np.random.default_rng(3).standard_normal(level_ns.size)
+    noise = np.random.default_rng(3).standard_normal(level_ns.size)
+    without_truth(copy, np.where(loud, 2.0, 0.1) * np.exp(0.1 * noise))
+    configured = wrong.with_name('level.yaml')
+    configured.write_text(
+        wrong.read_text().replace(
+            '      speed: {', '      level: {topic: /level, threshold: 0.5}\n      speed: {'
+        )
     )
-    with BagWriter(copy) as writer:
-        for topic in (*own, '/level'):
-            writer.add_topic(topic, 'std_msgs/msg/Float64')
-        for message in bag.messages(own):
-            writer.write(message.topic, message.log_time_ns, message.data)
-        writer.write_float64('/level', level_ns, level)
     for arguments in (
-        [str(COAST_DOWN), '--reports', str(reports)],
-        [str(copy), '--level', '/level'],
+        [str(COAST_DOWN), '--reports', str(reports), '-c', str(wrong)],
+        [str(copy), '--level', '/level', '-c', str(wrong)],
+        [str(copy), '-c', str(configured)],
     ):
-        assert main(['calibrate', *arguments, '-c', str(wrong), '--json']) == 0
+        assert main(['calibrate', *arguments, '--json']) == 0
         found = middle(json.loads(capsys.readouterr().out))
         assert found['fold_50'] == pytest.approx(40.72, rel=0.06)
+    assert main(['check', str(copy), '-c', str(configured), '--learn', 'level']) == 1
+    assert 'learned: aft_stern: 1 episode ends 7' in capsys.readouterr().out
+    assert main(['check', str(copy), '-c', str(wrong), '--learn', 'level']) == 2
+    assert 'aft_stern has none: configure level.topic' in capsys.readouterr().err
 
 
-def test_a_recording_without_evidence_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_check_proposes_what_a_calibration_would_change(
+    wrong: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    copy = tmp_path / 'without.mcap'
+    arguments = ['check', str(COAST_DOWN), '--learn', 'truth', '-c']
+    assert main([*arguments, str(CONFIG)]) == main([*arguments[:2], '-c', str(CONFIG)]) == 1
+    agrees, _ = capsys.readouterr().out.split('learned: ')[1].split('\n', 1)
+    assert agrees.startswith('aft_stern: 1 episode agrees with the predicted fold of 40.7 rpm (')
+    # By the wrong drawing the fold is at 23.9 rpm, and 40.72 is 70 % above that.
+    before = wrong.read_bytes()
+    assert main([*arguments, str(wrong)]) == main(['check', str(COAST_DOWN), '-c', str(wrong)])
+    _, text = capsys.readouterr().out.split('learned: ')
+    off = int(text.split('1 episode ends ')[1].split('%')[0])
+    assert off == pytest.approx(70.4, abs=5.0)
+    assert 'above the predicted fold (' in text
+    assert 'predicted 23.9 rpm): calibrate with `stickslip calibrate ' in text
+    assert wrong.read_bytes() == before
+    # Without evidence nothing is learned, and that is said; the JSON stays what it was.
+    bare = tmp_path / 'bare.mcap'
+    without_truth(bare)
+    main(['check', str(bare), '-c', str(CONFIG), '--json', '--learn', 'truth'])
+    told = capsys.readouterr()
+    assert json.loads(told.out)['schema'] == 'stickslip_monitor/check/1'
+    assert 'nothing is learned: bag' in told.err
+
+
+def without_truth(copy: Path, level: FloatArray | None = None) -> None:
+    """Speed and load of the coast-down, as a ship would record them, and perhaps a level."""
     bag, own = open_bag(COAST_DOWN), ('/shaft/speed', '/bearing/aft_stern/load')
     with BagWriter(copy) as writer:
         for topic in own:
             writer.add_topic(topic, 'std_msgs/msg/Float64')
         for message in bag.messages(own):
             writer.write(message.topic, message.log_time_ns, message.data)
+        if level is not None:
+            assert bag.start_ns is not None
+            writer.add_topic('/level', 'std_msgs/msg/Float64')
+            time_ns = bag.start_ns + np.arange(level.size) * 10**8
+            writer.write_float64('/level', time_ns, level)
+
+
+def test_a_recording_without_evidence_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = tmp_path / 'without.mcap'
+    without_truth(copy)
     assert main(['calibrate', str(copy), '-c', str(CONFIG)]) == 2
     assert 'holds no truth about aft_stern' in capsys.readouterr().err
 
 
+# The coast-down begins on 2026-05-04 at 06:00 UTC and lasts 280 s.
+HEAD = 'bearing,start,end,state\n'
+DAY = 'aft_stern,2026-05-04T06:00:00Z,2026-05-04T06:02:00Z,quiet\n'
+
+
 @pytest.mark.parametrize(
-    ('bag', 'further', 'words'),
+    ('option', 'content', 'words'),
     [
-        ('coast_down', ['--level', '/bearing/aft_stern/load'], 'has no two modes'),
-        ('coast_down', ['--forget', '-1'], '--forget -1 must be from 0 to 1'),
-        ('coast_down', ['--bench', str(CONFIG)], 'cannot be read'),
-        ('coast_down', ['--add', str(CONFIG)], 'is not JSON'),
-        ('coast_down', ['--reports', 'OUTSIDE'], 'line 2: the report lies outside'),
-        ('coast_down', ['--bearing', 'bow'], "bearing 'bow' is not configured"),
+        ('--level', '/bearing/aft_stern/load', 'has no two modes'),
+        ('--level', '/level', 'the level on /level never changes'),
+        ('--forget', '-1', '--forget -1 must be from 0 to 1'),
+        ('--bearing', 'bow', "bearing 'bow' is not configured"),
+        ('--bench', '{', 'cannot be read'),
+        ('--add', '{', 'is not JSON'),
+        ('--add', '{"schema": "x/1"}', "has the schema 'x/1' and must have"),
+        (
+            '--add',
+            '{"schema": "stickslip_monitor/calibration/1", "bearing": "bow"}',
+            "is a calibration of 'bow' and not of 'aft_stern'",
+        ),
+        ('--reports', HEAD, 'has no reports'),
+        ('--reports', HEAD + DAY.replace('05-04', '05-05'), 'line 2: the report lies outside'),
+        ('--reports', HEAD + DAY.replace('aft_stern', 'bow'), "line 2: bearing 'bow' is not"),
+        ('--reports', HEAD + DAY.replace('Z', ''), "line 2: start '2026-05-04T06:00:00' has no"),
+        ('--reports', HEAD + DAY + DAY.replace('quiet', 'squeal'), 'line 3 contradicts'),
+        ('--reports', HEAD + DAY.replace('quiet', 'loud'), "state 'loud' must be squeal or"),
     ],
 )
 def test_bad_input_is_one_sentence(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], bag: str, further: list[str], words: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, content: str, words: str
 ) -> None:
-    outside = tmp_path / 'outside.csv'
-    outside.write_text(
-        'bearing,start,end,state\naft_stern,2001-01-01T00:00:00Z,2001-01-01T00:01:00Z,quiet\n'
-    )
-    further = [str(outside) if item == 'OUTSIDE' else item for item in further]
-    assert main(['calibrate', str(ROOT / 'bags' / bag), '-c', str(CONFIG), *further]) == 2
+    bag, value = COAST_DOWN, content
+    if option in ('--bench', '--add', '--reports'):
+        value = str(tmp_path / 'given')
+        Path(value).write_text(content)
+    if content == '/level':
+        bag = tmp_path / 'still.mcap'
+        without_truth(bag, np.full(2800, 0.3))
+    assert main(['calibrate', str(bag), '-c', str(CONFIG), option, value]) == 2
     error = capsys.readouterr().err
     assert words in error
     assert error.startswith('ERROR: ')

@@ -17,16 +17,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stickslip_monitor import Monitor, Stream
-from stickslip_monitor.bags.reader import Bag
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
 from stickslip_monitor.drawing.palette import CONDITION_NAMES
-from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.ladder import Condition
-from stickslip_monitor.offline.check import BearingReport, CheckReport, InputReport, find_gaps
-from stickslip_monitor.offline.intervals import worst
+from stickslip_monitor.offline.check import CheckReport, check_bag
 
 ROOT = Path(__file__).parents[2]
 BAG = ROOT / 'bags' / 'coast_down'
@@ -172,23 +168,18 @@ def test_a_report_is_as_readable_as_any_file(tmp_path: Path) -> None:
     assert (tmp_path / 'out.json').stat().st_mode == (tmp_path / 'other').stat().st_mode
 
 
-def checked_day() -> CheckReport:
-    """A day at 10 Hz with noise and one bad second, as if it had been read from a bag."""
-    size, config = 864_000, load_config(CONFIG)
+def checked_day(path: Path) -> CheckReport:
+    """A day at 10 Hz with noise and one bad second."""
+    size = 864_000
     speeds = 60.0 + np.random.default_rng(1).normal(0.0, 0.5, size)
     speeds[500_000:500_010] = 20.0
-    times = START + np.repeat(np.arange(size, dtype=np.int64), 2) * 10**8
-    values = np.column_stack([speeds, np.full(size, 1000.0)]).ravel()
-    stream = Stream(times, np.tile([False, True], size), values)
-    end = int(times[-1])
-    scan = Monitor(config).scan({'aft_stern': stream}, START, end)['aft_stern']
-    seconds = dict.fromkeys(Regime, 0.0) | {Regime.STABLE: 86_400.0}
-    inputs = tuple(
-        InputReport(name, f'/{name}', size, size, (), find_gaps(times[::2], 5 * 10**9))
-        for name in ('speed', 'load')
-    )
-    report = BearingReport('aft_stern', scan, seconds, worst(scan), inputs, stream)
-    return CheckReport(Bag(Path('day'), [], []), {'aft_stern': report}, START, end)
+    times = START + np.arange(size, dtype=np.int64) * 10**8
+    columns = {'/shaft/speed': speeds, '/bearing/aft_stern/load': np.full(size, 1000.0)}
+    with BagWriter(path) as writer:
+        for topic in columns:
+            writer.add_topic(topic, 'std_msgs/msg/Float64')
+        writer.write_float64s({topic: (times, values) for topic, values in columns.items()})
+    return check_bag(path, load_config(CONFIG))
 
 
 def test_a_day_is_no_larger_than_a_minute_and_loses_no_excursion(
@@ -207,7 +198,9 @@ def test_a_day_is_no_larger_than_a_minute_and_loses_no_excursion(
     monkeypatch.setattr(report_command, 'draw_map', remember)
     config, path = load_config(CONFIG), tmp_path / 'day.html'
     file = report_command.ReportFile(str(path), config, str(CONFIG))
-    file.add(report_command.make_part('.html', config, checked_day(), 'bag-day'), {})
+    file.add(
+        report_command.make_part('.html', config, checked_day(tmp_path / 'day'), 'bag-day'), {}
+    )
     file.write(datetime(2026, 5, 5, tzinfo=timezone.utc), listed=False)
     assert path.stat().st_size < 1_000_000
     assert 'Made 2026-05-05 00:00 UTC' in text_of(path)

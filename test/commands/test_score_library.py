@@ -63,6 +63,10 @@ LIBRARY = {
     'bistable_knock': {
         'aft_stern': Figures(1, 130.0 - (10.0 + (60.0 - 44.8) / 0.48) - 2.0 - 4.0, None, 53.0)
     },
+    # The level takes three seconds, and comes twice a second.
+    'measured_knock': {
+        'aft_stern': Figures(1, 130.0 - (10.0 + (60.0 - 44.8) / 0.48) - 2.0 - 4.0, -4.0, 4.0)
+    },
     # With the first turn of the shaft: nothing can warn before, and the delay is 2 s. At 44 rpm
     # the configured law has no cycle, and the new lining sticks until it has run in.
     'cold_start': {'aft_stern': Figures(1, -2.4, -2.4, 2.4 + 330.0 - 106.6, late=1)},

@@ -99,6 +99,7 @@ class Dashboard:
         token: str = '',
         port: int = 0,
         nodes: tuple[str, ...] = ('/stickslip_monitor',),
+        player: Any = None,
         **limits: float,
     ) -> None:
         from aiohttp import web
@@ -116,7 +117,7 @@ class Dashboard:
         self.ships = [Ship(monitor) for monitor in self.board.monitors]
         self.ship = self.ships[0]
         access = Access(token, frozenset({'ship.test'}))
-        self._app = Server(self.board, access, None, 0.3, 2.0).application()
+        self._app = Server(self.board, access, player, 0.3, 2.0).application()
         self._runner = web.AppRunner(self._app, access_log=None, shutdown_timeout=1.0)
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
@@ -249,12 +250,19 @@ class Browser:
         look = f'(() => {{ try {{ return !!({expression}); }} catch {{ return false; }} }})()'
         return until(lambda: self.js(look), expression, deadline)
 
+    def choose(self, name: str, value: str) -> None:
+        """Choose a value of one of the page's settings."""
+        choice = f'document.getElementById({json.dumps(name)})'
+        self.js(
+            f"{choice}.value = {json.dumps(value)}, {choice}.dispatchEvent(new Event('change'))"
+        )
+
     def text(self, selector: str) -> str:
         return str(self.js(f'document.querySelector({json.dumps(selector)})?.textContent ?? ""'))
 
     def press(self, *keys: str) -> None:
         """Press keys one after the other."""
-        codes = {'Tab': 9, 'Enter': 13, ' ': 32, 'Escape': 27}
+        codes = {'Tab': 9, 'Enter': 13, ' ': 32, 'Escape': 27, 'ArrowLeft': 37, 'Home': 36}
         for key in keys:
             text = {'Enter': '\r', ' ': ' '}.get(key, '')
             for kind in ('keyDown', 'keyUp'):

@@ -142,7 +142,7 @@ def test_a_ship_without_ros(watch: Callable[..., Watch], tmp_path: Path) -> None
     assert states()['10002'] == 'A'
     metrics = urllib.request.urlopen(f'{page}metrics', timeout=10.0).read().decode()
     assert 'stickslip_link_up{link="nmea_in"} 1.0' in metrics
-    assert 'condition="input_stale"} 1.0' in metrics
+    assert 'condition="input_stale",namespace="/"} 1.0' in metrics
     assert 'aft_stern: Input speed lost: nothing believable on NMEA RPM S 1 for' in ship.output
     ship.process.send_signal(signal.SIGINT)
     assert ship.process.wait(DEADLINE) == 0

@@ -23,7 +23,7 @@ def test_events_together_are_what_each_is_by_itself(
     found = [
         event
         for name in ('coast_down', 'sensor_values', 'manoeuvring')
-        for event in check_bag(ROOT / 'bags' / name, config).bearings['aft_stern'].scan.events
+        for event in check_bag(ROOT / 'bags' / name, config).bearings['aft_stern'].events
     ]
     assert len(found) > 20
     # An input may be lost before there is any operating point.

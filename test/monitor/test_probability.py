@@ -29,8 +29,9 @@ def passage() -> Stream:
     return Stream(time, is_load, np.where(is_load, 1000.0, np.repeat(rpm, 2)))
 
 
-def test_live_and_batch_say_the_same_to_the_last_bit(configure: Configure) -> None:
-    config, stream = configure(**TOLERANCE), passage()
+@pytest.mark.parametrize('runs', [0.1, 0.5, 0.9])
+def test_live_and_batch_say_the_same_to_the_last_bit(configure: Configure, runs: float) -> None:
+    config, stream = configure(**TOLERANCE, alarm__runs_probability=runs), passage()
     scan = Monitor(config).scan({'aft': stream})['aft']
     live = Monitor(config)
     verdicts, events = [], []
@@ -90,6 +91,50 @@ def test_caution_and_bistable_go_by_their_thresholds(configure: Configure) -> No
     last = int(np.flatnonzero(rung >= 2)[-1])
     assert can[last] < 0.1 < up[0]
     assert down[0] < 0.2
+
+
+@pytest.mark.parametrize('runs', [0.1, 0.5, 0.9])
+def test_stick_slip_goes_by_its_threshold(configure: Configure, runs: float) -> None:
+    # Without a memory, it begins at the Hopf speed that this share of the belief has or exceeds,
+    # and ends where half of that share has no cycle any more.
+    config = configure(**TOLERANCE, alarm__runs_probability=runs, alarm__onset_growth=0.0)
+    scan = Monitor(config).scan({'aft': passage()})['aft']
+    belief, speed = config.bearing('aft').belief, scan.assessment.speed
+    assert belief is not None
+    on = np.flatnonzero(scan.sticking)
+    step = 0.4 * RPM
+    begin, end = belief.hopf_speed(1000.0, 1.0 - runs), belief.fold_speed(1000.0, 1.0 - runs / 2)
+    assert begin - 1.1 * step < speed[on[0]] < begin * 1.001
+    assert speed[on[-1]] == pytest.approx(min(end, 60.0 * RPM), abs=1.1 * step)
+    (event,) = (event for event in scan.events if event.after.value == 'stick_slip')
+    assert f'Ends above {end / RPM:.4g} rpm.' in event.text
+
+
+def test_growth_leans_to_the_share_that_is_asked_for(configure: Configure) -> None:
+    # With the damping alone unknown to 10 %, N/N0 of the bearing that 10 % are steadier than
+    # is exp(-0.1 z) times that of the middle, z = -1.2815515655 the standard normal's quantile.
+    belief = configure(tolerance__damping=0.1).bearing('aft').belief
+    assert belief is not None
+    assert belief.lean(0.1) == pytest.approx(math.exp(0.1 * 1.2815515655), rel=1e-9)
+    assert belief.lean(0.5) == 1.0
+    begins = []
+    for runs in (0.1, 0.5, 0.9):
+        config = configure(**TOLERANCE, alarm__runs_probability=runs)
+        begins.append(int(Monitor(config).scan({'aft': passage()})['aft'].sticking.argmax()))
+    assert sorted(set(begins)) == begins
+
+
+def test_the_fold_that_decides_has_the_probability(configure: Configure) -> None:
+    # Here the exact model's fold is 45 % above that of averaging, and alarms go by the higher.
+    config = configure(stiffness=2e4, tolerance__damping=0.1).bearing('aft')
+    nominal = assess(config.bearing, 1.0, 1e5)
+    assert nominal.exact_fold_speed > 1.4 * nominal.fold_speed
+    for fold in (nominal.exact_fold_speed, np.array([nominal.exact_fold_speed])):
+        point = assess(config.bearing, fold, 1e5, config.belief)
+        assert point.probability_can == pytest.approx(0.5, abs=1e-3)
+        assert point.fold_margin_low < 0.0 < point.fold_margin_high
+    assert config.belief is not None
+    assert config.belief.can(nominal.fold_speed, 1e5) == pytest.approx(0.5, abs=1e-3)
 
 
 def test_tolerances_that_say_almost_nothing_leave_the_ladder(configure: Configure) -> None:

@@ -15,7 +15,6 @@ from stickslip_monitor.monitor.source_faults import (
     SourceFaultKind,
     SourceWatch,
     fault_text,
-    find_source_faults,
     least_gap,
 )
 
@@ -30,7 +29,7 @@ def instants(count: int, rate: float = 10.0) -> NDArray[np.int64]:
 
 def found(values: Floats, rate: float = 10.0) -> list[SourceFault]:
     time = instants(values.size, rate)
-    return find_source_faults(time, time, values)
+    return SourceWatch().see_many(time, time, values)
 
 
 def mixed(count: int, every: int, first: float = 60.0, second: float = 20.0) -> Floats:
@@ -61,7 +60,12 @@ def test_live_and_bulk_raise_the_same_faults(
     for now, own, si in zip(arrival.tolist(), stamp.tolist(), value.tolist(), strict=True):
         live += watch.see(now, own, si)
         watch.standing(now)  # being asked changes nothing
-    assert repr(find_source_faults(arrival, stamp, value, least)) == repr(live)
+    bulk, cut = SourceWatch(least), len(rows) // 3
+    first, second = (
+        bulk.see_many(arrival[part], stamp[part], value[part])
+        for part in (slice(cut), slice(cut, None))
+    )
+    assert repr([*first, *second]) == repr(live)
 
 
 @pytest.mark.parametrize(
@@ -120,7 +124,7 @@ def _counter(count: int) -> Floats:
 )
 def test_one_source_is_no_fault(values: Floats, least: float) -> None:
     time = instants(values.size)
-    assert find_source_faults(time, time, values, least) == []
+    assert SourceWatch(least).see_many(time, time, values) == []
 
 
 def test_two_clocks_are_found_and_single_late_messages_are_not() -> None:
@@ -128,14 +132,14 @@ def test_two_clocks_are_found_and_single_late_messages_are_not() -> None:
     value = np.full(400, 60.0)
     odd = np.arange(400) % 2 == 1
     for shift in (SECOND, -3600 * SECOND):
-        (fault,) = find_source_faults(arrival, arrival + shift * odd, value)
+        (fault,) = SourceWatch().see_many(arrival, arrival + shift * odd, value)
         assert fault.kind is STAMPS
         # Every second sample steps back, and the first step is the second or third sample.
         assert fault.raised_ns <= 3.3 * SECOND
     late = arrival - 2 * SECOND * (np.random.default_rng(3).random(400) < 0.05)
-    assert find_source_faults(arrival, late, value) == []
+    assert SourceWatch().see_many(arrival, late, value) == []
     jumped = arrival - np.where(arrival > 20 * SECOND, 30 * SECOND, 0)
-    assert find_source_faults(arrival, jumped, value) == []
+    assert SourceWatch().see_many(arrival, jumped, value) == []
 
 
 def test_a_fault_stands_for_a_minute_and_clears_when_values_settle() -> None:

@@ -13,16 +13,19 @@ import numpy as np
 import pytest
 
 from stickslip_monitor import Monitor, build_config
+from stickslip_monitor.bags import series
 from stickslip_monitor.bags.encode import MESSAGE_TYPES, StatusFields, encode_diagnostics
 from stickslip_monitor.bags.reader import Request, open_bag
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
+from stickslip_monitor.commands.check_results import to_json
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.messages import diagnostic_record, event_record, state_of
 from stickslip_monitor.monitor.verdict import Event, Verdict
 from stickslip_monitor.offline.check import CheckReport, check_bag
-from stickslip_monitor.offline.verdicts import messages, write_verdicts
+from stickslip_monitor.offline.follow import scan_whole
+from stickslip_monitor.offline.verdicts import MessageColumn, tell_verdicts, write_verdicts
 
 ROOT = Path(__file__).parents[2]
 CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
@@ -75,7 +78,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp('bag') / 'in'
     from stickslip_monitor.bags.encode import encode_float64, encode_stamped
 
-    with BagWriter(path) as writer:
+    with BagWriter(path, chunk_size=400) as writer:
         writer.add_topic('/shaft', 'std_msgs/msg/Float64')
         writer.add_topic('/load', 'geometry_msgs/msg/WrenchStamped')
         writer.add_topic('/other', 'std_msgs/msg/Float64')
@@ -83,7 +86,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
             at = START + second * NS
             if is_load:
                 kind = 'geometry_msgs/msg/WrenchStamped'
-                (data,) = encode_stamped(kind, 'wrench.force.z', [at], [value])
+                (data,) = encode_stamped(kind, 'wrench.force.z', [at], [value]).tolist()
                 writer.write('/load', at, data)
             else:
                 writer.write('/shaft', at, encode_float64(value))
@@ -175,13 +178,13 @@ def test_the_file_lies_in_order_of_time(written: Path) -> None:
 def test_our_reader_gives_the_same_check_again(written: Path, checked: CheckReport) -> None:
     again = check_bag(written, config_of())
     first, second = (
-        [event_record(event) for event in found.bearings['aft'].scan.events]
+        [event_record(event) for event in found.bearings['aft'].events]
         for found in (checked, again)
     )
     assert first == second
     request = Request('/stickslip_monitor/aft/fold_margin', 'data', 'std_msgs/msg/Float64')
     series = open_bag(written).read([request])[request]
-    expected = checked.bearings['aft'].scan.assessment.fold_margin
+    expected = scan_whole(written, config_of()).bearings['aft'].scan.assessment.fold_margin
     np.testing.assert_array_equal(series.value, expected)
 
 
@@ -204,9 +207,24 @@ def test_diagnostics_are_those_of_the_live_monitor(written: Path) -> None:
         assert status.message == expected.message
 
 
+def test_blocks_of_a_few_messages_give_the_same_file_and_check(
+    bag: Path, written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = to_json(check_bag(bag, config_of()))
+    monkeypatch.setattr(series, '_OF_TOPIC', 2)
+    found = check_bag(bag, config_of())
+    assert to_json(found) == whole
+    write_verdicts(found, config_of(), tmp_path / 'out.mcap')
+    one, other = (
+        sorted((m.topic, m.log_time_ns, m.data) for m in open_bag(path).messages())
+        for path in (written, tmp_path / 'out.mcap')
+    )
+    assert one == other
+
+
 def test_every_change_has_its_diagnostics(written: Path, checked: CheckReport) -> None:
     arrays = {t: m for topic, t, m in rosbags_messages(written) if topic == '/diagnostics'}
-    for event in checked.bearings['aft'].scan.events:
+    for event in checked.bearings['aft'].events:
         values = {pair.key: pair.value for pair in arrays[event.time_ns].status[0].values}
         assert 'reason' in values
 
@@ -214,12 +232,13 @@ def test_every_change_has_its_diagnostics(written: Path, checked: CheckReport) -
 def test_a_publish_period_thins_the_values_and_keeps_the_changes(bag: Path) -> None:
     config = config_of(publish_period=5.0)
     found = check_bag(bag, config)
-    counts = Counter(m.topic for m in messages(found, config))
-    times = [m.log_time_ns for m in messages(found, config) if m.topic.endswith('/regime')]
-    changes = {event.time_ns for event in found.bearings['aft'].scan.events}
-    assert counts['/stickslip_monitor/aft/regime'] < 30
+    told: list[MessageColumn] = []
+    tell_verdicts(found, config, told.extend)
+    times = sorted(t for c in told if c.topic.endswith('/regime') for t in c.time_ns.tolist())
+    changes = {event.time_ns for event in found.bearings['aft'].events}
+    assert len(times) < 30
     early = [b for a, b in pairwise(times) if b - a < 5 * NS]
-    scan = found.bearings['aft'].scan
+    scan = scan_whole(bag, config).bearings['aft'].scan
     # What comes early is the first evaluation at or after a change.
     firsts = {int(t) for c in changes for t in scan.time_ns[scan.time_ns >= c][:1]}
     assert early
@@ -235,13 +254,13 @@ def test_a_clock_that_jumps_back_is_written(tmp_path: Path) -> None:
         for second in range(60):
             at, stamp = START + second * NS, START + (second % 30) * NS
             kind = 'geometry_msgs/msg/WrenchStamped'
-            (data,) = encode_stamped(kind, 'wrench.force.z', [stamp], [1000.0])
+            (data,) = encode_stamped(kind, 'wrench.force.z', [stamp], [1000.0]).tolist()
             writer.write('/load', at, data)
             writer.write('/shaft', at, encode_float64(20.0))
     found = check_bag(tmp_path / 'in', config_of())
     write_verdicts(found, config_of(), tmp_path / 'out.mcap')
     counts = Counter(topic for topic, _, _ in rosbags_messages(tmp_path / 'out.mcap'))
-    evaluations = found.bearings['aft'].scan.time_ns.size
+    evaluations = found.bearings['aft'].evaluations
     assert counts['/stickslip_monitor/aft/regime'] == evaluations
 
 

@@ -12,7 +12,7 @@ import pytest
 from stickslip_monitor import Monitor, Stream
 from stickslip_monitor.monitor.assessment import REGIMES
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.offline.intervals import condition_intervals, worst
+from stickslip_monitor.offline.intervals import Worst, condition_intervals
 from stickslip_monitor.report.summary import Course
 
 CONFIG = load_config(Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml')
@@ -33,6 +33,8 @@ def course() -> Callable[..., Course]:
         codes = np.asarray(scan.assessment.regime_code)
         totals = {r: float(lasting[codes == i].sum()) for i, r in enumerate(REGIMES)}
         parts = condition_intervals(scan.events, START, end)
-        return Course(CONFIG.bearings[0], scan, parts, totals, worst(scan))
+        worst = Worst()
+        worst.take(scan)
+        return Course(CONFIG.bearings[0], scan, parts, totals, worst.found)
 
     return make

@@ -4,12 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
+from stickslip_monitor import assess
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.table import BEARING_PARAMETERS
 from stickslip_monitor.monitor.verdict import Event
+from stickslip_monitor.physics.belief import Belief, Tolerance
 from stickslip_monitor.report.parts import MOST_EVENTS, event_rows, facts, parameter_groups, shares
 from stickslip_monitor.report.summary import Course
 
@@ -54,6 +57,21 @@ def test_facts_of_a_quiet_bearing(course: Callable[..., Course]) -> None:
     found = {fact.name: fact for fact in facts(course([60.0] * 10))}
     assert found['stick-slip predicted'].value == 'never'
     assert 'greatest amplitude' not in found
+
+
+def test_probabilities_are_a_fact_where_there_are_any(course: Callable[..., Course]) -> None:
+    name = 'greatest probability of stick-slip'
+    quiet = course([60.0, 40.723091, 60.0])
+    assert name not in {fact.name for fact in facts(quiet)}
+    # With the damping alone unknown, the fold and what is faster have at most 50 %.
+    config = quiet.config
+    belief = Belief.from_tolerance(config.bearing, Tolerance(damping=0.1))
+    point = quiet.scan.assessment
+    points = assess(config.bearing, point.speed, point.load, belief)
+    believed = replace(quiet, scan=replace(quiet.scan, assessment=points))
+    (fact,) = (fact for fact in facts(believed) if fact.name == name)
+    assert fact.value == '50%'
+    assert fact.note == 'that it starts by itself: at most 0%'
 
 
 def test_defaults_are_told_from_what_was_given() -> None:

@@ -197,6 +197,7 @@ class Monitor(Program):
         values: dict[str, Any],
         *arguments: str,
         clock: str | None = None,
+        diagnostics: str | None = None,
     ) -> None:
         self.peer, self.space = peer, space
         self.values = values
@@ -206,7 +207,7 @@ class Monitor(Program):
         command += ['--params-file', str(file), '-r', f'__ns:=/{space}']
         command += [
             '-r',
-            f'/diagnostics:=/{space}/diagnostics',
+            f'/diagnostics:={diagnostics or f"/{space}/diagnostics"}',
             '-r',
             f'/clock:={clock or f"/{space}/clock"}',
         ]
@@ -425,9 +426,9 @@ def run(peer: Peer, tmp_path: Path) -> Callable[..., Program]:
 def start(peer: Peer, tmp_path: Path) -> Callable[..., Monitor]:
     """Starts a monitor from its parameters; it is stopped when the test ends."""
 
-    def start(values: dict[str, Any], *arguments: str, clock: str | None = None) -> Monitor:
+    def start(values: dict[str, Any], *arguments: str, **topics: str) -> Monitor:
         space = f't{next(_numbers)}'
-        monitor = Monitor(peer, space, tmp_path, values, *arguments, clock=clock)
+        monitor = Monitor(peer, space, tmp_path, values, *arguments, **topics)
         peer.watched.append(monitor)
         return monitor
 

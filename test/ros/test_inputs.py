@@ -1,41 +1,170 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+from collections import deque
+from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stickslip_monitor.monitor.config import build_config
+from stickslip_monitor.monitor.messages import NodeHealth
+from stickslip_monitor.monitor.monitor import Monitor
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+TICK_NS = 250_000_000
+
+
+class _Node:
+    """Topics without ROS: messages wait until the test wakes their subscription."""
+
+    def __init__(self, now_ns: int = 0) -> None:
+        self.now = now_ns
+        self.queues: dict[str, deque[Any]] = {}
+        self._callbacks: dict[str, Any] = {}
+
+    def now_ns(self) -> int:
+        return self.now
+
+    def survived(self, callback: Any) -> Any:
+        return callback
+
+    def resolve_topic_name(self, topic: str) -> str:
+        return topic
+
+    def create_subscription(
+        self, kind: Any, topic: str, callback: Any, *_: Any, **__: Any
+    ) -> SimpleNamespace:
+        waiting = self.queues[topic] = deque[Any]()
+        self._callbacks[topic] = callback
+
+        def take(*_: Any) -> Any:
+            return (waiting.popleft(), None) if waiting else None
+
+        handle = nullcontext()
+        handle.take_message = take  # type: ignore[attr-defined]
+        return SimpleNamespace(handle=handle, msg_type=kind, raw=False)
+
+    def wake(self, topic: str) -> None:
+        """What the executor does with the first message that waits, if one still does."""
+        if self.queues[topic]:
+            self._callbacks[topic](self.queues[topic].popleft())
+
+
+def _inputs(node: Any, kind: str, field: str, receive: Any) -> Any:
+    """Two bearings on one shaft, each with a load of its own."""
+    from stickslip_monitor.ros.inputs import Inputs
+
+    values: dict[str, Any] = {'bearings': ['fore', 'aft']}
+    for name in values['bearings']:
+        own = {
+            'mass': 50.0,
+            'damping': 400.0,
+            'stiffness': 2.0e6,
+            'journal_diameter': 0.1,
+            'friction.static': 0.3,
+            'friction.kinetic': 0.1,
+            'friction.decay': 10.0,
+            'speed.unit': 'rpm',
+            'load.unit': 'N',
+            'alarm.on_delay': 0.5,
+            'alarm.off_delay': 0.5,
+            'alarm.amplitude_limit': 0.5e-3,
+        }
+        for quantity, topic in (('speed', 'speed'), ('load', f'load/{name}')):
+            own |= {
+                f'{quantity}.topic': topic,
+                f'{quantity}.type': kind,
+                f'{quantity}.field': field,
+                f'{quantity}.timeout': 2.0,
+            }
+        values |= {f'{name}.{key}': value for key, value in own.items()}
+    config = build_config(values)
+    return config, Inputs(node, config, receive, lambda: None, NodeHealth())
 
 
 def test_messages_that_share_a_tick_of_the_clock_keep_their_order() -> None:
     """As at ``ros2 bag play --rate 10 --clock 40``: ten messages of 10 Hz to every four ticks."""
     from std_msgs.msg import Float64
 
-    from stickslip_monitor.ros.inputs import InputReader, Lane
-
-    clock = SimpleNamespace(now=0)
-    node: Any = SimpleNamespace(now_ns=lambda: clock.now, resolve_topic_name=lambda topic: topic)
     heard: list[tuple[int, float]] = []
 
     def receive(bearing: str, is_load: int, time_ns: int, value: float, latest: bool) -> None:
-        heard.append((time_ns, value))
+        if bearing == 'aft':
+            heard.append((time_ns, value))
 
-    reading = InputReader('aft', 0, lambda message: float(message.data))
-    lane = Lane(node, 'speed', 'std_msgs/msg/Float64', [reading], 10**9, receive, None)
+    node = _Node()
+    _inputs(node, 'std_msgs/msg/Float64', 'data', receive)
     # Before the first /clock there is no time, and nothing is used.
-    lane._take(Float64(data=-1.0), True)
-    ticks = [10**9, 10**9, 10**9, 10**9 + 250_000_000, 10**9 + 250_000_000, 5 * 10**8]
-    for number, clock.now in enumerate(ticks):
-        lane._take(Float64(data=float(number)), True)
-    assert [value for _, value in heard] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
-    times = [time_ns for time_ns, _ in heard]
-    assert times == [
-        10**9,
-        10**9 + 1,
-        10**9 + 2,
-        10**9 + 250_000_000,
-        10**9 + 250_000_001,
-        5 * 10**8,
+    ticks = [0, 10**9, 10**9, 10**9, 10**9 + TICK_NS, 10**9 + TICK_NS, 5 * 10**8]
+    for number, node.now in enumerate(ticks):
+        node.queues['speed'].append(Float64(data=float(number)))
+        node.wake('speed')
+    assert heard == [
+        (10**9, 1.0),
+        (10**9 + 1, 2.0),
+        (10**9 + 2, 3.0),
+        (10**9 + TICK_NS, 4.0),
+        (10**9 + TICK_NS + 1, 5.0),
+        (5 * 10**8, 6.0),
     ]
+
+
+TOPICS = ('speed', 'load/fore', 'load/aft')
+ARRIVALS = st.lists(
+    st.tuples(
+        st.sampled_from(TOPICS),
+        st.sampled_from([1, 40, 400, 3000]),  # since the message before [ms]
+        st.sampled_from([20.0, 32.0, 45.0, 90.0]),
+    ),
+    min_size=20,
+    max_size=120,
+)
+
+
+def _events(
+    arrivals: list[tuple[str, int, float]], piles: list[tuple[int, int]]
+) -> dict[str, list[Any]]:
+    """What is told of each bearing; messages pile up before all topics are woken in turn.
+
+    Args:
+        arrivals: Topic, time since the message before [ms] and speed [rpm] of each message.
+        piles: How many pile up, and which topic is woken first.
+    """
+    from geometry_msgs.msg import Vector3Stamped
+
+    said: dict[str, list[Any]] = {'fore': [], 'aft': []}
+
+    def receive(bearing: str, is_load: int, time_ns: int, value: float, latest: bool) -> None:
+        said[bearing].extend(monitor.bearings[bearing].update(is_load, time_ns, value).events)
+
+    node = _Node()
+    config, _ = _inputs(node, 'geometry_msgs/msg/Vector3Stamped', 'vector.x', receive)
+    monitor = Monitor(config)
+    time_ms, todo = 10_000, deque(arrivals)
+    for size, turn in piles:
+        for topic, step, rpm in [todo.popleft() for _ in range(min(size, len(todo)))]:
+            message, time_ms = Vector3Stamped(), time_ms + step
+            message.header.stamp.sec, rest = divmod(time_ms, 1000)
+            message.header.stamp.nanosec = rest * 10**6
+            message.vector.x = rpm if topic == 'speed' else 1000.0
+            node.queues[topic].append(message)
+        for k in range(len(TOPICS)):
+            node.wake(TOPICS[(k + turn) % len(TOPICS)])
+    return said
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    arrivals=ARRIVALS,
+    piles=st.lists(st.tuples(st.integers(1, 12), st.integers(0, 2)), max_size=30),
+)
+def test_messages_that_wait_tell_what_they_tell_one_by_one(
+    arrivals: list[tuple[str, int, float]], piles: list[tuple[int, int]]
+) -> None:
+    rest = [(1, 0)] * len(arrivals)
+    assert _events(arrivals, [*piles, *rest]) == _events(arrivals, rest)

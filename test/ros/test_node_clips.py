@@ -14,7 +14,7 @@ import yaml
 
 from stickslip_monitor import build_config
 from stickslip_monitor.bags.reader import open_bag
-from stickslip_monitor.offline.check import check_bag
+from stickslip_monitor.offline.follow import scan_whole
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
@@ -66,7 +66,7 @@ def test_an_alarm_leaves_a_clip_that_can_be_checked(
     # The same monitor over the clip alone says the same.
     inputs = {f'aft.{quantity}.topic': f'{space}/shaft' for quantity in ('speed', 'load')}
     flat = kit.parameters(kit.STAMPED | {'alarm.on_delay': 0.0})
-    scan = check_bag(path, build_config(flat | inputs)).bearings['aft'].scan
+    scan = scan_whole(path, build_config(flat | inputs)).bearings['aft'].scan
     assert scan.events[0].after.value == 'stick_slip'
     assert scan.events[0].time_ns == kit.T0 + 10 * kit.SECOND
 

@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import json
+import math
 import re
+import signal
 import sys
 import urllib.error
 import urllib.request
@@ -21,8 +23,8 @@ pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
 class Page:
     """The dashboard as a browser sees it, without one."""
 
-    def __init__(self, url: str) -> None:
-        self.url = url
+    def __init__(self, url: str, space: str) -> None:
+        self.url, self.space = url, space
 
     def state(self) -> dict[str, Any]:
         """All that is shown; the first event of a stream."""
@@ -50,7 +52,7 @@ class Page:
             'schema': 'stickslip_monitor/action/1',
             'action': action,
             'by': 'Ada',
-            'bearing': 'aft',
+            'bearing': f'{self.space}/aft',
             'alarm': alarm,
         }
         request = urllib.request.Request(
@@ -62,24 +64,48 @@ class Page:
         except urllib.error.HTTPError as error:
             return error.code, json.load(error)['text']
 
+    def figure(self, name: str, **labels: str) -> float | None:
+        """A figure of the bearing, or with other labels."""
+        own = labels or {'bearing': 'aft', 'namespace': f'/{self.space}'}
+        text = ','.join(f'{key}="{own[key]}"' for key in sorted(own))
+        return self.metrics().get(f'stickslip_{name}{{{text}}}')
+
+    def up(self, space: str = '') -> float | None:
+        return self.figure('monitor_up', namespace=f'/{space or self.space}')
+
 
 @pytest.fixture
-def page(start: Any, run: Any, kit: Any, tmp_path: Path) -> Iterator[tuple[Any, Page]]:
-    """A node, and a dashboard beside it in a process of its own."""
+def open_page(run: Any, tmp_path: Path) -> Iterator[Any]:
+    """Starts a dashboard beside nodes, in a process of its own."""
+    started = []
+
+    def open_page(*monitors: Any, more: tuple[str, ...] = ()) -> tuple[Any, Page]:
+        first = monitors[0]
+        nodes = [m.name('').rstrip('/') for m in monitors]
+        dashboard = run(
+            *(sys.executable, '-m', 'stickslip_monitor.cli', 'dashboard', '--port', '0'),
+            *('--config', str(tmp_path / f'{first.space}.yaml')),
+            *('--diagnostics', f'/{first.space}/diagnostics', *more),
+            *(word for node in nodes for word in ('--node', node)),
+        )
+        started.append(dashboard)
+        found = first.peer.until(
+            lambda: re.search(r'Dashboard on (http://127\.0\.0\.1:\d+/)\n', dashboard.output),
+            'the dashboard',
+        )
+        return dashboard, Page(found[1], first.space)
+
+    yield open_page
+    for dashboard in started:
+        assert dashboard.stop() == 0
+        assert 'Traceback' not in dashboard.output
+
+
+@pytest.fixture
+def page(start: Any, open_page: Any, kit: Any) -> tuple[Any, Page]:
+    """A node, and a dashboard beside it."""
     monitor = start(kit.parameters(kit.STAMPED))
-    config = tmp_path / f'{monitor.space}.yaml'
-    dashboard = run(
-        *(sys.executable, '-m', 'stickslip_monitor.cli', 'dashboard', '--config', str(config)),
-        *('--port', '0', '--node', monitor.name('').rstrip('/')),
-        *('--diagnostics', f'/{monitor.space}/diagnostics'),
-    )
-    found = monitor.peer.until(
-        lambda: re.search(r'Dashboard on (http://127\.0\.0\.1:\d+/)\n', dashboard.output),
-        'the dashboard',
-    )
-    yield monitor, Page(found[1])
-    assert dashboard.stop() == 0
-    assert 'Traceback' not in dashboard.output
+    return monitor, open_page(monitor)[1]
 
 
 @pytest.mark.slow
@@ -101,28 +127,86 @@ def test_it_shows_the_node_and_acts_on_it(page: tuple[Any, Page], kit: Any) -> N
     assert shown.act('acknowledge', 'stick_slip') == (200, 'acknowledge: 1 alarm')
     assert shown.alarms()['stick_slip'] == 'acknowledged'
     last = shown.state()['log'][-1]
-    assert (last['what'], last['by'], last['bearing']) == ('acknowledge', 'Ada', 'aft')
+    assert (last['what'], last['by'], last['bearing']) == (
+        'acknowledge',
+        'Ada',
+        f'{monitor.space}/aft',
+    )
     # The node itself says so, in its log too.
     assert 'aft/stick_slip: acknowledge by Ada, unacknowledged -> ack' in monitor.output
     assert shown.act('acknowledge', 'stick_slip') == (409, 'there is nothing to acknowledge')
     assert shown.act('shelve', 'stick_slip')[0] == 200
 
-    peer.until(lambda: shown.metrics().get('stickslip_predicted{bearing="aft"}') == 1.0, 'it')
-    figures = shown.metrics()
-    assert figures['stickslip_load_newtons{bearing="aft"}'] == 1000.0
-    one = 'alarm="stick_slip",bearing="aft",priority="alarm",state="shelved"'
-    assert figures[f'stickslip_alarm_state{{{one}}}'] == 1.0
-    assert figures['stickslip_monitor_up'] == 1.0
+    peer.until(lambda: shown.figure('predicted') == 1.0, 'it')
+    assert shown.figure('load_newtons') == 1000.0
+    one = {'bearing': 'aft', 'namespace': f'/{monitor.space}', 'alarm': 'stick_slip'}
+    assert shown.figure('alarm_state', **one, priority='alarm', state='shelved') == 1.0
+    assert shown.up() == 1.0
 
     # Without the node nothing is repeated, and nothing is done.
     assert monitor.stop() == 0
     peer.until(lambda: not shown.state()['monitor']['there'], 'silence')
-    assert shown.metrics()['stickslip_monitor_up'] == 0.0
-    assert 'stickslip_load_newtons{bearing="aft"}' not in shown.metrics()
+    assert shown.up() == 0.0
+    assert shown.figure('load_newtons') is None
     assert shown.act('unshelve', 'stick_slip') == (
         503,
         'the monitor is not there, or not active: nothing was done',
     )
+
+
+@pytest.mark.slow
+def test_twin_screws_are_two_things(start: Any, open_page: Any, kit: Any, tmp_path: Path) -> None:
+    """Two nodes with one bearing each, of one name: the well one never covers the other."""
+    port = start(kit.parameters(kit.STAMPED))
+    starboard = start(kit.parameters(kit.STAMPED), diagnostics=f'/{port.space}/diagnostics')
+    peer, keep = port.peer, ('--log', str(tmp_path / 'log.json'))
+    dashboard, shown = open_page(port, starboard, more=keep)
+    other = Page(shown.url, starboard.space)
+    sick, well = kit.Telemetry(port), kit.Telemetry(starboard)
+    for step in range(10):
+        sick.step(20.0, 1000.0, 0.25 * step)
+        well.step(60.0, 1000.0, 0.25 * step)
+    peer.until(lambda: shown.figure('predicted') == 1.0, 'the alarm')
+
+    def reasons() -> dict[str, str]:
+        return {b['name']: (b['status'] or {}).get('reason') for b in shown.state()['bearings']}
+
+    both = {f'{port.space}/aft': 'stick_slip', f'{starboard.space}/aft': 'normal'}
+    peer.until(lambda: reasons() == both, 'both')
+    assert other.figure('predicted') == 0.0
+    assert (shown.figure('speed_meters_per_second'), other.figure('speed_meters_per_second')) == (
+        pytest.approx(math.pi * 0.1 / 3.0), pytest.approx(math.pi * 0.1)
+    )  # fmt: skip
+
+    # Only the one that is meant is acknowledged.
+    assert other.act('acknowledge', 'stick_slip') == (409, 'there is nothing to acknowledge')
+    assert shown.act('acknowledge', 'stick_slip') == (200, 'acknowledge: 1 alarm')
+    assert 'acknowledge by Ada' in port.output
+    assert 'acknowledge by Ada' not in starboard.output
+
+    # The dashboard starts again in the midst of it, and knows all that happened, once.
+    before = shown.state()['log']
+    assert dashboard.stop() == 0
+    _, shown = open_page(port, starboard, more=keep)
+    other = Page(shown.url, starboard.space)
+    assert [e for e in shown.state()['log'] if e in before] == before
+    peer.until(lambda: shown.state()['monitor']['faults'] == [], 'everything')
+    assert reasons() == both
+    log = shown.state()['log']
+    assert len({json.dumps(entry) for entry in log}) == len(log)
+
+    # It hangs, with its alarm: that is told, and nothing that the other says is taken for it.
+    port.process.send_signal(signal.SIGSTOP)
+    peer.until(lambda: shown.up() == 0.0, 'silence')
+    assert other.up() == 1.0
+    state = shown.state()
+    assert state['monitor']['unheard'] == [f'{port.space}/aft']
+    assert f'/{port.space}/stickslip_monitor has been silent' in state['monitor']['faults'][0]
+    active = [a for a in state['alarms']['alarms'] if a['active']]
+    assert {a['bearing'] for a in active} == {f'{port.space}/aft'}
+    assert ('stick_slip', 'acknowledged') in {(a['alarm'], a['state']) for a in active}
+    port.process.send_signal(signal.SIGCONT)
+    peer.until(lambda: shown.up() == 1.0, 'its return')
 
 
 @pytest.mark.slow

@@ -204,9 +204,8 @@ def test_messages_that_wait_are_all_evaluated_and_the_last_is_answered(
         lambda: int(kit.status(diagnostics)[key]) == before + 400,
         f'400 samples, not {kit.status(diagnostics)}',
     )
-    # 60 + 3.99 rpm; a burst is of 50 messages, the first is met by a turn of the executor.
     assert heard[-1].data == pytest.approx(63.99 / 30.7380 - 1.0, abs=1e-5)
-    assert 1 <= (len(heard) - said) / 2 <= 401 / 50 + 2
+    assert 1 <= len(heard) - said <= 20
 
 
 def test_a_node_that_was_held_up_blames_no_input(start: Any, kit: Any) -> None:

@@ -49,7 +49,7 @@ def coast(seconds: float, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarr
 def offline(path: Path, values: dict[str, Any]) -> list[dict[str, Any]]:
     report = check_bag(path, build_config(values))
     # As JSON brings them.
-    events = [event_record(event) for event in report.bearings['aft'].scan.events]
+    events = [event_record(event) for event in report.bearings['aft'].events]
     return list(json.loads(json.dumps(events)))
 
 

@@ -42,7 +42,9 @@ SCENE: dict[str, Any] = {
 
 def _bearing(changes: dict[str, Any]) -> dict[str, Any]:
     """The reference bearing, with some quantities replaced and some inputs' keys too."""
-    return BEARING | {k: BEARING[k] | v if isinstance(v, dict) else v for k, v in changes.items()}
+    return BEARING | {
+        k: BEARING.get(k, {}) | v if isinstance(v, dict) else v for k, v in changes.items()
+    }
 
 
 @pytest.fixture

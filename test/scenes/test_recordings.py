@@ -24,7 +24,7 @@ from stickslip_monitor.bags.reader import Request, open_bag
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.monitor.signals import Status
-from stickslip_monitor.offline.check import check_bag
+from stickslip_monitor.offline.follow import scan_whole
 from stickslip_monitor.scenes.scene import Scene
 from stickslip_monitor.scenes.scene_file import load_scene
 
@@ -193,7 +193,7 @@ def test_telemetry_is_the_profile_and_its_noise(name: str) -> None:
 def scans(name: str) -> Iterator[tuple[BearingConfig, int, Scan]]:
     """The monitor over a recording: each bearing, when it starts [ns], its scan."""
     config = load_scene(ROOT / ENTRIES[name]['scene']).config
-    report = check_bag(BAGS / name, config)
+    report = scan_whole(BAGS / name, config)
     assert report.bag.start_ns is not None
     for bearing in config.bearings:
         yield bearing, report.bag.start_ns, report.bearings[bearing.name].scan

@@ -10,6 +10,7 @@ export const NAMES = {
   margin_low: 'Margin low',
   input_lost: 'Input lost',
   input_implausible: 'Input implausible',
+  vibration: 'Vibration not explained',
 };
 const STATES = {
   unacknowledged: 'not acknowledged',

@@ -12,7 +12,7 @@ export class History {
   constructor() { this.rows = []; }
 
   add(status) {
-    const lost = Object.keys(status.inputs).filter((name) => status.inputs[name].lost);
+    const lost = ['speed', 'load'].filter((name) => status.inputs[name]?.lost);
     const hidden = (name) => lost.includes(name) || (lost.length && (name.endsWith('margin') || name.startsWith('probability')));
     const row = COLUMNS.map((name) => (hidden(name) ? null : status[name]));
     const second = (each) => Math.floor(each[0] / STEP), { rows } = this;
@@ -54,7 +54,7 @@ export class Charts {
 
   build({ name, unit, lines, optional }) {
     const figure = document.createElement('figure');
-    const svg = make('svg', { role: 'img' });
+    const svg = make('svg', { role: 'img', 'aria-label': `${name}: nothing is known yet` });
     const caption = document.createElement('figcaption');
     caption.append(`${name} [${unit}]`);
     lines.forEach(([, words], k) => {

@@ -2,9 +2,10 @@
 // Many bearings at a glance, worst first; of few there is no need for it.
 
 const FEW = 4;
-const WORST = ['not_monitoring', 'stick_slip', 'amplitude_limit', 'input_stale', 'waiting', 'bistable', 'caution', 'normal'];
-const WORDS = { normal: '✓ normal', caution: '! margin low', bistable: '! bistable', stick_slip: '▲ stick-slip', amplitude_limit: '▲ amplitude', input_stale: '✕ input lost', waiting: '… waiting', not_monitoring: '✕ not monitored' };
-const badness = (status) => (status ? WORST.indexOf(status.reason) : 4);
+// Of one that is not heard nobody knows how bad it is: it comes first, with those that nobody watches.
+const WORST = ['not_monitoring', 'stick_slip', 'amplitude_limit', 'input_stale', 'waiting', 'bistable', 'vibration', 'caution', 'normal'];
+const WORDS = { normal: '✓ normal', caution: '! margin low', bistable: '! bistable', stick_slip: '▲ stick-slip', amplitude_limit: '▲ amplitude', vibration: '! vibration', input_stale: '✕ input lost', waiting: '… waiting', not_monitoring: '✕ not monitored' };
+const badness = ({ status, unheard }) => (unheard ? 0 : status ? WORST.indexOf(status.reason) : WORST.indexOf('waiting'));
 
 export class Overview {
   /** reveal is called with the set of names of those that are to be shown in full. */
@@ -34,8 +35,8 @@ export class Overview {
       button.textContent = name;
       for (let k = 0; k < 5; k += 1) row.insertCell();
       row.cells[0].append(button);
-      this.rows.set(name, { row, status: null, name });
-      if (status) this.fill(name, status);
+      this.rows.set(name, { row, status, name, unheard: false });
+      this.fill(name, status);
     }
     this.order();
     if (!this.rows.has(this.chosen)) this.chosen = this.sorted()[0].name;
@@ -53,22 +54,30 @@ export class Overview {
     const own = this.rows.get(name);
     if (!own) return;
     own.status = status;
+    own.row.dataset.reason = own.unheard ? 'unheard' : status?.reason ?? 'waiting';
+    if (!status) status = { reason: 'waiting', load: null, fold_margin: null, rpm: null };
     const load = status.load === null ? '–' : `${(status.load / 1000).toFixed(1)} kN`;
-    const margin = status.fold_margin === null ? '–' : `${(100 * status.fold_margin).toFixed(0)} %`;
-    const texts = [WORDS[status.reason] ?? status.reason, status.rpm === null ? '–' : `${Math.abs(status.rpm).toFixed(1)} rpm`, load, margin];
-    own.row.dataset.reason = status.reason;
+    const margin = status.fold_margin === null ? '–' : `${(Math.round(100 * status.fold_margin) + 0).toFixed(0)} %`;
+    const texts = [own.unheard ? '✕ not heard' : WORDS[status.reason] ?? status.reason, status.rpm === null ? '–' : `${Math.abs(status.rpm).toFixed(1)} rpm`, load, margin];
     texts.forEach((text, k) => { if (own.row.cells[k + 1].textContent !== text) own.row.cells[k + 1].textContent = text; });
+  }
+
+  /** The last word of one that is not heard any more is not how it is. */
+  believe(unheard) {
+    const before = [...this.rows.values()].filter((own) => own.unheard !== unheard.includes(own.name));
+    for (const own of before) { own.unheard = !own.unheard; this.fill(own.name, own.status); }
+    if (before.length) this.order();
   }
 
   sorted() {
     const margin = ({ status }) => status?.fold_margin ?? Infinity;
-    return [...this.rows.values()].sort((a, b) => badness(a.status) - badness(b.status) || (margin(a) < margin(b) ? -1 : margin(a) > margin(b) ? 1 : 0));
+    return [...this.rows.values()].sort((a, b) => badness(a) - badness(b) || (margin(a) < margin(b) ? -1 : margin(a) > margin(b) ? 1 : 0));
   }
 
   order() {
     const wanted = this.find.value.trim().toLowerCase();
-    this.sorted().forEach(({ row, name, status }, k) => {
-      row.hidden = !name.toLowerCase().includes(wanted) || (this.only.checked && status?.reason === 'normal');
+    this.sorted().forEach(({ row, name }, k) => {
+      row.hidden = !name.toLowerCase().includes(wanted) || (this.only.checked && row.dataset.reason === 'normal');
       if (this.body.rows[k] !== row) this.body.insertBefore(row, this.body.rows[k] ?? null);
     });
   }

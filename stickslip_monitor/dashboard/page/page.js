@@ -10,8 +10,8 @@ import { ReplayBar } from '/replay.js';
 import { StabilityMap } from '/map.js';
 import { connect } from '/stream.js';
 
-const SILENCE = 12000, ANSWER = 5000;
-const REASONS = { normal: '✓ Normal', caution: '! Margin low', bistable: '! Bistable', stick_slip: '▲ Stick-slip predicted', amplitude_limit: '▲ Amplitude above limit', input_stale: '✕ Input lost', waiting: '… Waiting', not_monitoring: '✕ Not monitoring' };
+const SILENCE = 12000, ANSWER = 5000, REDRAW = 250;
+const REASONS = { normal: '✓ Normal', caution: '! Margin low', bistable: '! Bistable', stick_slip: '▲ Stick-slip predicted', amplitude_limit: '▲ Amplitude above limit', vibration: '! Vibration not explained', input_stale: '✕ Input lost', waiting: '… Waiting', not_monitoring: '✕ Not monitoring' };
 const WHAT = { raise: 'came', clear: 'went', acknowledge: 'acknowledged', silence: 'silenced', unsilence: 'silence ran out', shelve: 'shelved', unshelve: 'unshelved', reset: 'reset', suppress: 'suppressed', unsuppress: 'no longer suppressed', remove: 'taken out of service', restore: 'returned to service' };
 const MEASURED = { quiet: '✓ quiet', vibrating: '▲ vibrating', unknown: 'not known' };
 const FAULTS = { not_finite: 'not finite', implausible: 'implausible', repeated: 'repeated', out_of_order: 'out of order', clock_jump: 'clock jumps' };
@@ -41,7 +41,7 @@ class Bearing {
     this.amplitude = new AmplitudeGauge(bearing);
     this.find('.gauges').append(this.fold.root, this.hopf.root, this.amplitude.root);
     if (bearing.status) this.show(bearing.status);
-    else { put(this.find('.badge'), REASONS.waiting); this.find('.badge').dataset.reason = 'waiting'; this.map.show(null, [], 'nothing is known yet'); }
+    else { put(this.find('.badge'), REASONS.waiting); this.find('.badge').dataset.reason = 'waiting'; this.map.show(null, [], 'nothing is known yet'); this.gauge({}); }
   }
 
   take(status) {
@@ -87,17 +87,20 @@ class Bearing {
     put(this.find('.soon'), parts.join('; '));
     const chances = [['probability_can', 'can happen'], ['probability_will', 'starts by itself'], ['probability_runs', 'runs']].filter(([key]) => status[key] !== null).map(([key, words]) => `${words} ${(100 * status[key]).toFixed(0)} %`);
     put(this.find('.chances'), chances.length ? `stick-slip: ${chances.join(', ')}` : '');
-    put(this.find('.measured'), status.measured ? `vibration measured: ${MEASURED[status.measured] ?? status.measured}` : '');
+    put(this.find('.measured'), status.measured ? `vibration measured: ${MEASURED[status.measured] ?? status.measured}${status.unmeasured ? ` (${status.unmeasured})` : ''}` : '');
     this.find('.measured').dataset.level = status.measured ?? '';
     put(this.find('.load'), loadText(status.load));
     put(this.find('.loads'), status.regime === null ? '' : `regime: ${status.regime}`);
-    const known = status.regime !== null;
-    this.fold.show(status.fold_margin, known);
-    this.hopf.show(status.hopf_margin, known);
-    this.amplitude.show(status);
+    this.gauge(status);
     const point = status.speed === null || status.load === null ? null : [status.speed, status.load];
     this.map.show(point, this.history.trail, point ? `${speedText(status.rpm)}, ${loadText(status.load)}, ${status.regime}` : 'no operating point');
     this.inputs(status.inputs);
+  }
+
+  gauge({ regime = null, fold_margin: fold = null, hopf_margin: hopf = null, ...rest }) {
+    this.fold.show(fold, regime !== null);
+    this.hopf.show(hopf, regime !== null);
+    this.amplitude.show({ amplitude: null, amplitude_exact: null, ...rest, regime });
   }
 
   inputs(inputs) {
@@ -107,7 +110,7 @@ class Bearing {
       const [state, count] = row.querySelectorAll('td');
       state.className = input.lost ? 'lost' : '';
       put(row.querySelector('.fault'), input.fault);
-      put(this.find(`[data-of="${name}"] .name`), `${name === 'load' ? 'Bearing load' : 'Shaft speed'}${input.lost ? ', last known' : ''}`);
+      if (name !== 'level') put(this.find(`[data-of="${name}"] .name`), `${name === 'load' ? 'Bearing load' : 'Shaft speed'}${input.lost ? ', last known' : ''}`);
       put(state, input.lost ? `✕ lost${input.age === null ? ', never heard' : `, ${input.age.toFixed(0)} s old`}` : '✓ heard');
       const faults = Object.entries(FAULTS).filter(([key]) => input.counts[key]).map(([key, words]) => `${input.counts[key]} ${words}`);
       put(count, `${input.counts.accepted ?? 0} used${faults.length ? `; ${faults.join(', ')}` : ''}`);
@@ -146,7 +149,7 @@ class Page {
     document.addEventListener('visibilitychange', () => this.watch());
     const does = {
       state: (state) => this.begin(state),
-      status: (status) => { this.bearings.get(status.bearing)?.take(status); this.overview.take(status); this.time(status.time); },
+      status: (status) => this.later(status),
       map: (map) => this.bearings.get(map.bearing)?.map.remake(map),
       replay: (replay) => this.replay.show(replay),
       alarms: (record) => this.take(record),
@@ -161,11 +164,29 @@ class Page {
     });
   }
 
+  /** However often a bearing is told, it is drawn no oftener than an eye can follow. */
+  later(status) {
+    this.told ??= new Map();
+    this.told.set(status.bearing, status);
+    this.drawing ??= setTimeout(() => this.draw(), Date.now() - (this.drawnAt ?? 0) < REDRAW ? REDRAW : 0);
+  }
+
+  draw() {
+    [this.drawing, this.drawnAt] = [null, Date.now()];
+    for (const status of this.told.values()) {
+      this.bearings.get(status.bearing)?.take(status);
+      this.overview.take(status);
+      this.time(status.time);
+    }
+    this.told.clear();
+  }
+
   watch() {
     if (Date.now() - this.heardAt > SILENCE) { this.heardAt = Date.now(); this.lose(); this.again(); }
   }
 
   begin(state) {
+    this.told?.clear();
     this.source = state.source;
     this.bearings = new Map(state.bearings.map((bearing) => [bearing.name, new Bearing(bearing)]));
     get('bearings').replaceChildren(...[...this.bearings.values()].map((bearing) => bearing.root));
@@ -182,7 +203,7 @@ class Page {
     if (alarms) {
       this.alarms.show(alarms);
       this.sound.ring(alarms.sounding);
-      document.title = `${alarms.unacknowledged ? `(${alarms.unacknowledged}) ` : ''}Stick-slip monitor`;
+      this.trust(this.trusted);
     }
     get('log').replaceChildren(...log.toReversed().map(logRow));
   }
@@ -202,12 +223,21 @@ class Page {
     if (get('notices').textContent !== monitor.notices.join(' ')) { put(get('notices'), monitor.notices.join(' ')); put(get('say'), monitor.notices.join(' ')); }
     get('notices').hidden = !monitor.notices.length;
     for (const [name, bearing] of this.bearings) bearing.root.classList.toggle('unheard', monitor.unheard.includes(name));
-    this.alarms.trust(monitor.there && !monitor.faults.length);
+    this.overview.believe(monitor.unheard);
+    this.trust(monitor.there && !monitor.faults.length);
+  }
+
+  /** The title, too, tells a tab that is not looked at what it does not know. */
+  trust(trusted) {
+    this.alarms.trust(trusted);
+    this.trusted = trusted;
+    const waiting = this.record?.unacknowledged ? `(${this.record.unacknowledged}) ` : '';
+    document.title = `${trusted || get('banner').hidden || document.body.dataset.link === 'over' ? '' : '✕ '}${waiting}Stick-slip monitor`;
   }
 
   lose() {
-    this.alarms.trust(false);
     this.tell('lost', 'connection lost', 'The connection to the dashboard is lost: nothing here is current. Trying again …');
+    this.trust(false);
   }
 
   tell(link, words, banner) {

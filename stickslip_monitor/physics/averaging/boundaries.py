@@ -27,13 +27,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import i1e
 
 from stickslip_monitor.arrays import FloatArray, flatten, mapped
 from stickslip_monitor.physics.averaging import closed_form
 from stickslip_monitor.physics.averaging.dimensionless import harmonic_beyond_limit
 from stickslip_monitor.physics.averaging.quadrature import crossing_angle, friction_harmonic
 from stickslip_monitor.physics.averaging.solver import averaged_solver, damping_per_load
+from stickslip_monitor.physics.bessel import i1e
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, computes_as
 from stickslip_monitor.physics.oscillator import Bearing
 

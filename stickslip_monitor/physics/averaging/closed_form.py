@@ -11,10 +11,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.special import i1e
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.physics.averaging import dimensionless
+from stickslip_monitor.physics.bessel import i1e
 from stickslip_monitor.physics.friction import Stribeck
 
 # Beyond these a dimensionless speed or its Bessel function leaves the range of a float.

@@ -22,10 +22,10 @@ from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import i0e, i1e
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.physics.averaging.quadrature import unit_gauss
+from stickslip_monitor.physics.bessel import i0e, i1e
 from stickslip_monitor.physics.roots import newton_on_bracket
 
 _SERIES_LIMIT = 0.5

@@ -277,7 +277,7 @@ class FoldCurve:
 
     def prepare(self, octaves: range) -> None:
         """Build some octaves above the least load with a cycle."""
-        self._part(np.array(octaves, dtype=float))
+        self._built(np.array(octaves, dtype=float))
 
     def speed(self, load: FloatArray, averaged: FloatArray) -> FloatArray:
         """Exact fold speed [m/s], as ``exact_fold_speed``.
@@ -333,9 +333,8 @@ class FoldCurve:
         mantissa, exponent = np.frexp(height)
         # The octave and the linear share of it, in which the curve is as smooth as in ln N.
         y = (exponent - 2.0) + 2.0 * mantissa
-        part = self._part(y)
-        result = self.pieces.value(part, y)
-        result = result * (averaged if self._closed else self._drop * load)
+        pieces, part = self._built(y)
+        result = pieces.value(part, y) * (averaged if self._closed else self._drop * load)
         return np.where(result > 0.0, result, np.nan)
 
     def _anywhere(self, load: FloatArray, averaged: FloatArray, height: FloatArray) -> FloatArray:
@@ -354,17 +353,23 @@ class FoldCurve:
         result[rows] = self._inside(n, fold, inside) * (height[rows] / inside)
         return result
 
-    def _part(self, y: FloatArray) -> IndexArray:
-        """The polynomial of every point, built where it is not there yet."""
-        cell = np.minimum((y * FINE).astype(np.intp), self.pieces.cell.size - 1)
-        part = self.pieces.cell.take(cell)
+    def _built(self, y: FloatArray) -> tuple[Pieces, IndexArray]:
+        """The polynomials, and that of every point, built where it is not there yet.
+
+        Another thread may build others at the same time: what it adds may be lost, and built
+        again when it is asked for, but the two are never mixed.
+        """
+        pieces = self.pieces
+        cell = np.minimum((y * FINE).astype(np.intp), pieces.cell.size - 1)
+        part = pieces.cell.take(cell)
         if part.min(initial=0) == NOWHERE:
             for octave in np.unique(cell[part == NOWHERE] // FINE):
-                self.pieces = self.pieces.with_unit(
+                pieces = pieces.with_unit(
                     int(octave), self._ratio, self._tolerance(int(octave)), self._sizes
                 )
-            part = self.pieces.cell.take(cell)
-        return part.astype(np.intp, copy=False)
+            self.pieces = pieces
+            part = pieces.cell.take(cell)
+        return pieces, part.astype(np.intp, copy=False)
 
     def _ratio(self, y: FloatArray) -> FloatArray:
         """The exact fold over the scale of speeds, 0 where there is none, shape of ``y``."""

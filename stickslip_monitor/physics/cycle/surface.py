@@ -80,9 +80,25 @@ class CycleSurface:
 
     def prepare(self) -> None:
         """Build the octaves that a bearing near its boundaries works at."""
-        self.folds.prepare(self._folds_core)
-        for octave in self._core if self._smooth else ():
+        self._prepare(self._folds_core, self._core)
+
+    def _prepare(self, folds: range, sheets: range) -> None:
+        self.folds.prepare(folds)
+        for octave in sheets if self._smooth else ():
             self._sheet(octave)
+
+    def missing(self, load: float) -> range:
+        """The octave of a load [N] and those beside it, if one that can be built is not there."""
+        if not (self._unit == self._onset <= load < math.inf):
+            return range(0)
+        octave = math.frexp(load / self._unit)[1] - 1
+        around = range(max(octave - 1, 0), min(octave + 2, _OCTAVES))
+        known = not self._smooth or all(number in self.sheets for number in around)
+        return range(0) if known and self.folds.has(around) else around
+
+    def extend(self, octaves: range) -> None:
+        """Build some octaves of :meth:`missing`."""
+        self._prepare(octaves, octaves)
 
     def amplitude(self, speed: FloatArray, load: FloatArray, fold: FloatArray) -> FloatArray:
         """Amplitude of the stick-slip cycle [m]; ``nan`` where none exists.

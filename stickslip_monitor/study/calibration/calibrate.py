@@ -54,15 +54,19 @@ class EpisodeEnd:
         time_ns: When it ended [ns].
         speed: Surface speed there [m/s].
         predicted: Median fold speed at the load there [m/s]; 0 where there was none.
-        late: Probability that it would have ended by then; 0.5 on average.
-        surprising: Whether it was hardly to be expected, its report's tolerance allowed for.
+        late: Probability that it would have ended by then; 0.5 on average. Its report's tolerance
+            is allowed for: that of the time within it at which this is nearest to 0.5.
     """
 
     time_ns: int
     speed: float
     predicted: float
     late: float
-    surprising: bool
+
+    @property
+    def surprising(self) -> bool:
+        """Whether it was hardly to be expected."""
+        return not _SURPRISING < self.late < 1.0 - _SURPRISING
 
     @property
     def score(self) -> float:
@@ -343,19 +347,14 @@ def _end(
     early, last, late = np.searchsorted(dip.time_ns, bounds) - 1
     if not 0 <= first < last < dip.path.shape[0]:
         return []
-    ended = [
+    low, high = (
         1.0 - _lasting(dip.path[first : row + 1], theta, likelihood)
-        for row in (max(early, first + 1), last, min(late, dip.path.shape[0] - 1))
-    ]
-    surprising = ended[0] > 1.0 - _SURPRISING or ended[2] < _SURPRISING
+        for row in (max(early, first + 1), min(late, dip.path.shape[0] - 1))
+    )
     d = dip.path[last, LOAD_TERM] - theta[:, 1]
     fold = np.where(d > 0.0, speed_for_decline(np.maximum(d, 1e-9)) / np.exp(theta[:, 0]), 0.0)
-    return [
-        EpisodeEnd(
-            report.end_ns, float(dip.speed[last]), float(np.median(fold)), ended[1],
-            bool(surprising),
-        )
-    ]  # fmt: skip
+    nearest = min(max(low, 0.5), high)
+    return [EpisodeEnd(report.end_ns, float(dip.speed[last]), float(np.median(fold)), nearest)]
 
 
 def _lasting(path: FloatArray, theta: FloatArray, likelihood: Likelihood) -> float:

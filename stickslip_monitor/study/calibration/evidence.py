@@ -15,6 +15,7 @@ import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import CalibrationError
+from stickslip_monitor.monitor.level_modes import APART, are_apart, least_between, two_modes
 from stickslip_monitor.study.calibration.dips import VibrationReport
 
 TRUST, OPERATOR_TRUST = 0.99, 0.9
@@ -25,11 +26,8 @@ _MORE_COLUMNS = ('tolerance', 'trust')
 _DELIMITERS = ',;\t'
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _FRACTION = re.compile(r'(:\d\d)\.(\d+)')
-# Two modes closer than this cannot be told apart [standard deviations].
-_APART = 3.0
 _HYSTERESIS_DB = 3.0
 _SHORTEST = 1.0
-_ROUNDS = 200
 
 
 def read_reports(path: str | Path, bearings: Sequence[str]) -> list[VibrationReport]:
@@ -209,8 +207,6 @@ def level_episodes(
 def level_threshold(name: str, level: FloatArray) -> float:
     """The level that tells vibration from quiet: the minimum between its two modes.
 
-    Two Gaussians are fitted to the logarithm of the level by expectation maximisation.
-
     Args:
         name: The topic, for a sentence.
         level: Shape (n,); what is not above 0 does not count.
@@ -223,38 +219,11 @@ def level_threshold(name: str, level: FloatArray) -> float:
         raise CalibrationError(
             f'the level on {name} never changes: it must be one with a quiet and a loud mode'
         )
-    mean, spread, share = _two_modes(known)
-    if mean[1] - mean[0] < _APART * math.hypot(*spread) / math.sqrt(2.0):
+    mean, spread, share = two_modes(known)
+    if not are_apart(mean, spread):
         raise CalibrationError(
             f'the level on {name} has no two modes: those of {math.exp(mean[0]):.3g} and'
-            f' {math.exp(mean[1]):.3g} are closer than {_APART:g} standard deviations, so it does'
+            f' {math.exp(mean[1]):.3g} are closer than {APART:g} standard deviations, so it does'
             ' not tell vibration from quiet; give a recording with both, or --reports'
         )
-    between = np.linspace(mean[0], mean[1], 1001)
-    density = sum(
-        p / s * np.exp(-0.5 * ((between - m) / s) ** 2)
-        for m, s, p in zip(mean, spread, share, strict=True)
-    )
-    return math.exp(float(between[np.argmin(density)]))
-
-
-def _two_modes(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Means (rising), standard deviations and shares of two Gaussians."""
-    middle = 0.5 * (x.min() + x.max())
-    loud = (x > middle).astype(float)
-    least = 1e-3 * float(np.ptp(x))
-    for _ in range(_ROUNDS):
-        weight = np.stack([1.0 - loud, loud])
-        share = np.maximum(weight.mean(axis=1), 1e-12)
-        mean = weight @ x / (share * x.size)
-        off = (x - mean[:, None]) ** 2
-        spread = np.sqrt(np.maximum((weight * off).sum(axis=1) / (share * x.size), least**2))
-        log_density = np.log(share / spread)[:, None] - 0.5 * off / spread[:, None] ** 2
-        before, loud = (
-            loud,
-            1.0 / (1.0 + np.exp(np.clip(log_density[0] - log_density[1], -50, 50))),
-        )
-        if np.max(np.abs(loud - before)) < 1e-6:
-            break
-    order = np.argsort(mean)
-    return mean[order], spread[order], share[order]
+    return math.exp(least_between(mean, spread, share))

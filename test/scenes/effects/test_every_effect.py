@@ -16,6 +16,7 @@ import yaml
 
 from stickslip_monitor.commands.simulate import write_bag
 from stickslip_monitor.errors import SceneError
+from stickslip_monitor.monitor.signals import INPUTS
 from stickslip_monitor.scenes.effects import effect as effect_module
 from stickslip_monitor.scenes.effects import lining_motion
 from stickslip_monitor.scenes.effects.registry import EFFECTS, STAGES, effect_kind
@@ -32,9 +33,15 @@ STAMPED = {
     'aft': {
         'speed': {'type': 'geometry_msgs/msg/TwistStamped', 'field': 'twist.angular.x'},
         'load': {'type': 'geometry_msgs/msg/WrenchStamped', 'field': 'wrench.force.z'},
+        'level': {
+            'topic': '/aft/level',
+            'unit': 'mm/s',
+            'type': 'geometry_msgs/msg/WrenchStamped',
+            'field': 'wrench.force.z',
+        },
     }
 }
-RATES = {'speed': {'rate': 10.0}, 'load': {'rate': 2.0}}
+RATES = {'speed': {'rate': 10.0}, 'load': {'rate': 2.0}, 'level': {'rate': 2.0}}
 
 
 def examples() -> dict[str, Any]:
@@ -65,7 +72,7 @@ def test_every_effect_has_an_example_and_its_place() -> None:
     assert told >= set(EFFECTS)
     for name in set(EFFECTS) - set(STAGES['lining']):
         keys = set(effect_kind(name).keys)
-        assert told >= keys - {'bearing', 'speed', 'load'}
+        assert told >= keys - {'bearing', *INPUTS}
 
 
 def test_scene_of_the_page_can_be_made(tmp_path: Path) -> None:
@@ -147,7 +154,7 @@ def test_leaving_an_effect_out_changes_no_stream_of_another(
     used = {key[0] for key in full if full[key] != fresh[key]}
     assert used == {
         'load_in_waves', 'sensor_noise', 'spikes', 'not_a_number', 'clock_jitter', 'out_of_order',
-        'repeated_stamps', 'dropout',
+        'repeated_stamps', 'dropout', 'vibration_background',
     }  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from stickslip_monitor.bags.reader import Request, open_bag
 from stickslip_monitor.commands.simulate import write_bag
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.signals import Status
-from stickslip_monitor.offline.check import check_bag
+from stickslip_monitor.offline.follow import scan_whole
 from stickslip_monitor.scenes.scene import Scene
 from stickslip_monitor.scenes.telemetry import Messages
 
@@ -208,7 +208,7 @@ def test_monitor_counts_every_kind_of_bad_message(make_scene: MakeScene, tmp_pat
     rates = {'speed': {'rate': 4.0}, 'load': {'rate': 4.0}}
     scene = make_scene(STAMPED, effects=effects, telemetry=rates)
     write_bag(scene, tmp_path / 'bag')
-    counts = check_bag(tmp_path / 'bag', scene.config).bearings['aft'].scan.counts
+    counts = scan_whole(tmp_path / 'bag', scene.config).bearings['aft'].scan.counts
     load = {status: int(counts[1, status]) for status in Status}
     assert load[Status.NOT_FINITE] == 8
     assert load[Status.IMPLAUSIBLE] == 4

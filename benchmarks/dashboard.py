@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How busy a browser is with the page of fifty bearings, and the dashboard with its readers."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import math
+import re
+import subprocess
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import aiohttp
+from aiohttp import web
+
+from benchmarks.table import NOT_INSTALLED, Table, absent
+from scripts.make_screenshot import CHROMIUM, Page, program
+from stickslip_monitor.commands.dashboard import watched
+from stickslip_monitor.dashboard.access import Access
+from stickslip_monitor.dashboard.doors import listen
+from stickslip_monitor.dashboard.server import Server
+from stickslip_monitor.dashboard.state import DashboardState
+from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.config_file import NODE_NAME, load_config
+from stickslip_monitor.monitor.messages import diagnostic_record, state_of
+from stickslip_monitor.monitor.monitor import Monitor
+
+REFERENCE = Path(__file__).parents[1] / 'launch_configs' / 'reference_bearing.yaml'
+COLUMNS = ('bearings, each told', 'tabs', 'main thread of a tab', 'dashboard')
+_SETTLE = 3.0
+
+
+def run(quick: bool) -> Table:
+    """Measure; the table of the section."""
+    seconds = 5.0 if quick else 20.0
+    rows = []
+    for bearings, rate, tabs in ((1, 10, 1), (50, 1, 1), (50, 10, 1), (50, 10, 8)):
+        told = f'{bearings} at {rate}/s'
+        try:
+            busy, server = asyncio.run(_measure(bearings, rate, tabs, seconds))
+            rows.append([told, str(tabs), f'{100 * busy:.1f} %', f'{100 * server:.1f} %'])
+        except FileNotFoundError:
+            rows.append(absent(told, len(COLUMNS), f'Chromium is {NOT_INSTALLED}'))
+    return Table(
+        'The page in a browser',
+        'The share of a core that the main thread of a tab takes in Chromium (`TaskDuration` of'
+        ' its `Performance` domain: scripts, layout, painting), without a graphics processor, and'
+        ' that of the process of the dashboard, which here also runs the monitor. Every bearing is'
+        ' told anew so often, its speed swinging through all conditions; the node itself tells'
+        ' once a second and at every change.',
+        COLUMNS,
+        rows,
+    )
+
+
+def _fleet(bearings: int) -> MonitorConfig:
+    config = load_config(REFERENCE)
+    (one,) = config.bearings
+    own = (replace(one, name=f'bearing_{k:02}') for k in range(bearings))
+    return replace(config, bearings=tuple(own))
+
+
+async def _measure(bearings: int, rate: float, tabs: int, seconds: float) -> tuple[float, float]:
+    """Busy shares of the first tab's main thread and of this process."""
+    config = _fleet(bearings)
+    board = DashboardState([watched(config, f'/{NODE_NAME}')])
+    runner = web.AppRunner(Server(board, Access()).application(), access_log=None)
+    await runner.setup()
+    listening = await listen(runner, '127.0.0.1', 0)
+    url = f'http://127.0.0.1:{listening.sockets[0].getsockname()[1]}/'
+    feed = asyncio.create_task(_feed(config, board, rate))
+    try:
+        return await _watch(url, tabs, seconds)
+    finally:
+        feed.cancel()
+        listening.close()
+        await runner.cleanup()
+
+
+async def _feed(config: MonitorConfig, board: DashboardState, rate: float) -> None:
+    """Swing the speeds of all bearings through their conditions."""
+    monitor, (shown,) = Monitor(config), board.monitors
+    begin = asyncio.get_running_loop().time()
+    for step in itertools.count():
+        now_ns = time.time_ns()
+        for k, (name, bearing) in enumerate(monitor.bearings.items()):
+            rpm = 40.0 + 20.0 * math.sin(0.1 * step / rate + k)
+            for is_load, value in enumerate((rpm, 1000.0)):
+                bearing.update(is_load, now_ns, value)
+            record = diagnostic_record(NODE_NAME, state_of(bearing))
+            shown.take_status(name, now_ns, record.message, record.values)
+        late = asyncio.get_running_loop().time() - begin
+        await asyncio.sleep(max((step + 1) / rate - late, 0.0))
+
+
+async def _watch(url: str, tabs: int, seconds: float) -> tuple[float, float]:
+    with (
+        tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder,
+        program([*CHROMIUM, f'--user-data-dir={folder}'], stderr=subprocess.PIPE) as browser,
+    ):
+        port = await asyncio.to_thread(_port, browser)
+        async with aiohttp.ClientSession() as session:
+            async with session.get(f'http://127.0.0.1:{port}/json') as answer:
+                (tab,) = [tab for tab in await answer.json() if tab['type'] == 'page']
+            async with session.ws_connect(tab['webSocketDebuggerUrl'], max_msg_size=0) as socket:
+                page = Page(socket)
+                await page.call('Performance.enable')
+                for _ in range(tabs - 1):
+                    await page.call('Target.createTarget', url=url, background=True)
+                await page.call('Page.navigate', url=url)
+                await asyncio.sleep(_SETTLE)
+                before = await _busy(page), time.process_time(), time.monotonic()
+                await asyncio.sleep(seconds)
+                after = await _busy(page), time.process_time(), time.monotonic()
+    thread, process, passed = (b - a for a, b in zip(before, after, strict=True))
+    return thread / passed, process / passed
+
+
+def _port(browser: subprocess.Popen[str]) -> int:
+    assert browser.stderr is not None
+    ready = (re.search(r'DevTools listening on ws://[^:]+:(\d+)', s) for s in browser.stderr)
+    return next(int(found[1]) for found in ready if found)
+
+
+async def _busy(page: Page) -> float:
+    """For how long the main thread has worked [s]."""
+    metrics = (await page.call('Performance.getMetrics'))['metrics']
+    return next(float(m['value']) for m in metrics if m['name'] == 'TaskDuration')

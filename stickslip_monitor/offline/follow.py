@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bag read and its bearings scanned in blocks: memory does not grow with the recording."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip_monitor.arrays import IntArray
+from stickslip_monitor.bags.reader import Bag, Fault, Request, Series, open_bag
+from stickslip_monitor.bags.series import Progress, Reading
+from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
+from stickslip_monitor.monitor.scan import BearingScan, Scan, scan_bearing
+from stickslip_monitor.monitor.signals import Levels, Stream
+from stickslip_monitor.surface_store import prepare_surfaces
+
+Inputs = tuple[Series, ...]
+"""Speed, load and, where it is measured, level of a bearing."""
+_AHEAD_NS = 10**9
+"""A stamp may be so much later than the recorder's time, by the errors of both clocks [ns]."""
+_NOTHING = np.empty(0, np.int64)
+_SILENCE = Series(_NOTHING, _NOTHING, _NOTHING, np.empty(0), ())
+
+
+@dataclass(frozen=True, slots=True)
+class BearingBlock:
+    """A stretch of a recording, for one bearing.
+
+    Attributes:
+        series: Each input as it was recorded.
+        stream: The same, merged in the order of the recording.
+        scan: The verdicts that are known with them, a point behind.
+    """
+
+    series: Inputs
+    stream: Stream
+    scan: Scan
+
+
+class Follower(Protocol):
+    """Takes the blocks of one bearing in order."""
+
+    def take(self, block: BearingBlock) -> None:
+        """Take the next one."""
+
+
+_Follower = TypeVar('_Follower', bound=Follower)
+
+
+@dataclass(frozen=True, slots=True)
+class Followed(Generic[_Follower]):
+    """What came of a bag.
+
+    Attributes:
+        followers: By the bearing's name.
+        faults: What was wrong with the messages read.
+        start_ns: When the recording begins, on the clock of the samples [ns].
+        end_ns: When it ends; both are ``None`` in a recording without messages.
+    """
+
+    followers: dict[str, _Follower]
+    faults: Mapping[Request, tuple[Fault, ...]]
+    start_ns: int | None
+    end_ns: int | None
+
+
+def follow(
+    bag: Bag,
+    config: MonitorConfig,
+    make: Callable[[BearingConfig], _Follower],
+    progress: Progress | None = None,
+    after: Callable[[int], None] | None = None,
+) -> Followed[_Follower]:
+    """Run the monitor over a bag.
+
+    Args:
+        bag: The bag.
+        config: The configuration; its topics must be in the bag.
+        make: Makes what takes the blocks of a bearing; called again where the bag has to be
+            begun anew.
+        progress: Called with bytes read and bytes in all.
+        after: Called when all have taken a block, with the log time it goes up to [ns].
+
+    Raises:
+        BagError: The bag cannot be read, lacks a topic, or a field leads to no number.
+    """
+    asked = {request for b in config.bearings for request in requests_of(b)}
+    prepare_surfaces(item.bearing for item in config.bearings)
+
+    def use(reading: Reading) -> Followed[_Follower]:
+        span = SampleSpan(bag)
+        courses = [_Course(b, make(b)) for b in config.bearings]
+        # Bearings know nothing of each other, and arithmetic on arrays needs no interpreter.
+        with ThreadPoolExecutor(min(len(courses), os.cpu_count() or 1)) as pool:
+            running: list[Future[None]] = []
+            read_ns: int | None = None
+
+            def taken() -> None:
+                for future in running:
+                    future.result()
+                if after is not None and read_ns is not None:
+                    after(read_ns)
+
+            for part in reading:
+                # What was read before is scanned while the next is read.
+                taken()
+                read_ns = max(
+                    (int(s.log_time_ns[-1]) for s in part.values() if s.log_time_ns.size),
+                    default=None,
+                )
+                span.hear(part.values())
+                running = [pool.submit(each.take, part, span.start_ns) for each in courses]
+            taken()
+            running = [pool.submit(each.finish, span.start_ns, span.end_ns) for each in courses]
+            taken()
+        followers = {each.config.name: each.follower for each in courses}
+        return Followed(followers, reading.faults(), span.start_ns, span.end_ns)
+
+    return bag.read_with(use, asked, progress)
+
+
+def requests_of(config: BearingConfig) -> tuple[Request, ...]:
+    """What to read for a bearing: one request for each of its inputs."""
+    return tuple(map(_request, config.inputs.values()))
+
+
+def _request(source: InputConfig) -> Request:
+    return Request(source.topic, source.field_text, source.type)
+
+
+def _merged(series: Inputs) -> tuple[Stream, NDArray[np.intp]]:
+    """Series in the order in which the bag holds their messages, and where each was."""
+    speed, load, *level = series
+    sequence = np.concatenate([speed.sequence, load.sequence])
+    order = np.argsort(sequence, kind='stable')
+    stream = Stream(
+        np.concatenate([speed.stamp_ns, load.stamp_ns])[order],
+        order >= speed.sequence.size,
+        np.concatenate([speed.value, load.value])[order],
+        _levels(level[0], sequence[order]) if level else None,
+    )
+    return stream, order
+
+
+def _levels(level: Series, sequence: IntArray) -> Levels:
+    """The values of a level among those of speed and load, whose sequence is rising."""
+    return Levels(level.stamp_ns, level.value, np.searchsorted(sequence, level.sequence, 'right'))
+
+
+class SampleSpan:
+    """Start and end of a recording on the clock of the samples.
+
+    Stamps in headers may be from another clock than the recorder's: then the samples' own span
+    counts. Which it is shows with the first message.
+
+    Attributes:
+        start_ns: The start [ns], known with the first message.
+        end_ns: The end as far as it was read [ns].
+    """
+
+    def __init__(self, bag: Bag) -> None:
+        self.start_ns, self.end_ns = bag.start_ns, bag.end_ns
+        self._begun = False
+
+    def hear(self, series: Iterable[Series]) -> None:
+        """Take the messages of a stretch."""
+        known = [each for each in series if each.sequence.size]
+        if self.start_ns is None or self.end_ns is None or not known:
+            return
+        if not self._begun:
+            self._begun = True
+            first = min(known, key=lambda each: int(each.sequence[0]))
+            stamp, log_time = int(first.stamp_ns[0]), int(first.log_time_ns[0])
+            if not self.start_ns <= stamp <= log_time + _AHEAD_NS:
+                self.start_ns = self.end_ns = stamp
+        self.end_ns = max(self.end_ns, *(int(each.stamp_ns.max()) for each in known))
+
+
+class _Course(Generic[_Follower]):
+    """One bearing on its way through a recording."""
+
+    def __init__(self, config: BearingConfig, follower: _Follower) -> None:
+        self.config, self.follower = config, follower
+        self._requests = requests_of(config)
+        self._scan: BearingScan | None = None
+
+    def take(self, part: Mapping[Request, Series], start_ns: int | None) -> None:
+        """Take a stretch of the recording."""
+        series = tuple(part[request] for request in self._requests)
+        stream, _ = _merged(series)
+        self._hand_on(series, stream, self._begun(start_ns).take(stream))
+
+    def finish(self, start_ns: int | None, end_ns: int | None) -> None:
+        """Come to its end."""
+        series = tuple(_SILENCE for _ in self._requests)
+        stream, _ = _merged(series)
+        self._hand_on(series, stream, self._begun(start_ns).finish(stream, end_ns))
+
+    def _begun(self, start_ns: int | None) -> BearingScan:
+        if self._scan is None:
+            self._scan = BearingScan(self.config, start_ns)
+        return self._scan
+
+    def _hand_on(self, series: Inputs, stream: Stream, scan: Scan) -> None:
+        self.follower.take(BearingBlock(series, stream, scan))
+
+
+@dataclass(frozen=True, slots=True)
+class WholeBearing:
+    """One bearing over a whole recording in memory.
+
+    Attributes:
+        stream: Its samples, m of them.
+        arrival_ns: When the recorder got each, shape (m,) [ns].
+        scan: The verdicts.
+    """
+
+    stream: Stream
+    arrival_ns: IntArray
+    scan: Scan
+
+
+@dataclass(frozen=True, slots=True)
+class WholeBag:
+    """A bag with all its verdicts in memory, for what needs them at once.
+
+    Attributes:
+        bag: The bag.
+        bearings: By name.
+        start_ns: When the recording begins, on the clock of the samples [ns].
+    """
+
+    bag: Bag
+    bearings: dict[str, WholeBearing]
+    start_ns: int | None
+
+
+def scan_whole(path: str | Path, config: MonitorConfig) -> WholeBag:
+    """Run the monitor over a bag and keep everything.
+
+    Raises:
+        BagError: The bag cannot be read, lacks a topic, or a field leads to no number.
+    """
+    bag = open_bag(path)
+    asked = {b.name: requests_of(b) for b in config.bearings}
+    series = bag.read({request for own in asked.values() for request in own})
+    span = SampleSpan(bag)
+    span.hear(series.values())
+    prepare_surfaces(item.bearing for item in config.bearings)
+    found = {}
+    for bearing in config.bearings:
+        own = tuple(series[request] for request in asked[bearing.name])
+        stream, order = _merged(own)
+        arrival = np.concatenate([each.log_time_ns for each in own[:2]])[order]
+        scan = scan_bearing(bearing, stream, span.start_ns, span.end_ns)
+        found[bearing.name] = WholeBearing(stream, arrival, scan)
+    return WholeBag(bag, found, span.start_ns)

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The outline of a bearing's verdicts: few points, and the same extremes as all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
+from stickslip_monitor.monitor.assessment import Assessments, assess, at_indices
+from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.scan import Scan
+from stickslip_monitor.monitor.verdict import Event
+from stickslip_monitor.offline.follow import BearingBlock
+
+_MOST = 600
+
+
+class Verdicts(Protocol):
+    """What is drawn and told of a bearing: all its verdicts, or their outline."""
+
+    @property
+    def time_ns(self) -> IntArray:
+        """Times of the operating points, shape (n,) [ns]."""
+
+    @property
+    def until_ns(self) -> IntArray:
+        """How long each counts: to the next one, or to the loss of an input, shape (n,) [ns]."""
+
+    @property
+    def assessment(self) -> Assessments:
+        """Their assessments, shape (n,)."""
+
+    @property
+    def sticking(self) -> BoolArray:
+        """Whether stick-slip is predicted, shape (n,)."""
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """The changes of the alarm, in order."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outline:
+    """Some of the verdicts on a recording, see :class:`Verdicts`."""
+
+    time_ns: IntArray
+    until_ns: IntArray
+    assessment: Assessments
+    sticking: BoolArray
+    events: Sequence[Event]
+
+
+class _Rows(NamedTuple):
+    """Points that may stay, shape (n,) each, the first and last and those of extreme scores.
+
+    Attributes:
+        number: Which point of the recording it is.
+        time_ns: Its time [ns].
+        until_ns: How long it counts [ns].
+        speed: Surface speed [m/s].
+        load: Load [N].
+        sticking: Whether stick-slip is predicted.
+        opens: Whether the line is interrupted before it.
+        scores: Columns whose extremes stay, shape (m, n); ``nan`` for none.
+    """
+
+    number: IntArray
+    time_ns: IntArray
+    until_ns: IntArray
+    speed: FloatArray
+    load: FloatArray
+    sticking: BoolArray
+    opens: BoolArray
+    scores: FloatArray
+
+    def kept(self, rows: IndexArray) -> _Rows:
+        """Some of them."""
+        columns: Any = (column[..., rows] for column in self)
+        return _Rows(*columns)
+
+
+class Outliner:
+    """Follows a bearing and keeps the outline of its verdicts.
+
+    The points are taken in stretches of one length, which doubles when they become too many. Of
+    each stay those with the least and the greatest speed, load, margins and predicted amplitude,
+    and the first one before which the line is interrupted.
+    """
+
+    def __init__(self, config: BearingConfig) -> None:
+        self._config = config
+        self._count = 0
+        self._length = 1
+        self._rows: _Rows | None = None
+        self._events: list[Event] = []
+        self._last: tuple[int, int] | None = None
+
+    def take(self, block: BearingBlock) -> None:
+        """Take the next verdicts."""
+        scan = block.scan
+        self._events += scan.events
+        if not scan.time_ns.size:
+            return
+        rows = self._new(scan)
+        self._count += scan.time_ns.size
+        while self._count > _MOST * self._length:
+            self._length *= 2
+        rows = self._thinned(rows)
+        if self._rows is not None:
+            rows = _join(self._rows, rows)
+        self._rows = self._thinned(rows) if rows.number.size > 24 * _MOST else rows
+
+    def _new(self, scan: Scan) -> _Rows:
+        points, time = scan.assessment, scan.time_ns
+        amplitude = np.full(time.size, np.nan)
+        sticking = np.flatnonzero(scan.sticking)
+        amplitude[sticking] = at_indices(points, sticking).amplitude
+        # The line is interrupted where an input was lost or the clock jumped back.
+        before, ends = self._last or (int(time[0]), int(time[0]))
+        self._last = int(time[-1]), int(scan.until_ns[-1])
+        opens = np.append(ends, scan.until_ns[:-1]) < time
+        opens |= time < np.append(before, time[:-1])
+        return _Rows(
+            self._count + np.arange(time.size),
+            time,
+            scan.until_ns,
+            points.speed,
+            points.load,
+            scan.sticking,
+            opens,
+            np.stack(
+                [
+                    np.abs(points.speed),
+                    points.load,
+                    _finite(points.hopf_margin),
+                    _finite(points.fold_margin),
+                    amplitude,
+                ]
+            ),
+        )
+
+    def _thinned(self, rows: _Rows) -> _Rows:
+        if self._length == 1:
+            return rows
+        stretch = rows.number // self._length
+        starts = np.flatnonzero(np.diff(stretch, prepend=-1))
+        kept = [np.array([0, stretch.size - 1]), _first(rows.opens, starts)]
+        for column in rows.scores:
+            for score in (column, -column):
+                score = np.where(np.isnan(score), -np.inf, score)
+                most = np.repeat(
+                    np.maximum.reduceat(score, starts), np.diff([*starts, score.size])
+                )
+                kept.append(_first((score == most) & (score > -np.inf), starts))
+        return rows.kept(np.unique(np.concatenate(kept)))
+
+    def outline(self) -> Outline:
+        """The outline of what was taken; of few points all of them."""
+        config = self._config
+        nothing = np.empty(0)
+        if self._rows is None:
+            none = assess(config.bearing, nothing, nothing, config.belief)
+            times = np.empty(0, np.int64)
+            return Outline(times, times, none, np.empty(0, np.bool_), self._events)
+        rows = self._thinned(self._rows)
+        known = assess(config.bearing, rows.speed, rows.load, config.belief)
+        return Outline(rows.time_ns, self._until(rows), known, rows.sticking, self._events)
+
+    def _until(self, rows: _Rows) -> IntArray:
+        """Each counts until the next but where the line is interrupted: once in a stretch."""
+        stretch = rows.number // self._length
+        starts = np.flatnonzero(np.diff(stretch, prepend=-1))
+        opens = _first(rows.opens, starts)
+        until = rows.until_ns.copy()
+        until[:-1] = np.maximum(rows.time_ns[1:], rows.time_ns[:-1])
+        before = opens[opens > 0] - 1
+        until[before] = np.minimum(rows.until_ns[before], rows.time_ns[before + 1] - 1)
+        return until
+
+
+def _finite(column: FloatArray) -> FloatArray:
+    return np.where(np.isfinite(column), column, np.nan)
+
+
+def _first(chosen: BoolArray, starts: NDArray[np.intp]) -> IndexArray:
+    """The first that is chosen of each stretch that begins at the starts."""
+    places = np.flatnonzero(chosen)
+    owner = np.searchsorted(starts, places, 'right')
+    return places[np.flatnonzero(np.diff(owner, prepend=0))]
+
+
+def _join(first: _Rows, second: _Rows) -> _Rows:
+    columns: Any = (np.concatenate(pair, axis=-1) for pair in zip(first, second, strict=True))
+    return _Rows(*columns)
