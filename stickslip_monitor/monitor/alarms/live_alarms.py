@@ -155,10 +155,18 @@ class LiveAlarms:
         self._changed([c for event in events for c in self.annunciator.take_event(event)])
 
     def act(
-        self, action: Action, by: str, bearing: str | None = None, kind: AlarmKind | None = None
+        self,
+        action: Action,
+        by: str,
+        bearing: str | None = None,
+        kind: AlarmKind | None = None,
+        reason: str = '',
     ) -> list[AlarmChange]:
-        """Do what a person asks for; see :meth:`Annunciator.act`."""
+        """Do what a person asks for, and put on record why; see :meth:`Annunciator.act`."""
         changes = self.annunciator.act(action, self._clock(), by, bearing, kind)
+        if changes and reason:
+            what = f'{bearing or "all bearings"}/{kind or "all alarms"}'
+            self.note('action', f'{what}: {action} by {by}: {reason}')
         self._changed(changes)
         return changes
 
