@@ -91,6 +91,7 @@ def _input(item: InputReport) -> dict[str, Any]:
             for fault in item.sources
         ],
         'questions': list(item.questions),
+        'fault': item.fault or None,
     }
 
 
