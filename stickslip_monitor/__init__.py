@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     )
     from stickslip_monitor.monitor.config import MonitorConfig, build_config
     from stickslip_monitor.monitor.monitor import Monitor
-    from stickslip_monitor.monitor.signals import Sample, Stream
+    from stickslip_monitor.monitor.signals import Levels, Sample, Stream
     from stickslip_monitor.physics.averaging.boundaries import (
         StationaryAmplitudes,
         amplitude_rate,
@@ -48,6 +48,7 @@ __all__ = [
     'Cycle',
     'CycleKind',
     'FrictionLaw',
+    'Levels',
     'Monitor',
     'MonitorConfig',
     'Outcome',
@@ -80,7 +81,7 @@ _HOMES = {
     'monitor.assessment': ('Assessment', 'Assessments', 'Outcome', 'Regime', 'assess'),
     'monitor.config': ('MonitorConfig', 'build_config'),
     'monitor.monitor': ('Monitor',),
-    'monitor.signals': ('Sample', 'Stream'),
+    'monitor.signals': ('Levels', 'Sample', 'Stream'),
     'physics.averaging.boundaries': (
         'StationaryAmplitudes',
         'amplitude_rate',

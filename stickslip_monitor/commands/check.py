@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run the monitor over recorded bags: events, time in each regime, worst margins, bad data.
 
-A bag is a rosbag2 folder or an .mcap file; a folder of bags stands for all of them. A file that
-was cut off is read up to the cut. With --report everything is also written into one file that
-opens anywhere, without a network: .html to be read, .png to be shown, .json for programs. With
---mcap the verdicts are written as messages beside the inputs, for replay in Foxglove or
-PlotJuggler; with --clips only what came and went around each alarm, a small file for each.
+A bag is a rosbag2 folder or an .mcap file; a folder of bags stands for all of them, and - for a
+recording in MCAP on standard input. What was cut off is read up to the cut. With --report
+everything is also written into one file that opens anywhere, without a network: .html to be read,
+.png to be shown, .json for programs. With --mcap the verdicts are written as messages beside the
+inputs, for replay in Foxglove or PlotJuggler; with --clips only what came and went around each
+alarm, a small file for each.
 Several bags are checked on all cores, or with --scheduler on a Dask cluster whose workers see
 them under the same paths; one that cannot be checked is named and does not keep the others up.
+With --resume what was found of each bag is kept in a file, and taken from there the next time.
 With --learn the times at which a bearing vibrated are compared with what was predicted, over all
 bags together, and a calibration is proposed where it would change something; that is advice, which
 changes neither the configuration nor the exit code.
@@ -18,6 +20,7 @@ from __future__ import annotations
 
 import argparse
 import shlex
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -39,11 +42,16 @@ if TYPE_CHECKING:
     from stickslip_monitor.monitor.config import MonitorConfig
     from stickslip_monitor.study.calibration.recordings import EvidenceSource
 
+STDIN = '-'
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument(
-        'bags', nargs='+', metavar='BAG', help='rosbag2 folder, .mcap file or folder of such'
+        'bags',
+        nargs='+',
+        metavar='BAG',
+        help='rosbag2 folder, .mcap file, folder of such, or - for standard input',
     )
     add_config(parser)
     add_force(parser)
@@ -67,6 +75,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--jobs', type=int, metavar='N', help='bags checked at a time (default: one for each core)'
     )
     parser.add_argument(
+        '--resume',
+        metavar='FILE',
+        help='keep what is found of each bag in this file, and check only what is not in it',
+    )
+    parser.add_argument(
         '--scheduler',
         metavar='ADDRESS',
         help="check on the workers of a Dask cluster: tcp://host:port (extra 'fleet')",
@@ -76,12 +89,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     _check_options(args)
-    # Not needed for help or a wrong option, and they take most of the time to start.
+    # Not needed for help or a wrong option, and it takes most of the time to start.
+    from stickslip_monitor.offline.archive import find_bags, spooled
+
+    if STDIN in args.bags:
+        with ProgressBar() as meter, spooled(sys.stdin.buffer, meter.show) as path:
+            args.bags = [str(path)]
+            try:
+                return _run(args, [path], meter, shown=STDIN)
+            except BagError as error:
+                raise BagError(str(error).replace(str(path), STDIN)) from error
+    with ProgressBar() as meter:
+        return _run(args, find_bags(args.bags), meter)
+
+
+def _run(
+    args: argparse.Namespace, bags: list[Path], meter: ProgressBar, shown: str | None = None
+) -> int:
     from stickslip_monitor.commands.check_jobs import Output, Task, check_one
     from stickslip_monitor.monitor.config_file import load_config
-    from stickslip_monitor.offline.archive import find_bags
 
-    bags = find_bags(args.bags)
     config = load_config(args.config)
     _check_recordings(args, bags)
     file = _report_file(args, config, bags)
@@ -90,18 +117,18 @@ def run(args: argparse.Namespace) -> int:
     output = Output(args.json, file, listed, args.clips)
     source = _source(args.learn, config)
     task = Task(config, file.suffix if file else None, args.mcap, args.clips, source)
-    with ProgressBar() as meter:
-        if listed or args.scheduler is not None:
-            # Processes and clusters are not needed for one bag, and cost time to import.
-            from stickslip_monitor.commands.check_many import check_many
+    if listed or args.scheduler is not None or args.resume is not None:
+        # Processes and clusters are not needed for one bag, and cost time to import.
+        from stickslip_monitor.commands.check_many import check_many
 
-            check_many(task, bags, args, output, meter)
-        else:
-            found = check_one(task, bags[0], meter.show)
-            meter.hide()
-            output.take(found)
-        if source is not None:
-            output.tell(_lessons(args, config, source, output, meter))
+        check_many(task, bags, args, output, meter)
+    else:
+        found = check_one(task, bags[0], meter.show)
+        found.document['path'] = shown or found.document['path']
+        meter.hide()
+        output.take(found)
+    if source is not None:
+        output.tell(_lessons(args, config, source, output, meter))
     output.finish()
     say_written(args.report, args.mcap)
     return output.code
@@ -153,6 +180,17 @@ def _lessons(
 def _check_options(args: argparse.Namespace) -> None:
     if args.jobs is not None and args.jobs < 1:
         raise ConfigurationError(f'--jobs {args.jobs} must be at least 1')
+    if STDIN in args.bags and (len(args.bags) > 1 or args.scheduler or args.resume):
+        raise ConfigurationError(
+            "'-', a recording on standard input, goes alone: neither with other bags nor with"
+            ' --scheduler or --resume'
+        )
+    kept = (args.report or '.json').lower().endswith('.json')
+    if args.resume is not None and not (kept and args.mcap is args.clips is args.learn is None):
+        raise ConfigurationError(
+            '--resume keeps what --json prints: it does not go with --mcap, --clips, --learn or a'
+            ' --report to be read'
+        )
     if args.scheduler is None:
         return
     for option in ('jobs', 'mcap', 'clips'):

@@ -104,7 +104,7 @@ class Replay:
 
     def act(self, request: ActionRequest) -> None:
         """Do what a person asks for."""
-        self._alarms.act(request.action, request.by, request.bearing, request.kind)
+        self._alarms.act(request.action, request.by, request.bearing, request.kind, request.reason)
 
     def hold(self, paused: bool) -> None:
         """Stand still, or go on."""

@@ -80,7 +80,7 @@ class LiveMonitor:
 
     def act(self, request: ActionRequest) -> None:
         """Do what a person asks for."""
-        self._alarms.act(request.action, request.by, request.bearing, request.kind)
+        self._alarms.act(request.action, request.by, request.bearing, request.kind, request.reason)
 
     def tick(self) -> None:
         """Let time pass."""

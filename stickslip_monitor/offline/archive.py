@@ -1,16 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Finding the recordings of an archive, and telling whether one has changed."""
+"""Finding the recordings of an archive, telling whether one has changed, and one that is piped."""
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Iterable, Iterator
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import IO
 
 from stickslip_monitor.bags.metadata import FILE_NAME
 from stickslip_monitor.bags.reader import natural
+from stickslip_monitor.errors import BagError
 
 Stamp = tuple[tuple[str, int, int], ...]
+_PIECE = 1 << 20
 
 
 def find_bags(paths: Iterable[str | Path]) -> list[Path]:
@@ -72,3 +77,30 @@ def stamp_of(bag: Path) -> Stamp:
     except OSError:
         return ()
     return tuple((name, state.st_size, state.st_mtime_ns) for name, state in states)
+
+
+@contextlib.contextmanager
+def spooled(stream: IO[bytes], show: Callable[[str, int, int | None], None]) -> Iterator[Path]:
+    """A recording that is piped, as a file for as long as it is needed.
+
+    A recording is read by its end, and as a rule twice; on the disk it takes no memory.
+
+    Args:
+        stream: Where it comes from; one that ends in the middle is a file that is cut.
+        show: Told what is being done, and the bytes read so far.
+
+    Raises:
+        BagError: Nothing is piped, or the disk does not take it.
+    """
+    if stream.isatty():
+        raise BagError("bag '-' is the terminal: pipe a recording into standard input")
+    with tempfile.TemporaryDirectory(prefix='stickslip-') as folder:
+        path = Path(folder) / 'standard_input.mcap'
+        try:
+            with path.open('wb') as file:
+                while piece := stream.read(_PIECE):
+                    file.write(piece)
+                    show('reading standard input', file.tell(), None)
+        except OSError as error:
+            raise BagError(f"bag '-' cannot be read: {error.strerror or error}") from None
+        yield path

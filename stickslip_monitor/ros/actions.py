@@ -42,7 +42,12 @@ class Act(Protocol):
     """Does what a person asks for; see :meth:`.desk.AlarmDesk.act`."""
 
     def __call__(
-        self, action: Action, by: str, bearing: str | None = None, kind: AlarmKind | None = None
+        self,
+        action: Action,
+        by: str,
+        bearing: str | None = None,
+        kind: AlarmKind | None = None,
+        reason: str = '',
     ) -> list[AlarmChange]:
         """Do it."""
 
@@ -92,7 +97,7 @@ class Actions:
         senders = ', '.join(publishers_on(self._node, '~/actions')) or 'a node that has gone'
         what = '/'.join(part for part in (request.bearing, request.kind) if part) or 'all alarms'
         self._log(f'{request.action} of {what} asked for by {request.by} over {senders}')
-        self._act(request.action, request.by, request.bearing, request.kind)
+        self._act(request.action, request.by, request.bearing, request.kind, request.reason)
 
     def _log(self, text: str) -> None:
         self._node.get_logger().info(text)

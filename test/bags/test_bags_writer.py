@@ -14,6 +14,7 @@ import pytest
 import yaml
 from mcap.reader import make_reader
 from mcap.records import Header
+from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import Reader, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
@@ -23,6 +24,7 @@ from stickslip_monitor.bags.encode import (
     STAMPED_FIELDS,
     encode_bool,
     encode_float64,
+    encode_float64s,
     encode_stamped,
     encode_string,
 )
@@ -354,3 +356,44 @@ def test_we_read_what_rosbags_writes(tmp_path: Path) -> None:
         14, "14 of 20 messages of '/joints' have too few elements for field 'velocity[1]'"
     )  # fmt: skip
     assert bag.warnings == bag.cuts == ()
+
+
+@pytest.mark.parametrize('compression', ['none', 'lz4', 'zstd'])
+def test_many_at_once_have_the_bytes_of_the_writer_of_the_mcap_package(
+    tmp_path: Path, compression: str
+) -> None:
+    """Numbers and texts of many lengths, in no order of time, over several chunks."""
+    rng, size = np.random.default_rng(1), 3000
+    times = {name: rng.integers(0, 10**12, size) for name in ('/x', '/text')}
+    values = rng.normal(size=size)
+    texts = [encode_string('x' * int(n)) for n in rng.integers(0, 300, size)]
+    with BagWriter(tmp_path / 'ours.mcap', compression, chunk_size=5000) as writer:
+        writer.add_topic('/x', FLOAT64)
+        writer.add_topic('/text', 'std_msgs/msg/String')
+        writer.write_merged(
+            {'/x': (times['/x'], encode_float64s(values)), '/text': (times['/text'], texts)}
+        )
+        writer.write('/text', 5, texts[0])
+    kind = {'none': CompressionType.NONE, 'lz4': CompressionType.LZ4, 'zstd': CompressionType.ZSTD}
+    with (tmp_path / 'theirs.mcap').open('w+b') as file:
+        theirs = Writer(file, chunk_size=5000, compression=kind[compression])
+        theirs.start(profile='ros2', library='stickslip_monitor')
+        channels = {}
+        for name, type_name in (('/x', FLOAT64), ('/text', 'std_msgs/msg/String')):
+            known = MESSAGE_TYPES[type_name]
+            schema = theirs.register_schema(type_name, 'ros2msg', known.definition.encode())
+            extra = {'offered_qos_profiles': '', 'topic_type_hash': known.type_hash}
+            channels[name] = theirs.register_channel(name, 'cdr', schema, extra)
+        rows = [
+            (t, 0, n, encode_float64(v))
+            for n, (t, v) in enumerate(zip(times['/x'].tolist(), values.tolist(), strict=True))
+        ]
+        rows += [
+            (t, 1, n, text)
+            for n, (t, text) in enumerate(zip(times['/text'].tolist(), texts, strict=True))
+        ]
+        for t, is_text, number, data in sorted(rows, key=lambda row: row[:3]):
+            theirs.add_message(channels[('/x', '/text')[is_text]], t, data, t, number)
+        theirs.add_message(channels['/text'], 5, texts[0], 5, size)
+        theirs.finish()
+    assert (tmp_path / 'ours.mcap').read_bytes() == (tmp_path / 'theirs.mcap').read_bytes()

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import shutil
@@ -16,6 +17,7 @@ from typing import Any
 import pytest
 
 from stickslip_monitor.cli import main
+from stickslip_monitor.commands import check_many
 
 ROOT = Path(__file__).parents[2]
 BAGS = ROOT / 'bags'
@@ -80,6 +82,56 @@ def test_a_folder_of_bags_is_a_list_even_of_one(
     shutil.copytree(BAGS / 'voyage', tmp_path / 'voyage')
     code, found = documents(capsys, tmp_path)
     assert (code, [document['path'] for document in found]) == (0, [str(tmp_path / 'voyage')])
+
+
+def test_what_was_found_is_kept_and_only_the_rest_is_checked_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept, bags = tmp_path / 'found.jsonl', [tmp_path / 'a', tmp_path / 'b']
+    for bag in bags:
+        shutil.copytree(BAGS / 'voyage', bag)
+    options = (*bags, '--jobs', 1, '--resume', kept)
+    first = documents(capsys, *options)
+    # The power fails in the middle of the last line.
+    kept.write_text(kept.read_text('utf-8')[:-20], 'utf-8')
+    checked: list[Path] = []
+    attempt = check_many.attempt
+
+    def count(task: Any, bag: Path, *more: Any) -> Any:
+        checked.append(bag)
+        return attempt(task, bag, *more)
+
+    monkeypatch.setattr(check_many, 'attempt', count)
+    assert documents(capsys, *options) == first
+    assert checked == [bags[1]]
+    # The other bag is another one now.
+    os.utime(next(bags[0].glob('*.mcap')), (1, 1))
+    assert documents(capsys, *options) == first
+    assert checked == [bags[1], bags[0]]
+    assert check(*bags, '--resume', CONFIG) == 2
+    assert 'holds no results' in capsys.readouterr().err
+    assert check(*bags, '--resume', kept, '--mcap', tmp_path / 'x.mcap') == 2
+
+
+@pytest.mark.parametrize('cut', [0, 3000])
+def test_a_recording_on_standard_input_is_checked_as_the_file_is(
+    cut: int, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that ends in the middle of a chunk is read to the cut."""
+    data = next((BAGS / 'coast_down').glob('*.mcap')).read_bytes()
+    path = tmp_path / 'standard_input.mcap'
+    path.write_bytes(data[: len(data) - cut])
+    code, expected = documents(capsys, path)
+    monkeypatch.setattr(sys, 'stdin', io.TextIOWrapper(io.BytesIO(path.read_bytes())))
+    found_code, found = documents(capsys, '-')
+    assert bool(found['cuts']) == bool(cut)
+    for each in (expected, found):
+        each['path'] = None
+        for place in each['cuts']:
+            place['file'] = None
+    assert (found_code, found) == (code, expected)
+    assert check('-', path) == 2
+    assert "'-', a recording on standard input, goes alone" in capsys.readouterr().err
 
 
 @pytest.mark.slow

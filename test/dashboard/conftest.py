@@ -88,7 +88,9 @@ class Ship:
         """Do what is asked for."""
         self.asked.append(request)
         if not self.deaf:
-            self.alarms.act(request.action, request.by, request.bearing, request.kind)
+            self.alarms.act(
+                request.action, request.by, request.bearing, request.kind, request.reason
+            )
 
 
 class Dashboard:

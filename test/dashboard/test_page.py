@@ -124,7 +124,8 @@ def test_acknowledging_without_a_mouse(dashboard: Any, page: Any) -> None:
     page.type('new oil')
     page.press('Enter')
     page.until(f'document.querySelector(`#aside-list {ALARM}`)')
-    assert dashboard.ship.asked[-1].by == 'Ada L.: new oil'
+    assert (dashboard.ship.asked[-1].by, dashboard.ship.asked[-1].reason) == ('Ada L.', 'new oil')
+    assert 'aft_stern/stick_slip: shelve by Ada L.: new oil' in page.text('#log')
     assert page.text('#aside summary') == '1 put aside: 1 shelved'
     # What has gone from sight leaves the focus to the list.
     assert page.js('document.activeElement.id') == 'alarms'

@@ -261,6 +261,8 @@ def test_an_action_is_done_and_logged_under_a_name(dashboard: Any) -> None:
         ({'by': 'Monitor'}, "'Monitor' is not a name of a person"),
         ({'by': 'ros service'}, 'is not a name of a person'),
         ({'by': 7}, 'by = 7 must be a name'),
+        ({'reason': 7}, 'reason = 7 must be at most 200 printable characters'),
+        ({'reason': 'x' * 201}, 'must be at most 200 printable'),
         ({'schema': 'other/1'}, "schema must be 'stickslip_monitor/action/1'"),
     ],
 )

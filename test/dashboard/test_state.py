@@ -222,7 +222,7 @@ def test_what_is_offered_is_what_does_something() -> None:
 def test_a_request_travels_there_and_back() -> None:
     for request in (
         ActionRequest(Action.SHELVE, 'Ada', 'aft_stern', AlarmKind.BISTABLE),
-        ActionRequest(Action.SILENCE, 'Éowyn 船長'),
+        ActionRequest(Action.SILENCE, 'Éowyn 船長', reason='new oil'),
     ):
         assert parse_request(request_record(request), ['aft_stern']) == request
 

@@ -190,6 +190,8 @@ def test_what_it_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
         assert f'cannot listen at 127.0.0.1 port {port}' in refused(
             capsys, path, '--port', f'{port}'
         )
+    level = ship_file(tmp_path, links, level={'topic': '/v'})
+    assert 'without --node only speed and load come from a bus' in refused(capsys, level)
 
 
 @pytest.mark.slow

@@ -21,7 +21,7 @@ from stickslip_monitor.monitor.config import LevelConfig
 from stickslip_monitor.monitor.level_modes import LearnedThreshold
 from stickslip_monitor.monitor.measured import MEASURED, LevelTracker, Unknown
 from stickslip_monitor.monitor.scan import Scan
-from stickslip_monitor.monitor.signals import Levels
+from stickslip_monitor.monitor.signals import Levels, Status
 
 Configure = Callable[..., MonitorConfig]
 SECOND = 10**9
@@ -240,6 +240,13 @@ def test_a_level_that_says_nothing_takes_nothing_away(
     assert _events(seeing) == _events(plain)
     assert seeing.sticking.tolist() == plain.sticking.tolist()
     assert seeing.rung.tolist() == plain.rung.tolist()
+
+
+def test_an_absurd_level_is_an_alarm_on_the_input(configure: Configure) -> None:
+    alarms = Annunciator(configure(**LEVEL, alarm__on_delay=0.0))
+    (change,) = alarms.take_fault('aft', 2, Status.NOT_FINITE, SECOND)
+    assert change.kind is AlarmKind.INPUT_IMPLAUSIBLE
+    assert 'Input level implausible: values on /v are not a finite number' in change.text
 
 
 @pytest.mark.parametrize(

@@ -9,17 +9,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.optimize import brentq
 from scipy.stats import theilslopes
 
 from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.trend import Trend, TrendWindow, _line
+from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.trend import Trend, TrendWindow, _line, may_cross
 
+CONFIG = Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml'
 SECOND = 10**9
 T0 = 1_700_000_000 * SECOND
 HOPF = math.log(5.0) / 10.0
@@ -303,3 +308,28 @@ def test_batch_and_stream_say_the_same(configure: Configure) -> None:
         spoken += [event.text for event in events if 'at this rate' in event.text]
     # That was no comparison of silence with silence.
     assert len(spoken) > 3
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.integers(0, 10**6),
+    st.floats(0.05, 0.5),
+    st.floats(-0.004, 0.004),
+    st.sampled_from([1e-4, 3e-3, 0.02]),
+    st.sampled_from([0.1, 1.0, 2.5]),
+)
+def test_no_trend_is_missed_by_looking_only_where_there_may_be_one(
+    seed: int, speed: float, rate: float, noise: float, step: float
+) -> None:
+    config = load_config(CONFIG).bearings[0]
+    rng = np.random.default_rng(seed)
+    time = np.cumsum(step * rng.choice([1.0, 1.0, 1.0, 12.0], 200))
+    stamps = T0 + np.round(time * SECOND).astype(np.int64)
+    speeds = speed + rate * (time - time[100]) + noise * rng.standard_normal(200)
+    loads = 900.0 + 10.0 * rng.standard_normal(200)
+    last = np.arange(200)
+    may = may_cross(config, stamps, speeds, loads, np.zeros(200, np.intp), last)
+    for k in np.flatnonzero(~may).tolist()[::5]:
+        window = TrendWindow(config.alarm.trend_window_ns)
+        window.fill(stamps[: k + 1], speeds[: k + 1], loads[: k + 1])
+        assert window.trend(config) is None

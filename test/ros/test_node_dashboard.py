@@ -54,6 +54,7 @@ class Page:
             'by': 'Ada',
             'bearing': f'{self.space}/aft',
             'alarm': alarm,
+            'reason': 'new oil' if action == 'shelve' else None,
         }
         request = urllib.request.Request(
             f'{self.url}act', json.dumps(document).encode(), {'Content-Type': 'application/json'}
@@ -136,6 +137,8 @@ def test_it_shows_the_node_and_acts_on_it(page: tuple[Any, Page], kit: Any) -> N
     assert 'aft/stick_slip: acknowledge by Ada, unacknowledged -> ack' in monitor.output
     assert shown.act('acknowledge', 'stick_slip') == (409, 'there is nothing to acknowledge')
     assert shown.act('shelve', 'stick_slip')[0] == 200
+    notes = [entry['text'] for entry in shown.state()['log'] if not entry['alarm']]
+    assert notes[-1] == 'aft/stick_slip: shelve by Ada: new oil'
 
     peer.until(lambda: shown.figure('predicted') == 1.0, 'it')
     assert shown.figure('load_newtons') == 1000.0

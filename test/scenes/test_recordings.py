@@ -14,13 +14,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 import zstandard
 from numpy.typing import NDArray
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from stickslip_monitor import exact_fold_speed
+from stickslip_monitor import assess, exact_fold_speed
 from stickslip_monitor.bags.reader import Request, open_bag
+from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.monitor.signals import Status
@@ -321,3 +323,44 @@ def test_stick_slip_ends_at_the_exact_fold() -> None:
     reference = load_scene(ROOT / ENTRIES['cold_start']['scene']).config.bearings[0].bearing
     speed = reference.speed.to_surface(44.0, 'rpm')
     assert exact_fold_speed(reference, 1000.0 * factor) == pytest.approx(speed, rel=5e-3)
+
+
+def test_the_level_is_the_effective_value_of_the_exact_cycle() -> None:
+    config = load_scene(ROOT / ENTRIES['measured_knock']['scene']).config.bearings[0]
+    assert config.level is not None
+    request = Request(config.level.topic, 'data')
+    series = open_bag(BAGS / 'measured_knock').read([request])[request]
+    elapsed = (series.log_time_ns - ENTRIES['measured_knock']['start_ns']) * 1e-9
+    runs = series.value[(elapsed > 140.0) & (elapsed < 170.0)]
+    bearing = config.bearing
+    amplitude = assess(bearing, bearing.speed.to_surface(36.0, 'rpm'), 1000.0).amplitude_exact
+    velocity = amplitude * bearing.natural_frequency / np.sqrt(2.0) * 1e3
+    # Sixty values with a scatter of a tenth.
+    assert runs.mean() == pytest.approx(velocity, rel=0.04)
+    # Before the blows, a floor of 1 mm/s and an engine of 1.5 mm/s at 40.7 rpm, in the sea.
+    quiet = series.value[(elapsed > 62.0) & (elapsed < 80.0)]
+    assert quiet.mean() == pytest.approx(1.0 + 1.5 * (36.0 / 40.72) ** 2, rel=0.15)
+    assert quiet.max() < 5.0
+
+
+@pytest.mark.parametrize(
+    ('changes', 'words'),
+    [
+        ({'level': {'rate': 200.0}}, 'telemetry.level.rate = 200 Hz must not be above 7.96 Hz'),
+        ({'level': {'rate': -1.0}}, 'telemetry.level.rate = -1.0 must be a number'),
+    ],
+)
+def test_a_level_that_cannot_be_sent_is_refused(
+    tmp_path: Path, changes: dict[str, Any], words: str
+) -> None:
+    scene = yaml.safe_load((ROOT / ENTRIES['measured_knock']['scene']).read_text('utf-8'))
+    scene['telemetry'] |= changes
+    scene['config'] = str(ROOT / 'launch_configs' / 'measured_bearing.yaml')
+    path = tmp_path / 'scene.yaml'
+    path.write_text(yaml.safe_dump(scene), 'utf-8')
+    with pytest.raises(SceneError, match=words):
+        load_scene(path)
+    scene['config'] = str(ROOT / 'launch_configs' / 'reference_bearing.yaml')
+    path.write_text(yaml.safe_dump(scene), 'utf-8')
+    with pytest.raises(SceneError, match='the configuration has no aft_stern'):
+        load_scene(path)

@@ -253,18 +253,15 @@ class Page {
   }
 
   async act(action, alarm, button) {
-    let by = await askName();
+    const by = await askName();
     if (!by) return;
-    if (action === 'shelve') {
-      const reason = await askReason(by);
-      if (!reason) return;
-      by = `${by}: ${reason}`;
-    }
+    const reason = action === 'shelve' ? await askReason() : '';
+    if (reason === null) return;
     button.setAttribute('aria-disabled', 'true');
     const results = [];
     const members = alarm?.members ?? [alarm];
     for (const each of members) {
-      results.push(await post(action, by, each));
+      results.push(await post(action, by, each, reason));
       if (!results.at(-1).ok) break;
     }
     button.removeAttribute('aria-disabled');
@@ -284,8 +281,8 @@ class Page {
   }
 }
 
-async function post(action, by, alarm) {
-  const body = JSON.stringify({ schema: 'stickslip_monitor/action/1', action, by, bearing: alarm?.bearing ?? null, alarm: alarm?.alarm ?? null });
+async function post(action, by, alarm, reason) {
+  const body = JSON.stringify({ schema: 'stickslip_monitor/action/1', action, by, bearing: alarm?.bearing ?? null, alarm: alarm?.alarm ?? null, ...(reason && { reason }) });
   try {
     const answer = await fetch('/act', { method: 'POST', headers: { 'Content-Type': 'application/json' }, body });
     if (answer.status === 401) location.assign('/login');
@@ -298,14 +295,13 @@ function duration(seconds) {
   return `${(seconds / 60).toFixed(0)} min`;
 }
 
-/** Why an alarm is put aside; it goes into the log with the name, as far as there is room. */
-async function askReason(by) {
+/** Why an alarm is put aside, for the log; null where nobody says. */
+async function askReason() {
   const dialog = get('why');
   get('reason').value = '';
-  get('reason').maxLength = Math.max(38 - by.length, 3);
   dialog.showModal();
   const said = await new Promise((resolve) => { dialog.addEventListener('close', () => resolve(dialog.returnValue), { once: true }); });
-  return said === 'ok' ? get('reason').value.trim() : '';
+  return (said === 'ok' && get('reason').value.trim()) || null;
 }
 
 /** A change of an alarm, or a note of the node on anything else. */

@@ -39,7 +39,7 @@ class Note:
 
     Attributes:
         time_ns: When [ns].
-        what: ``lifecycle``, ``parameter``, ``input`` or ``node``.
+        what: ``lifecycle``, ``parameter``, ``input``, ``node`` or ``action``.
         text: What, for a person.
     """
 

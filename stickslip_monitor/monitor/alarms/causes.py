@@ -13,7 +13,7 @@ from enum import Enum, IntEnum
 
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import LADDER, Condition
-from stickslip_monitor.monitor.signals import QUANTITIES, STATUS_SENTENCES, Status
+from stickslip_monitor.monitor.signals import INPUTS, STATUS_SENTENCES, Status
 from stickslip_monitor.monitor.verdict import Event
 
 AT_REST, START_UP, SHAFT_LOCKED = 'at_rest', 'start_up', 'shaft_locked'
@@ -151,8 +151,8 @@ class Causes:
         off-delay of one another, for the on-delay. It is gone when none has come for the inputs'
         own off-delay.
         """
-        alarm, quantity = self.config.alarm, QUANTITIES[is_load]
-        source = self.config.load if is_load else self.config.speed
+        alarm, quantity = self.config.alarm, INPUTS[is_load]
+        source = self.config.inputs[quantity]
         self._settle_absurd(now_ns)
         if self._absurd_since is None:
             self._absurd_since = now_ns

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from stickslip_monitor.errors import AlarmStateError
+from stickslip_monitor.errors import AlarmStateError, cause
 from stickslip_monitor.monitor.alarms.alarm_records import (
     Note,
     alarms_record,
@@ -155,10 +155,18 @@ class LiveAlarms:
         self._changed([c for event in events for c in self.annunciator.take_event(event)])
 
     def act(
-        self, action: Action, by: str, bearing: str | None = None, kind: AlarmKind | None = None
+        self,
+        action: Action,
+        by: str,
+        bearing: str | None = None,
+        kind: AlarmKind | None = None,
+        reason: str = '',
     ) -> list[AlarmChange]:
-        """Do what a person asks for; see :meth:`Annunciator.act`."""
+        """Do what a person asks for, and put on record why; see :meth:`Annunciator.act`."""
         changes = self.annunciator.act(action, self._clock(), by, bearing, kind)
+        if changes and reason:
+            what = f'{bearing or "all bearings"}/{kind or "all alarms"}'
+            self.note('action', f'{what}: {action} by {by}: {reason}')
         self._changed(changes)
         return changes
 
@@ -195,7 +203,7 @@ class LiveAlarms:
         except OSError as error:
             if str(error) != self._unkept:
                 self._unkept = str(error)
-                self._log.error(f'the alarms are not kept: {error}')
+                self._log.error(f'the alarms are not kept: {cause(error)}')
 
     def _recall(self) -> None:
         if self._store is None:
@@ -211,5 +219,5 @@ class LiveAlarms:
         try:
             end = f'it is now {store.set_aside()}, and the alarms start fresh'
         except OSError as error:
-            end = f'the alarms start fresh; it cannot be set aside: {error}'
+            end = f'the alarms start fresh; it cannot be set aside: {cause(error)}'
         self._log.error(f'state_file {store.path} cannot be used: {reason}; {end}')

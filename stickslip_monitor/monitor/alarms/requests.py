@@ -13,6 +13,7 @@ from stickslip_monitor.monitor.alarms.causes import AlarmKind
 
 ACTION_SCHEMA = 'stickslip_monitor/action/1'
 LONGEST_NAME = 40
+LONGEST_REASON = 200
 ROS_SERVICE = 'ros service'
 RESERVED = (MONITOR, TIMER, ROS_SERVICE)
 """Names by which the log says that it was no person, or none who gave a name."""
@@ -29,12 +30,14 @@ class ActionRequest:
         by: Who.
         bearing: The bearing; all of them if ``None``.
         kind: The alarm; all that the action is about if ``None``.
+        reason: Why; empty where nobody says.
     """
 
     action: Action
     by: str
     bearing: str | None = None
     kind: AlarmKind | None = None
+    reason: str = ''
 
 
 def request_record(request: ActionRequest) -> dict[str, Any]:
@@ -45,6 +48,7 @@ def request_record(request: ActionRequest) -> dict[str, Any]:
         'by': request.by,
         'bearing': request.bearing,
         'alarm': None if request.kind is None else request.kind.value,
+        **({'reason': request.reason} if request.reason else {}),
     }
 
 
@@ -67,7 +71,17 @@ def parse_request(document: Any, bearings: Collection[str]) -> ActionRequest:
     action = _choice(document, 'action', _ACTIONS)
     if action is None:
         raise ConfigurationError('action = null must be one of ' + ', '.join(_ACTIONS))
-    return ActionRequest(action, checked_name(document.get('by')), bearing, kind)
+    by, reason = checked_name(document.get('by')), _checked_reason(document.get('reason'))
+    return ActionRequest(action, by, bearing, kind, reason)
+
+
+def _checked_reason(reason: Any) -> str:
+    text = '' if reason is None else reason
+    if not isinstance(text, str) or len(text) > LONGEST_REASON or not text.isprintable():
+        raise ConfigurationError(
+            f'reason = {_short(reason)} must be at most {LONGEST_REASON} printable characters'
+        )
+    return text.strip()
 
 
 def checked_name(name: Any) -> str:

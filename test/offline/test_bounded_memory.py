@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A check of any length takes the same memory, and the same outline is drawn for any blocks."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stickslip_monitor import Stream
+from stickslip_monitor.bags.writer import BagWriter
+from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.scan import BearingScan
+from stickslip_monitor.offline.follow import BearingBlock
+from stickslip_monitor.offline.outline import Outline, Outliner
+
+ROOT = Path(__file__).parents[2]
+CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
+START = 1_777_874_400 * 10**9
+_MILLION = 1_000_000
+# In a process of its own, which tells the most memory that it had, and whose data is
+# bounded, so that nothing is merely not touched.
+_PROGRAM = """
+import re, resource, sys
+from stickslip_monitor.cli import main
+main(['check', 'bags/coast_down', '--config', sys.argv[2], *sys.argv[4:]][:4])
+held = int(re.search(r'VmData:\\s+(\\d+)', open('/proc/self/status').read())[1])
+resource.setrlimit(resource.RLIMIT_DATA, (1024 * held + int(sys.argv[3]),) * 2)
+code = main(['check', sys.argv[1], '--config', sys.argv[2], *sys.argv[4:]])
+peak = re.search(r'VmHWM:\\s+(\\d+)', open('/proc/self/status').read())[1]
+print(code, peak, file=sys.stderr)
+"""
+
+
+def _recording(path: Path, messages: int) -> Path:
+    """Speed and load at 10 Hz, with a slow passage every few hours."""
+    size, rng = messages // 2, np.random.default_rng(1)
+    seconds = np.arange(size) * 0.1
+    stamps = START + np.arange(size, dtype=np.int64) * 10**8
+    rpm = 70.0 - 40.0 * np.exp(-((((seconds % 21_600.0) - 9000.0) / 300.0) ** 2))
+    columns = {
+        '/shaft/speed': (stamps, rpm + rng.normal(0.0, 0.3, size)),
+        '/bearing/aft_stern/load': (stamps + 3_000_000, 900.0 + rng.normal(0.0, 5.0, size)),
+    }
+    with BagWriter(path) as writer:
+        for topic in columns:
+            writer.add_topic(topic, 'std_msgs/msg/Float64')
+        writer.write_float64s(columns)
+    return path
+
+
+def _peak(path: Path, *options: str) -> float:
+    """The most memory of a check [MB]."""
+    arguments = [str(path), str(CONFIG), str(300 << 20), *options]
+    done = subprocess.run(
+        [sys.executable, '-c', _PROGRAM, *arguments],
+        cwd=ROOT, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    code, peak = done.stderr.split()[-2:]
+    assert code == '1'
+    return int(peak) * 1024 / 1e6
+
+
+@pytest.mark.slow
+def test_a_check_takes_as_much_memory_whatever_the_length(tmp_path: Path) -> None:
+    short, long = (
+        _peak(_recording(tmp_path / f'{n}.mcap', n * _MILLION), '--json') for n in (1, 4)
+    )
+    assert long < short + 25.0
+    assert long < 200.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('option', ['--mcap', '--clips', '--report'])
+def test_so_does_what_is_written_beside_it(tmp_path: Path, option: str) -> None:
+    target = {'--mcap': 'out.mcap', '--clips': 'clips', '--report': 'out.html'}[option]
+    path = _recording(tmp_path / 'in.mcap', _MILLION)
+    assert _peak(path, option, str(tmp_path / target)) < 230.0
+
+
+def _outline(scan: BearingScan, streams: list[Stream]) -> Outline:
+    outliner = Outliner(scan.config)
+    for stream in streams[:-1]:
+        outliner.take(BearingBlock((), stream, scan.take(stream)))
+    outliner.take(BearingBlock((), streams[-1], scan.finish(streams[-1], None)))
+    return outliner.outline()
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.lists(st.integers(0, 9000), min_size=1, max_size=4), st.integers(0, 99))
+def test_any_blocks_have_the_same_outline_and_it_has_every_extreme(
+    cuts: list[int], seed: int
+) -> None:
+    (config,) = load_config(CONFIG).bearings
+    rng, size = np.random.default_rng(seed), 4500
+    speed = 45.0 + 10.0 * np.sin(np.arange(size) / 300.0) + rng.normal(0.0, 3.0, size)
+    time = np.cumsum(rng.choice([10**8, 20 * 10**9], size, p=[0.999, 0.001]))
+    times = START + np.repeat(time, 2)
+    values = np.column_stack([speed, rng.normal(900.0, 50.0, size)]).ravel()
+    is_load = np.tile([False, True], size)
+    edges = [0, *sorted(cuts), times.size]
+    parts = [Stream(times[a:b], is_load[a:b], values[a:b]) for a, b in pairwise(edges)]
+    whole = BearingScan(config, START).finish(Stream(times, is_load, values), None)
+    one = _outline(BearingScan(config, START), [Stream(times, is_load, values)])
+    other = _outline(BearingScan(config, START), parts)
+    for name in ('time_ns', 'until_ns', 'sticking'):
+        assert getattr(one, name).tolist() == getattr(other, name).tolist()
+    assert one.time_ns.size < 8000
+    for name in ('speed', 'load', 'fold_margin', 'hopf_margin'):
+        drawn, all_ = getattr(one.assessment, name), getattr(whole.assessment, name)
+        assert (drawn.min(), drawn.max()) == (all_.min(), all_.max())
+    lost = (whole.until_ns[:-1] < whole.time_ns[1:]).sum()
+    assert bool(lost) == bool((one.until_ns[:-1] < one.time_ns[1:]).any())
