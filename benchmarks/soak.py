@@ -22,7 +22,7 @@ from stickslip_monitor.monitor.monitor import Monitor
 
 RATE, SECONDS, SHORT = 1000.0, 600.0, 10.0
 DAY_RATE, HOUR, HOURS = 100, 3600, 24
-_SETTLED = 5.0
+_SETTLED = 90.0
 
 
 def run(quick: bool) -> Table:
