@@ -51,7 +51,7 @@ def _node(seconds: float) -> list[str]:
     with subjects(150 + os.getpid() % 50) as nodes:
         nodes.pop('bare').stop()
         node = nodes['monitor']
-        node.stretch(RATE, _SETTLED)
+        node.stretch(RATE, min(_SETTLED, seconds))
         before = memory(node.process.pid)
         found = node.stretch(RATE, seconds)
         after = memory(node.process.pid)
