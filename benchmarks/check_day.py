@@ -44,16 +44,20 @@ def run(quick: bool) -> Table:
     lengths = LENGTHS[:2] if quick else LENGTHS
     with tempfile.TemporaryDirectory() as folder:
         found = {messages: _measured(Path(folder), messages) for messages in lengths}
-    start = _start()
+    return _table(found, _start())
+
+
+def _table(found: dict[int, dict[str, float]], start: float) -> Table:
     return Table(
         title='Checking a day',
         text=(
             'A speed and the loads of two bearings, 10 Hz each, zstd; the shaft passes slowly'
             ' through the stick-slip region every six hours. Reading is that of the same topics as'
             ' arrays, doing nothing with them, in turns with the check; medians of three (of one'
-            ' from 10 million messages on, and of 100 million in blocks that are dropped). The ratios are check to reading, in wall time and in'
-            ' processor time of all threads: on a busy machine the latter tells more. `--mcap` and'
-            ' `--clips` are what they take beside the check. Memory is the greatest of the check'
+            ' from 10 million messages on, and of 100 million in blocks that are dropped). The'
+            ' ratios are check to reading, in wall time and in processor time of all threads: on a'
+            ' busy machine the latter tells more. `--mcap` and `--clips` are what they take beside'
+            ' the check. Memory is the greatest of the check'
             f' with Python and its libraries. Start-up (`stickslip check --help`) takes'
             f' {duration(start)} and is not in the table.'
         ),
