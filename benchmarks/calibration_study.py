@@ -497,7 +497,8 @@ def _drift_text(result: Mapping[str, Any]) -> str:
         '## A bearing that wears\n\n'
         f'`mu_s - mu_k` rises by 42 % over {_PASSAGES} passages; the last one is judged,'
         f' {result["ships"]} ships.\nThat the bearing may have changed was said, or the result'
-        f' refused, for {result["warned"]} of\nthem.\n\n' + _coverage(result['rows'], '`--forget`')
+        f' refused, for {result["warned"]} of\nthem. The rows are of those that had an answer.\n\n'
+        + _coverage(result['rows'], '`--forget`')
     )
 
 
@@ -516,7 +517,10 @@ def _voyages_text(result: Mapping[str, Any]) -> str:
 
 def _speed_text(result: Mapping[str, Any]) -> str:
     taken = ', '.join(f'{name} {seconds:.1f} s' for name, seconds in result.items())
-    return f'## Cost\n\nTwenty episodes take {taken} of processor time.\n'
+    return (
+        f'## Cost\n\nTwenty episodes take {taken} of processor time on a busy machine of\n'
+        'two cores.\n'
+    )
 
 
 _TEXTS = {

@@ -76,7 +76,13 @@ published, the amplitudes above all, 12 %; taking messages and putting those tha
 `publish_period`, and topics that nobody listens to, spare the first and the third. The bare node
 publishes one message for each that it hears, the monitor five: with one topic listened to the two
 are close. The node's executor wakes for work only where rclpy has one that does (EventsExecutor,
-from Kilted on); the bare node spins as rclpy's tutorials do."""
+from Kilted on); the bare node spins as rclpy's tutorials do.
+
+Asked for were at most 1.6 times the CPU and 1.5 times p50, and 60 % of a core at 1 kHz with p99
+below 20 ms. At 10 Hz a fifth of the CPU is what the node does without any message, ten looks at
+the inputs and a set of diagnostics a second; below 1.6 times it would take publishing fewer
+messages. At 1 kHz p50 is that of a burst: the messages that wait are taken together, and the last
+has the answer."""
 
 
 def _row(stretches: list[Stretch]) -> tuple[float, ...]:

@@ -22,7 +22,7 @@ from stickslip_monitor.monitor.monitor import Monitor
 
 RATE, SECONDS, SHORT = 1000.0, 600.0, 10.0
 DAY_RATE, HOUR, HOURS = 100, 3600, 24
-_SETTLED = 5.0
+_SETTLED = 90.0
 
 
 def run(quick: bool) -> Table:
@@ -51,7 +51,7 @@ def _node(seconds: float) -> list[str]:
     with subjects(150 + os.getpid() % 50) as nodes:
         nodes.pop('bare').stop()
         node = nodes['monitor']
-        node.stretch(RATE, _SETTLED)
+        node.stretch(RATE, min(_SETTLED, seconds))
         before = memory(node.process.pid)
         found = node.stretch(RATE, seconds)
         after = memory(node.process.pid)

@@ -15,6 +15,8 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 PACKAGE = 'stickslip_monitor'
+# A wheel has the program in bin, where ROS does not look.
+IN_WHEEL = Path(__file__).parents[3] / 'bin' / 'monitor'
 
 
 def check_config(context) -> None:
@@ -29,6 +31,13 @@ def on_exit(event, context) -> None:
     respawn = LaunchConfiguration('respawn').perform(context) == 'true'
     if event.returncode and not respawn and not context.is_shutdown:
         raise RuntimeError(f'the monitor ended with code {event.returncode}: nobody monitors')
+
+
+def program() -> dict[str, str]:
+    """Return where the monitor is."""
+    if IN_WHEEL.is_file():
+        return {'executable': str(IN_WHEEL)}
+    return {'package': PACKAGE, 'executable': 'monitor'}
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -70,8 +79,7 @@ def generate_launch_description() -> LaunchDescription:
             ),
             OpaqueFunction(function=check_config),
             Node(
-                package=PACKAGE,
-                executable='monitor',
+                **program(),
                 namespace=LaunchConfiguration('namespace'),
                 parameters=[LaunchConfiguration('config'), {'use_sim_time': use_sim_time}],
                 ros_arguments=[

@@ -36,6 +36,7 @@ COMMANDS = {
     'diagram': 'draw the bifurcation diagram over speed',
     'figures': 'draw the published findings on stick-slip',
     'fit': 'fit the Stribeck law to a measured friction curve',
+    'health': 'ask a running monitor whether it monitors',
     'map': 'draw the stability map over speed and load',
     'play': 'publish a bag to ROS 2, with /clock',
     'score': 'judge the warnings over simulated bags by the truth',
@@ -69,11 +70,6 @@ class _Parser(argparse.ArgumentParser):
 
 def _parser(asked: str | None) -> argparse.ArgumentParser:
     """The parser; only the asked command's module is imported."""
-    if asked is not None and asked not in COMMANDS:
-        raise ConfigurationError(
-            f"command '{asked}' is not known"
-            f'{did_you_mean(asked, COMMANDS) or "; there are: " + ", ".join(COMMANDS)}'
-        )
     parser = _Parser(
         prog='stickslip',
         description="Predicts stick-slip of ships' stern bearings from shaft speed and load.",
@@ -149,7 +145,11 @@ def _run(arguments: list[str]) -> int:
     arguments = _with_negative_values(arguments)
     if '_ARGCOMPLETE' in os.environ:
         _complete()
-    args = _parser(_asked(arguments)).parse_args(arguments)
+    asked = _asked(arguments)
+    if asked is not None and asked not in COMMANDS:
+        hint = did_you_mean(asked, COMMANDS) or f'; there are: {", ".join(COMMANDS)}'
+        raise ConfigurationError(f"command '{asked}' is not known{hint}")
+    args = _parser(asked).parse_args(arguments)
     code: int = args.run(args)
     sys.stdout.flush()
     return code

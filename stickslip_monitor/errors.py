@@ -83,6 +83,11 @@ def did_you_mean(given: object, known: Iterable[str]) -> str:
     return f"; did you mean '{close[0]}'?" if close else ''
 
 
+def cause(error: BaseException) -> str:
+    """Why something failed, without the number that the system has for it."""
+    return getattr(error, 'strerror', None) or str(error) or type(error).__name__
+
+
 def program_fault(error: BaseException) -> str:
     """What a user is told of an error that is raised by mistake and not on purpose."""
     return (

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stickslip_monitor.errors import cause
 from stickslip_monitor.physics.chebyshev import Pieces, PiecewiseChebyshev2D
 from stickslip_monitor.physics.cycle.surface import CycleSurface, surface_of
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
@@ -95,7 +96,7 @@ def _keep(path: Path, surface: CycleSurface) -> list[str]:
     try:
         _write(path, surface)
     except OSError as error:
-        return [_complaint(str(error))]
+        return [_complaint(f'{path.parent}: {cause(error)}')]
     return []
 
 

@@ -49,9 +49,9 @@ def lines_of(page: Path) -> list[str]:
 
 LINES = {(page.relative_to(ROOT).as_posix(), line) for page in PAGES for line in lines_of(page)}
 COMMANDS = sorted({' '.join(line.split()) for _, line in LINES if line.startswith('stickslip ')})
-# Those that need a cluster or a ship's bus are run in test/offline and test/links, which have one;
-# a line with an ellipsis is a pattern.
-RUN = [line for line in COMMANDS if not re.search(r'--scheduler| watch |\.\.\.', line)]
+# Those that need a cluster, a ship's bus or a node are run in test/offline, test/links and
+# test/ros, which have one; a line with an ellipsis is a pattern.
+RUN = [line for line in COMMANDS if not re.search(r'--scheduler| watch | health|\.\.\.', line)]
 
 
 def faults(line: str) -> str:

@@ -3,21 +3,26 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.util
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
 import stickslip_monitor
-from stickslip_monitor import Stribeck, Tabulated
+from stickslip_monitor import Stribeck, Tabulated, assess
 from stickslip_monitor.drawing.palette import CONDITION_NAMES
 from stickslip_monitor.monitor.alarms.causes import AlarmKind
 from stickslip_monitor.monitor.alarms.lifecycle import TABLE, AlarmState
 from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
 from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.signals import STATUS_SENTENCES, Status
+from stickslip_monitor.monitor.source_faults import SourceFaultKind
 from stickslip_monitor.monitor.table import BEARING_PARAMETERS, NODE_PARAMETERS
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -175,3 +180,83 @@ def test_public_names_are_sorted_and_exist() -> None:
     assert stickslip_monitor.__all__ == sorted(stickslip_monitor.__all__)
     for name in stickslip_monitor.__all__:
         assert hasattr(stickslip_monitor, name)
+
+
+def test_the_readme_says_how_far_averaging_can_be_off() -> None:
+    """Its figures are those of the exact cycle, which 40-digit references hold to 1e-6."""
+    text = ' '.join((ROOT / 'README.md').read_text('utf-8').split())
+    bearing = load_config(ROOT / 'launch_configs' / 'reference_bearing.yaml').bearings[0].bearing
+    (far, near) = re.findall(r'([\d.]+) times(?: that amplitude)? at (\d+) rpm', text)
+    for factor, rpm in (far, near):
+        point = assess(bearing, float(bearing.speed.to_surface(float(rpm), 'rpm')), 10_000.0)
+        assert f'{point.amplitude_exact / point.amplitude:.1f}' == factor
+    fold = assess(bearing, 0.1, 1000.0).fold_speed
+    for percent, part in re.findall(r'by (\d+) % at (half|a quarter)', text):
+        point = assess(bearing, fold * {'half': 0.5, 'a quarter': 0.25}[part], 1000.0)
+        assert f'{-100.0 * point.amplitude_error:.0f}' == percent
+
+
+# What stands for something else in a sentence of the page: names, types, numbers, the rest.
+_STANDS_FOR = re.compile(r"/[a-z]\b|\bN messages|\b[TUN]\b|\d+(?:\.\d+)?|\.\.\.|[\[:']")
+
+
+def troubles() -> list[list[str]]:
+    """What is fixed in each sentence of the troubleshooting page, in order."""
+    page = (DOCS / 'troubleshooting.md').read_text('utf-8')
+    cells = [line.split(' | ')[0][2:] for line in page.splitlines() if line.startswith('| ')]
+    return [
+        [part.strip() for part in _STANDS_FOR.split(cell) if part.strip()]
+        for cell in cells
+        if cell != 'sentence'
+    ]
+
+
+def said_in_code() -> list[str]:
+    """Every text of the program, with a zero where it fills something in."""
+    texts = []
+    for path in (
+        *(ROOT / 'stickslip_monitor').rglob('*.py'),
+        ROOT / 'launch_configs' / 'monitor.launch.py',
+    ):
+        for node in ast.walk(ast.parse(path.read_text('utf-8'))):
+            if isinstance(node, ast.JoinedStr):
+                parts = (p.value if isinstance(p, ast.Constant) else '0' for p in node.values)
+                texts.append(''.join(map(str, parts)))
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                texts.append(node.value)
+    return texts
+
+
+def test_every_sentence_on_troubles_is_one_of_the_program() -> None:
+    texts = [*said_in_code(), *inputs_sentences()]
+    # A sentence may be put together from several; its longer parts are somewhere.
+    known = [
+        any(part in text for part in parts if len(part) >= 15 for text in texts)
+        or any(all(part in text for part in parts) for text in texts)
+        for parts in troubles()
+    ]
+    assert [parts for parts, is_known in zip(troubles(), known, strict=True) if not is_known] == []
+
+
+def inputs_sentences() -> list[str]:
+    """All that is said of an input that brings nothing, or what is doubtful."""
+    one, two = Publisher('/a', 'T'), Publisher('/b', 'T')
+    facts = InputFacts('/x', 'T', 5.0, True, (one,), other='/y')
+    found = [
+        replace(facts, without_clock=True),
+        replace(facts, publishers=()),
+        replace(facts, publishers=(Publisher('/a', 'U'),)),
+        replace(facts, publishers=(Publisher('/a', 'T', 'DEADLINE'),)),
+        facts,
+        *(replace(facts, refused=s) for s in STATUS_SENTENCES if s is not Status.CLOCK_JUMP),
+        replace(facts, lost=False, heard=True, behind=10.0),
+        replace(facts, lost=False, publishers=(one, two)),
+        *(replace(facts, lost=False, source=kind.sentence) for kind in SourceFaultKind),
+    ]
+    return [input_fault(each) for each in found]
+
+
+@pytest.mark.parametrize('sentence', inputs_sentences())
+def test_every_fault_of_an_input_is_on_the_page(sentence: str) -> None:
+    assert sentence
+    assert any(re.search('.*'.join(map(re.escape, parts)), sentence) for parts in troubles())

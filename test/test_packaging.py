@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import ast
 import importlib.util
+import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -20,6 +22,8 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
+
+from stickslip_monitor import cli
 
 ROOT = Path(__file__).resolve().parents[1]
 NAME = 'stickslip_monitor'
@@ -180,11 +184,47 @@ def test_wheel_holds_the_package_and_its_share_and_no_more(wheel: Path) -> None:
     assert tops == {NAME, 'data', 'dist-info'}
 
 
-def test_pip_puts_both_commands_on_the_path(wheel: Path, tmp_path: Path) -> None:
+def test_pip_puts_both_commands_on_the_path_and_launch_files_where_ros_looks(
+    wheel: Path, tmp_path: Path
+) -> None:
     into = ('--no-deps', '--ignore-installed', '--prefix', tmp_path)
     run(*PIP, 'install', *into, wheel, cwd=tmp_path)
     scripts = {path.name for path in tmp_path.rglob('*bin/*')}
     assert {'monitor', 'stickslip'} <= scripts
+    pytest.importorskip('ament_index_python')
+    asked = 'from ament_index_python.packages import get_package_share_directory as share'
+    prefix = {'AMENT_PREFIX_PATH': str(tmp_path)}
+    _, found = run(sys.executable, '-c', f"{asked}; print(share('{NAME}'))", cwd=ROOT, env=prefix)
+    assert (Path(found.strip()) / 'launch_configs' / 'monitor.launch.py').is_file()
+
+
+@pytest.mark.slow
+def test_the_container_is_built_from_what_a_wheel_needs(
+    source: Path, wheel: Path, tmp_path: Path
+) -> None:
+    """What .dockerignore lets through makes the same wheel; every line of the file is sound."""
+    allowed = [
+        line[1:]
+        for line in (ROOT / '.dockerignore').read_text('utf-8').splitlines()
+        if line.startswith('!')
+    ]
+    context = tmp_path / 'context'
+    context.mkdir()
+    for name in allowed:
+        copy = shutil.copytree if (source / name).is_dir() else shutil.copy
+        copy(source / name, context / name)
+    run(*PIP, 'wheel', '--no-deps', '--no-build-isolation', '-w', tmp_path, context, cwd=tmp_path)
+    (built,) = tmp_path.glob('*.whl')
+    assert zipfile.ZipFile(built).namelist() == zipfile.ZipFile(wheel).namelist()
+    text = (ROOT / 'Containerfile').read_text('utf-8').replace('\\\n', ' ')
+    lines = dict(re.findall(r'^(ENTRYPOINT|CMD|HEALTHCHECK) (.*)$', text, re.MULTILINE))
+    assert json.loads(lines['ENTRYPOINT']) == ['monitor']
+    assert json.loads(lines['CMD'])[:2] == ['--ros-args', '--params-file']
+    health = json.loads(lines['HEALTHCHECK'].partition('CMD ')[2])
+    assert cli._parser(health[1]).parse_args(health[1:]).timeout < 15.0
+    (extras,) = re.findall(r"'/src\[(.*)\]'", text)
+    listed = (ROOT / 'setup.py').read_text('utf-8')
+    assert all(f"'{extra}': " in listed for extra in extras.split(','))
 
 
 # --- colcon ------------------------------------------------------------------------------------
@@ -345,6 +385,20 @@ def test_launch_file_starts_the_installed_node(description: Recorded) -> None:
     (node,) = (part for part in description if part.kind == 'Node')
     assert node.kwargs['package'] == NAME
     assert node.kwargs['executable'] == 'monitor'
+
+
+def test_launch_starts_the_program_of_a_wheel(
+    launch_file: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A wheel has no lib/<package>, in which `launch_ros` looks for a package's executables."""
+    monitor = tmp_path / 'bin' / 'monitor'
+    monitor.parent.mkdir()
+    monitor.touch()
+    monkeypatch.setattr(launch_file, 'IN_WHEEL', monitor)
+    described = launch_file.generate_launch_description()
+    (node,) = (part for part in described if part.kind == 'Node')
+    assert node.kwargs['executable'] == str(monitor)
+    assert 'package' not in node.kwargs
 
 
 def test_launch_file_declares_the_arguments_it_uses(description: Recorded) -> None:

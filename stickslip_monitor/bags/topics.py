@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import difflib
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import lru_cache
 
 from mcap.records import Channel, Schema
@@ -79,9 +79,14 @@ def check_topics(topics: Mapping[str, TopicInfo], names: Iterable[str]) -> None:
     """Raise BagError for a topic that is not in the recording."""
     for name in names:
         if name not in topics:
-            close = difflib.get_close_matches(name, topics, _MOST_NAMED, cutoff=0.5)
-            ranked = [*close, *(topic for topic in topics if topic not in close)]
-            raise BagError(f"topic '{name}' is not in the bag: {_listed(ranked)}")
+            raise BagError(missing_topic(topics, name))
+
+
+def missing_topic(topics: Collection[str], name: str) -> str:
+    """What there is to say of a topic that is not there: those that are, the nearest first."""
+    close = difflib.get_close_matches(name, topics, _MOST_NAMED, cutoff=0.5)
+    ranked = [*close, *(topic for topic in topics if topic not in close)]
+    return f"topic '{name}' is not in the bag: {_listed(ranked)}"
 
 
 def _listed(names: Sequence[str]) -> str:

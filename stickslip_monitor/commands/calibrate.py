@@ -38,7 +38,7 @@ from stickslip_monitor.commands.output import (
     print_json,
     say_written,
 )
-from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.errors import ConfigurationError, cause
 from stickslip_monitor.files import write_whole
 from stickslip_monitor.monitor.calibration_file import (
     CALIBRATION_SCHEMA,
@@ -157,7 +157,7 @@ def _prior(
     try:
         document = json.loads(Path(args.bench).read_text(encoding='utf-8'))
     except (OSError, ValueError) as error:
-        raise ConfigurationError(f'{args.bench} cannot be read: {error}') from error
+        raise ConfigurationError(f'{args.bench} cannot be read: {cause(error)}') from error
     return prior_with_bench(prior, args.bench, document)
 
 

@@ -15,7 +15,7 @@ from typing import IO, Any
 
 from stickslip_monitor.commands.check_jobs import Found, Output, Task, attempt, failed, key_of
 from stickslip_monitor.commands.output import ProgressBar
-from stickslip_monitor.errors import OutputError, StickslipError, program_fault
+from stickslip_monitor.errors import OutputError, StickslipError, cause, program_fault
 from stickslip_monitor.offline.archive import stamp_of
 from stickslip_monitor.offline.fleet import connected, on_cluster
 from stickslip_monitor.offline.processes import core_count, run_in_processes
@@ -72,7 +72,7 @@ def _found(task: Task, bag: Path, outcome: Any) -> Found:
     if isinstance(outcome, MemoryError):
         return failed(task, bag, 'there is not enough memory for it')
     if isinstance(outcome, StickslipError | OSError):
-        return failed(task, bag, str(outcome))
+        return failed(task, bag, cause(outcome))
     if isinstance(outcome, BaseException):
         return replace(failed(task, bag, program_fault(outcome)), faulty=True)
     assert isinstance(outcome, Found)

@@ -91,6 +91,7 @@ def _input(item: InputReport) -> dict[str, Any]:
             for fault in item.sources
         ],
         'questions': list(item.questions),
+        'fault': item.fault or None,
     }
 
 
@@ -168,6 +169,9 @@ def _bearing_lines(name: str, item: Mapping[str, Any], start: int, paint: _Paint
         )
     spent = ', '.join(f'{regime} {seconds:.1f} s' for regime, seconds in item['seconds'].items())
     yield paint.wrapped(f'time in each regime: {spent}')
+    if 'measured' in item:
+        said = ', '.join(f'{state} {seconds:.1f} s' for state, seconds in item['measured'].items())
+        yield paint.wrapped(f'measured vibration: {said}')
     for quantity in _WORST:
         if quantity in item['worst']:
             yield paint.wrapped(_worst(quantity, item['worst'][quantity], start))

@@ -51,13 +51,18 @@ MARKS = {
 }
 """By what a report of ours is known when it is to be replaced."""
 SUFFIXES = tuple(MARKS)
-_WIDE, _NARROW = 9.0, 4.4
-_MAP_WIDE, _MAP_NARROW = (9.0, 5.6), (4.4, 4.8)
+# A phone shows an inch of the narrow ones on a hundred pixels, so that letters can be read.
+_WIDE, _NARROW = 9.0, 3.6
+_MAP_WIDE, _MAP_NARROW = (9.0, 5.6), (3.6, 4.4)
 _TRACK_WIDE, _TRACK_NARROW = 1500, 750
 _MARKS = 60
 _MOST_TOPICS = 100
 _MOST_ON_SHEET = 12
 _DRAWING = threading.Lock()
+SPEED_CAPTION = (
+    'Speed lies in the red region where stick-slip starts by itself, in the amber one where a'
+    ' disturbance can start it, in the yellow one within the caution margin.'
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -336,8 +341,10 @@ def _map_picture(anchor: str, case: _Case) -> Picture:
         for k, size, most in (('m', _MAP_WIDE, _TRACK_WIDE), ('n', _MAP_NARROW, _TRACK_NARROW))
     )
     caption = (
-        'Operating points from start to end over the regions of the averaged model; marks show'
-        ' where the alarm changed. Lines with a number are stick-slip amplitudes.'
+        'The course of the operating point over the regions of the averaged model, from the ring'
+        ' (start, where the line is wide) to the square (end, where it is narrow), without the'
+        ' scatter of the measurements, which is drawn faint. Marks show where the alarm changed.'
+        ' Lines with a number are stick-slip amplitudes.'
     )
     return Picture(wide, narrow, caption)
 
@@ -354,9 +361,7 @@ def _timeline_picture(anchor: str, case: _Case) -> Picture:
         inline_svg(draw_timeline(timeline, width), f'{anchor}-{key}', text)
         for key, width in (('t', _WIDE), ('u', _NARROW))
     )
-    caption = (
-        'Speed lies in the red region where stick-slip starts by itself, in the yellow one where'
-        ' a disturbance can start it, in the green one within the caution margin.'
+    caption = SPEED_CAPTION + (
         ' Long recordings are drawn by their envelope: every extreme is there.'
     )
     if len(marked_events(case.course.scan.events)) < len(case.course.scan.events):
@@ -395,6 +400,7 @@ def _input_row(item: InputReport, source: InputConfig) -> InputRow:
                 for f in item.faults
             ),
             *(f'{item.quantity} {text}' for text in item.questions),
+            *([item.fault] if item.fault else ()),
         ),
     )
 

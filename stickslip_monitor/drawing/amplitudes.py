@@ -12,7 +12,16 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.drawing.canvas import WIDTH, new_figure, style
 from stickslip_monitor.drawing.labels import Labeller, LabelPlace, around
-from stickslip_monitor.drawing.palette import INK, MUTED, PAPER, REGIME_COLOUR, REGIME_FILL
+from stickslip_monitor.drawing.palette import (
+    DASHES,
+    FOLD,
+    HOPF,
+    INK,
+    MUTED,
+    PAPER,
+    REGIME_COLOUR,
+    REGIME_FILL,
+)
 from stickslip_monitor.monitor.assessment import Regime
 
 if TYPE_CHECKING:
@@ -22,7 +31,6 @@ if TYPE_CHECKING:
 
 EXACT = REGIME_COLOUR[Regime.UNSTABLE]
 SLIDING = REGIME_COLOUR[Regime.STABLE]
-DASHES = (0, (4.5, 2.2))
 VEIL = {'fc': PAPER, 'ec': 'none', 'alpha': 0.8, 'pad': 0.8}
 _TALL = 6.6
 _LETTERS = 86
@@ -174,9 +182,9 @@ def _branches(axes: Axes, picture: AmplitudePicture) -> None:
 
 
 def _marks(axes: Axes, picture: AmplitudePicture) -> None:
-    look: dict[str, Any] = {'ms': 7.5, 'mec': INK, 'mew': 1.4, 'zorder': 7, 'clip_on': False}
-    axes.plot(picture.hopf, 0.0, 'o', mfc=PAPER, **look)
-    axes.plot(picture.exact_fold, picture.fold_amplitude * 1e3, 'D', mfc=INK, **look)
+    look: dict[str, Any] = {'ms': 7.5, 'mew': 1.4, 'zorder': 7, 'clip_on': False}
+    axes.plot(picture.hopf, 0.0, 'o', mec=HOPF, mfc=PAPER, **look)
+    axes.plot(picture.exact_fold, picture.fold_amplitude * 1e3, 'D', mec=FOLD, mfc=FOLD, **look)
 
 
 def _words(axes: Axes, picture: AmplitudePicture) -> None:

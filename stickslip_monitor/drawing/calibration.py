@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.drawing.canvas import HEIGHT, WIDTH, new_figure, style
-from stickslip_monitor.drawing.palette import INK, MUTED, PAPER, REGIME_COLOUR
+from stickslip_monitor.drawing.palette import DASHES, FOLD, HOPF, INK, MUTED, PAPER, REGIME_COLOUR
 from stickslip_monitor.monitor.assessment import Regime
 
 if TYPE_CHECKING:
@@ -20,7 +20,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_BOUNDARIES = (('fold', Regime.BISTABLE), ('Hopf', Regime.UNSTABLE))
+_BOUNDARIES = (
+    ('fold', Regime.BISTABLE, FOLD, DASHES),
+    ('Hopf', Regime.UNSTABLE, HOPF, '-'),
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,15 +69,17 @@ def draw_calibration(picture: CalibrationPicture) -> Figure:
         axes = figure.add_subplot()
         for dip in picture.dips:
             _draw_dip(axes, dip)
-        for k, (name, regime) in enumerate(_BOUNDARIES):
-            colour = REGIME_COLOUR[regime]
+        for k, (name, regime, colour, dashes) in enumerate(_BOUNDARIES):
+            band = REGIME_COLOUR[regime]
             low, middle, high = picture.prior[k]
-            axes.plot(middle, picture.load, color=MUTED, linewidth=1.0, linestyle='--')
+            axes.plot(middle, picture.load, color=MUTED, linewidth=1.0, linestyle=':')
             axes.fill_betweenx(picture.load, low, high, color=MUTED, alpha=0.10, linewidth=0)
             low, middle, high = picture.posterior[k]
-            axes.fill_betweenx(picture.load, low, high, color=colour, alpha=0.45, linewidth=0)
-            axes.plot(middle, picture.load, color=colour, label=f'{name} speed, 5 to 95 %')
-        axes.plot([], [], color=MUTED, linestyle='--', linewidth=1.0, label='before')
+            axes.fill_betweenx(picture.load, low, high, color=band, alpha=0.45, linewidth=0)
+            axes.plot(
+                middle, picture.load, color=colour, ls=dashes, label=f'{name} speed, 5 to 95 %'
+            )
+        axes.plot([], [], color=MUTED, linestyle=':', linewidth=1.0, label='before')
         _label(axes, picture)
     return figure
 

@@ -15,7 +15,15 @@ from stickslip_monitor.drawing.branches import BranchMark, Diagram, MarkKind, bi
 from stickslip_monitor.drawing.canvas import new_figure, style
 from stickslip_monitor.drawing.labels import Labeller, LabelPlace, around
 from stickslip_monitor.drawing.map_curves import Range, diagram_speeds
-from stickslip_monitor.drawing.palette import INK, MUTED, PAPER, REGIME_COLOUR, REGIME_FILL
+from stickslip_monitor.drawing.palette import (
+    DASHES,
+    FOLD,
+    HOPF,
+    MUTED,
+    PAPER,
+    REGIME_COLOUR,
+    REGIME_FILL,
+)
 from stickslip_monitor.monitor.assessment import Regime, assess
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.oscillator import Bearing
@@ -24,7 +32,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_DASHES = (0, (4.5, 2.2))
 _HEADROOM = 1.3
 _BELOW_ZERO = 0.07
 _STICK_SLIP = REGIME_COLOUR[Regime.UNSTABLE]
@@ -111,7 +118,7 @@ def _curves(axes: Axes, bearing: Bearing, diagram: Diagram) -> dict[str, list[Cu
     named: dict[str, list[Curve]] = {name: [] for name, _, _ in _NAMES}
     named |= {'limit': [(x, limit)], 'sliding': [(x, np.zeros_like(x))]}
     for branch in diagram.branches:
-        line = '-' if branch.stable else _DASHES
+        line = '-' if branch.stable else DASHES
         y = branch.amplitude * 1e3
         axes.plot(x, y, color=_STICK_SLIP, ls=line, lw=2.4 if branch.stable else 2.0, zorder=4)
         named['stable' if branch.stable else 'threshold'].append((x, y))
@@ -119,7 +126,7 @@ def _curves(axes: Axes, bearing: Bearing, diagram: Diagram) -> dict[str, list[Cu
         hollow = mark.kind is MarkKind.HOPF
         axes.plot(
             mark.speed / rpm, mark.amplitude * 1e3, 'o' if hollow else 'D', ms=7.5, zorder=6,
-            mec=INK, mew=1.4, mfc=PAPER if hollow else INK, clip_on=False,
+            mec=HOPF if hollow else FOLD, mew=1.4, mfc=PAPER if hollow else FOLD, clip_on=False,
         )  # fmt: skip
     return named
 
@@ -131,7 +138,7 @@ def _equilibrium(axes: Axes, x: Any, diagram: Diagram) -> None:
     to_x = x[-1] / diagram.speed[-1]
     for low, high in pairwise(edges):
         middle = np.interp(0.5 * (low + high), diagram.speed, diagram.growth_rate)
-        line = _DASHES if middle > 0.0 else '-'
+        line = DASHES if middle > 0.0 else '-'
         ends = (low * to_x, high * to_x)
         axes.plot(ends, (0.0, 0.0), color=_SLIDING, ls=line, lw=2.4, zorder=3)
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.drawing.amplitudes import DASHES, EXACT, SLIDING, VEIL, stated_figure
+from stickslip_monitor.drawing.amplitudes import EXACT, SLIDING, VEIL, stated_figure
 from stickslip_monitor.drawing.canvas import style
 from stickslip_monitor.drawing.labels import Labeller, LabelPlace, around
-from stickslip_monitor.drawing.palette import INK, MUTED, PAPER, REGIME_FILL
+from stickslip_monitor.drawing.palette import DASHES, INK, MUTED, PAPER, REGIME_FILL
 from stickslip_monitor.monitor.assessment import Regime
 
 if TYPE_CHECKING:

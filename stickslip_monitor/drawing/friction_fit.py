@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.drawing.canvas import new_figure, style
-from stickslip_monitor.drawing.palette import INK, MUTED, PAPER, REGIME_COLOUR, REGIME_FILL
+from stickslip_monitor.drawing.palette import (
+    DASHES,
+    FOLD,
+    HOPF,
+    INK,
+    MUTED,
+    PAPER,
+    REGIME_COLOUR,
+    REGIME_FILL,
+)
 from stickslip_monitor.monitor.assessment import Regime
 
 if TYPE_CHECKING:
@@ -139,12 +148,13 @@ def _frame(axes: Axes, picture: FrictionFitPicture) -> None:
 
 def _boundary(axes: Axes, boundary: Boundary) -> None:
     """A boundary speed as a line in its interval, named at the foot of the axes."""
-    colour = REGIME_COLOUR[boundary.regime]
+    hopf = boundary.regime is Regime.UNSTABLE
+    colour, dashes = (HOPF, '-') if hopf else (FOLD, DASHES)
     axes.axvspan(
         boundary.low, boundary.high, color=REGIME_FILL[boundary.regime], alpha=0.8, lw=0.0,
         zorder=0,
     )  # fmt: skip
-    axes.axvline(boundary.speed, color=colour, lw=1.4, ls=(0, (4.5, 2.2)), zorder=1)
+    axes.axvline(boundary.speed, color=colour, lw=1.4, ls=dashes, zorder=1)
     bottom = axes.get_ylim()[0] + 0.02 * float(np.ptp(axes.get_ylim()))
     axes.annotate(
         boundary.name, (boundary.low, bottom), xytext=(-3.0, 0.0), textcoords='offset points',

@@ -14,6 +14,9 @@ from stickslip_monitor.drawing.canvas import checked_suffix, new_figure, save_fi
 from stickslip_monitor.drawing.palette import (
     CONDITION_COLOUR,
     CONDITION_NAMES,
+    DASHES,
+    FOLD,
+    HOPF,
     INK,
     MUTED,
     REGIME_COLOUR,
@@ -33,8 +36,6 @@ if TYPE_CHECKING:
 
 _SIZE = (9.0, 9.0)
 _RATIOS = (3.0, 1.5, 2.4, 2.4, 1.1)
-_HOPF, _FOLD = REGIME_COLOUR[Regime.UNSTABLE], REGIME_COLOUR[Regime.BISTABLE]
-_DARK_HOPF, _DARK_FOLD = '#6b2600', '#6e4c00'
 _TRUTH = '#333333'
 _SHADE = '#ececec'
 _MOST_POINTS = 6000
@@ -167,8 +168,8 @@ def _speed(axes: Axes, clock: _Clock, config: BearingConfig, scan: Scan) -> None
     lines = (
         (ahead, INK, 1.1, '-', 'measured'),
         *([(astern, INK, 1.1, (0, (2, 1)), 'astern')] if np.any(astern > 0.0) else []),
-        (_finite(point.fold_speed), _FOLD, 1.5, '-', 'fold'),
-        (_finite(point.hopf_speed), _HOPF, 1.5, '-', 'Hopf'),
+        (_finite(point.fold_speed), FOLD, 1.5, DASHES, 'fold'),
+        (_finite(point.hopf_speed), HOPF, 1.5, '-', 'Hopf'),
     )
     for values, colour, width, dash, label in lines:
         time, line = _series(clock, scan, values / rpm)
@@ -187,13 +188,16 @@ def _load(axes: Axes, clock: _Clock, scan: Scan) -> None:
 def _margins(axes: Axes, clock: _Clock, scan: Scan, lining: LiningTruth) -> None:
     point = scan.assessment
     axes.axhline(0.0, color=MUTED, lw=0.8)
-    for name, colour, dark in (('fold', _FOLD, _DARK_FOLD), ('Hopf', _HOPF, _DARK_HOPF)):
-        said = _clipped(np.asarray(getattr(point, f'{name.lower()}_margin'), dtype=float))
-        axes.plot(*_series(clock, scan, said), color=colour, lw=1.3, label=name)
+    for name, colour, dashes, wide in (
+        ('fold', FOLD, DASHES, REGIME_COLOUR[Regime.BISTABLE]),
+        ('Hopf', HOPF, '-', REGIME_COLOUR[Regime.UNSTABLE]),
+    ):
         true = getattr(lining, f'{name.lower()}_margin')
         if true.size:
             time = clock.at(lining.margin_ns)
-            axes.plot(time, _clipped(true), '--', color=dark, lw=1.1, label=f'{name}, true')
+            axes.plot(time, _clipped(true), color=wide, alpha=0.4, lw=4.0, label=f'{name}, true')
+        said = _clipped(np.asarray(getattr(point, f'{name.lower()}_margin'), dtype=float))
+        axes.plot(*_series(clock, scan, said), color=colour, ls=dashes, lw=1.3, label=name)
     axes.set_ylabel('margin [%]')
     _legend(axes)
 
@@ -207,7 +211,12 @@ def _clipped(margin: FloatArray) -> FloatArray:
 def _amplitude(axes: Axes, clock: _Clock, scan: Scan, lining: LiningTruth) -> None:
     point = scan.assessment
     predicted = np.where(scan.sticking, np.nan_to_num(point.amplitude), 0.0) * 1e3
-    axes.plot(*_series(clock, scan, predicted), color=_HOPF, lw=1.5, label='predicted')
+    axes.plot(
+        *_series(clock, scan, predicted),
+        color=REGIME_COLOUR[Regime.UNSTABLE],
+        lw=1.5,
+        label='predicted',
+    )
     if lining.amplitude.size:
         time = clock.at(lining.amplitude_ns)
         axes.plot(time, 1e3 * lining.amplitude, color=_TRUTH, lw=1.2, label='true')

@@ -17,7 +17,15 @@ from stickslip_monitor.drawing.map_curves import (
     map_loads,
     map_speeds,
 )
-from stickslip_monitor.drawing.palette import CAUTION_FILL, INK, MUTED, REGIME_COLOUR, REGIME_FILL
+from stickslip_monitor.drawing.palette import (
+    CAUTION_FILL,
+    DASHES,
+    FOLD,
+    HOPF,
+    MUTED,
+    REGIME_COLOUR,
+    REGIME_FILL,
+)
 from stickslip_monitor.drawing.track import Track, draw_track, legend_height
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
@@ -133,8 +141,8 @@ def _named(
     curves: Boundaries, margin: float
 ) -> tuple[tuple[str, FloatArray, dict[str, Any]], ...]:
     return (
-        ('Hopf', curves.hopf_load, {'color': INK, 'lw': 2.0, 'ls': '-'}),
-        ('fold', curves.fold_load, {'color': INK, 'lw': 2.0, 'ls': (0, (4.5, 2.2))}),
+        ('Hopf', curves.hopf_load, {'color': HOPF, 'lw': 2.0, 'ls': '-'}),
+        ('fold', curves.fold_load, {'color': FOLD, 'lw': 2.0, 'ls': DASHES}),
         (
             f'margin low: fold margin below {margin:.4g}',
             curves.caution_load,

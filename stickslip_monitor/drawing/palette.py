@@ -23,6 +23,11 @@ REGIME_COLOUR = {
 }
 """Strong colours, for lines, marks and words on white."""
 
+HOPF, FOLD = '#9c3d00', '#7a5400'
+"""The two boundaries, as lines on any of the fills; the fold is dashed (:data:`DASHES`)."""
+
+DASHES = (0, (4.5, 2.2))
+
 REGIME_FILL = {
     Regime.STABLE: '#eff6fb',
     Regime.BISTABLE: '#fcedc4',
@@ -66,6 +71,8 @@ ON_DARK = {
     '#d55e00': '#ff8f4d',
     '#7a1f5c': '#e58fc6',
     '#8c8c8c': '#9aa0a6',
+    HOPF: '#ffb08a',
+    FOLD: '#ffd97a',
     '#eff6fb': '#16212b',
     CAUTION_FILL: '#2e2c10',
     '#fcedc4': '#4a3b12',

@@ -15,6 +15,9 @@ from stickslip_monitor.drawing.palette import (
     CAUTION_FILL,
     CONDITION_COLOUR,
     CONDITION_NAMES,
+    DASHES,
+    FOLD,
+    HOPF,
     INK,
     MUTED,
     PAPER,
@@ -186,8 +189,8 @@ def _speed(axes: Axes, lines: _Lines) -> None:
     ):
         when, boundary = lines.line(name)
         axes.fill_between(when, 0.0, boundary * factor, color=colour, lw=0.0, zorder=1)
-    for name, dashes in (('hopf_speed', '-'), ('fold_speed', (0, (4.5, 2.2)))):
-        axes.plot(*lines.line(name), color=MUTED, lw=1.0, ls=dashes, zorder=2)
+    for name, colour, dashes in (('hopf_speed', HOPF, '-'), ('fold_speed', FOLD, DASHES)):
+        axes.plot(*lines.line(name), color=colour, lw=1.0, ls=dashes, zorder=2)
     axes.plot(time, speed, color=INK, lw=1.4, zorder=4)
     axes.set_facecolor(REGIME_FILL[Regime.STABLE])
     top = float(np.nanmax(speed, initial=0.0))
@@ -224,12 +227,13 @@ def _load(axes: Axes, lines: _Lines) -> None:
 
 def _margins(axes: Axes, lines: _Lines) -> None:
     highest, lowest = -np.inf, -0.1
-    for name, colour, word in (
-        ('hopf_margin', REGIME_COLOUR[Regime.UNSTABLE], 'Hopf'),
-        ('fold_margin', REGIME_COLOUR[Regime.BISTABLE], 'fold'),
+    for name, colour, dashes, word in (
+        ('hopf_margin', HOPF, '-', 'Hopf'),
+        ('fold_margin', FOLD, DASHES, 'fold'),
     ):
         time, margin = lines.line(name)
-        axes.plot(time, 100.0 * margin, color=colour, lw=1.4, label=f'{word} margin', zorder=4)
+        (drawn,) = axes.plot(time, 100.0 * margin, color=colour, lw=1.4, zorder=4)
+        drawn.set(linestyle=dashes, label=f'{word} margin')
         highest = max(highest, float(np.nanmax(margin, initial=-np.inf)))
         lowest = min(lowest, float(np.nanmin(margin, initial=0.0)))
     if lines.timeline.config.belief is not None:

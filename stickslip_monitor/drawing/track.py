@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.drawing.canvas import WIDTH
 from stickslip_monitor.drawing.labels import Labeller, around
-from stickslip_monitor.drawing.palette import CONDITION_COLOUR, CONDITION_NAMES, INK, PAPER
+from stickslip_monitor.drawing.palette import CONDITION_COLOUR, CONDITION_NAMES, INK, MUTED, PAPER
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.offline.outline import Verdicts
 
@@ -68,8 +68,10 @@ if TYPE_CHECKING:
 
 
 _ARROWS = 5
-_STRIDE_FRACTION = 0.02
-_MOST_POINTS = 5000
+_STRIDE_FRACTION = 0.015
+_STOPS = 150
+# Colour and width of the course from its beginning to its end: a way back lies on the way out.
+_AGES = (('#8c8c8c', 4.0), (MUTED, 2.6), (INK, 1.3))
 _MOST_DRAWN = 20000
 _CELL = 1.0
 # The names of the marks above the map [inch].
@@ -165,28 +167,72 @@ def draw_track(
     known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     if not known.size:
         return
-    _line(axes, labels, x, y)
-    _arrows(axes, x[known], y[known])
+    _cloud(axes, x, y)
+    paths = _course(axes, x, y)
+    _draw_course(axes, labels, paths)
+    _arrows(axes, paths)
     _events(axes, labels, track, x, y, known, _columns(width))
-    for name, i, size in (('start', known[0], 10.5), ('end', known[-1], 8.0)):
+    for name, i, marker, size in (('start', known[0], 'o', 12.0), ('end', known[-1], 's', 6.5)):
         face, edge = (PAPER, INK) if name == 'start' else (INK, PAPER)
-        axes.plot(x[i], y[i], 'o', ms=size, mec=edge, mew=1.5, mfc=face, zorder=11)
+        axes.plot(x[i], y[i], marker, ms=size, mec=edge, mew=1.5, mfc=face, zorder=11)
         labels.reserve(x[i], y[i])
         places = [*around(8.0), *around(24.0), *around(44.0)]
         labels.point(name, (x[i], y[i]), places, weight='bold', size=10.0, zorder=12)
 
 
-def _line(axes: Axes, labels: Labeller, x: FloatArray, y: FloatArray) -> None:
-    """The track itself. Of a long one, a line through some points and a dot for every place."""
+def _cloud(axes: Axes, x: FloatArray, y: FloatArray) -> None:
+    """Every place that the track has been to, faint: of a long one a dot, else a thin line."""
     stride = -(-x.size // _MOST_DRAWN)
-    gaps = np.flatnonzero(~np.isfinite(x) | ~np.isfinite(y))
-    drawn = np.union1d(np.arange(0, x.size, stride), gaps)
-    axes.plot(x[drawn], y[drawn], color=PAPER, lw=2.6, zorder=7, alpha=0.8)
-    axes.plot(x[drawn], y[drawn], color=INK, lw=1.0, zorder=8)
-    labels.avoid(x[drawn], y[drawn])
-    if stride > 1:
-        places = _places(axes, x, y)
-        axes.plot(*places.T, ls='', marker='s', ms=1.0, mew=0.0, color=INK, rasterized=True)
+    if stride == 1:
+        axes.plot(x, y, color=MUTED, lw=0.7, alpha=0.45, zorder=6)
+        return
+    places = _places(axes, x, y)
+    axes.plot(
+        *places.T, ls='', marker='s', ms=1.0, mew=0.0, color=MUTED, alpha=0.45, rasterized=True,
+        zorder=6,
+    )  # fmt: skip
+
+
+def _course(axes: Axes, x: FloatArray, y: FloatArray) -> list[FloatArray]:
+    """The track without noise, on the paper: means over stretches of time, far enough apart.
+
+    Returns:
+        A path for each stretch between interruptions, each of shape (k, 2) [pixels].
+    """
+    box = axes.get_window_extent()
+    least = _STRIDE_FRACTION * float(np.hypot(box.width, box.height))
+    shown = axes.transData.transform(np.column_stack([x, y]))
+    known = np.all(np.isfinite(shown), axis=1)
+    length = max(1, int(known.sum()) // _STOPS)
+    edges = np.flatnonzero(np.diff(known.astype(np.int8))) + 1
+    runs = [run for run in np.split(np.arange(known.size), edges) if known[run[0]]]
+    return [_strides(_means(shown[run], length), least) for run in runs]
+
+
+def _means(path: FloatArray, length: int) -> FloatArray:
+    """Means over blocks of a length, between the path's own ends."""
+    starts = np.arange(0, path.shape[0], length)
+    counts = np.diff(np.append(starts, path.shape[0]))
+    means = np.add.reduceat(path, starts) / counts[:, None]
+    return np.concatenate([path[:1], means[1:-1], path[-1:]])
+
+
+def _draw_course(axes: Axes, labels: Labeller, paths: Sequence[FloatArray]) -> None:
+    """Draw the course from wide and light to narrow and dark, so that ways back can be told."""
+    back = axes.transData.inverted()
+    lengths = [np.hypot(*np.diff(path, axis=0).T) for path in paths]
+    total, done = sum(float(each.sum()) for each in lengths), 0.0
+    for path, each in zip(paths, lengths, strict=True):
+        along = (done + np.cumsum(each) - 0.5 * each) / (total or 1.0)
+        done += float(each.sum())
+        part = np.minimum((along * len(_AGES)).astype(int), len(_AGES) - 1)
+        for age, (colour, width) in enumerate(_AGES):
+            own = np.flatnonzero(part == age)
+            if own.size:
+                line = back.transform(path[own[0] : own[-1] + 2]).T
+                axes.plot(*line, color=PAPER, lw=width + 1.2, alpha=0.6, zorder=7)
+                axes.plot(*line, color=colour, lw=width, zorder=8, solid_capstyle='butt')
+        labels.avoid(*back.transform(path).T)
 
 
 def _places(axes: Axes, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -236,19 +282,15 @@ def _latest(times: FloatArray, time: float) -> int:
     return int(np.argmin(np.abs(times - time)))
 
 
-def _arrows(axes: Axes, x: FloatArray, y: FloatArray) -> None:
-    """Arrow heads at even distances along the track, blind to the noise on it."""
-    stride = -(-x.size // _MOST_POINTS)
-    shown = axes.transData.transform(np.column_stack([x, y])[::stride])
-    box = axes.get_window_extent()
-    path = _strides(shown, _STRIDE_FRACTION * float(np.hypot(box.width, box.height)))
-    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-    if length[-1] == 0.0:
+def _arrows(axes: Axes, paths: Sequence[FloatArray]) -> None:
+    """Arrow heads at even distances along the course."""
+    steps = np.concatenate([np.stack([path[:-1], path[1:]], axis=1) for path in paths])
+    length = np.cumsum(np.hypot(*(steps[:, 1] - steps[:, 0]).T))
+    if not length.size or length[-1] == 0.0:
         return
     back = axes.transData.inverted()
     for where in (np.arange(_ARROWS) + 0.5) / _ARROWS * length[-1]:
-        i = min(int(np.searchsorted(length, where, 'right')), path.shape[0] - 1)
-        tail, head = back.transform(path[i - 1 : i + 1])
+        tail, head = back.transform(steps[int(np.searchsorted(length, where))])
         axes.annotate(
             '', xy=head, xytext=tail, zorder=9, annotation_clip=True,
             arrowprops={
@@ -260,9 +302,9 @@ def _arrows(axes: Axes, x: FloatArray, y: FloatArray) -> None:
 
 
 def _strides(shown: FloatArray, least: float) -> FloatArray:
-    """The points of a path that lie at least a distance from the one kept before."""
+    """The ends of a path, and its points at least a distance from the one kept before."""
     kept = [shown[0]]
-    for point in shown[1:]:
+    for point in shown[1:-1]:
         if np.hypot(*(point - kept[-1])) >= least:
             kept.append(point)
-    return np.array(kept)
+    return np.array([*kept, shown[-1]])

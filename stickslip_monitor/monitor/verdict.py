@@ -264,6 +264,9 @@ def _way_out_by_belief(
 
 def _way_out(config: BearingConfig, standing: Standing, point: Assessment) -> str:
     condition = standing.condition
+    if standing.asked > standing.rung:
+        # The text is about what is not raised yet, and the way out would be of what stands.
+        return ''
     if config.belief is not None:
         return _way_out_by_belief(config, config.belief, condition, point)
     if condition is Condition.NORMAL or not math.isfinite(point.stability_limit):

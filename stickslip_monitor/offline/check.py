@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +18,13 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.bags.reader import Bag, Fault, open_bag
+from stickslip_monitor.bags.schema import short_name
 from stickslip_monitor.bags.series import Progress
+from stickslip_monitor.bags.topics import missing_topic
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
-from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
+from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
 from stickslip_monitor.monitor.measured import MEASURED, Unknown
 from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.monitor.signals import INPUTS, LEVEL, STATUS_SENTENCES, Status, to_si
@@ -121,6 +124,7 @@ class InputReport:
         si_span: The same in SI units, surface speed [m/s] or load [N]; a level in its own unit.
         sources: Faults of the source that the samples show; they are among the faults as well.
         questions: What to ask where the numbers look like another unit or topic.
+        fault: Why the input brings nothing, in the words of the running monitor; or nothing.
     """
 
     quantity: str
@@ -133,13 +137,14 @@ class InputReport:
     si_span: tuple[float, float] = (math.nan, math.nan)
     sources: tuple[SourceFault, ...] = ()
     questions: tuple[str, ...] = ()
+    fault: str = ''
 
     @property
     def complaints(self) -> list[str]:
         """What was wrong, one clause for each kind."""
         place = f'{self.quantity} on {self.topic}'
         found = [f'{place}: {fault.count} x {fault.text}' for fault in self.faults]
-        return found if self.used else [*found, f'{place}: no usable sample']
+        return [*found, f'{place}: {self.fault}'] if self.fault else found
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,6 +225,7 @@ def check_bag(
     bag = open_bag(path)
     if bag.files and not any(file.stat().st_size for file in bag.files):
         raise BagError(f"bag '{path}' is empty: 0 bytes")
+    _check_topics(bag, config)
     found = follow(bag, config, _BearingCheck, progress)
     start, end = found.start_ns, found.end_ns
     span_ns = end - start if start is not None and end is not None else 0
@@ -230,6 +236,28 @@ def check_bag(
         for bearing in config.bearings
     }
     return CheckReport(bag, reports, start, end)
+
+
+def _check_topics(bag: Bag, config: MonitorConfig) -> None:
+    """Refuse inputs that the recording does not have, or not with their type.
+
+    Raises:
+        BagError: In the words of the running monitor.
+    """
+    for source in (source for b in config.bearings for source in b.inputs.values()):
+        topic = bag.topics.get(source.topic)
+        facts = _facts(source)
+        if topic is None:
+            reason = missing_topic(bag.topics, source.topic)
+            raise BagError(f'{input_fault(facts)[:-1]}: {reason}')
+        if short_name(topic.type) != short_name(source.type):
+            bags = (Publisher(f"Bag '{bag.path.name}'", topic.type),)
+            raise BagError(input_fault(replace(facts, publishers=bags))[:-1])
+
+
+def _facts(source: InputConfig) -> InputFacts:
+    """An input of which nothing has come."""
+    return InputFacts(source.topic, source.type, source.timeout_ns * 1e-9, lost=True)
 
 
 class _BearingCheck:
@@ -277,8 +305,9 @@ class _BearingCheck:
             seconds,
             self._worst.found,
             tuple(
-                each.report(own, tuple(asked.get(each.quantity, ())))
-                for each, own in zip(self._inputs, faults, strict=True)
+                # Each is held against the load, and the load against the speed.
+                each.report(own, tuple(asked.get(each.quantity, ())), self._inputs[int(k != 1)])
+                for k, (each, own) in enumerate(zip(self._inputs, faults, strict=True))
             ),
             None if self._config.level is None else {k.value: lasting for k, lasting in measured},
         )
@@ -304,11 +333,14 @@ class _InputCheck:
         self._sources: list[SourceFault] = []
         self._span = (math.inf, -math.inf)
         self._messages = 0
+        self._delay_ns = 0
 
     def take(self, block: BearingBlock) -> None:
         """Take the next part of the recording."""
         series = block.series[self._is_load]
         self._messages += series.value.size
+        if series.value.size:
+            self._delay_ns = int(series.log_time_ns[-1] - series.stamp_ns[-1])
         self._gaps.take(series.stamp_ns)
         si = to_si(self._source, series.value)
         if self._is_load == LEVEL:
@@ -336,7 +368,25 @@ class _InputCheck:
             low, high = self._span
             self._span = min(low, float(value.min())), max(high, float(value.max()))
 
-    def report(self, faults: tuple[Fault, ...], asked: tuple[str, ...]) -> InputReport:
+    def _fault(self, other: _InputCheck) -> str:
+        """Why the input brings nothing, or what its clock differs from the other's by."""
+        facts = _facts(self._source)
+        if not self._messages:
+            return input_fault(facts)
+        if not self._counts[: Status.CLOCK_JUMP + 1].any():
+            worst = max(Status, key=lambda status: int(self._counts[status]))
+            sender = (Publisher('', self._source.type),)
+            return input_fault(replace(facts, publishers=sender, refused=worst))
+        if not other._messages or self._source.topic == other._source.topic:
+            return ''
+        # By how the last stamps of both lie in the recording, whichever came later.
+        behind = (self._delay_ns - other._delay_ns) * 1e-9
+        known = replace(facts, lost=False, heard=True, other=other._source.topic)
+        return input_fault(replace(known, behind=behind))
+
+    def report(
+        self, faults: tuple[Fault, ...], asked: tuple[str, ...], other: _InputCheck
+    ) -> InputReport:
         """What came of the input, by its messages' faults, and questions."""
         used = int(self._counts[: Status.CLOCK_JUMP + 1].sum())
         ends = np.array(self._span if used else (math.nan, math.nan))
@@ -357,6 +407,7 @@ class _InputCheck:
             si_span=(low, high),
             sources=tuple(self._sources),
             questions=asked,
+            fault=self._fault(other),
         )
 
 

@@ -193,7 +193,8 @@ class _Told:
         self._raw = checked.bag.payloads(_inputs(config), spans)
         self._next: tuple[int, dict[str, tuple[IntArray, Payload]]] | None = next(self._raw, None)
         self._now_ns = (checked.start_ns or 0) - 1
-        self._changes = np.unique([e.time_ns for b in checked.bearings.values() for e in b.events])
+        events = [e.time_ns for b in checked.bearings.values() for e in b.events]
+        self._changes = np.unique(np.array(events, np.int64))
 
     def round(self, courses: Sequence[_Course], read_ns: int) -> list[MessageColumn]:
         """What can be told once a bag was read to a log time [ns]."""

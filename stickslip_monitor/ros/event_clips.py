@@ -10,6 +10,7 @@ from typing import Any
 from rclpy.lifecycle import LifecycleNode
 from rclpy.serialization import serialize_message
 
+from stickslip_monitor.errors import cause
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder, ClipStore
 from stickslip_monitor.monitor.config import ClipConfig
 from stickslip_monitor.monitor.verdict import Event
@@ -95,7 +96,7 @@ class Clips:
                 self.fault = ''
             except Exception as error:
                 # Neither a full disk nor a fault of ours may stop the monitor, or later clips.
-                self._lost(str(error) or type(error).__name__)
+                self._lost(cause(error))
 
     def _lost(self, reason: str) -> None:
         self.fault = f'an event clip is lost: {reason}'

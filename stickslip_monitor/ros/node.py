@@ -14,6 +14,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,7 @@ from stickslip_monitor.ros.input_watch import InputWatch
 from stickslip_monitor.ros.inputs import Inputs, check_inputs
 from stickslip_monitor.ros.message_types import ROS_FAULTS
 from stickslip_monitor.ros.outputs import Outputs
+from stickslip_monitor.ros.service import ServiceManager
 from stickslip_monitor.ros.state_file import StateFile, StateWriter
 from stickslip_monitor.surface_store import SurfaceBuilder, prepare_surfaces
 
@@ -550,10 +552,12 @@ def make_executor() -> Executor:
 
 def _spin(node: MonitorNode, told: Sequence[int]) -> None:
     """Spin until a signal has been noted, or somebody shuts ROS down."""
-    executor = make_executor()
+    executor, manager = make_executor(), ServiceManager()
     executor.add_node(node)
+    manager.tell('READY=1')
     try:
         while rclpy.ok() and not told:
+            manager.beat()
             try:
                 # Python runs its signal handlers between waits: none may last.
                 executor.spin_once(LONGEST_WAIT)
@@ -565,6 +569,7 @@ def _spin(node: MonitorNode, told: Sequence[int]) -> None:
                     return
                 node.survive(error)
     finally:
+        manager.tell('STOPPING=1')
         executor.shutdown()
 
 
@@ -573,7 +578,7 @@ def _sentence(error: Exception) -> str:
     return ' '.join(re.sub(r',? at /\S+', '', str(error)).split())
 
 
-def _check_environment() -> None:
+def _check_environment(args: Sequence[str]) -> None:
     """Check what ROS 2 itself would ignore, or die of without a reason.
 
     Raises:
@@ -582,12 +587,26 @@ def _check_environment() -> None:
     domain = os.environ.get('ROS_DOMAIN_ID') or '0'
     if not domain.isdecimal() or int(domain) > HIGHEST_DOMAIN:
         raise RosError(f"ROS_DOMAIN_ID = '{domain}' must be 0 to {HIGHEST_DOMAIN}")
-    if os.environ.get('ROS_SECURITY_ENABLE') == 'true' and not os.environ.get(KEYSTORE):
-        raise RosError(f'ROS_SECURITY_ENABLE is true, but {KEYSTORE} names no keystore')
+    if os.environ.get('ROS_SECURITY_ENABLE') == 'true':
+        _check_enclave(os.environ.get(KEYSTORE, ''), args)
+
+
+def _check_enclave(keystore: str, args: Sequence[str]) -> None:
+    """Check that the keys are there: without them ROS 2 goes on without any security."""
+    if not keystore:
+        raise RosError('ROS_SECURITY_ENABLE is true, but ROS_SECURITY_KEYSTORE names no keystore')
+    given = [value for name, value in pairwise(args) if name in ('-e', '--enclave')]
+    enclave = os.environ.get('ROS_SECURITY_ENCLAVE_OVERRIDE') or (given or ['/'])[-1]
+    folder = Path(keystore) / 'enclaves' / enclave.strip('/')
+    if not (folder / 'cert.pem').is_file():
+        raise RosError(
+            f"ROS_SECURITY_ENABLE is true, but the keystore '{keystore}' has no enclave"
+            f" '{enclave}'"
+        )
 
 
 def _initialise(args: Sequence[str] | None) -> None:
-    _check_environment()
+    _check_environment(sys.argv if args is None else args)
     try:
         rclpy.init(
             args=None if args is None else list(args),

@@ -11,7 +11,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from stickslip_monitor.errors import AlarmStateError, RosError
+from stickslip_monitor.errors import AlarmStateError, RosError, cause
 
 MAX_SIZE = 16_000_000
 """A larger file is not one of ours [bytes]."""
@@ -40,8 +40,7 @@ class StateFile:
             found = self.path.stat().st_mode if self.path.exists() else stat.S_IFREG
             folder = self.path.parent.is_dir()
         except (OSError, RuntimeError, ValueError) as error:
-            reason = getattr(error, 'strerror', None) or error
-            raise RosError(f'{self._given} cannot be used: {reason}') from error
+            raise RosError(f'{self._given} cannot be used: {cause(error)}') from error
         if not folder:
             raise RosError(f'{self._given}: there is no folder {self.path.parent}')
         if not stat.S_ISREG(found):
@@ -91,7 +90,9 @@ class StateFile:
             return json.loads(self._bytes())
         except FileNotFoundError:
             return None
-        except (OSError, ValueError, RecursionError) as error:
+        except OSError as error:
+            raise AlarmStateError(f'it cannot be read: {cause(error)}') from error
+        except (ValueError, RecursionError) as error:
             raise AlarmStateError(f'it is not JSON: {error}') from error
 
     def _bytes(self) -> bytes:
@@ -181,7 +182,7 @@ class StateWriter:
                 self._file.write(document)
                 self.fault = ''
             except OSError as error:
-                self.fault = f'the alarms are not kept: {error}'
+                self.fault = f'the alarms are not kept: {cause(error)}'
                 self._wait(document)
 
     def _wait(self, document: Any) -> None:

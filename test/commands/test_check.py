@@ -65,6 +65,33 @@ def test_json_says_what_came_of_each_input(capsys: pytest.CaptureFixture[str]) -
 
 
 @pytest.mark.slow
+def test_a_level_tells_of_the_blow_that_speed_and_load_do_not_show(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = ROOT / 'bags' / 'measured_knock'
+    own = ['--config', str(ROOT / 'launch_configs' / 'measured_bearing.yaml')]
+
+    def document(*arguments: str) -> dict[str, Any]:
+        assert main(['check', *arguments, '--json']) == 1
+        return json.loads(capsys.readouterr().out)['bearings']['aft_stern']
+
+    blind, seeing = document(str(bag), '--config', str(CONFIG)), document(str(bag), *own)
+    assert 'measured' not in {*blind, *blind['events'][0]}
+    assert 'stick_slip' not in {event['to'] for event in blind['events']}
+    (told,) = (event for event in seeing['events'] if event['to'] == 'stick_slip')
+    # Struck at 130 s.
+    assert 133.0 < (told['time'] - 1_778_054_400 * 10**9) * 1e-9 < 134.0
+    assert told['measured'] == 'vibrating'
+    assert sum(seeing['measured'].values()) == pytest.approx(240.0, abs=0.5)
+    assert main(['check', str(bag), *own, '--mcap', str(tmp_path / 'out.mcap')]) == 1
+    assert 'measured vibration: unknown' in ' '.join(capsys.readouterr().out.split())
+    again = document(str(tmp_path / 'out.mcap'), *own)
+    assert again['events'] == seeing['events']
+    # Without the topic, one sentence.
+    assert main(['check', str(BAG), *own]) == 2
+    assert "topic '/bearing/aft_stern/level' is not in the bag" in capsys.readouterr().err
+
+
 def test_the_report_has_every_event_of_the_check(
     page: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

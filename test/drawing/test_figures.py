@@ -17,13 +17,17 @@ import pytest
 from scipy.optimize import brentq
 
 from stickslip_monitor import Coulomb, FrictionLaw, Monitor, Stream, Stribeck, Tabulated
+from stickslip_monitor.drawing.calibration import CalibrationPicture, DipTrack, draw_calibration
 from stickslip_monitor.drawing.canvas import save_figure
 from stickslip_monitor.drawing.diagram import draw_diagram, load_text
+from stickslip_monitor.drawing.friction_fit import Boundary, FrictionFitPicture, draw_friction_fit
 from stickslip_monitor.drawing.labels import Box, Labeller
 from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.drawing.palette import (
     CONDITION_COLOUR,
     CONDITION_NAMES,
+    FOLD,
+    HOPF,
     REGIME_COLOUR,
     REGIME_FILL,
 )
@@ -166,17 +170,68 @@ def test_a_track_of_next_to_nothing_is_drawn(points: int) -> None:
     draw_map(REFERENCE, track=Track(column, column, 1e3 * column))
 
 
-def test_a_long_track_is_thinned_without_losing_a_place_or_a_gap() -> None:
-    n = 90_000
-    time = np.arange(float(n))
-    speed, load = np.full(n, 0.25), np.full(n, 900.0)
-    speed[50_001], speed[70_001] = 0.1, np.nan
+@pytest.mark.parametrize('n', [3000, 90_000])
+def test_a_track_is_a_course_without_zigzag_over_all_the_places_it_has_been_to(n: int) -> None:
+    """There and back through noise: one turn; and no place, and no gap, is lost."""
+    time, noise = np.arange(float(n)), np.random.default_rng(1)
+    speed = np.interp(time, [0, n / 2, n], [0.3, 0.1, 0.3]) + noise.normal(0.0, 5e-4, n)
+    load = noise.normal(900.0, 20.0, n)
+    load[n // 3], speed[7 * n // 9] = 300.0, np.nan
+    rpm = REFERENCE.bearing.speed.factor('rpm')
     lines = draw_map(REFERENCE, track=Track(time, speed, load)).axes[0].lines
-    x = [np.asarray(line.get_xdata(), dtype=float) for line in lines]
-    assert max(column.size for column in x) < 25_000
-    assert any(np.isnan(column).any() and column.size > 10_000 for column in x)
-    brief = 0.1 / REFERENCE.bearing.speed.factor('rpm')
-    assert any(abs(column - brief).min() < 0.1 for column in x if column.size == 2)
+    ages = [line for line in lines if line.get_zorder() == 8]
+    assert [line.get_linewidth() for line in ages] == sorted(
+        (line.get_linewidth() for line in ages), reverse=True
+    )
+    steps = np.concatenate([np.diff(np.asarray(line.get_xdata())) for line in ages])
+    assert steps.size < 200
+    # Where it turns back, a single small step may go either way.
+    signs = np.sign(steps[np.abs(steps) > 0.02])
+    assert np.count_nonzero(np.diff(signs)) == 1
+    assert max(line.get_xdata().size for line in lines) < 25_000
+    hidden = speed[7 * n // 9 - 1] / rpm, speed[7 * n // 9 + 1] / rpm
+    assert not any(
+        {*hidden} <= {*np.asarray(line.get_xdata()).tolist()} and line in ages for line in lines
+    )
+    assert min(float(np.nanmin(line.get_ydata())) for line in lines if line.get_alpha()) == (
+        pytest.approx(300.0, abs=1.0)
+    )
+
+
+def test_start_and_end_are_told_apart_where_they_are_one_place() -> None:
+    column = np.array([0.3, 0.2, 0.3])
+    axes = draw_map(REFERENCE, track=Track(np.arange(3.0), column, 3e3 * column)).axes[0]
+    ends = [line for line in axes.lines if line.get_zorder() == 11]
+    assert [line.get_marker() for line in ends] == ['o', 's']
+    assert ends[0].get_markersize() > 1.5 * ends[1].get_markersize()
+
+
+def test_each_boundary_has_one_colour_in_all_pictures() -> None:
+    band = np.array([[[30.0] * 2, [31.0] * 2, [32.0] * 2]] * 2)
+    dip = DipTrack(np.ones(2), np.ones(2), np.zeros(2, bool), np.zeros(2, bool))
+    calibration = CalibrationPicture('', np.array([500.0, 900.0]), band, band, [dip])
+    curve = np.linspace(0.0, 0.5, 9)
+    marks = (
+        Boundary('Hopf speed', 0.1, 0.09, 0.11, Regime.UNSTABLE),
+        Boundary('fold speed', 0.2, 0.19, 0.21, Regime.BISTABLE),
+    )
+    law = Stribeck(0.3, 0.1, 10.0).coefficient(curve)
+    fit = FrictionFitPicture(
+        '', curve, law, None, np.ones(9, bool), np.arange(9), curve, law, 0.01 * law, marks, ''
+    )
+    for figure in (
+        draw_map(REFERENCE),
+        draw_diagram(REFERENCE, 1000.0, points=50),
+        draw_calibration(calibration),
+        draw_friction_fit(fit),
+    ):
+        lines = [line for axes in figure.axes for line in axes.lines]
+        colours = {line.get_color() for line in lines} | {
+            line.get_markeredgecolor() for line in lines if line.get_marker() not in ('', 'None')
+        }
+        assert {FOLD, HOPF} <= colours
+        strong = {REGIME_COLOUR[Regime.BISTABLE]}
+        assert not strong & colours
 
 
 def test_a_track_of_a_scan_is_interrupted_where_an_input_was_lost() -> None:

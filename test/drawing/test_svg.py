@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import colorsys
 import re
 from pathlib import Path
 from xml.etree import ElementTree
@@ -10,11 +11,14 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from stickslip_monitor.commands.report import SPEED_CAPTION
 from stickslip_monitor.drawing.canvas import inline_svg, variable
 from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.drawing.palette import (
     CAUTION_FILL,
     CONDITION_COLOUR,
+    FOLD,
+    HOPF,
     INK,
     MUTED,
     ON_DARK,
@@ -22,6 +26,7 @@ from stickslip_monitor.drawing.palette import (
     REGIME_COLOUR,
     REGIME_FILL,
 )
+from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config_file import load_config
 
 pytest.importorskip('matplotlib')
@@ -76,9 +81,29 @@ def contrast(one: str, other: str) -> float:
 
 def test_a_dark_page_has_a_colour_for_each_and_enough_contrast() -> None:
     palette = {*REGIME_COLOUR.values(), *REGIME_FILL.values(), *CONDITION_COLOUR.values()}
-    assert palette | {INK, MUTED, PAPER, CAUTION_FILL} == set(ON_DARK)
+    assert palette | {INK, MUTED, PAPER, CAUTION_FILL, HOPF, FOLD} == set(ON_DARK)
     fills = [ON_DARK[fill] for fill in (*REGIME_FILL.values(), CAUTION_FILL, PAPER)]
     assert min(contrast(ON_DARK[INK], fill) for fill in fills) > 7.0
     assert min(contrast(ON_DARK[MUTED], fill) for fill in fills) > 4.5
     marks = [ON_DARK[mark] for mark in CONDITION_COLOUR.values()]
     assert min(contrast(mark, fill) for mark in marks for fill in fills) > 3.0
+
+
+@pytest.mark.parametrize('dark', [False, True])
+def test_boundaries_are_seen_on_all_fills_and_captions_name_their_hues(dark: bool) -> None:
+    def shown(colour: str) -> str:
+        return ON_DARK[colour] if dark else colour
+
+    fills = {regime: shown(fill) for regime, fill in REGIME_FILL.items()}
+    for line in (HOPF, FOLD):
+        assert min(contrast(shown(line), fill) for fill in fills.values()) > 4.5
+    # What the captions of a report call them: red below 25 degrees, amber to 48, yellow to 65.
+    for name, fill in (
+        ('red', fills[Regime.UNSTABLE]),
+        ('amber', fills[Regime.BISTABLE]),
+        ('yellow', shown(CAUTION_FILL)),
+    ):
+        parts = [int(fill[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]
+        hue = 360.0 * colorsys.rgb_to_hsv(*parts)[0]
+        assert name == ('red' if hue < 25.0 else 'amber' if hue < 48.0 else 'yellow')
+        assert f'the {name} ' in SPEED_CAPTION

@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from stickslip_monitor import Monitor, Stream
-from stickslip_monitor.drawing.palette import CONDITION_COLOUR, REGIME_COLOUR
+from stickslip_monitor.drawing.palette import CONDITION_COLOUR, FOLD, HOPF
 from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
-from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.ladder import Condition
@@ -77,8 +76,8 @@ def test_margins_amplitude_and_limit_are_drawn_in_their_units() -> None:
 def test_the_fold_has_its_colour_of_the_judged_course() -> None:
     margins = panels(draw_timeline(timeline([60.0, 45.0, 36.0])))['margin']
     colours = {line.get_label(): line.get_color() for line in margins.lines}
-    assert colours['fold margin'] == REGIME_COLOUR[Regime.BISTABLE]
-    assert colours['Hopf margin'] == REGIME_COLOUR[Regime.UNSTABLE]
+    assert colours['fold margin'] == FOLD
+    assert colours['Hopf margin'] == HOPF
 
 
 def test_events_are_numbered_as_in_the_table() -> None:

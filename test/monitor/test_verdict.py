@@ -198,6 +198,7 @@ def test_when_it_begins(aft: BearingConfig, trend: Trend, words: str) -> None:
         ),
         (20.0, Standing(0, True, asked=4), 'Stick-slip predicted, but not yet for 2 s. At'),
         (43.0, Standing(0, asked=2), 'Close to the stick-slip region, but not yet for 2 s. At'),
+        (39.0, Standing(2, asked=3), 'can start stick-slip, but not yet for 2 s. At'),
         (60.0, Standing(2, asked=2), 'The speed is falling towards the stick-slip region. At'),
         (
             35.0,
@@ -212,6 +213,8 @@ def test_the_text_says_what_is_about_to_change(
     point = assess(aft.bearing, rpm * PER_RPM, 1000.0)
     text = describe(aft, standing.condition, point, standing, {})
     assert what in text
+    # Where the condition that stands ends is no end of the one that is coming.
+    assert not ('not yet for' in text and 'Ends' in text)
     assert 'No stick-slip predicted' not in text
 
 

@@ -245,6 +245,21 @@ def test_a_publish_period_thins_the_values_and_keeps_the_changes(bag: Path) -> N
     assert set(early) <= firsts
 
 
+def test_a_quiet_recording_has_its_diagnostics(tmp_path: Path) -> None:
+    """Without a change of the alarm, which would be the only times not on the grid."""
+    times = START + np.arange(50) * 10**8
+    with BagWriter(tmp_path / 'in') as writer:
+        columns = {'/shaft': (times, np.full(50, 60.0)), '/load': (times, np.full(50, 1000.0))}
+        for topic in columns:
+            writer.add_topic(topic, 'std_msgs/msg/Float64')
+        writer.write_float64s(columns)
+    config = config_of(**{'aft.load.type': 'std_msgs/msg/Float64', 'aft.load.field': 'data'})
+    found = check_bag(tmp_path / 'in', config)
+    assert found.bearings['aft'].events == []
+    write_verdicts(found, config, tmp_path / 'out.mcap')
+    assert open_bag(tmp_path / 'out.mcap').topics['/diagnostics'].count == 5
+
+
 def test_a_clock_that_jumps_back_is_written(tmp_path: Path) -> None:
     from stickslip_monitor.bags.encode import encode_float64, encode_stamped
 

@@ -149,7 +149,31 @@ def test_an_environment_that_ros_would_ignore_or_die_of_is_refused(
     monkeypatch.delenv('ROS_SECURITY_KEYSTORE', raising=False)
     monkeypatch.setenv(name, value)
     with pytest.raises(RosError, match=f'^{text}$'):
-        node._check_environment()
+        node._check_environment([])
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'enclave'),
+    [((), '/'), (('-e', '/other'), '/other'), (('--enclave', '/stickslip_monitor'), '')],
+)
+def test_security_without_the_nodes_own_keys_is_refused(
+    arguments: tuple[str, ...], enclave: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Unless told to enforce it, ROS 2 goes on without any security then."""
+    from stickslip_monitor.errors import RosError
+    from stickslip_monitor.ros import node
+
+    own = tmp_path / 'enclaves' / 'stickslip_monitor'
+    own.mkdir(parents=True)
+    (own / 'cert.pem').touch()
+    monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
+    monkeypatch.setenv('ROS_SECURITY_KEYSTORE', str(tmp_path))
+    monkeypatch.delenv('ROS_SECURITY_ENCLAVE_OVERRIDE', raising=False)
+    if not enclave:
+        node._check_environment(['--ros-args', *arguments])
+        return
+    with pytest.raises(RosError, match=f"has no enclave '{enclave}'$"):
+        node._check_environment(['--ros-args', *arguments])
 
 
 def test_a_name_that_is_too_long_is_refused(start: Any, kit: Any) -> None:
@@ -186,7 +210,11 @@ def test_a_callback_that_fails_is_told_and_survived() -> None:
 def test_the_security_policy_covers_all_topics_and_services(start: Any, kit: Any) -> None:
     """DDS matches the names of permissions as fnmatch does (DDS-Security 9.4.1.3.2.3)."""
     policy = Path(__file__).parents[2] / 'launch_configs' / 'security' / 'policy.xml'
-    enclave, *_ = ElementTree.parse(policy).getroot().iter('enclave')
+    parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
+    (enclaves,) = ElementTree.parse(policy, parser).getroot()
+    # sros2 makes an enclave of whatever stands there, a comment too.
+    assert [each.tag for each in enclaves] == ['enclave'] * 3
+    enclave = enclaves[0]
     (profile,) = enclave.iter('profile')
     name = profile.attrib['node']
     monitor = start(kit.parameters())

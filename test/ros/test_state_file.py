@@ -108,7 +108,7 @@ def test_a_full_disk_is_told_and_tried_again(
     writer.write({'time': 1})
     # The third attempt has begun, so the first has been told.
     assert all(tried.acquire(timeout=10.0) for _ in range(3))
-    assert writer.fault == 'the alarms are not kept: [Errno 28] No space left on device'
+    assert writer.fault == 'the alarms are not kept: No space left on device'
     full.clear()
     writer.close(patience=10.0)
     assert writer.fault == ''

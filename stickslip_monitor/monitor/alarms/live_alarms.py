@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from stickslip_monitor.errors import AlarmStateError
+from stickslip_monitor.errors import AlarmStateError, cause
 from stickslip_monitor.monitor.alarms.alarm_records import (
     Note,
     alarms_record,
@@ -203,7 +203,7 @@ class LiveAlarms:
         except OSError as error:
             if str(error) != self._unkept:
                 self._unkept = str(error)
-                self._log.error(f'the alarms are not kept: {error}')
+                self._log.error(f'the alarms are not kept: {cause(error)}')
 
     def _recall(self) -> None:
         if self._store is None:
@@ -219,5 +219,5 @@ class LiveAlarms:
         try:
             end = f'it is now {store.set_aside()}, and the alarms start fresh'
         except OSError as error:
-            end = f'the alarms start fresh; it cannot be set aside: {error}'
+            end = f'the alarms start fresh; it cannot be set aside: {cause(error)}'
         self._log.error(f'state_file {store.path} cannot be used: {reason}; {end}')
