@@ -70,6 +70,7 @@ ON_DARK = {
     '#e69f00': '#f0b429',
     '#d55e00': '#ff8f4d',
     '#7a1f5c': '#e58fc6',
+    '#cc79a7': '#ffb3d9',
     '#8c8c8c': '#9aa0a6',
     HOPF: '#ffb08a',
     FOLD: '#ffd97a',
