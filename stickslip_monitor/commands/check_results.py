@@ -133,7 +133,11 @@ class _Paint:
         if self.width is None:
             return line
         # The last column stays free: not every terminal breaks behind it.
-        return textwrap.fill(line, max(self.width - 1, 20), subsequent_indent=' ' * indent)
+        # A path that is cut in two cannot be copied.
+        return textwrap.fill(
+            line, max(self.width - 1, 20), subsequent_indent=' ' * indent,
+            break_long_words=False, break_on_hyphens=False,
+        )  # fmt: skip
 
 
 def _lines(document: Mapping[str, Any], paint: _Paint) -> Iterator[str]:
