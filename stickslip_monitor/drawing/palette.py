@@ -69,6 +69,7 @@ ON_DARK = {
     '#a08c00': '#e0cc3f',
     '#e69f00': '#f0b429',
     '#d55e00': '#ff8f4d',
+    '#cc79a7': '#e8a9cb',
     '#7a1f5c': '#e58fc6',
     '#8c8c8c': '#9aa0a6',
     HOPF: '#ffb08a',
