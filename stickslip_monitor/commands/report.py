@@ -54,7 +54,7 @@ SUFFIXES = tuple(MARKS)
 # A phone shows an inch of the narrow ones on a hundred pixels, so that letters can be read.
 _WIDE, _NARROW = 9.0, 3.6
 _MAP_WIDE, _MAP_NARROW = (9.0, 5.6), (3.6, 4.4)
-_TRACK_WIDE, _TRACK_NARROW = 1500, 750
+_TRACK_WIDE, _TRACK_NARROW = 600, 300
 _MARKS = 60
 _MOST_TOPICS = 100
 _MOST_ON_SHEET = 12

@@ -169,6 +169,8 @@ _IDS = re.compile(r'(\bid="|href="#|url\(#)')
 _COLOUR = re.compile('|'.join(ON_DARK))
 _PATH = re.compile(r'(?<= d=")[^"]+')
 _DECIMALS = re.compile(r'\.(\d)\d+')
+_STEP = re.compile(r'([MLz]) ?(?:(-?[\d.]+) (-?[\d.]+))?')
+_LINES = re.compile(r'\s*(?:[MLz](?: -?[\d.]+ -?[\d.]+)?\s*)*')
 _HEAD = re.compile(r'<svg [^>]*viewBox="([^"]*)"[^>]*>')
 
 
@@ -193,12 +195,34 @@ def inline_svg(figure: Figure, name: str, text: str) -> str:
     body = drawing[drawing.index('<defs>') : drawing.rindex('</svg>')]
     body = re.sub(r'<style.*?</style>', '', body, flags=re.DOTALL)
     body = _IDS.sub(lambda found: f'{found[0]}{name}-', body)
-    # A tenth of a point is finer than any screen shows; more digits double the page.
-    body = _PATH.sub(lambda path: _DECIMALS.sub(r'.\1', path[0]), body)
+    body = _PATH.sub(lambda path: _shorter(path[0]), body)
     body = body.replace('xlink:href', 'href')
     body = _COLOUR.sub(lambda found: f'var({variable(found[0])})', body)
     body = re.sub(r'\n\s*', '\n', body)
     return f'<svg viewBox="{box}" role="img" aria-label="{escape(text)}">{body}</svg>'
+
+
+def _shorter(path: str) -> str:
+    """A path in tenths of a point, which is finer than any screen shows; lines as steps."""
+    if not _LINES.fullmatch(path):
+        return _DECIMALS.sub(r'.\1', path)
+    found, x, y = [], 0, 0
+    for command, right, down in _STEP.findall(path):
+        if not right:
+            found.append('z')
+            continue
+        to_x, to_y = round(10.0 * float(right)), round(10.0 * float(down))
+        if command == 'M':
+            found.append(f'M{_tenths(to_x)} {_tenths(to_y)}l')
+        elif (to_x, to_y) != (x, y):
+            found.append(f'{_tenths(to_x - x)} {_tenths(to_y - y)}')
+        x, y = to_x, to_y
+    # A sign parts two numbers as a space does.
+    return re.sub(r'l(?=[Mz]|$)', '', re.sub(r'(?<=l) | (?=[-Mz])', '', ' '.join(found)))
+
+
+def _tenths(count: int) -> str:
+    return re.sub(r'^(-?)0\.', r'\1.', f'{count / 10:g}')
 
 
 def variable(colour: str) -> str:

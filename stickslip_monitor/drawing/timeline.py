@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_POINTS_PER_INCH = 100
+_POINTS_PER_INCH = 70
 _SPELLS_PER_INCH = 30
 _MOST_LINES = 80
 _MOST_NUMBERED = 60

@@ -10,9 +10,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from stickslip_monitor.commands.report import SPEED_CAPTION
-from stickslip_monitor.drawing.canvas import inline_svg, variable
+from stickslip_monitor.drawing.canvas import _shorter, inline_svg, variable
 from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.drawing.palette import (
     CAUTION_FILL,
@@ -107,3 +109,31 @@ def test_boundaries_are_seen_on_all_fills_and_captions_name_their_hues(dark: boo
         hue = 360.0 * colorsys.rgb_to_hsv(*parts)[0]
         assert name == ('red' if hue < 25.0 else 'amber' if hue < 48.0 else 'yellow')
         assert f'the {name} ' in SPEED_CAPTION
+
+
+@given(
+    st.lists(
+        st.lists(st.tuples(st.floats(-500, 500), st.floats(-500, 500)), min_size=1, max_size=9),
+        min_size=1, max_size=3,
+    ),
+    st.booleans(),
+)  # fmt: skip
+def test_a_path_in_steps_leads_to_the_same_places(
+    lines: list[list[tuple[float, float]]], closed: bool
+) -> None:
+    end = ' z' if closed else ''
+    written = '\n'.join(
+        ' \n'.join(f'{"L" if k else "M"} {x:.6f} {y:.6f}' for k, (x, y) in enumerate(line)) + end
+        for line in lines
+    )
+    found: list[list[tuple[float, float]]] = []
+    for part in _shorter(written).split('M')[1:]:
+        head, _, steps = part.replace('z', '').partition('l')
+        places = re.findall(r'-?[\d.]+', head) + re.findall(r'-?(?:\d+\.?\d*|\.\d+)', steps)
+        pairs = list(zip(*([iter(map(float, places))] * 2), strict=True))
+        found.append([(sum(x for x, _ in pairs[: k + 1]), sum(y for _, y in pairs[: k + 1]))
+                      for k in range(len(pairs))])  # fmt: skip
+    for line, got in zip(lines, found, strict=True):
+        tenths = [(round(10 * float(f'{x:.6f}')), round(10 * float(f'{y:.6f}'))) for x, y in line]
+        kept = [place for k, place in enumerate(tenths) if not k or place != tenths[k - 1]]
+        assert [(round(10 * x), round(10 * y)) for x, y in got] == kept
