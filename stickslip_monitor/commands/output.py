@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import shutil
 import sys
 import time
@@ -161,9 +160,8 @@ def say_written(*paths: str | Path | None) -> None:
 
 
 def line_width() -> int | None:
-    """Letters on a line of the terminal, or of what COLUMNS says; None where nothing limits it."""
-    limited = sys.stdout.isatty() or 'COLUMNS' in os.environ
-    return shutil.get_terminal_size().columns if limited else None
+    """Letters on a line of the terminal; None where the output goes elsewhere, unbroken."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
 
 
 def console() -> Console:
