@@ -122,8 +122,8 @@ def test_on_a_screen_of_40_columns_nothing_is_cut_off(
     with os.fdopen(screen, 'wb') as file:
         program = subprocess.Popen(
             [f'{SCRIPTS}/stickslip', *arguments],
-            cwd=tmp_path, env=os.environ | {'COLUMNS': '40', 'TERM': 'dumb', 'NO_COLOR': '1'},
-            stdout=file, stderr=subprocess.STDOUT,
+            cwd=tmp_path, env=os.environ | {'COLUMNS': '40', 'TERM': 'xterm', 'NO_COLOR': '1'},
+            stdout=file, stderr=subprocess.DEVNULL,
         )  # fmt: skip
     shown = b''.join(_read(terminal)).decode()
     assert program.wait(60.0) < 2, shown
