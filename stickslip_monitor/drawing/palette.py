@@ -41,7 +41,7 @@ CAUTION_FILL = '#faf7d6'
 
 CONDITION_COLOUR = {
     Condition.NORMAL: '#0072b2',
-    Condition.VIBRATION: '#cc79a7',
+    Condition.VIBRATION: '#6b4fb3',
     Condition.CAUTION: '#a08c00',
     Condition.BISTABLE: '#e69f00',
     Condition.STICK_SLIP: '#d55e00',
@@ -70,7 +70,7 @@ ON_DARK = {
     '#e69f00': '#f0b429',
     '#d55e00': '#ff8f4d',
     '#7a1f5c': '#e58fc6',
-    '#cc79a7': '#ffb3d9',
+    '#6b4fb3': '#b9a5f2',
     '#8c8c8c': '#9aa0a6',
     HOPF: '#ffb08a',
     FOLD: '#ffd97a',
