@@ -15,7 +15,7 @@ from typing import Any
 from stickslip_monitor.errors import plural
 from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.ladder import Level
-from stickslip_monitor.monitor.messages import event_records, number, point_record
+from stickslip_monitor.monitor.messages import event_records, number
 from stickslip_monitor.offline.check import BearingReport, CheckReport, InputReport
 
 SCHEMA = 'stickslip_monitor/check/1'
@@ -56,7 +56,7 @@ def _bearing_record(item: BearingReport) -> dict[str, Any]:
         'seconds': {regime.value: seconds for regime, seconds in item.seconds.items()},
         'worst': {
             name: {'time': extreme.time_ns, 'value': number(extreme.value)}
-            | {k: v for k, v in point_record(extreme.point).items() if k in _OF_WORST[name]}
+            | {k: number(getattr(extreme.point, k)) for k in _OF_WORST[name]}
             for name, extreme in item.worst.items()
         },
         **({} if item.measured is None else {'measured': item.measured}),

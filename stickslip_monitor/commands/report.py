@@ -58,7 +58,14 @@ _TRACK_WIDE, _TRACK_NARROW = 600, 300
 _MARKS = 60
 _MOST_TOPICS = 100
 _MOST_ON_SHEET = 12
+# Of a recording; a page with more takes minutes to make and nobody looks at them all.
+_MOST_DRAWN = 12
+_URGENCY = ('alarm', 'unknown', 'warning', 'clear')
 _DRAWING = threading.Lock()
+_NOT_DRAWN = (
+    f'Not drawn: pictures are of the {_MOST_DRAWN} bearings of a recording that need a look most.'
+    ' `stickslip map --track BAG --bearing NAME` draws the map of this one.'
+)
 SPEED_CAPTION = (
     'Speed lies in the red region where stick-slip starts by itself, in the amber one where a'
     ' disturbance can start it, in the yellow one within the caution margin.'
@@ -264,6 +271,8 @@ def _bag_part(anchor: str, checked: CheckReport, cases: Sequence[_Case]) -> BagP
     troubles = [cut.text for cut in bag.cuts] + list(bag.warnings)
     topics = sorted(bag.topics.values(), key=lambda topic: topic.name)
     left = len(topics) - _MOST_TOPICS
+    by_urgency = sorted(cases, key=lambda case: _URGENCY.index(case.finding.grade))
+    drawn_ones = {case.config.name for case in by_urgency[:_MOST_DRAWN]}
     return BagPart(
         anchor=anchor,
         name=_name(bag.path),
@@ -278,7 +287,12 @@ def _bag_part(anchor: str, checked: CheckReport, cases: Sequence[_Case]) -> BagP
         ),
         topics_note=f'{formatting.count(left, "topic")} more are not listed.' if left > 0 else '',
         bearings=tuple(
-            _bearing_part(f'{anchor}-{case.config.name}', checked.bearings[case.config.name], case)
+            _bearing_part(
+                f'{anchor}-{case.config.name}',
+                checked.bearings[case.config.name],
+                case,
+                is_drawn=case.config.name in drawn_ones,
+            )
             for case in cases
         ),
     )
@@ -304,7 +318,7 @@ def _lasting(checked: CheckReport) -> str:
     return formatting.duration((checked.end_ns - checked.start_ns) * 1e-9)
 
 
-def _bearing_part(anchor: str, item: BearingReport, case: _Case) -> BearingPart:
+def _bearing_part(anchor: str, item: BearingReport, case: _Case, *, is_drawn: bool) -> BearingPart:
     rows, note = event_rows(item.events)
     known = item.evaluations > 0
     return BearingPart(
@@ -313,8 +327,9 @@ def _bearing_part(anchor: str, item: BearingReport, case: _Case) -> BearingPart:
         finding=case.finding,
         facts=facts(case.course) if known else (),
         shares=shares(case.course) if known else (),
-        map=_map_picture(anchor, case) if known else None,
-        timeline=_timeline_picture(anchor, case) if known else None,
+        map=_map_picture(anchor, case) if known and is_drawn else None,
+        timeline=_timeline_picture(anchor, case) if known and is_drawn else None,
+        pictures_note=_NOT_DRAWN if known and not is_drawn else '',
         events=rows,
         events_note=note,
         inputs=_input_rows(item, case.config),

@@ -32,8 +32,9 @@ def credit_of_many(covered: IntArray, rhythm: IntArray, delay: int) -> IntArray:
     if not rhythm.size or int(rhythm.max()) * SHARE <= delay:
         return covered
     slow = rhythm * SHARE > delay
-    weighed = np.ceil(covered * (delay / SHARE / np.where(slow, rhythm, 1)))
-    return np.where(slow, weighed.astype(np.int64), covered)
+    counted = covered.copy()
+    counted[slow] = np.ceil(covered[slow] * (delay / SHARE / rhythm[slow])).astype(np.int64)
+    return counted
 
 
 def lasts(rhythm: Any) -> Any:

@@ -89,6 +89,7 @@ class BearingPart:
     shares: tuple[Share, ...]
     map: Picture | None
     timeline: Picture | None
+    pictures_note: str
     events: tuple[EventRow, ...]
     events_note: str
     inputs: tuple[InputRow, ...]

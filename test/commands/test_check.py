@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
@@ -342,3 +343,24 @@ def test_an_empty_file_is_named_as_such(
     (tmp_path / 'a.mcap').touch()
     assert main(['check', str(tmp_path / 'a.mcap'), '--config', str(CONFIG)]) == 2
     assert f"bag '{tmp_path / 'a.mcap'}' is empty: 0 bytes" in capsys.readouterr().err
+
+
+def test_of_many_bearings_the_worst_are_drawn_and_the_others_say_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip('jinja2')
+    from stickslip_monitor.commands import report as report_command
+
+    monkeypatch.setattr(report_command, '_MOST_DRAWN', 1)
+    node = yaml.safe_load(CONFIG.read_text())['/**']['ros__parameters']
+    own = node.pop('aft_stern') | {'stiffness': 2.0e6}
+    # So much damping that no cycle exists at any speed of the recording.
+    damped = {**own, 'damping': 1e5}
+    node |= {'bearings': ['fore', 'aft', 'mid'], 'fore': damped, 'aft': own, 'mid': damped}
+    config = tmp_path / 'three.yaml'
+    config.write_text(json.dumps({'/**': {'ros__parameters': node}}))
+    path = tmp_path / 'three.html'
+    assert main(['check', str(BAG), '--config', str(config), '--report', str(path)]) == 1
+    sections = re.split(r'<section class="bearing"', path.read_text('utf-8'))[1:]
+    assert ['<svg' in section for section in sections] == [False, True, False]
+    assert ['Not drawn' in section for section in sections] == [True, False, True]

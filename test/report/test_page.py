@@ -71,6 +71,7 @@ def report(text: str, drawing: str = '<svg role="img" aria-label="m"></svg>') ->
         shares=(Share(text, 'stable', text, 100.0, text),),
         map=picture,
         timeline=picture,
+        pictures_note=text,
         events=(EventRow(1, text, text, '2026-05-04T06:00:00Z', text, text, 'alarm', text),),
         events_note=text,
         inputs=(InputRow(*[text] * 9, (text, text)),),

@@ -92,6 +92,7 @@ def test_keys_of_diagnostics(monitor: Monitor) -> None:
 
 def test_fields_of_an_action() -> None:
     text = section('Actions')
-    assert fields(text) == list(request_record(ActionRequest(Action.SILENCE, 'Ada')))
+    request = ActionRequest(Action.SHELVE, 'Ada', reason='new oil')
+    assert fields(text) == list(request_record(request))
     (row,) = [line for line in text.splitlines() if line.startswith('| `action`')]
     assert re.findall(r'`([a-z]+)`', row)[1:] == [action.value for action in Action]
