@@ -34,6 +34,7 @@ from stickslip_monitor.report import formatting
 from stickslip_monitor.report.document import (
     BagPart,
     BearingPart,
+    Fact,
     Finding,
     InputRow,
     Picture,
@@ -325,7 +326,7 @@ def _bearing_part(anchor: str, item: BearingReport, case: _Case, *, is_drawn: bo
         anchor=anchor,
         name=item.name,
         finding=case.finding,
-        facts=facts(case.course) if known else (),
+        facts=(*facts(case.course), *_measured(item)) if known else (),
         shares=shares(case.course) if known else (),
         map=_map_picture(anchor, case) if known and is_drawn else None,
         timeline=_timeline_picture(anchor, case) if known and is_drawn else None,
@@ -334,6 +335,14 @@ def _bearing_part(anchor: str, item: BearingReport, case: _Case, *, is_drawn: bo
         events_note=note,
         inputs=_input_rows(item, case.config),
     )
+
+
+def _measured(item: BearingReport) -> tuple[Fact, ...]:
+    if item.measured is None:
+        return ()
+    lasting = {state: formatting.duration(seconds) for state, seconds in item.measured.items()}
+    note = f'quiet for {lasting["quiet"]}, unknown for {lasting["unknown"]}'
+    return (Fact('vibration measured', lasting['vibrating'], note),)
 
 
 def _input_rows(item: BearingReport, config: BearingConfig) -> tuple[InputRow, ...]:
