@@ -373,6 +373,6 @@ def test_the_report_says_for_how_long_vibration_was_measured(tmp_path: Path) -> 
     page = tmp_path / 'out.html'
     assert main([*arguments, '--report', str(page)]) == 1
     said = re.search(r'vibration measured ([\d.]+) s', text_of(page))
-    # The lining sticks from 130.1 s to 179.6 s by the truth of the recording; it rings on a little.
+    # By the truth of the recording it sticks from 130.1 s to 179.6 s; it rings on a little.
     assert said is not None
     assert float(said[1]) == pytest.approx(179.6 - 130.1, abs=5.0)
