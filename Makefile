@@ -67,7 +67,7 @@ bags: $(VENV)/.run  ## Make the recordings of bags/ again from their scenes
 bench: $(VENV)/.bench  ## Compare with what others use, some minutes; writes docs/benchmarks.md
 	$(BIN)/python -m benchmarks $(BENCH_ARGS)
 
-warning-quality: $(VENV)/.bench  ## Judge the warnings over 280 voyages, six minutes; writes docs/warning_quality.md
+warning-quality: $(VENV)/.bench  ## Judge the warnings over 280 voyages, three minutes; writes docs/warning_quality.md
 	$(BIN)/python scripts/warning_quality.py
 
 calibration-study: $(VENV)/.bench  ## What calibration reaches, 25 minutes; writes docs/calibration.md
