@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.arrays import BoolArray, IntArray
+from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 from stickslip_monitor.monitor.assessment import OUTCOMES, Assessment, Assessments, Outcome
 from stickslip_monitor.monitor.config import AlarmConfig, BearingConfig
 from stickslip_monitor.monitor.freshness import Fresh, credit, credit_of_many, lasts
@@ -58,6 +58,8 @@ LEFT_BELOW = 0.5
 """Share of its threshold below which a probability no longer holds a condition."""
 _MEMORY = 60
 """A rung raised again sooner than this after it was cleared keeps returning [off_delay]."""
+_UNSEEN_SHARE = 0.5
+"""The part of its growth that counts for a disturbance while quiet is measured."""
 
 
 def decision_margin(point: Assessment | Assessments) -> Any:
@@ -116,14 +118,17 @@ class _Growth(Latch):
         points: Of a recording: the assessment of arrays, shape (n,).
         lean: Factor of what drives a disturbance: that of the belief's bearings which all but
             ``alarm.runs_probability`` of them are steadier than.
+        share: The part of the growth that counts after the latest point; after each of a
+            recording's, shape (n,), in ``shares``, ``None`` where it is all.
     """
 
     points: Assessments
+    shares: FloatArray | None = None
 
     def __init__(self, bearing: Bearing, config: AlarmConfig) -> None:
         super().__init__(config)
         self.bearing = bearing
-        self.lean = 1.0
+        self.lean = self.share = 1.0
         self._half_rate = bearing.damping / (2.0 * bearing.mass)
         time = 2.0 * bearing.mass / bearing.damping if bearing.damping > 0.0 else math.inf
         self.decay_ns = int(min(DECAY * time * 1e9, 2.0**62))
@@ -142,7 +147,8 @@ class _Growth(Latch):
             return own if asked else -own
         most = self._most(max(float(lasts(rhythm)), 1.0))
         rate = self._leaning(rate)
-        grown = round(min(max(rate, -most), most) * covered * (E_FOLD / 1e9))
+        rate = min(max(rate, -most), most) * (self.share if asked else 1.0)
+        grown = round(rate * covered * (E_FOLD / 1e9))
         return max(grown, 0) if asked else min(grown, 0)
 
     def _leaning(self, rate: Any) -> Any:
@@ -165,7 +171,10 @@ class _Growth(Latch):
         rate = growth_rate(self.bearing, self.points.speed[lo:hi], self.points.load[lo:hi])
         most = self._most(np.maximum(lasts(rhythm), 1.0))
         rate = self._leaning(rate)
-        grown = np.rint(np.clip(rate, -most, most) * covered * (E_FOLD / 1e9)).astype(np.int64)
+        rate = np.clip(rate, -most, most)
+        if self.shares is not None:
+            rate = np.where(asked, rate * self.shares[lo:hi], rate)
+        grown = np.rint(rate * covered * (E_FOLD / 1e9)).astype(np.int64)
         return np.where(asked, np.maximum(grown, 0), np.minimum(grown, 0))
 
 
@@ -419,6 +428,7 @@ class ConditionClassifier:
             other = self._other(point, measured, growth.on)
             now.insert(1, other)
             self._see(measured, time_ns)
+            growth.share = _UNSEEN_SHARE if measured == NOT_VIBRATING else 1.0
         for level, step, asked in zip(self.levels, steps[1:], now[1:], strict=True):
             if step or asked[level.on]:
                 level.take(step, asked[level.on], time_ns)
@@ -502,6 +512,7 @@ class ConditionClassifier:
         if measured is not None:
             felt = _felt(self.config, points, measured, growth.asks[0])
             growth.asks, growth.forced = _with_measured(growth.asks, felt), felt[0] | felt[2]
+            growth.shares = np.where(measured == NOT_VIBRATING, _UNSEEN_SHARE, 1.0)
         sticking, grown = follow(growth, times, starts, taken)
         asked = _asked(self.config, points, futures, sticking)
         if measured is not None:

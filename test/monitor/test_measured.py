@@ -22,6 +22,7 @@ from stickslip_monitor.monitor.level_modes import LearnedThreshold
 from stickslip_monitor.monitor.measured import MEASURED, LevelTracker, Unknown
 from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.monitor.signals import Levels, Status
+from stickslip_monitor.physics.averaging.boundaries import growth_rate
 
 Configure = Callable[..., MonitorConfig]
 SECOND = 10**9
@@ -197,9 +198,15 @@ def test_a_prediction_that_is_not_seen_stays_and_is_doubted(configure: Configure
         _passage,
         _between(0.0, 0.0),
     )
-    plain = _scan(configure(), _passage, None)
     begin, end = np.flatnonzero(np.diff(scan.sticking))
-    assert begin == np.flatnonzero(np.diff(plain.sticking))[0]
+    # Not after three e-folds, as without a level, but when it should stick, after six.
+    points = scan.assessment
+    rates = growth_rate(config.bearings[0].bearing, points.speed, points.load)
+    grown = np.cumsum(np.maximum(rates[:-1], 0.0) * np.diff(scan.time_ns) * 1e-9)
+    due = scan.time_ns[1:][np.searchsorted(grown, 6.0)] * 1e-9
+    assert scan.time_ns[begin + 1] * 1e-9 == pytest.approx(due, abs=0.25)
+    plain = _scan(configure(), _passage, None)
+    assert np.flatnonzero(np.diff(plain.sticking))[0] < begin
     # It is over where steady sliding is stable again, at 30.74 rpm, and not before.
     assert scan.time_ns[end] * 1e-9 == pytest.approx(240.0 + 10.74 / 4.0, abs=0.25)
     unseen = max(scan.course.at(k).unseen for k in range(scan.time_ns.size))
