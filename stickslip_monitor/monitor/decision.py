@@ -421,7 +421,7 @@ class ConditionClassifier:
         growth, asks, forced = self.growth, _grown(self.config, point), False
         if self.level is not None:
             felt = _felt(self.config, point, measured, asks[0])
-            asks, forced = _with_measured(asks, felt), felt[0] or felt[2]
+            asks, forced = _with_measured(asks, felt), felt[0]
         growth.take(steps[0], asks[growth.on], time_ns, forced)
         now = [asks, *_asked(self.config, point, future, growth.on)]
         if self.level is not None:
@@ -511,7 +511,7 @@ class ConditionClassifier:
         growth.points, growth.fresh, growth.asks = points, fresh, _grown(self.config, points)
         if measured is not None:
             felt = _felt(self.config, points, measured, growth.asks[0])
-            growth.asks, growth.forced = _with_measured(growth.asks, felt), felt[0] | felt[2]
+            growth.asks, growth.forced = _with_measured(growth.asks, felt), felt[0]
             growth.shares = np.where(measured == NOT_VIBRATING, _UNSEEN_SHARE, 1.0)
         sticking, grown = follow(growth, times, starts, taken)
         asked = _asked(self.config, points, futures, sticking)

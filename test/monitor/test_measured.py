@@ -207,8 +207,9 @@ def test_a_prediction_that_is_not_seen_stays_and_is_doubted(configure: Configure
     assert scan.time_ns[begin + 1] * 1e-9 == pytest.approx(due, abs=0.25)
     plain = _scan(configure(), _passage, None)
     assert np.flatnonzero(np.diff(plain.sticking))[0] < begin
-    # It is over where steady sliding is stable again, at 30.74 rpm, and not before.
-    assert scan.time_ns[end] * 1e-9 == pytest.approx(240.0 + 10.74 / 4.0, abs=0.25)
+    # It is over when steady sliding has been stable again, from 30.74 rpm on, for 4.8 times
+    # 2m/c, 1.2 s, and not before.
+    assert scan.time_ns[end] * 1e-9 == pytest.approx(240.0 + 10.74 / 4.0 + 1.2, abs=0.25)
     unseen = max(scan.course.at(k).unseen for k in range(scan.time_ns.size))
     assert 200.0 < unseen < 220.0
     live = Monitor(config)
@@ -222,6 +223,17 @@ def test_a_prediction_that_is_not_seen_stays_and_is_doubted(configure: Configure
     text = live.bearings['aft'].text()
     assert 'No vibration has been measured for' in text
     assert str(live.condition('aft')) == 'stick_slip'
+
+
+def test_one_odd_value_does_not_let_quiet_end_a_prediction(configure: Configure) -> None:
+    def odd(time: Any) -> Any:
+        return np.where((time > 60.0) & (np.abs(time % 20.0 - 10.0) < 0.01), 36.0, _passage(time))
+
+    scan = _scan(configure(**LEVEL), odd, _between(0.0, 0.0))
+    # At 20 rpm, far below the Hopf speed of 30.74 rpm, with a value of 36 rpm every 20 s.
+    begin, end = np.flatnonzero(np.diff(scan.sticking))
+    assert scan.time_ns[begin] < 40 * 10**9
+    assert scan.time_ns[end] > 240 * 10**9
 
 
 @pytest.mark.parametrize(
