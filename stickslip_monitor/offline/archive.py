@@ -98,7 +98,10 @@ def spooled(stream: IO[bytes], show: Callable[[str, int, int | None], None]) -> 
         path = Path(folder) / 'standard_input.mcap'
         try:
             with path.open('wb') as file:
-                while piece := stream.read(_PIECE):
+                is_mcap = True
+                while is_mcap and (piece := stream.read(_PIECE)):
+                    # What is no recording may have no end; its reader says what it is.
+                    is_mcap = file.tell() > 0 or piece.startswith(b'\x89MCAP0\r\n')
                     file.write(piece)
                     show('reading standard input', file.tell(), None)
         except OSError as error:

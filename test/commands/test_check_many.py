@@ -220,3 +220,17 @@ def group_lives(group: int) -> bool:
     except ProcessLookupError:
         return False
     return True
+
+
+def test_a_stream_without_end_that_is_no_recording_is_refused_at_once() -> None:
+    with Path('/dev/zero').open('rb') as endless:
+        done = subprocess.run(
+            [sys.executable, '-m', 'stickslip_monitor.cli', 'check', '-', '-c', str(CONFIG)],
+            stdin=endless,
+            capture_output=True,
+            text=True,
+            timeout=60.0,
+            check=False,
+        )
+    assert done.returncode == 2
+    assert "'-' is not an MCAP recording" in done.stderr
