@@ -43,7 +43,7 @@ from stickslip_monitor.report.document import (
 )
 from stickslip_monitor.report.page import render
 from stickslip_monitor.report.parts import event_rows, facts, parameter_groups, shares
-from stickslip_monitor.report.summary import Course, finding_of, overall
+from stickslip_monitor.report.summary import GRADES, Course, finding_of, overall
 
 MARKS = {
     '.html': b'<meta name="generator" content="stickslip_monitor">',
@@ -61,7 +61,6 @@ _MOST_TOPICS = 100
 _MOST_ON_SHEET = 12
 # Of a recording; a page with more takes minutes to make and nobody looks at them all.
 _MOST_DRAWN = 12
-_URGENCY = ('alarm', 'unknown', 'warning', 'clear')
 _DRAWING = threading.Lock()
 _NOT_DRAWN = (
     f'Not drawn: pictures are of the {_MOST_DRAWN} bearings of a recording that need a look most.'
@@ -272,7 +271,7 @@ def _bag_part(anchor: str, checked: CheckReport, cases: Sequence[_Case]) -> BagP
     troubles = [cut.text for cut in bag.cuts] + list(bag.warnings)
     topics = sorted(bag.topics.values(), key=lambda topic: topic.name)
     left = len(topics) - _MOST_TOPICS
-    by_urgency = sorted(cases, key=lambda case: _URGENCY.index(case.finding.grade))
+    by_urgency = sorted(cases, key=lambda case: -GRADES.index(case.finding.grade))
     drawn_ones = {case.config.name for case in by_urgency[:_MOST_DRAWN]}
     return BagPart(
         anchor=anchor,

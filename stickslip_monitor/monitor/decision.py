@@ -8,9 +8,9 @@ predicts stick-slip from ``E = alarm.onset_growth`` on. It ends when the point h
 cycle exists for :data:`DECAY` times ``2 m/c``, net time, both ways.
 
 Where vibration is *measured* (:mod:`.measured`) it takes over that memory: stick-slip runs where
-vibration is seen and a cycle may exist, and does not where none is seen and it would not start by
-itself. Vibration where no cycle can be is a rung of its own. A level that says nothing changes
-nothing.
+vibration is seen and a cycle may exist, and ends where none is seen and it would not start by
+itself; where it would, growth that is not seen counts half. Vibration where no cycle can be is a
+rung of its own. A level that says nothing changes nothing.
 
 The rungs are raised and cleared by integrating delays (:mod:`.latch`) whose increments no single
 value can dominate (:mod:`.freshness`). A rung that keeps returning is held (:data:`HOLDS`).
@@ -295,14 +295,11 @@ def _above(point: Assessment | Assessments, sliding: Any, limit: float) -> tuple
     return sliding & (can > limit), sliding & (can >= LEFT_BELOW * limit)
 
 
-def _felt(
-    config: AlarmConfig, point: Assessment | Assessments, measured: Any, starts: Any
-) -> tuple[Any, Any, Any]:
+def _felt(close: tuple[Any, Any], measured: Any, starts: Any) -> tuple[Any, Any, Any]:
     """What measured vibration says of a point.
 
     Args:
-        config: The alarm.
-        point: Assessment of scalars, or of arrays of shape (n,).
+        close: What :func:`near_fold` says of it, scalars or arrays of shape (n,).
         measured: What the level says, place in :data:`MEASURED`, of the same shape.
         starts: Whether a disturbance grows, of the same shape.
 
@@ -310,7 +307,7 @@ def _felt(
         Whether vibration is measured where a cycle may exist: one that begins, and one that goes
         on; and whether none is measured where none starts by itself.
     """
-    near, wide = near_fold(config, point)
+    near, wide = close
     seen = measured == VIBRATING
     quiet = (measured == NOT_VIBRATING) & (starts ^ True)
     return seen & near, seen & wide, quiet
@@ -322,11 +319,9 @@ def _with_measured(asks: tuple[Any, Any], felt: tuple[Any, Any, Any]) -> tuple[A
     return start | seen, (end & (goes_on ^ True)) | quiet
 
 
-def _unexplained(
-    config: AlarmConfig, point: Assessment | Assessments, measured: Any, sticking: Any
-) -> tuple[Any, Any]:
+def _unexplained(close: tuple[Any, Any], measured: Any, sticking: Any) -> tuple[Any, Any]:
     """Where vibration is measured that can be no stick-slip, and where it is not."""
-    near, wide = near_fold(config, point)
+    near, wide = close
     other = (measured == VIBRATING) & (sticking ^ True)
     return other & (near ^ True), (other & (wide ^ True)) ^ True
 
@@ -420,13 +415,13 @@ class ConditionClassifier:
         steps = self._steps(covered, rhythm)
         growth, asks, forced = self.growth, _grown(self.config, point), False
         if self.level is not None:
-            felt = _felt(self.config, point, measured, asks[0])
+            close = near_fold(self.config, point)
+            felt = _felt(close, measured, asks[0])
             asks, forced = _with_measured(asks, felt), felt[0]
         growth.take(steps[0], asks[growth.on], time_ns, forced)
         now = [asks, *_asked(self.config, point, future, growth.on)]
         if self.level is not None:
-            other = self._other(point, measured, growth.on)
-            now.insert(1, other)
+            now.insert(1, self._other(close, measured, growth.on))
             self._see(measured, time_ns)
             growth.share = _UNSEEN_SHARE if measured == NOT_VIBRATING else 1.0
         for level, step, asked in zip(self.levels, steps[1:], now[1:], strict=True):
@@ -435,11 +430,11 @@ class ConditionClassifier:
         self._before, self._point = now, point
         return self._standing()
 
-    def _other(self, point: Assessment | Assessments, measured: Any, sticking: Any) -> Any:
+    def _other(self, close: tuple[Any, Any], measured: Any, sticking: Any) -> Any:
         """Whether there is vibration that is no stick-slip; a learned threshold cannot know."""
         assert self.level is not None
         known = measured if not self.level.learns else measured * 0
-        return _unexplained(self.config, point, known, sticking)
+        return _unexplained(close, known, sticking)
 
     def _see(self, measured: int, time_ns: int) -> None:
         self._measured = MEASURED[measured]
@@ -510,13 +505,14 @@ class ConditionClassifier:
         growth = self.growth
         growth.points, growth.fresh, growth.asks = points, fresh, _grown(self.config, points)
         if measured is not None:
-            felt = _felt(self.config, points, measured, growth.asks[0])
+            close = near_fold(self.config, points)
+            felt = _felt(close, measured, growth.asks[0])
             growth.asks, growth.forced = _with_measured(growth.asks, felt), felt[0]
             growth.shares = np.where(measured == NOT_VIBRATING, _UNSEEN_SHARE, 1.0)
         sticking, grown = follow(growth, times, starts, taken)
         asked = _asked(self.config, points, futures, sticking)
         if measured is not None:
-            asked.insert(0, self._other(points, measured, sticking))
+            asked.insert(0, self._other(close, measured, sticking))
         rung = np.zeros(times.size, np.int8)
         levels = {}
         for level, asks in zip(self.levels, asked, strict=True):
@@ -633,4 +629,4 @@ class Decisions:
 
 def warns(config: AlarmConfig, point: Assessment) -> bool:
     """Whether an operating point by itself, of scalars, asks for caution or worse."""
-    return bool(_asked(config, point, math.nan, False)[0][False])
+    return bool(near_fold(config, point)[0])

@@ -33,6 +33,7 @@ from stickslip_monitor.monitor.level_modes import LearnedThreshold, decibels
 from stickslip_monitor.monitor.signals import (
     Levels,
     Status,
+    judge_stamp,
     number_to_si,
     to_si,
     value_faults,
@@ -188,23 +189,13 @@ class LevelTracker:
         si, fault = number_to_si(self.config, value)
         if not fault and si < 0.0 and not self._in_db:
             fault = Status.IMPLAUSIBLE
-        status = fault or self._judge_stamp(time_ns)
+        status = fault or judge_stamp(time_ns, self.last_ns, self.config.timeout_ns)
         self.counts[status] += 1
         if status is Status.CLOCK_JUMP:
             self.restart()
         if status.believed:
             self._take(time_ns, si)
         return status
-
-    def _judge_stamp(self, time_ns: int) -> Status:
-        last = self.last_ns
-        if last is None or time_ns > last:
-            return Status.ACCEPTED
-        if time_ns == last:
-            return Status.REPEATED
-        return (
-            Status.CLOCK_JUMP if last - time_ns > self.config.timeout_ns else Status.OUT_OF_ORDER
-        )
 
     def _take(self, time_ns: int, si: float) -> None:
         last_ns, self.last_ns = self.last_ns, time_ns

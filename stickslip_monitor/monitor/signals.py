@@ -154,6 +154,15 @@ def number_to_si(config: InputConfig, number: float) -> tuple[float, Status]:
     return si, Status.IMPLAUSIBLE if math.isfinite(si) else Status.NOT_FINITE
 
 
+def judge_stamp(time_ns: int, last_ns: int | None, timeout_ns: int) -> Status:
+    """Status of a stamp after the last one believed of its input, ``None`` where there is none."""
+    if last_ns is None or time_ns > last_ns:
+        return Status.ACCEPTED
+    if time_ns == last_ns:
+        return Status.REPEATED
+    return Status.CLOCK_JUMP if last_ns - time_ns > timeout_ns else Status.OUT_OF_ORDER
+
+
 class SampleValidator:
     """Decides sample by sample what is believed, from the stamps of a bearing's two inputs."""
 
@@ -164,20 +173,10 @@ class SampleValidator:
 
     def admit(self, is_load: int, time_ns: int, fault: Status) -> Status:
         """Judge one sample, given the fault of its value, and remember its stamp if believed."""
-        status = fault or self._judge_stamp(is_load, time_ns)
+        status = fault or judge_stamp(time_ns, self.last_ns[is_load], self.timeouts[is_load])
         if status is Status.CLOCK_JUMP:
             self.last_ns[1 - is_load] = None
         if status.believed:
             self.last_ns[is_load] = time_ns
         self.counts[is_load, status] += 1
         return status
-
-    def _judge_stamp(self, is_load: int, time_ns: int) -> Status:
-        last = self.last_ns[is_load]
-        if last is None or time_ns > last:
-            return Status.ACCEPTED
-        if time_ns == last:
-            return Status.REPEATED
-        if last - time_ns > self.timeouts[is_load]:
-            return Status.CLOCK_JUMP
-        return Status.OUT_OF_ORDER

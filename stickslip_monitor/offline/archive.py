@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import IO
 
+from stickslip_monitor.bags.mcap_records import MAGIC
 from stickslip_monitor.bags.metadata import FILE_NAME
 from stickslip_monitor.bags.reader import natural
 from stickslip_monitor.errors import BagError
@@ -101,7 +102,7 @@ def spooled(stream: IO[bytes], show: Callable[[str, int, int | None], None]) -> 
                 is_mcap = True
                 while is_mcap and (piece := stream.read(_PIECE)):
                     # What is no recording may have no end; its reader says what it is.
-                    is_mcap = file.tell() > 0 or piece.startswith(b'\x89MCAP0\r\n')
+                    is_mcap = file.tell() > 0 or piece.startswith(MAGIC)
                     file.write(piece)
                     show('reading standard input', file.tell(), None)
         except OSError as error:

@@ -17,13 +17,14 @@ from stickslip_monitor.report.document import Finding
 
 STICKING = (Condition.STICK_SLIP, Condition.AMPLITUDE)
 _MOST_NAMED = 10
-_GRADES = ('clear', 'unknown', 'warning', 'alarm')
 _WORDS = {
     'clear': 'Clear',
     'unknown': 'No verdict',
     'warning': 'Warning',
     'alarm': 'Alarm',
 }
+GRADES = tuple(_WORDS)
+"""The grades of a finding, the worst last."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,8 +188,8 @@ def overall(parts: Sequence[tuple[str, Finding]]) -> Finding:
     """
     if len(parts) == 1:
         return parts[0][1]
-    grade = max((finding.grade for _, finding in parts), key=_GRADES.index)
-    counts = {g: sum(finding.grade == g for _, finding in parts) for g in _GRADES}
+    grade = max((finding.grade for _, finding in parts), key=GRADES.index)
+    counts = {g: sum(finding.grade == g for _, finding in parts) for g in GRADES}
     of = f'of {len(parts)} {_cases(parts)}'
     if counts['alarm']:
         text = f'Stick-slip was predicted in {counts["alarm"]} {of}.'
