@@ -397,12 +397,38 @@ def _words(
             yield MessageColumn(*topic, time_ns[own], np.full(own.size, data, data.dtype))
 
 
-class _SampleLog:
-    """What became of the samples, until their time has come."""
+class _StatusCounts:
+    """How many samples of one input came to each :class:`Status`, until their time has come."""
 
     def __init__(self) -> None:
-        self._counts = np.zeros((len(QUANTITIES), len(Status)), np.int64)
-        self._coming: dict[tuple[int, int], list[IntArray]] = {}
+        self._counts = np.zeros(len(Status), np.int64)
+        self._coming: dict[Status, list[IntArray]] = {}
+
+    def note(self, status: Status, stamp_ns: IntArray) -> None:
+        """Take samples of a status, by their stamps [ns]."""
+        if stamp_ns.size:
+            self._coming.setdefault(status, []).append(stamp_ns)
+
+    def at(self, ticks: IntArray, now_ns: int) -> NDArray[np.int64]:
+        """Counts at some times, shape (n, 6).
+
+        What is older than a time [ns] is only counted from then on.
+        """
+        counts = np.repeat(self._counts[np.newaxis], ticks.size, axis=0)
+        for status, parts in self._coming.items():
+            stamps = np.sort(np.concatenate(parts))
+            counts[:, status] += np.searchsorted(stamps, ticks, 'right')
+            done = int(np.searchsorted(stamps, now_ns, 'right'))
+            self._counts[status] += done
+            parts[:] = [stamps[done:]]
+        return counts
+
+
+class _SampleLog:
+    """What became of the samples of speed and load."""
+
+    def __init__(self) -> None:
+        self._counts = [_StatusCounts() for _ in QUANTITIES]
         self._believed: list[IntArray] = [np.array([_NEVER])] * len(QUANTITIES)
 
     def take(self, block: BearingBlock) -> None:
@@ -418,24 +444,13 @@ class _SampleLog:
                 self._note(row, each, stream.time_ns[own & (status == each)])
 
     def _note(self, row: int, status: Status, stamp_ns: IntArray) -> None:
-        if not stamp_ns.size:
-            return
-        self._coming.setdefault((row, status), []).append(stamp_ns)
+        self._counts[row].note(status, stamp_ns)
         if status.believed:
             self._believed[row] = np.append(self._believed[row], stamp_ns)
 
     def at(self, ticks: IntArray, now_ns: int) -> tuple[NDArray[np.int64], IntArray]:
-        """Counts at some times, shape (n, 2, 6), and the last stamps believed, (n, 2) [ns].
-
-        What is older than a time [ns] is only counted from then on.
-        """
-        counts = np.repeat(self._counts[np.newaxis], ticks.size, axis=0)
-        for (row, status), parts in self._coming.items():
-            stamps = np.sort(np.concatenate(parts))
-            counts[:, row, status] += np.searchsorted(stamps, ticks, 'right')
-            done = int(np.searchsorted(stamps, now_ns, 'right'))
-            self._counts[row, status] += done
-            parts[:] = [stamps[done:]]
+        """Counts at some times, shape (n, 2, 6), and the last stamps believed, (n, 2) [ns]."""
+        counts = np.stack([each.at(ticks, now_ns) for each in self._counts], axis=1)
         believed = np.empty((ticks.size, len(QUANTITIES)), np.int64)
         for row, stamps in enumerate(self._believed):
             ordered = np.sort(stamps)
@@ -446,12 +461,11 @@ class _SampleLog:
 
 
 class _LevelLog:
-    """What the level said, and what became of its values, until their time has come."""
+    """What the level said, and what became of its values."""
 
     def __init__(self, config: LevelConfig) -> None:
         self._config = config
-        self._counts = np.zeros(len(Status), np.int64)
-        self._coming: list[list[IntArray]] = [[] for _ in Status]
+        self._counts = _StatusCounts()
         self._said = np.empty((3, 0), np.int64)
 
     def take(self, block: BearingBlock) -> None:
@@ -462,19 +476,13 @@ class _LevelLog:
         self._said = np.append(
             self._said, [course.time_ns, course.changed_ns, course.code.astype(np.int64)], axis=1
         )
-        for status, parts in zip(Status, self._coming, strict=True):
-            parts.append(levels.time_ns[course.status == status])
+        for status in Status:
+            self._counts.note(status, levels.time_ns[course.status == status])
 
     def at(self, ticks: IntArray, now_ns: int) -> list[LevelState]:
         """What it said at some times, up to a time read [ns]."""
-        counts = np.repeat(self._counts[np.newaxis], ticks.size, axis=0)
-        for status, parts in zip(Status, self._coming, strict=True):
-            stamps = np.sort(np.concatenate([*parts, np.empty(0, np.int64)]))
-            counts[:, status] += np.searchsorted(stamps, ticks, 'right')
-            done = int(np.searchsorted(stamps, now_ns, 'right'))
-            self._counts[status] += done
-            parts[:] = [stamps[done:]]
-        said = self._said = self._said[:, np.argsort(self._said[0], kind='stable')]
+        counts = self._counts.at(ticks, now_ns)
+        said = self._said[:, np.argsort(self._said[0], kind='stable')]
         places = (np.searchsorted(said[0], ticks, 'right') - 1).tolist()
         self._said = said[:, max(int(np.searchsorted(said[0], now_ns, 'right')) - 1, 0) :]
         times = zip(ticks.tolist(), places, counts, strict=True)
