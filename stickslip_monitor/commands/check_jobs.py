@@ -113,7 +113,12 @@ def check_one(task: Task, bag: Path, progress: Progress | None = None) -> Found:
         StickslipError: It cannot be checked.
     """
     show = progress or _unseen
-    checked = check_bag(bag, task.config, lambda done, total: show(str(bag), done, total))
+    checked = check_bag(
+        bag,
+        task.config,
+        lambda done, total: show(str(bag), done, total),
+        outlined=task.report not in (None, '.json'),
+    )
     if task.mcap is not None:
         _write_mcap(task.mcap, checked, task.config, show)
     clips = None if task.clips is None else _write_clips(task.clips, checked, task.config)

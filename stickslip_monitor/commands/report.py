@@ -27,9 +27,7 @@ from stickslip_monitor.monitor.config import BearingConfig, InputConfig, Monitor
 from stickslip_monitor.monitor.config_file import load_parameters
 from stickslip_monitor.monitor.source_faults import fault_text
 from stickslip_monitor.offline.check import BearingReport, CheckReport, InputReport
-from stickslip_monitor.offline.follow import follow
 from stickslip_monitor.offline.intervals import condition_intervals
-from stickslip_monitor.offline.outline import Outline, Outliner
 from stickslip_monitor.report import formatting
 from stickslip_monitor.report.document import (
     BagPart,
@@ -192,17 +190,13 @@ def make_part(
     Args:
         suffix: The ending of the report; one for programs has no such part.
         config: The configuration.
-        checked: What the check found.
+        checked: What the check found, with outlines.
         anchor: A word that tells this recording from the others on a page.
     """
     if suffix == '.json':
         return None
     name = _name(checked.bag.path)
-    outlines = follow(checked.bag, config, Outliner).followers
-    cases = [
-        _case(name, config, checked, item, outlines[item.name].outline())
-        for item in checked.bearings.values()
-    ]
+    cases = [_case(name, config, checked, item) for item in checked.bearings.values()]
     findings = tuple((name, case.finding) for case in cases)
     # matplotlib's settings belong to the process, not to one of its threads.
     with _DRAWING:
@@ -228,9 +222,8 @@ def _name(path: Path) -> str:
     return printable(Path(os.path.realpath(path)).name)
 
 
-def _case(
-    bag: str, config: MonitorConfig, checked: CheckReport, item: BearingReport, outline: Outline
-) -> _Case:
+def _case(bag: str, config: MonitorConfig, checked: CheckReport, item: BearingReport) -> _Case:
+    assert item.outline is not None
     start, end = checked.start_ns or 0, checked.end_ns or 0
     own = config.bearing(item.name)
     parts = condition_intervals(item.events, start, end)
@@ -242,7 +235,7 @@ def _case(
     asked = [
         f'{each.quantity} on {each.topic} {q}' for each in item.inputs for q in each.questions
     ]
-    course = Course(own, outline, parts, item.seconds, item.worst, doubts, asked)
+    course = Course(own, item.outline, parts, item.seconds, item.worst, doubts, asked)
     return _Case(bag, own, course, finding_of(course))
 
 

@@ -10,6 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,7 @@ from stickslip_monitor.monitor.source_faults import (
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.follow import BearingBlock, follow, requests_of
 from stickslip_monitor.offline.intervals import Extreme, Worst
+from stickslip_monitor.offline.outline import Outline, Outliner
 
 _MOST_NAMED = 5
 
@@ -161,6 +163,7 @@ class BearingReport:
             a quantity that never had a value is absent.
         inputs: What came of speed and load, and of a level.
         measured: Time by what the measured vibration said [s]; ``None`` where none is configured.
+        outline: The outline of its verdicts; ``None`` where none was asked for.
     """
 
     name: str
@@ -170,6 +173,7 @@ class BearingReport:
     worst: dict[str, Extreme]
     inputs: tuple[InputReport, ...]
     measured: dict[str, float] | None = None
+    outline: Outline | None = None
 
     @property
     def complaints(self) -> list[str]:
@@ -207,7 +211,10 @@ class CheckReport:
 
 
 def check_bag(
-    path: str | Path, config: MonitorConfig, progress: Progress | None = None
+    path: str | Path,
+    config: MonitorConfig,
+    progress: Progress | None = None,
+    outlined: bool = False,
 ) -> CheckReport:
     """Run the monitor over a bag.
 
@@ -215,6 +222,7 @@ def check_bag(
         path: A rosbag2 folder or an .mcap file.
         config: The configuration; its topics must be in the bag.
         progress: Called with bytes read and bytes in all.
+        outlined: Whether the outlines of the verdicts are kept, to be drawn.
 
     Returns:
         The report.
@@ -226,7 +234,7 @@ def check_bag(
     if bag.files and not any(file.stat().st_size for file in bag.files):
         raise BagError(f"bag '{path}' is empty: 0 bytes")
     _check_topics(bag, config)
-    found = follow(bag, config, _BearingCheck, progress)
+    found = follow(bag, config, partial(_BearingCheck, outlined=outlined), progress)
     start, end = found.start_ns, found.end_ns
     span_ns = end - start if start is not None and end is not None else 0
     reports = {
@@ -263,8 +271,9 @@ def _facts(source: InputConfig) -> InputFacts:
 class _BearingCheck:
     """Adds up what the monitor says of one bearing."""
 
-    def __init__(self, config: BearingConfig) -> None:
+    def __init__(self, config: BearingConfig, outlined: bool) -> None:
         self._config = config
+        self._outliner = Outliner(config) if outlined else None
         self._inputs = [_InputCheck(config, k) for k in range(len(config.inputs))]
         self._plausibility = Plausibility(config)
         self._worst = Worst()
@@ -286,6 +295,8 @@ class _BearingCheck:
             self._measured_ns += _lasting_ns(scan, scan.course.measured, MEASURED)
         if scan.level is not None:
             self._unknown = scan.level.unknown
+        if self._outliner is not None:
+            self._outliner.take(block)
         for each in self._inputs:
             each.take(block)
 
@@ -310,6 +321,7 @@ class _BearingCheck:
                 for k, (each, own) in enumerate(zip(self._inputs, faults, strict=True))
             ),
             None if self._config.level is None else {k.value: lasting for k, lasting in measured},
+            None if self._outliner is None else self._outliner.outline(),
         )
 
 
