@@ -26,29 +26,29 @@ from stickslip_monitor.commands.score_scenes import FIGURES, written
 from stickslip_monitor.drawing.canvas import new_figure, save_figure, style
 from stickslip_monitor.drawing.palette import INK, MUTED
 from stickslip_monitor.errors import CalibrationError
-from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.physics.averaging.dimensionless import decline, speed_for_decline
-from stickslip_monitor.physics.belief import Belief, probability_runs
-from stickslip_monitor.scenes.scene_file import load_scene
-from stickslip_monitor.study.calibration.calibrate import (
+from stickslip_monitor.lab.calibration.calibrate import (
     Calibration,
     belief_in,
     calibrate,
     dip_limit,
 )
-from stickslip_monitor.study.calibration.dips import (
+from stickslip_monitor.lab.calibration.dips import (
     BIN_NS,
     Dip,
     TelemetryBins,
     VibrationReport,
     cut_dips,
 )
-from stickslip_monitor.study.calibration.evidence import TRUST, TRUTH_TOLERANCE, alternating
-from stickslip_monitor.study.calibration.likelihood import Likelihood
-from stickslip_monitor.study.calibration.posterior import prior_of
-from stickslip_monitor.study.calibration.recordings import courses_of
-from stickslip_monitor.study.voyages import OURS, Sailed, cases_of
-from stickslip_monitor.study.warning_quality import Quality, pooled
+from stickslip_monitor.lab.calibration.evidence import TRUST, TRUTH_TOLERANCE, alternating
+from stickslip_monitor.lab.calibration.likelihood import Likelihood
+from stickslip_monitor.lab.calibration.posterior import prior_of
+from stickslip_monitor.lab.calibration.recordings import courses_of
+from stickslip_monitor.lab.scenes.scene_file import load_scene
+from stickslip_monitor.lab.voyages import OURS, Sailed, cases_of
+from stickslip_monitor.lab.warning_quality import Quality, pooled
+from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.physics.averaging.dimensionless import decline, speed_for_decline
+from stickslip_monitor.physics.belief import Belief, probability_runs
 
 Array = NDArray[np.float64]
 

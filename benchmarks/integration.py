@@ -15,11 +15,11 @@ import numpy as np
 from benchmarks.reference import LOAD, bearing
 from benchmarks.table import Table, absent, duration, ratio
 from benchmarks.timing import in_turns
+from stickslip_monitor.lab.accuracy.method import Method, breakaway, typical_period
+from stickslip_monitor.lab.accuracy.own_methods import Samples, turning_points
+from stickslip_monitor.lab.accuracy.time_stepping import Regularised, Switching
 from stickslip_monitor.physics.cycle.cycles import exact_cycle
 from stickslip_monitor.physics.motion.integrator import FAST, Drive, MotionState, integrate
-from stickslip_monitor.study.accuracy.method import Method, breakaway, typical_period
-from stickslip_monitor.study.accuracy.own_methods import Samples, turning_points
-from stickslip_monitor.study.accuracy.time_stepping import Regularised, Switching
 
 RPM, CYCLES = 20.0, 10.0
 BEARING = bearing()

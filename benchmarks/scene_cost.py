@@ -22,10 +22,10 @@ import numpy as np
 import yaml
 
 from stickslip_monitor.commands.simulate import TELEMETRY, write_bag
-from stickslip_monitor.scenes.cost import REST, Stopwatch
-from stickslip_monitor.scenes.effects.registry import EFFECTS
-from stickslip_monitor.scenes.scene import Scene
-from stickslip_monitor.scenes.scene_file import load_scene
+from stickslip_monitor.lab.scenes.cost import REST, Stopwatch
+from stickslip_monitor.lab.scenes.effects.registry import EFFECTS
+from stickslip_monitor.lab.scenes.scene import Scene
+from stickslip_monitor.lab.scenes.scene_file import load_scene
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / 'docs' / 'scenes.md'

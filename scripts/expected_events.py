@@ -30,9 +30,9 @@ from scipy.special import ive
 
 from stickslip_monitor.bags.reader import Bag
 from stickslip_monitor.bags.values import Request
+from stickslip_monitor.lab.scenes.scene import Scene
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.friction import Stribeck
-from stickslip_monitor.scenes.scene import Scene
 
 # Noise of this many standard deviations, on both signals at once, is allowed for.
 SIGMAS = 4.0

@@ -31,11 +31,8 @@ from stickslip_monitor.commands.output import (
 from stickslip_monitor.drawing.canvas import MARKS, checked_suffix, save_figure, write_csv
 from stickslip_monitor.drawing.pareto import MethodMark, Panel, draw_pareto
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.monitor.messages import number
-from stickslip_monitor.physics.motion import integrator
-from stickslip_monitor.physics.oscillator import Bearing
-from stickslip_monitor.study.accuracy.cases import BASE, CASES, TYPICAL, Case, ladder
-from stickslip_monitor.study.accuracy.measurement import (
+from stickslip_monitor.lab.accuracy.cases import BASE, CASES, TYPICAL, Case, ladder
+from stickslip_monitor.lab.accuracy.measurement import (
     QUICK,
     Effort,
     Row,
@@ -46,8 +43,11 @@ from stickslip_monitor.study.accuracy.measurement import (
     read_rows,
     summarise,
 )
-from stickslip_monitor.study.accuracy.method import Method
-from stickslip_monitor.study.accuracy.own_methods import Samples
+from stickslip_monitor.lab.accuracy.method import Method
+from stickslip_monitor.lab.accuracy.own_methods import Samples
+from stickslip_monitor.monitor.messages import number
+from stickslip_monitor.physics.motion import integrator
+from stickslip_monitor.physics.oscillator import Bearing
 
 SCHEMA = 'stickslip_monitor/accuracy/1'
 _WIDEST = 220

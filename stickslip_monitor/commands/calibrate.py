@@ -40,6 +40,28 @@ from stickslip_monitor.commands.output import (
 )
 from stickslip_monitor.errors import ConfigurationError, cause
 from stickslip_monitor.files import write_whole
+from stickslip_monitor.lab.calibration.calibrate import (
+    FLOOR,
+    Calibration,
+    belief_in,
+    calibrate,
+)
+from stickslip_monitor.lab.calibration.dips import (
+    Dip,
+)
+from stickslip_monitor.lab.calibration.evidence import (
+    read_reports,
+)
+from stickslip_monitor.lab.calibration.posterior import SEED, Prior, prior_of
+from stickslip_monitor.lab.calibration.recordings import EvidenceSource
+from stickslip_monitor.lab.calibration.result import (
+    FRAGMENT_MARK,
+    fragment,
+    inputs_of,
+    prior_from,
+    prior_with_bench,
+    to_document,
+)
 from stickslip_monitor.monitor.calibration_file import (
     CALIBRATION_SCHEMA,
     load_calibration,
@@ -49,28 +71,6 @@ from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.offline.follow import scan_whole
 from stickslip_monitor.physics.belief import QUANTILES, Belief
-from stickslip_monitor.study.calibration.calibrate import (
-    FLOOR,
-    Calibration,
-    belief_in,
-    calibrate,
-)
-from stickslip_monitor.study.calibration.dips import (
-    Dip,
-)
-from stickslip_monitor.study.calibration.evidence import (
-    read_reports,
-)
-from stickslip_monitor.study.calibration.posterior import SEED, Prior, prior_of
-from stickslip_monitor.study.calibration.recordings import EvidenceSource
-from stickslip_monitor.study.calibration.result import (
-    FRAGMENT_MARK,
-    fragment,
-    inputs_of,
-    prior_from,
-    prior_with_bench,
-    to_document,
-)
 
 _PRIOR_DRAWS = 512
 _RESULT_MARK = CALIBRATION_SCHEMA.encode()
@@ -255,7 +255,7 @@ def _picture(config: BearingConfig, found: Calibration) -> Any:
 
 def _track(one: Any, rpm: float, found: Calibration) -> Any:
     from stickslip_monitor.drawing.calibration import DipTrack
-    from stickslip_monitor.study.calibration.likelihood import LOAD_TERM
+    from stickslip_monitor.lab.calibration.likelihood import LOAD_TERM
 
     dip, time = one.dip, one.dip.time_ns[: one.dip.path.shape[0]]
     squeal, doubtful = (np.zeros(time.size, dtype=bool) for _ in range(2))

@@ -39,8 +39,8 @@ from stickslip_monitor.files import is_same
 if TYPE_CHECKING:
     from stickslip_monitor.commands.check_jobs import Output
     from stickslip_monitor.commands.report import ReportFile
+    from stickslip_monitor.lab.calibration.recordings import EvidenceSource
     from stickslip_monitor.monitor.config import MonitorConfig
-    from stickslip_monitor.study.calibration.recordings import EvidenceSource
 
 STDIN = '-'
 
@@ -158,7 +158,7 @@ def _lessons(
     meter: ProgressBar,
 ) -> list[str]:
     """What all bags together teach of each bearing."""
-    from stickslip_monitor.study.calibration.proposal import learned
+    from stickslip_monitor.lab.calibration.proposal import learned
 
     reports = () if args.learn in ('level', 'truth') else ('--reports', args.learn)
     lessons = []

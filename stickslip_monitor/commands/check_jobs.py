@@ -28,7 +28,7 @@ from stickslip_monitor.offline.follow import scan_whole
 
 if TYPE_CHECKING:
     from stickslip_monitor.commands.report import ReportPart
-    from stickslip_monitor.study.calibration.recordings import Evidence, EvidenceSource
+    from stickslip_monitor.lab.calibration.recordings import Evidence, EvidenceSource
 
 Progress = Callable[[str, int, int | None], None]
 

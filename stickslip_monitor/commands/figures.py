@@ -33,10 +33,7 @@ from stickslip_monitor.drawing.findings_curves import (
     draw_motion,
 )
 from stickslip_monitor.errors import ConfigurationError, DrawingError
-from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.physics.motion.integrator import Drive, MotionState, integrate
-from stickslip_monitor.physics.oscillator import Bearing
-from stickslip_monitor.study.findings.published import (
+from stickslip_monitor.lab.findings.published import (
     REFERENCE,
     REFERENCE_LOAD,
     REFERENCE_RPM,
@@ -44,7 +41,10 @@ from stickslip_monitor.study.findings.published import (
     friction_curves,
     stick_slip_history,
 )
-from stickslip_monitor.study.findings.sweeps import Sweep, over_kinetic, over_load, over_speed
+from stickslip_monitor.lab.findings.sweeps import Sweep, over_kinetic, over_load, over_speed
+from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.physics.motion.integrator import Drive, MotionState, integrate
+from stickslip_monitor.physics.oscillator import Bearing
 
 FORMATS = ('png', 'svg')
 

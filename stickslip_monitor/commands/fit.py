@@ -30,14 +30,14 @@ from stickslip_monitor.drawing.canvas import MARKS, checked_suffix, save_figure,
 from stickslip_monitor.drawing.friction_fit import Boundary, FrictionFitPicture, draw_friction_fit
 from stickslip_monitor.errors import ConfigurationError, plural
 from stickslip_monitor.files import write_whole
+from stickslip_monitor.lab.friction_fit.curve_file import Columns, FrictionCurve, read_curve
+from stickslip_monitor.lab.friction_fit.fit import StribeckFit, fit_stribeck
+from stickslip_monitor.lab.friction_fit.spread import BoundarySpread, boundary_spread
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import SPEED_UNITS
-from stickslip_monitor.study.friction_fit.curve_file import Columns, FrictionCurve, read_curve
-from stickslip_monitor.study.friction_fit.fit import StribeckFit, fit_stribeck
-from stickslip_monitor.study.friction_fit.spread import BoundarySpread, boundary_spread
 
 _FEWEST_DRAWS, _MOST_DRAWS = 100, 1_000_000
 _CURVE_POINTS = 400

@@ -17,12 +17,12 @@ from rich.table import Table
 
 from stickslip_monitor.commands.arguments import parse_load, parse_speed
 from stickslip_monitor.errors import plural
+from stickslip_monitor.lab.friction_fit.fit import StribeckFit
+from stickslip_monitor.lab.friction_fit.solve import UNITS
+from stickslip_monitor.lab.friction_fit.spread import BoundarySpread, Spread
+from stickslip_monitor.lab.friction_fit.uncertainty import VISCOUS_LEVEL
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.messages import number
-from stickslip_monitor.study.friction_fit.fit import StribeckFit
-from stickslip_monitor.study.friction_fit.solve import UNITS
-from stickslip_monitor.study.friction_fit.spread import BoundarySpread, Spread
-from stickslip_monitor.study.friction_fit.uncertainty import VISCOUS_LEVEL
 
 SCHEMA = 'stickslip_monitor/fit/1'
 

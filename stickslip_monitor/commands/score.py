@@ -36,13 +36,8 @@ from stickslip_monitor.commands.output import (
 )
 from stickslip_monitor.commands.score_scenes import is_scene, run_scenes
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
-from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.scan import Scan
-from stickslip_monitor.offline.follow import WholeBag, scan_whole
-from stickslip_monitor.offline.truth import TruthRecord, has_truth, read_truth
-from stickslip_monitor.study.recorder_clock import scan_on_recorder_clock
-from stickslip_monitor.study.score import (
+from stickslip_monitor.lab.recorder_clock import scan_on_recorder_clock
+from stickslip_monitor.lab.score import (
     EpisodeScore,
     Score,
     Truth,
@@ -50,6 +45,11 @@ from stickslip_monitor.study.score import (
     in_total,
     score_bearing,
 )
+from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.scan import Scan
+from stickslip_monitor.offline.follow import WholeBag, scan_whole
+from stickslip_monitor.offline.truth import TruthRecord, has_truth, read_truth
 
 SCHEMA = 'stickslip_monitor/score/1'
 

@@ -29,12 +29,12 @@ from stickslip_monitor.bags.mcap_file import Payload
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.commands.output import console
 from stickslip_monitor.errors import SceneError
+from stickslip_monitor.lab.scenes.cost import REST, Stopwatch
+from stickslip_monitor.lab.scenes.scene import Scene
+from stickslip_monitor.lab.scenes.scene_file import load_scene
+from stickslip_monitor.lab.scenes.simulator import simulate
+from stickslip_monitor.lab.scenes.telemetry import Signal
 from stickslip_monitor.offline.truth import BOOL, FLOAT64, STRING
-from stickslip_monitor.scenes.cost import REST, Stopwatch
-from stickslip_monitor.scenes.scene import Scene
-from stickslip_monitor.scenes.scene_file import load_scene
-from stickslip_monitor.scenes.simulator import simulate
-from stickslip_monitor.scenes.telemetry import Signal
 
 _ENCODERS: Mapping[str, Callable[[Any], Payload]] = {
     BOOL: lambda values: [encode_bool(value) for value in values],

@@ -11,7 +11,7 @@ import pytest
 
 from stickslip_monitor.cli import main
 from stickslip_monitor.commands import accuracy
-from stickslip_monitor.study.accuracy.measurement import Effort, read_rows
+from stickslip_monitor.lab.accuracy.measurement import Effort, read_rows
 
 STORED = str(Path(__file__).parents[2] / 'docs' / 'accuracy.csv')
 

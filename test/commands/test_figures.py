@@ -18,8 +18,8 @@ from stickslip_monitor.cli import main
 from stickslip_monitor.commands import figures
 from stickslip_monitor.drawing.canvas import style
 from stickslip_monitor.drawing.labels import Labeller
+from stickslip_monitor.lab.findings.published import REFERENCE
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.study.findings.published import REFERENCE
 
 CONFIG = str(Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml')
 NAMES = [

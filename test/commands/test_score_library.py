@@ -18,9 +18,9 @@ from typing import Any
 import pytest
 
 from stickslip_monitor.commands.score import Judged, judge_bag
+from stickslip_monitor.lab.scenes.scene_file import load_scene
+from stickslip_monitor.lab.score import in_total
 from stickslip_monitor.monitor.ladder import Condition
-from stickslip_monitor.scenes.scene_file import load_scene
-from stickslip_monitor.study.score import in_total
 
 ROOT = Path(__file__).parents[2]
 ENTRIES: dict[str, dict[str, Any]] = json.loads(

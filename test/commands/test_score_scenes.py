@@ -13,8 +13,8 @@ import yaml
 
 from stickslip_monitor.cli import main
 from stickslip_monitor.commands.score_scenes import judge_all
-from stickslip_monitor.scenes.scene_file import load_scene
-from stickslip_monitor.study.voyages import OURS, Call, judge
+from stickslip_monitor.lab.scenes.scene_file import load_scene
+from stickslip_monitor.lab.voyages import OURS, Call, judge
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / 'launch_configs'

@@ -20,7 +20,7 @@ from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
 from stickslip_monitor.commands.simulate import write_bag
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.scenes.scene_file import load_scene
+from stickslip_monitor.lab.scenes.scene_file import load_scene
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 CONFIG = """
@@ -179,7 +179,7 @@ def test_day_is_written_as_it_is_made(tmp_path: Path, scene: str) -> None:
         'import sys\n'
         'from dataclasses import replace\n'
         'from stickslip_monitor.commands.simulate import write_bag\n'
-        'from stickslip_monitor.scenes.scene_file import load_scene\n'
+        'from stickslip_monitor.lab.scenes.scene_file import load_scene\n'
         'scene = load_scene(sys.argv[1])\n'
         'for hours in (1, 24):\n'
         '    write_bag(replace(scene, duration=3600.0 * hours), f"{sys.argv[2]}/{hours}.mcap")\n'

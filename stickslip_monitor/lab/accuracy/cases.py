@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The methods compared, and the operating points on which they are, from easy to hard.
+
+The reference amplitudes are those of ``test/lab/accuracy/accuracy_reference.py``: Taylor series
+in 40 digits by mpmath, in the lab frame and in SI units, which shares no code with any method. A
+test computes some of them again.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from stickslip_monitor.lab.accuracy.harmonic_balance import HarmonicBalance
+from stickslip_monitor.lab.accuracy.method import Method
+from stickslip_monitor.lab.accuracy.own_methods import (
+    Averaging,
+    EventDriven,
+    ExactCycle,
+    Follow,
+    Surface,
+)
+from stickslip_monitor.lab.accuracy.perturbation import (
+    Cubic,
+    PolynomialAveraging,
+    SlipPerturbation,
+    ThomsenFidlin,
+)
+from stickslip_monitor.lab.accuracy.time_stepping import Regularised, Switching
+from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.physics.oscillator import Bearing
+
+BASE = Averaging()
+"""The method whose time others are compared with."""
+
+AT_ONCE = 1000
+ORDERS = (3, 5, 9, 15)
+HARMONICS = (1, 3, 7, 15, 31, 63)
+WIDTHS = (1e-3, 1e-4, 1e-5)
+
+
+def ladder(follow: Follow) -> tuple[Method, ...]:
+    """All methods, in the order of the tables.
+
+    Args:
+        follow: Follows a motion in time, for the event-driven integrator.
+    """
+    methods: list[Method] = [BASE, Averaging(AT_ONCE)]
+    methods += [PolynomialAveraging(order) for order in ORDERS]
+    methods += [ThomsenFidlin(), SlipPerturbation(), SlipPerturbation(AT_ONCE)]
+    methods += [HarmonicBalance(harmonics) for harmonics in HARMONICS]
+    methods += [Regularised(width, tight) for tight in (False, True) for width in WIDTHS]
+    methods += [Switching(False), Switching(True), Switching(True, 0.1)]
+    methods += [EventDriven(follow), ExactCycle(), ExactCycle(AT_ONCE)]
+    methods += [Surface(), Surface(AT_ONCE)]
+    return tuple(methods)
+
+
+REFERENCE_LAW = Stribeck(0.30, 0.10, 10.0)
+REFERENCE_BEARING = Bearing(50.0, 400.0, 2.0e6, REFERENCE_LAW, 0.100)
+_RPM = math.pi * 0.100 / 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """An operating point with the amplitude of its stable cycle.
+
+    Attributes:
+        name: Short and unique.
+        what: What makes it easy or hard.
+        bearing: The bearing.
+        speed: Surface speed ``V`` [m/s].
+        load: Load ``N`` [N].
+        reference: Amplitude to 15 digits or more [m].
+        quick: Whether a quick look has it.
+    """
+
+    name: str
+    what: str
+    bearing: Bearing
+    speed: float
+    load: float
+    reference: float
+    quick: bool = False
+
+
+def _bench(rpm: float, what: str, reference: float, quick: bool = False) -> Case:
+    speed = rpm * _RPM
+    return Case(f'{rpm:g} rpm', what, REFERENCE_BEARING, speed, 1000.0, reference, quick)
+
+
+def _bearing(damping: float, law: Stribeck | Cubic = REFERENCE_LAW) -> Bearing:
+    return Bearing(50.0, damping, 2.0e6, law, 0.100)
+
+
+CASES = (
+    Case(
+        'weak friction', 'eta = 0.002, 30 rpm: almost harmonic, overtakes the belt',
+        _bearing(4.0), 30.0 * _RPM, 10.0, 0.0007870856429556819,
+    ),
+    _bench(38.0, 'near the fold at 40.7 rpm', 0.001000211996591925, quick=True),
+    _bench(30.0, 'just below the Hopf speed', 0.0008048004753024688),
+    _bench(20.0, 'in the middle of the unstable range', 0.0005567552520338237, quick=True),
+    _bench(10.0, 'sticks for an eighth of the cycle', 0.0002969526471492934, quick=True),
+    _bench(2.0, 'crawls: far from harmonic', 6.520669876360655e-05),
+    _bench(40.0, 'grazes the belt: event location misses it', 0.001048880117242072, quick=True),
+    Case(
+        'viscous', 'nu = 0.05 s/m, 20 rpm: friction rises again',
+        _bearing(400.0, Stribeck(0.30, 0.10, 10.0, 0.05)), 20.0 * _RPM, 1000.0,
+        0.0005525388009365229,
+    ),
+    Case(
+        'zeta = 0.3', 'eta = 3, 20 rpm: strongly damped, strongly driven',
+        _bearing(6000.0), 20.0 * _RPM, 15000.0, 0.000978449202489445,
+    ),
+    Case(
+        'eta = 5', 'zeta = 0.02, 20 rpm: a relaxation oscillation, sticks for 70 % of the cycle',
+        _bearing(400.0), 20.0 * _RPM, 25000.0, 0.0026514206849174407,
+    ),
+    Case(
+        'cubic law', "Thomsen and Fidlin's law: mu_s 0.30, least 0.28 at 0.3 m/s",
+        _bearing(40.0, Cubic(0.30, 0.28, 0.30)), 0.12, 1000.0, 0.0006037724617986298,
+    ),
+)  # fmt: skip
+"""Easy ones first; the last is there for the one method that has its own law."""
+
+TYPICAL = '20 rpm'
+"""The case that stands for common use."""

@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Harmonic balance with H harmonics by the alternating frequency/time method.
+
+In units of ``V/omega`` and ``1/omega`` the motion is ``x'' + 2 zeta x' + x = lambda`` with the
+friction force ``lambda``, set-valued where the relative speed ``v = 1 - x'`` is zero. Dynamic
+Lagrangians make it single-valued: with ``Z`` the linear impedance,
+
+    y = Z x + e (1 - x')  and  lambda = y - e v*,  where  y is in  lambda(v*) + e v*
+
+has one solution ``v*`` once ``e`` exceeds the steepest fall of friction: ``v* = 0`` (stick) for
+``|y| <= mu_s N``, else a scalar root (slip). At a solution ``v* = v``. ``e`` weighs how hard a
+truncated series is held to the belt; the limit of many harmonics does not depend on it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.lab.accuracy.method import MethodOutcome, MethodResult, found
+from stickslip_monitor.physics.averaging.boundaries import stationary_amplitudes
+from stickslip_monitor.physics.friction import Coulomb
+from stickslip_monitor.physics.oscillator import Bearing
+
+_NEWTON, _HALVINGS, _INNER = 80, 12, 40
+_CONVERGED = 1e-11
+_SAMPLES_PER_HARMONIC, _FEWEST = 32, 256
+_LINEAR, _ROOT = 2.0, 4.0
+_FINE = 4096
+
+
+def _samples(harmonics: int) -> int:
+    wanted = max(_FEWEST, _SAMPLES_PER_HARMONIC * (harmonics + 1))
+    return 2 ** math.ceil(math.log2(wanted))
+
+
+class _Law:
+    """The friction force in units of ``m omega V`` over relative speeds in units of ``V``."""
+
+    def __init__(self, bearing: Bearing, speed: float, load: float) -> None:
+        self.law, self.speed = bearing.friction, speed
+        self.force = load / (bearing.mass * bearing.natural_frequency * speed)
+        self.static = self.force * self.law.static
+        panels = speed * np.linspace(0.0, 4.0, 401)
+        fall = -self.force * speed * float(np.min(self.law.slope(panels)))
+        scale = max(fall, 0.0) + self.static
+        self.penalty = _LINEAR * scale + _ROOT * math.sqrt(scale)
+        self.evaluations = 0
+
+    def resolvent(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Relative speed ``v*`` of ``y``, and ``d v*/d y``; zero while sticking."""
+        speed, slope = np.zeros_like(y), np.zeros_like(y)
+        slips = np.abs(y) > self.static
+        target = np.abs(y[slips])
+        v = (target - self.static) / self.penalty
+        rate = np.full_like(v, self.penalty)
+        for _ in range(_INNER):
+            self.evaluations += 1
+            force = self.force * self.law.coefficient(self.speed * v)
+            rate = self.penalty + self.force * self.speed * self.law.slope(self.speed * v)
+            step = (target - force - self.penalty * v) / rate
+            v = np.maximum(v + step, 0.0)
+            if np.all(np.abs(step) <= 1e-14 * (1.0 + v)):
+                break
+        speed[slips] = np.sign(y[slips]) * v
+        slope[slips] = 1.0 / rate
+        return speed, slope
+
+
+class _Series:
+    """Fourier series with H harmonics: ``[a_0, a_1, b_1, a_2, b_2, ...]`` on a grid of phases."""
+
+    def __init__(self, harmonics: int) -> None:
+        count = _samples(harmonics)
+        phase = 2.0 * np.pi * np.arange(count) / count
+        self.order = np.repeat(np.arange(1, harmonics + 1), 2)
+        angle = phase[:, None] * np.arange(1, harmonics + 1)
+        self.wave = np.ones((count, 2 * harmonics + 1))
+        self.wave[:, 1::2], self.wave[:, 2::2] = np.cos(angle), np.sin(angle)
+        self.project = 2.0 / count * self.wave.T
+        self.project[0] *= 0.5
+        # d/d(phase) of the coefficients: a_n <- n b_n, b_n <- -n a_n.
+        size = 2 * harmonics + 1
+        self.turn = np.zeros((size, size))
+        for n in range(1, harmonics + 1):
+            self.turn[2 * n - 1, 2 * n], self.turn[2 * n, 2 * n - 1] = n, -n
+
+
+@dataclass(slots=True)
+class _Problem:
+    """The balance of one operating point at one number of harmonics."""
+
+    series: _Series
+    law: _Law
+    damping: float
+
+    def residual(self, q: FloatArray, frequency: float) -> tuple[FloatArray, FloatArray]:
+        """Residual, and its Jacobian by the coefficients and (last column) the frequency."""
+        s, e = self.series, self.law.penalty
+        turn, size = s.turn, q.size
+        rate, bend = turn @ q, turn @ (turn @ q)
+        belt = np.zeros(size)
+        belt[0] = 1.0
+        impedance = np.eye(size) + frequency * (2.0 * self.damping * turn)
+        impedance += frequency**2 * turn @ turn
+        lean = belt - frequency * rate
+        v, slope = self.law.resolvent(s.wave @ (impedance @ q + e * lean))
+        by_q = np.empty((size, size + 1))
+        by_q[:, :size] = impedance - e * frequency * turn
+        by_q[:, size] = 2.0 * self.damping * rate + 2.0 * frequency * bend - e * rate
+        # lambda - Z x = e ((1 - x') - v*): the Jacobian follows from the same chain.
+        jacobian = -e * (s.project * slope) @ (s.wave @ by_q)
+        jacobian[:, :size] -= e * frequency * turn
+        jacobian[:, size] -= e * rate
+        return e * (lean - s.project @ v), jacobian
+
+    def newton(self, q: FloatArray, frequency: float) -> tuple[FloatArray, float, bool]:
+        """Damped semi-smooth Newton; the phase is fixed by ``b_1 = 0``."""
+        free = np.delete(np.arange(q.size + 1), 2)
+        z = np.append(q, frequency)
+        value, jacobian = self.residual(q, frequency)
+        for _ in range(_NEWTON):
+            size = float(np.linalg.norm(value))
+            if size <= _CONVERGED * self.law.penalty:
+                return z[:-1], float(z[-1]), True
+            step = np.zeros_like(z)
+            step[free] = _solve(jacobian[:, free], -value)
+            share = 1.0
+            for _ in range(_HALVINGS):
+                trial = z + share * step
+                value, jacobian = self.residual(trial[:-1], float(trial[-1]))
+                if float(np.linalg.norm(value)) < size:
+                    break
+                share *= 0.5
+            z = trial
+        return z[:-1], float(z[-1]), False
+
+
+def _solve(matrix: FloatArray, value: FloatArray) -> FloatArray:
+    try:
+        return np.asarray(np.linalg.solve(matrix, value), dtype=float)
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.lstsq(matrix, value, rcond=None)[0], dtype=float)
+
+
+def half_range(q: FloatArray) -> float:
+    """Half the peak-to-peak of a series, its extremes refined by Newton's method."""
+    n = np.arange(1, (q.size - 1) // 2 + 1)
+    count = max(_FINE, 16 * n.size)
+
+    def derivatives(phase: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        c, s = np.cos(np.multiply.outer(phase, n)), np.sin(np.multiply.outer(phase, n))
+        a, b = q[1::2], q[2::2]
+        return c @ a + s @ b, c @ (n * b) - s @ (n * a), -c @ (n * n * a) - s @ (n * n * b)
+
+    grid = 2.0 * np.pi * np.arange(count) / count
+    x = derivatives(grid)[0]
+    at = grid[[int(np.argmax(x)), int(np.argmin(x))]]
+    for _ in range(3):
+        _, slope, bend = derivatives(at)
+        at = at - slope / np.where(bend == 0.0, 1.0, bend)
+    top, bottom = derivatives(at)[0]
+    return 0.5 * float(top - bottom)
+
+
+@dataclass(frozen=True, slots=True)
+class HarmonicBalance:
+    """Harmonic balance by alternating frequency/time with Dynamic Lagrangians.
+
+    Args:
+        harmonics: ``H`` >= 1.
+    """
+
+    harmonics: int
+    points: int = 1
+    family: str = 'harmonic balance'
+    practice: str = (
+        'Fourier series with H harmonics and unknown frequency; friction is evaluated in time'
+        ' with Dynamic Lagrangians for the stick phase, Newton-Raphson from the KBM amplitude'
+        ' over 1, 3, 7, ... harmonics.'
+    )
+    source: str = (
+        'Cameron and Griffin, J. Appl. Mech. 56 (1989) 149-154; Nacivet, Pierre, Thouverez and'
+        ' Jezequel, J. Sound Vib. 265 (2003) 201-219'
+    )
+
+    @property
+    def name(self) -> str:
+        """See :class:`~.method.Method`."""
+        return f'harmonic balance, H = {self.harmonics}'
+
+    @property
+    def slow(self) -> bool:
+        """See :class:`~.method.Method`."""
+        return self.harmonics > 31
+
+    def refusal(self, bearing: Bearing, speed: float, load: float) -> str:
+        """A jump of the coefficient on leaving stick has no resolvent."""
+        law = bearing.friction
+        if isinstance(law, Coulomb) and law.static != law.kinetic:
+            return 'friction that drops by a jump at breakaway leaves the stick force undetermined'
+        return ''
+
+    def amplitude(self, bearing: Bearing, speed: float, load: float) -> MethodResult:
+        """See :class:`~.method.Method`."""
+        omega, law = bearing.natural_frequency, _Law(bearing, speed, load)
+        cycles = stationary_amplitudes(bearing, speed, load)
+        stable = cycles.amplitude[cycles.stable]
+        if not stable.size:
+            return found(math.nan, 0)
+        q = np.array([law.force * float(law.law.coefficient(speed)), 0.0, 0.0])
+        q[1], frequency, good = float(stable[-1]) * omega / speed, 1.0, False
+        for harmonics in _rungs(self.harmonics):
+            q = np.concatenate([q, np.zeros(2 * harmonics + 1 - q.size)])
+            problem = _Problem(_Series(harmonics), law, bearing.damping_ratio)
+            q, frequency, good = problem.newton(q, frequency)
+        if not good:
+            return MethodResult(math.nan, MethodOutcome.NOT_CONVERGED, law.evaluations)
+        size = half_range(q)
+        # Newton's method may fall to steady sliding, which balances too.
+        return found(size * speed / omega if size > 0.5 else math.nan, law.evaluations)
+
+
+def _rungs(harmonics: int) -> list[int]:
+    """1, 3, 7, ... up to the number asked for."""
+    rungs = [harmonics]
+    while rungs[0] > 1:
+        rungs.insert(0, (rungs[0] - 1) // 2 if rungs[0] > 2 else 1)
+    return rungs

@@ -1,0 +1,365 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A calibration: the posterior of a bearing's boundaries, and what its evidence is worth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.special import ndtri
+
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.lab.calibration.dips import Dip, VibrationReport, core_of
+from stickslip_monitor.lab.calibration.likelihood import (
+    BEGIN,
+    LOAD_TERM,
+    RIGHT,
+    STATE,
+    WRONG,
+    H,
+    Likelihood,
+)
+from stickslip_monitor.lab.calibration.posterior import (
+    SEED,
+    Posterior,
+    Prior,
+    Progress,
+    sample_posterior,
+)
+from stickslip_monitor.lab.calibration.two_states import STICKING
+from stickslip_monitor.physics.averaging.dimensionless import speed_for_decline
+from stickslip_monitor.physics.belief import QUANTILES, Belief
+
+FLOOR = 0.006
+"""Relative error of a boundary that no evidence takes away: the model's own."""
+_DOUBTFUL = 0.5
+_SURPRISING = 0.025
+_LAST, _TOO_MANY = 10, 3
+# Normal scores of the last ends, whose sum is beyond this with half a per cent.
+_RUN, _ONE_SIDED = 5, 2.8
+_JUDGES = 256
+_LIMIT_SHARE, _LIMIT_FACTOR = 0.99, 1.5
+_LOADS = 5
+_ONE_LOAD = 1.1
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeEnd:
+    """The end of one episode against what was expected of it before its dip.
+
+    Attributes:
+        time_ns: When it ended [ns].
+        speed: Surface speed there [m/s].
+        predicted: Median fold speed at the load there [m/s]; 0 where there was none.
+        late: Probability that it would have ended by then; 0.5 on average. Its report's tolerance
+            is allowed for: that of the time within it at which this is nearest to 0.5.
+    """
+
+    time_ns: int
+    speed: float
+    predicted: float
+    late: float
+
+    @property
+    def surprising(self) -> bool:
+        """Whether it was hardly to be expected."""
+        return not _SURPRISING < self.late < 1.0 - _SURPRISING
+
+    @property
+    def score(self) -> float:
+        """:attr:`late` as a normal score; positive for one that ended late."""
+        return float(ndtri(min(max(self.late, 1e-6), 1.0 - 1e-6)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DipResult:
+    """What a calibration makes of one dip.
+
+    Attributes:
+        dip: The dip.
+        log_predictive: Log probability of its reports after those of all dips before it.
+        worthless: Probability that each report is worthless, in their order.
+        ends: Its episodes' ends.
+    """
+
+    dip: Dip
+    log_predictive: float
+    worthless: tuple[float, ...]
+    ends: tuple[EpisodeEnd, ...]
+
+    @property
+    def doubtful(self) -> list[tuple[VibrationReport, float]]:
+        """Reports that are more likely worthless than not, with that probability."""
+        return [
+            (report, p)
+            for report, p in zip(self.dip.reports, self.worthless, strict=False)
+            if p > _DOUBTFUL
+        ]
+
+    @property
+    def surprising(self) -> bool:
+        """Whether what was seen was hardly to be expected."""
+        if not self.dip.episode:
+            return 0.5 * math.exp(self.log_predictive) < _SURPRISING
+        return any(end.surprising for end in self.ends)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """What the evidence tells of a bearing.
+
+    Attributes:
+        prior: What was believed before.
+        posterior: What is believed now.
+        dips: In order of time.
+        floor: Relative error of a boundary that no evidence takes away.
+        seed: Of the points drawn.
+    """
+
+    prior: Prior
+    posterior: Posterior
+    dips: tuple[DipResult, ...]
+    floor: float = FLOOR
+    seed: int = SEED
+
+    @property
+    def episodes(self) -> int:
+        """Reports of vibration."""
+        return sum(r.squeal for one in self.dips for r in one.dip.reports)
+
+    @property
+    def loads(self) -> tuple[float, float]:
+        """Least and greatest load of the dips [N]."""
+        return loads_of([one.dip for one in self.dips], self.prior.viscous)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What makes the result worth less, a sentence each."""
+        found = []
+        if not self.episodes:
+            found.append(
+                'no episode was seen: quiet bounds the Hopf speed, and of the fold it tells little'
+            )
+        for one in self.dips:
+            found += [_doubt_text(one.dip, report, p) for report, p in one.doubtful]
+        if self._has_changed:
+            found.append(
+                'the last dips were hardly to be expected after those before them: the bearing may'
+                ' have changed; calibrate with --forget 0.03, or with the newest recordings alone'
+            )
+        return found
+
+    @property
+    def _has_changed(self) -> bool:
+        """Whether many of the last dips surprise, or the last episodes end on one side."""
+        surprising = sum(one.surprising for one in self.dips[-_LAST:])
+        run = [end.score for one in self.dips for end in one.ends][-_RUN:]
+        one_sided = len(run) == _RUN and abs(sum(run)) > _ONE_SIDED * math.sqrt(_RUN)
+        return surprising >= _TOO_MANY or one_sided
+
+    @property
+    def remarks(self) -> list[str]:
+        """What more evidence would tell, a sentence each."""
+        low, high = self.loads
+        found = [self.ends_text] if self.ends_text else []
+        if high < _ONE_LOAD * low:
+            found.append(
+                f'all evidence is at {low:.4g} to {high:.4g} N: at other loads the boundaries rest'
+                ' on the friction law alone, and beyond a fifth they are believed less'
+            )
+        correlation = self.correlation
+        if abs(correlation) > 0.95:
+            found.append(
+                f'decay and N0 are known together only (correlation {correlation:.2f}): episodes'
+                ' at other loads, or reports of the onset too, would tell them apart'
+            )
+        return found
+
+    @property
+    def ends_text(self) -> str:
+        """How the ends of the episodes compare with what was predicted before each."""
+        offs = [
+            e.speed / e.predicted - 1.0 for d in self.dips for e in d.ends if e.predicted > 0.0
+        ]
+        if not offs:
+            return ''
+        middle = 100.0 * float(np.median(offs))
+        count = f'{len(offs)} episode ends' if len(offs) == 1 else f'{len(offs)} episodes end'
+        side = 'above' if middle >= 0.0 else 'below'
+        return f'{count} {abs(middle):.1f} % {side} the fold speed predicted before it'
+
+    @property
+    def correlation(self) -> float:
+        """Posterior correlation of ``ln beta`` and ``ln N0``."""
+        c = self.posterior.covariance
+        return float(c[0, 1] / math.sqrt(c[0, 0] * c[1, 1]))
+
+    def belief(self) -> Belief:
+        """The boundaries themselves, without the scatter of single passages."""
+        return belief_in(self.posterior.draws(), self.floor, self.prior.viscous, self.loads)
+
+    def boundaries(self) -> list[list[float]]:
+        """Rows of load, Hopf speed at :data:`QUANTILES`, fold speed at the same."""
+        belief = self.belief()
+        low, high = self.loads
+        return [
+            [
+                float(load),
+                *(float(belief.hopf_speed(load, p)) for p in QUANTILES),
+                *(float(belief.fold_speed(load, p)) for p in QUANTILES),
+            ]
+            for load in np.unique(np.linspace(low, high, _LOADS))
+        ]
+
+
+def belief_in(
+    draws: FloatArray, floor: float, viscous: float, loads: tuple[float, float]
+) -> Belief:
+    """The boundaries of draws of all parameters, without the scatter of single passages."""
+    fixed = np.column_stack([draws[:, :2], np.full(draws.shape[0], -30.0)])
+    return Belief.from_draws(fixed, floor, viscous, loads)
+
+
+def loads_of(dips: Sequence[Dip], viscous: float) -> tuple[float, float]:
+    """Least and greatest load [N]."""
+    terms = np.concatenate([dip.path[:, LOAD_TERM] for dip in dips])
+    low, high = (math.exp(term) for term in (terms.min(), terms.max()))
+    return low / (1.0 - viscous * low), high / (1.0 - viscous * high)
+
+
+def _doubt_text(dip: Dip, report: VibrationReport, p: float) -> str:
+    state = 'squeal' if report.squeal else 'quiet'
+    return (
+        f'{report.source}: {state} for {report.seconds:.0f} s at {report.start_ns / 1e9:.0f} s'
+        f' ({dip.recording}) fits nothing else: worthless with {p:.0%}'
+    )
+
+
+def dip_limit(prior: Prior) -> Callable[[FloatArray], FloatArray]:
+    """Speed below which a dip lasts [m/s], by load [N].
+
+    1.5 times the fold speed that 99 % of the prior are below.
+    """
+    random = np.random.default_rng(SEED)
+    theta = random.multivariate_normal(prior.mean, prior.covariance, 4000)
+    logs = np.linspace(prior.mean[1] - 6.0, prior.mean[1] + 8.0, 113)
+    limits = []
+    for log_load in logs:
+        d = log_load - theta[:, 1]
+        fold = speed_for_decline(np.clip(d, 1e-9, 100.0)) / np.exp(theta[:, 0])
+        limits.append(float(np.quantile(np.where(d > 0.0, fold, 0.0), _LIMIT_SHARE)))
+    speeds = _LIMIT_FACTOR * np.array(limits)
+
+    def limit(load: FloatArray) -> FloatArray:
+        return np.interp(np.log(load / (1.0 + prior.viscous * load)), logs, speeds)
+
+    return limit
+
+
+def calibrate(
+    dips: Sequence[Dip],
+    prior: Prior,
+    floor: float = FLOOR,
+    forget: float = 0.0,
+    seed: int = SEED,
+    likelihood: Likelihood | None = None,
+    progress: Progress | None = None,
+) -> Calibration:
+    """Infer a bearing's boundaries.
+
+    Args:
+        dips: The evidence.
+        prior: What is believed before.
+        floor: Relative error of a boundary that no evidence takes away.
+        forget: Standard deviation that ``ln N0`` is given anew before each dip: the bearing wears.
+        seed: Of the points drawn.
+        likelihood: How likelihoods are worked out.
+        progress: Told the work done and the work to do at the most.
+
+    Raises:
+        CalibrationError: The evidence has no clear answer.
+    """
+    judge = likelihood or Likelihood()
+    ordered = sorted((d for d in dips if d.path.shape[0]), key=lambda dip: dip.start_ns)
+    if forget:
+        return _one_by_one(ordered, prior, floor, forget, seed, judge, progress)
+    posterior = sample_posterior(prior, [d.path for d in ordered], judge, seed, progress)
+    results = [_judged(dip, k, prior, posterior, judge) for k, dip in enumerate(ordered)]
+    return Calibration(prior, posterior, tuple(results), floor, seed)
+
+
+def _one_by_one(
+    dips: Sequence[Dip],
+    prior: Prior,
+    floor: float,
+    forget: float,
+    seed: int,
+    likelihood: Likelihood,
+    progress: Progress | None,
+) -> Calibration:
+    """The posterior of each dip, as a Gaussian, is the prior of the next."""
+    now, results = prior, []
+    posterior = sample_posterior(prior, [], likelihood, seed)
+    for k, dip in enumerate(dips):
+        covariance = now.covariance.copy()
+        covariance[1, 1] += forget**2
+        now = replace(now, covariance=covariance)
+        posterior = sample_posterior(now, [dip.path], likelihood, seed + k)
+        results.append(_judged(dip, 0, now, posterior, likelihood))
+        now = replace(now, mean=posterior.mean, covariance=posterior.covariance)
+        if progress is not None:
+            progress(k + 1, len(dips))
+    return Calibration(prior, posterior, tuple(results), floor, seed)
+
+
+def _judged(
+    dip: Dip, before: int, prior: Prior, posterior: Posterior, likelihood: Likelihood
+) -> DipResult:
+    after = posterior.draws(_JUDGES)
+    worthless = likelihood.of_dip(after, dip.path)[:, 1:].mean(axis=0)
+    known = _drawn(posterior, posterior.weight_before(before))
+    ends = tuple(
+        end
+        for report, following in pairwise(dip.reports)
+        if report.squeal and not following.squeal
+        for end in _end(dip, report, known, prior, likelihood)
+    )
+    return DipResult(dip, float(posterior.log_evidence[before]), tuple(worthless.tolist()), ends)
+
+
+def _drawn(posterior: Posterior, weight: FloatArray) -> FloatArray:
+    reached = np.cumsum(weight)
+    places = np.searchsorted(reached, (np.arange(_JUDGES) + 0.5) / _JUDGES * reached[-1])
+    return posterior.theta[np.minimum(places, weight.size - 1)]
+
+
+def _end(
+    dip: Dip, report: VibrationReport, theta: FloatArray, prior: Prior, likelihood: Likelihood
+) -> list[EpisodeEnd]:
+    """How an episode's end compares with what points of another evidence expect."""
+    start, _ = core_of(report)
+    off = round(report.tolerance * 1e9)
+    first = int(np.searchsorted(dip.time_ns, start))
+    bounds = [report.end_ns - off, report.end_ns, report.end_ns + off]
+    early, last, late = np.searchsorted(dip.time_ns, bounds) - 1
+    if not 0 <= first < last < dip.path.shape[0]:
+        return []
+    low, high = (
+        1.0 - _lasting(dip.path[first : row + 1], theta, likelihood)
+        for row in (max(early, first + 1), min(late, dip.path.shape[0] - 1))
+    )
+    d = dip.path[last, LOAD_TERM] - theta[:, 1]
+    fold = np.where(d > 0.0, speed_for_decline(np.maximum(d, 1e-9)) / np.exp(theta[:, 0]), 0.0)
+    nearest = min(max(low, 0.5), high)
+    return [EpisodeEnd(report.end_ns, float(dip.speed[last]), float(np.median(fold)), nearest)]
+
+
+def _lasting(path: FloatArray, theta: FloatArray, likelihood: Likelihood) -> float:
+    """Probability that a cycle which runs in the first bin runs in all."""
+    own = path.copy()
+    own[:, STATE], own[:, (BEGIN, RIGHT, WRONG)] = STICKING, 0.0
+    own[0, H] = own[0, BEGIN] = own[-1, RIGHT] = 1.0
+    return float(np.exp(likelihood.of_dip(theta, own)[:, 0]).mean())

@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings cut into dips below the speeds at which stick-slip can be, with what was reported."""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip_monitor.arrays import FloatArray, IntArray
+from stickslip_monitor.lab.calibration.likelihood import (
+    BEGIN,
+    LOAD_TERM,
+    LOG_SPEED,
+    RIGHT,
+    SPEED,
+    STATE,
+    WRONG,
+    H,
+)
+from stickslip_monitor.lab.calibration.two_states import QUIET, STICKING
+
+BIN_NS = 10**9
+_LONGEST, _NEAR = 8, 15
+_CHANGE = 0.02
+_HALF = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class VibrationReport:
+    """Somebody, or something, says that a bearing vibrated or was quiet.
+
+    Attributes:
+        bearing: Name of the bearing.
+        start_ns: From when [ns].
+        end_ns: Until when [ns].
+        squeal: Whether it vibrated.
+        tolerance: How far the two times may be off [s].
+        trust: Probability that the report is not worthless.
+        source: Where it stands, for a sentence.
+    """
+
+    bearing: str
+    start_ns: int
+    end_ns: int
+    squeal: bool
+    tolerance: float
+    trust: float
+    source: str
+
+    @property
+    def seconds(self) -> float:
+        """Its length [s]."""
+        return (self.end_ns - self.start_ns) / 1e9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TelemetryBins:
+    """Speed and load of one bearing over one recording, in bins of a second.
+
+    Attributes:
+        name: The recording, for a sentence.
+        time_ns: Middle of each bin, strictly rising, shape (n,) [ns].
+        speed: Magnitude of the surface speed, shape (n,) [m/s]; 0 at rest.
+        load: Shape (n,) [N].
+    """
+
+    name: str
+    time_ns: IntArray
+    speed: FloatArray
+    load: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dip:
+    """One passage below the speeds at which stick-slip can be.
+
+    Attributes:
+        recording: Name of the recording.
+        start_ns: Its begin [ns].
+        end_ns: Its end [ns].
+        reports: What was said of it, in order of time.
+        time_ns: Middle of each bin, shape (bins,) [ns].
+        path: What the likelihood takes, shape (bins, 8).
+    """
+
+    recording: str
+    start_ns: int
+    end_ns: int
+    reports: tuple[VibrationReport, ...]
+    time_ns: IntArray
+    path: FloatArray
+
+    @property
+    def episode(self) -> bool:
+        """Whether a report tells of vibration."""
+        return any(report.squeal for report in self.reports)
+
+    @property
+    def speed(self) -> FloatArray:
+        """Surface speed, shape (bins,) [m/s]."""
+        return self.path[:, SPEED]
+
+
+def course_of(name: str, time_ns: IntArray, speed: FloatArray, load: FloatArray) -> TelemetryBins:
+    """Averages over bins of a second.
+
+    Args:
+        name: The recording.
+        time_ns: Not falling, shape (n,) [ns].
+        speed: Surface speed, shape (n,) [m/s].
+        load: Shape (n,) [N].
+    """
+    bins, inverse = np.unique(time_ns // BIN_NS, return_inverse=True)
+    count = np.bincount(inverse)
+    size = np.abs(speed)
+    mean_speed, mean_load = (np.bincount(inverse, weights=x) / count for x in (size, load))
+    resting = np.bincount(inverse, weights=size == 0.0) > 0
+    return TelemetryBins(
+        name, bins * BIN_NS + BIN_NS // 2, np.where(resting, 0.0, mean_speed), mean_load
+    )
+
+
+def cut_dips(
+    course: TelemetryBins,
+    reports: Sequence[VibrationReport],
+    limit: Callable[[FloatArray], FloatArray],
+    viscous: float = 0.0,
+    gap_ns: int = 3 * BIN_NS,
+) -> list[Dip]:
+    """The dips of a recording of which something was reported.
+
+    Args:
+        course: Speed and load.
+        reports: In order of time, of this bearing; none that contradicts another.
+        limit: Speed below which a dip lasts [m/s], by load [N].
+        viscous: ``nu/c`` [1/N].
+        gap_ns: Time without a value after which a dip begins anew [ns].
+    """
+    inside = (course.speed > 0.0) & (course.load > 0.0)
+    inside &= course.speed < limit(np.where(inside, course.load, 1.0))
+    split = np.diff(course.time_ns, prepend=course.time_ns[:1]) > gap_ns
+    number = np.cumsum(split | np.diff(inside, prepend=False))
+    dips = []
+    for one in np.unique(number[inside]):
+        rows = np.flatnonzero((number == one) & inside)
+        dip = _dip(course, rows, reports, viscous)
+        if dip is not None:
+            dips.append(dip)
+    return dips
+
+
+def _dip(
+    course: TelemetryBins,
+    rows: NDArray[np.intp],
+    reports: Sequence[VibrationReport],
+    viscous: float,
+) -> Dip | None:
+    time = course.time_ns[rows]
+    start, end = int(time[0]) - BIN_NS // 2, int(time[-1]) + BIN_NS // 2
+    own = tuple(
+        replace(r, start_ns=max(r.start_ns, start), end_ns=min(r.end_ns, end))
+        for r in reports
+        if r.end_ns > start and r.start_ns < end
+    )
+    if not own or rows.size < 2:
+        return None
+    marks = sorted(time_ns for r in own for time_ns in (*core_of(r), r.start_ns, r.end_ns))
+    begins = _merged(time, course.speed[rows], marks)
+    width = np.diff(np.append(begins, rows.size))
+
+    def mean(values: NDArray[np.float64]) -> FloatArray:
+        return np.add.reduceat(values, begins) / width
+
+    offset = int(time[0])
+    middle = np.round(mean((time - offset).astype(float))).astype(np.int64) + offset
+    speed, load = mean(course.speed[rows]), mean(course.load[rows])
+    path = path_of(middle, speed, load, own, (start, end), viscous)
+    return Dip(course.name, start, end, own, middle, path)
+
+
+def core_of(report: VibrationReport) -> tuple[int, int]:
+    """What is left of a report after its tolerance at both ends, at least its middle [ns]."""
+    off = round(report.tolerance * 1e9)
+    start, end = report.start_ns + off, report.end_ns - off
+    middle = (report.start_ns + report.end_ns) // 2
+    return (start, end) if start < end else (middle, middle)
+
+
+def _merged(time: IntArray, speed: FloatArray, marks: Sequence[int]) -> NDArray[np.intp]:
+    """First row of each bin: a second near a mark, else up to 8 s and 2 % of speed."""
+    begins = [0]
+    for row in range(1, time.size):
+        place = bisect.bisect_left(marks, int(time[row]) - _NEAR * BIN_NS)
+        near = place < len(marks) and marks[place] <= time[row] + _NEAR * BIN_NS
+        first = begins[-1]
+        long = time[row] - time[first] >= _LONGEST * BIN_NS
+        if near or long or abs(speed[row] - speed[first]) > _CHANGE * speed[first]:
+            begins.append(row)
+    return np.array(begins, dtype=np.intp)
+
+
+def path_of(
+    time_ns: IntArray,
+    speed: FloatArray,
+    load: FloatArray,
+    reports: Sequence[VibrationReport],
+    span: tuple[int, int],
+    viscous: float = 0.0,
+) -> FloatArray:
+    """A dip as the likelihood takes it.
+
+    Args:
+        time_ns: Middles of bins, strictly rising, shape (bins,) [ns].
+        speed: Shape (bins,) [m/s], above 0.
+        load: Shape (bins,) [N], above 0.
+        reports: In order of time.
+        span: Begin and end of the dip [ns].
+        viscous: ``nu/c`` [1/N].
+
+    Returns:
+        Shape (bins, 8); bins after the last report are left out.
+    """
+    path = np.zeros((time_ns.size, 8))
+    path[1:, H] = np.diff(time_ns) / 1e9
+    path[0, H] = _HALF
+    path[:, SPEED], path[:, LOG_SPEED] = speed, np.log(speed)
+    path[:, LOAD_TERM] = np.log(load / (1.0 + viscous * load))
+    last = -1
+    for k, report in enumerate(reports):
+        start, end = core_of(report)
+        first = max(last + 1, int(np.searchsorted(time_ns, start)))
+        last = max(first, int(np.searchsorted(time_ns, end, 'right')) - 1)
+        if last >= time_ns.size:
+            last = time_ns.size - 1
+            break
+        path[first : last + 1, STATE] = STICKING if report.squeal else QUIET
+        path[first, BEGIN] = 1.0
+        path[last, RIGHT] = report.trust
+        path[last, WRONG] = (1.0 - report.trust) * chance(reports, k, span)
+    ends = np.flatnonzero((path[:, RIGHT] > 0.0) | (path[:, WRONG] > 0.0))
+    return path[: ends[-1] + 1] if ends.size else path[:0]
+
+
+def chance(reports: Sequence[VibrationReport], k: int, span: tuple[int, int]) -> float:
+    """The probability with which a worthless report would have said just this.
+
+    A wrong squeal could have begun, and ended, at any time of the dip. An end of it at which
+    nothing changes is no such coincidence: that of the dip, or one where the report beside it
+    tells of a squeal too.
+
+    Args:
+        reports: Those of the dip, in order of time.
+        k: Which of them.
+        span: Begin and end of the dip [ns].
+    """
+    report = reports[k]
+    if not report.squeal:
+        return _HALF
+    off = report.tolerance * 1e9
+    beside = [r for r in reports[max(k - 1, 0) : k + 2] if r.squeal and r is not report]
+    known = [span[0], span[1], *(t for r in beside for t in (r.start_ns, r.end_ns))]
+    free = sum(all(abs(end - t) > off for t in known) for end in (report.start_ns, report.end_ns))
+    share = min(1.0, 2.0 * off / (span[1] - span[0]))
+    return float(_HALF * share**free)

@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What recordings tell of a bearing: its speed and load, and when it vibrated.
+
+The evidence is an operator's list, a topic with the level of vibration, or the truth in a
+simulated recording; never what the monitor itself said, which would be a circle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from stickslip_monitor.bags.reader import Request, Series
+from stickslip_monitor.errors import CalibrationError
+from stickslip_monitor.lab.calibration.calibrate import dip_limit
+from stickslip_monitor.lab.calibration.dips import (
+    Dip,
+    TelemetryBins,
+    VibrationReport,
+    course_of,
+    cut_dips,
+)
+from stickslip_monitor.lab.calibration.evidence import (
+    LEVEL_TOLERANCE,
+    TRUST,
+    TRUTH_TOLERANCE,
+    alternating,
+    in_order,
+    level_episodes,
+    level_threshold,
+)
+from stickslip_monitor.lab.calibration.posterior import Prior
+from stickslip_monitor.lab.recorder_clock import scan_on_recorder_clock
+from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.measured import UNKNOWN, VIBRATING
+from stickslip_monitor.monitor.scan import Scan
+from stickslip_monitor.offline.follow import WholeBag
+from stickslip_monitor.offline.truth import has_truth, read_truth
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """What one recording tells of a bearing.
+
+    Attributes:
+        name: Of the recording.
+        courses: Speed and load between two jumps of the clock.
+        reports: When it vibrated and when it did not.
+        level: What was measured of it, not yet made into reports.
+    """
+
+    name: str
+    courses: tuple[TelemetryBins, ...]
+    reports: tuple[VibrationReport, ...] = ()
+    level: Series | None = None
+
+
+def courses_of(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:
+    """Speed and load of a recording between two jumps of the clock."""
+    begins = np.append(np.unique(scan.first), scan.time_ns.size)
+    speed, load = scan.assessment.speed, scan.assessment.load
+    return tuple(
+        course_of(name, scan.time_ns[a:b], speed[a:b], load[a:b])
+        for a, b in pairwise(begins)
+        if b > a
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class EvidenceSource:
+    """Who tells when a bearing vibrated.
+
+    Where nobody is named it is the level that is configured for the bearing, or else the truth in
+    a simulated recording.
+
+    Attributes:
+        told: An operator's reports.
+        level: The topic and field of a level of vibration.
+        true: Whether it is the truth, and nothing else.
+    """
+
+    told: tuple[VibrationReport, ...] | None = None
+    level: Request | None = None
+    true: bool = False
+
+    def of_recording(self, whole: WholeBag, config: BearingConfig) -> Evidence:
+        """What one recording tells.
+
+        Raises:
+            CalibrationError: It has no truth, and nobody else tells.
+        """
+        bag, name = whole.bag, whole.bag.path.name
+        scan = whole.bearings[config.name].scan
+        if self._by_own_level(config):
+            assert config.level is not None
+            source = f'{config.level.topic} in {name}'
+            return Evidence(name, courses_of(name, scan), measured_reports(config, scan, source))
+        if self.told is None and self.level is None:
+            return _true_evidence(whole, config)
+        courses = courses_of(name, scan)
+        level = None if self.level is None else bag.read([self.level])[self.level]
+        return Evidence(name, courses, self._told_of(config), level)
+
+    def _by_own_level(self, config: BearingConfig) -> bool:
+        somebody = self.told is not None or self.level is not None or self.true
+        return config.level is not None and not somebody
+
+    def _told_of(self, config: BearingConfig) -> tuple[VibrationReport, ...]:
+        return tuple(report for report in self.told or () if report.bearing == config.name)
+
+    def dips(self, config: BearingConfig, prior: Prior, found: Sequence[Evidence]) -> list[Dip]:
+        """The dips of all recordings of which something was reported.
+
+        Raises:
+            CalibrationError: There are none, a report is about no recording, or the level does
+                not tell vibration from quiet.
+        """
+        _require_inside(self._told_of(config), found)
+        if self._by_own_level(config) and not any(one.reports for one in found):
+            assert config.level is not None
+            raise CalibrationError(
+                f'the level on {config.level.topic} never says whether {config.name} vibrates: it'
+                ' is lost, never changes, or has one mode only'
+            )
+        if self.level is not None:
+            found = _with_level_reports(config, self.level.topic, found)
+        limit = dip_limit(prior)
+        timeout = max(config.speed.timeout_ns, config.load.timeout_ns)
+        dips = [
+            dip
+            for one in found
+            for course in one.courses
+            for dip in cut_dips(course, one.reports, limit, prior.viscous, timeout)
+        ]
+        if not dips:
+            raise CalibrationError(
+                f'there is no evidence on {config.name}: no report is about a time in which the'
+                ' shaft turned slowly enough for stick-slip; record a slow passage with reports'
+            )
+        return dips
+
+
+def measured_reports(
+    config: BearingConfig, scan: Scan, source: str
+) -> tuple[VibrationReport, ...]:
+    """What the configured level said; nothing where it was not known.
+
+    Args:
+        config: The bearing.
+        scan: The verdicts on a recording.
+        source: Where the reports come from.
+    """
+    state, time = scan.course.measured, scan.time_ns
+    if state is None or not time.size:
+        return ()
+    edges = np.flatnonzero((np.diff(state) != 0) | (np.diff(scan.first) != 0)) + 1
+    begins, ends = [0, *edges.tolist()], [*edges.tolist(), time.size - 1]
+    return tuple(
+        VibrationReport(
+            config.name, int(time[a]), int(time[b]), bool(state[a] == VIBRATING),
+            LEVEL_TOLERANCE, TRUST, f'{source}, {k + 1}',
+        )
+        for k, (a, b) in enumerate(zip(begins, ends, strict=True))
+        if state[a] != UNKNOWN and time[b] > time[a]
+    )  # fmt: skip
+
+
+def _true_evidence(whole: WholeBag, config: BearingConfig) -> Evidence:
+    bag = whole.bag
+    if not has_truth(bag, config.name):
+        raise CalibrationError(
+            f"bag '{bag.path}' holds no truth about {config.name}, as those of a simulation do:"
+            ' give --reports or --level'
+        )
+    truth = read_truth(bag, config.name)
+    scan = scan_on_recorder_clock(whole, config)
+    name, span = bag.path.name, (truth.start_ns, truth.end_ns)
+    source = f'truth of {name}'
+    reports = alternating(config.name, span, truth.episodes, TRUTH_TOLERANCE, TRUST, source)
+    return Evidence(name, courses_of(name, scan), tuple(reports))
+
+
+def _require_inside(told: Sequence[VibrationReport], found: Sequence[Evidence]) -> None:
+    spans = [(int(c.time_ns[0]), int(c.time_ns[-1])) for one in found for c in one.courses]
+    for report in told:
+        if not any(report.end_ns > a and report.start_ns < b for a, b in spans):
+            raise CalibrationError(
+                f'{report.source}: the report lies outside the recordings: give the bag that it'
+                ' is about'
+            )
+
+
+def _with_level_reports(
+    config: BearingConfig, topic: str, found: Sequence[Evidence]
+) -> list[Evidence]:
+    """The recordings with the reports that their levels make; one threshold for all of them."""
+    measured = [one.level for one in found if one.level is not None]
+    threshold = level_threshold(topic, np.concatenate([own.value for own in measured]))
+    return [replace(one, reports=_level_reports(config, topic, one, threshold)) for one in found]
+
+
+def _level_reports(
+    config: BearingConfig, topic: str, one: Evidence, threshold: float
+) -> tuple[VibrationReport, ...]:
+    assert one.level is not None
+    gap = max(config.speed.timeout_ns, config.load.timeout_ns)
+    known = np.isfinite(one.level.value) & (one.level.value > 0.0)
+    time, value = one.level.stamp_ns[known], one.level.value[known]
+    bounds = [0, *(np.flatnonzero(np.diff(time) > gap) + 1).tolist(), time.size]
+    source = f'{topic} in {one.name}'
+    reports = [
+        report
+        for a, b in pairwise(bounds)
+        if b - a > 1
+        for report in alternating(
+            config.name,
+            (int(time[a]), int(time[b - 1])),
+            level_episodes(time[a:b], value[a:b], threshold, gap),
+            LEVEL_TOLERANCE,
+            TRUST,
+            source,
+        )
+    ]
+    return tuple(in_order(reports))

@@ -1,0 +1,367 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Refuses a curve that cannot identify the law, with what is missing.
+
+The fitted law with its uncertainty, and what a user should know before believing it.
+
+Fits the Stribeck law to a measured friction curve, and says how well the curve knows it.
+
+``mu(v) = mu_k + (mu_s - mu_k) exp(-beta v) [+ nu v]``. For a given ``beta`` the law is linear, so
+``beta`` is searched over all its decades first (``fit_start``) and no start value is asked for.
+From there Tukey's biweight is iterated to convergence (``fit_solve``), the viscous slope is put to
+the test (``fit_viscous``), the uncertainty follows (``fit_uncertainty``), and a curve that cannot
+identify the law is refused (``fit_identify``).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.errors import FitError
+from stickslip_monitor.lab.friction_fit.curve_file import FrictionCurve
+from stickslip_monitor.lab.friction_fit.solve import Model, Solution, solve
+from stickslip_monitor.lab.friction_fit.uncertainty import (
+    CONFIDENCE,
+    ViscousTest,
+    correlation_of,
+    covariance_of,
+    decay_interval,
+    fall_of,
+    gradient_of,
+    leverage_of,
+    squares_of,
+    viscous_test,
+)
+from stickslip_monitor.physics.friction import Stribeck
+
+FALL_LEVEL = 0.001
+MOST_CORRELATION = 0.999
+SPARE_POINTS = 2
+
+_FARTHEST = 5.0
+# Of speeds, coefficients and deviations: their squares and cubes are still numbers.
+_LARGEST = 1e30
+# Above these a number looks like percent, or like revolutions a minute.
+_UNUSUAL_COEFFICIENT, _UNUSUAL_SPEED = 3.0, 30.0
+
+
+def has_points(curve: FrictionCurve, model: Model) -> bool:
+    """Whether the curve has points enough for the model."""
+    enough = curve.speed.size >= model.size + SPARE_POINTS
+    return enough and np.unique(curve.speed).size >= model.size
+
+
+def require_numbers(curve: FrictionCurve) -> None:
+    """Refuse numbers that no friction bench measures, and columns of different length."""
+    shape = curve.speed.shape
+    if not shape == curve.coefficient.shape == curve.std.shape or len(shape) != 1:
+        raise FitError(
+            f'speeds, coefficients and deviations of shapes {shape}, {curve.coefficient.shape} and'
+            f' {curve.std.shape} must be one column each, of one length'
+        )
+    for name, column, least in (
+        ('speed', curve.speed, 0.0),
+        ('coefficient', curve.coefficient, -_LARGEST),
+        ('std', curve.std, 1.0 / _LARGEST),
+    ):
+        odd = np.flatnonzero(~((column >= least) & (column <= _LARGEST)))
+        if odd.size:
+            raise FitError(
+                f'line {curve.line[odd[0]]}: {name} = {column[odd[0]]:g} must be a number from'
+                f' {least:g} to {_LARGEST:g}'
+            )
+
+
+def questions_of(curve: FrictionCurve) -> tuple[str, ...]:
+    """What a user is asked about numbers that look like another unit, one question each."""
+    found = []
+    top = int(np.argmax(np.abs(curve.coefficient))) if curve.coefficient.size else 0
+    if curve.coefficient.size and abs(curve.coefficient[top]) > _UNUSUAL_COEFFICIENT:
+        found.append(
+            f'a coefficient of {curve.coefficient[top]:.3g} (line {curve.line[top]}) is unusual:'
+            ' is it in percent, 30 for 0.30?'
+        )
+    fastest = float(curve.speed.max(initial=0.0))
+    if curve.unit == 'm/s' and fastest > _UNUSUAL_SPEED:
+        found.append(
+            f'a sliding speed of {fastest:.3g} m/s is unusual: is it in rpm (--speed-unit rpm)?'
+        )
+    return tuple(found)
+
+
+def require_points(curve: FrictionCurve, model: Model) -> None:
+    """Refuse a curve with too few points or too few different speeds."""
+    n, k = curve.speed.size, model.size
+    coefficients = f'{k} coefficients ({", ".join(model.names)})'
+    if n < k + SPARE_POINTS:
+        raise FitError(
+            f'points = {n} must be at least {k + SPARE_POINTS}: {coefficients} and'
+            f' {SPARE_POINTS} more to judge them by'
+        )
+    distinct = np.unique(curve.speed).size
+    if distinct < k:
+        raise FitError(f'different speeds = {distinct} must be at least {k}: {coefficients}')
+
+
+def require_kept(solution: Solution) -> None:
+    """Refuse a curve most of which was set aside as outliers."""
+    kept, least = int(np.sum(solution.weight > 0.0)), solution.model.size + SPARE_POINTS
+    if kept < least:
+        raise FitError(
+            f'points on one curve = {kept} must be at least {least}: the other'
+            f' {solution.weight.size - kept} lie far from it, so no Stribeck law describes the'
+            ' measurement'
+        )
+
+
+def require_fall(solution: Solution) -> None:
+    """Refuse a fall that is none, or that a constant explains as well (F-test at 0.1 %)."""
+    if not solution.drop > 0.0:
+        raise FitError(
+            f'static - kinetic = {fall_of(solution):.3g} must be above 0: the curve has no falling'
+            ' part that levels off, as the Stribeck law has'
+        )
+    straight = replace(solution.model, kinetic=False)
+    constant = np.ones((1, solution.weight.size, 1))
+    if straight.viscous:
+        constant = np.concatenate([constant, solution.curve.speed[None, :, None]], axis=2)
+    gain = squares_of(solution, constant)[0] - solution.squares
+    f_value = gain / 2.0 / solution.variance
+    least = float(stats.f.isf(FALL_LEVEL, 2.0, solution.freedom))
+    if not f_value > least:
+        raise FitError(
+            f'F = {f_value:.3g} of the falling part must be above {least:.3g} (0.1 % level): no'
+            f' falling part stands out of the scatter of {solution.scale:.2g}'
+        )
+
+
+def require_decay(solution: Solution, interval: tuple[float, float]) -> None:
+    """Refuse speeds that do not hold the decay between them."""
+    low, high = interval
+    slowest, fastest = solution.curve.speed.min(), solution.curve.speed.max()
+    if not math.isfinite(high):
+        raise FitError(
+            f'decay has no upper limit (95 % interval from {low:.3g} s/m): all speeds but the'
+            f' lowest, {slowest:.3g} m/s, may lie beyond the decay; measure at lower speeds'
+        )
+    reach = solution.decay * float(slowest)
+    if reach > _FARTHEST:
+        raise FitError(
+            f'decay * lowest speed = {solution.decay:.3g} s/m * {slowest:.3g} m/s = {reach:.3g}'
+            f' must not be above {_FARTHEST:g}: all speeds lie beyond the decay; measure at lower'
+            ' speeds'
+        )
+    if not low > 0.0:
+        raise FitError(
+            f'decay has no lower limit (95 % interval up to {high:.3g} s/m): up to the highest'
+            f' speed, {fastest:.3g} m/s, the fall does not bend towards a level; measure at higher'
+            ' speeds'
+        )
+
+
+def require_distinct(solution: Solution, covariance: FloatArray) -> None:
+    """Refuse coefficients of which the curve knows only a combination."""
+    if not np.all(np.isfinite(covariance)):
+        raise FitError(
+            f'decay = {solution.decay:.3g} s/m: the covariance of the coefficients must be finite,'
+            ' and it is singular'
+        )
+    correlation = np.abs(correlation_of(covariance)) - np.eye(len(covariance))
+    i, j = np.unravel_index(int(np.argmax(correlation)), correlation.shape)
+    if correlation[i, j] > MOST_CORRELATION:
+        names = solution.model.names
+        raise FitError(
+            f'correlation of {names[i]} and {names[j]} = {correlation[i, j]:.6f} must not be above'
+            f' {MOST_CORRELATION:g}: the curve knows only a combination of the two'
+        )
+
+
+_MANY_OUTLIERS = 0.2
+_MUCH_LEVERAGE = 0.9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StribeckFit:
+    """A fitted law with its uncertainty.
+
+    Attributes:
+        law: The fitted law.
+        curve: What it was fitted to.
+        names: The estimated coefficients, k of ``static``, ``kinetic``, ``decay``, ``viscous``.
+        estimate: Their values, shape (k,).
+        covariance: Their covariance matrix, shape (k, k).
+        decay_interval: 95 % profile interval of ``decay`` [s/m].
+        weight: Tukey's weight of each point, 1 counts fully, 0 not at all, shape (n,).
+        residual: Measured minus fitted coefficient, shape (n,) [-].
+        leverage: How far each point draws the curve to itself, 0 to 1, shape (n,).
+        scale: Standard deviation of a point, in units of its ``std`` [-].
+        degrees_of_freedom: Sum of the weights less k.
+        viscous_test: The test of the viscous slope; ``None`` with too few points for it.
+    """
+
+    law: Stribeck
+    curve: FrictionCurve
+    names: tuple[str, ...]
+    estimate: FloatArray
+    covariance: FloatArray
+    decay_interval: tuple[float, float]
+    weight: FloatArray
+    residual: FloatArray
+    leverage: FloatArray
+    scale: float
+    degrees_of_freedom: float
+    viscous_test: ViscousTest | None = None
+
+    @property
+    def standard_error(self) -> FloatArray:
+        """Standard error of each estimate, shape (k,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self) -> FloatArray:
+        """Correlation matrix of the estimates, shape (k, k)."""
+        return correlation_of(self.covariance)
+
+    @property
+    def t_quantile(self) -> float:
+        """How many standard errors make a 95 % interval."""
+        return float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, self.degrees_of_freedom))
+
+    @property
+    def intervals(self) -> FloatArray:
+        """95 % intervals, that of ``decay`` by profile, shape (k, 2)."""
+        reach = self.t_quantile * self.standard_error
+        both = np.stack([self.estimate - reach, self.estimate + reach], axis=1)
+        both[self.names.index('decay')] = self.decay_interval
+        return both
+
+    @property
+    def outliers(self) -> NDArray[np.intp]:
+        """Indices of the points that count less than half, in the curve's order."""
+        return np.flatnonzero(self.weight < 0.5)
+
+    @property
+    def kinetic_at_bound(self) -> bool:
+        """Whether ``kinetic`` would be negative and was held at 0."""
+        return 'kinetic' not in self.names
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user should know before believing the fit, one sentence each."""
+        curve, found = self.curve, list(questions_of(self.curve))
+        share = self.outliers.size / self.weight.size
+        if share > _MANY_OUTLIERS:
+            found.append(
+                f'{share:.0%} of the points count less than half: the law may not be the right one'
+            )
+        if self.kinetic_at_bound:
+            found.append('kinetic would be negative and is held at 0, without a standard error')
+        reach = self.law.decay * float(curve.speed.min())
+        if reach > 1.0:
+            found.append(
+                f'static is extrapolated: at the lowest speed, {curve.speed.min():.3g} m/s, the'
+                f' fall has gone down to {math.exp(-reach):.0%} of it'
+            )
+        top = int(np.argmax(self.leverage))
+        if self.leverage[top] > _MUCH_LEVERAGE:
+            found.append(
+                f'the point of line {curve.line[top]}, {curve.speed[top]:.3g} m/s, is not checked'
+                f' by any other (leverage {self.leverage[top]:.2f}): repeat it'
+            )
+        return tuple(found)
+
+    def band(self, speed: ArrayLike) -> FloatArray:
+        """Half width of the curve's pointwise 95 % confidence band at speeds >= 0 [-]."""
+        v = np.asarray(speed, dtype=float)
+        fall = self.law.static - self.law.kinetic
+        gradient = gradient_of(fall, self.law.decay, v, self.names)
+        variance = np.einsum('ni,ij,nj->n', gradient, self.covariance, gradient)
+        return self.t_quantile * np.sqrt(np.maximum(variance, 0.0))
+
+
+Viscous = Literal['auto', 'yes', 'no']
+
+_SIGNIFICANT = 2.0
+
+
+def fit_stribeck(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit:
+    """Fit the Stribeck law to a measured curve.
+
+    Args:
+        curve: The curve.
+        viscous: Whether the law has a viscous slope; ``'auto'`` where the F-test wants it. With
+            ``'yes'`` a slope that is negative by chance is held at 0.
+
+    Returns:
+        The law with its uncertainty.
+
+    Raises:
+        FitError: The curve cannot identify the law.
+    """
+    require_numbers(curve)
+    questions = ''.join(f' {question}' for question in questions_of(curve))
+    try:
+        with np.errstate(all='ignore'):
+            return _fitted(curve, viscous)
+    except FitError as error:
+        raise FitError(f'{error}{"." if questions else ""}{questions}') from error
+    except (ArithmeticError, ValueError, IndexError, np.linalg.LinAlgError) as error:
+        raise FitError(
+            f'the {curve.speed.size} points do not determine a Stribeck law in numbers that a'
+            f' computer holds ({error}): speeds from {curve.speed.min():.3g} to'
+            f' {curve.speed.max():.3g} m/s, coefficients from {curve.coefficient.min():.3g} to'
+            f' {curve.coefficient.max():.3g}{"." if questions else ""}{questions}'
+        ) from error
+
+
+def _fitted(curve: FrictionCurve, viscous: Viscous) -> StribeckFit:
+    """The fit of a curve of sound numbers."""
+    require_points(curve, Model(viscous=viscous == 'yes'))
+    test = None
+    if has_points(curve, Model(viscous=True)):
+        full = solve(curve, Model(viscous=True))
+        test = viscous_test(full)
+        if viscous == 'yes' and test.t_value < -_SIGNIFICANT:
+            raise FitError(
+                f'viscous = {test.slope:.4g} s/m (t = {test.t_value:.3g}) must not be negative:'
+                ' the curve has no viscous rise; leave it out with --viscous no'
+            )
+        if (viscous == 'yes' and test.slope >= 0.0) or (viscous == 'auto' and test.demands_slope):
+            return _identified(full, test)
+    return _identified(solve(curve, Model(viscous=False)), test)
+
+
+def _identified(free: Solution, test: ViscousTest | None) -> StribeckFit:
+    """The fit, if the curve identifies it."""
+    require_kept(free)
+    require_fall(free)
+    require_decay(free, decay_interval(free))
+    solution = free
+    if free.kinetic < 0.0:
+        solution = solve(free.curve, replace(free.model, kinetic=False))
+        require_kept(solution)
+    covariance = covariance_of(solution)
+    require_distinct(solution, covariance)
+    kinetic, viscous = max(solution.kinetic, 0.0), max(solution.viscous, 0.0)
+    law = Stribeck(kinetic + fall_of(solution), kinetic, solution.decay, viscous)
+    names = solution.model.names
+    return StribeckFit(
+        law=law,
+        curve=solution.curve,
+        names=names,
+        estimate=np.array([getattr(law, name) for name in names]),
+        covariance=covariance,
+        decay_interval=decay_interval(solution),
+        weight=solution.weight,
+        residual=solution.residual,
+        leverage=leverage_of(solution),
+        scale=math.sqrt(solution.variance),
+        degrees_of_freedom=solution.freedom,
+        viscous_test=test,
+    )

@@ -1,0 +1,417 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The lining of one bearing, followed through a scene by the event-driven integrator.
+
+Also here: the episodes of stick-slip that follow from its sticks, and its sampled amplitude.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.errors import SceneError
+from stickslip_monitor.lab.scenes import telemetry
+from stickslip_monitor.lab.scenes.friction_course import STEP, FrictionCourse
+from stickslip_monitor.lab.scenes.shaft import Shaft
+from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.physics.friction import FrictionLaw
+from stickslip_monitor.physics.motion.integrator import (
+    FAST,
+    Drive,
+    Motion,
+    MotionOutcome,
+    MotionState,
+    Phase,
+    integrate,
+)
+from stickslip_monitor.physics.oscillator import Bearing
+
+# A single stick, after a knock or as the shaft breaks away, is no oscillation.
+LEAST_STICKS = 2
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeEvent:
+    """The start or the end of an episode.
+
+    Attributes:
+        name: ``'first_stick'`` or ``'last_stick'``.
+        known: When it could be known [s].
+        time: When it was [s].
+        sticks: Stretches of sticking up to then.
+        sticking: Time of sticking in them [s].
+    """
+
+    name: str
+    known: float
+    time: float
+    sticks: int
+    sticking: float
+
+
+class Episodes:
+    """Joins sticks to episodes; times must not fall.
+
+    An episode is at least two sticks, each of which begins within ``gap`` of the end of the one
+    before. A stick counts from where it begins, while the shaft turns, to the release or to where
+    the shaft comes to rest; one that begins at rest does not count.
+
+    Args:
+        gap: Longest time between two sticks of an episode [s].
+    """
+
+    def __init__(self, gap: float) -> None:
+        self.gap = gap
+        self._first = self._last = 0.0
+        self._sticks = 0
+        self._sticking = 0.0
+        self._open: float | None = None
+
+    def stick(self, time: float) -> list[EpisodeEvent]:
+        """A stick begins while the shaft turns."""
+        events = self.passed(time)
+        if self._sticks == 0:
+            self._first = time
+        elif self._sticks == LEAST_STICKS - 1:
+            events.append(EpisodeEvent('first_stick', time, self._first, 1, self._sticking))
+        self._sticks += 1
+        self._open = time
+        return events
+
+    def release(self, time: float) -> None:
+        """The stick ends, or the shaft comes to rest while it lasts."""
+        if self._open is not None:
+            self._sticking += time - self._open
+            self._last, self._open = time, None
+
+    def passed(self, time: float) -> list[EpisodeEvent]:
+        """Time passes."""
+        if not self._sticks or self._open is not None or time <= self._last + self.gap:
+            return []
+        sticks, sticking = self._sticks, self._sticking
+        self._sticks, self._sticking = 0, 0.0
+        if sticks < LEAST_STICKS:
+            return []
+        known = self._last + self.gap
+        return [EpisodeEvent('last_stick', known, self._last, sticks, sticking)]
+
+
+PERIODS = 4
+"""Natural periods in a window that an amplitude is taken from."""
+_STEPS = 16 * PERIODS
+
+
+class Regular:
+    """The instants ``k / rate`` of a scene, handed out in order.
+
+    Args:
+        rate: Instants per second [Hz].
+        duration: Duration of the scene [s].
+    """
+
+    def __init__(self, rate: float, duration: float) -> None:
+        self._rate = rate
+        self._count = telemetry.count(rate, duration)
+        self._next = 0
+
+    def until(self, end: float) -> FloatArray:
+        """The next instants, up to and with ``end`` [s]."""
+        guess = min(self._count, math.floor(end * self._rate) + 2)
+        time = np.arange(self._next, max(guess, self._next)) / self._rate
+        time = time[: np.searchsorted(time, end, 'right')]
+        self._next += time.size
+        return time
+
+
+class AmplitudeWindows:
+    """The amplitude of a motion in a short window before each instant ``k / rate``, ``k > 0``.
+
+    Args:
+        rate: Windows per second, not above :meth:`highest_rate` [Hz].
+        period: Natural period [s].
+        duration: Duration of the scene [s].
+    """
+
+    def __init__(self, rate: float, period: float, duration: float) -> None:
+        self._rate, self._period = rate, period
+        self._count = telemetry.count(rate, duration)
+        self._next = _STEPS + 1  # the window before the scene's start is not there
+        self._step = PERIODS * period / _STEPS
+        self._kept = np.empty((2, 0))
+
+    @staticmethod
+    def highest_rate(period: float) -> float:
+        """Rate at which windows would touch [Hz]."""
+        return 1.0 / (PERIODS * period)
+
+    def until(self, end: float) -> FloatArray:
+        """The next instants to look at, up to and with ``end`` [s]."""
+        last = min(self._count, math.floor((end + PERIODS * self._period) * self._rate) + 2)
+        number = np.arange(self._next, max(last * (_STEPS + 1), self._next))
+        window, place = np.divmod(number, _STEPS + 1)
+        time = window / self._rate - (_STEPS - place) * self._step
+        time = time[: np.searchsorted(time, end, 'right')]
+        self._next += time.size
+        return time
+
+    def amplitudes(
+        self, displacement: FloatArray, velocity: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Half the peak to peak of each window that is now complete.
+
+        Args:
+            displacement: At the instants handed out last, shape (n,) [m].
+            velocity: The same [m/s].
+
+        Returns:
+            The instants at the windows' ends [s], and the amplitudes [m], both of shape (m,).
+        """
+        kept = np.concatenate([self._kept, [displacement, velocity]], axis=1)
+        begin = self._next - kept.shape[1]
+        whole = kept.shape[1] // (_STEPS + 1)
+        cut = whole * (_STEPS + 1)
+        self._kept = kept[:, cut:]
+        x, v = kept[:, :cut].reshape(2, whole, _STEPS + 1)
+        numbers = begin // (_STEPS + 1) + np.arange(whole)
+        return numbers / self._rate, half_peak_to_peak(x, v, self._step)
+
+
+def half_peak_to_peak(x: FloatArray, v: FloatArray, step: float) -> FloatArray:
+    """Half of the largest less the smallest displacement of sampled motions.
+
+    Between two samples the motion is interpolated by the cubic through their displacements and
+    velocities; with sixteen samples in a period of a harmonic motion the error is 6e-5.
+
+    Args:
+        x: Displacements, shape (m, n) [m].
+        v: Velocities, shape (m, n) [m/s].
+        step: Time between samples [s].
+
+    Returns:
+        Shape (m,) [m].
+    """
+    before, after = step * v[:, :-1], step * v[:, 1:]
+    rise = np.diff(x, axis=1)
+    turns = before * after < 0.0
+    # The cubic's derivative is a s^2 + b s + c, with s from 0 to 1.
+    a = 3.0 * (before + after - 2.0 * rise)
+    b = 2.0 * (3.0 * rise - 2.0 * before - after)
+    q = -0.5 * (b + np.copysign(np.sqrt(np.maximum(b * b - 4.0 * a * before, 0.0)), b))
+    with np.errstate(divide='ignore', invalid='ignore'):
+        first, second = before / q, q / a
+    s = np.where(turns, np.where((first >= 0.0) & (first <= 1.0), first, second), 0.0)
+    turning = x[:, :-1] + s * (before + s * (b / 2.0 + s * a / 3.0))
+    highest = np.maximum(x.max(axis=1), turning.max(axis=1))
+    lowest = np.minimum(x.min(axis=1), turning.min(axis=1))
+    amplitude: FloatArray = 0.5 * (highest - lowest)
+    return amplitude
+
+
+# The drive is linear between instants of this rate [Hz], which must resolve the ripple of a
+# propeller's blades, and a disturbance beyond the natural frequency.
+_LEAST_RATE = 100.0
+_PER_PERIOD = 4.0
+# Of the place [m] where the lining starts: the last digits of an exponential differ between
+# processors, and recordings must not.
+_PLACES = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Impulse:
+    """A blow on the lining: its time since the scene's start [s], and its impulse [N s]."""
+
+    time: float
+    impulse: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Walk:
+    """How the lining moved over a stretch of time.
+
+    Attributes:
+        end: Where it ends [s].
+        time: Times of the samples asked for, shape (n,) [s].
+        displacement: Shape (n,) [m].
+        velocity: Shape (n,) [m/s].
+        acceleration: Shape (n,) [m/s^2].
+        sticking: Whether it sticks, shape (n,).
+        sticks: Times at which it began to stick (True) or ceased to (False), in order.
+        rests: Times at which the shaft came to rest (True) or began to turn (False), in order.
+    """
+
+    end: float
+    time: FloatArray
+    displacement: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    sticking: NDArray[np.bool_]
+    sticks: list[tuple[float, bool]]
+    rests: list[tuple[float, bool]]
+
+
+class Lining:
+    """The lining of one bearing; its state is kept from stretch to stretch.
+
+    It starts in steady sliding, or unloaded if the shaft is at rest. The result does not
+    depend on how a scene is divided into stretches: the drive is a sequence of linear pieces on a
+    fixed grid, and only whole pieces are followed.
+
+    Args:
+        config: The bearing.
+        shaft: Its speed and load.
+        course: Its friction.
+        deviation: Standard deviation of the load's fluctuation on the drive's grid, >= 0 [N].
+        knocks: Blows, in order of time.
+        random: The random stream of the fluctuation.
+        duration: Duration of the scene [s].
+    """
+
+    def __init__(
+        self,
+        config: BearingConfig,
+        shaft: Shaft,
+        course: FrictionCourse,
+        deviation: float,
+        knocks: Sequence[Impulse],
+        random: np.random.Generator,
+        duration: float,
+    ) -> None:
+        self.config, self._shaft, self._course = config, shaft, course
+        self._deviation, self._knocks, self._random = deviation, knocks, random
+        self._duration = duration
+        cycles = config.bearing.natural_frequency / (2.0 * math.pi)
+        self.rate = math.ceil(max(_LEAST_RATE, _PER_PERIOD * cycles))
+        self._number = 0
+        self._nodes = self._drive_at(np.zeros(1))
+        self._state = self._start()
+        self._sticking = self._resting = False
+
+    @property
+    def reached(self) -> float:
+        """How far it was followed [s]."""
+        return float(self._nodes[0, -1])
+
+    def next_end(self, end: float) -> float:
+        """Where a stretch ends that must reach ``end``: at the end of a piece [s]."""
+        return min(math.ceil(end * self.rate) / self.rate, self._duration)
+
+    def follow(self, end: float, times: FloatArray) -> Walk:
+        """Follow the lining to a later time.
+
+        Args:
+            end: As :meth:`next_end` says [s].
+            times: When to sample it, not falling, after the last end and up to this one [s].
+
+        Raises:
+            SceneError: The motion cannot be followed.
+        """
+        nodes = self._extend(end)
+        motions: list[Motion] = []
+        sticks: list[tuple[float, bool]] = []
+        for low, high in self._stretches(nodes):
+            taken = sum(motion.time.size for motion in motions)
+            upto = int(np.searchsorted(times, nodes[0, high], 'right'))
+            motion = self._integrate(nodes[:, low : high + 1], times[taken:upto])
+            sticks += self._changes(motion)
+            motions.append(motion)
+        return Walk(
+            end=end,
+            time=times,
+            displacement=_joined([m.displacement for m in motions]),
+            velocity=_joined([m.velocity for m in motions]),
+            acceleration=_joined([m.acceleration for m in motions]),
+            sticking=_joined([m.sticking.astype(float) for m in motions]) > 0.0,
+            sticks=sticks,
+            rests=self._rests(nodes),
+        )
+
+    def _start(self) -> MotionState:
+        _, speed, load = self._nodes[:, 0].tolist()
+        bearing = replace(self.config.bearing, friction=self._course.at(0.0))
+        place = float(bearing.equilibrium(speed, load)) if speed else 0.0
+        return MotionState(round(place, _PLACES), speed)
+
+    def _drive_at(self, time: FloatArray) -> FloatArray:
+        """Time, speed and load with its fluctuation, shape (3, n)."""
+        name = self.config.name
+        load = self._shaft.load(name, time)
+        if self._deviation:
+            load = load + self._deviation * self._random.standard_normal(time.size)
+        return np.stack([time, self._shaft.speed(name, time), np.maximum(load, 0.0)])
+
+    def _extend(self, end: float) -> FloatArray:
+        """The grid's instants from the last end to this one, and those of knocks, (3, n)."""
+        last = math.floor(end * self.rate)
+        time = np.arange(self._number + 1, last + 1) / self.rate
+        self._number = last
+        if end > (time[-1] if time.size else self.reached):
+            time = np.append(time, end)
+        nodes = np.concatenate([self._nodes, self._drive_at(time)], axis=1)
+        self._nodes = nodes[:, -1:]
+        for knock in self._knocks:
+            if nodes[0, 0] < knock.time < nodes[0, -1] and knock.time not in nodes[0]:
+                place = int(np.searchsorted(nodes[0], knock.time))
+                row = [np.interp(knock.time, nodes[0], column) for column in nodes]
+                nodes = np.insert(nodes, place, row, axis=1)
+        return nodes
+
+    def _stretches(self, nodes: FloatArray) -> Iterator[tuple[int, int]]:
+        """First and last node of each stretch with one law and without a knock inside."""
+        time = nodes[0]
+        inner = np.isin(time, [knock.time for knock in self._knocks])
+        if self._course.drifts:
+            inner |= time % STEP == 0.0
+        inner[[0, -1]] = False
+        edges = [0, *np.flatnonzero(inner).tolist(), time.size - 1]
+        return ((low, high) for low, high in pairwise(edges) if low < high)
+
+    def _integrate(self, nodes: FloatArray, times: FloatArray) -> Motion:
+        start = float(nodes[0, 0])
+        impulse = sum(knock.impulse for knock in self._knocks if knock.time == start)
+        bearing = self._bearing(self._course.at(start))
+        state = self._state
+        if impulse:
+            relative = state.relative_speed - impulse / bearing.mass
+            state = MotionState(state.displacement, relative)
+        motion = integrate(bearing, Drive.sampled(*nodes), state, times, accuracy=FAST)
+        if motion.outcome is not MotionOutcome.COMPLETE:
+            raise SceneError(
+                f'lining_motion of {self.config.name}: after {motion.span[1]:g} s,'
+                f' {motion.outcome.value}'
+            )
+        self._state = motion.final
+        return motion
+
+    def _bearing(self, law: FrictionLaw) -> Bearing:
+        own = self.config.bearing
+        return own if law is own.friction else replace(own, friction=law)
+
+    def _changes(self, motion: Motion) -> list[tuple[float, bool]]:
+        """Where sticking begins and ends, at knocks and changes of the law too."""
+        found = []
+        starts = motion.start.phase is Phase.STICK
+        if starts != self._sticking:
+            found.append((motion.span[0], starts))
+        change = motion.transitions
+        own = (change.before == Phase.STICK) | (change.after == Phase.STICK)
+        now = (change.after[own] == Phase.STICK).tolist()
+        found += zip(change.time[own].tolist(), now, strict=True)
+        self._sticking = motion.final.phase is Phase.STICK
+        return found
+
+    def _rests(self, nodes: FloatArray) -> list[tuple[float, bool]]:
+        resting = np.abs(nodes[1]) < max(self.config.speed.deadband, np.finfo(float).tiny)
+        before = np.append(self._resting, resting[:-1])
+        change = np.flatnonzero(resting != before)
+        self._resting = bool(resting[-1])
+        return list(zip(nodes[0, change].tolist(), resting[change].tolist(), strict=True))
+
+
+def _joined(parts: list[FloatArray]) -> FloatArray:
+    return np.concatenate([np.empty(0), *parts])

@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Channels of telemetry: from the configuration to the samples that a sensor sends and records."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
+from stickslip_monitor.bags.encode import NUMBER_FIELDS, STAMP_END, STAMPED_FIELDS
+from stickslip_monitor.errors import SceneError
+from stickslip_monitor.lab.scenes.settings import Settings
+from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
+from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES
+from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_load
+
+
+def count(rate: float, duration: float) -> int:
+    """Instants from 0 to ``duration`` [s], both inclusive, at ``rate`` [Hz]."""
+    return math.floor(duration * rate * (1.0 + 1e-12)) + 1
+
+
+def numbers(rate: float, start: float, end: float, duration: float) -> range:
+    """The ``k`` of the instants from ``start`` to before ``end``.
+
+    Stretches that join cover every instant of the scene once, and the last one, which ends at
+    ``duration``, has the instant at its end too.
+
+    Args:
+        rate: Instants per second [Hz].
+        start: Begin of the stretch [s].
+        end: Its end [s].
+        duration: Duration of the scene [s].
+    """
+    whole = count(rate, duration)
+    stop = whole if end == duration else min(whole, math.ceil(end * rate))
+    return range(min(stop, math.ceil(start * rate)), stop)
+
+
+# The reference bearing's 1 kN: 200 N is the least load at which its sliding can be unstable.
+_NOMINAL = 5.0
+
+
+def nominal_load(config: BearingConfig) -> float:
+    """Five times the least load at which any speed of a bearing is unstable [N].
+
+    Raises:
+        SceneError: Its friction law has none.
+    """
+    load = _NOMINAL * float(hopf_load(config.bearing, 0.0))
+    if not 0.0 < load < math.inf:
+        raise SceneError(
+            f'units nominal and fold say nothing about bearing {config.name}: its sliding is'
+            ' unstable at no load; use N and rpm'
+        )
+    return load
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One sensor: a topic, and the bearings that read it.
+
+    Several bearings of one shaft read one speed topic; SI values are then those of the first.
+
+    Attributes:
+        quantity: ``'speed'``, ``'load'`` or ``'level'``.
+        bearings: The bearings that read it, at least one.
+        rate: Samples per second [Hz].
+    """
+
+    quantity: str
+    bearings: tuple[BearingConfig, ...]
+    rate: float
+
+    @property
+    def input(self) -> InputConfig:
+        """Topic, scale and offset."""
+        return self.bearings[0].inputs[self.quantity]
+
+    @property
+    def topic(self) -> str:
+        """Its topic."""
+        return self.input.topic
+
+    @property
+    def is_stamped(self) -> bool:
+        """Whether its messages have a header with a time stamp."""
+        return self.input.type in STAMPED_FIELDS
+
+    @property
+    def stamps_end_ns(self) -> int:
+        """Where its time stamps end: in 2038 in a header, in 2262 by the recorder [ns]."""
+        return STAMP_END if self.is_stamped else 1 << 63
+
+    def factor(self, unit: str) -> float:
+        """SI value (surface speed [m/s] or load [N], a level in its own unit) of one unit.
+
+        ``nominal`` is a load, :func:`nominal_load`, and ``fold`` the fold speed at that load.
+
+        Raises:
+            SceneError: The unit of a level is not its own; that of a speed is m/s, and the topic
+                serves bearings of different diameters, or is one that the first of them does not
+                have.
+        """
+        if self.quantity == 'level':
+            if unit != self.input.unit:
+                raise SceneError(
+                    f'unit {unit} of the level on {self.topic} must be that of the configuration,'
+                    f' {self.input.unit}'
+                )
+            return 1.0
+        if unit in ('nominal', 'fold'):
+            config = self.bearings[0]
+            load = nominal_load(config)
+            return load if unit == 'nominal' else float(fold_speed(config.bearing, load))
+        if self.quantity == 'load':
+            return 1000.0 if unit == 'kN' else 1.0
+        if unit == 'm/s' and len({b.bearing.journal_diameter for b in self.bearings}) > 1:
+            names = ', '.join(b.name for b in self.bearings)
+            raise SceneError(
+                f'unit m/s says nothing about topic {self.topic}: it serves {names}, whose'
+                ' journals differ in diameter; use rpm, rad/s or Hz'
+            )
+        return self.bearings[0].bearing.speed.factor(unit)
+
+    def ratio(self, bearing: str) -> float:
+        """A bearing's own SI value of one of the channel's: journals may differ in diameter."""
+        if self.quantity != 'speed':
+            return 1.0
+        diameter = {b.name: b.bearing.journal_diameter for b in self.bearings}
+        return diameter[bearing] / self.bearings[0].bearing.journal_diameter
+
+    def raw(self, si: FloatArray) -> FloatArray:
+        """The numbers the sensor sends for SI values: the inverse of what the monitor does."""
+        return (si / self.input.factor - self.input.offset) / self.input.scale
+
+    def count(self, duration: float) -> int:
+        """Samples in a scene of some duration [s], from 0 to its end inclusive."""
+        return count(self.rate, duration)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Signal:
+    """The samples of one channel over a stretch of time.
+
+    Attributes:
+        channel: The channel.
+        time: True instants of measurement since the scene's start, shape (n,) [s].
+        stamp_ns: Time stamps by the sensor's clock, shape (n,) [ns].
+        value: Surface speed [m/s] or load [N], shape (n,).
+        arrival_ns: When the recorder gets each message, by its own clock, shape (n,) [ns]; None
+            where messages have no stamp of their own, and the recorder's is all there is.
+        copies: How often each is recorded, shape (n,); None: once.
+    """
+
+    channel: Channel
+    time: FloatArray
+    stamp_ns: IntArray
+    value: FloatArray
+    arrival_ns: IntArray | None = None
+    copies: IntArray | None = None
+
+    @property
+    def raw(self) -> FloatArray:
+        """The numbers the sensor sends, shape (n,)."""
+        return self.channel.raw(self.value)
+
+    def lost(self, which: BoolArray) -> Signal:
+        """The signal without some messages, shape (n,)."""
+        return replace(self, copies=np.where(which, 0, self._counted()))
+
+    def repeated(self, which: BoolArray) -> Signal:
+        """The signal with some messages twice, shape (n,)."""
+        return replace(self, copies=np.where(which, 2, 1) * self._counted())
+
+    def _counted(self) -> IntArray:
+        return np.ones(self.time.size, np.int64) if self.copies is None else self.copies
+
+    def messages(self) -> Messages:
+        """What the recorder writes."""
+        log_time = self.stamp_ns if self.arrival_ns is None else self.arrival_ns
+        stamp = None if self.arrival_ns is None else self.stamp_ns
+        if self.copies is None:
+            return Messages(log_time, stamp, self.raw)
+        log_time, raw = np.repeat(log_time, self.copies), np.repeat(self.raw, self.copies)
+        return Messages(log_time, None if stamp is None else np.repeat(stamp, self.copies), raw)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Messages:
+    """The messages of one channel over a stretch of time.
+
+    Attributes:
+        log_time_ns: When each was recorded, shape (n,) [ns].
+        stamp_ns: The stamps in their headers, shape (n,) [ns]; None: they have none.
+        raw: The numbers in them, shape (n,).
+    """
+
+    log_time_ns: IntArray
+    stamp_ns: IntArray | None
+    raw: FloatArray
+
+
+_LOWEST_RATE, _HIGHEST_RATE = 1e-6, 1000.0
+
+
+def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
+    """The channels of a scene, in the configuration's order.
+
+    Args:
+        config: The configuration; its inputs give topics, units, scales and offsets.
+        telemetry: The scene's section ``telemetry``: ``{speed: {rate: Hz}, load: {rate: Hz}}``,
+            or one such mapping for each bearing.
+
+    Returns:
+        One channel for each topic.
+
+    Raises:
+        SceneError: A rate is missing or breaks its rule, or an input cannot be simulated.
+    """
+    channels: dict[str, Channel] = {}
+    for bearing in config.bearings:
+        own = _section(telemetry, bearing.name, [b.name for b in config.bearings])
+        for quantity in QUANTITIES if 'level' not in own else INPUTS:
+            if quantity not in bearing.inputs:
+                raise SceneError(
+                    f'telemetry.level: the configuration has no {bearing.name}.level.topic'
+                )
+            rate = own.section(quantity, ['rate'], 'its sampling, {rate: Hz}').number(
+                'rate', 'Hz', least=_LOWEST_RATE, most=_HIGHEST_RATE
+            )
+            channel = Channel(quantity, (bearing,), rate)
+            _check_input(f'{bearing.name}.{quantity}', channel.input)
+            known = channels.get(channel.topic)
+            channels[channel.topic] = channel if known is None else _shared(known, channel)
+    return tuple(channels.values())
+
+
+def _section(telemetry: Any, bearing: str, bearings: Sequence[str]) -> Settings:
+    """The telemetry of one bearing: its own section, or the common one."""
+    names = set(telemetry) if isinstance(telemetry, dict) else set()
+    for_each = not names.isdisjoint(bearings) and names.isdisjoint(INPUTS)
+    if not for_each:
+        return Settings('telemetry', telemetry, INPUTS)
+    rates = 'the rates of its speed and load'
+    return Settings('telemetry', telemetry, bearings).section(bearing, INPUTS, rates)
+
+
+def _check_input(name: str, settings: InputConfig) -> None:
+    fields = NUMBER_FIELDS.get(settings.type)
+    if fields is None:
+        raise SceneError(
+            f'{name} is of type {settings.type} in the configuration: a scene can write'
+            f' {", ".join(NUMBER_FIELDS)} only'
+        )
+    if '.'.join(map(str, settings.field)) not in fields:
+        raise SceneError(
+            f"{name} is field '{settings.field_text}' of {settings.type} in the configuration: a"
+            f' scene can write {", ".join(fields)} only'
+        )
+    if settings.scale == 0.0:
+        raise SceneError(f'{name}.scale = 0 in the configuration: no number stands for a value')
+
+
+def _shared(known: Channel, other: Channel) -> Channel:
+    """One channel for two bearings, which must take its numbers to mean the same."""
+    first, second = known.bearings[0], other.bearings[0]
+    where = f'topic {known.topic} serves {first.name} and {second.name}'
+    if known.quantity != other.quantity:
+        raise SceneError(f'{where}, as {known.quantity} and as {other.quantity}: use two topics')
+    if (known.input.type, known.input.field) != (other.input.type, other.input.field):
+        raise SceneError(f'{where} with different types or fields: they must agree')
+    if known.rate != other.rate:
+        raise SceneError(f'{where}: its rate cannot be both {known.rate:g} and {other.rate:g} Hz')
+    if not all(map(math.isclose, _meaning(known, first), _meaning(other, second))):
+        raise SceneError(f'{where} with different units, scales or offsets: they must agree')
+    return replace(known, bearings=(*known.bearings, second))
+
+
+def _meaning(channel: Channel, bearing: BearingConfig) -> tuple[float, float, float]:
+    """Scale, offset and unit of a channel's numbers, speeds by the turning of the shaft."""
+    turning = bearing.bearing.speed.factor('Hz') if channel.quantity == 'speed' else 1.0
+    return channel.input.scale, channel.input.offset, channel.input.factor / turning

@@ -1,0 +1,367 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Simulates voyages in memory and judges the monitor, and bare rules beside it, by their truth.
+
+One call is one scene with one seed, for as many grades of sensors as are asked for: what the ship
+does, and what the lining does with it, is simulated once. Arguments and results are plain values,
+so that the calls can be made in processes.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from stickslip_monitor.arrays import IntArray
+from stickslip_monitor.errors import SceneError
+from stickslip_monitor.lab.recorder_clock import on_recorder_clock
+from stickslip_monitor.lab.scenes.effects.registry import STAGES
+from stickslip_monitor.lab.scenes.scene import Scene
+from stickslip_monitor.lab.scenes.scene_file import load_scene
+from stickslip_monitor.lab.scenes.simulator import simulate
+from stickslip_monitor.lab.scenes.telemetry import Messages
+from stickslip_monitor.lab.scenes.variation import as_believed
+from stickslip_monitor.lab.score import Interval, Truth, merged
+from stickslip_monitor.lab.warning_quality import Forecast, Quality, Said, quality_of
+from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.ladder import Condition, Level
+from stickslip_monitor.monitor.scan import Scan, scan_bearing, trend_at
+from stickslip_monitor.monitor.signals import Levels, Stream, to_si
+from stickslip_monitor.monitor.source_faults import SourceWatch, least_gap
+from stickslip_monitor.offline.intervals import condition_intervals
+from stickslip_monitor.offline.processes import run_in_processes
+from stickslip_monitor.offline.truth import Column, episodes_of, topic
+
+Alarm = Mapping[str, Any]
+OURS, BELOW_FOLD, BELOW_HOPF = 'monitor', 'below_fold', 'below_hopf'
+# Between two forecasts that are judged [ns]; those of events are judged beside them.
+_FORECAST_NS = 20 * 10**9
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A scene with a seed.
+
+    Attributes:
+        scene: Its file.
+        seed: The seed; None: the file's.
+        sensors: Files of sensors, one after the other; None: what the scene itself says.
+        variants: Fields of the alarm's configuration that are changed: each is judged as well.
+        varied_sensors: The file of sensors with which the variants are judged.
+        forecasts: Whether forecasts are judged, which takes most of the time.
+    """
+
+    scene: str
+    seed: int | None
+    sensors: tuple[str | None, ...] = (None,)
+    variants: tuple[Alarm, ...] = ()
+    varied_sensors: str | None = None
+    forecasts: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Voyage:
+    """What came of one bearing on one voyage with one grade of sensors.
+
+    Attributes:
+        scene: The scene's file.
+        seed: The seed.
+        sensors: The file of sensors; None: what the scene itself says.
+        bearing: Name of the bearing.
+        rules: The judgement of each rule by name.
+        variants: That of the monitor with each of the call's variants.
+    """
+
+    scene: str
+    seed: int
+    sensors: str | None
+    bearing: str
+    rules: dict[str, Quality]
+    variants: tuple[Quality, ...] = ()
+
+
+def judge_calls(
+    calls: Sequence[Call], jobs: int
+) -> Generator[tuple[int, list[Voyage]], None, None]:
+    """Judge calls in processes, or one after the other in this one if ``jobs`` is 1.
+
+    Yields:
+        The number of each call, as it is done, and what :func:`judge` made of it.
+
+    Raises:
+        SceneError: A scene breaks a rule, or its process died; the text names it.
+    """
+    if jobs == 1:
+        yield from ((number, judge(call)) for number, call in enumerate(calls))
+        return
+    for number, outcome in run_in_processes(judge, [(call,) for call in calls], jobs):
+        if isinstance(outcome, BrokenProcessPool):
+            scene = calls[number].scene
+            raise SceneError(f'{scene}: its process died (was there enough memory?)')
+        if isinstance(outcome, BaseException):
+            raise outcome
+        yield number, outcome
+
+
+def judge(call: Call) -> list[Voyage]:
+    """Simulate a scene with a seed, and judge its bearings with each grade of sensors.
+
+    Raises:
+        SceneError: The scene breaks a rule, or says nothing about the truth.
+    """
+    found: list[Voyage] = []
+    truths: dict[str, Truth] = {}
+    for sensors in call.sensors:
+        scene = load_scene(call.scene, call.seed, sensors)
+        try:
+            known = truths and not any(c.quantity == 'level' for c in scene.channels)
+            messages, columns = _run(_without_lining(scene) if known else scene)
+            truths = truths or {
+                b.name: _truth(scene, b.name, columns) for b in scene.config.bearings
+            }
+            found += _voyages(call, sensors, scene, messages, truths)
+        except SceneError as error:
+            raise SceneError(f'{call.scene}, seed {scene.seed}: {error}') from error
+    return found
+
+
+def _voyages(
+    call: Call,
+    sensors: str | None,
+    scene: Scene,
+    messages: Mapping[str, Messages],
+    truths: Mapping[str, Truth],
+) -> Iterator[Voyage]:
+    variants = call.variants if sensors == call.varied_sensors else ()
+    for config in scene.config.bearings:
+        case = _case(scene, config, messages, truths[config.name])
+        yield Voyage(
+            scene=call.scene,
+            seed=scene.seed,
+            sensors=sensors,
+            bearing=config.name,
+            rules=case.rules(call.forecasts),
+            variants=tuple(case.varied(variant) for variant in variants),
+        )
+
+
+def cases_of(scene: Scene) -> Iterator[Sailed]:
+    """Simulate a scene; each of its bearings, to be judged.
+
+    Raises:
+        SceneError: It says nothing about the truth.
+    """
+    messages, columns = _run(scene)
+    for config in scene.config.bearings:
+        yield _case(scene, config, messages, _truth(scene, config.name, columns))
+
+
+def _case(
+    scene: Scene, config: BearingConfig, messages: Mapping[str, Messages], truth: Truth
+) -> Sailed:
+    sent = None if config.level is None or config.level.topic not in messages else config.level
+    believed = as_believed(replace(config, level=sent), scene.parameter_error, scene.seed)
+    return Sailed(believed, *_stream(config, messages), truth, _is_plain(scene))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sailed:
+    """One bearing on one voyage: what the monitor believes and gets, and the truth.
+
+    Attributes:
+        config: What the monitor believes.
+        stream: The samples.
+        arrival_ns: When the recorder got each [ns].
+        truth: The truth.
+        plain: Whether what happens shows in speed and load, and does so once.
+    """
+
+    config: BearingConfig
+    stream: Stream
+    arrival_ns: IntArray
+    truth: Truth
+    plain: bool
+
+    def rules(self, forecasts: bool) -> dict[str, Quality]:
+        """The judgement of the monitor and of the bare rules."""
+        scan = self._scan(self.config)
+        told = list(_forecasts(self.config, scan)) if forecasts else []
+        said = self._on_recorder_clock(scan)
+        ours = self._judged(_monitor_said(said, self.truth), told)
+        wrong_source = _has_wrong_source(self.config, self.stream, self.arrival_ns)
+        bare = {name: self._judged(rule) for name, rule in _bare_rules(said).items()}
+        return {OURS: replace(ours, wrong_source=int(wrong_source)), **bare}
+
+    def varied(self, variant: Alarm) -> Quality:
+        """The judgement of the monitor with some fields of its alarm changed."""
+        config = replace(self.config, alarm=replace(self.config.alarm, **variant))
+        return self._judged(_monitor_said(self._scan(config), self.truth))
+
+    def recorded(self) -> Scan:
+        """The verdicts, on the recorder's clock."""
+        return self._on_recorder_clock(self._scan(self.config))
+
+    def _on_recorder_clock(self, scan: Scan) -> Scan:
+        start = self.truth.start_ns
+        return on_recorder_clock(self.config, self.stream, self.arrival_ns, scan, start)
+
+    def _scan(self, config: BearingConfig) -> Scan:
+        return scan_bearing(config, self.stream, *_span(self.truth, self.stream))
+
+    def _judged(self, said: Said, forecasts: Sequence[Forecast] = ()) -> Quality:
+        return quality_of(said, self.truth, self.plain, forecasts)
+
+
+def _is_plain(scene: Scene) -> bool:
+    """Whether what happens shows in speed and load, and does so once: no knocks, wear, waves."""
+    return not any(
+        effect.name in ('load_in_waves', 'friction_drift') or 'knocks' in effect
+        for effect in scene.effects
+    )
+
+
+def _without_lining(scene: Scene) -> Scene:
+    """The scene without the truth, which another grade of sensors does not change."""
+    kept = tuple(effect for effect in scene.effects if effect.name not in STAGES['lining'])
+    return replace(scene, effects=kept)
+
+
+def _run(scene: Scene) -> tuple[dict[str, Messages], dict[str, list[Column]]]:
+    """The messages of each channel and the truth of each topic."""
+    sent: dict[str, list[Messages]] = defaultdict(list)
+    columns: dict[str, list[Column]] = defaultdict(list)
+    for block in simulate(scene):
+        for name, signal in block.signals.items():
+            sent[name].append(signal.messages())
+        for column in block.truth:
+            columns[column.topic].append(column)
+    return {name: _joined(parts) for name, parts in sent.items()}, columns
+
+
+def _joined(parts: Sequence[Messages]) -> Messages:
+    stamps = [part.stamp_ns for part in parts if part.stamp_ns is not None]
+    return Messages(
+        np.concatenate([part.log_time_ns for part in parts]),
+        np.concatenate(stamps) if stamps else None,
+        np.concatenate([part.raw for part in parts]),
+    )
+
+
+def _stream(config: BearingConfig, messages: Mapping[str, Messages]) -> tuple[Stream, IntArray]:
+    """The samples of a bearing as a recorder gets them, and when it does [ns]."""
+    pair = [messages[source.topic] for source in (config.speed, config.load)]
+    arrival: IntArray = np.concatenate([own.log_time_ns for own in pair])
+    order = np.argsort(arrival, kind='stable')
+    stamp = np.concatenate(
+        [own.log_time_ns if own.stamp_ns is None else own.stamp_ns for own in pair]
+    )
+    is_load = np.arange(arrival.size) >= pair[0].raw.size
+    value = np.concatenate([own.raw for own in pair])
+    stream = Stream(stamp[order], is_load[order], value[order])
+    if config.level is not None and (level := messages.get(config.level.topic)) is not None:
+        place = np.searchsorted(arrival[order], level.log_time_ns, 'right')
+        time = level.log_time_ns if level.stamp_ns is None else level.stamp_ns
+        stream = replace(stream, level=Levels(time, level.raw, place))
+    return stream, arrival[order]
+
+
+def _span(truth: Truth, stream: Stream) -> tuple[int, int]:
+    """Begin and end on the clock of the samples, as a check of the recording would take them."""
+    time = stream.time_ns
+    if time.size and (time[0] < truth.start_ns or time.max() > truth.end_ns):
+        return int(time[0]), int(time.max())
+    return truth.start_ns, truth.end_ns
+
+
+def _truth(scene: Scene, bearing: str, columns: Mapping[str, Sequence[Column]]) -> Truth:
+    """The truth about a bearing.
+
+    Raises:
+        SceneError: The scene does not tell it.
+    """
+
+    def column(name: str) -> Any:
+        return np.concatenate([own.values for own in columns[topic(bearing, name)]])
+
+    margins = columns.get(topic(bearing, 'fold_margin'))
+    if margins is None:
+        raise SceneError('without the effect operating_point nobody knows the true margins')
+    fold = column('fold_margin')
+    events = columns.get(topic(bearing, 'events'))
+    if events is None and fold.min() < 0.0:
+        raise SceneError(
+            'without the effect lining_motion nobody knows whether the lining sticks, and the'
+            f' fold margin falls to {fold.min():.3g}'
+        )
+    end_ns = scene.start_ns + round(scene.duration * 1e9)
+    return Truth(
+        start_ns=scene.start_ns,
+        end_ns=end_ns,
+        episodes=tuple(episodes_of(_events(events or ()), end_ns)),
+        time_ns=np.concatenate([own.stamps(scene.start_ns) for own in margins]),
+        hopf_margin=column('hopf_margin'),
+        fold_margin=fold,
+    )
+
+
+def _events(columns: Iterable[Column]) -> Iterator[tuple[str, int]]:
+    for text in (text for column in columns for text in column.values):
+        event = json.loads(text)
+        yield event['event'], event['time']
+
+
+def _monitor_said(scan: Scan, truth: Truth) -> Said:
+    """The monitor's conditions; while an input is lost what stood before it goes on."""
+    warned: list[Interval] = []
+    alarmed: list[Interval] = []
+    level = Level.OK
+    for part in condition_intervals(scan.events, truth.start_ns, truth.end_ns):
+        level = level if part.condition is Condition.INPUT_STALE else part.condition.level
+        stretch = (part.start_ns, part.end_ns)
+        warned += [stretch] if level >= Level.WARN else []
+        alarmed += [stretch] if level >= Level.ERROR else []
+    raised = [event.time_ns for event in scan.events if event.raised]
+    return Said(merged(warned), merged(alarmed), raised, len(scan.events))
+
+
+def _bare_rules(scan: Scan) -> dict[str, Said]:
+    """The rules V < V_F and V < V_H, sample by sample, as warning and as alarm."""
+    margins = {BELOW_FOLD: scan.assessment.fold_margin, BELOW_HOPF: scan.assessment.hopf_margin}
+    found = {}
+    for name, margin in margins.items():
+        below = np.asarray(margin) < 0.0
+        pairs = zip(scan.time_ns[below].tolist(), scan.until_ns[below].tolist(), strict=True)
+        stretches = merged(pairs)
+        starts = [start for start, _ in stretches]
+        found[name] = Said(stretches, stretches, starts, 2 * len(stretches))
+    return found
+
+
+def _has_wrong_source(config: BearingConfig, stream: Stream, arrival_ns: IntArray) -> bool:
+    """Whether the source of an input is told to be wrong."""
+    for is_load, source in enumerate((config.speed, config.load)):
+        own = stream.is_load == bool(is_load)
+        si = to_si(source, stream.value[own])
+        gap = least_gap(config, is_load)
+        if SourceWatch(gap).see_many(arrival_ns[own], stream.time_ns[own], si):
+            return True
+    return False
+
+
+def _forecasts(config: BearingConfig, scan: Scan) -> Iterator[Forecast]:
+    """What the monitor would say at its events, and every 20 s beside them."""
+    if not scan.time_ns.size:
+        return
+    regular = np.arange(scan.time_ns[0], scan.time_ns[-1], _FORECAST_NS)
+    events = np.array([event.time_ns for event in scan.events], np.int64)
+    asked = np.union1d(regular, events[events >= scan.time_ns[0]])
+    places = np.unique(np.searchsorted(scan.time_ns, asked, 'right') - 1)
+    for k in places[~scan.sticking[places]].tolist():
+        trend = trend_at(config, scan.time_ns, scan.assessment, int(scan.first[k]), k)
+        if trend is not None:
+            yield Forecast(int(scan.time_ns[k]), trend.seconds, trend.earliest, trend.latest)

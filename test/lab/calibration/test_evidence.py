@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stickslip_monitor.errors import CalibrationError
+from stickslip_monitor.lab.calibration.dips import (
+    BIN_NS,
+    TelemetryBins,
+    VibrationReport,
+    core_of,
+    course_of,
+    cut_dips,
+)
+from stickslip_monitor.lab.calibration.evidence import (
+    alternating,
+    level_episodes,
+    level_threshold,
+    read_reports,
+)
+
+Coast = Callable[..., tuple[TelemetryBins, list[VibrationReport]]]
+HEAD = 'bearing,start,end,state,tolerance [s],trust\n'
+
+
+def test_reports_are_read_as_spreadsheets_write_them(tmp_path: Path) -> None:
+    path = tmp_path / 'squeals.csv'
+    path.write_text(
+        '# watch of the second engineer\n'
+        'bearing; start; end; state; tolerance [s]\n'
+        'aft; 2026-05-04T08:03:40+02:00; 2026-05-04T08:00:00.5Z; quiet;\n'
+        'aft; 2026-05-04T06:01:10Z; 2026-05-04T06:03:40Z; Squeal; 5\n'
+    )
+    squeal, quiet = read_reports(path, ['aft'])
+    assert (squeal.squeal, quiet.squeal) == (True, False)
+    assert squeal.end_ns == quiet.start_ns == 1777874620 * 10**9
+    assert quiet.end_ns % 10**9 == 500_000_000
+    assert (squeal.tolerance, squeal.trust) == (5.0, 0.9)
+    assert (quiet.tolerance, quiet.source) == (10.0, f'{path}, line 3')
+
+
+@pytest.mark.parametrize(
+    ('rows', 'words'),
+    [
+        ('bow,2026-05-04T06:01:10Z,2026-05-04T06:03:40Z,quiet,,', "line 2: bearing 'bow' is not"),
+        ('aft,2026-05-04T06:01:10,2026-05-04T06:03:40Z,quiet,,', 'has no zone'),
+        ('aft,yesterday,2026-05-04T06:03:40Z,quiet,,', "start 'yesterday' must be a time"),
+        ('aft,2026-05-04T06:03:40Z,2026-05-04T06:01:10Z,quiet,,', 'must be after start'),
+        ('aft,2026-05-04T06:01:10Z,2026-05-04T06:03:40Z,loud,,', 'must be squeal or quiet'),
+        ('aft,2026-05-04T06:01:10Z,2026-05-04T06:03:40Z,quiet,-1,', "tolerance '-1' must be"),
+        ('aft,2026-05-04T06:01:10Z,2026-05-04T06:03:40Z,quiet,,1.5', 'a number from 0 to 1'),
+        ('aft,2026-05-04T06:01:10Z', 'it has 2 cells and there are 6 headings'),
+        (
+            'aft,2026-05-04T06:01:10Z,2026-05-04T06:03:40Z,quiet,,\n'
+            'aft,2026-05-04T06:02:10Z,2026-05-04T06:04:40Z,squeal,,',
+            'line 3 contradicts .*line 2',
+        ),
+        ('', 'has no reports'),
+    ],
+)
+def test_a_bad_report_is_named(tmp_path: Path, rows: str, words: str) -> None:
+    path = tmp_path / 'squeals.csv'
+    path.write_text(HEAD + rows)
+    with pytest.raises(CalibrationError, match=words):
+        read_reports(path, ['aft'])
+
+
+def test_a_level_is_cut_where_its_two_modes_part() -> None:
+    random = np.random.default_rng(1)
+    time = np.arange(3000, dtype=np.int64) * 10**8
+    loud = ((time > 50e9) & (time < 90e9)) | ((time > 200e9) & (time < 206e9))
+    level = np.where(loud, 3.0, 0.1) * np.exp(0.2 * random.standard_normal(3000))
+    level[1000] = 3.0  # a single value is no episode
+    threshold = level_threshold('/level', level)
+    assert 0.2 < threshold < 2.0
+    episodes = np.array(level_episodes(time, level, threshold, 5 * BIN_NS)) / 1e9
+    assert episodes == pytest.approx(np.array([[50.1, 90.0], [200.1, 206.0]]), abs=0.11)
+
+
+@pytest.mark.parametrize(
+    ('level', 'words'),
+    [
+        (np.full(100, 0.3), 'never changes'),
+        (np.exp(0.3 * np.random.default_rng(2).standard_normal(5000)), 'has no two modes'),
+    ],
+)
+def test_a_level_that_tells_nothing_is_refused(level: np.ndarray, words: str) -> None:
+    with pytest.raises(CalibrationError, match=f'/level .*{words}|{words}'):
+        level_threshold('/level', level)
+
+
+def test_alternating_reports_leave_no_gap() -> None:
+    reports = alternating('aft', (0, 100), [(0, 10), (40, 60)], 2.0, 0.99, 'truth')
+    assert [(r.start_ns, r.end_ns, r.squeal) for r in reports] == [
+        (0, 10, True), (10, 40, False), (40, 60, True), (60, 100, False),
+    ]  # fmt: skip
+
+
+def test_the_core_of_a_short_report_is_its_middle() -> None:
+    report = VibrationReport('aft', 10 * BIN_NS, 30 * BIN_NS, True, 4.0, 0.9, '')
+    assert core_of(report) == (14 * BIN_NS, 26 * BIN_NS)
+    short = VibrationReport('aft', 10 * BIN_NS, 16 * BIN_NS, True, 4.0, 0.9, '')
+    assert core_of(short) == (13 * BIN_NS, 13 * BIN_NS)
+
+
+def test_a_dip_begins_anew_after_rest_a_gap_and_fast_stretches(coast: Coast) -> None:
+    course, reports = coast()
+    speed = course.speed.copy()
+    speed[50:60], speed[300:310] = 0.0, 2.0
+    keep = np.ones(400, dtype=bool)
+    keep[200:210] = False
+    cut = TelemetryBins('bag', course.time_ns[keep], speed[keep], course.load[keep])
+    dips = cut_dips(cut, reports, lambda load: np.full(load.shape, 1.0))
+    assert [(d.time_ns[0] // BIN_NS, d.end_ns // BIN_NS) for d in dips] == [
+        (0, 50), (60, 200), (210, 300), (310, 400),
+    ]  # fmt: skip
+    assert [d.episode for d in dips] == [False, True, True, False]
+
+
+def test_bins_are_averages_and_rest_stays_rest() -> None:
+    time = (np.arange(40) * 10**8).astype(np.int64)
+    speed = np.linspace(0.1, 0.4, 40) * -1.0
+    speed[25] = 0.0
+    course = course_of('bag', time, speed, np.full(40, 5.0))
+    assert course.time_ns.tolist() == [BIN_NS // 2 + k * BIN_NS for k in range(4)]
+    assert course.speed[0] == pytest.approx(-speed[:10].mean())
+    assert course.speed[2] == 0.0

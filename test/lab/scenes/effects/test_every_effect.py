@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What every effect owes: an example in the docs, a stream of its own, no cost when not listed."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from stickslip_monitor.commands.simulate import write_bag
+from stickslip_monitor.errors import SceneError
+from stickslip_monitor.lab.scenes.effects import effect as effect_module
+from stickslip_monitor.lab.scenes.effects import lining_motion
+from stickslip_monitor.lab.scenes.effects.registry import EFFECTS, STAGES, effect_kind
+from stickslip_monitor.lab.scenes.scene import Scene
+from stickslip_monitor.lab.scenes.scene_file import KEYS, load_scene
+from stickslip_monitor.lab.scenes.simulator import simulate
+from stickslip_monitor.lab.scenes.telemetry import Messages
+from stickslip_monitor.lab.scenes.windows import random_stream
+from stickslip_monitor.monitor.signals import INPUTS
+
+MakeScene = Callable[..., Scene]
+MessagesOf = Callable[..., dict[str, Messages]]
+PAGE = Path(__file__).resolve().parents[4] / 'docs' / 'scenes.md'
+STAMPED = {
+    'aft': {
+        'speed': {'type': 'geometry_msgs/msg/TwistStamped', 'field': 'twist.angular.x'},
+        'load': {'type': 'geometry_msgs/msg/WrenchStamped', 'field': 'wrench.force.z'},
+        'level': {
+            'topic': '/aft/level',
+            'unit': 'mm/s',
+            'type': 'geometry_msgs/msg/WrenchStamped',
+            'field': 'wrench.force.z',
+        },
+    }
+}
+RATES = {'speed': {'rate': 10.0}, 'load': {'rate': 2.0}, 'level': {'rate': 2.0}}
+
+
+def examples() -> dict[str, Any]:
+    """The example of each effect in the docs."""
+    blocks = re.findall(r'```yaml\n(- .*?)```', PAGE.read_text('utf-8'), flags=re.DOTALL)
+    listed = [entry for block in blocks for entry in yaml.safe_load(block)]
+    found = {name: settings for entry in listed for name, settings in entry.items()}
+    assert len(found) == len(listed)
+    return found
+
+
+EXAMPLES = examples()
+# Of the effects that draw random numbers, the integrator's takes seconds.
+QUICK = [name for name in EXAMPLES if name != 'lining_motion']
+ALL = [{name: EXAMPLES[name]} for name in QUICK]
+
+
+def test_every_effect_has_an_example_and_its_place() -> None:
+    assert sorted(EXAMPLES) == sorted(EFFECTS)
+    rows = re.findall(r'^\| `(\w+)` \|.*\| ((?:`\w+`(?:, )?)+) \|$', PAGE.read_text('utf-8'), re.M)
+    stages = {stage: tuple(re.findall(r'\w+', names)) for stage, names in rows}
+    assert stages == dict(STAGES)
+    assert list(stages) == list(STAGES)
+    costs = re.findall(r'^\| `(\w+)` \| [^|]+ \| [^|]+ \|$', PAGE.read_text('utf-8'), re.M)
+    assert costs == list(EFFECTS)
+    settings = PAGE.read_text('utf-8').partition('## All settings')[2].partition('\n## ')[0]
+    told = set(re.findall(r'`(\w+)`', settings))
+    assert told >= set(EFFECTS)
+    for name in set(EFFECTS) - set(STAGES['lining']):
+        keys = set(effect_kind(name).keys)
+        assert told >= keys - {'bearing', *INPUTS}
+
+
+def test_scene_of_the_page_can_be_made(tmp_path: Path) -> None:
+    (text,) = re.findall(r'```yaml\n(scene: .*?)```', PAGE.read_text('utf-8'), flags=re.DOTALL)
+    (tmp_path / 'docs').mkdir()
+    (tmp_path / 'launch_configs').symlink_to(PAGE.parents[1] / 'launch_configs')
+    path = tmp_path / 'docs' / 'scene.yaml'
+    path.write_text(text, 'utf-8')
+    scene = load_scene(path)
+    counts = write_bag(scene, tmp_path / 'bag')
+    assert counts == {'/shaft/speed': 6001, '/bearing/aft_stern/load': 1201 - 20 * 2}
+    keys = PAGE.read_text('utf-8').partition('## Scenes that vary')[0]
+    assert re.findall(r'^\| `(\w+)` \| [^|]+ \|$', keys, re.M) == list(KEYS)
+
+
+def test_effect_that_is_listed_twice_is_named(make_scene: MakeScene) -> None:
+    for name in EFFECTS:
+        twice = [{name: EXAMPLES[name]}] * 2
+        with pytest.raises(SceneError, match=f"effect '{name}'.* is listed twice"):
+            make_scene(STAMPED, effects=twice, telemetry=RATES)
+
+
+def test_order_in_the_file_means_nothing(make_scene: MakeScene, messages_of: MessagesOf) -> None:
+    scene = make_scene(STAMPED, effects=ALL, telemetry=RATES)
+    assert [s.name for s in scene.effects] == [n for n in EFFECTS if n in QUICK]
+    one = messages_of(scene)
+    other = messages_of(make_scene(STAMPED, effects=ALL[::-1], telemetry=RATES))
+    assert one['/shaft/speed'].raw.tobytes() == other['/shaft/speed'].raw.tobytes()
+    assert one['/bearing/aft/load'].raw.tobytes() == other['/bearing/aft/load'].raw.tobytes()
+
+
+@pytest.mark.parametrize('length', [1000.0, 7.3, 0.35])
+def test_length_of_the_blocks_changes_no_bit(
+    make_scene: MakeScene, messages_of: MessagesOf, length: float
+) -> None:
+    scene = make_scene(STAMPED, effects=ALL, telemetry=RATES)
+    whole, parts = messages_of(scene), messages_of(scene, length)
+    for topic, messages in whole.items():
+        other = parts[topic]
+        assert messages.stamp_ns is not None
+        assert other.stamp_ns is not None
+        assert messages.stamp_ns.tolist() == other.stamp_ns.tolist()
+        assert messages.log_time_ns.tolist() == other.log_time_ns.tolist()
+        assert messages.raw.tobytes() == other.raw.tobytes()
+
+
+@pytest.fixture
+def streams(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, ...], np.random.Generator]:
+    """The random streams that are made, by name; their states tell what was drawn."""
+    made: dict[tuple[str, ...], np.random.Generator] = {}
+
+    def spy(seed: int, *names: str) -> np.random.Generator:
+        made[names] = random_stream(seed, *names)
+        return made[names]
+
+    for module in (effect_module, lining_motion):
+        monkeypatch.setattr(module, 'random_stream', spy)
+    return made
+
+
+# A recording that is cut off ends sooner, and so do all its streams.
+@pytest.mark.parametrize('name', [name for name in QUICK if name != 'cut_off'])
+def test_leaving_an_effect_out_changes_no_stream_of_another(
+    make_scene: MakeScene,
+    messages_of: MessagesOf,
+    streams: dict[tuple[str, ...], np.random.Generator],
+    name: str,
+) -> None:
+    def drawn(effects: list[dict[str, Any]]) -> dict[tuple[str, ...], Any]:
+        scene = make_scene(STAMPED, effects=effects, telemetry=RATES)
+        streams.clear()
+        messages_of(scene)
+        return {key: stream.bit_generator.state for key, stream in streams.items()}
+
+    full = drawn(ALL)
+    less = drawn([effect for effect in ALL if name not in effect])
+    assert less == {key: state for key, state in full.items() if key[0] != name}
+    fresh = {key: random_stream(7, *key).bit_generator.state for key in full}
+    used = {key[0] for key in full if full[key] != fresh[key]}
+    assert used == {
+        'load_in_waves', 'sensor_noise', 'spikes', 'not_a_number', 'clock_jitter', 'out_of_order',
+        'repeated_stamps', 'dropout', 'vibration_background',
+    }  # fmt: skip
+
+
+@pytest.mark.slow
+def test_effect_that_is_listed_alone_imports_no_other() -> None:
+    code = (
+        'import sys\n'
+        'from stickslip_monitor.lab.scenes import scene_file, simulator\n'
+        'from stickslip_monitor.lab.scenes.effects.registry import EFFECTS, read_effects\n'
+        'here = "stickslip_monitor.lab.scenes.effects."\n'
+        'loaded = lambda: {m for m in EFFECTS.values() if here + m in sys.modules}\n'
+        'assert loaded() == set(), loaded()\n'
+        'heavy = {"scipy.signal", "numba", "stickslip_monitor.physics.motion.integrator"}\n'
+        'assert not heavy & set(sys.modules), heavy & set(sys.modules)\n'
+        'for number, name in enumerate(EFFECTS, 1):\n'
+        '    read_effects([{name: {}}])\n'
+        '    assert loaded() == set(list(EFFECTS.values())[:number]), (name, loaded())\n'
+    )
+    subprocess.run([sys.executable, '-c', code], check=True)
+
+
+def test_nothing_is_allocated_for_what_is_not_listed(make_scene: MakeScene) -> None:
+    profiles = [{name: EXAMPLES[name]} for name in ('speed_profile', 'load_profile')]
+    run = make_scene(effects=profiles).build()
+    assert (run.sensors, run.effects, run.cut) == ({}, [], None)
+    for block in simulate(make_scene(effects=profiles)):
+        assert block.truth == []
+        for signal in block.signals.values():
+            assert signal.arrival_ns is signal.copies is None
+            assert signal.messages().log_time_ns is signal.stamp_ns
+
+
+@pytest.mark.slow
+def test_memory_of_a_day_is_that_of_an_hour(
+    make_scene: MakeScene, peak_memory: Callable[[Scene, float], int]
+) -> None:
+    """All effects but those on the lining, which have tests of their own, and the slow waves."""
+    names = set(QUICK) - {*STAGES['lining'], 'load_in_waves', 'cut_off'}
+    rates = {'speed': {'rate': 1.0}, 'load': {'rate': 1.0}}
+    effects = [{name: EXAMPLES[name]} for name in names]
+    scene = make_scene(STAMPED, effects=effects, telemetry=rates)
+
+    peak_memory(scene, 600.0)
+    assert peak_memory(scene, 86_400.0) < 1.2 * peak_memory(scene, 3_600.0)

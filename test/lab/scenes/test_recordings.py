@@ -1,0 +1,366 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The recordings of bags/: as the manifest says, and the monitor's alarms when they are due."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+import zstandard
+from numpy.typing import NDArray
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+
+from stickslip_monitor import assess, exact_fold_speed
+from stickslip_monitor.bags.reader import Request, open_bag
+from stickslip_monitor.errors import SceneError
+from stickslip_monitor.lab.scenes.scene import Scene
+from stickslip_monitor.lab.scenes.scene_file import load_scene
+from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.scan import Scan
+from stickslip_monitor.monitor.signals import Status
+from stickslip_monitor.offline.follow import scan_whole
+
+ROOT = Path(__file__).resolve().parents[3]
+BAGS = ROOT / 'bags'
+MANIFEST: dict[str, Any] = json.loads((BAGS / 'manifest.json').read_text('utf-8'))
+ENTRIES: dict[str, dict[str, Any]] = MANIFEST['bags']
+STORE = get_typestore(Stores.ROS2_JAZZY)
+# The scenes of which a closed form knows the alarms: profiles, and noise of the sensors.
+PLAIN = [name for name, entry in ENTRIES.items() if entry['events'] is not None]
+LADDER = ['normal', 'caution', 'bistable', 'stick_slip', 'amplitude_limit']
+
+
+def test_manifest_lists_every_scene_and_every_bag() -> None:
+    assert set(ENTRIES) == {p.stem for p in (ROOT / 'launch_configs' / 'scenes').glob('*.yaml')}
+    assert set(ENTRIES) == {p.name for p in BAGS.iterdir() if p.is_dir()}
+    assert sum(p.stat().st_size for p in BAGS.rglob('*') if p.is_file()) < 8_000_000
+
+
+@pytest.mark.parametrize('name', ENTRIES)
+def test_bag_is_as_the_manifest_says(name: str) -> None:
+    entry = ENTRIES[name]
+    data = (BAGS / entry['file']).read_bytes()
+    assert len(data) == entry['bytes']
+    assert hashlib.sha256(data).hexdigest() == entry['sha256']
+    assert load_scene(ROOT / entry['scene']).seed == entry['seed']
+    if name == 'cut_short':
+        return
+    with Reader(BAGS / name) as reader:
+        assert reader.message_count == entry['messages']
+        assert reader.start_time == entry['start_ns']
+        # rosbags takes the end of a recording to be just after its last message.
+        assert reader.duration == entry['duration'] * 1e9 + 1
+
+
+def test_the_cut_recording_is_whole_up_to_its_cut() -> None:
+    """No index and no metadata, which rosbags needs; the first of the messages are left."""
+    entry = ENTRIES['cut_short']
+    assert not (BAGS / 'cut_short' / 'metadata.yaml').exists()
+    bag = open_bag(BAGS / 'cut_short')
+    (cut,) = bag.cuts
+    assert (cut.size, bag.start_ns) == (entry['bytes'], entry['start_ns'])
+    assert bag.message_count == entry['messages']
+    speed = Request('/shaft/speed', 'data')
+    series = bag.read([speed])[speed]
+    assert 90.0 < series.value.size / 20.0 < 170.0  # seconds at 20 Hz
+    elapsed = (series.log_time_ns - entry['start_ns']) * 1e-9
+    np.testing.assert_allclose(elapsed, np.arange(series.value.size) / 20.0, atol=1e-9)
+    noise = series.value - np.interp(elapsed, [20.0, 100.0, 150.0], [60.0, 20.0, 20.0])
+    assert abs(noise.std() / 0.1 - 1.0) < 5.0 / np.sqrt(2 * noise.size)
+
+
+def complaints(name: str) -> dict[str, int]:
+    """How often the monitor complained of what, of speed and load together."""
+    _, _, found = scan(name)
+    return {status.name: int(found.counts[:, status].sum()) for status in Status}
+
+
+def test_bad_samples_are_those_of_the_scenes() -> None:
+    """Counts by the scene files: rate times seconds times share, within five deviations."""
+    values, clocks = complaints('sensor_values'), complaints('sensor_clocks')
+    assert abs(values['NOT_FINITE'] - (60 + 100)) < 5.0 * np.sqrt(200 * 0.25)
+    assert values['REPEATED'] == values['OUT_OF_ORDER'] == values['CLOCK_JUMP'] == 0
+    # Both inputs take the jump of the same clock, which is heard once.
+    assert clocks['CLOCK_JUMP'] == 1
+    assert abs(clocks['REPEATED'] - 2 * 150 * 0.2) < 5.0 * np.sqrt(2 * 150 * 0.16)
+    # Half a second late is behind two or three younger ones.
+    assert abs(clocks['OUT_OF_ORDER'] - 2 * 150 * 0.1) < 5.0 * np.sqrt(2 * 150 * 0.09)
+    total = 2 * (360 * 5 + 1)
+    lost = 2 / 100 * total / 2 + 50
+    counted = sum(clocks.values()) - clocks['REPEATED']
+    assert abs(total - lost - counted) < 5.0 * np.sqrt(36.0)
+
+
+def test_lost_inputs_are_told_and_given_back() -> None:
+    """NaN for 12 s at a speed that is safe; ten seconds without the load; a timeout of 5 s."""
+    for name, from_s, to_s in (('sensor_values', 200.0, 212.0), ('sensor_clocks', 170.0, 180.0)):
+        _, start_ns, found = scan(name)
+        stale = [
+            ((event.time_ns - start_ns) * 1e-9, str(event.after) == 'input_stale')
+            for event in found.events
+            if 'input_stale' in (str(event.before), str(event.after))
+        ]
+        (lost, is_stale), (back, _) = stale[:2]
+        # The clock of the second recording is 30 s behind there.
+        shift = 30.0 if name == 'sensor_clocks' else 0.0
+        assert is_stale
+        assert lost + shift == pytest.approx(from_s + 5.0, abs=0.4)
+        assert back + shift == pytest.approx(to_s, abs=0.4)
+
+
+@pytest.mark.slow
+def test_bags_can_be_made_again_bit_for_bit(tmp_path: Path) -> None:
+    """On a processor without the vector instructions of this one, whose last digits may differ."""
+    script = ROOT / 'scripts' / 'make_bags.py'
+    found = np.show_config(mode='dicts')['SIMD Extensions'].get('found', [])
+    environment = os.environ | {
+        'PYTHONPATH': str(ROOT),
+        'NPY_DISABLE_CPU_FEATURES': ' '.join(found),
+        'GLIBC_TUNABLES': 'glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4,-AVX512F',
+    }
+    command = [sys.executable, str(script), '--output', str(tmp_path)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert [line.split(':')[0] for line in done.stdout.splitlines()] == sorted(ENTRIES)
+    made = json.loads((tmp_path / 'manifest.json').read_text('utf-8'))
+    same_zstd = MANIFEST['zstd'] == '.'.join(map(str, zstandard.ZSTD_VERSION))
+    for name, entry in ENTRIES.items():
+        # Another zstd may pack the same messages into other bytes.
+        packed = () if same_zstd else ('bytes', 'sha256')
+        assert {k: v for k, v in made['bags'][name].items() if k not in packed} == {
+            k: v for k, v in entry.items() if k not in packed
+        }
+    assert {p.name for p in tmp_path.iterdir()} == {*ENTRIES, 'manifest.json'}
+
+
+def numbers(name: str) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Seconds and numbers of every topic that has them, by another reader."""
+    rows: dict[str, list[tuple[int, float]]] = {}
+    with Reader(BAGS / name) as reader:
+        for connection, time, data in reader.messages():
+            if connection.msgtype == 'std_msgs/msg/Float64':
+                message: Any = STORE.deserialize_cdr(data, connection.msgtype)
+                rows.setdefault(connection.topic, []).append((time, message.data))
+    columns = {topic: np.array(own, dtype=object).T for topic, own in rows.items()}
+    start = ENTRIES[name]['start_ns']
+    return {
+        topic: ((stamps - start).astype(float) * 1e-9, values.astype(float))
+        for topic, (stamps, values) in columns.items()
+    }
+
+
+def profile(scene: Scene, quantity: str, bearing: str) -> NDArray[np.float64]:
+    """The points of a profile as they stand in the scene file, rows of time [s] and value."""
+    (settings,) = (
+        s
+        for s in scene.effects
+        if s.name == f'{quantity}_profile'
+        and ('bearing' not in s or s.value('bearing', '') == bearing)
+    )
+    assert settings.value('unit', '') in ('rpm', 'N')
+    return np.transpose(settings.value('points', ''))
+
+
+@pytest.mark.parametrize('name', PLAIN)
+def test_telemetry_is_the_profile_and_its_noise(name: str) -> None:
+    """Against the scene file's own points; the truth is those points themselves."""
+    scene = load_scene(ROOT / ENTRIES[name]['scene'])
+    found = numbers(name)
+    (noise,) = (s for s in scene.effects if s.name == 'sensor_noise')
+    for config in scene.config.bearings:
+        inputs = {
+            'speed': (config.speed.topic, np.pi * 0.1 / 60.0),
+            'load': (config.load.topic, 1),
+        }
+        for quantity, (topic, unit) in inputs.items():
+            points = profile(scene, quantity, config.name)
+            time, true = found[f'/truth/{config.name}/{quantity}']
+            assert true == pytest.approx(np.interp(time, *points) * unit, rel=1e-12)
+            time, values = found[topic]
+            off = values - np.interp(time, *points)
+            off /= noise.value(quantity, '')['standard_deviation']
+            assert abs(off.mean()) < 5.0 / np.sqrt(off.size)
+            assert abs(off.std() - 1.0) < 5.0 / np.sqrt(2 * off.size)
+
+
+def scans(name: str) -> Iterator[tuple[BearingConfig, int, Scan]]:
+    """The monitor over a recording: each bearing, when it starts [ns], its scan."""
+    config = load_scene(ROOT / ENTRIES[name]['scene']).config
+    report = scan_whole(BAGS / name, config)
+    assert report.bag.start_ns is not None
+    for bearing in config.bearings:
+        yield bearing, report.bag.start_ns, report.bearings[bearing.name].scan
+
+
+def scan(name: str) -> tuple[BearingConfig, int, Scan]:
+    """The same of a recording of one bearing."""
+    (only,) = scans(name)
+    return only
+
+
+def rungs(before: str, after: str) -> list[tuple[str, bool]]:
+    """The rungs of the alarm's ladder that a change raises (True) or clears."""
+    low, high = sorted((LADDER.index(before), LADDER.index(after)))
+    return [(name, after == LADDER[high]) for name in LADDER[low + 1 : high + 1]]
+
+
+@pytest.mark.parametrize('name', PLAIN)
+def test_monitor_gives_every_alarm_when_it_is_due_and_no_other(name: str) -> None:
+    """Rung by rung: on its way down the alarm may rest for a moment where noise holds it."""
+    for bearing, start_ns, found in scans(name):
+        due = [
+            (*rung, event['earliest'], event['latest'])
+            for event in ENTRIES[name]['events']
+            if event['bearing'] == bearing.name
+            for rung in rungs(event['before'], event['after'])
+        ]
+        given = [
+            (*rung, (event.time_ns - start_ns) * 1e-9)
+            for event in found.events
+            for rung in rungs(str(event.before), str(event.after))
+        ]
+        for condition in LADDER[1:]:
+            expected = [row for row in due if row[0] == condition]
+            actual = [row for row in given if row[0] == condition]
+            assert [row[1] for row in actual] == [row[1] for row in expected]
+            for (_, _, time), (_, _, earliest, latest) in zip(actual, expected, strict=True):
+                assert earliest <= time <= latest
+
+
+def test_conditions_come_in_the_order_of_the_scene() -> None:
+    """Without what noise adds on the way down: a rest on a rung for less than two seconds."""
+    expected = {
+        'coast_down': [
+            'caution',
+            'bistable',
+            'stick_slip',
+            'amplitude_limit',
+            'caution',
+            'normal',
+        ],
+        'load_excursion': ['caution', 'bistable', 'stick_slip', 'caution', 'normal'],
+        'voyage': [],
+    }
+    for name, conditions in expected.items():
+        assert [event['after'] for event in ENTRIES[name]['events']] == conditions
+        events = scan(name)[2].events
+        ends = [event.time_ns for event in events[1:]] + [np.inf] * bool(events)
+        lasting = [
+            str(event.after)
+            for event, end in zip(events, ends, strict=True)
+            if end - event.time_ns > 2e9
+        ]
+        assert lasting == conditions
+
+
+def test_stick_slip_shows_hysteresis() -> None:
+    """At 1000 N and between 31 and 40 rpm: quiet on the way down, sticking on the way up."""
+    bearing, start_ns, found = scan('coast_down')
+    rpm = bearing.bearing.speed.from_surface(found.assessment.speed, 'rpm')
+    between = (rpm > 32.0) & (rpm < 39.5)
+    down = (found.time_ns - start_ns) < 135e9
+    assert not found.sticking[between & down].any()
+    assert found.sticking[between & ~down].all()
+
+
+# Speeds and loads of the boundaries from PHYSICS: Hopf 30.7380 rpm and fold 40.7231 rpm at
+# 1000 N; fold about 498 N and Hopf about 570 N at 20 rpm. Caution begins at 1.1 times the fold
+# speed and ends at 1.12 times. The ramps are 0.45 rpm/s from 20 s and from 150 s, 5 N/s from 20 s
+# and from 160 s.
+CROSSINGS = [
+    ('coast_down', 0, 20.0 + (60.0 - 1.1 * 40.7231) / 0.45, 1e-3),
+    ('coast_down', 1, 20.0 + (60.0 - 40.7231) / 0.45, 1e-3),
+    ('coast_down', 2, 20.0 + (60.0 - 30.7380) / 0.45, 1e-3),
+    ('coast_down', 4, 150.0 + (40.7231 - 15.0) / 0.45, 1e-3),
+    ('coast_down', 5, 150.0 + (1.12 * 40.7231 - 15.0) / 0.45, 1e-3),
+    ('load_excursion', 1, 20.0 + (498.0 - 300.0) / 5.0, 0.5),
+    ('load_excursion', 2, 20.0 + (570.0 - 300.0) / 5.0, 0.1),
+    ('load_excursion', 3, 160.0 + (900.0 - 498.0) / 5.0, 0.5),
+]
+
+
+@pytest.mark.parametrize(('name', 'number', 'seconds', 'tolerance'), CROSSINGS)
+def test_expected_crossings_follow_from_the_reference_numbers(
+    name: str, number: int, seconds: float, tolerance: float
+) -> None:
+    assert ENTRIES[name]['events'][number]['crossing'] == pytest.approx(seconds, abs=tolerance)
+
+
+def test_the_pair_differs_in_its_history_only() -> None:
+    """From 60 s on the telemetry is the same; one lining sticks, the other does not."""
+    above, below = numbers('history_above'), numbers('history_below')
+    for topic in ('/shaft/speed', '/bearing/aft_stern/load'):
+        (time, first), (_, second) = above[topic], below[topic]
+        late = time >= 60.0
+        assert late.sum() == 301
+        assert np.array_equal(first[late], second[late])
+    assert ENTRIES['history_above']['episodes'] == []
+    (episode,) = ENTRIES['history_below']['episodes']
+    assert episode['last_stick'] == 120.0
+    last = {name: scan(name)[2].sticking[-1] for name in ('history_above', 'history_below')}
+    assert last == {'history_above': False, 'history_below': True}
+
+
+# Speed at which stick-slip ends on the way up, at 1000 N: the exact fold, 40.718 rpm; it is passed
+# at 0.45 rpm/s, 0.52 rpm/s and, in cold_start, by the friction that falls at 44 rpm.
+def test_stick_slip_ends_at_the_exact_fold() -> None:
+    (episode,) = ENTRIES['coast_down']['episodes']
+    assert 15.0 + 0.45 * (episode['last_stick'] - 150.0) == pytest.approx(40.718, abs=0.2)
+    (episode,) = ENTRIES['bistable_knock']['episodes']
+    assert 36.0 + 24.0 / 50.0 * (episode['last_stick'] - 170.0) == pytest.approx(40.718, abs=0.2)
+    # The fold depends on load times friction: a factor f at 1000 N is a load of f times 1000 N.
+    (episode,) = ENTRIES['cold_start']['episodes']
+    factor = 1.35 - 0.35 * (episode['last_stick'] - 30.0) / 300.0
+    reference = load_scene(ROOT / ENTRIES['cold_start']['scene']).config.bearings[0].bearing
+    speed = reference.speed.to_surface(44.0, 'rpm')
+    assert exact_fold_speed(reference, 1000.0 * factor) == pytest.approx(speed, rel=5e-3)
+
+
+def test_the_level_is_the_effective_value_of_the_exact_cycle() -> None:
+    config = load_scene(ROOT / ENTRIES['measured_knock']['scene']).config.bearings[0]
+    assert config.level is not None
+    request = Request(config.level.topic, 'data')
+    series = open_bag(BAGS / 'measured_knock').read([request])[request]
+    elapsed = (series.log_time_ns - ENTRIES['measured_knock']['start_ns']) * 1e-9
+    runs = series.value[(elapsed > 140.0) & (elapsed < 170.0)]
+    bearing = config.bearing
+    amplitude = assess(bearing, bearing.speed.to_surface(36.0, 'rpm'), 1000.0).amplitude_exact
+    velocity = amplitude * bearing.natural_frequency / np.sqrt(2.0) * 1e3
+    # Sixty values with a scatter of a tenth.
+    assert runs.mean() == pytest.approx(velocity, rel=0.04)
+    # Before the blows, a floor of 1 mm/s and an engine of 1.5 mm/s at 40.7 rpm, in the sea.
+    quiet = series.value[(elapsed > 62.0) & (elapsed < 80.0)]
+    assert quiet.mean() == pytest.approx(1.0 + 1.5 * (36.0 / 40.72) ** 2, rel=0.15)
+    assert quiet.max() < 5.0
+
+
+@pytest.mark.parametrize(
+    ('changes', 'words'),
+    [
+        ({'level': {'rate': 200.0}}, 'telemetry.level.rate = 200 Hz must not be above 7.96 Hz'),
+        ({'level': {'rate': -1.0}}, 'telemetry.level.rate = -1.0 must be a number'),
+    ],
+)
+def test_a_level_that_cannot_be_sent_is_refused(
+    tmp_path: Path, changes: dict[str, Any], words: str
+) -> None:
+    scene = yaml.safe_load((ROOT / ENTRIES['measured_knock']['scene']).read_text('utf-8'))
+    scene['telemetry'] |= changes
+    scene['config'] = str(ROOT / 'launch_configs' / 'measured_bearing.yaml')
+    path = tmp_path / 'scene.yaml'
+    path.write_text(yaml.safe_dump(scene), 'utf-8')
+    with pytest.raises(SceneError, match=words):
+        load_scene(path)
+    scene['config'] = str(ROOT / 'launch_configs' / 'reference_bearing.yaml')
+    path.write_text(yaml.safe_dump(scene), 'utf-8')
+    with pytest.raises(SceneError, match='the configuration has no aft_stern'):
+        load_scene(path)
