@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All that the monitor remembers of a bearing, as one flat record.
+
+:data:`FIELDS` is the whole memory: name, kind, how many, unit and meaning. Live it is a
+:class:`State` of Python numbers, over a recording one row of :data:`STATE_TYPE`, and kept between
+runs it is a dictionary; the rule (:mod:`.rule`) reads and writes all of them by the same names.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+NEVER = -(2**62)
+"""Stands for a time that has not been [ns]."""
+
+
+class Field(NamedTuple):
+    """One part of the memory: ``count`` numbers of a kind (``i8`` or ``f8``); 0 is a plain one."""
+
+    name: str
+    kind: str
+    count: int
+    unit: str
+    start: float
+    meaning: str
+
+
+FIELDS = (
+    # The inputs, in the order of :class:`~stickslip_monitor.monitor.signals.Input`.
+    Field('stamp', 'i8', 3, 'ns', NEVER, 'latest valid time stamp of each input'),
+    Field('odd', 'i8', 3, 'ns', NEVER, 'stamp that waits for the next sample to agree with it'),
+    Field('came', 'i8', 2, 'ns', NEVER, 'from when the age of speed and load is counted'),
+    Field('gap', 'i8', 2, 'ns', 0, 'time between the last two stamps of speed and load'),
+    Field('gap_before', 'i8', 2, 'ns', 0, 'that between the two before'),
+    Field('value', 'f8', 2, 'SI', math.nan, 'latest speed [m/s] and load [N]'),
+    Field('before', 'f8', 2, 'SI', math.nan, 'the values before these'),
+    Field('earlier', 'f8', 2, 'SI', math.nan, 'the values before those'),
+    Field('spent', 'f8', 2, 'e-folds', 0, 'growth that the latest value brought by itself'),
+    # Time.
+    Field('now', 'i8', 0, 'ns', NEVER, 'latest time, on the clock of the samples'),
+    Field('began', 'i8', 0, 'ns', NEVER, 'from when inputs are waited for'),
+    Field('point', 'i8', 0, 'ns', NEVER, 'time of the latest operating point'),
+    Field('lost', 'i8', 0, '', 0, '1 while an input is lost'),
+    Field('lost_since', 'i8', 0, 'ns', NEVER, 'since when one is, or last was'),
+    # The trend of the speed.
+    Field('fast', 'f8', 0, 'm/s', math.nan, 'speed behind a lag of 1 s'),
+    Field('slow', 'f8', 0, 'm/s', math.nan, 'speed behind a lag of 4 s'),
+    # Whether stick-slip runs.
+    Field('sticking', 'i8', 0, '', 0, '1 while stick-slip is predicted to run'),
+    Field('known', 'i8', 0, '', 0, '1 once it is known which state a bistable bearing is in'),
+    Field('growth', 'f8', 0, 'e-folds', 0, 'how far a disturbance has grown'),
+    Field('dying', 'i8', 0, 'ns', 0, 'net time where no cycle exists while one is predicted'),
+    Field('idle', 'i8', 0, 'ns', 0, 'net time at rest, unloaded or measured quiet meanwhile'),
+    # What the latest point says.
+    Field('course', 'i8', 0, '', 0, 'a cycle exists, none exists, or nothing slides'),
+    Field('rate', 'f8', 0, '1/s', 0, 'growth rate of a disturbance by the latest values'),
+    Field('median_rate', 'f8', 0, '1/s', 0, 'the same by the medians of the last three values'),
+    # The rungs of the alarm, in the order of the ladder without normal.
+    Field('raised', 'i8', 0, 'bits', 0, 'the rungs that are raised'),
+    Field('asks', 'i8', 0, 'bits', 0, 'the rungs that the latest point asks to change'),
+    Field('count', 'i8', 5, 'ns', 0, 'net time for which each has been asked to change'),
+    Field('cleared', 'i8', 5, 'ns', NEVER, 'when each was last cleared; of a raised one: held'),
+    # The measured level.
+    Field('vibrating', 'i8', 0, '', 0, 'unknown, quiet or vibrating'),
+    Field('level', 'f8', 0, 'unit', math.nan, 'latest level'),
+    Field('moved', 'i8', 0, 'ns', NEVER, 'stamp at which the level last changed'),
+    Field('level_count', 'i8', 0, 'ns', 0, 'net time above the threshold; negative: below'),
+    Field('level_mean', 'f8', 0, 'dB', math.nan, 'the level behind a lag of half a second'),
+    Field('level_peak', 'f8', 0, 'dB', math.nan, 'the highest of these since the level rose'),
+    Field('heard', 'i8', 0, '', 0, '1 once the level has risen where a cycle exists'),
+    Field('loud', 'f8', 0, '', 0, 'share of the time outside in which the level is high'),
+    Field('outside', 'i8', 0, 'ns', NEVER, 'when the level was last high outside'),
+    Field('loudest', 'f8', 0, 'dB', math.nan, 'the highest of these means outside'),
+    Field('watched', 'i8', 0, 'ns', 0, 'for how long the level was watched outside'),
+    Field('unseen', 'i8', 0, 'ns', NEVER, 'since when stick-slip is predicted and not measured'),
+)
+
+STATE_TYPE = np.dtype(
+    [(f.name, f.kind, (f.count,)) if f.count else (f.name, f.kind) for f in FIELDS]
+)
+
+
+class State:
+    """The memory of a bearing as Python numbers, and lists where there are several."""
+
+    __slots__ = tuple(f.name for f in FIELDS)
+
+    def __init__(self) -> None:
+        for f in FIELDS:
+            start = int(f.start) if f.kind == 'i8' else float(f.start)
+            setattr(self, f.name, [start] * f.count if f.count else start)
+
+    def record(self) -> dict[str, Any]:
+        """The memory as numbers and lists that JSON can hold, ``None`` for ``nan``."""
+        return {name: _told(getattr(self, name)) for name in self.__slots__}
+
+    def row(self) -> Any:
+        """The memory as an array of one row, of :data:`STATE_TYPE`."""
+        row = np.zeros(1, STATE_TYPE)
+        for name in self.__slots__:
+            row[name] = getattr(self, name)
+        return row
+
+    @classmethod
+    def of_row(cls, row: Any) -> State:
+        """The memory that a row of :data:`STATE_TYPE` holds."""
+        state = cls()
+        for name in cls.__slots__:
+            setattr(state, name, row[name].tolist())
+        return state
+
+    @classmethod
+    def of_record(cls, record: Mapping[str, Any]) -> State:
+        """The memory that :meth:`record` has told.
+
+        Raises:
+            ValueError: A field is missing, or is not of its kind and number.
+        """
+        state = cls()
+        for f in FIELDS:
+            found = record.get(f.name)
+            parts = found if isinstance(found, list) else [found]
+            if len(parts) != max(f.count, 1) or isinstance(found, list) != bool(f.count):
+                raise ValueError(f'{f.name} = {found!r} must be {f.count or "a"} {f.kind}')
+            numbers = [_number(f, part) for part in parts]
+            setattr(state, f.name, numbers if f.count else numbers[0])
+        return state
+
+
+def _number(field: Field, told: Any) -> float:
+    if field.kind == 'f8' and told is None:
+        return math.nan
+    kinds = (int,) if field.kind == 'i8' else (int, float)
+    if isinstance(told, bool) or not isinstance(told, kinds) or not abs(told) < 2**63:
+        raise ValueError(f'{field.name} = {told!r} must be a number')
+    return told if field.kind == 'i8' else float(told)
+
+
+def _told(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_told(part) for part in value]
+    return None if value != value else value
