@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Writes docs/configuration.md from the declarations of the parameters, and tables of other pages."""
+"""Writes docs/configuration.md from the parameters' declarations, and other tables."""
 
 from __future__ import annotations
 
@@ -148,8 +148,8 @@ contact.
 
 Parameters marked *live* can be set at any time (`ros2 param set`) and take effect at once; alarms
 and running delays are kept. A delay or timeout that is set shorter than the time already passed
-ends at once. Those marked *fixed* are read when the node starts. The others are read-only while the
-node is active: deactivate it, set them, activate it again, and the monitor starts afresh. An
+ends at once. Those marked *fixed* are read when the node starts. The others are read-only while
+the node is active: deactivate it, set them, activate it again, and the monitor starts afresh. An
 invalid change is refused with the same sentence as in a file.
 """
 

@@ -97,8 +97,8 @@ def test_every_row_has_seven_cells(make_docs: ModuleType) -> None:
         ' with speed. |',
         '| `load.maximum` | number | `1e8` | > 0 | N | live | Largest magnitude that is valid; a'
         ' larger value is counted as implausible and not used. |',
-        '| `state_file` | text | *none* | | | fixed | File that keeps acknowledgements, shelves and'
-        ' latches over a restart; empty for none. |',
+        '| `state_file` | text | *none* | | | fixed | File that keeps acknowledgements, shelves'
+        ' and latches over a restart; empty for none. |',
         '| `load.scale` | number | `1` | ≠ 0 | | live | Factor applied to the number. |',
         '| `load.unit` | text | *required* | `N`, `kN` | | | Unit of scale * number + offset. |',
         '| `autostart` | true/false | `true` | | | | Configure and activate the node by itself'
