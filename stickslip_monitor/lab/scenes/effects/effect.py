@@ -19,9 +19,8 @@ from stickslip_monitor.lab.scenes.settings import Settings
 from stickslip_monitor.lab.scenes.shaft import Shaft, SpeedTerm, Term, TimeBlock
 from stickslip_monitor.lab.scenes.telemetry import Channel
 from stickslip_monitor.lab.scenes.windows import random_stream
-from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.config import LEVEL_UNITS, LOAD_UNITS, BearingConfig
 from stickslip_monitor.monitor.signals import INPUTS
-from stickslip_monitor.monitor.table import LEVEL_UNITS, LOAD_UNITS
 from stickslip_monitor.physics.oscillator import SPEED_UNITS
 
 # Beside the units of a configuration those that fit a scene to any bearing, see Channel.factor.
