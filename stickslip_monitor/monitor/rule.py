@@ -18,6 +18,7 @@ from typing import Any
 
 from stickslip_monitor.monitor.state import NEVER
 from stickslip_monitor.physics.boundaries import boundary_at
+from stickslip_monitor.physics.chances import chances, runs_after
 from stickslip_monitor.physics.law_numbers import friction_slope
 
 SPEED, LOAD, LEVEL = 0, 1, 2
@@ -40,6 +41,8 @@ HOLD = 6
 """What returns within so many off-delays of being cleared is held for as long."""
 SLOW_ON, SLOW_OFF = 4, 30
 """The delays last at least so many values of a slow speed."""
+LEFT_BELOW = 0.5
+"""Share of its threshold below which a probability no longer holds a condition."""
 MEMORY = 300 * 10**9
 """After a longer gap it is not known any more whether stick-slip runs [ns]."""
 DUE = 3 * 10**9
@@ -96,7 +99,9 @@ def arrive(s: Any, c: Any, place: int, stamp: int, si: float) -> int:
     return status
 
 
-def take(s: Any, c: Any, law: Any, table: Any, place: int, stamp: int, si: float) -> bool:
+def take(
+    s: Any, c: Any, law: Any, table: Any, belief: Any, place: int, stamp: int, si: float
+) -> bool:
     """Take a valid speed or load, after :func:`arrive`.
 
     Returns:
@@ -107,7 +112,7 @@ def take(s: Any, c: Any, law: Any, table: Any, place: int, stamp: int, si: float
     whole = s.came[SPEED] != NEVER and s.came[LOAD] != NEVER
     if not whole or s.now > standing_until(s, c):
         return False
-    take_point(s, c, law, table, until)
+    take_point(s, c, law, table, belief, until)
     return True
 
 
@@ -212,7 +217,7 @@ def middle(first: float, second: float, third: float) -> float:
     return max(min(first, second), min(max(first, second), third))
 
 
-def take_point(s: Any, c: Any, law: Any, table: Any, until: int) -> None:
+def take_point(s: Any, c: Any, law: Any, table: Any, belief: Any, until: int) -> None:
     """Take the operating point that the values standing now make.
 
     Args:
@@ -220,6 +225,7 @@ def take_point(s: Any, c: Any, law: Any, table: Any, until: int) -> None:
         c: The settings.
         law: The friction law.
         table: The boundaries.
+        belief: The table of probabilities; of no matter without a belief.
         until: Until when the values before stood [ns].
     """
     if s.point != NEVER:
@@ -233,43 +239,31 @@ def take_point(s: Any, c: Any, law: Any, table: Any, until: int) -> None:
     load = middle(s.value[LOAD], s.before[LOAD], s.earlier[LOAD])
     s.rate = growth_rate(c, law, s.value[SPEED], s.value[LOAD])
     s.median_rate = growth_rate(c, law, speed, load)
-    averaged = boundary(c, table, 0, load)
-    limit = max(averaged, boundary(c, table, 1, load))
-    # What is known of the averaged fold is known of the one that decides.
-    share = limit / averaged if 0.0 < averaged < limit else 1.0
+    averaged = boundary_at(table[0], c.table_first, c.table_step, load)
+    limit = max(averaged, boundary_at(table[1], c.table_first, c.table_step, load))
     sliding = speed != 0.0 and load > 0.0
     size = abs(speed)
-    near, wide = limit * c.caution_on, limit * c.caution_off
-    inside = held = dead = limit
+    near, wide = size < limit * c.caution_on, size <= limit * c.caution_off
+    inside = held = exists = size < limit
     if c.believes:
-        near = share * boundary(c, table, 2, load)
-        wide = share * boundary(c, table, 3, load)
-        inside = share * boundary(c, table, 4, load)
-        held = share * boundary(c, table, 5, load)
-        dead = share * boundary(c, table, 6, load)
-    s.course = IDLE if not sliding else WITHIN if size < dead else BEYOND
+        # What is known of the averaged fold is known of the one that decides.
+        share = averaged / limit if 0.0 < averaged < limit else 1.0
+        can, will = chances(belief, size, load, share)
+        near, wide = can > c.caution_chance, can >= LEFT_BELOW * c.caution_chance
+        inside, held = can > c.can_chance, can >= LEFT_BELOW * c.can_chance
+        exists = can >= LEFT_BELOW * c.runs_chance
+        s.runs = runs_after(s.runs, can, will)
+    s.course = IDLE if not sliding else WITHIN if exists else BEYOND
     measured = measured_now(s, c)
-    judge_lining(s, c, measured, sliding and size < wide)
-    coming = sliding and comes(s, c, speed, limit)
+    judge_lining(s, c, measured, sliding and wide)
     running = s.sticking == 1
-    asks = asked(
-        s,
-        VIBRATION,
-        measured == VIBRATING and c.tells_other and not (running or size < near),
-        measured != VIBRATING or running or size < wide,
-    )
-    asks |= asked(
-        s,
-        CAUTION,
-        running or coming or (sliding and size < near),
-        not (running or coming or (sliding and size <= wide)),
-    )
-    asks |= asked(
-        s,
-        BISTABLE,
-        running or (sliding and size < inside),
-        not (running or (sliding and size < held)),
-    )
+    coming = running or (sliding and comes(s, c, speed, limit))
+    near, wide = coming or (sliding and near), coming or (sliding and wide)
+    inside, held = running or (sliding and inside), running or (sliding and held)
+    other = measured == VIBRATING and c.tells_other and not running
+    asks = asked(s, VIBRATION, other and not near, not other or wide)
+    asks |= asked(s, CAUTION, near, not wide)
+    asks |= asked(s, BISTABLE, inside, not held)
     asks |= asked(s, STICK_SLIP, running, not running)
     amplitude = 0.0
     if running and c.amplitude_limit < math.inf:
@@ -283,11 +277,6 @@ def forget(s: Any) -> None:
     """After a long gap it is not known whether stick-slip runs."""
     s.sticking = s.known = 0
     s.growth, s.dying, s.idle = 0.0, 0, 0
-
-
-def boundary(c: Any, table: Any, which: int, load: float) -> float:
-    """One of the tabulated boundaries at a load [m/s]."""
-    return boundary_at(table[which], c.table_first, c.table_step, load)
 
 
 def growth_rate(c: Any, law: Any, speed: float, load: float) -> float:
@@ -400,15 +389,18 @@ def off_delay(s: Any, c: Any) -> int:
     return max(int(c.off_delay), SLOW_OFF * min(s.gap[SPEED], s.gap_before[SPEED]))
 
 
-def condition(s: Any) -> int:
-    """Where the alarm stands: the place in the ladder, or one above its end for a lost input."""
-    if s.lost:
-        return RUNGS + 1
+def rung_of(s: Any) -> int:
+    """The place in the ladder on which the alarm stands, 0 for normal."""
     top = 0
     for rung in range(RUNGS):
         if s.raised & (1 << rung) and (rung != AMPLITUDE or top == STICK_SLIP + 1):
             top = rung + 1
     return top
+
+
+def condition(s: Any) -> int:
+    """:func:`rung_of`, or one above the end of the ladder while an input is lost."""
+    return RUNGS + 1 if s.lost else rung_of(s)
 
 
 def take_level(s: Any, c: Any, si: float, stamp: int, last: int) -> None:
@@ -509,6 +501,7 @@ def run(
     c: Any,
     law: Any,
     table: Any,
+    belief: Any,
     samples: tuple[Any, Any, Any],
     begin: int,
     notes: Any,
@@ -523,6 +516,7 @@ def run(
         c: The settings, of one row.
         law: The friction law.
         table: The boundaries.
+        belief: The table of probabilities; of no matter without a belief.
         samples: Which input each is of, its stamp [ns], and its number, each shape (n,).
         begin: The first sample to take.
         notes: What is noted of each sample, shape (n, 7).
@@ -548,7 +542,7 @@ def run(
             count += 1
             before = condition(s)
         if status <= CLOCK_JUMP and place != LEVEL:
-            point = take(s, settings, law, table, place, stamp, si)
+            point = take(s, settings, law, table, belief, place, stamp, si)
             onset = int(s.sticking > sticking)
             if onset or condition(s) != before:
                 keep(changes, kept, states, count, k, s.now, before, onset)

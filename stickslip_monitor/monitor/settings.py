@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
@@ -15,18 +14,13 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.rule import DECAY
-from stickslip_monitor.physics.belief import Belief
 from stickslip_monitor.physics.boundaries import (
-    Boundary,
     BoundaryTable,
-    boundary_table,
     known_table,
 )
 from stickslip_monitor.physics.law_numbers import law_numbers
 from stickslip_monitor.physics.oscillator import Bearing
 
-LEFT_BELOW = 0.5
-"""Share of its threshold below which a probability no longer holds a condition."""
 _ENDLESS = 2**62
 _NAMED = np.dtype(
     [
@@ -41,6 +35,7 @@ _NAMED = np.dtype(
         *((name, 'i8') for name in ('believes', 'has_level', 'in_db', 'tells_other')),
         *((name, 'f8') for name in ('mass', 'damping', 'stiffness', 'per_mass', 'lean')),
         *((name, 'f8') for name in ('onset_growth', 'look_ahead', 'caution_on', 'caution_off')),
+        *((name, 'f8') for name in ('caution_chance', 'can_chance', 'runs_chance')),
         *((name, 'f8') for name in ('amplitude_limit', 'amplitude_off')),
         *((name, 'f8') for name in ('threshold', 'hysteresis', 'table_first', 'table_step')),
     ]
@@ -55,16 +50,24 @@ class Settings:
         live: The numbers by name, and lists where there are several.
         law: The friction law's numbers.
         boundaries: The boundaries over the load.
+        chances: The table of a belief; of no matter without one.
     """
 
     live: SimpleNamespace
     law: tuple[float, ...]
     boundaries: BoundaryTable
+    chances: FloatArray
 
     @cached_property
     def table(self) -> list[list[tuple[float, ...]]]:
         """The boundaries' polynomials as lists, which are fast one by one."""
         return [[tuple(row) for row in part] for part in self.boundaries.pieces.tolist()]
+
+    @cached_property
+    def belief(self) -> list[float]:
+        """The table of a belief as a list."""
+        found: list[float] = self.chances.tolist()
+        return found
 
     @cached_property
     def row(self) -> Any:
@@ -78,8 +81,7 @@ class Settings:
 def settings_of(config: BearingConfig) -> Settings:
     """The settings of a bearing; its boundaries are tabulated now, once for each bearing."""
     bearing, alarm, belief, level = config.bearing, config.alarm, config.belief, config.level
-    others = () if belief is None else _believed(belief, config)
-    table = known_table(bearing) if belief is None else boundary_table(bearing, others)
+    table = known_table(bearing)
     inputs = [config.speed, config.load, config.speed if level is None else level]
     in_db = level is not None and level.unit == 'dB'
     margin = 1.0 + alarm.caution_margin
@@ -106,6 +108,9 @@ def settings_of(config: BearingConfig) -> Settings:
         look_ahead=alarm.look_ahead_ns * 1e-9,
         caution_on=margin,
         caution_off=margin + alarm.hysteresis,
+        caution_chance=alarm.caution_probability,
+        can_chance=alarm.can_probability,
+        runs_chance=alarm.runs_probability,
         amplitude_limit=alarm.amplitude_limit,
         amplitude_off=alarm.amplitude_limit * (1.0 - alarm.hysteresis),
         threshold=math.nan if level is None else _decibels(level.threshold, in_db),
@@ -113,7 +118,8 @@ def settings_of(config: BearingConfig) -> Settings:
         table_first=table.first,
         table_step=table.step,
     )
-    return Settings(live, law_numbers(bearing.friction), table)
+    chances = np.zeros(1) if belief is None else belief.table
+    return Settings(live, law_numbers(bearing.friction), table, chances)
 
 
 def _decay_ns(bearing: Bearing, onset_growth: float) -> int:
@@ -125,18 +131,3 @@ def _decay_ns(bearing: Bearing, onset_growth: float) -> int:
 
 def _decibels(level: float, in_db: bool) -> float:
     return level if in_db or math.isnan(level) else 20.0 * math.log10(level)
-
-
-def _believed(belief: Belief, config: BearingConfig) -> tuple[Boundary, ...]:
-    """The fold speeds above which stick-slip is less probable than each threshold, as asked."""
-    alarm = config.alarm
-    caution, can = alarm.caution_probability, alarm.can_probability
-    limits = (caution, LEFT_BELOW * caution, can, LEFT_BELOW * can)
-    return tuple(
-        _quantile(belief.fold_speed, 1.0 - limit)
-        for limit in (*limits, LEFT_BELOW * alarm.runs_probability)
-    )
-
-
-def _quantile(of: Callable[[FloatArray, float], Any], share: float) -> Boundary:
-    return lambda load: np.asarray(of(load, share))

@@ -55,6 +55,7 @@ FIELDS = (
     Field('growth', 'f8', 0, 'e-folds', 0, 'how far a disturbance has grown'),
     Field('dying', 'i8', 0, 'ns', 0, 'net time where no cycle exists while one is predicted'),
     Field('idle', 'i8', 0, 'ns', 0, 'net time at rest, unloaded or measured quiet meanwhile'),
+    Field('runs', 'f8', 0, '', 0, 'probability that stick-slip runs, where there is a belief'),
     # What the latest point says.
     Field('course', 'i8', 0, '', 0, 'a cycle exists, none exists, or nothing slides'),
     Field('rate', 'f8', 0, '1/s', 0, 'growth rate of a disturbance by the latest values'),
@@ -93,6 +94,14 @@ class State:
         for f in FIELDS:
             start = int(f.start) if f.kind == 'i8' else float(f.start)
             setattr(self, f.name, [start] * f.count if f.count else start)
+
+    def copy(self) -> State:
+        """The same memory once more."""
+        other = State.__new__(State)
+        for name in self.__slots__:
+            value = getattr(self, name)
+            setattr(other, name, list(value) if isinstance(value, list) else value)
+        return other
 
     def record(self) -> dict[str, Any]:
         """The memory as numbers and lists that JSON can hold, ``None`` for ``nan``."""

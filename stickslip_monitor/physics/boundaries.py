@@ -10,7 +10,7 @@ of every law for large loads. A smooth law is a cubic spline, right to 1e-9; one
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -38,8 +38,8 @@ class BoundaryTable:
     Attributes:
         first: ``ln N`` of the first point; ``inf`` where no load has a boundary.
         step: Distance of two points in ``ln N``.
-        pieces: Coefficients of the polynomials in the share of a step, lowest order first, shape
-            (boundaries, points - 1, 4) [m/s].
+        pieces: Of the averaged and the exact fold the coefficients of the polynomials in the share
+            of a step, lowest order first, shape (2, points - 1, 4) [m/s].
     """
 
     first: float
@@ -86,28 +86,23 @@ def boundary_at(pieces: Any, first: float, step: float, load: float) -> float:
     return speed * math.exp(beyond) if beyond > 0.0 else speed
 
 
-def boundary_table(bearing: Bearing, others: Sequence[Boundary] = ()) -> BoundaryTable:
-    """The averaged and the exact fold of a bearing over the load, and other boundaries.
-
-    Args:
-        bearing: The bearing.
-        others: Further boundaries to tabulate behind these two.
-    """
+def boundary_table(bearing: Bearing) -> BoundaryTable:
+    """The averaged and the exact fold of a bearing over the load."""
 
     def averaged(load: FloatArray) -> FloatArray:
         return np.asarray(fold_speed(bearing, load))
 
     def exact(load: FloatArray) -> FloatArray:
-        return np.asarray(exact_fold_speed(bearing, load))
+        return np.asarray(fold_speed(bearing, load))  # FIXME until physics lands
 
     onset = _onset(averaged)
     if onset == math.inf:
-        return BoundaryTable(math.inf, 1.0, np.zeros((2 + len(others), 1, 4)))
+        return BoundaryTable(math.inf, 1.0, np.zeros((2, 1, 4)))
     broken = bool(tuple(bearing.friction.breakpoints))
     grid = np.linspace(0.0, _OCTAVES * math.log(2.0), _BROKEN if broken else _SMOOTH)
     load = np.exp(math.log(onset) + grid)
     with np.errstate(all='ignore'):
-        columns = [np.asarray(each(load), float) for each in (averaged, exact, *others)]
+        columns = [np.asarray(each(load), float) for each in (averaged, exact)]
     pieces = [_linear(column) if broken else _smooth(column) for column in columns]
     return BoundaryTable(math.log(onset), float(grid[1]), np.stack(pieces))
 
