@@ -10,14 +10,10 @@ import numpy as np
 
 from stickslip_monitor.drawing.palette import CONDITION_NAMES
 from stickslip_monitor.monitor.assessment import Regime
+from stickslip_monitor.monitor.config import BEARING_PARAMETERS, NODE_PARAMETERS
 from stickslip_monitor.monitor.ladder import Level
 from stickslip_monitor.monitor.messages import number
-from stickslip_monitor.monitor.table import (
-    BEARING_PARAMETERS,
-    NODE_PARAMETERS,
-    REQUIRED,
-    Parameter,
-)
+from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.intervals import together
 from stickslip_monitor.report import formatting

@@ -18,8 +18,9 @@ from rclpy.parameter import Parameter
 
 from stickslip_monitor.errors import RosError, StickslipError
 from stickslip_monitor.monitor.clip_recorder import ClipStore
-from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig, build_config
+from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME
+from stickslip_monitor.monitor.configure import build_config
 from stickslip_monitor.monitor.health import NodeHealth
 from stickslip_monitor.monitor.session import Session
 from stickslip_monitor.ros import parameters
@@ -65,6 +66,8 @@ class MonitorNode(LifecycleNode):
         )
         parameters.check_time_source(self.get_parameter(parameters.USE_SIM_TIME).value)
         self.config = build_config(parameters.values(self))
+        for note in self.config.notes:
+            self.get_logger().warning(note)
         self._check(self.config)
         self._store = store
         self.clips = self._clips_of(self.config)

@@ -9,8 +9,8 @@ from dataclasses import replace
 import pytest
 
 from stickslip_monitor import assess
+from stickslip_monitor.monitor.config import BEARING_PARAMETERS
 from stickslip_monitor.monitor.ladder import Condition
-from stickslip_monitor.monitor.table import BEARING_PARAMETERS
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.physics.belief import Belief, Tolerance
 from stickslip_monitor.report.parts import MOST_EVENTS, event_rows, facts, parameter_groups, shares
