@@ -47,7 +47,7 @@ from stickslip_monitor.lab.score import (
 )
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.scan import Scan
+from stickslip_monitor.monitor.recording import Scan
 from stickslip_monitor.offline.follow import WholeBag, scan_whole
 from stickslip_monitor.offline.truth import TruthRecord, has_truth, read_truth
 

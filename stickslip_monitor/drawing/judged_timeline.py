@@ -26,7 +26,7 @@ from stickslip_monitor.errors import DrawingError
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Condition
-from stickslip_monitor.monitor.scan import Scan
+from stickslip_monitor.monitor.recording import Scan
 from stickslip_monitor.offline.intervals import condition_intervals
 
 if TYPE_CHECKING:

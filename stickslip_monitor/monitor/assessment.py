@@ -424,7 +424,8 @@ def assess(
         table = known_table(bearing)
     with np.errstate(all='ignore'):
         columns = in_blocks(partial(_judge, bearing, table), v, n)
-    return Assessment(*(restore(part, shape) for part in (v, n, *columns)), bearing, {}, belief)
+    found: Any = (restore(part, shape) for part in (v, n, *columns))
+    return Assessment(*found, _bearing=bearing, _belief=belief)
 
 
 def _judge(
@@ -455,13 +456,13 @@ def _judge(
 
 def at_indices(points: Assessment, rows: Any) -> Assessment:
     """Some of the points of one-dimensional assessments; one of them for a number."""
-    parts = (part[rows] for part in points._stored())
+    parts: Any = (part[rows] for part in points._stored())
     if not np.ndim(rows) and not isinstance(rows, slice):
         parts = (part.item() for part in parts)
         known = {name: column[rows].item() for name, column in points._known.items()}
     else:
         known = {name: column[rows] for name, column in points._known.items()}
-    return Assessment(*parts, points._bearing, known, points._belief)
+    return Assessment(*parts, _bearing=points._bearing, _known=known, _belief=points._belief)
 
 
 at_index = at_indices
@@ -469,6 +470,10 @@ at_index = at_indices
 
 def joined(points: Sequence[Assessment]) -> Assessment:
     """Assessments of points, at least one and all of one bearing."""
-    columns = (np.array(column) for column in zip(*(p._stored() for p in points), strict=True))
+    columns: Any = (
+        np.array(column) for column in zip(*(p._stored() for p in points), strict=True)
+    )
     known = {name: np.array([getattr(p, name) for p in points]) for name in BELIEFS}
-    return Assessment(*columns, points[0]._bearing, known, points[0]._belief)
+    return Assessment(
+        *columns, _bearing=points[0]._bearing, _known=known, _belief=points[0]._belief
+    )

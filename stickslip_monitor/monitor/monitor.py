@@ -199,7 +199,8 @@ class BearingMonitor:
 
     def _judged(self) -> Verdict:
         state, settings = self.state, self._settings
-        judge = partial(assessed, self.config, settings, *state.value, state.runs)
+        speed, load = state.value
+        judge = partial(assessed, self.config, settings, speed, load, state.runs)
         return Verdict(self.config.name, state.now, standing_of(state, settings.live), judge)
 
     def _event(self, before: int, time_ns: int, onset: bool = False) -> Event:

@@ -48,9 +48,11 @@ class Scan:
         sticking: Whether stick-slip is predicted after each, shape (n,).
         measured: What the level says at each, index into ``MEASURED``; ``None`` without a level.
         sample: Which sample of the recording made each, shape (n,).
+        stretch: How often the clock had jumped before each, shape (n,).
         events: Changes of the alarm, in order.
         at: Which sample of the recording brought each of them.
-        status: What became of each sample of the stream, a :class:`Status`, shape (m,).
+        now_ns: The monitor's time at each sample of the stream, shape (m,) [ns].
+        status: What became of each of them, a :class:`Status`, shape (m,).
         counts: Samples by :class:`Input` and :class:`Status`, shape (3, 7).
         runs: The probability that stick-slip ran before the first point.
         unknown: Why the level says nothing at the end; ``None`` where it does, or there is none.
@@ -66,8 +68,10 @@ class Scan:
     sticking: BoolArray
     measured: NDArray[np.int8] | None
     sample: IntArray
+    stretch: IntArray
     events: list[Event]
     at: list[int]
+    now_ns: IntArray
     status: NDArray[np.int8]
     counts: IntArray
     runs: float
@@ -160,7 +164,7 @@ class BearingScan:
         self.settings = settings_of(config)
         self.state = State()
         self._long = long
-        self._taken = 0
+        self._taken = self._jumps = 0
         self._held: tuple[NDArray[Any], ...] | None = None
         self._last: tuple[float, float] | None = None
         self._runs = 0.0
@@ -190,7 +194,9 @@ class BearingScan:
         if final and end_ns is not None and self.state.now != NEVER:
             events += self._end(max(end_ns, self.state.now), points, made)
             at += [self._taken + size - 1] * (len(events) - len(at))
-        rows = made
+        rows, status = made, notes[:, rule.STATUS].astype(np.int8)
+        jumps = self._jumps + np.cumsum(status == Status.CLOCK_JUMP)
+        self._jumps = int(jumps[-1]) if size else self._jumps
         new = (
             notes[rows, rule.NOW],
             notes[rows, rule.UNTIL],
@@ -200,6 +206,7 @@ class BearingScan:
             notes[rows, rule.STICKING] > 0,
             notes[rows, rule.MEASURED].astype(np.int8),
             rows + self._taken,
+            jumps[rows],
         )
         if rows.size:
             self._last = float(points[rows[-1], 0]), float(points[rows[-1], 1])
@@ -208,8 +215,7 @@ class BearingScan:
         out = max(new[0].size - (not final), 0)
         self._held = tuple(column[out:].copy() for column in new)
         self._taken += size
-        status = notes[:, rule.STATUS].astype(np.int8)
-        scan = self._scan(new, out, end_ns, events, at, status, stream)
+        scan = self._scan(new, out, end_ns, (events, at), (notes[:, rule.NOW], status), stream)
         if self.config.belief is not None and out:
             self._runs = float(scan.assessment.probability_runs[-1])
         return scan
@@ -219,12 +225,12 @@ class BearingScan:
         columns: tuple[NDArray[Any], ...],
         size: int,
         end_ns: int | None,
-        events: list[Event],
-        at: list[int],
-        status: NDArray[np.int8],
+        told: tuple[list[Event], list[int]],
+        noted: tuple[IntArray, NDArray[np.int8]],
         stream: Stream,
     ) -> Scan:
-        time, until, speed, load, rung, sticking, measured, sample = columns
+        time, until, speed, load, rung, sticking, measured, sample, stretch = columns
+        now, status = noted
         following = np.append(time[1:], time[-1:] if end_ns is None else [end_ns])[: time.size]
         # Where the clock jumps back nobody can tell how long the point counted.
         lasting = np.maximum(time, np.minimum(np.maximum(following, time), until))
@@ -241,8 +247,9 @@ class BearingScan:
             sticking[:size],
             measured[:size] if has_level else None,
             sample[:size],
-            events,
-            at,
+            stretch[:size],
+            *told,
+            now,
             status,
             counts.reshape(len(Input), len(Status)),
             self._runs,
@@ -261,6 +268,9 @@ class BearingScan:
         loop: Any = _compiled() if long else rule.run
         columns = (stream.inputs, stream.time_ns, stream.value)
         if long:
+            law: Any
+            table: Any
+            belief: Any
             states, c = self.state.row(), settings.row
             law, table, belief = (
                 np.array(settings.law),

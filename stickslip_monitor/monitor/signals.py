@@ -93,13 +93,17 @@ class Stream:
                 f'stream columns have shapes {self.time_ns.shape}, {self.inputs.shape} and'
                 f' {self.value.shape}: they must be one-dimensional and of one length'
             )
-        columns = {
+        columns: dict[str, Any] = {
             'time_ns': np.asarray(self.time_ns, np.int64),
             'inputs': np.asarray(self.inputs).astype(np.int8),
             'value': np.asarray(self.value, float),
         }
         if self.level is not None:
-            own = {'time_ns': self.level.time_ns, 'inputs': Input.LEVEL, 'value': self.level.value}
+            own: dict[str, Any] = {
+                'time_ns': self.level.time_ns,
+                'inputs': Input.LEVEL,
+                'value': self.level.value,
+            }
             for name, part in own.items():
                 columns[name] = np.insert(columns[name], self.level.place, part)
         for name, column in columns.items():

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -19,11 +19,11 @@ NEVER = -(2**62)
 
 
 class Field(NamedTuple):
-    """One part of the memory: ``count`` numbers of a kind (``i8`` or ``f8``); 0 is a plain one."""
+    """One part of the memory: ``size`` numbers of a kind (``i8`` or ``f8``); 0 is a plain one."""
 
     name: str
     kind: str
-    count: int
+    size: int
     unit: str
     start: float
     meaning: str
@@ -81,7 +81,7 @@ FIELDS = (
 )
 
 STATE_TYPE = np.dtype(
-    [(f.name, f.kind, (f.count,)) if f.count else (f.name, f.kind) for f in FIELDS]
+    [(f.name, f.kind, (f.size,)) if f.size else (f.name, f.kind) for f in FIELDS]
 )
 
 
@@ -90,10 +90,16 @@ class State:
 
     __slots__ = tuple(f.name for f in FIELDS)
 
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any: ...
+
+        def __setattr__(self, name: str, value: Any) -> None: ...
+
     def __init__(self) -> None:
         for f in FIELDS:
             start = int(f.start) if f.kind == 'i8' else float(f.start)
-            setattr(self, f.name, [start] * f.count if f.count else start)
+            setattr(self, f.name, [start] * f.size if f.size else start)
 
     def copy(self) -> State:
         """The same memory once more."""
@@ -133,10 +139,10 @@ class State:
         for f in FIELDS:
             found = record.get(f.name)
             parts = found if isinstance(found, list) else [found]
-            if len(parts) != max(f.count, 1) or isinstance(found, list) != bool(f.count):
-                raise ValueError(f'{f.name} = {found!r} must be {f.count or "a"} {f.kind}')
+            if len(parts) != max(f.size, 1) or isinstance(found, list) != bool(f.size):
+                raise ValueError(f'{f.name} = {found!r} must be {f.size or "a"} {f.kind}')
             numbers = [_number(f, part) for part in parts]
-            setattr(state, f.name, numbers if f.count else numbers[0])
+            setattr(state, f.name, numbers if f.size else numbers[0])
         return state
 
 

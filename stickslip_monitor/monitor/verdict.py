@@ -199,7 +199,8 @@ def describe(
         what = f'Speed and load are back. {what}'
     elif before is Condition.AMPLITUDE and condition is Condition.STICK_SLIP:
         what = f'Amplitude back below the limit. {what}'
-    text = f'{config.name}: {what}{_way_out(config, standing, point)} Now {_point_text(config, point)}'
+    out = _way_out(config, standing, point)
+    text = f'{config.name}: {what}{out} Now {_point_text(config, point)}'
     if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NO_BOUNDARY):
         return f'{text}. {point.outcome.sentence}'
     if standing.sticking and math.isfinite(point.amplitude_exact):

@@ -20,7 +20,6 @@ from scipy.interpolate import CubicSpline
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.physics.averaging.boundaries import fold_speed
-from stickslip_monitor.physics.cycle.cycles import exact_fold_speed
 from stickslip_monitor.physics.oscillator import Bearing
 
 Boundary = Callable[[FloatArray], FloatArray]
