@@ -12,8 +12,7 @@ from stickslip_monitor.commands.declared import TABLE, add_config, add_force, ad
 from stickslip_monitor.drawing.map_curves import Range
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.files import PICTURES
-from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
-from stickslip_monitor.monitor.table import LOAD_UNITS
+from stickslip_monitor.monitor.config import LOAD_UNITS, BearingConfig, MonitorConfig
 from stickslip_monitor.physics.oscillator import SPEED_UNITS, BearingSpeed
 
 _QUANTITY = re.compile(r'\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*')

@@ -39,8 +39,9 @@ from stickslip_monitor.errors import ConfigurationError, LinkError
 from stickslip_monitor.links.link_config import SECTION, LinksConfig, build_links, is_loopback
 from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
-from stickslip_monitor.monitor.config import MonitorConfig, bearing_names, build_config
+from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME, load_parameters, load_section
+from stickslip_monitor.monitor.configure import bearing_names, build_config
 from stickslip_monitor.monitor.signals import QUANTITIES
 from stickslip_monitor.ros.state_file import StateFile
 from stickslip_monitor.surface_store import prepare_surfaces

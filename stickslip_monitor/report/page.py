@@ -13,15 +13,10 @@ from stickslip_monitor import __version__
 from stickslip_monitor.drawing.canvas import drawn, heading, sheet, variable
 from stickslip_monitor.drawing.palette import CONDITION_NAMES, ON_DARK
 from stickslip_monitor.errors import ReportError
-from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.config import BEARING_PARAMETERS, NODE_PARAMETERS, MonitorConfig
 from stickslip_monitor.monitor.config_file import load_parameters
 from stickslip_monitor.monitor.messages import number
-from stickslip_monitor.monitor.table import (
-    BEARING_PARAMETERS,
-    NODE_PARAMETERS,
-    REQUIRED,
-    Parameter,
-)
+from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
 from stickslip_monitor.report import formatting
 from stickslip_monitor.report.recording import RecordingPart
 from stickslip_monitor.report.summary import Finding, overall

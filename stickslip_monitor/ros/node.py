@@ -30,8 +30,9 @@ from rclpy.signals import SignalHandlerOptions
 
 from stickslip_monitor.errors import RosError, StickslipError, plural
 from stickslip_monitor.monitor.clip_recorder import ClipStore
-from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig, build_config
+from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME
+from stickslip_monitor.monitor.configure import build_config
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.messages import NodeHealth, state_of
 from stickslip_monitor.monitor.monitor import BearingMonitor, Monitor
@@ -91,6 +92,8 @@ class MonitorNode(LifecycleNode):
         )
         parameters.check_time_source(self.get_parameter(parameters.USE_SIM_TIME).value)
         self._config = build_config(parameters.values(self))
+        for note in self._config.notes:
+            self.get_logger().warning(note)
         _check(self._config)
         self._store = store
         self._clips = self._clips_of(self._config)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stickslip_monitor.monitor.config import build_config
+from stickslip_monitor.monitor.configure import build_config
 from stickslip_monitor.monitor.messages import NodeHealth
 from stickslip_monitor.monitor.monitor import Monitor
 
