@@ -261,8 +261,6 @@ def _check_input(name: str, settings: InputConfig) -> None:
             f"{name} is field '{settings.field_text}' of {settings.type} in the configuration: a"
             f' scene can write {", ".join(fields)} only'
         )
-    if settings.scale == 0.0:
-        raise SceneError(f'{name}.scale = 0 in the configuration: no number stands for a value')
 
 
 def _shared(known: Channel, other: Channel) -> Channel:

@@ -168,10 +168,6 @@ INPUTS: list[tuple[dict[str, Any], str]] = [
         'topic /bearing/aft/load serves aft and fwd with different types or fields: they must',
     ),
     (
-        {'aft': {'load': {'scale': 0.0}}},
-        'aft.load.scale = 0 in the configuration: no number stands for a value',
-    ),
-    (
         {'aft': {'load': {'topic': '/shaft/speed'}}},
         'topic /shaft/speed serves aft and aft, as speed and as load: use two topics',
     ),
