@@ -22,7 +22,7 @@ from stickslip_monitor.monitor.assessment import Assessment, assess, at_indices
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import CONDITIONS, LADDER, Condition
 from stickslip_monitor.monitor.level import Unknown, why_unknown
-from stickslip_monitor.monitor.settings import Settings, settings_of
+from stickslip_monitor.monitor.rule_settings import RuleSettings, settings_of
 from stickslip_monitor.monitor.signals import QUANTITIES, Input, Status, Stream
 from stickslip_monitor.monitor.state import NEVER, STATE_TYPE, State
 from stickslip_monitor.monitor.verdict import Event, event_of, standing_of
@@ -76,7 +76,7 @@ class Scan:
     counts: IntArray
     runs: float
     unknown: Unknown | None
-    settings: Settings
+    settings: RuleSettings
 
     @cached_property
     def assessment(self) -> Assessment:
@@ -122,7 +122,7 @@ def lost_inputs(s: Any, c: Any) -> dict[str, float]:
 
 
 def assessed(
-    config: BearingConfig, settings: Settings, speed: float, load: float, runs: float
+    config: BearingConfig, settings: RuleSettings, speed: float, load: float, runs: float
 ) -> Assessment:
     """The models' assessment of one operating point.
 

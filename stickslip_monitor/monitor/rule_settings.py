@@ -43,7 +43,7 @@ _NAMED = np.dtype(
 
 
 @dataclass(frozen=True)
-class Settings:
+class RuleSettings:
     """What the rule takes beside the memory, for live samples and for recordings.
 
     Attributes:
@@ -78,7 +78,7 @@ class Settings:
         return row
 
 
-def settings_of(config: BearingConfig) -> Settings:
+def settings_of(config: BearingConfig) -> RuleSettings:
     """The settings of a bearing; its boundaries are tabulated now, once for each bearing."""
     bearing, alarm, belief, level = config.bearing, config.alarm, config.belief, config.level
     table = known_table(bearing)
@@ -119,7 +119,7 @@ def settings_of(config: BearingConfig) -> Settings:
         table_step=table.step,
     )
     chances = np.zeros(1) if belief is None else belief.table
-    return Settings(live, law_numbers(bearing.friction), table, chances)
+    return RuleSettings(live, law_numbers(bearing.friction), table, chances)
 
 
 def _decay_ns(bearing: Bearing, onset_growth: float) -> int:
