@@ -6,8 +6,8 @@ an input been lost, how has a disturbance grown since the last operating point, 
 point ask for, which rungs of the alarm change. It is plain scalar Python: live it runs as it
 stands, over a recording :func:`run` is compiled (:mod:`stickslip_monitor.jit`).
 
-Everywhere ``s`` is the memory (:mod:`.state`), ``c`` the settings (:mod:`.rule_settings`), ``law`` the
-numbers of the friction law and ``table`` those of the boundaries over the load
+Everywhere ``s`` is the memory (:mod:`.state`), ``c`` the settings (:mod:`.rule_settings`),
+``law`` the numbers of the friction law and ``table`` those of the boundaries over the load
 (:mod:`stickslip_monitor.physics.boundaries`).
 """
 

@@ -18,7 +18,7 @@ NEVER = -(2**62)
 """Stands for a time that has not been [ns]."""
 
 
-class Memory(NamedTuple):
+class StateField(NamedTuple):
     """One part of the memory: ``size`` numbers of a kind (``i8`` or ``f8``); 0 is a plain one."""
 
     name: str
@@ -31,53 +31,63 @@ class Memory(NamedTuple):
 
 FIELDS = (
     # The inputs, in the order of :class:`~stickslip_monitor.monitor.signals.Input`.
-    Memory('stamp', 'i8', 3, 'ns', NEVER, 'latest valid time stamp of each input'),
-    Memory('odd', 'i8', 3, 'ns', NEVER, 'stamp that waits for the next sample to agree with it'),
-    Memory('came', 'i8', 2, 'ns', NEVER, 'from when the age of speed and load is counted'),
-    Memory('gap', 'i8', 2, 'ns', 0, 'time between the last two stamps of speed and load'),
-    Memory('gap_before', 'i8', 2, 'ns', 0, 'that between the two before'),
-    Memory('value', 'f8', 2, 'SI', math.nan, 'latest speed [m/s] and load [N]'),
-    Memory('before', 'f8', 2, 'SI', math.nan, 'the values before these'),
-    Memory('earlier', 'f8', 2, 'SI', math.nan, 'the values before those'),
-    Memory('spent', 'f8', 2, 'e-folds', 0, 'growth that the latest value brought by itself'),
+    StateField('stamp', 'i8', 3, 'ns', NEVER, 'latest valid time stamp of each input'),
+    StateField(
+        'odd', 'i8', 3, 'ns', NEVER, 'stamp that waits for the next sample to agree with it'
+    ),
+    StateField('came', 'i8', 2, 'ns', NEVER, 'from when the age of speed and load is counted'),
+    StateField('gap', 'i8', 2, 'ns', 0, 'time between the last two stamps of speed and load'),
+    StateField('gap_before', 'i8', 2, 'ns', 0, 'that between the two before'),
+    StateField('value', 'f8', 2, 'SI', math.nan, 'latest speed [m/s] and load [N]'),
+    StateField('before', 'f8', 2, 'SI', math.nan, 'the values before these'),
+    StateField('earlier', 'f8', 2, 'SI', math.nan, 'the values before those'),
+    StateField('spent', 'f8', 2, 'e-folds', 0, 'growth that the latest value brought by itself'),
     # Time.
-    Memory('now', 'i8', 0, 'ns', NEVER, 'latest time, on the clock of the samples'),
-    Memory('began', 'i8', 0, 'ns', NEVER, 'from when inputs are waited for'),
-    Memory('point', 'i8', 0, 'ns', NEVER, 'time of the latest operating point'),
-    Memory('lost', 'i8', 0, '', 0, '1 while an input is lost'),
-    Memory('lost_since', 'i8', 0, 'ns', NEVER, 'since when one is, or last was'),
+    StateField('now', 'i8', 0, 'ns', NEVER, 'latest time, on the clock of the samples'),
+    StateField('began', 'i8', 0, 'ns', NEVER, 'from when inputs are waited for'),
+    StateField('point', 'i8', 0, 'ns', NEVER, 'time of the latest operating point'),
+    StateField('lost', 'i8', 0, '', 0, '1 while an input is lost'),
+    StateField('lost_since', 'i8', 0, 'ns', NEVER, 'since when one is, or last was'),
     # The trend of the speed.
-    Memory('fast', 'f8', 0, 'm/s', math.nan, 'speed behind a lag of 1 s'),
-    Memory('slow', 'f8', 0, 'm/s', math.nan, 'speed behind a lag of 4 s'),
+    StateField('fast', 'f8', 0, 'm/s', math.nan, 'speed behind a lag of 1 s'),
+    StateField('slow', 'f8', 0, 'm/s', math.nan, 'speed behind a lag of 4 s'),
     # Whether stick-slip runs.
-    Memory('sticking', 'i8', 0, '', 0, '1 while stick-slip is predicted to run'),
-    Memory('known', 'i8', 0, '', 0, '1 once it is known which state a bistable bearing is in'),
-    Memory('growth', 'f8', 0, 'e-folds', 0, 'how far a disturbance has grown'),
-    Memory('dying', 'i8', 0, 'ns', 0, 'net time where no cycle exists while one is predicted'),
-    Memory('idle', 'i8', 0, 'ns', 0, 'net time at rest, unloaded or measured quiet meanwhile'),
-    Memory('runs', 'f8', 0, '', 0, 'probability that stick-slip runs, where there is a belief'),
+    StateField('sticking', 'i8', 0, '', 0, '1 while stick-slip is predicted to run'),
+    StateField('known', 'i8', 0, '', 0, '1 once it is known which state a bistable bearing is in'),
+    StateField('growth', 'f8', 0, 'e-folds', 0, 'how far a disturbance has grown'),
+    StateField('dying', 'i8', 0, 'ns', 0, 'net time where no cycle exists while one is predicted'),
+    StateField('idle', 'i8', 0, 'ns', 0, 'net time at rest, unloaded or measured quiet meanwhile'),
+    StateField(
+        'runs', 'f8', 0, '', 0, 'probability that stick-slip runs, where there is a belief'
+    ),
     # What the latest point says.
-    Memory('course', 'i8', 0, '', 0, 'a cycle exists, none exists, or nothing slides'),
-    Memory('rate', 'f8', 0, '1/s', 0, 'growth rate of a disturbance by the latest values'),
-    Memory('median_rate', 'f8', 0, '1/s', 0, 'the same by the medians of the last three values'),
+    StateField('course', 'i8', 0, '', 0, 'a cycle exists, none exists, or nothing slides'),
+    StateField('rate', 'f8', 0, '1/s', 0, 'growth rate of a disturbance by the latest values'),
+    StateField(
+        'median_rate', 'f8', 0, '1/s', 0, 'the same by the medians of the last three values'
+    ),
     # The rungs of the alarm, in the order of the ladder without normal.
-    Memory('raised', 'i8', 0, 'bits', 0, 'the rungs that are raised'),
-    Memory('asks', 'i8', 0, 'bits', 0, 'the rungs that the latest point asks to change'),
-    Memory('count', 'i8', 5, 'ns', 0, 'net time for which each has been asked to change'),
-    Memory('cleared', 'i8', 5, 'ns', NEVER, 'when each was last cleared; of a raised one: held'),
+    StateField('raised', 'i8', 0, 'bits', 0, 'the rungs that are raised'),
+    StateField('asks', 'i8', 0, 'bits', 0, 'the rungs that the latest point asks to change'),
+    StateField('count', 'i8', 5, 'ns', 0, 'net time for which each has been asked to change'),
+    StateField(
+        'cleared', 'i8', 5, 'ns', NEVER, 'when each was last cleared; of a raised one: held'
+    ),
     # The measured level.
-    Memory('vibrating', 'i8', 0, '', 0, 'unknown, quiet or vibrating'),
-    Memory('level', 'f8', 0, 'unit', math.nan, 'latest level'),
-    Memory('moved', 'i8', 0, 'ns', NEVER, 'stamp at which the level last changed'),
-    Memory('level_count', 'i8', 0, 'ns', 0, 'net time above the threshold; negative: below'),
-    Memory('level_mean', 'f8', 0, 'dB', math.nan, 'the level behind a lag of half a second'),
-    Memory('level_peak', 'f8', 0, 'dB', math.nan, 'the highest of these since the level rose'),
-    Memory('heard', 'i8', 0, '', 0, '1 once the level has risen where a cycle exists'),
-    Memory('loud', 'f8', 0, '', 0, 'share of the time outside in which the level is high'),
-    Memory('outside', 'i8', 0, 'ns', NEVER, 'when the level was last high outside'),
-    Memory('loudest', 'f8', 0, 'dB', math.nan, 'the highest of these means outside'),
-    Memory('watched', 'i8', 0, 'ns', 0, 'for how long the level was watched outside'),
-    Memory('unseen', 'i8', 0, 'ns', NEVER, 'since when stick-slip is predicted and not measured'),
+    StateField('vibrating', 'i8', 0, '', 0, 'unknown, quiet or vibrating'),
+    StateField('level', 'f8', 0, 'unit', math.nan, 'latest level'),
+    StateField('moved', 'i8', 0, 'ns', NEVER, 'stamp at which the level last changed'),
+    StateField('level_count', 'i8', 0, 'ns', 0, 'net time above the threshold; negative: below'),
+    StateField('level_mean', 'f8', 0, 'dB', math.nan, 'the level behind a lag of half a second'),
+    StateField('level_peak', 'f8', 0, 'dB', math.nan, 'the highest of these since the level rose'),
+    StateField('heard', 'i8', 0, '', 0, '1 once the level has risen where a cycle exists'),
+    StateField('loud', 'f8', 0, '', 0, 'share of the time outside in which the level is high'),
+    StateField('outside', 'i8', 0, 'ns', NEVER, 'when the level was last high outside'),
+    StateField('loudest', 'f8', 0, 'dB', math.nan, 'the highest of these means outside'),
+    StateField('watched', 'i8', 0, 'ns', 0, 'for how long the level was watched outside'),
+    StateField(
+        'unseen', 'i8', 0, 'ns', NEVER, 'since when stick-slip is predicted and not measured'
+    ),
 )
 
 STATE_TYPE = np.dtype(
@@ -146,7 +156,7 @@ class State:
         return state
 
 
-def _number(field: Memory, told: Any) -> float:
+def _number(field: StateField, told: Any) -> float:
     if field.kind == 'f8' and told is None:
         return math.nan
     kinds = (int,) if field.kind == 'i8' else (int, float)
