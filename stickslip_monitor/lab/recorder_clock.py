@@ -14,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from stickslip_monitor.arrays import IntArray
+from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.recording import Scan
 from stickslip_monitor.monitor.signals import Stream
 from stickslip_monitor.offline.follow import WholeBag
 

@@ -26,9 +26,9 @@ from stickslip_monitor.lab.scenes.telemetry import Messages
 from stickslip_monitor.lab.scenes.variation import as_believed
 from stickslip_monitor.lab.score import Interval, Truth, merged
 from stickslip_monitor.lab.warning_quality import Forecast, Quality, Said, quality_of
+from stickslip_monitor.monitor.bulk import Scan, scan_bearing
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Condition, Level
-from stickslip_monitor.monitor.recording import Scan, scan_bearing
 from stickslip_monitor.monitor.signals import Stream, to_si
 from stickslip_monitor.monitor.source_faults import SourceWatch, least_gap
 from stickslip_monitor.offline.intervals import condition_intervals

@@ -20,7 +20,7 @@ from stickslip_monitor.arrays import FloatArray, flatten, in_blocks, restore
 from stickslip_monitor.physics.averaging import boundaries
 from stickslip_monitor.physics.averaging.solver import averaged_solver, damping_per_load
 from stickslip_monitor.physics.belief import Belief, probability_runs
-from stickslip_monitor.physics.boundaries import BoundaryTable, known_table
+from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
 from stickslip_monitor.physics.cycle.cycles import exact_fold_speed
 from stickslip_monitor.physics.cycle.surface import exact_amplitude
 from stickslip_monitor.physics.oscillator import Bearing

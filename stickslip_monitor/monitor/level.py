@@ -7,7 +7,7 @@ from typing import Any
 
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.assessment import SentenceEnum
-from stickslip_monitor.monitor.state import NEVER
+from stickslip_monitor.monitor.rule_state import NEVER
 
 
 class Measured(SentenceEnum):

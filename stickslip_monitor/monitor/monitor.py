@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor import rule
+from stickslip_monitor.monitor.bulk import Scan, assessed, lost_inputs, scan_bearing
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.ladder import CONDITIONS, Condition
 from stickslip_monitor.monitor.level import MEASURED, Measured, Unknown, why_unknown
-from stickslip_monitor.monitor.recording import Scan, assessed, lost_inputs, scan_bearing
 from stickslip_monitor.monitor.rule_settings import settings_of
+from stickslip_monitor.monitor.rule_state import NEVER, State
 from stickslip_monitor.monitor.signals import INPUTS, Input, Sample, Status, Stream
-from stickslip_monitor.monitor.state import NEVER, State
 from stickslip_monitor.monitor.verdict import (
     QUIET,
     Event,

@@ -6,9 +6,9 @@ an input been lost, how has a disturbance grown since the last operating point, 
 point ask for, which rungs of the alarm change. It is plain scalar Python: live it runs as it
 stands, over a recording :func:`run` is compiled (:mod:`stickslip_monitor.jit`).
 
-Everywhere ``s`` is the memory (:mod:`.state`), ``c`` the settings (:mod:`.rule_settings`),
+Everywhere ``s`` is the memory (:mod:`.rule_state`), ``c`` the settings (:mod:`.rule_settings`),
 ``law`` the numbers of the friction law and ``table`` those of the boundaries over the load
-(:mod:`stickslip_monitor.physics.boundaries`).
+(:mod:`stickslip_monitor.physics.boundary_table`).
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from stickslip_monitor.monitor.state import NEVER
-from stickslip_monitor.physics.boundaries import boundary_at
+from stickslip_monitor.monitor.rule_state import NEVER
+from stickslip_monitor.physics.boundary_table import boundary_at
 from stickslip_monitor.physics.chances import chances, runs_after
 from stickslip_monitor.physics.law_numbers import friction_slope
 

@@ -14,7 +14,7 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.rule import DECAY
-from stickslip_monitor.physics.boundaries import (
+from stickslip_monitor.physics.boundary_table import (
     BoundaryTable,
     known_table,
 )

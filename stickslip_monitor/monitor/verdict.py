@@ -14,7 +14,7 @@ from stickslip_monitor.monitor.assessment import Assessment, Outcome, fold_share
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import LADDER, Condition
 from stickslip_monitor.monitor.level import MEASURED, Measured
-from stickslip_monitor.monitor.state import NEVER
+from stickslip_monitor.monitor.rule_state import NEVER
 from stickslip_monitor.physics.belief import Belief
 
 DOUBT = 60.0

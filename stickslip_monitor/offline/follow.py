@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.reader import Bag, Fault, Request, Series, open_bag
 from stickslip_monitor.bags.series import Progress, Reading
+from stickslip_monitor.monitor.bulk import BearingScan, Scan, scan_bearing
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
-from stickslip_monitor.monitor.recording import BearingScan, Scan, scan_bearing
 from stickslip_monitor.monitor.signals import Stream
 from stickslip_monitor.surface_store import prepare_surfaces
 

@@ -34,8 +34,8 @@ from stickslip_monitor.lab.calibration.evidence import (
 )
 from stickslip_monitor.lab.calibration.posterior import Prior
 from stickslip_monitor.lab.recorder_clock import scan_on_recorder_clock
+from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.recording import Scan
 from stickslip_monitor.monitor.rule import UNKNOWN, VIBRATING
 from stickslip_monitor.offline.follow import WholeBag
 from stickslip_monitor.offline.truth import has_truth, read_truth

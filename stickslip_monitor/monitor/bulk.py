@@ -23,10 +23,10 @@ from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import CONDITIONS, LADDER, Condition
 from stickslip_monitor.monitor.level import Unknown, why_unknown
 from stickslip_monitor.monitor.rule_settings import RuleSettings, settings_of
+from stickslip_monitor.monitor.rule_state import NEVER, STATE_TYPE, State
 from stickslip_monitor.monitor.signals import QUANTITIES, Input, Status, Stream
-from stickslip_monitor.monitor.state import NEVER, STATE_TYPE, State
 from stickslip_monitor.monitor.verdict import Event, event_of, standing_of
-from stickslip_monitor.physics import boundaries, chances, law_numbers
+from stickslip_monitor.physics import boundary_table, chances, law_numbers
 
 LONG = 30_000
 """Samples from which on it pays to compile; fewer take less than numba's import."""
@@ -323,4 +323,4 @@ class BearingScan:
 
 
 def _compiled() -> Any:
-    return jit.compiled('run', rule, boundaries, chances, law_numbers)
+    return jit.compiled('run', rule, boundary_table, chances, law_numbers)
