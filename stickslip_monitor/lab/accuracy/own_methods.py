@@ -91,11 +91,10 @@ class ExactCycle:
         """See :class:`~.method.Method`."""
         speeds = speed if self.points == 1 else np.full(self.points, speed)
         cycle = exact_cycle(bearing, speeds, load)
-        kind, evaluations = np.ravel(cycle.kind)[0], int(np.ravel(cycle.evaluations)[0])
         amplitude = float(np.ravel(cycle.amplitude)[0])
-        if kind == CycleKind.UNRESOLVED:
-            return MethodResult(amplitude, MethodOutcome.NOT_CONVERGED, evaluations)
-        return found(amplitude, evaluations)
+        if np.ravel(cycle.kind)[0] == CycleKind.UNRESOLVED:
+            return MethodResult(amplitude, MethodOutcome.NOT_CONVERGED, None)
+        return found(amplitude, None)
 
 
 @dataclass(frozen=True, slots=True)
