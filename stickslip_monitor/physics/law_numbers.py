@@ -151,7 +151,7 @@ def _table(law: Tabulated) -> tuple[FloatArray, FloatArray]:
 def _sampled(law: FrictionLaw) -> tuple[FloatArray, FloatArray]:
     """Cubics through samples of a law and of its slope, halved until they agree with it."""
     breaks = [v for v in law.breakpoints if v > 0.0] or [1.0]
-    edges = np.unique([0.0, *(breaks[0] * 10.0**i for i in range(-9, 0)), *breaks])
+    edges = np.unique([0.0, *(breaks[0] * 10.0**i for i in range(-4, 0)), *breaks])
     edges = np.append(edges, breaks[-1] * 10.0 ** np.arange(1, 4))
     scale = max(law.static, float(np.max(np.abs(law.coefficient(edges[1:])))), 1e-300)
     while True:

@@ -37,8 +37,8 @@ from stickslip_monitor.physics.law_numbers import (
 
 Orbit: TypeAlias = tuple[float, float, float, float, float]
 
-# How an orbit ended.
-EXHAUSTED, LANDED, MISSED, RETURNED, SETTLED, ESCAPED = range(6)
+# How an orbit ended, or what a step ended with.
+EXHAUSTED, LANDED, MISSED, RETURNED, SETTLED, ESCAPED, GOES_ON, TURNED = range(8)
 # What is looked for: nothing but turning points, the contact, or the level that decides on it.
 TURNS, CONTACT, LEVEL = 0.0, 1.0, 2.0
 # Orbits: stage at the start, stage that ends them, direction in time, what is looked for, and the
@@ -183,13 +183,73 @@ def step_divergence(
     return total * h
 
 
-def follow_slip(
+def slip_event(
     law: LawNumbers,
     medium: Medium,
-    e: float,
-    z: float,
     orbit: Orbit,
-    weigh: float,
+    stage: float,
+    begin: tuple[float, float, float],
+    h: float,
+    after: tuple[float, float, float],
+) -> tuple[int, float, float, float, float]:
+    """What a step ends with, the length up to there, and displacement, ``z`` and ``z'`` there.
+
+    Args:
+        law: The law.
+        medium: What the motion takes place in.
+        orbit: What it belongs to.
+        stage: Its stage in the step.
+        begin: Displacement, ``z`` and ``z'`` at the step's begin.
+        h: Length of the step.
+        after: Displacement, ``z`` and ``z'`` at its end.
+    """
+    mode, hold, drift = orbit[3], -medium[3], medium[6]
+    landing = mode != TURNS and (stage == 2.0 or drift < 0.0)
+    place, z, rate = after
+    length, event = h, GOES_ON
+    if landing and drift > 0.0 and place > hold:
+        if begin[0] > hold:
+            return MISSED, 0.0, begin[0], begin[1], begin[2]
+        length, place, z, rate = cut_step(law, medium, begin, h, 1.0, hold)
+        event = MISSED if z >= 0.0 else LANDED
+    if landing and z < 0.0 and mode == CONTACT:
+        length, place, z, rate = cut_step(law, medium, begin, length, 0.0, 0.0)
+        event = LANDED
+    elif landing and z < _DEEP:
+        event = LANDED
+    elif event == GOES_ON and drift >= 0.0 and (z <= drift if stage % 2.0 == 1.0 else z >= drift):
+        length, place, z, rate = cut_step(law, medium, begin, h, 0.0, drift)
+        event = TURNED
+    return event, length, place, z, rate
+
+
+def motion_fades(medium: Medium, direction: float, energy: float, now: float, z: float) -> int:
+    """Whether a motion has come to rest or, back in time, has left for good; else ``GOES_ON``.
+
+    Args:
+        medium: What the motion takes place in.
+        direction: 1, or -1 to go back in time.
+        energy: About steady sliding at the start.
+        now: The same now.
+        z: Relative speed.
+    """
+    if direction > 0.0:
+        return SETTLED if now < _SETTLED_SHARE * energy else GOES_ON
+    through = medium[4] + medium[0] * z < -_THROUGH * medium[0]
+    return ESCAPED if through or now > _ESCAPED_SHARE * (1.0 + energy) else GOES_ON
+
+
+def next_length(h: float, error: float, allowed: float, blind: bool) -> float:
+    """Length of the step after one of length ``h``, or in its place if that was too long."""
+    share = 5.0 if error == 0.0 else min(max(0.9 * (allowed / error) ** 0.125, 0.2), 5.0)
+    if blind or not error <= allowed:
+        share = min(share, 0.5) if share >= 0.2 else 0.2
+    length = min(abs(h) * share, _LONGEST_SLIP)
+    return length if h > 0.0 else -length
+
+
+def follow_slip(
+    law: LawNumbers, medium: Medium, e: float, z: float, orbit: Orbit, weigh: float
 ) -> tuple[int, float, float, float, float, float, float]:
     """Follow one orbit to its end.
 
@@ -205,63 +265,41 @@ def follow_slip(
         How it ended, after which time, displacement and ``z`` there, displacement at the last
         turning points from above and from below, and the integral of the flow's divergence.
     """
-    speed, force, damping, offset, origin, _, drift = medium
+    speed, force, damping, _, origin, _, drift = medium
     stage, last, direction, mode, tolerance = orbit
-    behind, hold = drift >= 0.0, -offset
     rest = steady_displacement(law, medium) if drift == 1.0 else 0.0
+    energy = (e - rest) ** 2 + (z - drift) ** 2
     r = acceleration(law, medium, e, z)
     slope = force * speed * friction_slope(law, origin + speed * z)
     h = direction * 0.1 / (1.0 + damping + abs(slope))
-    energy = (e - rest) ** 2 + (z - drift) ** 2
-    time, crest, trough, divergence = 0.0, math.nan, math.nan, 0.0
-    end = EXHAUSTED
+    time, crest, trough, divergence, event = 0.0, math.nan, math.nan, 0.0, GOES_ON
     for _ in range(SLIP_STEPS):
         e1, z1, r1, error = slip_step(law, medium, e, z, r, h)
-        allowed = tolerance * (abs(e) + abs(z) + abs(drift * h))
-        if not error <= allowed or is_blind_step(law, medium, z, z1):
-            share = 0.9 * (allowed / error) ** 0.125 if error > allowed else 0.5
-            h *= min(max(share, 0.2), 0.6)
+        allowed = tolerance * (abs(e) + abs(z) + abs(h) * (abs(drift) + abs(r)))
+        blind, length = is_blind_step(law, medium, z, z1), h
+        h = next_length(h, error, allowed, blind)
+        if blind or not error <= allowed:
             if not abs(h) > _SHORTEST_SLIP:
                 break
             continue
-        s, done = h, False
-        if behind and mode != TURNS and stage == 2.0 and e1 > hold:
-            if e > hold:
-                end = MISSED
-                break
-            s, e1, z1, r1 = cut_step(law, medium, (e, z, r), h, 1.0, hold)
-            done, end = True, MISSED if z1 >= 0.0 else LANDED
-        if mode == LEVEL and stage == 2.0 and z1 < _DEEP and not done:
-            done, end = True, LANDED
-        if mode == CONTACT and z1 < 0.0 and (stage == 2.0 or not behind):
-            s, e1, z1, r1 = cut_step(law, medium, (e, z, r), s, 0.0, 0.0)
-            done, end = True, LANDED
-        elif behind and (z1 <= drift if stage % 2.0 == 1.0 else z1 >= drift):
-            s, e1, z1, r1 = cut_step(law, medium, (e, z, r), h, 0.0, drift)
-            if r1 > 0.0:
-                crest = e1
-            else:
-                trough = e1
-            stage += 1.0
-            if stage == last:
-                done, end = True, (RETURNED if mode == TURNS else MISSED)
+        event, s, e1, z1, r1 = slip_event(
+            law, medium, orbit, stage, (e, z, r), length, (e1, z1, r1)
+        )
         if weigh > 0.0:
             divergence += step_divergence(law, medium, (e, z, r), s)
-        growth = 5.0 if error == 0.0 else min(0.9 * (allowed / error) ** 0.125, 5.0)
-        h = direction * min(abs(h) * max(growth, 0.3), _LONGEST_SLIP)
         time, e, z, r = time + s, e1, z1, r1
-        if done:
-            break
-        if behind:
+        if event == TURNED:
+            crest, trough = (e, trough) if r > 0.0 else (crest, e)
+            stage += 1.0
+            event = GOES_ON
+            if stage == last:
+                event = RETURNED if mode == TURNS else MISSED
+        if event == GOES_ON and drift >= 0.0:
             now = (e - rest) ** 2 + (z - drift) ** 2
-            if direction > 0.0 and now < _SETTLED_SHARE * energy:
-                end = SETTLED
-                break
-            if direction < 0.0 and (
-                now > _ESCAPED_SHARE * (1.0 + energy) or origin + speed * z < -_THROUGH * speed
-            ):
-                end = ESCAPED
-                break
+            event = motion_fades(medium, direction, energy, now, z)
+        if event != GOES_ON:
+            break
+    end = EXHAUSTED if event == GOES_ON else event
     return end, time, e, z, crest, trough, divergence
 
 
@@ -301,9 +339,9 @@ def slip_round(
 
 def through_belt(law: LawNumbers, medium: Medium, weigh: float) -> Found:
     """The stable cycle that reaches the belt's speed."""
-    end, e, crest, trough, time, _, _ = slip_round(law, medium, 0.0, ONLY)
-    if end == LANDED and e <= 0.0:
-        return STICK_SLIP, crest, trough, time, -e, 0.0, -math.inf
+    end, e, crest, trough, time, over, _ = slip_round(law, medium, 0.0, ONLY)
+    if end == LANDED and (e <= 0.0 or math.isnan(over)):
+        return STICK_SLIP, crest, trough, time, max(-e, 0.0), 0.0, -math.inf
     if end == LANDED:
         return overtaking(law, medium, e, weigh)
     return absent_cycle(UNRESOLVED if end == EXHAUSTED else NO_CYCLE)
