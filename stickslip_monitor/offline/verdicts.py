@@ -24,8 +24,7 @@ from stickslip_monitor.bags.encode import (
     encode_float64s,
     encode_string,
 )
-from stickslip_monitor.bags.mcap_file import Payload
-from stickslip_monitor.bags.values import TimeSpans
+from stickslip_monitor.bags.values import Payload, TimeSpans
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import (
