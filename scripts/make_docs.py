@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Writes docs/configuration.md from the table of parameters, and tables of other pages."""
+"""Writes docs/configuration.md from the parameters' declarations, and other tables."""
 
 from __future__ import annotations
 
@@ -12,12 +12,8 @@ from pathlib import Path
 
 from stickslip_monitor.links.link_config import INPUT_PARAMETERS, LINK_PARAMETERS
 from stickslip_monitor.monitor.alarms.lifecycle import ALWAYS, TABLE, AlarmState, Choice, Trigger
-from stickslip_monitor.monitor.table import (
-    BEARING_PARAMETERS,
-    NODE_PARAMETERS,
-    REQUIRED,
-    Parameter,
-)
+from stickslip_monitor.monitor.config import BEARING_PARAMETERS, NODE_PARAMETERS
+from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
 
 PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'configuration.md'
 ALARMS = PAGE.with_name('alarms.md')
@@ -55,7 +51,7 @@ GROUPS = (
 )
 
 INTRO = f"""\
-<!-- Made by `{COMMAND}` from stickslip_monitor/monitor/table.py: edit that, or the script. -->
+<!-- Made by `{COMMAND}` from stickslip_monitor/monitor/config.py: edit that, or the script. -->
 # Configuration
 
 One ROS 2 parameter file configures everything: the node reads it with `--params-file` (or the
@@ -150,11 +146,11 @@ contact.
 
 ## Live and read-only
 
-Parameters marked *live* can be set at any time (`ros2 param set`) and take effect at once; the
-alarm, its running delays and the memory of the bistable range are kept. A delay or timeout that is
-set shorter than the time already passed ends at once. The others are read-only while the node is
-active: deactivate it, set them, and activate it again, and the monitor starts afresh. An invalid
-change is refused with the same sentence as in a file.
+Parameters marked *live* can be set at any time (`ros2 param set`) and take effect at once; alarms
+and running delays are kept. A delay or timeout that is set shorter than the time already passed
+ends at once. Those marked *fixed* are read when the node starts. The others are read-only while
+the node is active: deactivate it, set them, activate it again, and the monitor starts afresh. An
+invalid change is refused with the same sentence as in a file.
 """
 
 
@@ -175,7 +171,7 @@ def _number(value: float) -> str:
 def _default(row: Parameter) -> str:
     if row.default is REQUIRED:
         return '*required*'
-    if row.default == () or (isinstance(row.default, float) and math.isnan(row.default)):
+    if row.optional:
         return '*learned*' if row.name == 'level.threshold' else '*by law*'
     if isinstance(row.default, bool):
         return f'`{str(row.default).lower()}`'
@@ -192,6 +188,8 @@ def _range(row: Parameter) -> str:
         bounds.append(f'{">" if row.above_minimum else "≥"} {_number(row.minimum)}')
     if row.maximum < math.inf:
         bounds.append(f'≤ {_number(row.maximum)}')
+    if row.not_zero:
+        bounds.append('≠ 0')
     return ', '.join(bounds)
 
 
@@ -201,7 +199,7 @@ def _table(rows: Iterable[Parameter]) -> str:
         '|---|---|---|---|---|---|---|',
     ]
     for row in rows:
-        live = 'live' if row.live else ''
+        live = 'live' if row.live else 'fixed' if row.fixed else ''
         text = row.text.replace('|', '\\|')
         cells = (
             f'`{row.name}`',

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
         Regime,
         assess,
     )
-    from stickslip_monitor.monitor.config import MonitorConfig, build_config
+    from stickslip_monitor.monitor.config import MonitorConfig
+    from stickslip_monitor.monitor.configure import build_config
     from stickslip_monitor.monitor.monitor import Monitor
     from stickslip_monitor.monitor.signals import Levels, Sample, Stream
     from stickslip_monitor.physics.averaging.boundaries import (
@@ -79,7 +80,8 @@ __version__ = '0.2.0'
 _HOMES = {
     'errors': ('StickslipError',),
     'monitor.assessment': ('Assessment', 'Assessments', 'Outcome', 'Regime', 'assess'),
-    'monitor.config': ('MonitorConfig', 'build_config'),
+    'monitor.config': ('MonitorConfig',),
+    'monitor.configure': ('build_config',),
     'monitor.monitor': ('Monitor',),
     'monitor.signals': ('Levels', 'Sample', 'Stream'),
     'physics.averaging.boundaries': (

@@ -18,12 +18,12 @@ from stickslip_monitor import Stribeck, Tabulated, assess
 from stickslip_monitor.drawing.palette import CONDITION_NAMES
 from stickslip_monitor.monitor.alarms.causes import AlarmKind
 from stickslip_monitor.monitor.alarms.lifecycle import TABLE, AlarmState
+from stickslip_monitor.monitor.config import BEARING_PARAMETERS, NODE_PARAMETERS
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.signals import STATUS_SENTENCES, Status
 from stickslip_monitor.monitor.source_faults import SourceFaultKind
-from stickslip_monitor.monitor.table import BEARING_PARAMETERS, NODE_PARAMETERS
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / 'docs'
@@ -95,9 +95,11 @@ def test_every_row_has_seven_cells(make_docs: ModuleType) -> None:
         '| `damping` | number | *required* | ≥ 0 | N s/m | | Damping of the lining. |',
         '| `friction.decay` | number | *by law* | > 0 | s/m | | Decay beta of the Stribeck law'
         ' with speed. |',
-        '| `load.maximum` | number | `1e8` | > 0 | N | live | Largest magnitude believed; a larger'
-        ' value is counted as implausible and not used. |',
-        '| `load.scale` | number | `1` | | | live | Factor applied to the number. |',
+        '| `load.maximum` | number | `1e8` | > 0 | N | live | Largest magnitude that is valid; a'
+        ' larger value is counted as implausible and not used. |',
+        '| `state_file` | text | *none* | | | fixed | File that keeps acknowledgements, shelves'
+        ' and latches over a restart; empty for none. |',
+        '| `load.scale` | number | `1` | ≠ 0 | | live | Factor applied to the number. |',
         '| `load.unit` | text | *required* | `N`, `kN` | | | Unit of scale * number + offset. |',
         '| `autostart` | true/false | `true` | | | | Configure and activate the node by itself'
         ' when it starts. |',

@@ -13,9 +13,9 @@ from urllib.parse import SplitResult, urlsplit
 from stickslip_monitor.errors import ConfigurationError, did_you_mean
 from stickslip_monitor.links.nmea import NmeaInput
 from stickslip_monitor.links.signalk import SignalKInput
-from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig, checked
+from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
 from stickslip_monitor.monitor.signals import QUANTITIES
-from stickslip_monitor.monitor.table import REQUIRED, Parameter
 from stickslip_monitor.physics.oscillator import SPEED_UNITS
 
 SECTION = '/stickslip_links'
@@ -141,7 +141,7 @@ def build_links(values: Mapping[str, Any], config: MonitorConfig) -> LinksConfig
         ConfigurationError: A value breaks its rule; the text names parameter, value and rule.
     """
     _refuse_unknown(values, [bearing.name for bearing in config.bearings])
-    own = {p.name: checked(p, p.name, values) for p in LINK_PARAMETERS}
+    own = {p.name: p.checked(p.name, values) for p in LINK_PARAMETERS}
     given = [
         (bearing, is_load, f'{bearing.name}.{quantity}')
         for bearing in config.bearings
@@ -250,7 +250,7 @@ def check_port(name: str, value: str) -> SplitResult:
 def _input(
     bearing: BearingConfig, is_load: int, name: str, values: Mapping[str, Any]
 ) -> SignalKInput | NmeaInput:
-    own = {p.name: checked(p, f'{name}.{p.name}', values) for p in INPUT_PARAMETERS}
+    own = {p.name: p.checked(f'{name}.{p.name}', values) for p in INPUT_PARAMETERS}
     if own['from'] == SIGNALK:
         _check_unit(bearing, is_load, name, 'N' if is_load else 'Hz', 'Signal K')
         path = own['path']

@@ -1,82 +1,78 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The validated configuration: what the monitor is told about each bearing and its inputs."""
+"""The validated configuration: each parameter is declared here, as the field that holds it."""
 
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from functools import lru_cache
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-from stickslip_monitor.errors import ConfigurationError, PhysicsError, did_you_mean
-from stickslip_monitor.fields import FieldPath, parse_field
-from stickslip_monitor.monitor.calibration_file import (
-    INPUT_KEYS,
-    belief_of,
-    load_calibration,
-    require_same_sensors,
-)
-from stickslip_monitor.monitor.table import (
-    BEARING_PARAMETERS,
-    NODE_PARAMETERS,
-    REQUIRED,
-    TOLERANCES,
-    Parameter,
-)
+from stickslip_monitor.errors import ConfigurationError, did_you_mean
+from stickslip_monitor.fields import FieldPath
+from stickslip_monitor.monitor.parameter import REQUIRED, Parameter, duration, parameter, rows
 from stickslip_monitor.physics.belief import EXACT, Belief, Tolerance
-from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
-from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.oscillator import SPEED_UNITS, Bearing
 
-_NAME = re.compile(r'[a-z][a-z0-9_]*')
-_TOPIC = re.compile(r'(?:~?/)?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z_][A-Za-z0-9_]*)*')
-_TYPE = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*')
-_NEWTONS = {'N': 1.0, 'kN': 1000.0}
-_LAW_NEEDS = {
-    'stribeck': ('static', 'kinetic', 'decay'),
-    'coulomb': ('static', 'kinetic'),
-    'tabulated': ('speed', 'coefficient'),
-}
-
-
-def nanoseconds(seconds: float) -> int:
-    """A duration of the configuration [s] as whole nanoseconds."""
-    return round(seconds * 1e9)
+FRICTION_LAWS = ('stribeck', 'coulomb', 'tabulated')
+LOAD_UNITS = ('N', 'kN')
+LEVEL_UNITS = ('m/s^2', 'g', 'mm/s', 'um', 'Pa', 'V', 'none', 'dB')
 
 
 @dataclass(frozen=True, slots=True)
 class InputConfig:
     """Where one measured quantity comes from and how it becomes SI.
 
-    ``SI value = factor * (scale * number + offset)``; magnitudes above ``maximum`` [SI] are not
-    believed, and magnitudes below ``deadband`` [SI] count as zero.
+    ``SI value = factor * (scale * number + offset)``; magnitudes above ``maximum`` [SI] are
+    invalid, and magnitudes below ``deadband`` [SI] count as zero.
     """
 
-    topic: str
-    type: str
-    field: FieldPath
-    field_text: str
-    scale: float
-    offset: float
-    factor: float
-    timeout_ns: int
-    maximum: float
-    deadband: float
-    unit: str = ''
+    topic: str = parameter(REQUIRED, 'Topic that carries the {input}.')
+    type: str = parameter('std_msgs/msg/Float64', 'Message type of that topic.')
+    field_text: str = parameter(
+        'data',
+        'Path to the number inside the message, e.g. data, velocity[0] or wrench.force.z.',
+        name='field',
+    )
+    unit: str = parameter(REQUIRED, 'Unit of scale * number + offset.')
+    scale: float = parameter(1.0, 'Factor applied to the number.', not_zero=True, live=True)
+    offset: float = parameter(0.0, 'Added after the factor, in the unit.', live=True)
+    timeout_ns: int = duration(
+        5.0,
+        'Age at which the last value no longer counts and the input is reported lost.',
+        above_minimum=True,
+        maximum=1e9,  # with a stamp of today it must fit into 64 bits of nanoseconds
+        live=True,
+    )
+    maximum: float = parameter(
+        REQUIRED,
+        'Largest magnitude that is valid; a larger value is counted as implausible and not used.',
+        minimum=0.0,
+        above_minimum=True,
+        live=True,
+    )
+    field: FieldPath = ('data',)
+    factor: float = 1.0
+    deadband: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class LevelConfig(InputConfig):
-    """Where the measured vibration comes from, and what tells it from quiet.
+    """Where the measured vibration comes from, and what tells it from quiet."""
 
-    Attributes:
-        threshold: Level from which on it is vibration, in the unit; ``nan``: to be learned.
-        hysteresis: How far below it the level must fall to be quiet [dB].
-    """
-
-    threshold: float = math.nan
-    hysteresis: float = 3.0
+    threshold: float = parameter(
+        math.nan,
+        'Level from which on it is vibration, in the unit; without it the monitor learns one from'
+        ' the level where no stick-slip can exist.',
+        live=True,
+    )
+    hysteresis: float = parameter(
+        3.0,
+        'How far below the threshold the level must fall to be quiet.',
+        'dB',
+        minimum=0.0,
+        maximum=60.0,
+        live=True,
+    )
 
     @property
     def learns(self) -> bool:
@@ -84,24 +80,93 @@ class LevelConfig(InputConfig):
         return math.isnan(self.threshold)
 
 
+def _probability(default: float, text: str) -> Any:
+    return parameter(default, text, minimum=0.0, maximum=1.0)
+
+
 @dataclass(frozen=True, slots=True)
 class AlarmConfig:
-    """Thresholds and delays of a bearing's alarm; meanings as in the parameter table."""
+    """Thresholds and delays of a bearing's alarm."""
 
-    caution_margin: float
-    hysteresis: float
-    amplitude_limit: float
-    on_delay_ns: int
-    off_delay_ns: int
-    input_off_delay_ns: int = 0
-    latch: bool = False
-    startup_inhibit_ns: int = 0
-    trend_window_ns: int = 0
-    can_probability: float = 0.5
-    runs_probability: float = 0.5
-    caution_probability: float = 0.05
-    onset_growth: float = 3.0
-    look_ahead_ns: int = 20 * 10**9
+    caution_margin: float = parameter(
+        0.2,
+        'Caution while the fold margin is below this: wide enough for the error of the friction'
+        ' law and of the load, and for the time that the crew needs.',
+        minimum=0.0,
+    )
+    hysteresis: float = parameter(
+        0.02,
+        'Deadband: caution ends this far above its margin, the amplitude alarm this fraction below'
+        ' its limit.',
+        minimum=0.0,
+        maximum=0.9,
+    )
+    amplitude_limit: float = parameter(
+        math.inf,
+        'Predicted stick-slip amplitude that raises the amplitude alarm; .inf for none.',
+        'm',
+        minimum=0.0,
+        above_minimum=True,
+    )
+    on_delay_ns: int = duration(
+        2.0,
+        'How long a condition must hold before it is raised, net: time in which it does not is'
+        ' taken off. Stick-slip has its growth (alarm.onset_growth) in place of it.',
+    )
+    off_delay_ns: int = duration(
+        10.0,
+        'How long a condition must be gone before it is cleared, net; longer for one that keeps'
+        ' returning.',
+    )
+    input_off_delay_ns: int = duration(
+        60.0,
+        'How long both inputs must be fine before the alarms on them clear: one that comes and'
+        ' goes is one alarm.',
+    )
+    latch: bool = parameter(
+        False, 'The stick-slip and amplitude alarms stay until they are reset.', live=True
+    )
+    startup_inhibit_ns: int = duration(
+        0.0,
+        'For how long after the shaft starts to turn the alarms on stick-slip are suppressed.',
+    )
+    # Read by the forecast, which is on its way out.
+    trend_window_ns: int = 30 * 10**9
+    can_probability: float = _probability(
+        0.5,
+        'With a tolerance or a calibration: bistable above this probability that stick-slip can'
+        ' happen, until it is below half of it.',
+    )
+    runs_probability: float = _probability(
+        0.5,
+        'With a tolerance or a calibration: stick-slip is predicted where it starts in this share'
+        ' of the bearings that are possible, and ends where half of it has no cycle any more.',
+    )
+    caution_probability: float = _probability(
+        0.05,
+        'The same for caution, in the place of the margin.',
+    )
+    onset_growth: float = parameter(
+        3.0,
+        'How far a disturbance of steady sliding must have grown for stick-slip to be predicted;'
+        ' it sticks at about 6. Less warns earlier and falsely more often; 0 predicts stick-slip'
+        ' at the first point below the Hopf speed.',
+        'e-folds',
+        minimum=0.0,
+        maximum=20.0,
+    )
+    look_ahead_ns: int = duration(
+        20.0,
+        'Caution also where the trend of the last seconds takes the speed below the fold within'
+        ' this time; 0 for not looking ahead.',
+        maximum=600.0,
+    )
+    minimum_speed: float = parameter(
+        0.003,
+        'Surface speeds below this count as a shaft at rest (sensor noise of a stopped shaft).',
+        'm/s',
+        minimum=0.0,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,23 +193,58 @@ class BearingConfig:
 class ClipConfig:
     """Where event clips go (empty: nowhere), how long, how many and how large [bytes] they are."""
 
-    directory: str = ''
-    around_ns: int = 60 * 10**9
-    most: int = 50
-    size: int = 5_000_000
+    directory: str = parameter(
+        '', 'Folder for event clips: what came and went around each alarm; empty for none.'
+    )
+    around_ns: int = duration(
+        60.0,
+        'How much of the time before and after an alarm a clip has.',
+        minimum=1.0,
+        maximum=600.0,
+    )
+    most: int = parameter(50, 'Clips kept; the oldest make room.', minimum=1, maximum=10_000)
+    size: int = parameter(
+        5.0,
+        'Largest clip, before compression; one that is full ends early.',
+        'MB',
+        kind='float',
+        minimum=0.1,
+        maximum=100.0,
+        convert=lambda megabytes: round(megabytes * 1e6),
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class MonitorConfig:
-    """Everything the monitor and its node are told."""
+    """The configuration of the monitor and its node; ``notes`` says what of it has no effect."""
 
     bearings: tuple[BearingConfig, ...]
-    autostart: bool = True
-    publish_period: float = 0.0
-    shelve_time_ns: int = 0
-    silence_time_ns: int = 0
-    state_file: str = ''
+    autostart: bool = parameter(True, 'Configure and activate the node by itself when it starts.')
+    publish_period: float = parameter(
+        0.0,
+        "Least time between two publications of a bearing's values; 0 publishes every evaluation."
+        ' A change of condition is always published at once.',
+        's',
+        minimum=0.0,
+        maximum=604800.0,
+        live=True,
+    )
+    shelve_time_ns: int = duration(
+        1800.0, 'How long a shelved alarm stays on the shelf.', above_minimum=True, live=True
+    )
+    silence_time_ns: int = duration(
+        30.0,
+        'How long a silenced alarm stays silent if nobody acknowledges it.',
+        above_minimum=True,
+        live=True,
+    )
+    state_file: str = parameter(
+        '',
+        'File that keeps acknowledgements, shelves and latches over a restart; empty for none.',
+        fixed=True,
+    )
     clips: ClipConfig = ClipConfig()
+    notes: tuple[str, ...] = field(default=(), compare=False)
 
     def bearing(self, name: str) -> BearingConfig:
         """The bearing of that name.
@@ -160,307 +260,111 @@ class MonitorConfig:
         raise ConfigurationError(f"bearing '{name}' is not configured{hint}")
 
 
-def build_config(values: Mapping[str, Any]) -> MonitorConfig:
-    """Validate flat, dotted parameters and build the configuration.
+def _physical(name: str, unit: str, text: str, default: float = math.nan) -> Parameter:
+    return Parameter(name, 'float', default, text, unit, minimum=0.0, above_minimum=bool(unit))
 
-    Args:
-        values: Parameter values by full name, e.g. ``{'bearings': ['aft'], 'aft.mass': 50.0}``.
 
-    Returns:
-        The configuration.
-
-    Raises:
-        ConfigurationError: A value breaks its rule; the text names parameter, value and rule.
-    """
-    node = {p.name: checked(p, p.name, values) for p in NODE_PARAMETERS}
-    names = bearing_names(values)
-    _refuse_unknown(values, names)
-    return MonitorConfig(
-        bearings=tuple(_build_bearing(name, values) for name in names),
-        autostart=node['autostart'],
-        publish_period=node['publish_period'],
-        shelve_time_ns=nanoseconds(node['shelve_time']),
-        silence_time_ns=nanoseconds(node['silence_time']),
-        state_file=node['state_file'],
-        clips=ClipConfig(
-            directory=node['clips.directory'],
-            around_ns=nanoseconds(node['clips.around']),
-            most=node['clips.most'],
-            size=round(node['clips.size'] * 1e6),
-        ),
+BEARINGS = Parameter(
+    'bearings',
+    'str[]',
+    REQUIRED,
+    'Names of the bearings; each has its own section.',
+    fixed=True,
+)
+NODE_PARAMETERS = (BEARINGS, *rows(MonitorConfig), *rows(ClipConfig, 'clips.'))
+"""The parameters of the node."""
+LINING_PARAMETERS = tuple(
+    Parameter(name, 'float', REQUIRED, text, unit, minimum=0.0, above_minimum=name != 'damping')
+    for name, unit, text in (
+        ('mass', 'kg', 'Moving mass of the lining.'),
+        ('damping', 'N s/m', 'Damping of the lining.'),
+        ('stiffness', 'N/m', 'Tangential stiffness of the lining.'),
+        ('journal_diameter', 'm', 'Diameter of the journal in the bearing.'),
     )
-
-
-def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
-    """The validated list ``bearings``."""
-    names = tuple(checked(NODE_PARAMETERS[0], 'bearings', values))
-    if not names:
-        raise ConfigurationError('bearings = [] must name at least one bearing')
-    for name in names:
-        if not _NAME.fullmatch(name):
-            raise ConfigurationError(
-                f"bearings: '{name}' must be a name of lower-case letters, digits and underscores"
-                ' that starts with a letter, because it becomes part of topic names'
-            )
-        if names.count(name) > 1:
-            raise ConfigurationError(f"bearings: '{name}' is listed twice; names must differ")
-    return names
+)
+"""The parameters of :class:`Bearing`, but for its friction."""
+FRICTION_PARAMETERS = (
+    Parameter('friction.law', 'str', 'stribeck', 'Friction law.', choices=FRICTION_LAWS),
+    _physical('friction.static', '', 'Static coefficient mu_s.'),
+    _physical('friction.kinetic', '', 'Kinetic coefficient mu_k.'),
+    _physical('friction.decay', 's/m', 'Decay beta of the Stribeck law with speed.'),
+    Parameter(
+        'friction.viscous', 'float', 0.0, 'Viscous rise nu of the Stribeck law.', 's/m', 0.0
+    ),
+    Parameter('friction.speed', 'float[]', (), 'Speeds of a tabulated law.', 'm/s', 0.0),
+    Parameter(
+        'friction.coefficient', 'float[]', (), 'Coefficients of a tabulated law.', minimum=0.0
+    ),
+)
+_UNCERTAIN = {
+    'damping': 'the damping',
+    'static': 'the static coefficient',
+    'kinetic': 'the kinetic coefficient',
+    'decay': 'the decay',
+    'speed': 'the measured speed',
+    'load': 'the measured load',
+    'model_error': "a boundary's speed, for what the averaged model leaves out",
+    'scatter': "a boundary's speed from one passage to the next",
+}
+TOLERANCE_PARAMETERS = tuple(
+    Parameter(
+        f'tolerance.{item.name}',
+        'float',
+        item.default,
+        f'Relative standard deviation of {_UNCERTAIN[item.name]}; 0 for exact. Limits of +-10 %'
+        ' are 0.058.',
+        minimum=0.0,
+        maximum=3.0,
+    )
+    for item in fields(Tolerance)
+)
+INPUT_PARAMETERS = {
+    'speed': rows(
+        InputConfig,
+        'speed.',
+        unit={'choices': SPEED_UNITS},
+        maximum={'default': 100.0, 'unit': 'm/s'},
+    ),
+    'load': rows(
+        InputConfig,
+        'load.',
+        unit={'choices': LOAD_UNITS},
+        maximum={'default': 1e8, 'unit': 'N'},
+    ),
+    'level': rows(
+        LevelConfig,
+        'level.',
+        topic={
+            'default': '',
+            'text': 'Topic that carries the level of measured vibration, an RMS value or a band'
+            ' level; empty for none.',
+        },
+        unit={'choices': LEVEL_UNITS, 'default': 'm/s^2'},
+        maximum={'default': 1e12},
+    ),
+}
+"""The parameters of each input."""
+BEARING_PARAMETERS = (
+    *LINING_PARAMETERS,
+    *FRICTION_PARAMETERS,
+    *TOLERANCE_PARAMETERS,
+    Parameter(
+        'calibration',
+        'str',
+        '',
+        'File that stickslip calibrate wrote for this bearing, in a parameter file relative to'
+        ' it; takes the place of damping, decay and their tolerances. Empty for none.',
+        fixed=True,
+    ),
+    *(row for own in INPUT_PARAMETERS.values() for row in own),
+    *(replace(row, live=True) for row in rows(AlarmConfig, 'alarm.')),
+)
+"""The parameters of each bearing."""
+RETIRED = {'alarm.trend_window': 'times to a boundary are not forecast any more'}
+"""Parameters of a bearing that are accepted without effect for one version, and why."""
 
 
 def parameters_of(names: tuple[str, ...]) -> dict[str, Parameter]:
-    """The table's row for every full parameter name of these bearings."""
-    rows = {p.name: p for p in NODE_PARAMETERS}
-    rows.update({f'{name}.{p.name}': p for name in names for p in BEARING_PARAMETERS})
-    return rows
-
-
-def _refuse_unknown(values: Mapping[str, Any], names: tuple[str, ...]) -> None:
-    known = parameters_of(names)
-    for key in values:
-        if key in known:
-            continue
-        head = key.split('.', 1)[0]
-        if '.' in key and head not in names:
-            raise ConfigurationError(
-                f"section '{head}' is not a bearing: add it to bearings, which lists"
-                f' {", ".join(names)}'
-            )
-        hint = did_you_mean(key, known)
-        raise ConfigurationError(f"unknown parameter '{key}' = {values[key]!r}{hint}")
-
-
-def checked(parameter: Parameter, name: str, values: Mapping[str, Any]) -> Any:
-    """The value of one parameter, checked against its row of the table.
-
-    Raises:
-        ConfigurationError: It is missing, of the wrong type, or breaks its rule.
-    """
-    if name not in values:
-        if parameter.default is REQUIRED:
-            unit = f' [{parameter.unit}]' if parameter.unit else ''
-            raise ConfigurationError(f"parameter '{name}'{unit} is missing: {parameter.text}")
-        return parameter.default
-    value = values[name]
-    if not _fits(parameter, value):
-        raise ConfigurationError(f'{name} = {value!r} must be {parameter.rule()}')
-    if parameter.kind == 'float':
-        return float(value)
-    if parameter.kind == 'float[]':
-        return tuple(float(item) for item in value)
-    return value
-
-
-def _fits(parameter: Parameter, value: Any) -> bool:
-    kind = parameter.kind
-    if kind.endswith('[]'):
-        return not isinstance(value, str | bytes) and (
-            hasattr(value, '__iter__') and all(_fits_one(parameter, kind[:-2], v) for v in value)
-        )
-    return _fits_one(parameter, kind, value)
-
-
-def _fits_one(parameter: Parameter, kind: str, value: Any) -> bool:
-    if kind == 'bool':
-        return isinstance(value, bool)
-    if kind == 'int':
-        whole = isinstance(value, int) and not isinstance(value, bool)
-        return whole and parameter.minimum <= value <= parameter.maximum
-    if kind == 'str':
-        return isinstance(value, str) and (not parameter.choices or value in parameter.choices)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    try:
-        value = float(value)
-    except OverflowError:
-        return False
-    low = value > parameter.minimum if parameter.above_minimum else value >= parameter.minimum
-    bounded = math.isfinite(value) or parameter.default == math.inf
-    return low and value <= parameter.maximum and bounded
-
-
-def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
-    own = {p.name: checked(p, f'{name}.{p.name}', values) for p in BEARING_PARAMETERS}
-    try:
-        bearing = Bearing(
-            mass=own['mass'],
-            damping=own['damping'],
-            stiffness=own['stiffness'],
-            friction=_friction(name, own),
-            journal_diameter=own['journal_diameter'],
-        )
-    except PhysicsError as error:
-        raise ConfigurationError(f'{name}: {error}') from error
-    bearing, belief = _believed(name, bearing, own)
-    minimum_speed = own['alarm.minimum_speed']
-    if minimum_speed >= own['speed.maximum']:
-        raise ConfigurationError(
-            f'{name}.alarm.minimum_speed = {minimum_speed:g} m/s must be below'
-            f' {name}.speed.maximum = {own["speed.maximum"]:g} m/s'
-        )
-    speed = _input(name, 'speed', own, bearing.speed.factor(own['speed.unit']), minimum_speed)
-    load = _input(name, 'load', own, _NEWTONS[own['load.unit']], 0.0)
-    return BearingConfig(
-        name=name,
-        bearing=bearing,
-        speed=speed,
-        load=load,
-        level=_level(name, own, (speed, load)),
-        alarm=AlarmConfig(
-            caution_margin=own['alarm.caution_margin'],
-            can_probability=own['alarm.can_probability'],
-            runs_probability=own['alarm.runs_probability'],
-            caution_probability=own['alarm.caution_probability'],
-            hysteresis=own['alarm.hysteresis'],
-            amplitude_limit=own['alarm.amplitude_limit'],
-            on_delay_ns=nanoseconds(own['alarm.on_delay']),
-            off_delay_ns=nanoseconds(own['alarm.off_delay']),
-            input_off_delay_ns=nanoseconds(own['alarm.input_off_delay']),
-            latch=own['alarm.latch'],
-            startup_inhibit_ns=nanoseconds(own['alarm.startup_inhibit']),
-            trend_window_ns=nanoseconds(own['alarm.trend_window']),
-            onset_growth=own['alarm.onset_growth'],
-            look_ahead_ns=nanoseconds(own['alarm.look_ahead']),
-        ),
-        tolerance=_tolerance(own),
-        belief=belief,
-    )
-
-
-def _believed(
-    name: str, bearing: Bearing, own: Mapping[str, Any]
-) -> tuple[Bearing, Belief | None]:
-    """What is believed of the boundaries, and the bearing in the middle of that.
-
-    The belief is ``None`` where all is taken for exact.
-    """
-    tolerance = _tolerance(own)
-    path = own['calibration']
-    try:
-        if path:
-            document = load_calibration(path)
-            inputs = {
-                quantity: {key: own[f'{quantity}.{key}'] for key in INPUT_KEYS}
-                for quantity in ('speed', 'load')
-            }
-            require_same_sensors(path, document, name, inputs)
-            belief = belief_of(path, document, tolerance)
-            return belief.nominal(bearing), belief
-        if tolerance.is_exact:
-            return bearing, None
-        return bearing, _of_tolerance(bearing, tolerance)
-    except PhysicsError as error:
-        raise ConfigurationError(f'{name}: {error}') from error
-
-
-def _tolerance(own: Mapping[str, Any]) -> Tolerance:
-    return Tolerance(**{item: own[f'tolerance.{item}'] for item, _ in TOLERANCES})
-
-
-# A live parameter that changes makes the whole configuration anew.
-_of_tolerance = lru_cache(maxsize=16)(Belief.from_tolerance)
-
-
-def _friction(name: str, own: Mapping[str, Any]) -> FrictionLaw:
-    law = own['friction.law']
-    for quantity in _LAW_NEEDS[law]:
-        value = own[f'friction.{quantity}']
-        if value == () or (isinstance(value, float) and math.isnan(value)):
-            raise ConfigurationError(
-                f"parameter '{name}.friction.{quantity}' is missing: the law {law} needs"
-                f' {", ".join(_LAW_NEEDS[law])}'
-            )
-    if law == 'tabulated':
-        return Tabulated(own['friction.speed'], own['friction.coefficient'])
-    if law == 'coulomb':
-        return Coulomb(own['friction.static'], own['friction.kinetic'])
-    return Stribeck(
-        own['friction.static'],
-        own['friction.kinetic'],
-        own['friction.decay'],
-        own['friction.viscous'],
-    )
-
-
-def _input(
-    name: str, quantity: str, own: Mapping[str, Any], factor: float, deadband: float
-) -> InputConfig:
-    topic, type_name = own[f'{quantity}.topic'], own[f'{quantity}.type']
-    if not _TOPIC.fullmatch(topic):
-        raise ConfigurationError(f'{name}.{quantity}.topic = {topic!r} must be a ROS topic name')
-    if not _TYPE.fullmatch(type_name):
-        raise ConfigurationError(
-            f'{name}.{quantity}.type = {type_name!r} must be written package/msg/Type, e.g.'
-            ' std_msgs/msg/Float64'
-        )
-    text = own[f'{quantity}.field']
-    try:
-        path = parse_field(text)
-    except ConfigurationError as error:
-        raise ConfigurationError(f'{name}.{quantity}.field: {error}') from error
-    return InputConfig(
-        topic=topic,
-        type=type_name,
-        field=path,
-        field_text=text,
-        scale=own[f'{quantity}.scale'],
-        offset=own[f'{quantity}.offset'],
-        factor=factor,
-        timeout_ns=nanoseconds(own[f'{quantity}.timeout']),
-        maximum=own[f'{quantity}.maximum'],
-        deadband=deadband,
-        unit=own[f'{quantity}.unit'],
-    )
-
-
-def _level(
-    name: str, own: Mapping[str, Any], others: tuple[InputConfig, ...]
-) -> LevelConfig | None:
-    """The input of measured vibration; ``None`` where there is none."""
-    if not own['level.topic']:
-        _require_no_level(name, own)
-        return None
-    base = _input(name, 'level', own, 1.0, 0.0)
-    level = LevelConfig(
-        **{item.name: getattr(base, item.name) for item in fields(InputConfig)},
-        threshold=own['level.threshold'],
-        hysteresis=own['level.hysteresis'],
-    )
-    _check_threshold(name, level)
-    for quantity, other in zip(('speed', 'load'), others, strict=True):
-        if level.topic != other.topic:
-            continue
-        if level.field == other.field:
-            raise ConfigurationError(
-                f'{name}.level is read from the same field as the {quantity},'
-                f' {level.topic} {level.field_text}: it must be a number of its own'
-            )
-        if level.type != other.type:
-            raise ConfigurationError(
-                f'{name}.level.type = {level.type!r} must be that of {name}.{quantity},'
-                f' {other.type!r}: both are read from {level.topic}'
-            )
-    return level
-
-
-def _require_no_level(name: str, own: Mapping[str, Any]) -> None:
-    for row in BEARING_PARAMETERS:
-        value = own[row.name]
-        if row.name.startswith('level.') and value != row.default and value == value:
-            raise ConfigurationError(
-                f"parameter '{name}.level.topic' is missing, and {name}.{row.name} = {value!r} is"
-                ' given: name the topic of the measured vibration'
-            )
-
-
-def _check_threshold(name: str, level: LevelConfig) -> None:
-    threshold, in_db = level.threshold, level.unit == 'dB'
-    if threshold <= 0.0 and not in_db:
-        raise ConfigurationError(
-            f'{name}.level.threshold = {threshold:g} {level.unit} must be above 0, as every RMS'
-            ' value is; for a level in decibels set level.unit to dB'
-        )
-    if abs(threshold) > level.maximum:
-        raise ConfigurationError(
-            f'{name}.level.threshold = {threshold:g} {level.unit} must not be above'
-            f' {name}.level.maximum = {level.maximum:g} {level.unit}: no value beyond is believed'
-        )
+    """The declaration of every full parameter name of these bearings."""
+    found = {row.name: row for row in NODE_PARAMETERS}
+    return found | {f'{name}.{row.name}': row for name in names for row in BEARING_PARAMETERS}

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Hashable, Iterator, Mapping
 from pathlib import Path
@@ -12,7 +13,8 @@ import yaml
 
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.files import near_name, read_file
-from stickslip_monitor.monitor.config import MonitorConfig, build_config
+from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.configure import build_config
 
 # A fleet's bearings have some hundred kilobytes [bytes].
 _LARGEST = 1 << 20
@@ -93,7 +95,7 @@ def load_parameters(path: str | Path) -> dict[str, Any]:
 
 
 def load_config(path: str | Path) -> MonitorConfig:
-    """Read and validate a parameter file.
+    """Read and validate a parameter file; a parameter without effect is logged as a warning.
 
     Raises:
         ConfigurationError: The file cannot be read or breaks a rule; the text names the file.
@@ -103,9 +105,12 @@ def load_config(path: str | Path) -> MonitorConfig:
         if name.endswith('.calibration') and isinstance(value, str) and value:
             parameters[name] = str(Path(path).parent / value)
     try:
-        return build_config(parameters)
+        config = build_config(parameters)
     except ConfigurationError as error:
         raise ConfigurationError(f'{path}: {error}') from error
+    for note in config.notes:
+        logging.getLogger(NODE_NAME).warning('%s: %s', path, note)
+    return config
 
 
 def _node_parameters(path: str | Path, document: Any) -> dict[str, Any]:

@@ -12,14 +12,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.monitor.config import (
-    MonitorConfig,
-    bearing_names,
-    build_config,
-    parameters_of,
-)
+from stickslip_monitor.monitor.config import MonitorConfig, parameters_of
 from stickslip_monitor.monitor.config_file import is_ros_parameter
-from stickslip_monitor.monitor.table import REQUIRED, Parameter
+from stickslip_monitor.monitor.configure import bearing_names, build_config
+from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
 
 USE_SIM_TIME = 'use_sim_time'
 
@@ -30,9 +26,10 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
     if row.kind == 'float' and (row.minimum > -math.inf or row.maximum < math.inf):
         ranges = [FloatingPointRange(from_value=row.minimum, to_value=row.maximum, step=0.0)]
     unit = f' [{row.unit}]' if row.unit else ''
-    live = '' if row.live else ' Read-only while the node is active.'
+    while_active = '' if row.live else ' Read-only while the node is active.'
+    changes = ' Read-only.' if row.fixed else while_active
     return ParameterDescriptor(
-        description=f'{row.text}{unit}{live}',
+        description=f'{row.text}{unit}{changes}',
         additional_constraints=f'must be {row.rule()}',
         floating_point_range=ranges,
         # A number may be written 50 or 50.0: the configuration takes both.
@@ -65,19 +62,15 @@ def declare(node: Node) -> None:
             if value is not None:
                 node.declare_parameter(name, value, descriptor(row), ignore_override=True)
                 continue
-        missing = row.default is REQUIRED or row.default == () or _is_nan(row.default)
+        missing = row.default is REQUIRED or row.optional
         node.declare_parameter(
             name, None if missing else row.default, descriptor(row), ignore_override=True
         )
 
 
-def _is_nan(value: Any) -> bool:
-    return isinstance(value, float) and math.isnan(value)
-
-
 def _as_written(name: str, value: Any) -> Any:
-    # 'ros2 param dump' writes what is not set as null, which ROS reads as a word.
-    if value == 'null':
+    # 'ros2 param dump' writes what has no value as null, which comes back as a word.
+    if value in ('null', 'None'):
         return None
     # ROS reads the bare word N of a parameter file as the YAML 1.1 boolean 'no'.
     return 'N' if name.endswith('load.unit') and value is False else value
@@ -114,14 +107,16 @@ def changed_config(
         if is_ros_parameter(name):
             continue
         if value is None:
+            if proposed.get(name) is None:
+                continue
             raise ConfigurationError(f'{name} cannot be deleted: set it to a value')
-        if name == 'bearings' and _plain(value) != _plain(proposed.get(name)):
-            raise ConfigurationError(
-                f'bearings = {list(_plain(value))!r} cannot be set: a running node keeps its'
-                ' bearings; restart it with another parameter file'
-            )
         row = rows.get(name)
         if row is not None and not row.live and _plain(value) != _plain(proposed.get(name)):
+            if row.fixed:
+                raise ConfigurationError(
+                    f'{name} = {_shown(value)} cannot be set: a running node keeps it; restart it'
+                    ' with another parameter file'
+                )
             rebuilt = True
             if active:
                 raise _read_only(name, value)
@@ -140,6 +135,10 @@ def told_changes(node: Node, changes: Iterable[RosParameter[Any]]) -> list[str]:
 
 def _plain(value: Any) -> Any:
     return tuple(value) if hasattr(value, '__iter__') and not isinstance(value, str) else value
+
+
+def _shown(value: Any) -> str:
+    return repr(list(value) if isinstance(_plain(value), tuple) else value)
 
 
 def _read_only(name: str, value: Any) -> ConfigurationError:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from stickslip_monitor.monitor.config import build_config
+from stickslip_monitor.monitor.configure import build_config
 from stickslip_monitor.monitor.source_faults import (
     SourceFault,
     SourceFaultKind,

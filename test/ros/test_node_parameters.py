@@ -101,9 +101,18 @@ def test_bad_values_are_refused_with_name_value_and_rule(start: Any, kit: Any) -
         {'aft__alarm__on_delay': 1.0, 'aft__stiffness': 1e6},
     ):
         assert 'read-only while the node is active' in refused(**changes)
-    assert 'a running node keeps its bearings' in refused(bearings=['aft', 'fwd'])
+    for fixed in (
+        {'bearings': ['aft', 'fwd']},
+        {'state_file': '/tmp/x'},
+        {'aft__calibration': 'x'},
+    ):
+        assert 'a running node keeps it' in refused(**fixed)
     # The same value again is no change.
     assert monitor.set(aft__mass=50.0, bearings=['aft']) == [(True, '')] * 2
+    # 'ros2 param load' of what 'ros2 param dump' wrote sets what has no value to this word.
+    unset = {'aft__friction__speed': 'None', 'aft__level__threshold': 'None'}
+    assert monitor.set(**unset) == [(True, '')] * 2
+    assert monitor.set(aft__alarm__on_delay=2.5) == [(True, '')]
     assert monitor.alive
 
 

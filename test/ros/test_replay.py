@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from stickslip_monitor.bags.writer import BagWriter
-from stickslip_monitor.monitor.config import build_config
+from stickslip_monitor.monitor.configure import build_config
 from stickslip_monitor.monitor.messages import event_record
 from stickslip_monitor.offline.check import check_bag
 

@@ -126,7 +126,7 @@ def _points_found(
     numbers, body = law_numbers(bearing.friction), _body(bearing)
     out = np.full((7, speed.size), np.nan)
     if speed.size >= _MANY and jit.has_compiler():
-        loop = jit.compiled('cycles_of_points', *_MODULES)
+        loop = jit.compiled('cycles_of_points', *_MODULES, inline=False)
         loop(np.array(numbers), body, speed, load, wanted, out)
     else:
         columns = out.tolist()
@@ -201,7 +201,8 @@ def exact_amplitude(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
     shape, (v, n) = flatten(speed, load)
     out = np.full(v.size, np.nan)
     if v.size >= _MANY and jit.has_compiler():
-        jit.compiled('amplitudes_of_cycles', *_MODULES)(np.array(numbers), body, v, n, out)
+        loop = jit.compiled('amplitudes_of_cycles', *_MODULES, inline=False)
+        loop(np.array(numbers), body, v, n, out)
     else:
         rows = out.tolist()
         slip.amplitudes_of_cycles(numbers, body, v.tolist(), n.tolist(), rows)

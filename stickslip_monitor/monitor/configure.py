@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Makes the configuration of flat parameters, and checks the rules that span several of them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+from stickslip_monitor.errors import ConfigurationError, PhysicsError, did_you_mean
+from stickslip_monitor.fields import FieldPath, parse_field
+from stickslip_monitor.monitor.calibration_file import (
+    INPUT_KEYS,
+    belief_of,
+    load_calibration,
+    require_same_sensors,
+)
+from stickslip_monitor.monitor.config import (
+    BEARING_PARAMETERS,
+    BEARINGS,
+    INPUT_PARAMETERS,
+    LINING_PARAMETERS,
+    NODE_PARAMETERS,
+    RETIRED,
+    AlarmConfig,
+    BearingConfig,
+    ClipConfig,
+    InputConfig,
+    LevelConfig,
+    MonitorConfig,
+    parameters_of,
+)
+from stickslip_monitor.monitor.parameter import filled
+from stickslip_monitor.physics.belief import Belief, Tolerance
+from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
+from stickslip_monitor.physics.oscillator import Bearing
+
+_NAME = re.compile(r'[a-z][a-z0-9_]*')
+_TOPIC = re.compile(r'(?:~?/)?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z_][A-Za-z0-9_]*)*')
+_TYPE = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*')
+_NEWTONS = {'N': 1.0, 'kN': 1000.0}
+_LAWS: dict[str, tuple[Any, tuple[str, ...]]] = {
+    'stribeck': (Stribeck, ('static', 'kinetic', 'decay', 'viscous')),
+    'coulomb': (Coulomb, ('static', 'kinetic')),
+    'tabulated': (Tabulated, ('speed', 'coefficient')),
+}
+
+
+def build_config(values: Mapping[str, Any]) -> MonitorConfig:
+    """Validate flat, dotted parameters and build the configuration.
+
+    Args:
+        values: Parameter values by full name, e.g. ``{'bearings': ['aft'], 'aft.mass': 50.0}``.
+
+    Returns:
+        The configuration.
+
+    Raises:
+        ConfigurationError: A value breaks its rule; the text names parameter, value and rule.
+    """
+    node = {row.name: row.checked(row.name, values) for row in NODE_PARAMETERS}
+    names = bearing_names(values)
+    notes = _notes(values, names)
+    return filled(
+        MonitorConfig,
+        '',
+        node,
+        bearings=tuple(_build_bearing(name, values) for name in names),
+        clips=filled(ClipConfig, 'clips.', node),
+        notes=notes,
+    )
+
+
+def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
+    """The validated list ``bearings``."""
+    names: tuple[str, ...] = BEARINGS.checked('bearings', values)
+    if not names:
+        raise ConfigurationError('bearings = [] must name at least one bearing')
+    for name in names:
+        if not _NAME.fullmatch(name):
+            raise ConfigurationError(
+                f"bearings: '{name}' must be a name of lower-case letters, digits and underscores"
+                ' that starts with a letter, because it becomes part of topic names'
+            )
+        if names.count(name) > 1:
+            raise ConfigurationError(f"bearings: '{name}' is listed twice; names must differ")
+    return names
+
+
+def _notes(values: Mapping[str, Any], names: tuple[str, ...]) -> tuple[str, ...]:
+    """A sentence on each retired parameter; what is not known at all is refused."""
+    known = parameters_of(names)
+    retired = {f'{name}.{own}': why for name in names for own, why in RETIRED.items()}
+    for key in values:
+        if key in known or key in retired:
+            continue
+        head = key.split('.', 1)[0]
+        if '.' in key and head not in names:
+            raise ConfigurationError(
+                f"section '{head}' is not a bearing: add it to bearings, which lists"
+                f' {", ".join(names)}'
+            )
+        hint = did_you_mean(key, known)
+        raise ConfigurationError(f"unknown parameter '{key}' = {values[key]!r}{hint}")
+    return tuple(
+        f'{key} has no effect and will be refused by the next version: {why}'
+        for key, why in retired.items()
+        if key in values
+    )
+
+
+def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
+    own = {row.name: row.checked(f'{name}.{row.name}', values) for row in BEARING_PARAMETERS}
+    try:
+        bearing = Bearing(
+            **{row.name: own[row.name] for row in LINING_PARAMETERS},
+            friction=_friction(name, own),
+        )
+    except PhysicsError as error:
+        raise ConfigurationError(f'{name}: {error}') from error
+    prefix = 'tolerance.'
+    tolerance = Tolerance(
+        **{key[len(prefix) :]: own[key] for key in own if key.startswith(prefix)}
+    )
+    bearing, belief = _believed(name, bearing, own, tolerance)
+    alarm = filled(AlarmConfig, 'alarm.', own)
+    if alarm.minimum_speed >= own['speed.maximum']:
+        raise ConfigurationError(
+            f'{name}.alarm.minimum_speed = {alarm.minimum_speed:g} m/s must be below'
+            f' {name}.speed.maximum = {own["speed.maximum"]:g} m/s'
+        )
+    factor = bearing.speed.factor(own['speed.unit'])
+    speed = _input(InputConfig, name, 'speed', own, factor, alarm.minimum_speed)
+    load = _input(InputConfig, name, 'load', own, _NEWTONS[own['load.unit']])
+    level = _level(name, own, speed, load)
+    return BearingConfig(name, bearing, speed, load, alarm, tolerance, belief, level)
+
+
+def _believed(
+    name: str, bearing: Bearing, own: Mapping[str, Any], tolerance: Tolerance
+) -> tuple[Bearing, Belief | None]:
+    """How uncertain the boundaries are, and the bearing in the middle of that.
+
+    The belief is ``None`` where all is taken for exact.
+    """
+    path = own['calibration']
+    try:
+        if path:
+            document = load_calibration(path)
+            inputs = {
+                quantity: {key: own[f'{quantity}.{key}'] for key in INPUT_KEYS}
+                for quantity in ('speed', 'load')
+            }
+            require_same_sensors(path, document, name, inputs)
+            belief = belief_of(path, document, tolerance)
+            return belief.nominal(bearing), belief
+        if tolerance.is_exact:
+            return bearing, None
+        return bearing, _of_tolerance(bearing, tolerance)
+    except PhysicsError as error:
+        raise ConfigurationError(f'{name}: {error}') from error
+
+
+# A live parameter that changes makes the whole configuration anew.
+_of_tolerance = lru_cache(maxsize=16)(Belief.from_tolerance)
+
+
+def _friction(name: str, own: Mapping[str, Any]) -> FrictionLaw:
+    make, names = _LAWS[own['friction.law']]
+    needed = [key for key in names if _row(f'friction.{key}').optional]
+    for quantity in needed:
+        value = own[f'friction.{quantity}']
+        if value == () or value != value:
+            raise ConfigurationError(
+                f"parameter '{name}.friction.{quantity}' is missing: the law"
+                f' {own["friction.law"]} needs {", ".join(needed)}'
+            )
+    law: FrictionLaw = make(*(own[f'friction.{quantity}'] for quantity in names))
+    return law
+
+
+def _row(name: str) -> Any:
+    return next(row for row in BEARING_PARAMETERS if row.name == name)
+
+
+def _input(
+    kind: type[Any],
+    name: str,
+    quantity: str,
+    own: Mapping[str, Any],
+    factor: float,
+    deadband: float = 0.0,
+) -> Any:
+    """The configuration of one input, of that dataclass."""
+    topic, type_name = own[f'{quantity}.topic'], own[f'{quantity}.type']
+    if not _TOPIC.fullmatch(topic):
+        raise ConfigurationError(f'{name}.{quantity}.topic = {topic!r} must be a ROS topic name')
+    if not _TYPE.fullmatch(type_name):
+        raise ConfigurationError(
+            f'{name}.{quantity}.type = {type_name!r} must be written package/msg/Type, e.g.'
+            ' std_msgs/msg/Float64'
+        )
+    try:
+        path: FieldPath = parse_field(own[f'{quantity}.field'])
+    except ConfigurationError as error:
+        raise ConfigurationError(f'{name}.{quantity}.field: {error}') from error
+    return filled(kind, f'{quantity}.', own, field=path, factor=factor, deadband=deadband)
+
+
+def _level(name: str, own: Mapping[str, Any], *others: InputConfig) -> LevelConfig | None:
+    """The input of measured vibration; ``None`` where there is none."""
+    if not own['level.topic']:
+        _require_no_level(name, own)
+        return None
+    level: LevelConfig = _input(LevelConfig, name, 'level', own, 1.0)
+    _check_threshold(name, level)
+    for quantity, other in zip(('speed', 'load'), others, strict=True):
+        if level.topic != other.topic:
+            continue
+        if level.field == other.field:
+            raise ConfigurationError(
+                f'{name}.level is read from the same field as the {quantity},'
+                f' {level.topic} {level.field_text}: it must be a number of its own'
+            )
+        if level.type != other.type:
+            raise ConfigurationError(
+                f'{name}.level.type = {level.type!r} must be that of {name}.{quantity},'
+                f' {other.type!r}: both are read from {level.topic}'
+            )
+    return level
+
+
+def _require_no_level(name: str, own: Mapping[str, Any]) -> None:
+    for row in INPUT_PARAMETERS['level']:
+        value = own[row.name]
+        if value != row.default and value == value:
+            raise ConfigurationError(
+                f"parameter '{name}.level.topic' is missing, and {name}.{row.name} = {value!r} is"
+                ' given: name the topic of the measured vibration'
+            )
+
+
+def _check_threshold(name: str, level: LevelConfig) -> None:
+    threshold, in_db = level.threshold, level.unit == 'dB'
+    if threshold <= 0.0 and not in_db:
+        raise ConfigurationError(
+            f'{name}.level.threshold = {threshold:g} {level.unit} must be above 0, as every RMS'
+            ' value is; for a level in decibels set level.unit to dB'
+        )
+    if abs(threshold) > level.maximum:
+        raise ConfigurationError(
+            f'{name}.level.threshold = {threshold:g} {level.unit} must not be above'
+            f' {name}.level.maximum = {level.maximum:g} {level.unit}: a value beyond is invalid'
+        )

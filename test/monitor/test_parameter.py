@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import math
+from collections import Counter
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.monitor.config import BEARING_PARAMETERS, NODE_PARAMETERS
+from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
+from stickslip_monitor.monitor.signals import INPUTS
+
+ROWS = {p.name: p for p in (*NODE_PARAMETERS, *BEARING_PARAMETERS)}
+KINDS = {'float', 'int', 'bool', 'str', 'float[]', 'str[]'}
+
+
+def test_names_are_unique() -> None:
+    names = Counter(p.name for p in (*NODE_PARAMETERS, *BEARING_PARAMETERS))
+    assert [name for name, count in names.items() if count > 1] == []
+
+
+def test_every_row_is_complete() -> None:
+    for row in ROWS.values():
+        assert row.kind in KINDS
+        assert row.text.endswith('.')
+        assert row.minimum <= row.maximum
+
+
+def test_every_default_keeps_its_own_rule() -> None:
+    for row in ROWS.values():
+        if row.default is not REQUIRED and not row.optional:
+            assert row.checked(row.name, {row.name: row.default}) == row.default
+
+
+def test_only_thresholds_scales_and_timeouts_are_live() -> None:
+    live = {p.name for p in (*NODE_PARAMETERS, *BEARING_PARAMETERS) if p.live}
+    inputs = {f'{q}.{x}' for q in INPUTS for x in ('scale', 'offset', 'timeout', 'maximum')} | {
+        'level.threshold',
+        'level.hysteresis',
+    }
+    alarm = {p.name for p in BEARING_PARAMETERS if p.name.startswith('alarm.')}
+    assert live == inputs | alarm | {'publish_period', 'shelve_time', 'silence_time'}
+
+
+@pytest.mark.parametrize(
+    ('row', 'words'),
+    [
+        (Parameter('x', 'float', 1.0, ''), 'a finite number'),
+        (Parameter('x', 'float', math.inf, '', 'm', minimum=0.0), 'a number not below 0 m'),
+        (
+            Parameter('x', 'float', 1.0, '', 'kg', minimum=0.0, above_minimum=True),
+            'a finite number above 0 kg',
+        ),
+        (Parameter('x', 'float', 1.0, '', maximum=2.5), 'a finite number not above 2.5'),
+        (
+            Parameter('x', 'float', 1.0, '', 's', minimum=1.0, maximum=2.0),
+            'a finite number not below 1 and not above 2 s',
+        ),
+        (Parameter('x', 'float', 1.0, '', not_zero=True), 'a finite number other than 0'),
+        (Parameter('x', 'bool', True, ''), 'true or false'),
+        (Parameter('x', 'str', 'a', '', choices=('a', 'b')), 'one of a, b'),
+        (Parameter('x', 'str[]', (), ''), 'a list of texts'),
+        (
+            Parameter('x', 'float[]', (), '', 'm/s', minimum=0.0),
+            'a list of finite numbers not below 0 m/s',
+        ),
+    ],
+)
+def test_rule_in_words(row: Parameter, words: str) -> None:
+    assert row.rule() == words
+
+
+@pytest.mark.parametrize(
+    ('kind', 'value', 'plain'),
+    [
+        ('float', np.float32(0.5), 0.5),
+        ('float', np.int64(3), 3.0),
+        ('int', np.int64(3), 3),
+        ('float[]', np.array([0.0, 1.5]), (0.0, 1.5)),
+        ('float', np.float64(math.nan), None),
+        ('float', np.bool_(True), None),
+        ('int', 3.0, None),
+        ('int', 10**400, 10**400),
+    ],
+)
+def test_a_number_of_numpy_becomes_a_plain_one(kind: str, value: Any, plain: Any) -> None:
+    row = Parameter('x', kind, 1, '')
+    if plain is None:
+        with pytest.raises(ConfigurationError, match=r'^x = '):
+            row.checked('x', {'x': value})
+    else:
+        found = row.checked('x', {'x': value})
+        assert found == plain
+        assert type(found) is type(plain)
