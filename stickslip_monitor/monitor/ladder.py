@@ -117,6 +117,11 @@ class AlarmTrack:
         self.start_ns = time_ns
         self._seen_ns = None
 
+    def excuse(self, held_ns: int) -> None:
+        """The wait for the first samples begins so much later [ns]."""
+        if self.start_ns is not None:
+            self.start_ns += held_ns
+
     def _deadlines(self, inputs: Inputs) -> list[int]:
         """Until when each input counts; one not yet received counts from the start."""
         assert self.start_ns is not None

@@ -119,6 +119,14 @@ class BearingMonitor:
         condition = self.track.condition
         return describe(self.config, condition, point, self.standing, lost, trend=trend)
 
+    def excuse(self, held_ns: int) -> None:
+        """Whoever feeds us was held up for so long [ns]: no input is lost for that time."""
+        self.track.excuse(held_ns)
+        self._heard = [
+            None if heard is None else LastSample(heard.time_ns, heard.until_ns + held_ns)
+            for heard in self._heard
+        ]
+
     def advance(self, time_ns: int) -> list[Event]:
         """Let time pass without a sample; a time before the latest one changes nothing."""
         if self.now_ns is not None and time_ns < self.now_ns:

@@ -103,7 +103,7 @@ def test_signals_end_the_node_cleanly(start: Any, kit: Any, signals: list[Any]) 
 # Before main() has its handlers, while Python imports, a signal is Python's own affair.
 STARTING = """
 import signal, sys
-from stickslip_monitor.ros import node
+from stickslip_monitor.ros import run as node
 install = signal.signal
 def noted(number, handler):
     install(number, handler)
