@@ -9,6 +9,7 @@ from typing import Any
 
 from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA
 from stickslip_monitor.monitor.alarms.annunciator import Action
+from stickslip_monitor.monitor.alarms.causes import Priority
 from stickslip_monitor.monitor.alarms.lifecycle import TABLE, AlarmState
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.signals import Status
@@ -123,7 +124,7 @@ def checked_alarms(document: Any, bearings: Collection[str]) -> dict[str, Any] |
     if not all(_texts(c, _CHANGE) for c in document['changes']):
         return None
     alarms = [_alarm(alarm) for alarm in document['alarms'] if alarm['bearing'] in bearings]
-    rows = [row for row in _list(document.get('rows')) if _texts(row, _ALARM)]
+    rows = [row for row in document.get('rows') or _worst(document) if _texts(row, _ALARM)]
     return {
         'time': document['time'] // 1_000_000,
         'monitoring': document.get('monitoring') is not False,
@@ -187,6 +188,25 @@ def _row(row: dict[str, Any], alarms: Iterable[dict[str, Any]]) -> dict[str, Any
         'came_back': _count(row.get('came_back')),
         'actions': [action.value for action in OFFERED if action.value in possible],
     }
+
+
+def _worst(document: dict[str, Any]) -> list[dict[str, Any]]:
+    """The rows of a monitor that sends none: the worst alarm of each bearing."""
+    own: dict[str, list[dict[str, Any]]] = {}
+    for alarm in document['alarms']:
+        if alarm['state'] not in _OFF_SHOW:
+            own.setdefault(alarm['bearing'], []).append(alarm)
+    return [
+        min(alarms, key=_badness) | {'kinds': [alarm['alarm'] for alarm in alarms]}
+        for alarms in own.values()
+    ]
+
+
+def _badness(alarm: dict[str, Any]) -> tuple[bool, int]:
+    order = [priority.name.lower() for priority in sorted(Priority, reverse=True)]
+    priority = alarm['priority']
+    rank = order.index(priority) if priority in order else len(order)
+    return alarm['state'] != AlarmState.UNACKNOWLEDGED, rank
 
 
 def _shown(alarm: dict[str, Any], times: Iterable[str]) -> dict[str, Any]:

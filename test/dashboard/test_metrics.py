@@ -60,7 +60,7 @@ def of(found: Figures, name: str, **labels: str) -> float:
 
 def test_the_figures_are_those_of_the_bearing(dashboard: Any) -> None:
     dashboard.sail(20.0, 1000.0, 5.0)
-    point = dashboard.ship.monitor.bearings['aft_stern'].verdict.assessment
+    point = dashboard.ship.session.monitor.bearings['aft_stern'].verdict.assessment
     found = figures(scrape(dashboard))
     bearing = {'namespace': '/', 'bearing': 'aft_stern'}
     # A journal of 0.1 m at 20 rpm.

@@ -4,7 +4,7 @@
 
 import { time } from '/alarms.js';
 
-const SPAN = 600, GAP = 10, HEIGHT = 150;
+const SPAN = 600, GAP = 10, HEIGHT = 165;
 const MARKS = { raise: '▼', clear: '△' };
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
@@ -51,7 +51,7 @@ function kinds(bearing) {
   ];
 }
 
-const DASHES = [[], [7, 4], [2, 3]];
+const DASHES = [[], [7, 4], [2, 3]], STROKES = ['—', '- -', '···'];
 const digits = (value) => (value === null || value === undefined ? '–' : value.toFixed(Math.abs(value) < 100 ? 1 : 0));
 
 export class Charts {
@@ -73,14 +73,14 @@ export class Charts {
     const plot = new uPlot({
       width: 300,
       height: HEIGHT,
-      legend: { live: true },
+      legend: { live: true, markers: { show: false } },
       cursor: { sync: { key: group }, drag: { x: true, y: false, setScale: false } },
       tzDate: (seconds) => (time.local ? new Date(1e3 * seconds) : uPlot.tzDate(new Date(1e3 * seconds), 'Etc/UTC')),
       scales: { y: { range: (_, low, high) => kind.ends ?? [0, 1.08 * Math.max(high, 0) || 1] } },
-      axes: [{ ...axis, values: '{HH}:{mm}:{ss}', space: 70 }, { ...axis, size: 46 }],
+      axes: [{ ...axis, values: '{HH}:{mm}:{ss}', space: 70, size: 26 }, { ...axis, size: 46 }],
       series: [
         { label: 'time', value: '{HH}:{mm}:{ss}' },
-        ...kind.lines.map(([, label], k) => ({ label, dash: DASHES[k], width: k ? 1.5 : 2, stroke: () => css(k ? '--ink' : '--trail'), value: (_, value) => digits(value), points: { show: false } })),
+        ...kind.lines.map(([, label], k) => ({ label: kind.lines.length > 1 ? `${STROKES[k]} ${label}` : label, dash: DASHES[k], width: k ? 1.5 : 2, stroke: () => css(k ? '--ink' : '--trail'), value: (_, value) => digits(value), points: { show: false } })),
       ],
       hooks: {
         draw: [(u) => this.mark(u)],
@@ -118,6 +118,7 @@ export class Charts {
       if (!known.length) continue;
       plot.setData([xs, ...lines], false);
       plot.setScale('x', { min, max });
+      if (!(plot.cursor.left >= 0)) plot.setLegend({ idx: xs.length - 1 }, false);
       const least = known.reduce((a, b) => Math.min(a, b)), most = known.reduce((a, b) => Math.max(a, b));
       figure.setAttribute('aria-label', `${kind.name} in the last ten minutes: from ${digits(least)} to ${digits(most)} ${kind.unit}`);
     }
@@ -130,6 +131,7 @@ export class Charts {
     ctx.save();
     ctx.font = `${12 * devicePixelRatio}px system-ui, DejaVu Sans, sans-serif`;
     ctx.textAlign = 'center';
+    ctx.setLineDash([]);
     for (const event of this.events()) {
       const at = event.time / 1000;
       if (!(event.what in MARKS) || at < min || at > max) continue;

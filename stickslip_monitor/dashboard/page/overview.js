@@ -79,7 +79,7 @@ export class Overview {
   count() {
     const states = new Map();
     for (const { row } of this.sorted()) states.set(row.cells[1].textContent, (states.get(row.cells[1].textContent) ?? 0) + 1);
-    this.counts.textContent = `${this.rows.size}: ${[...states].map(([words, number]) => `${number} ${words}`).join(', ')}`;
+    this.counts.textContent = `${this.rows.size}: ${[...states].map(([words, number]) => `${number} ${words.slice(2)}`).join(', ')}`;
   }
 
   order() {

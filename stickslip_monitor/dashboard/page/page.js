@@ -326,6 +326,11 @@ function logRow(entry) {
     return row;
   }
   for (const text of [`${nameOf(entry)}, ${entry.bearing}`, WHAT[entry.what] ?? entry.what, entry.by]) row.insertCell().textContent = text;
+  if (entry.what === 'raise') {
+    const words = document.createElement('small');
+    words.textContent = withoutName(entry);
+    row.cells[1].append(words);
+  }
   return row;
 }
 
