@@ -14,12 +14,11 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from stickslip_monitor.commands.output import (
+    ProgressBar,
     add_force,
     add_json,
     check_outputs,
@@ -31,23 +30,19 @@ from stickslip_monitor.commands.output import (
 from stickslip_monitor.drawing.canvas import MARKS, checked_suffix, save_figure, write_csv
 from stickslip_monitor.drawing.pareto import MethodMark, Panel, draw_pareto
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.lab.accuracy.cases import BASE, CASES, TYPICAL, Case, ladder
+from stickslip_monitor.lab.accuracy.cases import BASE, CASES, METHODS, TYPICAL
 from stickslip_monitor.lab.accuracy.measurement import (
     QUICK,
     Effort,
     Row,
     Summary,
     columns,
-    measure_all,
+    measure,
     pareto,
     read_rows,
     summarise,
 )
-from stickslip_monitor.lab.accuracy.method import Method
-from stickslip_monitor.lab.accuracy.own_methods import Samples
 from stickslip_monitor.monitor.messages import number
-from stickslip_monitor.physics.motion import integrator
-from stickslip_monitor.physics.oscillator import Bearing
 
 SCHEMA = 'stickslip_monitor/accuracy/1'
 _WIDEST = 220
@@ -90,43 +85,15 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def follow(
-    bearing: Bearing, speed: float, load: float, state: object, duration: float, count: int
-) -> Samples:
-    """A stretch of motion at constant speed and load; see :class:`~.event_driven.EventDriven`."""
-    drive = integrator.Drive.constant(speed, load, duration)
-    if not isinstance(state, integrator.MotionState):
-        assert isinstance(state, float)
-        state = integrator.MotionState(state, 0.0, integrator.Phase.STICK)
-    times = np.linspace(0.0, duration, count + 1)
-    motion = integrator.integrate(bearing, drive, state, times)
-    return Samples(
-        step=duration / count,
-        displacement=motion.displacement,
-        velocity=motion.velocity,
-        acceleration=motion.acceleration,
-        sticks=bool(np.any(motion.transitions.after == integrator.Phase.STICK)),
-        complete=motion.outcome is integrator.MotionOutcome.COMPLETE,
-        evaluations=motion.expansions,
-        state=motion.final,
-    )
-
-
 def measured(quick: bool) -> list[Row]:
     """Measure, with a progress bar on the error stream."""
-    methods: Sequence[Method] = ladder(follow)
-    cases: Sequence[Case] = CASES
-    if quick:
-        methods = [method for method in methods if not method.slow]
-        cases = [case for case in CASES if case.quick]
+    cases = [case for case in CASES if case.quick or not quick]
+    steps = [(m, case) for m in METHODS if not (quick and m.slow) for case in cases]
     rows = []
-    bar = (TextColumn('{task.description:36}'), BarColumn(), MofNCompleteColumn())
-    out = Console(stderr=True)
-    with Progress(*bar, TimeElapsedColumn(), console=out, transient=True) as progress:
-        task = progress.add_task('', total=len(methods) * len(cases))
-        for row in measure_all(methods, cases, QUICK if quick else Effort()):
-            rows.append(row)
-            progress.update(task, advance=1, description=row.method)
+    with ProgressBar() as bar:
+        for done, (method, case) in enumerate(steps):
+            bar.show(f'{method.name}, {case.name}', done, len(steps))
+            rows.append(measure(method, case, QUICK if quick else Effort()))
     return rows
 
 

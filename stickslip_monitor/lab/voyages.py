@@ -21,9 +21,7 @@ from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.recorder_clock import on_recorder_clock
 from stickslip_monitor.lab.scenes.effects.registry import STAGES
-from stickslip_monitor.lab.scenes.scene import Scene
-from stickslip_monitor.lab.scenes.scene_file import load_scene
-from stickslip_monitor.lab.scenes.simulator import simulate
+from stickslip_monitor.lab.scenes.scene import Scene, load_scene, simulate
 from stickslip_monitor.lab.scenes.telemetry import Messages
 from stickslip_monitor.lab.scenes.variation import as_believed
 from stickslip_monitor.lab.score import Interval, Truth, merged

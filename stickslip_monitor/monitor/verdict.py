@@ -198,7 +198,7 @@ def _starting(standing: Standing, point: Assessment) -> str:
 def _belief_text(config: BearingConfig, point: Assessment) -> str:
     if config.belief is None or not math.isfinite(point.probability_can):
         return ''
-    low, _, high = config.belief.fold_band(point.load)
+    low, high = (config.belief.fold_speed(float(point.load), p) for p in (0.05, 0.95))
     # By averaging; the fold that decides may be the exact model's.
     rpm = config.bearing.speed.factor('rpm') * fold_share(point)
     return (

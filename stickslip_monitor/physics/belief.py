@@ -12,42 +12,61 @@ A belief is a set of weighted points ``(ln beta, ln N0)``, each with Gaussian un
 friction level, the load and the speed to first order, so that
 
     ``P = sum_k w_k Phi((d_k - D(v_k)) / sd_k)``
-    ``sd_k^2 = level^2 + (c/(c + nu N))^2 load^2 + (D'(v_k) v_k)^2 (speed_k^2 + beyond(N)^2)``
+    ``sd_k^2 = level_k^2 + (c/(c + nu N))^2 load^2 + (D'(v_k) v_k)^2 (speed_k^2 + beyond(N)^2)``
 
 and the same with ``D(v) = v`` for the Hopf speed. Given ``beta`` this is exact for logarithmic
-normal damping, friction and load. A look-up takes the probits from a table over ``d`` and the
+normal damping, friction and load. The sums are tabulated once, as probits over ``d`` and the
 distance from the nominal boundary in units of its spread, in which they are almost straight lines.
+The look-ups are plain functions of numbers and one flat table: they run as they stand for single
+points, and compiled for long recordings.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from stickslip_monitor.arrays import FloatArray, flatten, in_blocks, restore
+from stickslip_monitor import jit
+from stickslip_monitor.arrays import FloatArray, flatten, restore
 from stickslip_monitor.errors import PhysicsError
+from stickslip_monitor.physics import chances
 from stickslip_monitor.physics.averaging.dimensionless import decline, speed_for_decline
 from stickslip_monitor.physics.bessel import i0e, i1e, ndtr, ndtri
+from stickslip_monitor.physics.chances import (
+    CURVE_FIRST,
+    CURVE_LAST,
+    CURVE_SIZE,
+    CURVE_STEP,
+    FOLD,
+    HOPF,
+    WIDEST,
+)
 from stickslip_monitor.physics.friction import Stribeck, require_not_negative
 from stickslip_monitor.physics.oscillator import Bearing
 
+QUANTILES = (0.05, 0.5, 0.95)
+"""The quantiles of a boundary that are shown beside a probability."""
+
 _REACH = 5.5
-# Nodes over beta: more where its spread is wider than what else is uncertain.
-_FEW_NODES, _MANY_NODES = 61, 201
-# Rows and columns of a table: fewer where its values rest on random draws.
+# Nodes over beta: more where its spread is wider than what else is uncertain, fewer where those
+# over mu_s - mu_k smooth the sum.
+_FEW_NODES, _MANY_NODES, _SMOOTHED_NODES = 61, 201, 25
+# A relative spread of mu_s - mu_k up to which its logarithm is taken as normal; beyond, mu_s and
+# mu_k are, by nodes this far apart that are smoothed by a normal distribution this wide.
+_NORMAL_LEVEL, _LEVEL_STEP, _LEVEL_WIDTH, _LEAST_LEVEL = 0.081, 0.5, 0.35, 0.02
+# Rows and columns of a table: fewer where it sums over many points.
 _FINE, _COARSE = (64, 192), (64, 96)
-_WIDEST = 8.2
 _LEAST_SPREAD = 1e-9
-_HIGHEST_D = 6.0
-_SMALL = 0.5
+_HIGHEST_D = 8.0
 _BLOCK = 2**16
 _BEYOND, _PER_OCTAVE, _MOST_BEYOND = 1.2, 0.2, 0.5
-QUANTILES = (0.05, 0.5, 0.95)
-"""The quantiles of a boundary that are told beside a probability."""
+# From this many points on compiling repays its time.
+_MANY_POINTS = 100_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +110,11 @@ class Tolerance:
         """What is uncertain of a boundary's speed on every passage."""
         return math.hypot(self.speed, self.model_error, self.scatter)
 
+    def of_fall(self, law: Stribeck) -> float:
+        """Relative standard deviation of ``mu_s - mu_k``."""
+        both = math.hypot(self.static * law.static, self.kinetic * law.kinetic)
+        return both / (law.static - law.kinetic)
+
 
 EXACT = Tolerance()
 """Nothing is uncertain."""
@@ -104,7 +128,7 @@ class BoundaryPoints(NamedTuple):
         log_load: ``ln N0`` [ln N], shape (k,).
         weight: Adds up to 1, shape (k,).
         speed: Relative standard deviation of the boundary's speed, shape (k,).
-        level: Standard deviation of ``d`` at any load.
+        level: Standard deviation of ``d`` at any load, shape (k,).
         load: Standard deviation of ``d`` that the viscous rise makes smaller.
         viscous: ``nu/c`` [1/N].
         smoothing: Distance of neighbouring points in ``ln beta``; 0 for random ones.
@@ -115,148 +139,69 @@ class BoundaryPoints(NamedTuple):
     log_load: FloatArray
     weight: FloatArray
     speed: FloatArray
-    level: float = 0.0
+    level: FloatArray
     load: float = 0.0
     viscous: float = 0.0
     smoothing: float = 0.0
     loads: tuple[float, float] = (0.0, math.inf)
 
-    def decrement(self, load: FloatArray) -> FloatArray:
-        """``ln(N/(1 + nu N/c))`` of loads > 0 [N]."""
-        return np.log(load / (1.0 + self.viscous * load))
-
-    def beyond(self, load: FloatArray) -> FloatArray:
-        """What is uncertain of a boundary's speed at loads that no evidence covers."""
+    def spread(self, slope: FloatArray, load: FloatArray) -> FloatArray:
+        """``sd_k`` where ``D'(v) v`` is ``slope``; arrays whose last axis is the points'."""
         low, high = self.loads
         ratio = np.maximum(low / load, load / high)
-        return np.minimum(_PER_OCTAVE * np.log2(np.maximum(ratio / _BEYOND, 1.0)), _MOST_BEYOND)
+        beyond = _PER_OCTAVE * np.log2(np.maximum(ratio / _BEYOND, 1.0))
+        speed = self.speed**2 + np.minimum(beyond, _MOST_BEYOND) ** 2
+        share = 1.0 / (1.0 + self.viscous * load)
+        known = self.level**2 + (self.load * share) ** 2 + slope * slope * speed
+        # A kernel as wide as the points are apart: else a sum over them would be a staircase.
+        least = (0.75 * self.smoothing * (1.0 - slope)) ** 2
+        return np.sqrt(np.maximum(np.maximum(known, least), _LEAST_SPREAD**2))
+
+    def probits(self, which: int, speed: FloatArray, load: FloatArray) -> FloatArray:
+        """``z`` with ``P = Phi(z)`` without a table, of flat arrays of loads > 0.
+
+        Below a speed of 0, where nothing slides, ``D`` is continued by a straight line.
+        """
+        result = np.empty(speed.shape)
+        rows = max(1, _BLOCK // self.weight.size)
+        for start in range(0, speed.size, rows):
+            part = slice(start, start + rows)
+            n = load[part, None]
+            value, slope = _boundary(which, speed[part, None] * np.exp(self.log_beta))
+            d = np.log(n / (1.0 + self.viscous * n)) - self.log_load
+            z = (d - value) / self.spread(slope, n)
+            result[part] = z[:, 0] if z.shape[1] == 1 else _mixture_probit(z, self.weight)
+        return result
 
 
-class _Boundary(NamedTuple):
-    """``D`` and ``D'(v) v`` of one boundary at ``v = beta V``."""
-
-    value: FloatArray
-    slope: FloatArray
-
-
-def _fold(v: FloatArray) -> _Boundary:
-    """Extended to negative ``v``, where nothing slides, so that no table has an edge at rest."""
-    size = np.maximum(np.abs(v), 1e-9)
-    i1 = i1e(size)
-    value = np.log(0.5 * size / i1)
-    ratio = i0e(size) / i1 - 2.0 / size
-    if (v > 0.0).all():
-        return _Boundary(value, (1.0 - ratio) * v)
+def _boundary(which: int, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """``D`` and ``D'(v) v`` of a boundary."""
+    if which == HOPF:
+        return v, v
+    size = np.maximum(v, 1e-9)
     ahead = v > 0.0
-    return _Boundary(
-        np.where(ahead, value, value - 2.0 * size), np.where(ahead, 1.0 - ratio, 1.0 + ratio) * v
-    )
-
-
-def _hopf(v: FloatArray) -> _Boundary:
-    return _Boundary(v, v)
-
-
-_BOUNDARIES = (_fold, _hopf)
-
-
-def _spread(points: BoundaryPoints, slope: FloatArray, load: FloatArray) -> FloatArray:
-    """``sd_k``; arrays whose last axis is the points'."""
-    share = 1.0 / (1.0 + points.viscous * load)
-    speed = points.speed**2 + points.beyond(load) ** 2
-    known = points.level**2 + (points.load * share) ** 2 + slope * slope * speed
-    # A kernel as wide as the points are apart: else a sum over them would be a staircase.
-    least = (0.75 * points.smoothing * (1.0 - slope)) ** 2
-    return np.sqrt(np.maximum(np.maximum(known, least), _LEAST_SPREAD**2))
-
-
-def _probits(
-    points: BoundaryPoints, which: int, speed: FloatArray, load: FloatArray
-) -> FloatArray:
-    """``z`` with ``P = Phi(z)``, of flat arrays; negative speeds are extrapolated."""
-    result = np.empty(speed.shape)
-    rows = max(1, _BLOCK // points.weight.size)
-    beta = np.exp(points.log_beta)
-    for start in range(0, speed.size, rows):
-        part = slice(start, start + rows)
-        n = load[part, None]
-        boundary = _BOUNDARIES[which](speed[part, None] * beta)
-        excess = points.decrement(n) - points.log_load - boundary.value
-        z = excess / _spread(points, boundary.slope, n)
-        result[part] = z[:, 0] if z.shape[1] == 1 else _mixture_probit(z, points.weight)
-    return result
+    slope = (1.0 - (i0e(size) / i1e(size) - 2.0 / size)) * v
+    return np.where(ahead, decline(size), v), np.where(ahead, slope, v)
 
 
 def _mixture_probit(z: FloatArray, weight: FloatArray) -> FloatArray:
     """The probit of an average of probabilities."""
     p = ndtr(z) @ weight
-    return ndtri(np.minimum(np.maximum(p, np.finfo(float).tiny), 1.0 - np.finfo(float).epsneg))
+    return ndtri(np.clip(p, np.finfo(float).tiny, 1.0 - np.finfo(float).epsneg))
 
 
-class _Table(NamedTuple):
-    """Probits over ``d`` (rows) and the distance from the boundary in spreads (columns).
-
-    Attributes:
-        first: The least nominal ``d``.
-        per_row: Rows for each unit of ``d``.
-        per_column: Columns for each spread.
-        spread: Spread of ``d - D`` of each row, shape (rows,).
-        probit: Shape (rows, columns).
-        lists: ``spread`` and ``probit`` as lists, for single points.
-    """
-
-    first: float
-    per_row: float
-    per_column: float
-    spread: FloatArray
-    probit: FloatArray
-    lists: tuple[list[float], list[list[float]]]
-
-    def look_up(self, d: FloatArray, value: FloatArray) -> FloatArray:
-        """Probits at nominal ``d`` within the table and ``D`` there, each shape (n,)."""
-        rows, columns = self.probit.shape
-        place = np.clip((d - self.first) * self.per_row, 0.0, rows - 1.000001)
-        row = place.astype(np.intp)
-        place -= row
-        spread = self.spread[row]
-        spread += (self.spread[1:] - self.spread[:-1])[row] * place
-        along = np.clip(((value - d) / spread + _WIDEST) * self.per_column, 0, columns - 1.000001)
-        column = along.astype(np.intp)
-        along -= column
-        flat, at = self.probit.reshape(-1), row * columns + column
-        low, high = flat[at], flat[at + columns]
-        low += (flat[at + 1] - low) * along
-        high += (flat[at + columns + 1] - high) * along
-        high -= low
-        high *= place
-        high += low
-        return high
-
-    def look_up_one(self, d: float, value: float) -> float:
-        """:meth:`look_up` of one point, to the last bit, without the cost of arrays."""
-        spreads, probits = self.lists
-        place = min(max((d - self.first) * self.per_row, 0.0), len(spreads) - 1.000001)
-        row = int(place)
-        share = place - row
-        spread = spreads[row] + (spreads[row + 1] - spreads[row]) * share
-        one, two = probits[row], probits[row + 1]
-        along = ((value - d) / spread + _WIDEST) * self.per_column
-        along = min(max(along, 0.0), len(one) - 1.000001)
-        column = int(along)
-        part = along - column
-        low = one[column] + (one[column + 1] - one[column]) * part
-        high = two[column] + (two[column + 1] - two[column]) * part
-        return low + (high - low) * share
+def _speed_at(which: int, value: FloatArray) -> FloatArray:
+    """The ``v`` at which a boundary's ``D`` has a value."""
+    if which == HOPF:
+        return value
+    v = speed_for_decline(np.clip(value, 1e-9, 300.0))
+    return np.where(value > 0.0, v, value)
 
 
-def _value_of_one(v: float) -> float:
-    """``D(v)`` of a number > 0, to the last bit that of an array."""
-    if v > _SMALL:
-        return float(np.log(0.5 * v / i1e(v)))
-    quarter, total = 0.25 * v * v, 0.0
-    for k in range(8, 0, -1):
-        total = (total + 1.0) * quarter / (k * (k + 1.0))
-    return float(v - np.log1p(total))
+def _loop(plain: Callable[..., None], size: int) -> Callable[..., None]:
+    """A loop over points as it stands, or compiled where there are many."""
+    many = size >= _MANY_POINTS and jit.has_compiler()
+    return jit.compiled(plain.__name__, chances) if many else plain
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -268,27 +213,20 @@ class Belief:
 
     Attributes:
         points: The weighted points that everything is worked out from.
+        log_beta: ``ln beta`` in the middle of them.
+        log_load: ``ln N0`` in the middle of them.
+        table: What :func:`probit` and :func:`boundary_speed` look up.
     """
 
     points: BoundaryPoints
-    _beta: float = field(init=False, repr=False)
-    _log_load: float = field(init=False, repr=False)
-    _top: float = field(init=False, repr=False)
-    _tables: tuple[_Table, _Table] = field(init=False, repr=False)
-    _bands: tuple[FloatArray, FloatArray] = field(init=False, repr=False)
+    log_beta: float
+    log_load: float
+    table: FloatArray = field(init=False, repr=False)
+    _numbers: list[float] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        points = self.points
-        centre = points.log_beta @ points.weight, points.log_load @ points.weight
-        object.__setattr__(self, '_beta', math.exp(centre[0]))
-        object.__setattr__(self, '_log_load', float(centre[1]))
-        limit = math.inf if points.viscous == 0.0 else -math.log(points.viscous) - centre[1]
-        first = -_WIDEST * max(self._deviation(), _LEAST_SPREAD) - 0.1
-        top = float(max(min(_HIGHEST_D, limit - 1e-6), first + 0.1))
-        object.__setattr__(self, '_top', top)
-        tables = tuple(self._table(which, first, top) for which in range(2))
-        object.__setattr__(self, '_tables', tables)
-        object.__setattr__(self, '_bands', self._quantile_bands())
+        object.__setattr__(self, 'table', self._tabulated())
+        object.__setattr__(self, '_numbers', self.table.tolist())
 
     @classmethod
     def from_tolerance(cls, bearing: Bearing, tolerance: Tolerance) -> Belief:
@@ -302,25 +240,27 @@ class Belief:
             PhysicsError: The bearing is another; the text says which rule it breaks.
         """
         law = _stribeck(bearing)
-        fall = law.static - law.kinetic
-        level = math.hypot(tolerance.static * law.static, tolerance.kinetic * law.kinetic) / fall
-        wide = tolerance.decay > math.hypot(level, tolerance.damping, tolerance.load)
-        nodes = (_MANY_NODES if wide else _FEW_NODES) if tolerance.decay else 1
-        reach = np.linspace(-_REACH, _REACH, nodes) if nodes > 1 else np.zeros(1)
-        weight = np.exp(-0.5 * reach * reach)
-        log_beta = math.log(law.decay) + tolerance.decay * reach
-        return cls(
-            BoundaryPoints(
-                log_beta,
-                math.log(bearing.damping / fall) - log_beta,
-                weight / weight.sum(),
-                np.full(reach.size, tolerance.of_speed),
-                level,
-                math.hypot(tolerance.damping, tolerance.load),
-                law.viscous / bearing.damping,
-                tolerance.decay * 2.0 * _REACH / max(nodes - 1, 1),
-            )
+        level = tolerance.of_fall(law)
+        other = math.hypot(tolerance.damping, tolerance.load)
+        log_fall, level_weight, levels = _fall_nodes(level)
+        nodes = _MANY_NODES if tolerance.decay > math.hypot(level, other) else _FEW_NODES
+        nodes = _SMOOTHED_NODES if levels.size > 1 else nodes
+        reach = np.linspace(-_REACH, _REACH, nodes) if tolerance.decay else np.zeros(1)
+        beta, fall = (grid.ravel() for grid in np.meshgrid(tolerance.decay * reach, log_fall))
+        weight = np.outer(level_weight, np.exp(-0.5 * reach * reach)).ravel()
+        log_beta = math.log(law.decay)
+        log_load = math.log(bearing.damping / (law.static - law.kinetic)) - log_beta
+        points = BoundaryPoints(
+            log_beta + beta,
+            log_load - fall - beta,
+            weight / weight.sum(),
+            np.full(beta.size, tolerance.of_speed),
+            np.repeat(levels, reach.size),
+            other,
+            law.viscous / bearing.damping,
+            tolerance.decay * 2.0 * _REACH / (nodes - 1),
         )
+        return cls(points, log_beta, log_load)
 
     @classmethod
     def from_draws(
@@ -329,7 +269,7 @@ class Belief:
         floor: float,
         viscous: float = 0.0,
         loads: tuple[float, float] = (0.0, math.inf),
-        tolerance: Tolerance | None = None,
+        tolerance: Tolerance = EXACT,
     ) -> Belief:
         """The belief that a calibration has left.
 
@@ -341,18 +281,17 @@ class Belief:
             tolerance: What is uncertain of the measured speed and load besides.
         """
         log_beta, log_load, log_scatter = np.asarray(draws, dtype=float).T
-        sensors = tolerance or Tolerance()
-        return cls(
-            BoundaryPoints(
-                log_beta,
-                log_load,
-                np.full(log_beta.size, 1.0 / log_beta.size),
-                np.sqrt(np.exp(2.0 * log_scatter) + floor**2 + sensors.speed**2),
-                load=sensors.load,
-                viscous=viscous,
-                loads=loads,
-            )
+        points = BoundaryPoints(
+            log_beta,
+            log_load,
+            np.full(log_beta.size, 1.0 / log_beta.size),
+            np.sqrt(np.exp(2.0 * log_scatter) + floor**2 + tolerance.speed**2),
+            np.zeros(log_beta.size),
+            tolerance.load,
+            viscous,
+            loads=loads,
         )
+        return cls(points, float(log_beta.mean()), float(log_load.mean()))
 
     def nominal(self, bearing: Bearing) -> Bearing:
         """A bearing with the same ``mu_s`` and ``mu_k`` that has the middle's boundaries.
@@ -361,9 +300,9 @@ class Belief:
             PhysicsError: Its law is not Stribeck's, or rises with speed.
         """
         law = _stribeck(bearing)
-        damping = math.exp(self._log_load) * (law.static - law.kinetic) * self._beta
-        viscous = self.points.viscous * damping
-        friction = replace(law, decay=self._beta, viscous=viscous)
+        decay = math.exp(self.log_beta)
+        damping = math.exp(self.log_load) * (law.static - law.kinetic) * decay
+        friction = replace(law, decay=decay, viscous=self.points.viscous * damping)
         return replace(bearing, damping=damping, friction=friction)
 
     def lean(self, p: float) -> float:
@@ -371,8 +310,7 @@ class Belief:
 
         To first order, at the load whose Hopf speed is ``1/beta``; 1 for ``p = 0.5``.
         """
-        d = np.ones(1)
-        spread = float(self._first_order_spread(1, d, self._load_at(d))[0])
+        spread = float(self._first_order_spread(HOPF, np.ones(1))[0])
         return math.exp(-spread * float(ndtri(min(max(p, 1e-9), 1.0 - 1e-9))))
 
     def can(self, speed: ArrayLike, load: ArrayLike) -> Any:
@@ -394,29 +332,30 @@ class Belief:
             share: Of the averaged fold in the one that counts, at most 1; broadcasts.
         """
         if isinstance(speed, float) and isinstance(load, float) and isinstance(share, float):
-            return self._probabilities_of_one(abs(speed), load, share)
+            return chances.chances(self._numbers, abs(speed), load, share)
         shape, (v, n, part) = flatten(speed, load, share)
-        known = np.isfinite(v) & np.isfinite(n) & (v != 0.0)
-        moved = known & (n > 0.0)
-        can, will = (np.where(known, 0.0, np.nan) for _ in range(2))
-        with np.errstate(all='ignore'):
-            found = in_blocks(self._looked_up, np.abs(v[moved]), n[moved], part[moved])
-        can[moved], will[moved] = found
-        return restore(can, shape), restore(will, shape)
+        points, out = np.column_stack([np.abs(v), n, part]), np.empty((v.size, 2))
+        _loop(chances.fill_chances, v.size)(self.table, points, out)
+        return restore(out[:, 0], shape), restore(out[:, 1], shape)
 
     def fold_speed(self, load: ArrayLike, p: float) -> Any:
         """The ``p`` quantile of the fold speed at a load [m/s]; 0 where there is none."""
-        return self._quantile(0, load, p)
+        return self._quantile(FOLD, load, p)
 
     def hopf_speed(self, load: ArrayLike, p: float) -> Any:
         """The ``p`` quantile of the Hopf speed at a load [m/s]; 0 where there is none."""
-        return self._quantile(1, load, p)
+        return self._quantile(HOPF, load, p)
 
-    def exact_probabilities(self, speed: ArrayLike, load: ArrayLike) -> tuple[Any, Any]:
-        """:meth:`probabilities` without the table, for speeds and loads > 0."""
-        shape, (v, n) = flatten(speed, load)
-        can, will = (ndtr(_probits(self.points, which, v, n)) for which in range(2))
-        return restore(can, shape), restore(np.minimum(will, can), shape)
+    def _quantile(self, which: int, load: ArrayLike, p: float) -> Any:
+        if not 0.0 < p < 1.0:
+            raise PhysicsError(f'p = {p:g} must be between 0 and 1')
+        z = float(ndtri(p))
+        if isinstance(load, float):
+            return chances.boundary_speed(self._numbers, which, load, z)
+        shape, (n,) = flatten(load)
+        out = np.empty(n.size)
+        _loop(chances.fill_speeds, n.size)(self.table, which, n, z, out)
+        return restore(out, shape)
 
     def fold_margins(self, speed: ArrayLike, load: ArrayLike) -> tuple[Any, Any]:
         """5 % and 95 % quantile of the fold margin ``V/V_F - 1``; inputs broadcast.
@@ -426,142 +365,64 @@ class Belief:
         shape, (v, n) = flatten(speed, load)
         known = np.isfinite(v) & np.isfinite(n) & (v != 0.0)
         margins = []
-        for share in (2, 0):
-            fold = self._band(np.where(known & (n > 0.0), n, 1.0), share)
-            there = (fold > 0.0) & (n > 0.0)
-            margin = np.where(there, np.abs(v) / np.where(there, fold, 1.0) - 1.0, np.inf)
-            margins.append(restore(np.where(known, margin, np.nan), shape))
+        for p in (QUANTILES[2], QUANTILES[0]):
+            fold = np.asarray(self.fold_speed(np.where(known, n, 0.0), p))
+            margin = np.full(v.size, np.inf)
+            np.divide(np.abs(v), fold, out=margin, where=fold > 0.0)
+            margins.append(restore(np.where(known, margin - 1.0, np.nan), shape))
         return margins[0], margins[1]
 
-    def fold_band(self, load: float) -> tuple[float, float, float]:
-        """The :data:`QUANTILES` of the fold speed at a load > 0 [m/s], looked up."""
-        n = np.array([load])
-        low, middle, high = (float(self._band(n, share)[0]) for share in range(3))
-        return low, middle, high
-
-    def _band(self, load: FloatArray, share: int) -> FloatArray:
-        log_loads, speeds = self._bands
-        found = np.interp(np.log(load), log_loads, speeds[share])
-        far = np.flatnonzero(np.log(load) > log_loads[-1])
-        if far.size:
-            found[far] = self.fold_speed(load[far], QUANTILES[share])
-        return found
-
-    def _probabilities_of_one(self, v: float, n: float, share: float) -> tuple[float, float]:
-        if not (0.0 < v < math.inf and math.isfinite(n)):
-            return math.nan, math.nan
-        if n <= 0.0:
-            return 0.0, 0.0
-        d = float(np.log(n / (1.0 + self.points.viscous * n))) - self._log_load
-        if d > self._top:
-            can, will = (
-                self.exact_probabilities(v * share, n)[0],
-                self.exact_probabilities(v, n)[1],
-            )
-            return can, min(will, can)
-        v *= self._beta
-        fold, hopf = self._tables
-        can = float(ndtr(fold.look_up_one(d, _value_of_one(v * share))))
-        will = float(ndtr(hopf.look_up_one(d, v)))
-        return can, min(will, can)
-
-    def _looked_up(
-        self, v: FloatArray, n: FloatArray, share: FloatArray
-    ) -> tuple[NDArray[Any], ...]:
-        d = self.points.decrement(n) - self._log_load
-        scaled = self._beta * v
-        can = ndtr(self._tables[0].look_up(d, decline(scaled * share)))
-        will = np.minimum(ndtr(self._tables[1].look_up(d, scaled)), can)
-        far = np.flatnonzero(d > self._top)
-        if far.size:
-            can[far] = self.exact_probabilities((v * share)[far], n[far])[0]
-            will[far] = np.minimum(self.exact_probabilities(v[far], n[far])[1], can[far])
-        return can, will
-
-    def _deviation(self) -> float:
-        """Standard deviation of ``d`` where the speed does not matter."""
+    def _tabulated(self) -> FloatArray:
         points = self.points
-        off = points.log_load - self._log_load
-        return math.sqrt(float(points.weight @ off**2) + points.level**2 + points.load**2)
-
-    def _table(self, which: int, first: float, top: float) -> _Table:
-        rows, columns = _FINE if self.points.weight.size <= _MANY_NODES else _COARSE
-        d = np.linspace(first, top, rows)
-        load = self._load_at(d)
-        spread = self._first_order_spread(which, d, load)
-        value = d[:, None] + np.linspace(-_WIDEST, _WIDEST, columns) * spread[:, None]
-        v = value if which else _inverse_fold(value)
-        loads = np.broadcast_to(load[:, None], value.shape)
-        z = _probits(self.points, which, v.ravel() / self._beta, loads.ravel())
-        probit = np.minimum.accumulate(z.reshape(value.shape), axis=1)
-        return _Table(
-            first,
-            (rows - 1.0) / (top - first),
-            (columns - 1.0) / (2.0 * _WIDEST),
-            spread,
-            probit,
-            (spread.tolist(), probit.tolist()),
+        rows, columns = _FINE if points.weight.size <= _MANY_NODES else _COARSE
+        off = points.log_load - self.log_load
+        deviation = math.sqrt(float(points.weight @ (off**2 + points.level**2)) + points.load**2)
+        first = -WIDEST * max(deviation, _LEAST_SPREAD) - 0.1
+        most = -math.log(points.viscous) - self.log_load - 1e-6 if points.viscous else math.inf
+        d = np.linspace(first, max(min(_HIGHEST_D, most), first + 0.1), rows)
+        head = (self.log_beta, self.log_load, points.viscous, first, 1.0 / (d[1] - d[0]))
+        v = np.exp(np.linspace(CURVE_FIRST, CURVE_LAST, CURVE_SIZE))
+        value, slope = _boundary(FOLD, v)
+        parts = [np.array([*head, rows, columns]), value, slope * CURVE_STEP]
+        return np.concatenate(
+            [*parts, *(part for which in (FOLD, HOPF) for part in self._rows(which, d, columns))]
         )
 
+    def _rows(self, which: int, d: FloatArray, columns: int) -> tuple[FloatArray, FloatArray]:
+        """Spread of each row, and their probits one row after the other."""
+        spread = self._first_order_spread(which, d)
+        value = d[:, None] + np.linspace(-WIDEST, WIDEST, columns) * spread[:, None]
+        speed = _speed_at(which, value.ravel()) / math.exp(self.log_beta)
+        z = self.points.probits(which, speed, np.repeat(self._load_at(d), columns))
+        return spread, np.minimum.accumulate(z.reshape(value.shape), axis=1).ravel()
+
     def _load_at(self, d: FloatArray) -> FloatArray:
-        share = np.exp(d + self._log_load)
+        share = np.exp(d + self.log_load)
         return share / (1.0 - self.points.viscous * share)
 
-    def _first_order_spread(self, which: int, d: FloatArray, load: FloatArray) -> FloatArray:
+    def _first_order_spread(self, which: int, d: FloatArray) -> FloatArray:
         """Spread of ``d - D`` over all points at the nominal boundary, shape of ``d``."""
         points = self.points
-        v = d if which else _inverse_fold(d)
-        slope = _BOUNDARIES[which](v).slope
-        off_beta = points.log_beta - math.log(self._beta)
-        off = (points.log_load - self._log_load) + slope[:, None] * off_beta
-        own = _spread(points, slope[:, None], load[:, None])
+        _, slope = _boundary(which, _speed_at(which, d)[:, None])
+        off = points.log_load - self.log_load + slope * (points.log_beta - self.log_beta)
+        own = points.spread(slope, self._load_at(d)[:, None])
         return np.maximum(np.sqrt((off**2 + own**2) @ points.weight), _LEAST_SPREAD)
 
-    def _quantile_bands(self) -> tuple[FloatArray, FloatArray]:
-        """Logarithms of loads, and the :data:`QUANTILES` of the fold speed there."""
-        table = self._tables[0]
-        rows, columns = table.probit.shape
-        d, nodes = np.linspace(table.first, self._top, rows), np.linspace(-1.0, 1.0, columns)
-        # Probits fall along a row, and the p quantile is where 1 - p are above.
-        off = [
-            np.interp(ndtri(QUANTILES), -z, nodes) * (_WIDEST * s)
-            for z, s in zip(table.probit, table.spread, strict=True)
-        ]
-        fine = np.linspace(table.first, self._top, 1024)
-        value = np.stack([np.interp(fine, d, d + column) for column in np.transpose(off)])
-        speeds = np.where(value > 0.0, _inverse_fold(np.maximum(value, 1e-12)) / self._beta, 0.0)
-        return np.log(self._load_at(fine)), speeds
 
-    def _quantile(self, which: int, load: ArrayLike, p: float) -> Any:
-        if not 0.0 < p < 1.0:
-            raise PhysicsError(f'p = {p:g} must be between 0 and 1')
-        shape, (n,) = flatten(load)
-        wanted = -float(ndtri(p))
-        log_v = np.stack([np.full(n.shape, -12.0), np.full(n.shape, 12.0)])
-        loaded = np.where(n > 0.0, n, 1.0)
-        for _ in range(60):
-            middle = 0.5 * (log_v[0] + log_v[1])
-            v = np.exp(middle) / self._beta
-            above = _probits(self.points, which, v, loaded) > wanted
-            log_v = np.where(above, np.stack([middle, log_v[1]]), np.stack([log_v[0], middle]))
-        none = (log_v[0] <= -12.0) | ~(n > 0.0)
-        return restore(np.where(none, 0.0, np.exp(log_v[0]) / self._beta), shape)
+def _fall_nodes(level: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """``ln`` of ``mu_s - mu_k`` by its nominal value: nodes, weights and spread about each.
 
-
-def _inverse_fold(value: FloatArray) -> FloatArray:
-    """The ``v`` at which ``D(v)`` has a value; continued to negative ones."""
-    v = np.where(value > 0.0, 0.0, value)
-    ahead = value > 0.0
-    v[ahead] = speed_for_decline(np.minimum(value[ahead], 300.0))
-    behind = ~ahead
-    if behind.any():
-        # d D / d v lies between 1 and 2 there.
-        wanted, guess = value[behind], 0.6 * value[behind]
-        for _ in range(30):
-            boundary = _fold(np.minimum(guess, -1e-9))
-            guess = guess - (boundary.value - wanted) / (boundary.slope / np.minimum(guess, -1e-9))
-        v[behind] = guess
-    return v
+    Args:
+        level: Relative standard deviation of ``mu_s - mu_k``.
+    """
+    if level <= _NORMAL_LEVEL:
+        return np.zeros(1), np.ones(1), np.full(1, level)
+    node = np.arange(-3.5, 3.51, _LEVEL_STEP)
+    weight = np.exp(-0.5 * node**2 / (1.0 - _LEVEL_WIDTH**2))
+    # Where mu_s is not above mu_k nothing sticks: as with a fall that is next to nothing.
+    fall = np.maximum(1.0 + level * node, _LEAST_LEVEL)
+    spread = level * _LEVEL_WIDTH / np.maximum(fall, level)
+    return np.log(fall) - 0.5 * spread**2, weight, spread
 
 
 def _stribeck(bearing: Bearing) -> Stribeck:
@@ -582,27 +443,16 @@ def _stribeck(bearing: Bearing) -> Stribeck:
 
 
 def probability_runs(can: FloatArray, will: FloatArray, before: float = 0.0) -> FloatArray:
-    """The probability that stick-slip runs, by thresholds with the memory of the bistable range.
-
-    Whoever starts at a probability ``will`` and ends at ``can`` runs with ``r <- min(max(r, will),
-    can)`` afterwards, if the points of the belief pass their boundaries in one order.
+    """:func:`runs_after` of points in order of time.
 
     Args:
-        can: Shape (n,), in order of time; ``nan`` changes nothing.
+        can: Shape (n,); ``nan`` changes nothing.
         will: Shape (n,).
         before: The probability before the first.
 
     Returns:
         The probability after each, shape (n,).
     """
-    low = np.where(np.isnan(will), 0.0, will)
-    high = np.where(np.isnan(can), 1.0, can)
-    step = 1
-    while step < low.size:
-        # The clip of the last `step` points after the clip of those before them.
-        earlier = low[:-step], high[:-step]
-        both = [np.minimum(np.maximum(e, low[step:]), high[step:]) for e in earlier]
-        low[step:], high[step:] = both
-        step *= 2
-    result: FloatArray = np.minimum(np.maximum(before, low), high)
+    result = np.empty(can.size)
+    _loop(chances.fill_runs, can.size)(can, will, before, result)
     return result

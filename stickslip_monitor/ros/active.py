@@ -5,22 +5,23 @@ from __future__ import annotations
 
 import math
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.lifecycle import LifecycleNode
 
 from stickslip_monitor.errors import plural
+from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.health import NodeHealth
 from stickslip_monitor.monitor.session import Moment, Session
 from stickslip_monitor.monitor.signals import LEVEL
 from stickslip_monitor.ros.actions import Actions
+from stickslip_monitor.ros.event_clips import Clips
 from stickslip_monitor.ros.graph import has_double
-from stickslip_monitor.ros.inputs import Inputs
+from stickslip_monitor.ros.inputs import Inputs, MonitoringNode
 from stickslip_monitor.ros.message_types import ROS_FAULTS
 from stickslip_monitor.ros.watchdog import ElapsedTime, Watchdog
-
-if TYPE_CHECKING:
-    from stickslip_monitor.ros.node import MonitorNode
 
 WATCHDOG_PERIOD = 0.1
 SHOW_NS = 10**9
@@ -33,11 +34,29 @@ _OVERDUE_NS = 2 * 10**8
 _DOUBLE_LOOKS = 5
 
 
+class Owner(MonitoringNode, Protocol):
+    """What an active node's ears need of the node."""
+
+    config: MonitorConfig
+    health: NodeHealth
+    clips: Clips | None
+
+    def note(self, what: str, text: str) -> None:
+        """Put something on record with the list of alarms."""
+
+    def tick_clips(self) -> None:
+        """Let time pass for the clips."""
+
+    def look_at_files(self) -> None:
+        """Bring the health of what is written up to date."""
+
+
 class Active:
     """The ears of a node, and its sense of time.
 
     Args:
-        node: The node.
+        node: The node, for ROS.
+        owner: The same, for what is its own.
         session: What is fed.
         simulated: Whether ROS time follows /clock.
 
@@ -45,21 +64,23 @@ class Active:
         Exception: One of :data:`.message_types.ROS_FAULTS`: an input or service cannot be made.
     """
 
-    def __init__(self, node: MonitorNode, session: Session, simulated: bool) -> None:
-        self._node, self._session, self._simulated = node, session, simulated
-        self._health, self._log = node.health, node.get_logger()
+    def __init__(
+        self, node: LifecycleNode, owner: Owner, session: Session, simulated: bool
+    ) -> None:
+        self._node, self._owner, self._session = node, owner, session
+        self._health, self._log = owner.health, node.get_logger()
         self._inputs: Inputs | None = None
         self._actions: Actions | None = None
         self._ticker: Any = None
         try:
             self._inputs = Inputs(
-                node,
-                node.config,
-                node.survived(self._receive),
+                owner,
+                owner.config,
+                owner.survived(self._receive),
                 self._before,
                 self._after,
-                node.health,
-                None if node.clips is None else node.clips.take,
+                owner.health,
+                None if owner.clips is None else owner.clips.take,
             )
             self._actions = Actions(node, list(session.monitor.bearings), session.alarms.act)
         except ROS_FAULTS:
@@ -74,7 +95,7 @@ class Active:
         # A timer of the steady clock: those of ROS time stall when a replay steps back.
         self._ticker = node.create_timer(
             WATCHDOG_PERIOD,
-            node.survived(self.tick),
+            owner.survived(self.tick),
             clock=Clock(clock_type=ClockType.STEADY_TIME),
         )
 
@@ -87,7 +108,7 @@ class Active:
             self._node.destroy_timer(self._ticker)
 
     def _now(self) -> Moment:
-        return Moment(time.monotonic_ns(), self._node.now_ns())
+        return Moment(time.monotonic_ns(), self._owner.now_ns())
 
     def _receive(self, name: str, place: int, time_ns: int, value: float, latest: bool) -> None:
         update = self._session.take(name, place, time_ns, value, self._now(), latest)
@@ -118,7 +139,7 @@ class Active:
         self._ticked_ns = now.steady_ns
         self._watchdog.tick(now)
         self._session.tick(now, self._running.tick(now))
-        self._node.tick_clips()
+        self._owner.tick_clips()
         if now.steady_ns - self._shown_ns >= SHOW_NS:
             self._shown_ns = now.steady_ns
             self._look(now)
@@ -135,7 +156,7 @@ class Active:
         self._health.longest_delay = max(self._health.longest_delay, held)
         text = f'the node was held up for {held:.3g} s: answers were late, inputs are not to blame'
         self._log.warning(text)
-        self._node.note('node', text)
+        self._owner.note('node', text)
         self._session.excuse(held_ns)
         self._watchdog.skip(now)
         return True
@@ -147,7 +168,7 @@ class Active:
         if self._looks % _DOUBLE_LOOKS == 0:
             self._look_for_double()
         self._looks += 1
-        self._node.look_at_files()
+        self._owner.look_at_files()
         steady, lost = now.steady_ns * 1e-9, self._health.gone
         if lost > self._lost_told and steady - self._lost_told_at >= LOSS_PERIOD:
             self._log.warning(
@@ -161,4 +182,4 @@ class Active:
         if self._health.double and not before:
             text = f'another node is called {self._node.get_fully_qualified_name()}, too'
             self._log.error(text)
-            self._node.note('node', text)
+            self._owner.note('node', text)

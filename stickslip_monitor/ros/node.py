@@ -141,7 +141,7 @@ class MonitorNode(LifecycleNode):
         session = self._configured.session
         self._simulated = self.get_parameter(parameters.USE_SIM_TIME).value is True
         try:
-            active = Active(self, session, self._simulated)
+            active = Active(self, self, session, self._simulated)
         except ROS_FAULTS as error:
             return self._failed(f'its inputs cannot be subscribed to: {sentence(error)}')
         result = super().on_activate(state)

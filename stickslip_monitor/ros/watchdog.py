@@ -37,9 +37,9 @@ class ElapsedTime:
     def tick(self, now: Moment) -> int:
         """Return the time since the last sample [ns]."""
         last, self._last = self._last, now
-        moving = self._simulated and now.time_ns != 0 and last.time_ns != 0
-        passed = max(now.time_ns - last.time_ns, 0) if moving else now.steady_ns - last.steady_ns
-        self._elapsed_ns += passed
+        steady, simulated = now.steady_ns - last.steady_ns, now.time_ns - last.time_ns
+        moving = self._simulated and simulated != 0 and last.time_ns != 0
+        self._elapsed_ns += max(simulated, 0) if moving else steady
         return self._elapsed_ns
 
 

@@ -110,7 +110,7 @@ def test_one_is_not_several_and_figures_are_in_percent_and_millimetres() -> None
         ('check', BAG, '--config', CONFIG),
         ('score', BAG, '--config', CONFIG),
         ('accuracy', '--from', str(ROOT / 'docs' / 'accuracy.csv')),
-        ('simulate', str(ROOT / 'launch_configs/scenes/wear.yaml'), '-o', 'bag', '--cost'),
+        ('simulate', str(ROOT / 'launch_configs/scenes/wear.yaml'), '-o', 'bag'),
         ('--help',),
     ],
     ids=lambda arguments: arguments[0],

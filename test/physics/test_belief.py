@@ -2,16 +2,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime, assess
 from stickslip_monitor.physics.averaging.dimensionless import decline
 from stickslip_monitor.physics.belief import Belief, Tolerance, probability_runs
+from stickslip_monitor.physics.chances import FOLD, HOPF
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
 
@@ -24,7 +27,17 @@ TOLERANCES = [
     Tolerance(damping=0.05, static=0.05, kinetic=0.05, decay=0.05),
     Tolerance(damping=0.30, static=0.13, decay=0.20, speed=0.003, load=0.01),
     Tolerance(damping=0.40, static=0.16, decay=0.30, scatter=0.02, model_error=0.01),
+    Tolerance(damping=0.10, static=0.25, kinetic=0.25, decay=0.10),  # 40 % on mu_s - mu_k
 ]
+DRAWS = np.random.default_rng(8).normal(
+    (math.log(10.0), math.log(200.0), math.log(0.02)), 0.05, (512, 3)
+)
+
+
+def _sums(belief: Belief, speed: FloatArray, load: FloatArray) -> FloatArray:
+    """Can and will of arrays without the table, shape (2, n)."""
+    can, will = (ndtr(belief.points.probits(which, speed, load)) for which in (FOLD, HOPF))
+    return np.array([can, np.minimum(will, can)])
 
 
 def test_one_tolerance_has_closed_forms() -> None:
@@ -40,7 +53,7 @@ def test_one_tolerance_has_closed_forms() -> None:
     # And both sides of the equation that they solve.
     for speed, p in zip(found[:3], (0.05, 0.5, 0.95), strict=True):
         d = math.log(5.0) - float(decline(np.array([10.0 * speed * RPM]))[0])
-        assert ndtr(d / 0.1) == pytest.approx(1.0 - p, abs=1e-12)
+        assert ndtr(d / 0.1) == pytest.approx(1.0 - p, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -56,7 +69,7 @@ def test_one_tolerance_has_closed_forms() -> None:
 def test_three_tolerances_keep_the_published_values(
     rpm: float, load: float, can: float, will: float
 ) -> None:
-    exact = THREE.exact_probabilities(rpm * RPM, load)
+    exact = _sums(THREE, np.array([rpm * RPM]), np.array([load]))[:, 0]
     assert exact == pytest.approx((can, will), abs=1e-6)
     assert THREE.probabilities(rpm * RPM, load) == pytest.approx(exact, abs=5e-4)
 
@@ -66,14 +79,31 @@ def _points(size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return np.exp(random.uniform(-7.0, 3.0, size)), np.exp(random.uniform(2.0, 11.5, size))
 
 
-@pytest.mark.parametrize('tolerance', TOLERANCES)
-def test_the_table_keeps_to_the_sum_everywhere(tolerance: Tolerance) -> None:
-    belief = Belief.from_tolerance(BEARING, tolerance)
-    speed, load = _points(5000)
-    looked_up, exact = belief.probabilities(speed, load), belief.exact_probabilities(speed, load)
-    assert np.max(np.abs(np.subtract(looked_up, exact))) < 5e-4
-    one = [belief.probabilities(v, n) for v, n in zip(speed.tolist(), load.tolist(), strict=True)]
-    assert np.transpose(one) == pytest.approx(np.array(looked_up), abs=1e-12)
+@pytest.mark.parametrize(
+    'belief',
+    [
+        *(Belief.from_tolerance(BEARING, tolerance) for tolerance in TOLERANCES),
+        Belief.from_tolerance(
+            replace(BEARING, friction=Stribeck(0.30, 0.10, 10.0, 0.1)), TOLERANCES[1]
+        ),
+        Belief.from_draws(DRAWS, floor=0.01, loads=(900.0, 1100.0)),
+    ],
+)
+def test_the_table_keeps_to_the_sum_everywhere(belief: Belief) -> None:
+    speed, load = _points(1000)
+    if belief.points.smoothing == 0.0:  # a sum over draws is no smooth function
+        speed, load = np.maximum(speed, 0.02), np.clip(load, 100.0, 9000.0)
+    off = np.array(belief.probabilities(speed, load)) - _sums(belief, speed, load)
+    assert np.max(np.abs(off)) < (2e-3 if belief.points.smoothing else 1e-2)
+
+
+def test_compiled_look_ups_are_those_of_single_points() -> None:
+    pytest.importorskip('numba')
+    speed, load = _points(1000)
+    many = np.tile(speed, 110), np.tile(load, 110)
+    for both in (THREE.probabilities, THREE.fold_margins):
+        one = [both(v, n) for v, n in zip(speed.tolist(), load.tolist(), strict=True)]
+        assert np.array_equal(np.transpose(one), np.array(both(*many))[:, :1000])
 
 
 @pytest.mark.parametrize('tolerance', TOLERANCES)
@@ -81,10 +111,10 @@ def test_probabilities_are_those_of_drawn_bearings(tolerance: Tolerance) -> None
     random, size = np.random.default_rng(3), 200_000
     z = random.standard_normal((5, size))
     law = BEARING.friction
-    static = law.static * tolerance.static * z[1]
-    kinetic = law.kinetic * tolerance.kinetic * z[2]
+    static = law.static * (1.0 + tolerance.static * z[1])
+    kinetic = law.kinetic * (1.0 + tolerance.kinetic * z[2])
     log_d = tolerance.load * random.standard_normal(size) - tolerance.damping * z[0]
-    log_d += (static - kinetic) / (law.static - law.kinetic)
+    log_d += np.log(np.maximum((static - kinetic) / (law.static - law.kinetic), 1e-12))
     beta = law.decay * np.exp(tolerance.decay * z[3])
     shift = np.exp(tolerance.of_speed * z[4])
     belief = Belief.from_tolerance(BEARING, tolerance)
@@ -92,12 +122,13 @@ def test_probabilities_are_those_of_drawn_bearings(tolerance: Tolerance) -> None
         v = beta * shift * rpm * RPM
         d = np.log(1000.0 * 0.2 * beta / 400.0) + log_d
         drawn = np.mean(d > decline(v)), np.mean(d > v)
-        assert belief.probabilities(rpm * RPM, 1000.0) == pytest.approx(drawn, abs=5e-3)
+        # Up to 8 % on mu_s - mu_k its logarithm is taken as normal, which costs 8e-3.
+        assert belief.probabilities(rpm * RPM, 1000.0) == pytest.approx(drawn, abs=9e-3)
 
 
 def test_without_tolerances_it_is_the_regime_of_averaging() -> None:
     belief = Belief.from_tolerance(BEARING, Tolerance())
-    speed, load = _points(5000)
+    speed, load = _points(60)
     can, will = belief.probabilities(speed, load)
     points = assess(BEARING, speed, load)
     # The regime goes by the exact fold too, of which the probabilities know nothing.
@@ -136,26 +167,17 @@ def test_margins_are_those_of_the_quantiles() -> None:
     assert THREE.fold_margins(0.2, 60.0) == (math.inf, math.inf)
 
 
-def test_draws_are_summed_like_nodes() -> None:
-    random = np.random.default_rng(8)
-    draws = random.normal((math.log(10.0), math.log(200.0), math.log(0.02)), 0.05, (512, 3))
-    belief = Belief.from_draws(draws, floor=0.01, loads=(900.0, 1100.0))
-    speed, load = _points(4000)
-    speed, load = np.maximum(speed, 0.02), np.clip(load, 100.0, 9000.0)
-    exact = belief.exact_probabilities(speed, load)
-    assert np.max(np.abs(np.subtract(belief.probabilities(speed, load), exact))) < 1e-2
+def test_loads_without_evidence_are_known_less() -> None:
     # Twice the highest load that the evidence covers is known 20 % less well.
+    belief = Belief.from_draws(DRAWS, floor=0.01, loads=(900.0, 1100.0))
     wide, known = ([belief.fold_speed(n, p) for p in (0.05, 0.95)] for n in (2200.0, 1100.0))
     assert wide[1] / wide[0] > 1.5 > 1.3 > known[1] / known[0]
 
 
 def test_a_viscous_rise_saturates() -> None:
-    bearing = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0, 0.1), 0.100)
-    belief = Belief.from_tolerance(bearing, TOLERANCES[1])
-    speed, load = _points(4000)
-    exact = belief.exact_probabilities(speed, load)
-    assert np.max(np.abs(np.subtract(belief.probabilities(speed, load), exact))) < 5e-4
+    bearing = replace(BEARING, friction=Stribeck(0.30, 0.10, 10.0, 0.1))
     tight = Belief.from_tolerance(bearing, Tolerance(damping=1e-6))
+    speed, load = _points(60)
     hopf = assess(bearing, speed, load).hopf_speed
     found = tight.hopf_speed(load, 0.5)
     assert found == pytest.approx(np.nan_to_num(hopf), rel=1e-9, abs=1e-4)

@@ -37,6 +37,12 @@ def test_while_the_simulated_clock_is_unknown_the_steady_clock_counts() -> None:
     assert flow.tick(Moment(30, ROS + 3)) == 23
 
 
+def test_while_the_simulated_clock_stands_still_the_steady_clock_counts() -> None:
+    flow = ElapsedTime(True, Moment(0, ROS))
+    assert flow.tick(Moment(10, ROS)) == 10
+    assert flow.tick(Moment(20, ROS + 5)) == 15
+
+
 def test_a_sample_starts_the_count_anew() -> None:
     flow = ElapsedTime(True, Moment(0, ROS))
     flow.tick(Moment(10, ROS + 500))
