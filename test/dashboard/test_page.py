@@ -600,7 +600,8 @@ def test_ten_minutes_are_drawn_and_can_be_looked_at(dashboard: Any, page: Any) -
     newest = ' '.join(page.js(LEGEND)[0].split())
     assert newest.startswith('time22:20:01— speed40.2- - fold40.7')
     x, y, width, height = page.js(
-        f'(() => {{ const b = {figure}.querySelector(".u-over").getBoundingClientRect();'
+        f'(() => {{ const e = {figure}.querySelector(".u-over"); e.scrollIntoView();'
+        ' const b = e.getBoundingClientRect();'
         ' return [b.x, b.y, b.width, b.height]; })()'
     )
 

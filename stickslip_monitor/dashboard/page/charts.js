@@ -83,7 +83,8 @@ export class Charts {
         ...kind.lines.map(([, label], k) => ({ label: kind.lines.length > 1 ? `${STROKES[k]} ${label}` : label, dash: DASHES[k], width: k ? 1.5 : 2, stroke: () => css(k ? '--ink' : '--trail'), value: (_, value) => digits(value), points: { show: false } })),
       ],
       hooks: {
-        draw: [(u) => this.mark(u)],
+        // Without a pointer the newest values are told.
+        draw: [(u) => this.mark(u), (u) => { if (!(u.cursor.left >= 0)) u.setLegend({ idx: u.data[0].length - 1 }, false); }],
         setSelect: [(u) => { if (u.select.width > 3) this.zoom(u.posToVal(u.select.left, 'x'), u.posToVal(u.select.left + u.select.width, 'x')); }],
         ready: [(u) => u.over.addEventListener('dblclick', () => { this.window = null; this.show(); })],
       },
@@ -118,7 +119,6 @@ export class Charts {
       if (!known.length) continue;
       plot.setData([xs, ...lines], false);
       plot.setScale('x', { min, max });
-      if (!(plot.cursor.left >= 0)) plot.setLegend({ idx: xs.length - 1 }, false);
       const least = known.reduce((a, b) => Math.min(a, b)), most = known.reduce((a, b) => Math.max(a, b));
       figure.setAttribute('aria-label', `${kind.name} in the last ten minutes: from ${digits(least)} to ${digits(most)} ${kind.unit}`);
     }
