@@ -20,7 +20,7 @@ from stickslip_monitor.dashboard.state import DashboardState
 from stickslip_monitor.dashboard.watched import WatchedMonitor
 from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
 from stickslip_monitor.monitor.ladder import Condition
-from stickslip_monitor.monitor.measured import MEASURED
+from stickslip_monitor.monitor.level import MEASURED
 
 GAUGES = {
     'rpm': ('shaft_speed_rpm', 'Speed of the shaft in revolutions a minute, negative astern.'),
