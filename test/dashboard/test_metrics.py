@@ -102,7 +102,7 @@ def test_the_states_of_an_alarm(dashboard: Any) -> None:
     assert (
         of(found, 'alarms_unacknowledged', **SPACE) == of(found, 'alarms_sounding', **SPACE) == 1.0
     )
-    dashboard.sail(60.0, 1000.0, 30.0)
+    dashboard.sail(60.0, 1000.0, 40.0)
     assert state() == ['returned_unacknowledged']
     found = figures(scrape(dashboard))
     assert of(found, 'alarm_active', **labels) == of(found, 'alarms_sounding', **SPACE) == 0.0

@@ -516,7 +516,7 @@ def test_axe_finds_nothing(dashboards: Callable[..., Any], browser: Any, theme: 
             dashboard.board.play({'at': 1.0, 'length': 9.0, 'paused': True}),
         ),
         'gone, and a fault of the node': lambda: (
-            ship.sail(60.0, 1000.0, 30.0),
+            ship.sail(60.0, 1000.0, 40.0),
             ship.shown.take_health(2, 'it is not well'),
             ship.show(),
         ),
