@@ -19,6 +19,7 @@ from stickslip_monitor.dashboard.received import NOT_MONITORING
 from stickslip_monitor.dashboard.state import DashboardState
 from stickslip_monitor.dashboard.watched import WatchedMonitor
 from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
+from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.level import MEASURED
 
@@ -54,6 +55,21 @@ _SPACE = ['namespace']
 _BEARING = ['namespace', 'bearing']
 _ZERO_WITHOUT_A_CYCLE = ('amplitude', 'amplitude_exact')
 _CONDITIONS = ('waiting', NOT_MONITORING, *(condition.value for condition in Condition))
+_STATES: tuple[tuple[str, str, tuple[str, ...], str], ...] = (
+    ('condition', 'reason', _CONDITIONS, 'Whether the condition of the bearing is this one.'),
+    (
+        'regime',
+        'regime',
+        tuple(regime.value for regime in Regime),
+        'Whether the operating point is in this regime.',
+    ),
+    (
+        'measured',
+        'measured',
+        tuple(state.value for state in MEASURED),
+        'Whether this is what the measured vibration says.',
+    ),
+)
 
 
 class Metrics(Collector):
@@ -138,23 +154,10 @@ def _bearings(known: _Known) -> Iterator[Metric]:
         _BEARING,
         [(n, r['held_until'] is not None) for n, r in known],
     )
-    yield _family(
-        'condition',
-        'Whether the condition of the bearing is this one.',
-        [*_BEARING, 'condition'],
-        [((*n, c), r['reason'] == c) for n, r in known for c in _CONDITIONS],
-    )
-    yield _family(
-        'measured',
-        'Whether this is what the measured vibration says.',
-        [*_BEARING, 'state'],
-        [
-            ((*n, state.value), r['measured'] == state.value)
-            for n, r in known
-            if r['measured'] is not None
-            for state in MEASURED
-        ],
-    )
+    for name, key, states, text in _STATES:
+        own = [(n, r[key]) for n, r in known if r[key] is not None]
+        values = [((*n, state), now == state) for n, now in own for state in states]
+        yield _family(name, text, [*_BEARING, name if name != 'measured' else 'state'], values)
     yield from _inputs([((*n, name), own) for n, r in known for name, own in r['inputs'].items()])
 
 
