@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is published keeps the schemas that are installed, and docs/interfaces.md names the keys."""
+"""What is published keeps the installed schemas, and docs/interfaces.md names the keys."""
 
 from __future__ import annotations
 
