@@ -36,7 +36,9 @@ from stickslip_monitor.physics.oscillator import Bearing
 
 # Nodes of an interval of ln N, and the loads below which it is not worth them; how far the last
 # coefficients may be from nothing, of a law in one piece and of a table.
-_NODES, _CLOSE, _TABLE_CLOSE = 13, 3e-10, 2e-5
+_NODES, _CLOSE, _STEEP_CLOSE, _TABLE_CLOSE = 13, 3e-10, 1e-6, 2e-5
+# Growth rate of the slip at breakaway, N |mu'(0)| / (m omega), of a steep law.
+_STEEP = 4.0
 # The narrowest interval that is halved: beyond it a fold jumps, and loads are solved one by one.
 _NARROW = 0.02
 # How far beyond the scales of a law its fold is looked for.
@@ -87,14 +89,14 @@ class _Search:
         ratio = np.log(np.array(found) / self.scale(nodes))
         if np.isfinite(ratio).all():
             series = chebyshev.chebfit(x, ratio, _NODES - 1)
-            if np.max(np.abs(series[-2:])) < self.close:
+            close = _STEEP_CLOSE if self.is_steep(high) else self.close
+            if np.max(np.abs(series[-2:])) < close:
                 share = (2.0 * place - low - high) / (high - low)
                 out[rows] = np.exp(chebyshev.chebval(share, series)) * self.scale(place)
                 return
-        elif not np.isfinite(found).any():
-            if len({repr(fold) for fold in found}) == 1:
-                out[rows] = found[0]
-                return
+        elif not np.isfinite(found).any() and len({repr(fold) for fold in found}) == 1:
+            out[rows] = found[0]
+            return
         middle = int(np.searchsorted(place, 0.5 * (low + high)))
         self.fill(place[middle:], out, rows[middle:])
         self.fill(place[:middle], out, rows[:middle])
@@ -113,12 +115,22 @@ class _Search:
         scale = float(self.scale(np.array([place]))[0])
         fold = math.nan
         if len(self.known) > 1:
-            fold = self._polished(math.exp(place), scale * math.exp(self._guessed(place)))
+            load, guess = math.exp(place), scale * math.exp(self._guessed(place))
+            if not self.is_steep(place):
+                fold = self._polished(load, guess)
+            elif not self.in_pieces:
+                fold = fold_near(self.law, self.body, load, guess)
         if math.isnan(fold):
             fold = self._searched(math.exp(place))
         if 0.0 < fold < math.inf:
             self.known[place] = math.log(fold / scale)
         return fold
+
+    def is_steep(self, place: float) -> bool:
+        """Whether slip grows so fast at breakaway that near grazing orbits part at once."""
+        m, _, k = self.body
+        # A law that falls at once has no such growth.
+        return _STEEP * math.sqrt(k * m) < math.exp(place) * self.law[STEEPEST] < math.inf
 
     def _guessed(self, place: float) -> float:
         """The logarithm of the ratio by a polynomial through what is known nearest by."""

@@ -562,7 +562,7 @@ def fold_near(
     """
     if not load * law[STEEPEST] > body[1]:
         return math.nan
-    low, high, factor = guess, guess, 1.001
+    low, high, factor = guess, guess, 1.0001
     hit = grazing_margin(law, body, guess, load, GRAZING) > 0.0
     for _ in range(_WIDENINGS):
         if hit:
