@@ -35,6 +35,8 @@ DECAY = 4.8
 """How long a cycle outlives the fold [2 m/c]."""
 LATE = 2.5
 """Gaps after which an input that is slower than its time-out is lost."""
+STEP = 10**9
+"""The least distance of a stamp from the one before that makes it wait [ns]."""
 FAST_LAG, SLOW_LAG = 1.0, 4.0
 """Lags of the two means of the speed whose difference is its slope [s]."""
 HOLD = 6
@@ -119,19 +121,21 @@ def take(
 def judge_stamp(s: Any, c: Any, place: int, stamp: int) -> int:
     """Whether a stamp is valid, of which the input's latest stamp is then made.
 
-    One that is not later than the input's last, or that leaves both that and the monitor's time
-    by more than the time-out, waits; it is valid if the input's next sample follows it, and the
-    clock has then moved. Else it is refused.
+    It is expected within some gaps after the input's last one, or about the monitor's time. Any
+    other waits: it was right if the input's next sample follows it, and the clock has then moved.
     """
     last, waiting = s.stamp[place], s.odd[place]
-    limit = c.timeout[place] if place == LEVEL else age_limit(s, c, place)
     if stamp == last:
         return REPEATED
     s.odd[place] = NEVER
+    limit = c.timeout[place] if place == LEVEL else age_limit(s, c, place)
+    step = limit
+    if place != LEVEL and s.pace[place] > 0:
+        step = min(limit, max(STEP, int(LATE * s.pace[place])))
     first = last == NEVER and (place == LEVEL or s.stamp[SPEED] + s.stamp[LOAD] == 2 * NEVER)
     back = last != NEVER and last - limit <= stamp < last
-    follows = last != NEVER and last < stamp <= last + limit
-    if first or follows or (not back and abs(stamp - s.now) <= limit):
+    follows = last != NEVER and last < stamp <= last + step
+    if first or follows or (not back and abs(stamp - s.now) <= step):
         s.stamp[place] = stamp
         return ACCEPTED
     if waiting != NEVER and waiting < stamp <= waiting + limit:
@@ -144,15 +148,15 @@ def judge_stamp(s: Any, c: Any, place: int, stamp: int) -> int:
 
 def age_limit(s: Any, c: Any, place: int) -> int:
     """How old a value may be before its input is lost [ns]: older where values come slowly."""
-    return max(int(c.timeout[place]), int(LATE * min(s.gap[place], s.gap_before[place])))
+    limit: int = max(c.timeout[place], int(LATE * s.pace[place]))
+    return limit
 
 
 def standing_until(s: Any, c: Any) -> int:
     """Until when both values stand [ns]; one not yet received is waited for from the start."""
-    until = -NEVER
-    for place in range(LEVEL):
-        came = s.came[place] if s.came[place] != NEVER else s.began
-        until = min(until, came + age_limit(s, c, place))
+    speed = s.came[SPEED] if s.came[SPEED] != NEVER else s.began
+    load = s.came[LOAD] if s.came[LOAD] != NEVER else s.began
+    until: int = min(speed + age_limit(s, c, SPEED), load + age_limit(s, c, LOAD))
     return until
 
 
@@ -179,7 +183,7 @@ def pass_time(s: Any, c: Any, now: int) -> None:
     if s.began == NEVER:
         s.began = now
     before, s.now = s.now, now
-    if not s.lost:
+    if now > before and not s.lost:
         until = standing_until(s, c)
         if until < now:
             # A time-out that was made shorter may have ended before the latest time seen.
@@ -193,7 +197,7 @@ def take_value(s: Any, place: int, stamp: int, si: float) -> None:
         gap = max(0, came - s.came[place])
         if place == SPEED:
             follow_speed(s, gap * 1e-9, middle(si, s.value[SPEED], s.before[SPEED]))
-        s.gap_before[place] = s.gap[place]
+        s.pace[place] = min(gap, s.gap[place])
         s.gap[place] = gap
     elif place == SPEED:
         s.fast = s.slow = si
@@ -381,12 +385,12 @@ def due(s: Any, c: Any, rung: int) -> int:
         return off_delay(s, c) * (HOLD if s.cleared[rung] != NEVER else 1)
     if rung == VIBRATION or (rung == STICK_SLIP and c.onset_growth > 0.0):
         return 0
-    return max(int(c.on_delay), SLOW_ON * min(s.gap[SPEED], s.gap_before[SPEED]))
+    return max(int(c.on_delay), SLOW_ON * s.pace[SPEED])
 
 
 def off_delay(s: Any, c: Any) -> int:
     """The net time after which something is over [ns]; longer where values come slowly."""
-    return max(int(c.off_delay), SLOW_OFF * min(s.gap[SPEED], s.gap_before[SPEED]))
+    return max(int(c.off_delay), SLOW_OFF * s.pace[SPEED])
 
 
 def rung_of(s: Any) -> int:

@@ -37,7 +37,7 @@ FIELDS = (
     ),
     StateField('came', 'i8', 2, 'ns', NEVER, 'from when the age of speed and load is counted'),
     StateField('gap', 'i8', 2, 'ns', 0, 'time between the last two stamps of speed and load'),
-    StateField('gap_before', 'i8', 2, 'ns', 0, 'that between the two before'),
+    StateField('pace', 'i8', 2, 'ns', 0, 'the shorter of the last two of these'),
     StateField('value', 'f8', 2, 'SI', math.nan, 'latest speed [m/s] and load [N]'),
     StateField('before', 'f8', 2, 'SI', math.nan, 'the values before these'),
     StateField('earlier', 'f8', 2, 'SI', math.nan, 'the values before those'),
