@@ -18,8 +18,7 @@ from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.encode import (
     MESSAGE_TYPES,
 )
-from stickslip_monitor.bags.mcap_file import Payload
-from stickslip_monitor.bags.values import TimeSpans
+from stickslip_monitor.bags.values import Payload, TimeSpans
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.config import MonitorConfig
