@@ -122,7 +122,8 @@ def judge_stamp(s: Any, c: Any, place: int, stamp: int) -> int:
     """Whether a stamp is valid, of which the input's latest stamp is then made.
 
     It is expected within some gaps after the input's last one, or about the monitor's time. Any
-    other waits: it was right if the input's next sample follows it, and the clock has then moved.
+    other waits: it was right if the input's next sample follows it, or the next two where it was
+    off by more than the time-out, and the clock has then moved.
     """
     last, waiting = s.stamp[place], s.odd[place]
     if stamp == last:
@@ -139,10 +140,14 @@ def judge_stamp(s: Any, c: Any, place: int, stamp: int) -> int:
         s.stamp[place] = stamp
         return ACCEPTED
     if waiting != NEVER and waiting < stamp <= waiting + limit:
+        far = abs(stamp - s.now) > limit and (last == NEVER or abs(stamp - last) > limit)
+        if far and not s.agreed[place]:
+            s.odd[place], s.agreed[place] = stamp, 1
+            return OUT_OF_ORDER if stamp < last else ODD_STAMP
         s.stamp[place] = stamp
         jumped = place != LEVEL and last != NEVER and stamp < s.now - limit
         return CLOCK_JUMP if jumped else ACCEPTED
-    s.odd[place] = stamp
+    s.odd[place], s.agreed[place] = stamp, 0
     return OUT_OF_ORDER if last != NEVER and stamp < last else ODD_STAMP
 
 

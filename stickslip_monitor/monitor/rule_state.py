@@ -35,6 +35,7 @@ FIELDS = (
     StateField(
         'odd', 'i8', 3, 'ns', NEVER, 'stamp that waits for the next sample to agree with it'
     ),
+    StateField('agreed', 'i8', 3, '', 0, 'how many samples have followed that one'),
     StateField('came', 'i8', 2, 'ns', NEVER, 'from when the age of speed and load is counted'),
     StateField('gap', 'i8', 2, 'ns', 0, 'time between the last two stamps of speed and load'),
     StateField('pace', 'i8', 2, 'ns', 0, 'the shorter of the last two of these'),
