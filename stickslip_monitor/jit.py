@@ -27,7 +27,7 @@ def has_compiler() -> bool:
 
 
 @functools.cache
-def compiled(entry: str, *modules: ModuleType) -> Callable[..., Any]:
+def compiled(entry: str, *modules: ModuleType, inline: bool = True) -> Callable[..., Any]:
     """Compile a function with all functions of its modules that it may call.
 
     The plain functions stay as they are: copies of them are compiled. The compiled code is kept
@@ -36,17 +36,20 @@ def compiled(entry: str, *modules: ModuleType) -> Callable[..., Any]:
     Args:
         entry: Name of the function.
         modules: The module that defines it, and those whose functions it calls; names must differ.
+        inline: Whether to copy functions into their callers: right for short ones.
 
     Returns:
         The compiled function.
     """
     try:
-        return _compile(entry, modules, cache=True)
+        return _compile(entry, modules, inline, cache=True)
     except RuntimeError:  # numba has no folder that it may write to
-        return _compile(entry, modules, cache=False)
+        return _compile(entry, modules, inline, cache=False)
 
 
-def _compile(entry: str, modules: tuple[ModuleType, ...], cache: bool) -> Callable[..., Any]:
+def _compile(
+    entry: str, modules: tuple[ModuleType, ...], inline: bool, cache: bool
+) -> Callable[..., Any]:
     numba = import_module('numba')
     names = {module.__name__ for module in modules}
     space: dict[str, Any] = {}
@@ -58,7 +61,7 @@ def _compile(entry: str, modules: tuple[ModuleType, ...], cache: bool) -> Callab
             copy = FunctionType(function.__code__, space, name, function.__defaults__)
             copy.__qualname__ = f'{name}_{digest}'
             # Inlining the entry itself would leave nothing to call.
-            options = {'error_model': 'numpy'} if name == entry else _OPTIONS
+            options = {'error_model': 'numpy'} if name == entry or not inline else _OPTIONS
             space[name] = numba.njit(cache=cache, **options)(copy)
     found: Callable[..., Any] = space[entry]
     return found

@@ -21,8 +21,7 @@ from stickslip_monitor.physics.averaging import boundaries
 from stickslip_monitor.physics.averaging.solver import averaged_solver, damping_per_load
 from stickslip_monitor.physics.belief import Belief, probability_runs
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
-from stickslip_monitor.physics.cycle.cycles import exact_fold_speed
-from stickslip_monitor.physics.cycle.surface import exact_amplitude
+from stickslip_monitor.physics.cycle.cycles import exact_amplitude, exact_fold_speed
 from stickslip_monitor.physics.oscillator import Bearing
 
 # Points from which on a table of the exact fold pays.
@@ -119,7 +118,7 @@ class Points(NamedTuple):
 def column(name: str, bearing: Bearing, points: Points) -> FloatArray:
     """A column of :data:`ON_DEMAND` of some operating points, shape (n,)."""
     if name == 'amplitude_exact':
-        return exact_amplitude(bearing, points.speed, points.load, points.fold)
+        return np.asarray(exact_amplitude(bearing, points.speed, points.load))
 
     def part(*columns: NDArray[Any]) -> tuple[FloatArray]:
         return (_AVERAGED[name](bearing, Points(*columns)),)
