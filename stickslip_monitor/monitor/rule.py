@@ -47,6 +47,8 @@ LEFT_BELOW = 0.5
 """Share of its threshold below which a probability no longer holds a condition."""
 MEMORY = 300 * 10**9
 """After a longer gap it is not known any more whether stick-slip runs [ns]."""
+SIZED = 10**9
+"""Time after which the amplitude of the cycle is worked out again [ns]."""
 DUE = 3 * 10**9
 """Net time of a level above its threshold, or below the deadband, that tells its state [ns]."""
 LEVEL_LAG = 0.5
@@ -178,6 +180,8 @@ def move_clock(s: Any, by: int) -> None:
         s.lost_since += by
     if s.unseen != NEVER:
         s.unseen += by
+    if s.sized != NEVER:
+        s.sized += by
     for rung in range(RUNGS):
         if s.cleared[rung] != NEVER:
             s.cleared[rung] += by
@@ -244,8 +248,7 @@ def take_point(s: Any, c: Any, law: Any, table: Any, belief: Any, until: int) ->
         grow(s, c, passed)
         wait(s, passed)
     s.point, s.lost = s.now, 0
-    speed = middle(s.value[SPEED], s.before[SPEED], s.earlier[SPEED])
-    load = middle(s.value[LOAD], s.before[LOAD], s.earlier[LOAD])
+    speed, load = median_point(s)
     s.rate = growth_rate(c, law, s.value[SPEED], s.value[LOAD])
     s.median_rate = growth_rate(c, law, speed, load)
     averaged = boundary_at(table[0], c.table_first, c.table_step, load)
@@ -274,12 +277,28 @@ def take_point(s: Any, c: Any, law: Any, table: Any, belief: Any, until: int) ->
     asks |= asked(s, CAUTION, near, not wide)
     asks |= asked(s, BISTABLE, inside, not held)
     asks |= asked(s, STICK_SLIP, running, not running)
-    amplitude = 0.0
-    if running and c.amplitude_limit < math.inf:
-        amplitude = stick_slip_amplitude(c, law, size, load)
-    asks |= asked(s, AMPLITUDE, amplitude > c.amplitude_limit, not amplitude >= c.amplitude_off)
+    if not running:
+        s.amplitude, s.sized = 0.0, NEVER
+    high, low = s.amplitude > c.amplitude_limit, not s.amplitude >= c.amplitude_off
+    asks |= asked(s, AMPLITUDE, high, low)
     s.asks = asks
     climb(s, c)
+
+
+def amplitude_due(s: Any, c: Any) -> bool:
+    """Whether the amplitude of the cycle is to be worked out, which is done once a second.
+
+    Whoever takes samples does it, by the exact cycle at the medians (:func:`median_point`): that
+    costs a hundred times what all the rest does, and only a limit needs it.
+    """
+    needed = s.sticking == 1 and c.amplitude_limit < math.inf
+    return needed and (s.sized == NEVER or s.now - s.sized >= SIZED)
+
+
+def median_point(s: Any) -> tuple[float, float]:
+    """Speed [m/s] and load [N] by which the alarm is decided: medians of three values."""
+    speed = middle(s.value[SPEED], s.before[SPEED], s.earlier[SPEED])
+    return speed, middle(s.value[LOAD], s.before[LOAD], s.earlier[LOAD])
 
 
 def forget(s: Any) -> None:
@@ -494,11 +513,6 @@ def measured_now(s: Any, c: Any) -> int:
     return int(s.vibrating)
 
 
-def stick_slip_amplitude(c: Any, law: Any, speed: float, load: float) -> float:
-    """Amplitude of the exact stick-slip cycle [m]; 0 where there is none."""
-    return 0.0
-
-
 STATUS, NOW, POINT, UNTIL, CONDITION, STICKING, MEASURED = range(7)
 """What is noted of each sample: the columns of the table that :func:`run` fills."""
 SAMPLE, TIME, BEFORE, AFTER, ONSET = range(5)
@@ -518,7 +532,7 @@ def run(
     changes: Any,
     kept: Any,
 ) -> tuple[int, int]:
-    """Take samples of a recording until there is no more room for changes.
+    """Take samples of a recording until there is no more room, or an amplitude is due.
 
     Args:
         states: The memory, of one row.
@@ -540,7 +554,7 @@ def run(
     s, settings = states[0], c[0]
     count = 0
     for k in range(begin, len(stamps)):
-        if count + 2 > len(kept):
+        if count + 2 > len(kept) or (k > begin and amplitude_due(s, settings)):
             return k, count
         place, stamp = places[k], stamps[k]
         si = si_value(settings, place, numbers[k])

@@ -61,6 +61,8 @@ FIELDS = (
     StateField(
         'runs', 'f8', 0, '', 0, 'probability that stick-slip runs, where there is a belief'
     ),
+    StateField('amplitude', 'f8', 0, 'm', 0, 'of the exact cycle, where a limit asks for it'),
+    StateField('sized', 'i8', 0, 'ns', NEVER, 'when that was worked out'),
     # What the latest point says.
     StateField('course', 'i8', 0, '', 0, 'a cycle exists, none exists, or nothing slides'),
     StateField('rate', 'f8', 0, '1/s', 0, 'growth rate of a disturbance by the latest values'),
