@@ -55,7 +55,7 @@ LEVEL_LAG = 0.5
 """Lag of the mean of a level [s]."""
 FALL = 3.0
 """A level this far below its highest since it rose is that of something that rings down [dB]."""
-LOUD_LAG, LOUD = 600.0, 0.05
+LOUD_LAG, LOUD = 600.0, 0.02
 """A level tells nothing that is high for more than this share of the time outside, lag [s]."""
 APART = 120 * 10**9
 """A level that was high outside so shortly before tells nothing inside [ns]."""
