@@ -219,7 +219,7 @@ def _check_recordings(args: argparse.Namespace, bags: list[Path]) -> None:
         raise BagError(f"recording of verdicts '{args.mcap}' is for one bag, not {len(bags)}")
     folders = {'--clips': args.clips and Path(args.clips)}
     if args.mcap is not None:
-        from stickslip_monitor.offline.verdicts import check_target
+        from stickslip_monitor.offline.verdict_bag import check_target
 
         folders['--mcap'] = check_target(args.mcap).parent
     read = [path for path in (*bags, *map(Path, args.bags)) if path.is_dir()]

@@ -175,7 +175,7 @@ def _anchor(bag: Path) -> str:
 def _write_mcap(
     path: str, checked: CheckReport, config: MonitorConfig, progress: Progress
 ) -> None:
-    from stickslip_monitor.offline.verdicts import write_verdicts
+    from stickslip_monitor.offline.verdict_bag import write_verdicts
 
     write_verdicts(checked, config, path, lambda n: progress(f'{n} messages written', n, None))
 

@@ -8,6 +8,7 @@ give the same verdicts, bit for bit.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -118,6 +119,10 @@ class BearingMonitor:
         point = self.verdict.assessment if self.verdict else None
         condition = self.track.condition
         return describe(self.config, condition, point, self.standing, lost, trend=trend)
+
+    def copy(self) -> BearingMonitor:
+        """The same bearing once more: what happens to one does not happen to the other."""
+        return copy.deepcopy(self, {id(self.config): self.config})
 
     def excuse(self, held_ns: int) -> None:
         """Whoever feeds us was held up for so long [ns]: no input is lost for that time."""
