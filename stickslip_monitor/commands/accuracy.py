@@ -17,17 +17,22 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from stickslip_monitor.commands.declared import (
+    TABLE,
+    add_force,
+    add_input,
+    add_output,
+    add_picture,
+    say_written,
+)
 from stickslip_monitor.commands.output import (
     ProgressBar,
-    add_force,
     add_json,
-    check_outputs,
     console,
     line_width,
     print_json,
-    say_written,
 )
-from stickslip_monitor.drawing.canvas import MARKS, checked_suffix, save_figure, write_csv
+from stickslip_monitor.drawing.canvas import save_figure, write_csv
 from stickslip_monitor.drawing.pareto import MethodMark, Panel, draw_pareto
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.lab.accuracy.cases import BASE, CASES, METHODS, TYPICAL
@@ -52,11 +57,10 @@ _WORDS = {'refused': '-', 'no_cycle': 'none', 'not_converged': 'fails'}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('--quick', action='store_true', help='few cases, short samples: seconds')
-    parser.add_argument('--csv', metavar='FILE', help='write every method at every case')
-    parser.add_argument(
-        '--from', dest='source', metavar='FILE', help='show that CSV: no measuring'
-    )
-    parser.add_argument('--output', '-o', metavar='FILE', help='picture: .png or .svg')
+    add_input(parser, '--from', dest='source', metavar='FILE', help='show that CSV: no measuring')
+    text = '.csv: every method at every case'
+    add_output(parser, '--output', '-o', marks=TABLE, was='--csv', help=text)
+    add_picture(parser, 'error over time')
     parser.add_argument('--markdown', action='store_true', help='print the table in Markdown')
     add_force(parser)
     add_json(parser)
@@ -64,18 +68,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    if args.output and checked_suffix(args.output) == '.csv':
-        raise ConfigurationError(f"output '{args.output}' is a picture: use --csv for the numbers")
     if args.source and args.quick:
         raise ConfigurationError('--from shows what was measured: it does not go with --quick')
-    mark = MARKS[checked_suffix(args.output)] if args.output else None
-    check_outputs([(args.csv, None), (args.output, mark)], [args.source], args.force)
     rows = read_rows(args.source) if args.source else measured(args.quick)
-    if args.csv:
-        write_csv(columns(rows), args.csv, args.force)
     if args.output:
-        save_figure(draw_pareto(panels(rows), footnote(rows)), args.output, args.force)
-    say_written(args.csv, args.output)
+        write_csv(columns(rows), args.output, args.force)
+    if args.picture:
+        save_figure(draw_pareto(panels(rows), footnote(rows)), args.picture, args.force)
+    say_written(args.output, args.picture)
     if args.json:
         print_json(to_json(rows))
     elif args.markdown:

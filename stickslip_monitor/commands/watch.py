@@ -34,7 +34,7 @@ from stickslip_monitor.commands.dashboard import (
     say_address,
     watched,
 )
-from stickslip_monitor.commands.output import add_config
+from stickslip_monitor.commands.declared import add_config
 from stickslip_monitor.errors import ConfigurationError, LinkError
 from stickslip_monitor.links.link_config import SECTION, LinksConfig, build_links, is_loopback
 from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA
