@@ -22,10 +22,8 @@ from stickslip_monitor.bags.encode import (
     encode_float64,
     encode_string,
 )
-from stickslip_monitor.bags.mcap_file import Payload
 from stickslip_monitor.bags.reader import Request, Series
-from stickslip_monitor.bags.series import Reading
-from stickslip_monitor.bags.values import TimeSpans
+from stickslip_monitor.bags.values import Payload, TimeSpans
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.config import MonitorConfig
@@ -167,16 +165,12 @@ def tell_verdicts(
     """
     asked = {request for bearing in config.bearings for request in requests_of(bearing)}
 
-    def use(reading: Reading) -> None:
-        raw = _Raw(checked, config, spans)
-        course = _Course(checked, config, spans)
-        for part in reading:
-            course.take(part)
-            tell([*raw.until(_latest_ns(part)), *course.told()])
-        course.finish()
-        tell([*raw.until(None), *course.told()])
-
-    checked.bag.read_with(use, asked)
+    raw, course = _Raw(checked, config, spans), _Course(checked, config, spans)
+    for part in checked.bag.reading(asked):
+        course.take(part)
+        tell([*raw.until(_latest_ns(part)), *course.told()])
+    course.finish()
+    tell([*raw.until(None), *course.told()])
 
 
 def _latest_ns(part: Mapping[Request, Series]) -> int:
