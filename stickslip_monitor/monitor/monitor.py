@@ -8,6 +8,7 @@ run the rule of :mod:`.rule`.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -159,6 +160,12 @@ class BearingMonitor:
         before, lost = rule.condition(state), state.lost
         rule.pass_time(state, self._settings.live, time_ns)
         return [self._event(before, state.lost_since)] if state.lost > lost else []
+
+    def copy(self) -> BearingMonitor:
+        """The same bearing once more: what happens to one does not happen to the other."""
+        other = copy.copy(self)
+        other.state = self.state.copy()
+        return other
 
     def excuse(self, held_ns: int) -> None:
         """Let values count for longer, because nobody could listen for some time [ns]."""
