@@ -7,7 +7,7 @@ a verdict rests on is stored, the rest is worked out when it is first asked for.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
@@ -423,8 +423,14 @@ def assess(
         table = known_table(bearing)
     with np.errstate(all='ignore'):
         columns = in_blocks(partial(_judge, bearing, table), v, n)
-    found: Any = (restore(part, shape) for part in (v, n, *columns))
-    return Assessment(*found, _bearing=bearing, _belief=belief)
+    return _of_columns((restore(part, shape) for part in (v, n, *columns)), bearing, {}, belief)
+
+
+def _of_columns(
+    parts: Iterable[Any], bearing: Bearing, known: dict[str, Any], belief: Belief | None
+) -> Assessment:
+    speed, load, code, hopf, fold, exact = parts
+    return Assessment(speed, load, code, hopf, fold, exact, bearing, known, belief)
 
 
 def _judge(
@@ -461,7 +467,7 @@ def at_indices(points: Assessment, rows: Any) -> Assessment:
         known = {name: column[rows].item() for name, column in points._known.items()}
     else:
         known = {name: column[rows] for name, column in points._known.items()}
-    return Assessment(*parts, _bearing=points._bearing, _known=known, _belief=points._belief)
+    return _of_columns(parts, points._bearing, known, points._belief)
 
 
 at_index = at_indices
@@ -473,6 +479,4 @@ def joined(points: Sequence[Assessment]) -> Assessment:
         np.array(column) for column in zip(*(p._stored() for p in points), strict=True)
     )
     known = {name: np.array([getattr(p, name) for p in points]) for name in BELIEFS}
-    return Assessment(
-        *columns, _bearing=points[0]._bearing, _known=known, _belief=points[0]._belief
-    )
+    return _of_columns(columns, points[0]._bearing, known, points[0]._belief)

@@ -187,16 +187,22 @@ def exact_unstable_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) ->
     return _cycle(bearing, speed, load, slip.SMALLEST_UNSTABLE)
 
 
-def exact_amplitude(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
+def exact_amplitude(
+    bearing: Bearing, speed: ArrayLike, load: ArrayLike, many: bool = False
+) -> Any:
     """Amplitude of the exact stable cycle [m], that of :func:`exact_cycle`; ``nan`` without one.
 
     Args:
         bearing: The bearing.
         speed: Surface speed ``V`` [m/s].
         load: Load ``N`` [N]; broadcasts with ``speed``.
+        many: Whether many more numbers follow, so that it pays to compile.
     """
     numbers, body = law_numbers(bearing.friction), _body(bearing)
     if isinstance(speed, float) and isinstance(load, float):
+        if many and jit.has_compiler():
+            loop = jit.compiled('amplitude_of_cycle', *_MODULES, inline=False)
+            return loop(np.array(numbers), body, speed, load)
         return slip.amplitude_of_cycle(numbers, body, speed, load)
     shape, (v, n) = flatten(speed, load)
     out = np.full(v.size, np.nan)
