@@ -18,6 +18,7 @@ from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.physics.averaging import boundaries
 from stickslip_monitor.physics.cycle.slip import (
     GRAZING,
+    ROUGHLY,
     fold_from_above,
     fold_near,
     grazing_margin,
@@ -44,7 +45,7 @@ _NARROW = 0.02
 # How far beyond the scales of a law its fold is looked for.
 _SPREAD, _LARGEST_EXPONENT = 100.0, 700.0
 # Steps of the secant method from a good guess, and how close it has to come.
-_SECANTS, _CONVERGED, _TABLE_CONVERGED = 6, 1e-11, 1e-6
+_SECANTS, _CONVERGED = 6, 1e-11
 
 
 def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
@@ -74,6 +75,7 @@ class _Search:
         self.law = law_numbers(bearing.friction)
         self.body = bearing.mass, bearing.damping, bearing.stiffness
         self.in_pieces = self.law[PIECES] > 0.0
+        self.orbit = ROUGHLY if self.in_pieces else GRAZING
         self.close = _TABLE_CLOSE if self.in_pieces else _CLOSE
         self.known: dict[float, float] = {}  # logarithms of fold over scale, by ln N
 
@@ -116,10 +118,10 @@ class _Search:
         fold = math.nan
         if len(self.known) > 1:
             load, guess = math.exp(place), scale * math.exp(self._guessed(place))
-            if not self.is_steep(place):
+            if self.in_pieces or self.is_steep(place):
+                fold = fold_near(self.law, self.body, load, guess, self.orbit)
+            else:
                 fold = self._polished(load, guess)
-            elif not self.in_pieces:
-                fold = fold_near(self.law, self.body, load, guess)
         if math.isnan(fold):
             fold = self._searched(math.exp(place))
         if 0.0 < fold < math.inf:
@@ -151,7 +153,6 @@ class _Search:
         """The fold by the secant method from a guess; ``nan`` where that leads to none."""
         law, body = self.law, self.body
         before, after = guess, guess * (1.0 + 1e-5)
-        close = _TABLE_CONVERGED if self.in_pieces else _CONVERGED
         f_before = grazing_margin(law, body, before, load, GRAZING)
         for _ in range(_SECANTS):
             f_after = grazing_margin(law, body, after, load, GRAZING)
@@ -162,7 +163,7 @@ class _Search:
                 break
             before, f_before, after = after, f_after, after + step
             # The error after a step is far less than its square.
-            if abs(step) <= math.sqrt(close) * after:
+            if abs(step) <= math.sqrt(_CONVERGED) * after:
                 return after
         return math.nan
 
@@ -174,12 +175,12 @@ class _Search:
             guess = float(np.fmax(averaged, jump))
             if not 0.0 < guess < math.inf:
                 return guess if guess == math.inf else math.nan
-            return fold_near(self.law, self.body, load, guess)
+            return fold_near(self.law, self.body, load, guess, self.orbit)
         scales = [v for v in (*law.breakpoints[:1], *law.breakpoints[-1:]) if v > 0.0]
         if 0.0 < jump < math.inf:
             scales.append(jump)
         high, low = _SPREAD * max(scales), min(scales) / _SPREAD
-        return fold_from_above(self.law, self.body, load, high, low)
+        return fold_from_above(self.law, self.body, load, high, low, self.orbit)
 
     def _coulomb(self, load: float) -> float:
         """The fold [m/s] of a law that falls at once, from one turn of the free vibration.
