@@ -37,7 +37,7 @@ from stickslip_monitor.physics.oscillator import Bearing
 
 # Nodes of an interval of ln N, and the loads below which it is not worth them; how far the last
 # coefficients may be from nothing, of a law in one piece and of a table.
-_NODES, _CLOSE, _STEEP_CLOSE, _TABLE_CLOSE = 13, 3e-10, 1e-6, 2e-5
+_NODES, _CLOSE, _STEEP_CLOSE, _TABLE_CLOSE = 13, 3e-10, 1e-6, 5e-5
 # Growth rate of the slip at breakaway, N |mu'(0)| / (m omega), of a steep law.
 _STEEP = 4.0
 # The narrowest interval that is halved: beyond it a fold jumps, and loads are solved one by one.

@@ -599,6 +599,7 @@ def fold_from_above(
         load: ``N`` > 0 [N].
         high: A speed above all that are likely [m/s].
         low: One below them [m/s].
+        orbit: ``GRAZING``, or ``ROUGHLY``.
 
     Returns:
         ``nan`` where no speed has a cycle, ``inf`` where none is the last.
