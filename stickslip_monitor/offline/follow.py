@@ -123,7 +123,7 @@ def follow(
         followers = {each.config.name: each.follower for each in courses}
         return Followed(followers, reading.faults(), span.start_ns, span.end_ns)
 
-    return bag.read_with(use, asked, progress)
+    return use(bag.reading(asked, progress))
 
 
 def requests_of(config: BearingConfig) -> tuple[Request, ...]:
