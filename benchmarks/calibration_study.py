@@ -42,7 +42,7 @@ from stickslip_monitor.lab.calibration.dips import (
 from stickslip_monitor.lab.calibration.evidence import TRUST, TRUTH_TOLERANCE, alternating
 from stickslip_monitor.lab.calibration.posterior import prior_of
 from stickslip_monitor.lab.calibration.recordings import courses_of
-from stickslip_monitor.lab.scenes.scene_file import load_scene
+from stickslip_monitor.lab.scenes.scene import load_scene
 from stickslip_monitor.lab.voyages import OURS, Sailed, cases_of
 from stickslip_monitor.lab.warning_quality import Quality, pooled
 from stickslip_monitor.monitor.config import BearingConfig

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,11 +16,11 @@ import numpy as np
 from benchmarks.reference import LOAD, bearing
 from benchmarks.table import Table, absent, duration, ratio
 from benchmarks.timing import in_turns
-from stickslip_monitor.lab.accuracy.method import Method, breakaway, typical_period
-from stickslip_monitor.lab.accuracy.own_methods import Samples, turning_points
-from stickslip_monitor.lab.accuracy.time_stepping import Regularised, Switching
+from stickslip_monitor.lab.accuracy.method import MethodResult, breakaway, typical_period
+from stickslip_monitor.lab.accuracy.time_stepping import smoothed, switching, turning_points
 from stickslip_monitor.physics.cycle.cycles import exact_cycle
 from stickslip_monitor.physics.motion.integrator import FAST, Drive, MotionState, integrate
+from stickslip_monitor.physics.oscillator import Bearing
 
 RPM, CYCLES = 20.0, 10.0
 BEARING = bearing()
@@ -30,11 +31,11 @@ LONG = 'stickslip_monitor, numba, 100 s in one call'
 PATHSIM, SICONOS = 'PathSim, RKCK54', 'Siconos, time stepping'
 _PYTHON = Path('/usr/bin/python3')
 _PEER = Path(__file__).with_name('siconos_peer.py')
-_METHODS: dict[str, Method] = {
-    'solve_ivp with events, default': Switching(tight=False),
-    'solve_ivp with events, tight': Switching(tight=True, longest=0.5),
-    'tanh of 1e-4 m/s, LSODA, default': Regularised(1e-4, tight=False),
-    'tanh of 1e-4 m/s, LSODA, tight': Regularised(1e-4, tight=True),
+_METHODS: dict[str, Callable[[Bearing, float, float], MethodResult]] = {
+    'solve_ivp with events, default': partial(switching, False, math.inf),
+    'solve_ivp with events, tight': partial(switching, True, 0.5),
+    'tanh of 1e-4 m/s, LSODA, default': partial(smoothed, 1e-4, False),
+    'tanh of 1e-4 m/s, LSODA, tight': partial(smoothed, 1e-4, True),
 }
 
 
@@ -76,21 +77,12 @@ def _ours(compiled: bool, span: float) -> float:
     start = MotionState.moving(breakaway(BEARING, SPEED, LOAD), SPEED, drive)
     times = np.linspace(span - 0.4 * SPAN, span, 2000)
     motion = integrate(BEARING, drive, start, times, accuracy=FAST, compiled=compiled)
-    samples = Samples(
-        step=float(times[1] - times[0]),
-        displacement=motion.displacement,
-        velocity=motion.velocity,
-        acceleration=motion.acceleration,
-        sticks=True,
-        complete=True,
-        evaluations=motion.expansions,
-        state=None,
-    )
-    return 0.5 * float(np.ptp(turning_points(samples)))
+    x, v, a = motion.displacement, motion.velocity, motion.acceleration
+    return 0.5 * float(np.ptp(turning_points(x, v, a, float(times[1] - times[0]))))
 
 
-def _method(method: Method) -> float:
-    return method.amplitude(BEARING, SPEED, LOAD).amplitude
+def _method(method: Callable[[Bearing, float, float], MethodResult]) -> float:
+    return method(BEARING, SPEED, LOAD).amplitude
 
 
 def _pathsim() -> float:

@@ -12,13 +12,16 @@ import importlib
 import io
 import os
 import re
+import signal
 import sys
+import threading
 import traceback
 import warnings
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, NoReturn
 
 from stickslip_monitor import __version__
+from stickslip_monitor.commands.declared import check_files
 from stickslip_monitor.errors import (
     ConfigurationError,
     StickslipError,
@@ -37,6 +40,7 @@ COMMANDS = {
     'figures': 'draw the published findings on stick-slip',
     'fit': 'fit the Stribeck law to a measured friction curve',
     'health': 'ask a running monitor whether it monitors',
+    'info': 'show what a recording holds',
     'map': 'draw the stability map over speed and load',
     'play': 'publish a bag to ROS 2, with /clock',
     'score': 'judge the warnings over simulated bags by the truth',
@@ -56,16 +60,27 @@ class _Paragraphs(argparse.HelpFormatter):
 
 
 class _Parser(argparse.ArgumentParser):
-    """Tells of an unknown option with the known one that is near it."""
+    """Says in one sentence what is wrong with options, an unknown one before a missing one."""
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        found, left = super().parse_known_args(args, namespace)
-        for argument in left:
+        for argument in self._own(args):
             option = argument.partition('=')[0]
-            hint = did_you_mean(option, self._option_string_actions)
-            if hint and option not in self._option_string_actions:
-                self.error(f"unrecognized argument '{argument}'{hint}")
-        return found, left
+            if not any(known.startswith(option) for known in self._option_string_actions):
+                hint = did_you_mean(option, self._option_string_actions)
+                self.error(f"option '{argument}' is not known{hint}")
+        return super().parse_known_args(args, namespace)
+
+    def _own(self, args: Sequence[str]) -> Iterator[str]:
+        """The long options that are this parser's: of the program those before the command."""
+        for argument in args:
+            if argument == '--' or (self._subparsers and not argument.startswith('-')):
+                return
+            if argument.startswith('--'):
+                yield argument
+
+    def error(self, message: str) -> NoReturn:
+        """Refuse what was given."""
+        raise ConfigurationError(f'{message} (see {self.prog} --help)')
 
 
 def _parser(asked: str | None) -> argparse.ArgumentParser:
@@ -73,7 +88,8 @@ def _parser(asked: str | None) -> argparse.ArgumentParser:
     parser = _Parser(
         prog='stickslip',
         description="Predicts stick-slip of ships' stern bearings from shaft speed and load.",
-        epilog='Exit codes: 0 fine, 1 warnings found, 2 bad input, 3 a fault of the program.',
+        epilog='`stickslip help COMMAND` shows the options of a command. Exit codes: 0 fine, 1'
+        ' warnings found, 2 bad input, 3 a fault of the program.',
     )
     parser.add_argument('--version', action='version', version=f'stickslip {__version__}')
     _add_traceback(parser, False)
@@ -116,9 +132,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         The exit code.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
-    _print_anything()
     if argv is None:
+        _open_streams()
         _hide_warnings()
+        # Told to stop, a command clears away what it has begun, as after Ctrl-C.
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, signal.default_int_handler)
+    _print_anything()
     try:
         return _run(arguments)
     except StickslipError as error:
@@ -146,10 +166,14 @@ def _run(arguments: list[str]) -> int:
     if '_ARGCOMPLETE' in os.environ:
         _complete()
     asked = _asked(arguments)
+    if asked == 'help':
+        arguments.remove('help')
+        arguments, asked = [*arguments, '--help'], _asked(arguments)
     if asked is not None and asked not in COMMANDS:
         hint = did_you_mean(asked, COMMANDS) or f'; there are: {", ".join(COMMANDS)}'
         raise ConfigurationError(f"command '{asked}' is not known{hint}")
     args = _parser(asked).parse_args(arguments)
+    check_files(args)
     code: int = args.run(args)
     sys.stdout.flush()
     return code
@@ -185,6 +209,14 @@ def _hide_warnings() -> None:
         warnings.simplefilter('ignore')
         # Of the processes that check many bags, too.
         os.environ['PYTHONWARNINGS'] = 'ignore'
+
+
+def _open_streams() -> None:
+    """Give a stream that was closed to nowhere, so that no file opened later takes its place."""
+    for number, name in enumerate(('stdin', 'stdout', 'stderr')):
+        if getattr(sys, name) is None:
+            os.open(os.devnull, os.O_RDWR)
+            setattr(sys, name, os.fdopen(number, 'w' if number else 'r'))
 
 
 def _print_anything() -> None:

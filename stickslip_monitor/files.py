@@ -5,18 +5,30 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
+import glob
 import json
 import os
 import stat
 import tempfile
+import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any
 
 from stickslip_monitor.errors import OutputError, did_you_mean
 
+PICTURES: Mapping[str, bytes | None] = {
+    '.png': b'Software\0stickslip_monitor',
+    '.svg': b'<dc:title>stickslip_monitor</dc:title>',
+}
+"""By its ending, what the beginning of a picture of ours contains."""
 _HEAD = 4096
 _LONGEST_TEXT = 4000
 _ENDS = 1000
+_DRAFT = '.draft'
+# A draft younger than this may not be held yet [s].
+_SETTLED = 10.0
 _KINDS = {
     stat.S_IFIFO: 'a pipe',
     stat.S_IFSOCK: 'a socket',
@@ -130,18 +142,21 @@ def check_replaceable(path: str | Path, mark: bytes | None, force: bool = False)
     if not stat.S_ISREG(mode):
         kind = _KINDS.get(stat.S_IFMT(mode), 'no file')
         raise OutputError(f"output '{path}' is {kind}, and only files are replaced")
-    if force or mark is None:
-        return
-    try:
-        with open_file(path) as file:
-            head = file.read(_HEAD)
-    except OSError:
-        head = b''
-    if mark not in head:
+    is_ours = mark is None or holds_mark(path, mark) or not Path(path).stat().st_size
+    if not (force or is_ours):
         raise OutputError(
             f"output '{path}' exists and was not written by this command: choose another name, or"
             ' replace it with --force'
         )
+
+
+def holds_mark(path: str | Path, mark: bytes) -> bool:
+    """Whether the beginning of a file contains what one of ours does."""
+    try:
+        with open_file(path) as file:
+            return mark in (file.read(_HEAD) or b'')
+    except OSError:
+        return False
 
 
 def _check_folder(path: str | Path) -> None:
@@ -172,18 +187,44 @@ def write_whole(path: str | Path, data: bytes, mark: bytes, force: bool = False)
     """
     check_replaceable(path, mark, force)
     target = Path(os.path.realpath(path))
-    number, draft = tempfile.mkstemp(prefix=f'.{target.name[:100]}.', dir=target.parent)
+    name = f'.{target.name[:100]}'
+    _sweep(target.parent, name)
+    number, draft = tempfile.mkstemp(_DRAFT, f'{name}.', target.parent)
     try:
         with os.fdopen(number, 'wb') as file:
+            hold(number)
             file.write(data)
-        # mkstemp lets nobody else read; an output is a file as any other.
-        mask = os.umask(0)
-        os.umask(mask)
-        Path(draft).chmod(0o666 & ~mask)
-        Path(draft).replace(target)
+            Path(draft).chmod(_mode(target))
+            Path(draft).replace(target)
     finally:
         with contextlib.suppress(OSError):
             Path(draft).unlink(missing_ok=True)
+
+
+def _mode(target: Path) -> int:
+    """Who may read an output: whoever might read what was there, or any new file."""
+    with contextlib.suppress(OSError):
+        return stat.S_IMODE(target.stat().st_mode)
+    mask = os.umask(0)
+    os.umask(mask)
+    return 0o666 & ~mask
+
+
+def hold(number: int) -> bool:
+    """Hold an open draft for as long as it is open; False where another process holds it."""
+    try:
+        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+def _sweep(folder: Path, name: str) -> None:
+    """Remove the drafts of an output whose processes were killed: old ones that nobody holds."""
+    for draft in folder.glob(f'{glob.escape(name)}.*{_DRAFT}'):
+        with contextlib.suppress(OSError), draft.open('rb') as file:
+            if time.time() - draft.stat().st_mtime > _SETTLED and hold(file.fileno()):
+                draft.unlink()
 
 
 def printable(text: str) -> str:

@@ -15,7 +15,7 @@ from stickslip_monitor.errors import program_fault
 from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.clip_recorder import ClipStore
 from stickslip_monitor.monitor.config import ClipConfig
-from stickslip_monitor.ros import node
+from stickslip_monitor.ros import run
 
 
 def clip_store(config: ClipConfig) -> ClipStore:
@@ -31,13 +31,13 @@ def clip_store(config: ClipConfig) -> ClipStore:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is told to stop; see :func:`stickslip_monitor.ros.node.main`.
+    """Run the node until it is told to stop; see :func:`stickslip_monitor.ros.run.main`.
 
     Returns:
         Its exit code, or 3 after a fault of the program.
     """
     try:
-        return node.main(args, clip_store)
+        return run.main(args, clip_store)
     except Exception as error:
         if '--traceback' in (sys.argv if args is None else args):
             traceback.print_exc()

@@ -30,7 +30,7 @@ OWN_CONFIGURATIONS = ('my_ship.yaml', 'ship.yaml')
 APPENDED = {
     'stickslip play ': '--rate 5000',
     'stickslip dashboard ': '--port 0',
-    'stickslip accuracy -o ': '--quick',
+    'stickslip accuracy --picture ': '--quick',
     'stickslip score launch_configs/scenes/': '--seeds 1',
     'stickslip score my_scene.yaml ': '--seeds 2',
 }

@@ -14,7 +14,7 @@ from stickslip_monitor.bags.metadata import read_metadata
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.errors import BagError, ConfigurationError, StickslipError
 from stickslip_monitor.lab.friction_fit.curve_file import read_curve
-from stickslip_monitor.lab.scenes.scene_file import load_scene
+from stickslip_monitor.lab.scenes.scene import load_scene
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.offline.archive import find_bags
 

@@ -14,40 +14,40 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from stickslip_monitor.commands.output import (
+from stickslip_monitor.commands.declared import (
+    TABLE,
     add_force,
+    add_input,
+    add_output,
+    add_picture,
+    say_written,
+)
+from stickslip_monitor.commands.output import (
+    ProgressBar,
     add_json,
-    check_outputs,
     console,
     line_width,
     print_json,
-    say_written,
 )
-from stickslip_monitor.drawing.canvas import MARKS, checked_suffix, save_figure, write_csv
+from stickslip_monitor.drawing.canvas import save_figure, write_csv
 from stickslip_monitor.drawing.pareto import MethodMark, Panel, draw_pareto
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.lab.accuracy.cases import BASE, CASES, TYPICAL, Case, ladder
+from stickslip_monitor.lab.accuracy.cases import BASE, CASES, METHODS, TYPICAL
 from stickslip_monitor.lab.accuracy.measurement import (
     QUICK,
     Effort,
     Row,
     Summary,
     columns,
-    measure_all,
+    measure,
     pareto,
     read_rows,
     summarise,
 )
-from stickslip_monitor.lab.accuracy.method import Method
-from stickslip_monitor.lab.accuracy.own_methods import Samples
 from stickslip_monitor.monitor.messages import number
-from stickslip_monitor.physics.motion import integrator
-from stickslip_monitor.physics.oscillator import Bearing
 
 SCHEMA = 'stickslip_monitor/accuracy/1'
 _WIDEST = 220
@@ -57,11 +57,10 @@ _WORDS = {'refused': '-', 'no_cycle': 'none', 'not_converged': 'fails'}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('--quick', action='store_true', help='few cases, short samples: seconds')
-    parser.add_argument('--csv', metavar='FILE', help='write every method at every case')
-    parser.add_argument(
-        '--from', dest='source', metavar='FILE', help='show that CSV: no measuring'
-    )
-    parser.add_argument('--output', '-o', metavar='FILE', help='picture: .png or .svg')
+    add_input(parser, '--from', dest='source', metavar='FILE', help='show that CSV: no measuring')
+    text = '.csv: every method at every case'
+    add_output(parser, '--output', '-o', marks=TABLE, was='--csv', help=text)
+    add_picture(parser, 'error over time')
     parser.add_argument('--markdown', action='store_true', help='print the table in Markdown')
     add_force(parser)
     add_json(parser)
@@ -69,18 +68,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    if args.output and checked_suffix(args.output) == '.csv':
-        raise ConfigurationError(f"output '{args.output}' is a picture: use --csv for the numbers")
     if args.source and args.quick:
         raise ConfigurationError('--from shows what was measured: it does not go with --quick')
-    mark = MARKS[checked_suffix(args.output)] if args.output else None
-    check_outputs([(args.csv, None), (args.output, mark)], [args.source], args.force)
     rows = read_rows(args.source) if args.source else measured(args.quick)
-    if args.csv:
-        write_csv(columns(rows), args.csv, args.force)
     if args.output:
-        save_figure(draw_pareto(panels(rows), footnote(rows)), args.output, args.force)
-    say_written(args.csv, args.output)
+        write_csv(columns(rows), args.output, args.force)
+    if args.picture:
+        save_figure(draw_pareto(panels(rows), footnote(rows)), args.picture, args.force)
+    say_written(args.output, args.picture)
     if args.json:
         print_json(to_json(rows))
     elif args.markdown:
@@ -90,43 +85,15 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def follow(
-    bearing: Bearing, speed: float, load: float, state: object, duration: float, count: int
-) -> Samples:
-    """A stretch of motion at constant speed and load; see :class:`~.event_driven.EventDriven`."""
-    drive = integrator.Drive.constant(speed, load, duration)
-    if not isinstance(state, integrator.MotionState):
-        assert isinstance(state, float)
-        state = integrator.MotionState(state, 0.0, integrator.Phase.STICK)
-    times = np.linspace(0.0, duration, count + 1)
-    motion = integrator.integrate(bearing, drive, state, times)
-    return Samples(
-        step=duration / count,
-        displacement=motion.displacement,
-        velocity=motion.velocity,
-        acceleration=motion.acceleration,
-        sticks=bool(np.any(motion.transitions.after == integrator.Phase.STICK)),
-        complete=motion.outcome is integrator.MotionOutcome.COMPLETE,
-        evaluations=motion.expansions,
-        state=motion.final,
-    )
-
-
 def measured(quick: bool) -> list[Row]:
     """Measure, with a progress bar on the error stream."""
-    methods: Sequence[Method] = ladder(follow)
-    cases: Sequence[Case] = CASES
-    if quick:
-        methods = [method for method in methods if not method.slow]
-        cases = [case for case in CASES if case.quick]
+    cases = [case for case in CASES if case.quick or not quick]
+    steps = [(m, case) for m in METHODS if not (quick and m.slow) for case in cases]
     rows = []
-    bar = (TextColumn('{task.description:36}'), BarColumn(), MofNCompleteColumn())
-    out = Console(stderr=True)
-    with Progress(*bar, TimeElapsedColumn(), console=out, transient=True) as progress:
-        task = progress.add_task('', total=len(methods) * len(cases))
-        for row in measure_all(methods, cases, QUICK if quick else Effort()):
-            rows.append(row)
-            progress.update(task, advance=1, description=row.method)
+    with ProgressBar() as bar:
+        for done, (method, case) in enumerate(steps):
+            bar.show(f'{method.name}, {case.name}', done, len(steps))
+            rows.append(measure(method, case, QUICK if quick else Effort()))
     return rows
 
 

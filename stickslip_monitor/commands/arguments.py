@@ -8,9 +8,10 @@ import math
 import re
 from collections.abc import Callable
 
-from stickslip_monitor.commands.output import add_config, add_force
+from stickslip_monitor.commands.declared import TABLE, add_config, add_force, add_output
 from stickslip_monitor.drawing.map_curves import Range
 from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.files import PICTURES
 from stickslip_monitor.monitor.config import LOAD_UNITS, BearingConfig, MonitorConfig
 from stickslip_monitor.physics.oscillator import SPEED_UNITS, BearingSpeed
 
@@ -42,13 +43,13 @@ def parse_load(text: str, what: str = 'load') -> float:
     return value * (1000.0 if unit == 'kN' else 1.0)
 
 
-def add_output(parser: argparse.ArgumentParser) -> None:
+def add_drawing(parser: argparse.ArgumentParser) -> None:
     """Declare what both drawing commands take: the bearing and where to write."""
     add_config(parser)
     parser.add_argument('--bearing', help='which bearing, where several are configured')
-    parser.add_argument(
-        '--output', '-o', required=True, metavar='FILE', help='file to write: .png, .svg or .csv'
-    )
+    marks = {**PICTURES, **TABLE}
+    text = 'file to write: .png, .svg or .csv'
+    add_output(parser, '--output', '-o', required=True, marks=marks, help=text)
     add_force(parser)
 
 

@@ -26,17 +26,15 @@ from rich.table import Table
 from stickslip_monitor import __version__
 from stickslip_monitor.bags.reader import Request
 from stickslip_monitor.commands.arguments import the_bearing
-from stickslip_monitor.commands.output import (
-    ProgressBar,
+from stickslip_monitor.commands.declared import (
     add_config,
     add_force,
-    add_json,
-    check_outputs,
-    console,
-    json_text,
-    print_json,
+    add_input,
+    add_output,
+    add_picture,
     say_written,
 )
+from stickslip_monitor.commands.output import ProgressBar, add_json, console, json_text, print_json
 from stickslip_monitor.errors import ConfigurationError, cause
 from stickslip_monitor.files import read_json, write_whole
 from stickslip_monitor.lab.calibration.calibrate import (
@@ -71,23 +69,24 @@ from stickslip_monitor.offline.follow import scan_whole
 from stickslip_monitor.physics.belief import EXACT, QUANTILES, Belief
 
 _PRIOR_DRAWS = 512
-_RESULT_MARK = CALIBRATION_SCHEMA.encode()
 _PICTURE_LOADS = 60
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument('bags', nargs='+', metavar='BAG', help='rosbag2 folder or .mcap file')
+    add_input(parser, 'bags', nargs='+', metavar='BAG', help='rosbag2 folder or .mcap file')
     add_config(parser)
     parser.add_argument('--bearing', help='which bearing, where several are configured')
     source = parser.add_mutually_exclusive_group()
-    source.add_argument('--reports', metavar='CSV', help="an operator's reports of vibration")
+    add_input(source, '--reports', metavar='CSV', help="an operator's reports of vibration")
     source.add_argument('--level', metavar='TOPIC', help='a topic with the level of vibration')
     parser.add_argument(
         '--field', default='data', help='path to the number in its messages (default: data)'
     )
-    parser.add_argument('--output', '-o', metavar='FILE', help='write the result, JSON')
-    parser.add_argument('--add', metavar='FILE', help='begin with this earlier result')
+    # The result of the last calibration may be renewed in its place.
+    result = {'': CALIBRATION_SCHEMA.encode()}
+    add_output(parser, '--output', '-o', marks=result, renews=True, help='write the result, JSON')
+    add_input(parser, '--add', metavar='FILE', help='begin with this earlier result')
     parser.add_argument(
         '--forget',
         type=float,
@@ -95,9 +94,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='S',
         help='let ln N0 wander by this standard deviation from dip to dip, e.g. 0.03',
     )
-    parser.add_argument('--bench', metavar='FIT', help='what stickslip fit --json printed')
-    parser.add_argument('--fragment', metavar='FILE', help='write damping and friction, YAML')
-    parser.add_argument('--picture', metavar='FILE', help='.png or .svg: the map with its bands')
+    add_input(parser, '--bench', metavar='FIT', help='what stickslip fit --json printed')
+    yaml = {'': FRAGMENT_MARK}
+    add_output(parser, '--fragment', marks=yaml, help='write damping and friction, YAML')
+    add_picture(parser, 'the map with its bands')
     add_force(parser)
     add_json(parser)
 
@@ -106,7 +106,6 @@ def run(args: argparse.Namespace) -> int:
     """Run the command."""
     if not 0.0 <= args.forget <= 1.0:
         raise ConfigurationError(f'--forget {args.forget:g} must be from 0 to 1')
-    _check_outputs(args)
     whole = load_config(args.config)
     config = the_bearing(whole, args.bearing)
     source = source_of(args.reports, args.level, args.field, whole)
@@ -200,7 +199,9 @@ def _write(
     document: Mapping[str, Any],
 ) -> None:
     if args.output is not None:
-        write_whole(args.output, json_text(document).encode(), _RESULT_MARK, args.force)
+        write_whole(
+            args.output, json_text(document).encode(), CALIBRATION_SCHEMA.encode(), args.force
+        )
     if args.fragment is not None:
         write_whole(args.fragment, fragment(config, found).encode(), FRAGMENT_MARK, args.force)
     if args.picture is not None:
@@ -209,20 +210,6 @@ def _write(
 
         save_figure(draw_calibration(_picture(config, found)), args.picture, args.force)
     say_written(args.output, args.fragment, args.picture)
-
-
-def _check_outputs(args: argparse.Namespace) -> None:
-    outputs: list[tuple[str | None, bytes | None]] = [
-        (args.output, _RESULT_MARK),
-        (args.fragment, FRAGMENT_MARK),
-    ]
-    if args.picture is not None:
-        from stickslip_monitor.drawing.canvas import MARKS, checked_suffix
-
-        outputs.append((args.picture, MARKS.get(checked_suffix(args.picture))))
-    inputs = [*args.bags, args.config, args.reports, args.bench]
-    # The result of the last calibration may be renewed in its place.
-    check_outputs(outputs, inputs, args.force)
 
 
 def _prior_belief(found: Calibration) -> Belief:

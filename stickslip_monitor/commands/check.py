@@ -19,53 +19,81 @@ The exit code is 1 where the monitor warned, 2 where a bag could not be checked.
 from __future__ import annotations
 
 import argparse
+import contextlib
+import itertools
+import json
+import os
 import shlex
 import sys
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import replace
+from datetime import datetime, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, Any
 
-from stickslip_monitor.commands.output import (
-    ProgressBar,
+from stickslip_monitor.commands.declared import (
     add_config,
     add_force,
-    add_json,
-    check_outputs,
+    add_input,
+    add_output,
+    add_recording,
+    ending,
     say_written,
 )
-from stickslip_monitor.errors import BagError, ConfigurationError, OutputError
-from stickslip_monitor.files import is_same
+from stickslip_monitor.commands.output import (
+    ProgressBar,
+    add_json,
+    json_text,
+    line_width,
+    print_json,
+)
+from stickslip_monitor.errors import (
+    BagError,
+    ConfigurationError,
+    OutputError,
+    StickslipError,
+    cause,
+    plural,
+    program_fault,
+)
+from stickslip_monitor.files import PICTURES, open_file, printable, write_whole
 
 if TYPE_CHECKING:
-    from stickslip_monitor.commands.check_jobs import Output
-    from stickslip_monitor.commands.report import ReportFile
-    from stickslip_monitor.lab.calibration.recordings import EvidenceSource
+    from stickslip_monitor.commands.check_results import Found, Task
+    from stickslip_monitor.lab.calibration.recordings import Evidence, EvidenceSource
     from stickslip_monitor.monitor.config import MonitorConfig
+    from stickslip_monitor.report.recording import RecordingPart
 
 STDIN = '-'
+REPORTS = {
+    '.html': b'<meta name="generator" content="stickslip_monitor">',
+    '.png': PICTURES['.png'],
+    '.json': b'"schema": "stickslip_monitor/check/1"',
+}
+_KEPT = {'': b'{"key": "check-'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument(
+    add_input(
+        parser,
         'bags',
         nargs='+',
         metavar='BAG',
         help='rosbag2 folder, .mcap file, folder of such, or - for standard input',
     )
     add_config(parser)
+    parser.add_argument('--bearing', help='only this bearing')
     add_force(parser)
     add_json(parser)
-    parser.add_argument(
-        '--report', metavar='FILE', help='write a report: .html, .png or .json (needs matplotlib)'
-    )
-    parser.add_argument(
-        '--mcap', metavar='FILE', help="write inputs and verdicts as the node's topics: .mcap"
-    )
-    parser.add_argument(
-        '--clips', metavar='DIR', help='write a clip of each alarm into this folder'
-    )
-    parser.add_argument(
+    text = 'write a report: .html, .png or .json (needs matplotlib)'
+    add_output(parser, '--report', marks=REPORTS, help=text)
+    text = "write inputs and verdicts as the node's topics: .mcap"
+    add_recording(parser, '--mcap', is_folder=False, metavar='FILE', help=text)
+    text = 'write a clip of each alarm into this folder'
+    add_recording(parser, '--clips', is_folder=True, metavar='DIR', help=text)
+    add_input(
+        parser,
         '--learn',
         metavar='FROM',
         help="propose a calibration from the configured 'level', an operator's reports (a CSV"
@@ -74,11 +102,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--jobs', type=int, metavar='N', help='bags checked at a time (default: one for each core)'
     )
-    parser.add_argument(
-        '--resume',
-        metavar='FILE',
-        help='keep what is found of each bag in this file, and check only what is not in it',
-    )
+    text = 'keep what is found of each bag in this file, and check only what is not in it'
+    add_output(parser, '--resume', marks=_KEPT, help=text)
     parser.add_argument(
         '--scheduler',
         metavar='ADDRESS',
@@ -92,46 +117,139 @@ def run(args: argparse.Namespace) -> int:
     # Not needed for help or a wrong option, and it takes most of the time to start.
     from stickslip_monitor.offline.archive import find_bags, spooled
 
-    if STDIN in args.bags:
-        with ProgressBar() as meter, spooled(sys.stdin.buffer, meter.show) as path:
-            args.bags = [str(path)]
-            try:
-                return _run(args, [path], meter, shown=STDIN)
-            except BagError as error:
-                raise BagError(str(error).replace(str(path), STDIN)) from error
     with ProgressBar() as meter:
-        return _run(args, find_bags(args.bags), meter)
+        if STDIN not in args.bags:
+            return _run(args, find_bags(args.bags), meter)
+        with spooled(sys.stdin.buffer, meter.show) as path:
+            args.bags = [str(path)]
+            return _run(args, [path], meter, shown=STDIN)
 
 
 def _run(
     args: argparse.Namespace, bags: list[Path], meter: ProgressBar, shown: str | None = None
 ) -> int:
-    from stickslip_monitor.commands.check_jobs import Output, Task, check_one
+    from stickslip_monitor.commands.check_results import Task
     from stickslip_monitor.monitor.config_file import load_config
 
     config = load_config(args.config)
-    _check_recordings(args, bags)
-    file = _report_file(args, config, bags)
+    if args.bearing is not None:
+        config = replace(config, bearings=(config.bearing(args.bearing),))
+    if args.mcap is not None:
+        _check_mcap(args.mcap, bags)
+    source = _source(args.learn, config)
+    report = ending(args.report, REPORTS) if args.report else None
+    task = Task(config, report, args.mcap, args.clips, source)
     # A folder's bags are a list, even where it holds one only.
     listed = len(bags) > 1 or bags != [Path(path) for path in args.bags]
-    output = Output(args.json, file, listed, args.clips)
-    source = _source(args.learn, config)
-    task = Task(config, file.suffix if file else None, args.mcap, args.clips, source)
+    output = _Output(args, listed)
     if listed or args.scheduler is not None or args.resume is not None:
-        # Processes and clusters are not needed for one bag, and cost time to import.
-        from stickslip_monitor.commands.check_many import check_many
-
-        check_many(task, bags, args, output, meter)
+        for found in _check_many(task, bags, args, meter):
+            output.take(found)
     else:
-        found = check_one(task, bags[0], meter.show)
-        found.document['path'] = shown or found.document['path']
-        meter.hide()
-        output.take(found)
+        output.take(_check_alone(task, bags[0], args.json, meter, shown))
     if source is not None:
-        output.tell(_lessons(args, config, source, output, meter))
-    output.finish()
+        output.tell(_lessons(args, config, source, output.evidence, meter))
+    output.finish(config)
     say_written(args.report, args.mcap)
     return output.code
+
+
+def _check_alone(
+    task: Task, bag: Path, as_json: bool, meter: ProgressBar, shown: str | None
+) -> Found:
+    """Check the only bag.
+
+    Raises:
+        BagError: It cannot be checked; where JSON is asked for, its object is printed.
+    """
+    from stickslip_monitor.commands.check_results import attempt
+
+    found = attempt(task, bag, meter.show)
+    meter.hide()
+    if shown is not None:
+        found.document['path'] = shown
+    if found.error is not None:
+        text = found.error if shown is None else found.error.replace(str(bag), shown)
+        if as_json:
+            print_json(found.document | {'error': text})
+        raise BagError(text)
+    return found
+
+
+class _Output:
+    """Prints and writes what came of the bags, in the order in which they are asked for.
+
+    Args:
+        args: What is to be printed and written.
+        listed: Whether JSON is a list, for several bags.
+
+    Attributes:
+        code: The exit code so far: 1 after a warning, 2 after a bag that could not be checked.
+        evidence: Of each bag, to be learned from.
+    """
+
+    def __init__(self, args: argparse.Namespace, listed: bool) -> None:
+        self._args, self._listed = args, listed
+        self._coloured = sys.stdout.isatty() and 'NO_COLOR' not in os.environ
+        self._documents: list[dict[str, Any]] = []
+        self._parts: list[RecordingPart] = []
+        self.evidence: list[dict[str, Evidence | str]] = []
+        self.code = 0
+
+    def take(self, found: Found) -> None:
+        """Take up one bag."""
+        from stickslip_monitor.commands.check_results import to_text
+
+        self._documents.append(found.document)
+        self.evidence.append(found.evidence)
+        self.code = max(self.code, found.code)
+        if found.part is not None:
+            self._parts.append(found.part)
+        if not (self._args.json or found.error):
+            sys.stdout.write(to_text(found.document, self._coloured, line_width()))
+            sys.stdout.flush()
+        place = printable(found.document['path'])
+        if found.error:
+            sys.stderr.write(f'ERROR: {place}: {printable(found.error)}\n')
+        for name in found.unjudged:
+            sys.stderr.write(
+                f'ERROR: {place}: nothing is known of {name}: no message gave an operating point\n'
+            )
+        if found.clips is not None:
+            folder = printable(self._args.clips)
+            sys.stderr.write(f'{place}: {plural(found.clips, "clip")} written into {folder}\n')
+
+    def tell(self, lessons: Iterable[str]) -> None:
+        """Print what is learned, beside the JSON."""
+        out = sys.stderr if self._args.json else sys.stdout
+        for text in lessons:
+            out.write(f'learned: {printable(text)}\n')
+
+    def finish(self, config: MonitorConfig) -> None:
+        """Print and write what only makes a whole with the last bag."""
+        text = json_text(self._documents if self._listed else self._documents[0])
+        if self._args.report is not None:
+            self._write_report(text, config)
+        if self._args.json:
+            sys.stdout.write(text)
+
+    def _write_report(self, text: str, config: MonitorConfig) -> None:
+        path, suffix = self._args.report, ending(self._args.report, REPORTS)
+        data = text.encode()
+        if suffix != '.json':
+            # Drawing is not needed for a check as such, and costs time to import.
+            from stickslip_monitor.report.page import html_page, png_sheet
+
+            now = datetime.now(timezone.utc)
+            data = (
+                png_sheet(self._parts, path)
+                if suffix == '.png'
+                else html_page(self._parts, config, self._args.config, now)
+            )
+        try:
+            write_whole(path, data, REPORTS[suffix] or b'', self._args.force)
+        except OSError as error:
+            raise OutputError(f"'{path}' cannot be written: {error.strerror or error}") from error
 
 
 def _source(text: str | None, config: MonitorConfig) -> EvidenceSource | None:
@@ -154,7 +272,7 @@ def _lessons(
     args: argparse.Namespace,
     config: MonitorConfig,
     source: EvidenceSource,
-    output: Output,
+    evidence: Sequence[dict[str, Evidence | str]],
     meter: ProgressBar,
 ) -> list[str]:
     """What all bags together teach of each bearing."""
@@ -169,9 +287,9 @@ def _lessons(
                 *('--bearing', own.name, '--output', f'{own.name}.calibration.json'),
             ]
         )
-        evidence = [found[own.name] for found in output.evidence if own.name in found]
+        known = [found[own.name] for found in evidence if own.name in found]
         lessons += learned(
-            own, source, evidence, command, lambda done, total: meter.show('learning', done, total)
+            own, source, known, command, lambda done, total: meter.show('learning', done, total)
         )
     meter.hide()
     return lessons
@@ -200,33 +318,142 @@ def _check_options(args: argparse.Namespace) -> None:
             )
 
 
-def _report_file(
-    args: argparse.Namespace, config: MonitorConfig, bags: list[Path]
-) -> ReportFile | None:
-    if args.report is None:
-        return None
-    # Drawing is not needed for a check as such, and costs time to import.
-    from stickslip_monitor.commands.report import MARKS, ReportFile
+def _check_mcap(path: str, bags: Sequence[Path]) -> None:
+    if len(bags) > 1:
+        raise BagError(f"recording of verdicts '{path}' is for one bag, not {len(bags)}")
+    from stickslip_monitor.offline.verdicts import check_target
 
-    file = ReportFile(args.report, config, args.config, args.force)
-    check_outputs([(args.report, MARKS[file.suffix])], [args.config, *bags], args.force)
-    return file
+    check_target(path)
 
 
-def _check_recordings(args: argparse.Namespace, bags: list[Path]) -> None:
-    """Refuse recordings that are written where they would become part of what is checked."""
-    if args.mcap is not None and len(bags) > 1:
-        raise BagError(f"recording of verdicts '{args.mcap}' is for one bag, not {len(bags)}")
-    folders = {'--clips': args.clips and Path(args.clips)}
-    if args.mcap is not None:
-        from stickslip_monitor.offline.verdicts import check_target
+# --- many bags: on the cores of this machine, or on a cluster's ----------------------------------
 
-        folders['--mcap'] = check_target(args.mcap).parent
-    read = [path for path in (*bags, *map(Path, args.bags)) if path.is_dir()]
-    for option, folder in folders.items():
-        for path in read if folder is not None else ():
-            if is_same(folder, path):
-                raise OutputError(
-                    f"{option} would write into the folder '{path}', whose recordings are"
-                    ' checked: choose another folder'
-                )
+
+def _check_many(
+    task: Task, bags: Sequence[Path], args: argparse.Namespace, meter: ProgressBar
+) -> Iterator[Found]:
+    """What came of each bag, in the order asked for."""
+    # Processes and clusters are not needed for one bag, and cost time to import.
+    from stickslip_monitor.commands.check_results import Found, key_of
+    from stickslip_monitor.offline.archive import stamp_of
+
+    if args.scheduler is not None:
+        bags = [bag.absolute() for bag in bags]
+    stamps = [stamp_of(bag) for bag in bags]
+    sizes = [max(1, sum(size for _, size, _ in stamp)) for stamp in stamps]
+    keys = [key_of(task, bag, stamp) for bag, stamp in zip(bags, stamps, strict=True)]
+    with contextlib.closing(_Kept(args.resume)) as kept:
+        known = ((n, kept.documents[key]) for n, key in enumerate(keys) if key in kept.documents)
+        left = [n for n, key in enumerate(keys) if key not in kept.documents]
+        calls = {keys[number]: (task, bags[number]) for number in left}
+        waiting: dict[int, Found] = {}
+        following = done = 0
+        with contextlib.closing(_called(calls, left, keys, args, meter)) as arriving:
+            told = itertools.chain(((n, Found(document)) for n, document in known), arriving)
+            for count, (number, outcome) in enumerate(told, 1):
+                waiting[number] = _as_found(task, bags[number], outcome)
+                kept.add(keys[number], waiting[number])
+                done += sizes[number]
+                meter.hide()
+                while following in waiting:
+                    yield waiting.pop(following)
+                    following += 1
+                meter.show(f'{count} of {len(bags)} bags', done, sum(sizes))
+
+
+def _called(
+    calls: dict[str, tuple[Task, Path]],
+    left: Sequence[int],
+    keys: Sequence[str],
+    args: argparse.Namespace,
+    meter: ProgressBar,
+) -> Generator[tuple[int, Any], None, None]:
+    """The number of each bag that is left, as it is done, and what came of it."""
+    from stickslip_monitor.commands.check_results import attempt
+    from stickslip_monitor.offline.processes import core_count, run_in_processes
+
+    jobs = args.jobs or core_count()
+    if args.scheduler is not None:
+        from stickslip_monitor.offline.fleet import connected, on_cluster
+
+        numbers = {keys[number]: number for number in left}
+        with connected(args.scheduler) as client:
+            for key, outcome in on_cluster(client, attempt, calls):
+                yield numbers[key], outcome
+    elif jobs == 1:
+        for number in left:
+            yield number, attempt(*calls[keys[number]], meter.show)
+    else:
+        all_ = [calls[keys[number]] for number in left]
+        with contextlib.closing(run_in_processes(attempt, all_, jobs)) as arriving:
+            for place, outcome in arriving:
+                yield left[place], outcome
+
+
+def _as_found(task: Task, bag: Path, outcome: Any) -> Found:
+    from concurrent.futures.process import BrokenProcessPool
+
+    from stickslip_monitor.commands.check_results import failed
+
+    if isinstance(outcome, BrokenProcessPool):
+        return failed(task, bag, 'the process that checked it died (was there enough memory?)')
+    if isinstance(outcome, MemoryError):
+        return failed(task, bag, 'there is not enough memory for it')
+    if isinstance(outcome, StickslipError | OSError):
+        return failed(task, bag, cause(outcome))
+    if isinstance(outcome, BaseException):
+        return failed(task, bag, program_fault(outcome), faulty=True)
+    found: Found = outcome
+    return found
+
+
+class _Kept:
+    """What was found of bags, a line of JSON for each, kept from one run to the next.
+
+    A result is known again by what it depends on: version, configuration, path, and size and time
+    of each file. Bags that could not be checked are tried anew, and a line that was cut off by a
+    loss of power is no result.
+
+    Args:
+        path: The file, which need not be there yet; ``None`` keeps nothing.
+
+    Attributes:
+        documents: What is known already, by key.
+
+    Raises:
+        OutputError: The file cannot be read or written.
+    """
+
+    def __init__(self, path: str | None) -> None:
+        self.documents: dict[str, dict[str, Any]] = {}
+        self._file: IO[str] | None = None
+        if path is None:
+            return
+        try:
+            whole = self._read(path) if Path(path).exists() else True
+            self._file = Path(path).open('a', encoding='utf-8')  # noqa: SIM115, closed by close
+            self._file.write('' if whole else '\n')
+        except (OSError, ValueError) as error:
+            raise OutputError(f"results '{path}' cannot be kept: {error}") from None
+
+    def _read(self, path: str) -> bool:
+        """Take what is there; False where the last line was cut off."""
+        line = b'\n'
+        with open_file(path) as file:
+            for line in file:
+                with contextlib.suppress(ValueError, KeyError, TypeError):
+                    record = json.loads(line)
+                    self.documents[record['key']] = record['found']
+        return line.endswith(b'\n')
+
+    def add(self, key: str, found: Found) -> None:
+        """Keep what was found of a bag."""
+        if self._file is None or found.error is not None or key in self.documents:
+            return
+        self._file.write(json.dumps({'key': key, 'found': found.document}) + '\n')
+        self._file.flush()
+
+    def close(self) -> None:
+        """Nothing more is found."""
+        if self._file is not None:
+            self._file.close()

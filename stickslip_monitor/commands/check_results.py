@@ -1,32 +1,193 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a check found as the documented JSON object; the printed text is made from it too.
+"""What a check finds of one bag: one record, from which JSON, text and report are made.
 
-What a check found as text: a line for each event, so that a day of them is written at once.
+Plain values in and out, so that a bag can be checked in another process or on another machine.
 """
 
 from __future__ import annotations
 
+import pickle
 import textwrap
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from stickslip_monitor.errors import plural
+from stickslip_monitor import __version__
+from stickslip_monitor.bags.reader import Bag
+from stickslip_monitor.errors import CalibrationError, StickslipError, plural
 from stickslip_monitor.files import printable
+from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.ladder import Level
 from stickslip_monitor.monitor.messages import event_records, number
-from stickslip_monitor.offline.check import BearingReport, CheckReport, InputReport
+from stickslip_monitor.offline.archive import Stamp
+from stickslip_monitor.offline.check import BearingReport, CheckReport, InputReport, check_bag
+from stickslip_monitor.offline.follow import scan_whole
 
+if TYPE_CHECKING:
+    from stickslip_monitor.lab.calibration.recordings import Evidence, EvidenceSource
+    from stickslip_monitor.report.recording import RecordingPart
+
+Progress = Callable[[str, int, int | None], None]
 SCHEMA = 'stickslip_monitor/check/1'
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What is wanted of every bag.
+
+    Attributes:
+        config: The configuration.
+        report: The ending of the report, ``None`` for no report.
+        mcap: Where to write the recording of verdicts, if at all.
+        clips: The folder to write clips into, if at all.
+        learn: Who tells when the bearings vibrated, where that is to be learned from.
+    """
+
+    config: MonitorConfig
+    report: str | None = None
+    mcap: str | None = None
+    clips: str | None = None
+    learn: EvidenceSource | None = None
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether the report shows pictures."""
+        return self.report not in (None, '.json')
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What came of one bag: without its samples, which may be many.
+
+    Attributes:
+        document: What ``check --json`` prints of it.
+        part: Its part of the report, where one is wanted.
+        clips: How many clips were written, ``None`` where none were wanted.
+        evidence: What it tells of each bearing, or why it tells nothing, where that is wanted.
+        faulty: Whether it could not be checked by a fault of the program.
+    """
+
+    document: dict[str, Any]
+    part: RecordingPart | None = None
+    clips: int | None = None
+    evidence: dict[str, Evidence | str] = field(default_factory=dict)
+    faulty: bool = False
+
+    @property
+    def code(self) -> int:
+        """The exit code of this bag alone."""
+        if self.error is not None:
+            return 3 if self.faulty else 2
+        if self.unjudged:
+            return 2
+        return int(self.warned)
+
+    @property
+    def unjudged(self) -> list[str]:
+        """The bearings of which the recording gave no operating point: silence is not health."""
+        bearings = self.document.get('bearings', {})
+        return [name for name, item in bearings.items() if not item['evaluations']]
+
+    @property
+    def error(self) -> str | None:
+        """Why the bag could not be checked."""
+        return self.document.get('error')
+
+    @property
+    def warned(self) -> bool:
+        """Whether any event raised a warning or an alarm, or an input has a wrong source."""
+        bearings = self.document.get('bearings', {}).values()
+        return any(
+            any(event['level'] != 'OK' for event in item['events'])
+            or any(each['source_faults'] for each in item['inputs'].values())
+            for item in bearings
+        )
+
+
+def attempt(task: Task, bag: Path, progress: Progress | None = None) -> Found:
+    """Check one bag; why it cannot be checked is told by the result.
+
+    Args:
+        task: What is wanted.
+        bag: The bag.
+        progress: Called with what is being done, and how much of how much of it is done.
+    """
+    show = progress or (lambda text, done, total: None)
+    try:
+        checked = check_bag(
+            bag,
+            task.config,
+            lambda done, total: show(str(bag), done, total),
+            outlined=task.is_drawn,
+        )
+        return _found(task, checked, show)
+    except StickslipError as error:
+        return failed(task, bag, str(error))
+
+
+def _found(task: Task, checked: CheckReport, show: Progress) -> Found:
+    document, part, clips = to_json(checked), None, None
+    if task.mcap is not None:
+        from stickslip_monitor.offline.verdicts import write_verdicts
+
+        told = lambda n: show(f'{n} messages written', n, None)  # noqa: E731
+        write_verdicts(checked, task.config, task.mcap, told)
+    if task.clips is not None:
+        from stickslip_monitor.offline.clips import ClipFolder, write_clips
+
+        store = ClipFolder(replace(task.config.clips, directory=task.clips))
+        clips = write_clips(checked, task.config, store)
+    if task.is_drawn:
+        from stickslip_monitor.report.recording import recording_part
+
+        part = recording_part(document, checked, task.config, with_pages=task.report == '.html')
+    return Found(document, part, clips, _evidence(task, checked))
+
+
+def failed(task: Task, bag: Path, text: str, *, faulty: bool = False) -> Found:
+    """What came of a bag that could not be checked."""
+    document, part = {'schema': SCHEMA, 'path': str(bag), 'error': text}, None
+    if task.is_drawn:
+        from stickslip_monitor.report.recording import missing_part
+
+        part = missing_part(document)
+    return Found(document, part, faulty=faulty)
+
+
+def _evidence(task: Task, checked: CheckReport) -> dict[str, Evidence | str]:
+    found: dict[str, Evidence | str] = {}
+    if task.learn is None:
+        return found
+    whole = scan_whole(checked.bag.path, task.config)
+    for config in task.config.bearings:
+        try:
+            found[config.name] = task.learn.of_recording(whole, config)
+        except CalibrationError as error:
+            found[config.name] = str(error)
+    return found
+
+
+def key_of(task: Task, bag: Path, stamp: Stamp) -> str:
+    """A name for checking a bag, as it is now, in this way: equal names, equal results."""
+    content = pickle.dumps((__version__, task, str(bag), stamp))
+    return f'check-{sha256(content).hexdigest()[:32]}'
 
 
 def to_json(report: CheckReport) -> dict[str, Any]:
     """The report as a JSON object."""
-    bag = report.bag
-    start, end = bag.start_ns, bag.end_ns
     return {
         'schema': SCHEMA,
+        **bag_record(report.bag),
+        'bearings': {name: _bearing_record(item) for name, item in report.bearings.items()},
+    }
+
+
+def bag_record(bag: Bag) -> dict[str, Any]:
+    """What a recording holds, whatever it is checked for."""
+    start, end = bag.start_ns, bag.end_ns
+    return {
         'path': str(bag.path),
         'start': start,
         'end': end,
@@ -41,13 +202,7 @@ def to_json(report: CheckReport) -> dict[str, Any]:
             for cut in bag.cuts
         ],
         'warnings': list(bag.warnings),
-        'bearings': {name: _bearing_record(item) for name, item in report.bearings.items()},
     }
-
-
-def error_json(path: Path, text: str) -> dict[str, Any]:
-    """What stands in the place of a bag that could not be checked."""
-    return {'schema': SCHEMA, 'path': str(path), 'error': text}
 
 
 def _bearing_record(item: BearingReport) -> dict[str, Any]:

@@ -23,9 +23,10 @@ from rich.progress import Progress
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.commands.arguments import parse_load, parse_speed, the_bearing
-from stickslip_monitor.commands.output import add_force, check_outputs, console
+from stickslip_monitor.commands.declared import TABLE, add_config, add_force, check_output
+from stickslip_monitor.commands.output import console
 from stickslip_monitor.drawing.amplitudes import AmplitudePicture, draw_amplitudes
-from stickslip_monitor.drawing.canvas import MARKS, save_figure, write_csv
+from stickslip_monitor.drawing.canvas import save_figure, write_csv
 from stickslip_monitor.drawing.findings_curves import (
     FrictionPicture,
     MotionPicture,
@@ -33,6 +34,7 @@ from stickslip_monitor.drawing.findings_curves import (
     draw_motion,
 )
 from stickslip_monitor.errors import ConfigurationError, DrawingError
+from stickslip_monitor.files import PICTURES
 from stickslip_monitor.lab.findings.published import (
     REFERENCE,
     REFERENCE_LOAD,
@@ -89,10 +91,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--output', '-o', default='figures', metavar='DIR',
         help='folder to write to, made if there is none (default: figures)',
     )  # fmt: skip
-    parser.add_argument(
-        '--config', '-c', metavar='FILE',
-        help='ROS 2 parameter file (default: the reference bearing of the docs)',
-    )  # fmt: skip
+    text = 'ROS 2 parameter file (default: the reference bearing of the docs)'
+    add_config(parser, required=False, text=text)
     parser.add_argument('--bearing', help='which bearing, where several are configured')
     parser.add_argument('--speed', default=f'{REFERENCE_RPM:g}rpm', help='default 20rpm')
     parser.add_argument('--load', default=f'{REFERENCE_LOAD:g}N', help='default 1000N')
@@ -105,9 +105,9 @@ def run(args: argparse.Namespace) -> int:
     point = _the_point(args)
     check_point(point.bearing, point.speed, point.load)
     folder = _made(Path(args.output))
-    marks = {'csv': None, args.format: MARKS[f'.{args.format}']}
-    outputs = [(folder / f'{name}.{kind}', marks[kind]) for name in FINDINGS for kind in marks]
-    check_outputs(outputs, [args.config], args.force)
+    for name in FINDINGS:
+        check_output(folder / f'{name}.csv', TABLE, args)
+        check_output(folder / f'{name}.{args.format}', PICTURES, args)
     out = console()
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task('findings', total=len(FINDINGS))

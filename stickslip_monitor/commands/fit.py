@@ -17,16 +17,18 @@ from typing import Any
 import numpy as np
 
 from stickslip_monitor.commands.arguments import parse_load, parse_speed
-from stickslip_monitor.commands.fit_results import FRAGMENT_MARK, fragment, print_fit, to_json
-from stickslip_monitor.commands.output import (
+from stickslip_monitor.commands.declared import (
+    TABLE,
+    add_config,
     add_force,
-    add_json,
-    check_outputs,
-    console,
-    print_json,
+    add_input,
+    add_output,
+    add_picture,
     say_written,
 )
-from stickslip_monitor.drawing.canvas import MARKS, checked_suffix, save_figure, write_csv
+from stickslip_monitor.commands.fit_results import FRAGMENT_MARK, fragment, print_fit, to_json
+from stickslip_monitor.commands.output import add_json, console, print_json
+from stickslip_monitor.drawing.canvas import save_figure, write_csv
 from stickslip_monitor.drawing.friction_fit import Boundary, FrictionFitPicture, draw_friction_fit
 from stickslip_monitor.errors import ConfigurationError, plural
 from stickslip_monitor.files import write_whole
@@ -46,7 +48,7 @@ _BEYOND = 1.05
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument('curve', metavar='CURVE.csv', help='the measured curve')
+    add_input(parser, 'curve', metavar='CURVE.csv', help='the measured curve')
     for name in ('speed', 'coefficient', 'std', 'weight'):
         parser.add_argument(f'--{name}-column', metavar='HEADING', help=f'column of the {name}')
     parser.add_argument(
@@ -60,15 +62,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='whether the law has a viscous slope (default: where the F-test at 1 %% wants it)',
     )  # fmt: skip
     _add_bearing(parser)
-    parser.add_argument('--output', '-o', metavar='FILE', help='.png or .svg: the picture; .csv')
-    parser.add_argument('--fragment', metavar='FILE', help='write the configuration fragment')
+    text = '.csv: the points with what the fit says of each'
+    add_output(parser, '--output', '-o', marks=TABLE, help=text)
+    add_picture(parser, 'the points and the law')
+    yaml = {'': FRAGMENT_MARK.encode()}
+    add_output(parser, '--fragment', marks=yaml, help='write the configuration fragment')
     add_force(parser)
     add_json(parser)
 
 
 def _add_bearing(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('spread of the boundaries')
-    group.add_argument('--config', '-c', metavar='FILE', help='ROS 2 parameter file')
+    add_config(group, required=False)
     group.add_argument('--bearing', help='only this bearing')
     group.add_argument('--load', help='bearing load with unit, e.g. 1000N')
     group.add_argument('--speed', help='shaft speed with unit for the margins, e.g. 35rpm')
@@ -90,15 +95,14 @@ def run(args: argparse.Namespace) -> int:
     if args.fragment:
         _write(args.fragment, fragment(args.curve, fit), args.force)
     if args.output:
+        write_csv(point_columns(fit), args.output, args.force)
+    if args.picture:
         _draw(args, fit, spreads)
-    say_written(args.fragment, args.output)
+    say_written(args.fragment, args.output, args.picture)
     return int(bool(fit.warnings))
 
 
 def _check(args: argparse.Namespace) -> None:
-    mark = MARKS.get(checked_suffix(args.output)) if args.output else None
-    outputs = [(args.output, mark), (args.fragment, FRAGMENT_MARK.encode())]
-    check_outputs(outputs, [args.curve, args.config], args.force)
     if bool(args.config) != bool(args.load):
         given, missing = ('--config', '--load') if args.config else ('--load', '--config')
         raise ConfigurationError(f'{given} needs {missing}: the boundaries follow from both')
@@ -150,9 +154,6 @@ def _draw(
     spreads: list[tuple[BearingConfig, BoundarySpread]],
 ) -> None:
     curve = fit.curve
-    if checked_suffix(args.output) == '.csv':
-        write_csv(point_columns(fit), args.output, args.force)
-        return
     speed = np.linspace(0.0, _BEYOND * float(curve.speed.max()), _CURVE_POINTS)
     varied = float(np.ptp(curve.std)) > 0.0
     picture = FrictionFitPicture(
@@ -168,7 +169,7 @@ def _draw(
         boundaries=_marks(spreads[0][1]) if len(spreads) == 1 else (),
         footnote=_footnote(args, fit, spreads),
     )
-    save_figure(draw_friction_fit(picture), args.output, args.force)
+    save_figure(draw_friction_fit(picture), args.picture, args.force)
 
 
 def point_columns(fit: StribeckFit) -> dict[str, Any]:

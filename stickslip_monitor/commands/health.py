@@ -10,14 +10,14 @@ from __future__ import annotations
 import argparse
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from stickslip_monitor.errors import ConfigurationError, RosError
 from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.config_file import NODE_NAME
+from stickslip_monitor.monitor.health import NOT_MONITORING
 from stickslip_monitor.monitor.ladder import Level
-from stickslip_monitor.monitor.messages import NOT_MONITORING
 
 _LONGEST = 600.0
 
@@ -79,10 +79,8 @@ class _Heard:
         """The name of another monitor whose diagnostics come."""
         self.others.add(node)
 
-    def take_status(
-        self, bearing: str, time_ns: int, text: str, values: Mapping[str, str]
-    ) -> None:
-        """The diagnostic status of a bearing."""
+    def take_record(self, record: dict[str, Any], /) -> None:
+        """The record of a bearing."""
 
     def take_alarms(self, document: Any, /) -> None:
         """The list of alarms."""

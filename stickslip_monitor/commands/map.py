@@ -11,14 +11,14 @@ from __future__ import annotations
 import argparse
 
 from stickslip_monitor.commands.arguments import (
-    add_output,
+    add_drawing,
     parse_load,
     parse_range,
     speed_range,
     the_bearing,
 )
-from stickslip_monitor.commands.output import check_outputs, say_written
-from stickslip_monitor.drawing.canvas import MARKS, checked_suffix, save_figure, write_csv
+from stickslip_monitor.commands.declared import add_input, say_written
+from stickslip_monitor.drawing.canvas import save_figure, write_csv
 from stickslip_monitor.drawing.map import draw_map, map_ranges
 from stickslip_monitor.drawing.map_curves import boundaries, map_columns
 from stickslip_monitor.drawing.track import Track, track_of_scan
@@ -29,26 +29,24 @@ from stickslip_monitor.monitor.config_file import load_config
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_output(parser)
+    add_drawing(parser)
     parser.add_argument('--speeds', metavar='A:B', help='shaft speeds, e.g. 0rpm:60rpm')
     parser.add_argument('--loads', metavar='A:B', help='bearing loads, e.g. 0N:2kN')
-    parser.add_argument('--track', metavar='BAG', help='draw the operating points of this bag')
+    add_input(parser, '--track', metavar='BAG', help='draw the operating points of this bag')
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    suffix = checked_suffix(args.output)
-    if suffix == '.csv' and args.track:
+    is_table = args.output.lower().endswith('.csv')
+    if is_table and args.track:
         raise ConfigurationError(
             f"track '{args.track}' is for pictures: write a .png or .svg, not '{args.output}'"
         )
-    outputs = [(args.output, MARKS.get(suffix))]
-    check_outputs(outputs, [args.config, args.track], args.force)
     config = load_config(args.config)
     own = the_bearing(config, args.bearing)
     speeds = speed_range(args.speeds, own)
     loads = parse_range(args.loads, 'loads', lambda part: parse_load(part, 'loads'))
-    if suffix == '.csv':
+    if is_table:
         speeds, loads = map_ranges(own.bearing, speeds, loads)
         curves = boundaries(own.bearing, speeds, loads, own.alarm.caution_margin)
         write_csv(map_columns(own.bearing, curves), args.output, args.force)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Output that commands share: tables, JSON without infinities, files, and progress."""
+"""Output that commands share: tables, JSON without infinities, and progress."""
 
 from __future__ import annotations
 
@@ -8,13 +8,10 @@ import json
 import shutil
 import sys
 import time
-from collections.abc import Iterable
-from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from stickslip_monitor.errors import OutputError
-from stickslip_monitor.files import check_replaceable, is_same, printable
+from stickslip_monitor.files import printable
 
 # Shorter work shows no bar, and does not import one [s].
 _PATIENCE = 0.5
@@ -83,23 +80,9 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 
-def add_config(parser: argparse.ArgumentParser, required: bool = True) -> None:
-    """Add ``--config``."""
-    parser.add_argument(
-        '--config', '-c', required=required, metavar='FILE', help='ROS 2 parameter file'
-    )
-
-
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add ``--json``."""
     parser.add_argument('--json', action='store_true', help='print JSON, SI units, null for none')
-
-
-def add_force(parser: argparse.ArgumentParser) -> None:
-    """Add ``--force``."""
-    parser.add_argument(
-        '--force', action='store_true', help='replace files that stickslip did not write'
-    )
 
 
 def json_text(document: Any) -> str:
@@ -110,53 +93,6 @@ def json_text(document: Any) -> str:
 def print_json(document: Any) -> None:
     """Print one JSON document."""
     sys.stdout.write(json_text(document))
-
-
-def check_outputs(
-    outputs: Iterable[tuple[str | Path | None, bytes | None]],
-    inputs: Iterable[str | Path | None],
-    force: bool,
-) -> None:
-    """Refuse outputs that would destroy something, before any work is done.
-
-    Args:
-        outputs: The files to write, None for none, each with what the beginning of one of ours
-            contains; None where only the contents can tell.
-        inputs: What is read: files, and folders of recordings; None for none.
-        force: Whether files of others are replaced; an input never is.
-
-    Raises:
-        OutputError: An output is an input by any name, or another output, or is there already
-            and not ours.
-    """
-    read = [file for path in inputs if path for file in _files_of(Path(path))]
-    written: list[str | Path] = []
-    for output, mark in outputs:
-        if output is None:
-            continue
-        for file in read:
-            if is_same(output, file):
-                raise OutputError(f"output '{output}' is the input '{file}': choose another name")
-        for other in written:
-            if is_same(output, other):
-                raise OutputError(f"outputs '{other}' and '{output}' are one file: choose two")
-        check_replaceable(output, mark, force)
-        written.append(output)
-
-
-def _files_of(path: Path) -> list[Path]:
-    """What an input consists of: itself, and the files in it if it is a folder."""
-    try:
-        return [path, *path.iterdir()] if path.is_dir() else [path]
-    except OSError:
-        return [path]
-
-
-def say_written(*paths: str | Path | None) -> None:
-    """Say on the error stream which files were written; None is none."""
-    for path in paths:
-        if path is not None:
-            sys.stderr.write(f'{printable(str(path))} written\n')
 
 
 def line_width() -> int | None:

@@ -25,15 +25,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from stickslip_monitor.commands.output import (
+from stickslip_monitor.commands.declared import (
     add_config,
     add_force,
-    add_json,
-    check_outputs,
-    console,
-    print_json,
+    add_input,
+    add_picture,
     say_written,
 )
+from stickslip_monitor.commands.output import add_json, console, print_json
 from stickslip_monitor.commands.score_scenes import is_scene, run_scenes
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.lab.recorder_clock import scan_on_recorder_clock
@@ -45,9 +44,9 @@ from stickslip_monitor.lab.score import (
     in_total,
     score_bearing,
 )
+from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.offline.follow import WholeBag, scan_whole
 from stickslip_monitor.offline.truth import TruthRecord, has_truth, read_truth
 
@@ -56,7 +55,8 @@ SCHEMA = 'stickslip_monitor/score/1'
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument(
+    add_input(
+        parser,
         'bags',
         nargs='+',
         metavar='BAG',
@@ -64,11 +64,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_config(parser, required=False)
     parser.add_argument('--bearing', help='only this bearing')
-    parser.add_argument(
-        '--picture',
-        metavar='FILE',
-        help='.png or .svg: speed, load, margins, amplitude, truth and warnings of one bearing'
-        ' in one bag over time',
+    add_picture(
+        parser,
+        'speed, load, margins, amplitude, truth and warnings of one bearing in one bag over time',
     )
     parser.add_argument(
         '--seeds', type=int, default=1, metavar='N', help='of scenes: how many seeds of each (1)'
@@ -76,7 +74,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--first-seed', type=int, metavar='S', help="of scenes: the first seed (the scene's own)"
     )
-    parser.add_argument(
+    add_input(
+        parser,
         '--sensors',
         action='append',
         metavar='FILE',
@@ -106,8 +105,6 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigurationError('--config is missing: a bag does not say what bearing it is of')
     if args.sensors or args.seeds > 1 or args.first_seed is not None:
         raise ConfigurationError('--seeds, --first-seed and --sensors are for scenes (.yaml)')
-    if args.picture is not None:
-        _check_picture(args)
     config = load_config(args.config)
     if args.bearing is not None:
         config = MonitorConfig((config.bearing(args.bearing),), config.autostart)
@@ -292,13 +289,6 @@ def _before(lead: float) -> str:
     return f'{lead:.1f} s before' if lead >= 0.0 else f'[red]{-lead:.1f} s late[/]'
 
 
-def _check_picture(args: argparse.Namespace) -> None:
-    from stickslip_monitor.drawing.canvas import MARKS, checked_suffix
-
-    outputs = [(args.picture, MARKS.get(checked_suffix(args.picture)))]
-    check_outputs(outputs, [args.config, *args.bags], args.force)
-
-
 def _draw(path: str, judged: Sequence[Judged], force: bool) -> None:
     if len(judged) != 1:
         names = ', '.join(f'{one.config.name} in {one.path}' for one in judged)
@@ -306,7 +296,8 @@ def _draw(path: str, judged: Sequence[Judged], force: bool) -> None:
             f'--picture shows one bearing in one bag, and here are {names}: give one bag, and'
             ' --bearing where it has several'
         )
-    from stickslip_monitor.drawing.judged_timeline import LiningTruth, draw_score, save_score
+    from stickslip_monitor.drawing.canvas import save_figure
+    from stickslip_monitor.drawing.judged_timeline import LiningTruth, draw_score
 
     (one,) = judged
     record = one.truth
@@ -320,5 +311,5 @@ def _draw(path: str, judged: Sequence[Judged], force: bool) -> None:
         amplitude_ns=record.amplitude.time_ns,
         amplitude=record.amplitude.value,
     )
-    save_score(draw_score(Path(one.path).name, one.config, one.scan, lining), path, force)
+    save_figure(draw_score(Path(one.path).name, one.config, one.scan, lining), path, force)
     say_written(path)

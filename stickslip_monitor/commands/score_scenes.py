@@ -14,7 +14,7 @@ from rich.table import Table
 
 from stickslip_monitor.commands.output import ProgressBar, console, print_json
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.lab.scenes.scene_file import load_scene
+from stickslip_monitor.lab.scenes.scene import load_scene
 from stickslip_monitor.lab.voyages import BELOW_FOLD, BELOW_HOPF, OURS, Call, Voyage, judge_calls
 from stickslip_monitor.lab.warning_quality import Quality, pooled
 from stickslip_monitor.offline.processes import core_count

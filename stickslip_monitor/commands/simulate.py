@@ -12,11 +12,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
-from rich.table import Table
 
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.encode import (
@@ -25,14 +23,11 @@ from stickslip_monitor.bags.encode import (
     encode_stamped,
     encode_string,
 )
-from stickslip_monitor.bags.mcap_file import Payload
+from stickslip_monitor.bags.values import Payload
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.commands.output import console
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.scenes.cost import REST, Stopwatch
-from stickslip_monitor.lab.scenes.scene import Scene
-from stickslip_monitor.lab.scenes.scene_file import load_scene
-from stickslip_monitor.lab.scenes.simulator import simulate
+from stickslip_monitor.lab.scenes.scene import Scene, load_scene, simulate
 from stickslip_monitor.lab.scenes.telemetry import Signal
 from stickslip_monitor.offline.truth import BOOL, FLOAT64, STRING
 
@@ -41,7 +36,6 @@ _ENCODERS: Mapping[str, Callable[[Any], Payload]] = {
     FLOAT64: encode_float64s,
     STRING: lambda values: [encode_string(value) for value in values],
 }
-TELEMETRY = 'telemetry as such'
 # Messages above which it takes seconds.
 _LONG = 200_000
 
@@ -56,7 +50,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='BAG',
         help='the bag to write: a rosbag2 folder, or one file if the name ends in .mcap',
     )
-    parser.add_argument('--cost', action='store_true', help='say what each effect costs in time')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -65,17 +58,13 @@ def run(args: argparse.Namespace) -> int:
     shown = sys.stderr.isatty() and scene.message_count > _LONG
     with Progress(console=Console(stderr=True), transient=True, disable=not shown) as progress:
         task = progress.add_task('simulating', total=scene.duration)
-        stopwatch = Stopwatch() if args.cost else None
         try:
             written = write_bag(
-                scene, args.output, lambda done: progress.update(task, completed=done), stopwatch
+                scene, args.output, lambda done: progress.update(task, completed=done)
             )
         except SceneError as error:
             raise SceneError(f'{args.scene}: {error}') from error
     console().print(escape(_summary(args.output, scene, written)))
-    if stopwatch:
-        samples, messages = scene.message_count, sum(written.values())
-        console().print(_cost_table(stopwatch.spent, samples, messages))
     return 0
 
 
@@ -92,30 +81,10 @@ def _summary(path: str, scene: Scene, written: Mapping[str, int]) -> str:
     )
 
 
-def _cost_table(spent: Mapping[str, float], samples: int, messages: int) -> Table:
-    """The time of each effect, most expensive first; that of writing is for all messages."""
-    table = Table('', 'time', 'share', 'each', 'of', box=box.SIMPLE)
-    for column in table.columns[1:]:
-        column.justify = 'right'
-    total = sum(spent.values())
-    for name, seconds in sorted(spent.items(), key=lambda item: -item[1]):
-        count, what = (messages, 'messages') if name == REST else (samples, 'samples')
-        table.add_row(
-            name,
-            f'{seconds:.3f} s',
-            f'{seconds / total:.1%}',
-            f'{seconds / max(count, 1) * 1e9:.0f} ns',
-            f'{count} {what}',
-        )
-    table.add_row('all', f'{total:.3f} s')
-    return table
-
-
 def write_bag(
     scene: Scene,
     path: str | Path,
     progress: Callable[[float], None] | None = None,
-    stopwatch: Stopwatch | None = None,
 ) -> dict[str, int]:
     """Write a scene's telemetry; the bag appears under its name when it is complete.
 
@@ -123,7 +92,6 @@ def write_bag(
         scene: The scene.
         path: The bag: a rosbag2 folder, or one file if the name ends in ``.mcap``.
         progress: Told the seconds simulated so far after each block.
-        stopwatch: Given the time of each effect, of the telemetry as such, and of writing.
 
     Returns:
         The messages written, by topic.
@@ -132,14 +100,11 @@ def write_bag(
         BagError: The bag exists already or cannot be written.
         SceneError: A speed or load leaves what the telemetry can carry.
     """
-    run = scene.build(stopwatch)
-    blocks = simulate(scene, run=run)
-    if stopwatch:
-        blocks = stopwatch.steps(TELEMETRY, blocks)
+    run = scene.build()
     with BagWriter(path) as writer:
         for channel in scene.channels:
             writer.add_topic(channel.topic, channel.input.type)
-        for block in blocks:
+        for block in simulate(scene, run=run):
             messages = {topic: _encoded(signal) for topic, signal in block.signals.items()}
             for column in block.truth:
                 if block.start == 0.0:
@@ -149,7 +114,7 @@ def write_bag(
             writer.write_merged(messages)
             if progress:
                 progress(block.end)
-        if run.cut:
+        if run.cut is not None:
             writer.break_off()
         return writer.message_counts
 

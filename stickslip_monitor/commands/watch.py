@@ -16,7 +16,7 @@ import signal
 import socket
 import time
 import uuid
-from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -34,7 +34,7 @@ from stickslip_monitor.commands.dashboard import (
     say_address,
     watched,
 )
-from stickslip_monitor.commands.output import add_config
+from stickslip_monitor.commands.declared import add_config
 from stickslip_monitor.errors import ConfigurationError, LinkError
 from stickslip_monitor.links.link_config import SECTION, LinksConfig, build_links, is_loopback
 from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA
@@ -49,7 +49,7 @@ from stickslip_monitor.surface_store import prepare_surfaces
 if TYPE_CHECKING:
     from stickslip_monitor.dashboard.state import DashboardState
     from stickslip_monitor.dashboard.watched import WatchedMonitor
-    from stickslip_monitor.links.live_monitor import Sink
+    from stickslip_monitor.links.live_monitor import Display
     from stickslip_monitor.links.nmea_client import NmeaClient, Take
     from stickslip_monitor.links.signalk_client import SignalKClient
 
@@ -157,7 +157,7 @@ class Feed:
 
     def __init__(self, monitors: Sequence[WatchedMonitor]) -> None:
         self.monitors = monitors
-        self.sinks: list[Sink] = [*monitors]
+        self.sinks: list[Display] = [*monitors]
         self._heard = -SILENT
 
     @property
@@ -165,13 +165,11 @@ class Feed:
         """Whether the monitor is heard."""
         return time.monotonic() - self._heard < SILENT
 
-    def take_status(
-        self, bearing: str, time_ns: int, text: str, values: Mapping[str, str]
-    ) -> None:
-        """The diagnostic status of a bearing has come."""
+    def take_record(self, record: dict[str, Any]) -> None:
+        """The record of a bearing has come."""
         self._heard = time.monotonic()
         for sink in self.sinks:
-            sink.take_status(bearing, time_ns, text, values)
+            sink.take_record(record)
 
     def take_health(self, level: int, text: str) -> None:
         """The status of a node beside has come; only a page shows it."""

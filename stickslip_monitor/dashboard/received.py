@@ -108,6 +108,27 @@ def read_status(time_ns: int, text: str, values: Mapping[str, str]) -> BearingSt
     )
 
 
+def read_record(record: Mapping[str, Any]) -> BearingStatus:
+    """Read the record of a bearing; what is not known is left out."""
+    words = {'regime': 'regime', 'outcome': 'outcome', 'measured': 'measured'}
+    inputs: Mapping[str, Any] = record['inputs']
+    return BearingStatus(
+        record['time'],
+        record['text'],
+        {'reason': record['reason'], 'unmeasured': record['unmeasured']}
+        | {word: record[key] for word, key in words.items() if record[key] is not None},
+        record['sticking'],
+        {name: record[name] for name in NUMBERS if record.get(name) is not None},
+        {
+            name: math.inf if own['age'] is None else own['age']
+            for name, own in inputs.items()
+            if own['lost']
+        },
+        {name: own['counts'] for name, own in inputs.items()},
+        {name: own['fault'] for name, own in inputs.items() if own['fault']},
+    )
+
+
 def _counts(values: Mapping[str, str], quantity: str) -> dict[str, int]:
     found = {
         name: _number(values, f'{quantity} samples {words}') for name, words in STATUSES.items()

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 import math
 import time
 from collections.abc import Iterator
@@ -14,13 +13,13 @@ from typing import Any
 
 from stickslip_monitor.bags.reader import Request, Series, open_bag
 from stickslip_monitor.dashboard.state import DashboardState
+from stickslip_monitor.dashboard.watched import WatchedMonitor
 from stickslip_monitor.errors import BagError, ConfigurationError
-from stickslip_monitor.monitor.alarms.live_alarms import LiveAlarms
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.config import InputConfig, MonitorConfig
-from stickslip_monitor.monitor.config_file import NODE_NAME
-from stickslip_monitor.monitor.messages import diagnostic_record, state_of
-from stickslip_monitor.monitor.monitor import Monitor
+from stickslip_monitor.monitor.input_watch import Graph
+from stickslip_monitor.monitor.messages import BearingState, bearing_record
+from stickslip_monitor.monitor.session import Moment, NoLog, Session, Sink
 from stickslip_monitor.monitor.signals import LEVEL
 from stickslip_monitor.surface_store import prepare_surfaces
 
@@ -36,8 +35,25 @@ class _Sample:
     stamp_ns: int
     place: int
     bearing: str
-    is_load: int
+    input: int
     value: float
+
+
+class _Shown(Sink):
+    """Shows a session on the page."""
+
+    def __init__(self, monitor: WatchedMonitor) -> None:
+        self._monitor = monitor
+
+    def take_alarms(self, record: dict[str, Any]) -> None:
+        """Show the list of alarms."""
+        self._monitor.take_alarms(record)
+
+    def take_states(self, states: list[BearingState], whole: bool) -> None:
+        """Show the state of bearings."""
+        del whole
+        for state in states:
+            self._monitor.take_record(bearing_record(state))
 
 
 class Replay:
@@ -78,20 +94,16 @@ class Replay:
 
     def _begin(self) -> None:
         """Stand before the first sample, with a monitor that knows nothing."""
-        self._monitor = Monitor(self._config)
-        self._alarms = LiveAlarms(
-            self._config,
-            lambda: self._log_ns,
-            self._shown.take_alarms,
-            logging.getLogger(NODE_NAME),
-        )
+        sink = _Shown(self._shown)
+        self._session = Session(self._config, sink, NoLog(), lambda: self._log_ns, None, Graph())
         self._next = 0
         self._log_ns = self._start_ns
         # How far the clock of the samples is from the recorder's, bearing by bearing [ns].
         first = self._samples[0]
-        self._ahead_ns = dict.fromkeys(self._monitor.bearings, first.stamp_ns - first.log_ns)
+        bearings = self._session.monitor.bearings
+        self._ahead_ns = dict.fromkeys(bearings, first.stamp_ns - first.log_ns)
         self._go_from(self._start_ns)
-        self._alarms.begin()
+        self._session.begin()
 
     def _go_from(self, log_ns: int) -> None:
         """Count the time of the recording from here."""
@@ -104,7 +116,7 @@ class Replay:
 
     def act(self, request: ActionRequest) -> None:
         """Do what a person asks for."""
-        self._alarms.act(request.action, request.by, request.bearing, request.kind, request.reason)
+        self._session.act(request)
 
     def hold(self, paused: bool) -> None:
         """Stand still, or go on."""
@@ -169,24 +181,23 @@ class Replay:
     def _pass_time(self, log_ns: int) -> None:
         """Let the recorder's time pass without a sample."""
         self._log_ns = max(self._log_ns, log_ns)
-        for name, bearing in self._monitor.bearings.items():
-            self._alarms.feed_events(bearing.advance(self._time_ns(name)))
-        self._alarms.advance(self._log_ns - self._start_ns)
+        now = self._now()
+        for name, ahead_ns in self._ahead_ns.items():
+            self._session.pass_time(name, self._log_ns + ahead_ns, now)
+        self._session.tick(now, self._log_ns - self._start_ns)
 
-    def _time_ns(self, bearing: str) -> int:
-        return self._log_ns + self._ahead_ns[bearing]
+    def _now(self) -> Moment:
+        """Now is where the recording is."""
+        return Moment(self._log_ns, self._log_ns)
 
     def _take(self, sample: _Sample) -> None:
-        name, is_load, time_ns = sample.bearing, sample.is_load, sample.stamp_ns
-        update = self._monitor.bearings[name].update(is_load, time_ns, sample.value)
-        if update.status.believed and is_load != LEVEL:
+        name, place, time_ns = sample.bearing, sample.input, sample.stamp_ns
+        update = self._session.take(name, place, time_ns, sample.value, self._now())
+        if update.status.believed and place != LEVEL:
             self._ahead_ns[name] = time_ns - sample.log_ns
-        self._alarms.feed(name, is_load, time_ns, update)
 
     def _show(self) -> None:
-        for name, bearing in self._monitor.bearings.items():
-            record = diagnostic_record(NODE_NAME, state_of(bearing))
-            self._shown.take_status(name, self._time_ns(name), record.message, record.values)
+        self._session.show(self._now())
         self._board.play(self._place())
 
     def _place(self) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from stickslip_monitor.dashboard.received import (
     checked_alarms,
     log_entries,
     offered,
+    read_record,
     read_status,
     status_record,
 )
@@ -271,6 +272,18 @@ class WatchedMonitor:
             return
         self._heard_at = self._clock()
         own.take(read_status(time_ns, self._full(bearing, text), values), self._heard_at)
+        assert own.record is not None
+        self.told('status', {'bearing': own.key, **own.record}, own.key)
+
+    def take_record(self, record: dict[str, Any]) -> None:
+        """The record of a bearing has come, see :func:`.messages.bearing_record`."""
+        own = self.bearings.get(record['bearing'])
+        if own is None:
+            self._remember(self._foreign, self.key(record['bearing']))
+            return
+        self._heard_at = self._clock()
+        text = self._full(record['bearing'], record['text'])
+        own.take(read_record(record | {'text': text}), self._heard_at)
         assert own.record is not None
         self.told('status', {'bearing': own.key, **own.record}, own.key)
 

@@ -24,18 +24,12 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.drawing.palette import INK, MUTED, ON_DARK, PAPER
 from stickslip_monitor.errors import DrawingError
-from stickslip_monitor.files import write_whole
+from stickslip_monitor.files import PICTURES, write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SUFFIXES = ('.png', '.svg', '.csv')
 SOFTWARE = 'stickslip_monitor'
-MARKS = {
-    '.png': b'Software\0stickslip_monitor',
-    '.svg': b'<dc:title>stickslip_monitor</dc:title>',
-}
-"""By what a picture of ours is known when it is to be replaced."""
 WIDTH, HEIGHT = 9.0, 5.6
 _DPI = 200
 _STYLE = {
@@ -92,21 +86,6 @@ def new_figure(width: float = WIDTH, height: float = HEIGHT) -> Figure:
     return figure
 
 
-def checked_suffix(path: str | Path) -> str:
-    """The suffix of an output path, in lower case.
-
-    Raises:
-        DrawingError: It is none of those that can be written.
-    """
-    suffix = Path(path).suffix.lower()
-    if suffix not in SUFFIXES:
-        raise DrawingError(
-            f"output file '{path}' must end in one of {', '.join(SUFFIXES)}: the ending chooses"
-            ' the format'
-        )
-    return suffix
-
-
 def save_figure(figure: Figure, path: str | Path, force: bool = False) -> None:
     """Write a figure as PNG or SVG, by the path's suffix; the same figure gives the same bytes.
 
@@ -119,13 +98,18 @@ def save_figure(figure: Figure, path: str | Path, force: bool = False) -> None:
         DrawingError: The suffix is unknown or the file cannot be written.
         OutputError: A file that is not ours is there.
     """
-    suffix = checked_suffix(path)
+    suffix = Path(path).suffix.lower()
+    mark = PICTURES.get(suffix)
+    if mark is None:
+        raise DrawingError(
+            f"picture '{path}' must end in {' or '.join(PICTURES)}: the ending chooses the format"
+        )
     named = {'Date': None, 'Creator': SOFTWARE} if suffix == '.svg' else {'Software': SOFTWARE}
     file = io.BytesIO()
     with style():
         figure.savefig(file, format=suffix[1:], dpi=_DPI, metadata=named)
     with _writing(path):
-        write_whole(path, file.getvalue(), MARKS[suffix], force)
+        write_whole(path, file.getvalue(), mark, force)
 
 
 def write_csv(columns: Mapping[str, Iterable[Any]], path: str | Path, force: bool = False) -> None:

@@ -4,13 +4,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IntArray
-from stickslip_monitor.drawing.canvas import checked_suffix, new_figure, save_figure, style
+from stickslip_monitor.drawing.canvas import new_figure, style
 from stickslip_monitor.drawing.palette import (
     CONDITION_COLOUR,
     CONDITION_NAMES,
@@ -22,11 +21,10 @@ from stickslip_monitor.drawing.palette import (
     REGIME_COLOUR,
 )
 from stickslip_monitor.drawing.track import envelope
-from stickslip_monitor.errors import DrawingError
 from stickslip_monitor.monitor.assessment import Regime
+from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Condition
-from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.offline.intervals import condition_intervals
 
 if TYPE_CHECKING:
@@ -119,19 +117,6 @@ def draw_score(name: str, config: BearingConfig, scan: Scan, lining: LiningTruth
         figure.align_ylabels(axes)
         figure.subplots_adjust(left=0.105, right=0.79, top=0.96, bottom=0.06)
     return figure
-
-
-def save_score(figure: Figure, path: str | Path, force: bool = False) -> None:
-    """Write the picture as PNG or SVG.
-
-    Raises:
-        DrawingError: The ending is another, or the file cannot be written.
-    """
-    if checked_suffix(path) == '.csv':
-        raise DrawingError(
-            f"output file '{path}' must end in .png or .svg: there is no table of it"
-        )
-    save_figure(figure, path, force)
 
 
 def _shade(axes: Axes, clock: _Clock, lining: LiningTruth) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from stickslip_monitor.errors import StickslipError
@@ -82,10 +82,8 @@ class NmeaClient:
         """Keep the ports open until cancelled."""
         await asyncio.gather(*(port.run() for port in self._ports))
 
-    def take_status(
-        self, bearing: str, time_ns: int, text: str, values: Mapping[str, str]
-    ) -> None:
-        """A status has no sentence."""
+    def take_record(self, record: dict[str, Any]) -> None:
+        """The state of a bearing has no sentence."""
 
     def take_alarms(self, record: dict[str, Any]) -> None:
         """Send what has changed at once."""

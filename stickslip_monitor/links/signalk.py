@@ -173,12 +173,12 @@ def _number(value: object) -> float:
 
 
 VALUES = {
-    'foldMargin': ('fold margin', 'ratio', 'Margin to the fold; negative inside.'),
-    'hopfMargin': ('hopf margin', 'ratio', 'Margin to the Hopf boundary; negative inside.'),
-    'stickSlipAmplitude': ('amplitude [m]', 'm', 'Predicted amplitude of stick-slip.'),
-    'load': ('load [N]', 'N', 'Load of the bearing.'),
+    'foldMargin': ('fold_margin', 'ratio', 'Margin to the fold; negative inside.'),
+    'hopfMargin': ('hopf_margin', 'ratio', 'Margin to the Hopf boundary; negative inside.'),
+    'stickSlipAmplitude': ('amplitude_exact', 'm', 'Predicted amplitude of stick-slip.'),
+    'load': ('load', 'N', 'Load of the bearing.'),
 }
-"""Of each value its key in the diagnostics, its unit, and what it is."""
+"""Of each value its name in the record of a bearing, its unit, and what it is."""
 REGIME = 'regime'
 MONITOR = 'monitor'
 
@@ -197,14 +197,13 @@ class SignalKValues:
     def _names(self, bearing: str) -> list[str]:
         return [name for name in VALUES if name != 'load' or bearing in self._own_load]
 
-    def values(self, bearing: str, status: Mapping[str, str] | None) -> Update:
-        """The values of a bearing; null where its inputs are lost, or with no status at all."""
-        known = status is not None and REGIME in status and status.get('reason') != 'input_stale'
-        numbers: dict[str, float | str | None] = {
-            name: _diagnostic(name, status or {}) if known else None
-            for name in self._names(bearing)
-        }
-        numbers[REGIME] = status[REGIME] if known and status else None
+    def values(self, bearing: str, record: Mapping[str, Any] | None) -> Update:
+        """The values of a bearing; null where its inputs are lost, or with no record at all."""
+        known = record if record is not None and record['reason'] != 'input_stale' else {}
+        numbers = {name: known.get(VALUES[name][0]) for name in self._names(bearing)}
+        numbers[REGIME] = known.get(REGIME)
+        if numbers[REGIME] is not None and numbers['stickSlipAmplitude'] is None:
+            numbers['stickSlipAmplitude'] = 0.0
         at = f'{self._prefix}.{camel(bearing)}'
         values = [{'path': f'{at}.{name}', 'value': value} for name, value in numbers.items()]
         return {'$source': SOURCE, 'values': values}
@@ -223,16 +222,6 @@ class SignalKValues:
                 if name in self._names(bearing)
             ],
         }
-
-
-def _diagnostic(name: str, status: Mapping[str, str]) -> float | None:
-    try:
-        value = float(status.get(VALUES[name][0], 'nan'))
-    except ValueError:
-        return None
-    if math.isfinite(value):
-        return value
-    return 0.0 if name == 'stickSlipAmplitude' else None
 
 
 @dataclass(slots=True)

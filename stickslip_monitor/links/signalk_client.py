@@ -9,7 +9,7 @@ import random
 import ssl
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
 from urllib.parse import urlsplit
@@ -99,7 +99,7 @@ class SignalKClient:
         self._ssl = ssl_context(link.ca_file)
         self._values = SignalKValues(link.prefix, own_load)
         self._alarms = Notifications(bearings, link.prefix, f'{time.time_ns() // 10**6:x}')
-        self._status: dict[str, Mapping[str, str]] = {}
+        self._records: dict[str, dict[str, Any]] = {}
         self._outbox: deque[Update] = deque(maxlen=_OUTBOX)
         self._wake = asyncio.Event()
         self._socket: aiohttp.ClientWebSocketResponse | None = None
@@ -251,11 +251,9 @@ class SignalKClient:
             except StickslipError as error:
                 self._log.error(f'Signal K: {request.action} refused: {error}')
 
-    def take_status(
-        self, bearing: str, time_ns: int, text: str, values: Mapping[str, str]
-    ) -> None:
+    def take_record(self, record: dict[str, Any]) -> None:
         """Remember the newest; it is sent once a second."""
-        self._status[bearing] = values
+        self._records[record['bearing']] = record
 
     def take_alarms(self, record: dict[str, Any]) -> None:
         """Send what has changed at once."""
@@ -270,7 +268,7 @@ class SignalKClient:
         self._send(self._alarms.take_monitor('' if there else 'The monitor is not heard.'))
         if there and now - self._sent_values >= _VALUES_EVERY:
             self._sent_values = now
-            self._outbox += [self._values.values(n, self._status.get(n)) for n in self._bearings]
+            self._outbox += [self._values.values(n, self._records.get(n)) for n in self._bearings]
             self._wake.set()
         if now - self._repeated >= REPEAT:
             self._repeat(now)

@@ -37,12 +37,15 @@ class InputFacts:
         type: The message type that is configured.
         timeout: Its timeout [s].
         lost: Whether it counts as lost, or has not come yet.
-        publishers: Who publishes on the topic.
+        publishers: Who publishes on the topic; ``None`` where nobody can know.
         heard: Whether believed samples come.
         refused: Why the latest samples were refused; ``None`` where some were believed.
+        share: The share of the samples of the last while that were refused.
+        reason: Why most of these were; ``None`` where none was.
         without_clock: Whether time follows ``/clock``, which has said nothing yet.
         behind: How far its stamps are behind the other input's [s].
         other: The other input's topic.
+        stuck: Whether its value has not changed for minutes, which only a level may not.
         source: What its samples tell of their source; see :mod:`.source_faults`.
     """
 
@@ -50,13 +53,20 @@ class InputFacts:
     type: str
     timeout: float
     lost: bool
-    publishers: Sequence[Publisher] = ()
+    publishers: Sequence[Publisher] | None = ()
     heard: bool = False
     refused: Status | None = None
+    share: float = 0.0
+    reason: Status | None = None
     without_clock: bool = False
     behind: float = 0.0
     other: str = ''
+    stuck: bool = False
     source: str = ''
+
+
+MOSTLY = 1.0 / 3.0
+"""From this share of refused samples on it is told."""
 
 
 def input_fault(facts: InputFacts) -> str:
@@ -70,20 +80,36 @@ def input_fault(facts: InputFacts) -> str:
             f'Stamps on {facts.topic} are {facts.behind:.3g} s behind those on {facts.other},'
             f" which is more than the timeout of {facts.timeout:g} s: the senders' clocks differ."
         )
-    if facts.lost and not facts.heard:
-        return f'{facts.publishers[0].node} publishes on {facts.topic}, but nothing arrives.'
-    if len(facts.publishers) > 1:
-        names = ', '.join(sorted({publisher.node for publisher in facts.publishers}))
+    if facts.share >= MOSTLY and facts.reason is not None:
         return (
-            f'{len(facts.publishers)} publishers send on {facts.topic} ({names}):'
-            ' their values are mixed.'
+            f'{facts.share:.0%} of the samples on {facts.topic} are refused, most because:'
+            f' {STATUS_SENTENCES[facts.reason]}.'
         )
+    if facts.lost and not facts.heard:
+        return _silence(facts)
+    if facts.stuck:
+        return f'The level on {facts.topic} never changes: its sensor is stuck.'
+    if len(facts.publishers or ()) > 1:
+        return _mixed(facts.publishers or (), facts.topic)
     return f'On {facts.topic}, {facts.source}.' if facts.source else ''
+
+
+def _silence(facts: InputFacts) -> str:
+    if not facts.publishers:
+        return f'Nothing arrives of {facts.topic}.'
+    return f'{facts.publishers[0].node} publishes on {facts.topic}, but nothing arrives.'
+
+
+def _mixed(publishers: Sequence[Publisher], topic: str) -> str:
+    names = ', '.join(sorted({publisher.node for publisher in publishers}))
+    return f'{len(publishers)} publishers send on {topic} ({names}): their values are mixed.'
 
 
 def _sender_fault(facts: InputFacts) -> str:
     """Why nothing believable can come from those who publish on the topic."""
     topic = facts.topic
+    if facts.publishers is None:
+        return _all_refused(facts)
     if not facts.publishers:
         return f'Nobody publishes on {topic}.'
     right = [publisher for publisher in facts.publishers if publisher.type == facts.type]
@@ -95,9 +121,13 @@ def _sender_fault(facts: InputFacts) -> str:
             f'The quality of service of {right[0].node} on {topic} does not match:'
             f' {right[0].qos_fault}.'
         )
-    if facts.refused is not None:
-        return f'Every sample on {topic} is refused: {STATUS_SENTENCES[facts.refused]}.'
-    return ''
+    return _all_refused(facts)
+
+
+def _all_refused(facts: InputFacts) -> str:
+    if facts.refused is None:
+        return ''
+    return f'Every sample on {facts.topic} is refused: {STATUS_SENTENCES[facts.refused]}.'
 
 
 @dataclass(slots=True)

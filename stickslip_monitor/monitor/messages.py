@@ -15,18 +15,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.errors import plural
 from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, Assessments, joined
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.decision import Standing
+from stickslip_monitor.monitor.health import NOT_MONITORING, DiagnosticRecord
+from stickslip_monitor.monitor.input_watch import InputState
 from stickslip_monitor.monitor.ladder import Condition, Level
-from stickslip_monitor.monitor.measured import Measured, Unknown
+from stickslip_monitor.monitor.level import Measured, Unknown
 from stickslip_monitor.monitor.monitor import BearingMonitor
-from stickslip_monitor.monitor.signals import QUANTITIES, Status
-from stickslip_monitor.monitor.trend import Trend
-from stickslip_monitor.monitor.verdict import Event
+from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES, Input, Status
+from stickslip_monitor.monitor.verdict import Event, Standing
 
 WARNING_SCHEMA = 'stickslip_monitor/warning/1'
+BEARINGS_SCHEMA = 'stickslip_monitor/bearings/1'
 _POINT_FIELDS = (
     'speed',
     'load',
@@ -167,9 +167,6 @@ def event_json(event: Event) -> str:
 
 
 WAITING = 'Waiting for the first speed and load.'
-NOT_MONITORING = 'Not monitoring: the node is not active.'
-NODE_STATUS = 'the node'
-"""Stands for the bearing in the name of the node's own status."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,9 +195,9 @@ class BearingState:
         assessment: The last assessment, of scalars; ``None`` before the first.
         standing: What the alarm rests on.
         lost: The inputs that are lost, with their ages [s].
-        trend: When that prediction changes at the present rate; ``None`` if unknown.
-        counts: Samples by quantity (speed, load) and :class:`Status`, shape (2, 6).
-        faults: What is wrong with an input, by quantity; see :mod:`.input_faults`.
+        counts: Samples by :class:`Input` and :class:`Status`, shape (3, 7).
+        time_ns: When, on the clock of the samples [ns]; 0 before the first.
+        inputs: Its inputs by quantity, where somebody looks at them.
         monitoring: Whether anybody watches the bearing.
         vibration: What is measured of it; ``None`` where none is configured.
     """
@@ -210,12 +207,17 @@ class BearingState:
     text: str
     assessment: Assessment | None
     standing: Standing
-    trend: Trend | None
     lost: dict[str, float]
     counts: NDArray[np.int64]
-    faults: Mapping[str, str] = field(default_factory=dict)
+    time_ns: int = 0
+    inputs: Mapping[str, InputState] = field(default_factory=dict)
     monitoring: bool = True
     vibration: LevelState | None = None
+
+    @property
+    def faults(self) -> dict[str, str]:
+        """What is wrong with an input, by quantity; see :mod:`.input_faults`."""
+        return {name: state.fault for name, state in self.inputs.items() if state.fault}
 
     @property
     def waiting(self) -> bool:
@@ -246,93 +248,91 @@ class BearingState:
         return ' '.join([text, *dict.fromkeys(self.faults.values())])
 
 
-@dataclass(slots=True)
-class NodeHealth:
-    """How the node itself is.
-
-    Attributes:
-        monitoring: Whether it is active.
-        failures: Callbacks that failed and were survived.
-        last_failure: What the last of them said.
-        lost: Messages that the middleware reports as lost.
-        missing: Messages missing by the stamps of senders whose period is known.
-        delays: How often the node was held up.
-        longest_delay: For how long at most [s].
-        state_file_fault: Why the alarms are not kept; empty where they are.
-        clip_fault: Why the last event clip is lost; empty where it is not.
-    """
-
-    monitoring: bool = False
-    failures: int = 0
-    last_failure: str = ''
-    lost: int = 0
-    missing: int = 0
-    delays: int = 0
-    longest_delay: float = 0.0
-    state_file_fault: str = ''
-    clip_fault: str = ''
-
-    @property
-    def level(self) -> Level:
-        """ERROR where something is not done that was asked for."""
-        if self.failures or self.state_file_fault or self.clip_fault:
-            return Level.ERROR
-        return Level.WARN if self.lost or self.missing or not self.monitoring else Level.OK
-
-    @property
-    def message(self) -> str:
-        """What there is to say, the worst first."""
-        said = [
-            f'{plural(self.failures, "callback")} failed, last: {self.last_failure}'
-            if self.failures
-            else '',
-            self.state_file_fault,
-            self.clip_fault,
-            '' if self.monitoring else NOT_MONITORING,
-            f'{plural(self.lost + self.missing, "message")} lost.'
-            if self.lost + self.missing
-            else '',
-        ]
-        return ' '.join(text for text in said if text) or 'Monitoring.'
-
-
-@dataclass(frozen=True, slots=True)
-class DiagnosticRecord:
-    """The fields of a ``diagnostic_msgs/DiagnosticStatus``, without ROS."""
-
-    level: Level
-    name: str
-    hardware_id: str
-    message: str
-    values: dict[str, str]
-
-
 def state_of(
-    bearing: BearingMonitor, faults: Mapping[str, str] | None = None, monitoring: bool = True
+    bearing: BearingMonitor,
+    inputs: Mapping[str, InputState] | None = None,
+    monitoring: bool = True,
 ) -> BearingState:
-    """The state of a bearing that is, or was, monitored live; see :class:`BearingState`."""
-    verdict, trend = bearing.verdict, bearing.trend()
+    """The state of a bearing that is, or was, monitored; see :class:`BearingState`."""
+    verdict = bearing.verdict
     return BearingState(
         bearing.config,
-        bearing.track.condition,
-        bearing.text(trend),
+        bearing.condition,
+        bearing.text(),
         verdict.assessment if verdict else None,
         bearing.standing,
-        trend,
         bearing.lost(),
-        bearing.gate.counts,
-        faults or {},
+        bearing.counts,
+        bearing.now_ns or 0,
+        inputs or {},
         monitoring,
         _level_of(bearing),
     )
 
 
 def _level_of(bearing: BearingMonitor) -> LevelState | None:
-    if bearing.level is None or bearing.measured is None:
+    if bearing.measured is None:
         return None
-    now_ns = bearing.now_ns
-    unknown = Unknown.NOTHING if now_ns is None else bearing.level.why_unknown(now_ns)
-    return LevelState(bearing.measured, unknown, bearing.level.counts)
+    return LevelState(bearing.measured, bearing.unknown, bearing.counts[Input.LEVEL])
+
+
+def bearings_json(states: Iterable[BearingState], time_ns: int) -> str:
+    """The records of some bearings as the text of a message."""
+    records = [bearing_record(state) for state in states]
+    document = {'schema': BEARINGS_SCHEMA, 'time': time_ns, 'bearings': records}
+    return json.dumps(document, allow_nan=False)
+
+
+def bearing_record(state: BearingState) -> dict[str, Any]:
+    """A bearing as page, metrics and buses read it; the fields are in docs/interfaces.md."""
+    standing, monitoring = state.standing, state.monitoring
+    point = state.assessment if monitoring else None
+    clears = standing.clears if point is not None else None
+    level = state.vibration if monitoring else None
+    return {
+        'bearing': state.config.name,
+        'time': state.time_ns,
+        'level': state.level.name,
+        'reason': state.reason,
+        'text': state.message,
+        'monitoring': monitoring,
+        'sticking': None if point is None else standing.sticking,
+        'growth': number(standing.growth),
+        'clears_in': clears,
+        'held_until': None if clears is None else state.time_ns + round(clears * 1e9),
+        'raised': standing.raised,
+        'rpm': None if point is None else _rpm(state.config, point),
+        **point_record(point),
+        'measured': None if level is None else level.measured.value,
+        'unmeasured': level.unknown.sentence if level is not None and level.unknown else '',
+        'unseen': standing.unseen,
+        'inputs': {name: _input_record(state, place) for place, name in enumerate(_heard(state))},
+    }
+
+
+def _heard(state: BearingState) -> tuple[str, ...]:
+    return QUANTITIES if state.vibration is None else INPUTS
+
+
+def _input_record(state: BearingState, place: int) -> dict[str, Any]:
+    name = INPUTS[place]
+    known = state.inputs.get(name, InputState())
+    if place < len(QUANTITIES):
+        counts, lost = state.counts[place], name in state.lost
+    else:
+        assert state.vibration is not None
+        counts, lost = state.vibration.counts, state.vibration.unknown is Unknown.LOST
+    return {
+        'lost': lost,
+        'age': number(known.age),
+        'rate': number(known.rate),
+        'fault': known.fault,
+        'counts': {each.name.lower(): int(counts[each]) for each in Status},
+    }
+
+
+def _rpm(config: BearingConfig, point: Assessment) -> float:
+    return float(config.bearing.speed.from_surface(point.speed, 'rpm'))
 
 
 def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:
@@ -361,38 +361,17 @@ def hardware_id(node: str, bearing: str) -> str:
     return f'{space}/{bearing}' if space else bearing
 
 
-def health_record(node: str, health: NodeHealth) -> DiagnosticRecord:
-    """The diagnostic status of the node of that full name, without the leading slash."""
-    return DiagnosticRecord(
-        level=health.level,
-        name=f'{node}: {NODE_STATUS}',
-        hardware_id=node,
-        message=health.message,
-        values={
-            'state': 'active' if health.monitoring else 'inactive',
-            'callbacks failed': str(health.failures),
-            'messages lost by the middleware': str(health.lost),
-            'messages missing by their stamps': str(health.missing),
-            'times held up': str(health.delays),
-            'longest time held up [s]': f'{health.longest_delay:.3g}',
-            'state file': health.state_file_fault or 'fine',
-            'event clips': health.clip_fault or 'fine',
-        },
-    )
-
-
 def diagnostic_values(state: BearingState) -> dict[str, str | float]:
     """The key-value pairs of a bearing's diagnostic status: one number a key, unit in the key."""
     result: dict[str, str | float] = {'reason': state.reason}
     point = state.assessment if state.monitoring else None
     if point is not None:
-        rpm = state.config.bearing.speed.from_surface(point.speed, 'rpm')
         result |= {
             'regime': point.regime.value,
             'outcome': point.outcome.value,
             'stick-slip predicted': str(state.standing.sticking).lower(),
             'speed [m/s]': point.speed,
-            'shaft speed [rpm]': float(rpm),
+            'shaft speed [rpm]': _rpm(state.config, point),
             'load [N]': point.load,
             'hopf speed [m/s]': point.hopf_speed,
             'fold speed [m/s]': point.fold_speed,
@@ -406,7 +385,6 @@ def diagnostic_values(state: BearingState) -> dict[str, str | float]:
             'threshold amplitude [m]': point.threshold_amplitude,
             'clears in [s]': math.nan if state.standing.clears is None else state.standing.clears,
             'raised lately': state.standing.raised,
-            'time to boundary [s]': state.trend.seconds if state.trend else math.nan,
         }
         if point.has_belief:
             result |= {name.replace('_', ' '): getattr(point, name) for name in BELIEFS}
@@ -415,7 +393,8 @@ def diagnostic_values(state: BearingState) -> dict[str, str | float]:
     for name, text in state.faults.items():
         result[f'{name} fault'] = text
     result |= _level_values(state)
-    result |= zip(_COUNTED, map(int, state.counts.flat), strict=True)
+    counts = state.counts[: len(QUANTITIES)]
+    result |= zip(_COUNTED, map(int, counts.flat), strict=True)
     if state.vibration is not None:
         result |= zip(_COUNTED_LEVELS, map(int, state.vibration.counts), strict=True)
     return result

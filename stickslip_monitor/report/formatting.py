@@ -94,8 +94,8 @@ def rpm(value: float) -> str:
 
 
 def load(newtons: float) -> str:
-    """A load in the unit that suits it."""
-    return f'{newtons / 1e3:.4g}{_SPACE}kN' if abs(newtons) >= 1e4 else f'{newtons:.4g}{_SPACE}N'
+    """A load, as in the sentences of alarms."""
+    return f'{newtons / 1e3:.4g}{_SPACE}kN'
 
 
 def count(number: int, what: str) -> str:

@@ -7,13 +7,14 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from stickslip_monitor.monitor.assessment import Regime
+import numpy as np
+
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.offline.check import BearingReport
 from stickslip_monitor.offline.intervals import ConditionInterval, Extreme, together
 from stickslip_monitor.offline.outline import Verdicts
 from stickslip_monitor.report import formatting
-from stickslip_monitor.report.document import Finding
 
 STICKING = (Condition.STICK_SLIP, Condition.AMPLITUDE)
 _MOST_NAMED = 10
@@ -28,31 +29,114 @@ GRADES = tuple(_WORDS)
 
 
 @dataclass(frozen=True, slots=True)
+class Finding:
+    """What is said of a bearing, or of everything: a grade, its word, and sentences.
+
+    ``grade`` is ``clear``, ``warning``, ``alarm`` or ``unknown``; the first sentence is the
+    verdict, the others add to it.
+    """
+
+    grade: str
+    word: str
+    sentences: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Fact:
+    """One figure that matters: its name, its value, and when and where it was."""
+
+    name: str
+    value: str
+    note: str = ''
+
+
+@dataclass(frozen=True, slots=True)
 class Course:
     """What happened to one bearing in one recording.
 
     Attributes:
         config: The bearing.
-        scan: Its verdicts and events, or their outline.
+        item: What the check found, with an outline.
         spells: The alarm's conditions from start to end.
-        seconds: Time in each regime [s].
-        worst: The worst moments by name.
         sources: Faults of the inputs' sources, a clause for each.
         questions: Where inputs look like another unit or topic, a clause for each.
     """
 
     config: BearingConfig
-    scan: Verdicts
+    item: BearingReport
     spells: Sequence[ConditionInterval]
-    seconds: Mapping[Regime, float]
-    worst: Mapping[str, Extreme]
     sources: Sequence[str] = ()
     questions: Sequence[str] = ()
+
+    @property
+    def name(self) -> str:
+        """Name of the bearing."""
+        return self.config.name
+
+    @property
+    def scan(self) -> Verdicts:
+        """The outline of its verdicts."""
+        assert self.item.outline is not None
+        return self.item.outline
+
+    @property
+    def worst(self) -> Mapping[str, Extreme]:
+        """The worst moments by name."""
+        return self.item.worst
 
     @property
     def span(self) -> float:
         """How long the recording is [s]."""
         return max(0, self.spells[-1].end_ns - self.spells[0].start_ns) * 1e-9
+
+
+def facts(course: Course) -> tuple[Fact, ...]:
+    """The figures that matter most."""
+    sticking = _total(together(course.spells, STICKING))
+    found = [
+        Fact(
+            'stick-slip predicted',
+            formatting.duration(sticking) if sticking else 'never',
+            f'{formatting.share(sticking, course.span)} of the time' if sticking else '',
+        )
+    ]
+    for name, title, shown in (
+        ('fold_margin', 'least fold margin', formatting.margin),
+        ('hopf_margin', 'least Hopf margin', formatting.margin),
+        ('amplitude', 'greatest amplitude', formatting.millimetres),
+    ):
+        if name in course.worst:
+            extreme = course.worst[name]
+            note = f'{formatting.minute(extreme.time_ns)}, at {place(course, extreme)}'
+            found.append(Fact(title, shown(_value(name, extreme)), note))
+    return (*found, *_probabilities(course), *_measured(course))
+
+
+def _value(name: str, extreme: Extreme) -> float:
+    """The value of an extreme; of an amplitude that of the exact cycle, where it has one."""
+    exact = extreme.point.amplitude_exact
+    return exact if name == 'amplitude' and math.isfinite(exact) else extreme.value
+
+
+def _probabilities(course: Course) -> tuple[Fact, ...]:
+    point = course.scan.assessment
+    if not point.has_belief:
+        return ()
+    can, will = (
+        float(np.nanmax(p, initial=0.0)) for p in (point.probability_can, point.probability_will)
+    )
+    note = f'that it starts by itself: at most {will:.0%}'
+    return (Fact('greatest probability of stick-slip', f'{can:.0%}', note),)
+
+
+def _measured(course: Course) -> tuple[Fact, ...]:
+    if course.item.measured is None:
+        return ()
+    lasting = {
+        state: formatting.duration(seconds) for state, seconds in course.item.measured.items()
+    }
+    note = f'quiet for {lasting["quiet"]}, unknown for {lasting["unknown"]}'
+    return (Fact('vibration measured', lasting['vibrating'], note),)
 
 
 def place(course: Course, extreme: Extreme) -> str:
@@ -128,11 +212,11 @@ def _amplitude(course: Course) -> str:
     extreme = course.worst.get('amplitude')
     if extreme is None:
         return ''
-    exact = extreme.point.amplitude_exact
-    text = f'The greatest predicted amplitude was {formatting.millimetres(extreme.value)}'
-    if math.isfinite(exact):
-        text += f' ({formatting.millimetres(exact)} by the exact cycle)'
-    text += f', at {place(course, extreme)}'
+    value = _value('amplitude', extreme)
+    text = (
+        f'The greatest predicted amplitude was {formatting.millimetres(value)}, at'
+        f' {place(course, extreme)}'
+    )
     limit = course.config.alarm.amplitude_limit
     above = together(course.spells, (Condition.AMPLITUDE,))
     if above:
@@ -141,7 +225,7 @@ def _amplitude(course: Course) -> str:
             f' {formatting.duration(_total(above))}'
         )
     elif math.isfinite(limit):
-        below = 'below' if extreme.value <= limit else 'and not for long above'
+        below = 'below' if value <= limit else 'and not for long above'
         text += f', {below} the limit of {formatting.millimetres(limit)}'
     return f'{text}.'
 

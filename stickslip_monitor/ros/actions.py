@@ -19,7 +19,7 @@ from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange
 from stickslip_monitor.monitor.alarms.causes import AlarmKind
 from stickslip_monitor.monitor.alarms.requests import ROS_SERVICE, parse_request
-from stickslip_monitor.ros.input_watch import publishers_on
+from stickslip_monitor.ros.graph import publishers_on
 from stickslip_monitor.ros.message_types import ROS_FAULTS
 
 TRIGGERS = {
@@ -39,7 +39,7 @@ _REQUESTS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
 
 class Act(Protocol):
-    """Does what a person asks for; see :meth:`.desk.AlarmDesk.act`."""
+    """Does what a person asks for; see :meth:`.live_alarms.LiveAlarms.act`."""
 
     def __call__(
         self,

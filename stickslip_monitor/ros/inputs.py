@@ -5,17 +5,19 @@ from __future__ import annotations
 
 import heapq
 import operator
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Container, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Protocol
 
 from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from stickslip_monitor.errors import RosError
-from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.health import NodeHealth
 from stickslip_monitor.monitor.input_faults import StampGaps
-from stickslip_monitor.monitor.messages import NodeHealth
 from stickslip_monitor.ros.message_types import (
     ROS_FAULTS,
     check_field,
@@ -24,18 +26,26 @@ from stickslip_monitor.ros.message_types import (
     stamp_reader,
 )
 
-# Two seconds at 1 kHz while the machine is busy; best effort matches every publisher.
+# Two seconds at 1 kHz while the machine is busy.
 _DEPTH = 2000
-TELEMETRY = QoSProfile(
-    depth=_DEPTH,
-    history=HistoryPolicy.KEEP_LAST,
-    reliability=ReliabilityPolicy.BEST_EFFORT,
-    durability=DurabilityPolicy.VOLATILE,
-)
+
+
+def telemetry() -> QoSProfile:
+    """The quality of service of an input: best effort matches every publisher."""
+    return QoSProfile(
+        depth=_DEPTH,
+        history=HistoryPolicy.KEEP_LAST,
+        reliability=ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.VOLATILE,
+    )
+
 
 # Time [ns], topic and message.
 Arrival = tuple[int, 'Lane', Any]
 _time_of = operator.itemgetter(0)
+
+MOST_AT_ONCE = 200
+"""Of more messages of a topic that wait than these, the others are left out and counted."""
 
 Receive = Callable[[str, int, int, float, bool], None]
 Tap = Callable[[str, Any, int | None], None]
@@ -65,20 +75,39 @@ class InputReader:
     """One number that a message brings for one bearing."""
 
     bearing: str
-    is_load: int
+    place: int
     number: Callable[[Any], float]
 
 
-def check_inputs(config: MonitorConfig) -> None:
+def resolved(node: MonitoringNode, config: MonitorConfig) -> MonitorConfig:
+    """The configuration with the full names of its topics, as people know them."""
+
+    def named(bearing: BearingConfig) -> BearingConfig:
+        inputs: dict[str, Any] = {
+            name: replace(source, topic=node.resolve_topic_name(source.topic))
+            for name, source in bearing.inputs.items()
+        }
+        return replace(bearing, **inputs)
+
+    return replace(config, bearings=tuple(map(named, config.bearings)))
+
+
+def check_inputs(config: MonitorConfig, outputs: Container[str]) -> None:
     """Check that every input's message type exists and its field leads to a number.
 
+    Args:
+        config: The configuration with :func:`resolved` topics.
+        outputs: Full names of the topics that the node itself publishes.
+
     Raises:
-        RosError: One does not, or two inputs give one topic different types.
+        RosError: One does not, two inputs give one topic different types, or one is an output.
     """
     users: dict[str, tuple[str, str]] = {}
     for bearing in config.bearings:
         for quantity, source in bearing.inputs.items():
             name = f'{bearing.name}.{quantity}'
+            if source.topic in outputs:
+                raise RosError(f"{name}.topic = '{source.topic}' is published by this node itself")
             check_field(name, source)
             user, kind = users.setdefault(source.topic, (name, source.type))
             if kind != source.type:
@@ -93,10 +122,11 @@ class Inputs:
 
     Args:
         node: The node.
-        config: The configuration.
-        receive: Called with ``(bearing, is_load, time_ns, value, latest)`` for every number;
+        config: The configuration as given: names of topics are resolved once.
+        receive: Called with ``(bearing, place, time_ns, value, latest)`` for every number;
             ``latest`` is false where a later number of its bearing has come already.
-        done: Called when the messages that waited have been taken.
+        before: Called when messages have come, before they are taken.
+        after: Called when the messages that waited have been taken.
         health: Where losses are counted.
         tap: Called with topic, message and its time [ns] before the numbers of it, if given.
 
@@ -109,30 +139,20 @@ class Inputs:
         node: MonitoringNode,
         config: MonitorConfig,
         receive: Receive,
-        done: Callable[[], None],
+        before: Callable[[], None],
+        after: Callable[[], None],
         health: NodeHealth,
         tap: Tap | None = None,
     ) -> None:
-        self._health, self._receive, self._tap, self._done = health, receive, tap, done
-        readings: dict[tuple[str, str], list[InputReader]] = {}
-        timeouts: dict[tuple[str, str], int] = {}
-        for bearing in config.bearings:
-            for is_load, source in enumerate(bearing.inputs.values()):
-                key = source.topic, source.type
-                number = number_reader(source.field)
-                readings.setdefault(key, []).append(InputReader(bearing.name, is_load, number))
-                timeouts[key] = min(source.timeout_ns, timeouts.get(key, source.timeout_ns))
-        self._lanes: list[Lane] = []
+        self._health, self._receive, self._tap = health, receive, tap
+        self._before, self._after = before, after
+        self._lanes = _lanes(node, config)
         try:
-            for key, readers in readings.items():
-                lane = Lane(node, *key, readers, timeouts[key], len(self._lanes))
-                self._lanes.append(lane)
+            for lane in self._lanes:
                 lane.subscribe(self._on_message, self._on_lost)
         except ROS_FAULTS:
             self.destroy()
             raise
-        for lane in self._lanes:
-            lane.beside = [other for other in self._lanes if other.shares_bearing(lane)]
 
     def destroy(self) -> None:
         """Take the subscriptions down."""
@@ -145,6 +165,7 @@ class Inputs:
 
     def _on_message(self, lane: Lane, message: Any) -> None:
         """Take a message and those that wait with it: a turn of the executor is dear."""
+        self._before()
         found = {lane: lane.waiting(message)}
         lanes = [lane]
         for one in lanes:
@@ -153,31 +174,51 @@ class Inputs:
                 found |= {other: other.waiting() for other in new}
                 lanes += new
         self._hand_over([found[one] for one in sorted(lanes, key=lambda one: one.place)])
-        self._done()
+        self._after()
 
     def _hand_over(self, topics: Sequence[list[Arrival]], held_up: bool = False) -> None:
         """Hand over what came on some topics in order of time, each topic's in its own order."""
         some = [arrivals for arrivals in topics if arrivals]
         arrivals = some[0] if len(some) == 1 else list(heapq.merge(*some, key=_time_of))
         last = {
-            reading.bearing: place
-            for place, (_, lane, _) in enumerate(arrivals)
+            reading.bearing: number
+            for number, (_, lane, _) in enumerate(arrivals)
             for reading in lane.readers
         }
-        for place, (time_ns, lane, message) in enumerate(arrivals):
+        for number, (time_ns, lane, message) in enumerate(arrivals):
             if self._tap is not None:
                 self._tap(lane.name, message, time_ns)
             for reading in lane.readers:
-                latest = last[reading.bearing] == place and not held_up
-                number = reading.number(message)
-                self._receive(reading.bearing, reading.is_load, time_ns, number, latest)
+                latest = last[reading.bearing] == number and not held_up
+                value = reading.number(message)
+                self._receive(reading.bearing, reading.place, time_ns, value, latest)
 
     def count_missing(self) -> None:
-        """Bring the node's count of missing messages up to date."""
+        """Bring the node's counts of messages that are missing or left out up to date."""
         self._health.missing = sum(lane.missing for lane in self._lanes)
+        self._health.thinned = sum(lane.thinned for lane in self._lanes)
 
     def _on_lost(self, info: Any) -> None:
         self._health.lost += info.total_count_change
+
+
+def _lanes(node: MonitoringNode, config: MonitorConfig) -> list[Lane]:
+    """One for each topic."""
+    readers: dict[tuple[str, str], list[InputReader]] = {}
+    timeouts: dict[tuple[str, str], int] = {}
+    for bearing in config.bearings:
+        for place, source in enumerate(bearing.inputs.values()):
+            key = source.topic, source.type
+            number = number_reader(source.field)
+            readers.setdefault(key, []).append(InputReader(bearing.name, place, number))
+            timeouts[key] = min(source.timeout_ns, timeouts.get(key, source.timeout_ns))
+    lanes = [
+        Lane(node, *key, own, timeouts[key], place)
+        for place, (key, own) in enumerate(readers.items())
+    ]
+    for lane in lanes:
+        lane.beside = [other for other in lanes if other.shares_bearing(lane)]
+    return lanes
 
 
 class Lane:
@@ -196,6 +237,7 @@ class Lane:
         name: The full name of the topic.
         place: Its place among all topics.
         beside: The topics that bring other numbers of its bearings.
+        thinned: Messages that were left out because too many waited.
     """
 
     def __init__(
@@ -212,6 +254,7 @@ class Lane:
         self.beside: list[Lane] = []
         self._stamp = stamp_reader(kind)
         self.name = node.resolve_topic_name(topic)
+        self.thinned = 0
         self._gaps = StampGaps(timeout_ns)
         self._subscription: Any = None
         self._tick_ns = self._shared = 0
@@ -232,13 +275,20 @@ class Lane:
         def receive(message: Any) -> None:
             take(self, message)
 
-        arguments = message_type(self._kind), self._topic, self._node.survived(receive), TELEMETRY
+        make = partial(
+            self._node.create_subscription,
+            message_type(self._kind),
+            self._topic,
+            self._node.survived(receive),
+            telemetry(),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
         try:
             events = SubscriptionEventCallbacks(message_lost=on_lost)
-            self._subscription = self._node.create_subscription(*arguments, event_callbacks=events)
+            self._subscription = make(event_callbacks=events)
         except UnsupportedEventTypeError:
             # Not every middleware tells what it has lost.
-            self._subscription = self._node.create_subscription(*arguments)
+            self._subscription = make()
 
     def destroy(self) -> None:
         """Take the subscription down."""
@@ -256,10 +306,23 @@ class Lane:
             if time_ns := self._time(message):
                 found.append((time_ns, self, message))
             message = self._next() if len(found) < _DEPTH else None
-        return found
+        return self._thinned(found)
+
+    def _thinned(self, found: list[Arrival]) -> list[Arrival]:
+        """Every so many of a flood and the last: nobody must wait until all are worked off."""
+        if len(found) <= MOST_AT_ONCE:
+            return found
+        step = -(-len(found) // MOST_AT_ONCE)
+        kept = found[::-1][::step][::-1]
+        self.thinned += len(found) - len(kept)
+        return kept
 
     def _next(self) -> Any:
-        """The next message, taken as rclpy's executors do; ``None`` for none."""
+        """The next message, taken as rclpy's executors do; ``None`` for none.
+
+        No public way takes what waits; a turn of the executor for each message costs more than
+        all that is done with it (benchmarks/live.py).
+        """
         subscription = self._subscription
         with subscription.handle:
             taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -12,27 +13,32 @@ from rclpy.duration import Duration
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import Float64, String
 
-from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.health import DiagnosticRecord, NodeHealth, health_record
 from stickslip_monitor.monitor.messages import (
     BearingState,
-    DiagnosticRecord,
-    NodeHealth,
+    bearings_json,
     diagnostic_record,
     event_json,
-    health_record,
+    output_topics,
     topic_numbers,
     topic_words,
 )
+from stickslip_monitor.monitor.session import Sink
 from stickslip_monitor.monitor.verdict import Event, Verdict
+from stickslip_monitor.ros.event_clips import Clips
 
-Tap = Callable[[str, Any, int | None], None]
 WARNINGS_KEPT = 100
 ALARMS_KEPT = 20
 # How long the end of the node waits for readers [s].
 _LAST_WORD = 0.5
-_RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def _reliable() -> QoSProfile:
+    return QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
 
 def _latched(depth: int) -> QoSProfile:
@@ -43,99 +49,97 @@ def _latched(depth: int) -> QoSProfile:
     )
 
 
-class Outputs:
+def output_names(node: LifecycleNode, config: MonitorConfig) -> set[str]:
+    """The full names of all topics that a node publishes."""
+    own = node.get_fully_qualified_name()
+    names = {*output_topics(config.bearings, own), f'{own}/alarms', f'{own}/bearings'}
+    return {node.resolve_topic_name(name) for name in names}
+
+
+class Outputs(Sink):
     """The publishers of a configured node. What nobody listens to is not published.
 
     Args:
         node: The node.
         config: The configuration.
-        tap: Called with topic, message and the time it speaks of [ns], if given; that time is
-            ``None`` for a message that speaks of now.
+        health: How the node itself is.
+        clips: Takes what is said, and notice of alarms, where clips are wanted.
     """
 
-    def __init__(self, node: LifecycleNode, config: MonitorConfig, tap: Tap | None = None) -> None:
-        self._node = node
+    def __init__(
+        self, node: LifecycleNode, config: MonitorConfig, health: NodeHealth, clips: Clips | None
+    ) -> None:
+        self._node, self._health, self._clips = node, health, clips
         self._name = node.get_fully_qualified_name().lstrip('/')
-        self._tap = tap
-        self._warnings = node.create_lifecycle_publisher(
-            String, '~/warnings', _latched(WARNINGS_KEPT)
-        )
-        self._alarms = node.create_lifecycle_publisher(String, '~/alarms', _latched(ALARMS_KEPT))
-        self._diagnostics = node.create_lifecycle_publisher(
-            DiagnosticArray, '/diagnostics', _RELIABLE
-        )
-        self._bearings: dict[str, list[Any]] = {
+        make: Callable[..., Any] = node.create_lifecycle_publisher
+        own_qos = {'qos_overriding_options': QoSOverridingOptions.with_default_policies()}
+        self._warnings = make(String, '~/warnings', _latched(WARNINGS_KEPT), **own_qos)
+        self._alarms = make(String, '~/alarms', _latched(ALARMS_KEPT), **own_qos)
+        self._records = make(String, '~/bearings', _reliable(), **own_qos)
+        self._diagnostics = make(DiagnosticArray, '/diagnostics', _reliable(), **own_qos)
+        self._bearings = {
             bearing.name: [
-                (
-                    node.create_lifecycle_publisher(kind, f'~/{bearing.name}/{topic}', _RELIABLE),
-                    kind(),
-                    number,
-                )
-                for topic, kind, number in (
-                    # What takes longest to work out comes last.
-                    *((topic, String, _WORDS[topic]) for topic in topic_words(bearing)),
-                    *(
-                        (topic, Float64, _number(topic))
-                        for topic in reversed(topic_numbers(bearing))
-                    ),
-                )
+                (make(kind, f'~/{bearing.name}/{topic}', _reliable()), kind(), number)
+                for topic, kind, number in _values(bearing)
             ]
             for bearing in config.bearings
         }
 
     def destroy(self) -> None:
         """Take the publishers down."""
-        for group in self._bearings.values():
-            for publisher, *_ in group:
-                self._node.destroy_lifecycle_publisher(publisher)
-        self._node.destroy_lifecycle_publisher(self._warnings)
-        self._node.destroy_lifecycle_publisher(self._alarms)
-        self._node.destroy_lifecycle_publisher(self._diagnostics)
+        own = [publisher for group in self._bearings.values() for publisher, *_ in group]
+        for publisher in (
+            *own,
+            self._warnings,
+            self._alarms,
+            self._records,
+            self._diagnostics,
+        ):
+            self._node.destroy_lifecycle_publisher(publisher)
 
-    def publish_verdict(self, verdict: Verdict) -> None:
+    def take_verdict(self, verdict: Verdict) -> None:
         """Amplitude, margins and regime of one bearing."""
         for publisher, message, value in self._bearings[verdict.bearing]:
             if self._wanted(publisher):
                 message.data = value(verdict)
                 self._send(publisher, message, verdict.time_ns)
 
-    def publish_event(self, event: Event) -> None:
-        """One JSON warning, and a line in the log."""
+    def take_event(self, event: Event) -> None:
+        """One JSON warning."""
         self._send(self._warnings, String(data=event_json(event)), event.time_ns)
-        logger = self._node.get_logger()
-        if event.raised:
-            logger.warning(event.text)
-        else:
-            logger.info(event.text)
+        if self._clips is not None:
+            self._clips.note(event)
 
-    def publish_alarms(self, text: str) -> None:
+    def take_alarms(self, record: dict[str, Any]) -> None:
         """The list of alarms, with what has just changed."""
-        self._send(self._alarms, String(data=text))
+        self._send(self._alarms, String(data=json.dumps(record, allow_nan=False)))
 
-    def publish_diagnostics(
-        self, states: Iterable[BearingState], health: NodeHealth | None
-    ) -> None:
-        """The state of bearings, and of the node itself where given."""
+    def take_states(self, states: list[BearingState], whole: bool) -> None:
+        """The state of bearings, and with all of them that of the node itself."""
+        now = self._node.get_clock().now()
+        if self._wanted(self._records):
+            text = bearings_json(states, now.nanoseconds)
+            self._send(self._records, String(data=text))
         if not self._wanted(self._diagnostics):
             return
         records = [diagnostic_record(self._name, state) for state in states]
-        if health is not None:
-            records.append(health_record(self._name, health))
+        if whole:
+            records.append(health_record(self._name, self._health))
         message = DiagnosticArray(status=[_status(record) for record in records])
-        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.header.stamp = now.to_msg()
         self._send(self._diagnostics, message)
 
     def flush(self) -> None:
         """Wait a moment until the last list of alarms and diagnostics have arrived."""
-        for publisher in (self._alarms, self._diagnostics):
+        for publisher in (self._alarms, self._records, self._diagnostics):
             publisher.wait_for_all_acked(Duration(seconds=_LAST_WORD))
 
     def _wanted(self, publisher: Any) -> bool:
-        return self._tap is not None or publisher.get_subscription_count() > 0
+        return self._clips is not None or publisher.get_subscription_count() > 0
 
     def _send(self, publisher: Any, message: Any, time_ns: int | None = None) -> None:
-        if self._tap is not None:
-            self._tap(publisher.topic_name, message, time_ns)
+        if self._clips is not None:
+            self._clips.take(publisher.topic_name, message, time_ns)
         try:
             publisher.publish(message)
         except rclpy_implementation.RCLError as error:
@@ -143,6 +147,14 @@ class Outputs:
             self._node.get_logger().warning(
                 f'not published on {publisher.topic_name}: {error}', throttle_duration_sec=5.0
             )
+
+
+def _values(bearing: BearingConfig) -> Iterator[tuple[str, Any, Callable[[Verdict], Any]]]:
+    """Topic, type and value of what is told of each verdict; what is dearest comes last."""
+    for topic in topic_words(bearing):
+        yield topic, String, _WORDS[topic]
+    for topic in reversed(topic_numbers(bearing)):
+        yield topic, Float64, _number(topic)
 
 
 def _number(name: str) -> Callable[[Verdict], float]:

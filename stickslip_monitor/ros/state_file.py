@@ -48,6 +48,13 @@ class StateFile:
             raise RosError(f'{self._given} must be a file, but is {kind}')
         self._lock: int | None = None
 
+    def check(self) -> None:
+        """Check that what is there is a file of ours.
+
+        Raises:
+            RosError: It is not: it is left alone.
+        """
+
     def _beside(self, suffix: str) -> Path:
         return self.path.with_name(self.path.name + suffix)
 

@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any, Protocol
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
@@ -21,17 +21,16 @@ from std_msgs.msg import String
 
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.alarms.requests import ActionRequest, request_record
-from stickslip_monitor.monitor.messages import NODE_STATUS, hardware_id
+from stickslip_monitor.monitor.health import NODE_STATUS
+from stickslip_monitor.monitor.messages import BEARINGS_SCHEMA, hardware_id
 from stickslip_monitor.ros.message_types import ROS_FAULTS
 
 
 class Listener(Protocol):
     """Takes what a monitor says."""
 
-    def take_status(
-        self, bearing: str, time_ns: int, text: str, values: Mapping[str, str]
-    ) -> None:
-        """The diagnostic status of a bearing, its time in [ns]."""
+    def take_record(self, record: dict[str, Any], /) -> None:
+        """The record of a bearing; see :func:`.messages.bearing_record`."""
 
     def take_health(self, level: int, text: str) -> None:
         """The diagnostic status of the node itself."""
@@ -81,6 +80,9 @@ class Watcher:
                 self.node.create_subscription(
                     String, f'{name}/alarms', partial(self._on_alarms, own), _ALARMS
                 )
+                self.node.create_subscription(
+                    String, f'{name}/bearings', partial(self._on_bearings, own), _RELIABLE
+                )
                 self._actions[name] = self.node.create_publisher(
                     String, f'{name}/actions', _RELIABLE
                 )
@@ -104,32 +106,33 @@ class Watcher:
             raise RosError(f'the monitor cannot be told: {error}') from error
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        time_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
         for status in message.status:
             # Others publish on /diagnostics too, monitors in other namespaces among them.
             node, _, bearing = status.name.rpartition(': ')
             if bearing == NODE_STATUS and status.hardware_id == node:
                 if own := self._listeners.get(node):
                     self._hand_over(own.take_health, status.level[0], status.message)
-            elif status.hardware_id == hardware_id(node, bearing):
-                self._on_status(node, bearing, time_ns, status)
+            elif status.hardware_id != hardware_id(node, bearing):
+                continue
+            elif node not in self._listeners:
+                for each in self._listeners.values():
+                    self._hand_over(each.take_other, node)
 
-    def _on_status(self, node: str, bearing: str, time_ns: int, status: DiagnosticStatus) -> None:
-        own = self._listeners.get(node)
-        if own is None:
-            for each in self._listeners.values():
-                self._hand_over(each.take_other, node)
-            return
-        values = {pair.key: pair.value for pair in status.values}
-        self._hand_over(own.take_status, bearing, time_ns, status.message, values)
+    def _on_bearings(self, listener: Listener, message: String) -> None:
+        document = self._document(message)
+        if isinstance(document, dict) and document.get('schema') == BEARINGS_SCHEMA:
+            for record in document['bearings']:
+                self._hand_over(listener.take_record, record)
 
     def _on_alarms(self, listener: Listener, message: String) -> None:
+        self._hand_over(listener.take_alarms, self._document(message))
+
+    def _document(self, message: String) -> Any:
         try:
-            document = json.loads(message.data)
+            return json.loads(message.data)
         except (ValueError, RecursionError):
-            self.node.get_logger().warning('a list of alarms is not JSON', once=True)
-            return
-        self._hand_over(listener.take_alarms, document)
+            self.node.get_logger().warning('what a monitor says is not JSON', once=True)
+            return None
 
 
 @contextmanager

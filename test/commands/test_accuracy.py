@@ -20,14 +20,13 @@ STORED = str(Path(__file__).parents[2] / 'docs' / 'accuracy.csv')
 def fast(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(accuracy, 'QUICK', Effort(budget=0.0, sample=1e-9, fewest=1, most=1))
     chosen = ('KBM', 'exact cycle', 'Thomsen and Fidlin', 'harmonic balance, H = 1')
-    whole = accuracy.ladder
-    monkeypatch.setattr(accuracy, 'ladder', lambda *a: [m for m in whole(*a) if m.name in chosen])
+    monkeypatch.setattr(accuracy, 'METHODS', [m for m in accuracy.METHODS if m.name in chosen])
 
 
 @pytest.mark.usefixtures('fast')
 def test_quick_measures_writes_and_prints(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     out = tmp_path / 'a.csv'
-    assert main(['accuracy', '--quick', '--csv', str(out)]) == 0
+    assert main(['accuracy', '--quick', '-o', str(out)]) == 0
     printed = capsys.readouterr().out
     assert 'exact cycle' in printed
     assert '20 rpm' in printed
@@ -60,19 +59,18 @@ def test_markdown_of_a_stored_measurement(capsys: pytest.CaptureFixture) -> None
 def test_the_picture(tmp_path: Path) -> None:
     pytest.importorskip('matplotlib')
     out = tmp_path / 'a.png'
-    assert main(['accuracy', '--from', STORED, '-o', str(out)]) == 0
+    assert main(['accuracy', '--from', STORED, '--picture', str(out)]) == 0
     data = out.read_bytes()
     assert struct.unpack('>II', data[16:24]) == (2400, 1440)
     again = tmp_path / 'b.png'
-    assert main(['accuracy', '--from', STORED, '-o', str(again)]) == 0
+    assert main(['accuracy', '--from', STORED, '--picture', str(again)]) == 0
     assert again.read_bytes() == data
 
 
 @pytest.mark.parametrize(
     ('arguments', 'words'),
     [
-        (['--output', 'a.csv'], 'use --csv for the numbers'),
-        (['--output', 'a.pdf'], 'must end in'),
+        (['--picture', 'a.pdf'], 'must end in'),
         (['--from', STORED, '--quick'], 'does not go with --quick'),
         (['--from', 'missing.csv'], 'cannot be read'),
     ],

@@ -105,8 +105,8 @@ def test_one_of_several_bearings_is_chosen(
 @pytest.mark.parametrize(
     ('out', 'load', 'more', 'text'),
     [
-        ('a.pdf', '1kN', (), "output file '{out}' must end in one of .png, .svg, .csv"),
-        ('a', '1kN', (), "output file '{out}' must end in one of .png, .svg, .csv"),
+        ('a.pdf', '1kN', (), "output '{out}' must end in one of .png, .svg, .csv"),
+        ('a', '1kN', (), "output '{out}' must end in one of .png, .svg, .csv"),
         ('a.csv', '0N', (), "load '0N' must be above 0"),
         ('a.csv', '-5N', (), "load '-5N' must be above 0"),
         ('a.csv', '1000', (), "load '1000' must be a number with a unit: one of N, kN"),

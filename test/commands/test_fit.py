@@ -121,10 +121,10 @@ def test_the_fragment_is_a_configuration(
 def test_pictures(suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     paths = [tmp_path / f'{name}{suffix}' for name in 'ab']
     for path in paths:
-        assert main(['fit', CURVE, *LOAD, '-o', str(path)]) == 0
+        assert main(['fit', CURVE, *LOAD, '--picture', str(path)]) == 0
     assert paths[0].read_bytes() == paths[1].read_bytes()
     assert paths[0].stat().st_size > 10_000
-    assert main(['fit', CURVE, '--journal-diameter', '0.1', '-o', str(paths[1])]) == 0
+    assert main(['fit', CURVE, '--journal-diameter', '0.1', '--picture', str(paths[1])]) == 0
     assert paths[0].read_bytes() != paths[1].read_bytes()
 
 
@@ -159,7 +159,7 @@ def test_a_warning_is_exit_code_1(tmp_path: Path, capsys: pytest.CaptureFixture[
         ((CURVE, *LOAD, '--draws', '3'), 'draws = 3 must be from 100 to 1000000'),
         ((CURVE, *LOAD, '--seed', '-3'), 'seed = -3 must not be negative'),
         ((CURVE, '--config', CONFIG, '--load', '0N'), 'load = 0 N must be greater than 0'),
-        ((CURVE, *LOAD, '-o', 'plot.pdf'), "output file 'plot.pdf' must end in one of"),
+        ((CURVE, *LOAD, '-o', 'plot.pdf'), "output 'plot.pdf' must end in one of"),
         (
             (CURVE, *LOAD, '--fragment', '/nowhere/a.yaml'),
             "'/nowhere/a.yaml' cannot be written: there is no folder",
@@ -187,7 +187,7 @@ def test_a_curve_that_does_not_fall_is_exit_code_2(
     ):
         picture = tmp_path / 'plot.png'
         path = _write(tmp_path / 'c.csv', speed, values)
-        assert main(['fit', path, '--viscous', 'no', '-o', str(picture)]) == 2
+        assert main(['fit', path, '--viscous', 'no', '--picture', str(picture)]) == 2
         captured = capsys.readouterr()
         assert words in captured.err
         assert captured.out == ''

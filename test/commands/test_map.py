@@ -80,7 +80,7 @@ def test_a_recorded_track_is_drawn(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('out', 'more', 'text'),
     [
-        ('a.jpeg', (), "output file '{out}' must end in one of .png, .svg, .csv"),
+        ('a.jpeg', (), "output '{out}' must end in one of .png, .svg, .csv"),
         ('a.csv', ('--loads', '2kN'), "loads '2kN' must be LOW:HIGH, each with its unit"),
         ('a.csv', ('--loads', '2kN:1kN'), "loads '2kN:1kN' must rise from its first value"),
         ('a.csv', ('--loads', '1rpm:2kN'), "loads '1rpm' must be a number with a unit"),

@@ -3,163 +3,255 @@
 
 from __future__ import annotations
 
+import argparse
+import json
 import os
 import shutil
+import signal
+import subprocess
+import sys
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import pytest
 
-from stickslip_monitor.bags.writer import BagWriter
-from stickslip_monitor.cli import main
+from stickslip_monitor.cli import COMMANDS, _parser, main
+from stickslip_monitor.commands.declared import FileOptions, check_files
 from stickslip_monitor.errors import OutputError
 from stickslip_monitor.files import write_whole
 
 ROOT = Path(__file__).parents[2]
 CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
-
-# Each command that writes: its arguments with its inputs, and its outputs with their endings.
-INPUTS: Mapping[str, tuple[str, ...]] = {
-    'check': ('{bag}', '--config', '{config}'),
-    'diagram': ('--config', '{config}', '--load', '1kN', '--points', '10'),
-    'map': ('--config', '{config}', '--track', '{bag}'),
-    'score': ('{bag}', '--config', '{config}'),
-    'fit': ('{curve}', '--config', '{config}', '--load', '1kN', '--draws', '100'),
-    'accuracy': ('--from', '{rows}'),
-}
-OUTPUTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
-    'check': {'--report': ('.html', '.png', '.json')},
-    'diagram': {'-o': ('.png', '.svg', '.csv')},
-    'map': {'-o': ('.png', '.svg')},
-    'score': {'--picture': ('.png', '.svg')},
-    'fit': {'-o': ('.png', '.svg', '.csv'), '--fragment': ('.yaml', '')},
-    'accuracy': {'-o': ('.png', '.svg'), '--csv': ('.csv', '')},
-}
-NAMES = ('bag', 'config', 'curve', 'rows')
-PAIRS = [
-    (command, option, suffix, name)
-    for command, options in OUTPUTS.items()
-    for option, suffixes in options.items()
-    for suffix in suffixes
-    for name in NAMES
-    if f'{{{name}}}' in INPUTS[command]
-]
+BAG = ROOT / 'bags' / 'coast_down'
 WAYS: Mapping[str, Callable[[Path, Path], object]] = {
+    'itself': lambda new, old: old.rename(new),
     'hard link': lambda new, old: os.link(old, new),
     'symbolic link': lambda new, old: new.symlink_to(old),
 }
 
 
-@pytest.fixture(scope='module')
-def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    folder = tmp_path_factory.mktemp('inputs')
-    found = {name: folder / name for name in NAMES}
-    time = np.arange(100, dtype=np.int64) * 10**8 + 10**18
-    with BagWriter(folder / 'bag.mcap') as bag:
-        for topic, value in (('/shaft/speed', 30.0), ('/bearing/aft_stern/load', 1000.0)):
-            bag.add_topic(topic, 'std_msgs/msg/Float64')
-            bag.write_float64(topic, time, np.full(100, value))
-    found['bag'] = folder / 'bag.mcap'
-    shutil.copy(CONFIG, found['config'])
-    shutil.copy(ROOT / 'launch_configs' / 'examples' / 'friction_curve.csv', found['curve'])
-    shutil.copy(ROOT / 'docs' / 'accuracy.csv', found['rows'])
-    return found
+def declared(command: str) -> FileOptions:
+    """What the options of a command name."""
+    choices: Any = _parser(command)._subparsers._group_actions[0].choices  # type: ignore[union-attr]
+    return choices[command].get_default('files') or FileOptions()
 
 
-def run(command: str, inputs: Mapping[str, Path], *more: object) -> int:
-    filled = [part.format_map(inputs) for part in INPUTS[command]]
-    return main([command, *filled, *map(str, more)])
+def given(files: FileOptions, **paths: object) -> argparse.Namespace:
+    """Arguments with these paths and nothing else."""
+    nothing = dict.fromkeys([*files.reads, *files.writes, *files.records])
+    return argparse.Namespace(files=files, force=True, **nothing | paths)
+
+
+def test_the_commands_that_write_declare_it() -> None:
+    written = {name: sorted(declared(name).writes) for name in COMMANDS}
+    assert {name: outputs for name, outputs in written.items() if outputs} == {
+        'accuracy': ['output', 'picture'],
+        'calibrate': ['fragment', 'output', 'picture'],
+        'check': ['report', 'resume'],
+        'diagram': ['output'],
+        'fit': ['fragment', 'output', 'picture'],
+        'map': ['output'],
+        'score': ['picture'],
+    }
 
 
 @pytest.mark.parametrize('way', WAYS)
-@pytest.mark.parametrize(('command', 'option', 'suffix', 'name'), PAIRS)
-def test_an_output_that_is_an_input_is_refused(
-    command: str, option: str, suffix: str, name: str, way: str,
-    made: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    own = {key: tmp_path / key for key in made}
-    for key, path in made.items():
-        shutil.copy(path, own[key])
-    output = tmp_path / f'output{suffix}'
-    WAYS[way](output, own[name])
-    before = own[name].read_bytes()
-    assert run(command, own, option, output, '--force') == 2
-    assert f"output '{output}' is the input '{own[name]}'" in capsys.readouterr().err
-    assert own[name].read_bytes() == before
-    assert output.is_symlink() == (way == 'symbolic link')
+@pytest.mark.parametrize('command', [name for name in COMMANDS if declared(name).writes])
+def test_an_output_that_is_an_input_is_refused(command: str, way: str, tmp_path: Path) -> None:
+    files, number = declared(command), 0
+    for output, marks in files.writes.items():
+        for suffix in marks:
+            for source in files.reads:
+                number += 1
+                old, new = tmp_path / f'{number}.in', tmp_path / f'{number}{suffix}'
+                old.write_text('anything')
+                WAYS[way](new, old)
+                read = new if way == 'itself' else old
+                args = given(files, **{source: [str(read)], output: str(new)})
+                with pytest.raises(OutputError, match=r'is the input'):
+                    check_files(args)
+                assert new.read_text() == 'anything'
+    assert number
 
 
-# The bag of the fixture holds no truth, so that score stops behind the check of its outputs.
-@pytest.mark.slow
+@pytest.mark.parametrize('where', ['configuration', 'recording', 'archive'])
+def test_what_an_input_names_or_holds_is_an_input(where: str, tmp_path: Path) -> None:
+    files = declared('check')
+    (tmp_path / 'archive' / 'one').mkdir(parents=True)
+    (tmp_path / 'archive' / 'one' / 'a.json').write_text('{}')
+    (tmp_path / 'own.json').write_text('{}')
+    config = tmp_path / 'own.yaml'
+    config.write_text('/**: {ros__parameters: {aft: {calibration: own.json}}}')
+    output, source = {
+        'configuration': ('own.json', {'config': str(config)}),
+        'recording': ('archive/one/a.json', {'bags': [str(tmp_path / 'archive' / 'one')]}),
+        'archive': ('archive/one/a.json', {'bags': [str(tmp_path / 'archive')]}),
+    }[where]
+    with pytest.raises(OutputError, match='is the input'):
+        check_files(given(files, report=str(tmp_path / output), **source))
+
+
+def test_a_calibration_may_be_renewed_where_the_configuration_names_it(tmp_path: Path) -> None:
+    (tmp_path / 'own.json').write_text('{"schema": "stickslip_monitor/calibration/1"}')
+    (tmp_path / 'own.yaml').write_text('a: own.json')
+    files, output = declared('calibrate'), str(tmp_path / 'own.json')
+    check_files(given(files, output=output, config=str(tmp_path / 'own.yaml'), add=output))
+    with pytest.raises(OutputError, match='is the input'):
+        check_files(given(files, fragment=output, config=str(tmp_path / 'own.yaml')))
+
+
 @pytest.mark.parametrize(
-    ('command', 'option', 'suffix'),
-    [(c, o, s) for c, options in OUTPUTS.items() for o, all_ in options.items() for s in all_],
+    ('command', 'option', 'suffix', 'more'),
+    [
+        ('check', '--report', '.html', (BAG, '-c', CONFIG)),
+        ('check', '--resume', '.jsonl', (BAG, '-c', CONFIG)),
+        ('diagram', '-o', '.csv', ('-c', CONFIG, '--load', '1kN', '--points', '10')),
+        ('map', '-o', '.svg', ('-c', CONFIG)),
+    ],
 )
 def test_a_foreign_file_is_replaced_only_by_force_and_an_own_one_always(
-    command: str, option: str, suffix: str,
-    made: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    command: str, option: str, suffix: str, more: tuple[object, ...],
+    tmp_path: Path, capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
-    output = tmp_path / f'output{suffix}'
-    output.write_text('somebody else wrote this, about stickslip_monitor\n')
-    assert run(command, made, option, output) == 2
-    assert f"output '{output}' exists and was not written by this command" in (
-        capsys.readouterr().err
-    )
-    assert output.read_text().startswith('somebody else')
-    if command == 'score':
-        return
+    output, foreign = tmp_path / f'output{suffix}', 'somebody wrote this on stickslip_monitor\n'
+    output.write_text(foreign)
+    output.chmod(0o600)
+    line = [command, *map(str, more), option, str(output)]
+    assert main(line) == 2
+    assert f"output '{output}' exists and was not written by this" in capsys.readouterr().err
+    assert output.read_text() == foreign
     for force in (['--force'], []):
-        assert run(command, made, option, output, *force) < 2
-    assert not output.read_bytes().startswith(b'somebody else')
+        assert main([*line, *force]) < 2
+    assert output.read_text() != foreign
+    assert output.stat().st_mode & 0o777 == 0o600
     assert [path.name for path in tmp_path.iterdir()] == [output.name]
 
 
 @pytest.mark.parametrize(
-    ('command', 'arguments'),
+    ('paths', 'text'),
     [
-        ('fit', ('-o', '{0}/a.csv', '--fragment', '{0}/a.csv')),
-        ('accuracy', ('-o', '{0}/a.png', '--csv', '{0}/../{1}/a.png')),
+        ({'output': 'a.csv', 'fragment': 'a.csv'}, 'are one file'),
+        ({'output': '{0}/a.csv', 'fragment': '{0}/../{1}/a.csv'}, 'are one file'),
+        ({'output': 'a.pdf'}, r"output '.*a\.pdf' must end in one of \.csv"),
+        ({'picture': 'none/a.png'}, "there is no folder '.*none'"),
+        ({'picture': 'folder.png'}, 'is a folder, and only files are replaced'),
+        ({'picture': 'pipe.png'}, 'is a pipe, and only files are replaced'),
+        ({'picture': ''}, '--picture is given an empty name'),
     ],
 )
-def test_two_outputs_are_two_files(
-    command: str, arguments: tuple[str, ...], made: dict[str, Path], tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    filled = [part.format(tmp_path, tmp_path.name) for part in arguments]
-    assert run(command, made, *filled) == 2
-    assert 'are one file' in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
+def test_what_cannot_be_written_is_told_before_the_work(
+    paths: dict[str, str], text: str, tmp_path: Path
+) -> None:
+    (tmp_path / 'folder.png').mkdir()
+    os.mkfifo(tmp_path / 'pipe.png')
+    filled = {
+        option: path and str(tmp_path / path.format(tmp_path, tmp_path.name))
+        for option, path in paths.items()
+    }
+    with pytest.raises(OutputError, match=text):
+        check_files(given(declared('fit'), **filled))
 
 
 @pytest.mark.parametrize('option', ['--clips', '--mcap'])
 def test_no_recording_is_written_into_the_folder_that_is_checked(
-    option: str, made: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    shutil.copy(made['bag'], tmp_path / 'bag_0.mcap')
-    target = tmp_path if option == '--clips' else tmp_path / 'new.mcap'
-    assert run('check', made | {'bag': tmp_path}, option, target) == 2
+    bag = shutil.copytree(BAG, tmp_path / 'bag')
+    target = bag if option == '--clips' else bag / 'new.mcap'
+    before = sorted(bag.iterdir())
+    assert main(['check', str(bag), '-c', str(CONFIG), option, str(target)]) == 2
     assert 'whose recordings are checked' in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == ['bag_0.mcap']
+    assert sorted(bag.iterdir()) == before
+
+
+def test_old_spellings_are_understood_and_the_new_ones_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = ['accuracy', '--from', str(ROOT / 'docs' / 'accuracy.csv'), '--json']
+    old, new = tmp_path / 'old', tmp_path / 'new'
+    old.mkdir()
+    new.mkdir()
+    assert main([*line, '--csv', f'{old}/a.csv']) == 0
+    assert '--csv is called --output now' in capsys.readouterr().err
+    assert main([*line, '-o', f'{old}/a.png']) == 0
+    assert '-o for a picture is called --picture now' in capsys.readouterr().err
+    assert main([*line, '-o', f'{new}/a.csv', '--picture', f'{new}/a.png']) == 0
+    for name in ('a.csv', 'a.png'):
+        assert (old / name).read_bytes() == (new / name).read_bytes()
 
 
 def test_a_full_disk_leaves_what_was_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def full(path: Path, target: Path) -> None:
+        raise OSError(28, 'No space left on device')
+
     path = tmp_path / 'a.txt'
     write_whole(path, b'ours: old', b'ours')
-    monkeypatch.setattr(Path, 'replace', _full)
+    monkeypatch.setattr(Path, 'replace', full)
     with pytest.raises(OSError, match='No space'):
         write_whole(path, b'ours: new', b'ours')
     assert path.read_bytes() == b'ours: old'
     assert [p.name for p in tmp_path.iterdir()] == ['a.txt']
 
 
-def _full(path: Path, target: Path) -> None:
-    raise OSError(28, 'No space left on device')
+def test_the_draft_of_a_killed_process_is_swept_and_that_of_a_living_one_kept(
+    tmp_path: Path,
+) -> None:
+    code = (
+        'import sys; from stickslip_monitor.files import hold\n'
+        'file = open(sys.argv[1], "wb"); assert hold(file.fileno())\n'
+        'print(flush=True); sys.stdin.read()'
+    )
+    dead, living = tmp_path / '.a.txt.1.draft', tmp_path / '.a.txt.2.draft'
+    with subprocess.Popen(
+        [sys.executable, '-c', code, living], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as holder:
+        assert holder.stdout is not None
+        holder.stdout.readline()
+        dead.touch()
+        for draft in (dead, living):
+            os.utime(draft, (time.time() - 60.0,) * 2)
+        write_whole(tmp_path / 'a.txt', b'ours', b'ours')
+        assert sorted(path.name for path in tmp_path.iterdir()) == ['.a.txt.2.draft', 'a.txt']
+        holder.communicate()
 
 
-def test_a_pipe_is_not_replaced(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / 'pipe')
-    with pytest.raises(OutputError, match='is a pipe'):
-        write_whole(tmp_path / 'pipe', b'', b'', force=True)
+@pytest.mark.slow
+@pytest.mark.parametrize('sent', [signal.SIGINT, signal.SIGTERM])
+def test_a_command_that_is_stopped_leaves_nothing_behind(
+    sent: signal.Signals, tmp_path: Path
+) -> None:
+    line = ['check', '-', '-c', str(CONFIG), '--report', str(tmp_path / 'a.json')]
+    with subprocess.Popen(
+        [sys.executable, '-m', 'stickslip_monitor', *line],
+        stdin=subprocess.PIPE, stderr=subprocess.PIPE, env=os.environ | {'TMPDIR': str(tmp_path)},
+    ) as program:  # fmt: skip
+        assert program.stdin is not None
+        program.stdin.write(next(BAG.glob('*.mcap')).read_bytes())
+        program.stdin.flush()
+        while not list(tmp_path.glob('stickslip-*/*')):
+            time.sleep(0.02)
+        # One that comes just before a read is seen after it: a person presses again.
+        while program.poll() is None:
+            program.send_signal(sent)
+            time.sleep(0.2)
+        assert program.returncode == 130
+        assert program.stderr is not None
+        assert program.stderr.read() == b''
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ('closed', 'code'), [('<&-', 2), ('>&-', 1), ('2>&-', 1)], ids=['in', 'out', 'error']
+)
+def test_a_closed_stream_is_no_fault_of_the_program(closed: str, code: int) -> None:
+    bag = '-' if closed == '<&-' else BAG
+    line = f'{sys.executable} -m stickslip_monitor check {bag} -c {CONFIG} --json {closed}'
+    done = subprocess.run(line, shell=True, capture_output=True, text=True, check=False)
+    assert done.returncode == code, done.stderr
+    if closed == '<&-':
+        assert done.stderr == "ERROR: bag '-' is empty: 0 bytes\n"
+        assert json.loads(done.stdout)['error'] == "bag '-' is empty: 0 bytes"

@@ -213,7 +213,7 @@ def test_bad_input_is_named(
         ('none',): "bag 'none' does not exist",
         (slowing, '--bearing', 'fore'): "bearing 'fore' is not configured",
         (slowing, '--picture', str(tmp_path / 'a.pdf')): 'must end in one of',
-        (slowing, '--picture', str(tmp_path / 'a.csv')): 'must end in .png or .svg',
+        (slowing, '--picture', str(tmp_path / 'a.csv')): 'must end in one of .png, .svg',
         (slowing, slowing, '--picture', 'a.png'): '--picture shows one bearing in one bag',
     }
     for args, words in cases.items():

@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 
 from stickslip_monitor.commands.score import Judged, judge_bag
-from stickslip_monitor.lab.scenes.scene_file import load_scene
+from stickslip_monitor.lab.scenes.scene import load_scene
 from stickslip_monitor.lab.score import in_total
 from stickslip_monitor.monitor.ladder import Condition
 

@@ -13,7 +13,7 @@ import yaml
 
 from stickslip_monitor.cli import main
 from stickslip_monitor.commands.score_scenes import judge_all
-from stickslip_monitor.lab.scenes.scene_file import load_scene
+from stickslip_monitor.lab.scenes.scene import load_scene
 from stickslip_monitor.lab.voyages import OURS, Call, judge
 
 ROOT = Path(__file__).parents[2]

@@ -20,7 +20,7 @@ from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
 from stickslip_monitor.commands.simulate import write_bag
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.lab.scenes.scene_file import load_scene
+from stickslip_monitor.lab.scenes.scene import load_scene
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 CONFIG = """
@@ -179,7 +179,7 @@ def test_day_is_written_as_it_is_made(tmp_path: Path, scene: str) -> None:
         'import sys\n'
         'from dataclasses import replace\n'
         'from stickslip_monitor.commands.simulate import write_bag\n'
-        'from stickslip_monitor.lab.scenes.scene_file import load_scene\n'
+        'from stickslip_monitor.lab.scenes.scene import load_scene\n'
         'scene = load_scene(sys.argv[1])\n'
         'for hours in (1, 24):\n'
         '    write_bag(replace(scene, duration=3600.0 * hours), f"{sys.argv[2]}/{hours}.mcap")\n'
@@ -190,27 +190,6 @@ def test_day_is_written_as_it_is_made(tmp_path: Path, scene: str) -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     hour, day = map(int, done.stdout.split())
     assert day - hour < 8_000  # kilobytes; a chunk and its compression take four
-
-
-def test_cost_names_every_effect_and_changes_nothing(
-    tmp_path: Path, scene: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(['simulate', scene, '-o', str(tmp_path / 'plain.mcap')]) == 0
-    plain = capsys.readouterr().out.splitlines()
-    assert main(['simulate', scene, '-o', str(tmp_path / 'timed.mcap'), '--cost']) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == plain[0].replace('plain', 'timed')
-    rows = [line.rstrip().split('  ') for line in lines[1:] if ' ns' in line]
-    names = [next(cell for cell in row if cell) for row in rows]
-    effects = ['load_profile', 'speed_profile']
-    assert sorted(names) == [*effects, 'telemetry as such', 'writing the bag']
-    assert any(line.split()[:1] == ['all'] for line in lines)
-    # At 2 Hz and 0.5 Hz for 150 s, with those at both ends.
-    counts = {name: row[-1].strip() for name, row in zip(names, rows, strict=True)}
-    assert counts['speed_profile'] == '377 samples'
-    assert counts['writing the bag'] == '377 messages'
-    files = [(tmp_path / name).read_bytes() for name in ('plain.mcap', 'timed.mcap')]
-    assert files[0] == files[1]
 
 
 def test_truth_and_cut_are_told_apart_from_telemetry(

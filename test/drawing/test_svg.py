@@ -13,7 +13,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stickslip_monitor.commands.report import SPEED_CAPTION
 from stickslip_monitor.drawing.canvas import _shorter, inline_svg, variable
 from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.drawing.palette import (
@@ -30,6 +29,7 @@ from stickslip_monitor.drawing.palette import (
 )
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.report.recording import _SPEED_CAPTION
 
 pytest.importorskip('matplotlib')
 CONFIG = load_config(Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml')
@@ -108,7 +108,7 @@ def test_boundaries_are_seen_on_all_fills_and_captions_name_their_hues(dark: boo
         parts = [int(fill[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]
         hue = 360.0 * colorsys.rgb_to_hsv(*parts)[0]
         assert name == ('red' if hue < 25.0 else 'amber' if hue < 48.0 else 'yellow')
-        assert f'the {name} ' in SPEED_CAPTION
+        assert f'the {name} ' in _SPEED_CAPTION
 
 
 @given(

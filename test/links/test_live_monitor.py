@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import pytest
@@ -43,14 +42,13 @@ class Ship:
         names = {'bearings': ['aft']} | {f'aft.{key}': value for key, value in values.items()}
         self.now_ns = 7 * SECOND
         self.record: dict[str, Any] = {}
-        self.status: Mapping[str, str] = {}
+        self.state: dict[str, Any] = {}
         log = logging.getLogger('ship')
         self.live = LiveMonitor(build_config(names), [self], log, clock=lambda: self.now_ns)
+        self.live.begin()
 
-    def take_status(
-        self, bearing: str, time_ns: int, text: str, values: Mapping[str, str]
-    ) -> None:
-        self.status = values
+    def take_record(self, record: dict[str, Any]) -> None:
+        self.state = record
 
     def take_alarms(self, record: dict[str, Any]) -> None:
         self.record = record
@@ -78,7 +76,7 @@ def test_a_link_that_dies_loses_the_input_and_clears_nothing() -> None:
     assert ship.sail(None, None, 1.9) == STUCK
     lost = STUCK | {'input_lost': 'unacknowledged'}
     assert ship.sail(None, None, 2.0) == lost
-    assert ship.status['reason'] == 'input_stale'
+    assert ship.state['reason'] == 'input_stale'
     assert ship.sail(None, None, 600.0) == lost
     back = ship.sail(20.0, 1000.0, 63.0)
     assert back == STUCK | {'input_lost': 'returned_unacknowledged'}

@@ -168,30 +168,30 @@ def test_greetings(frame: object, expected: bool) -> None:
     assert is_hello(frame) is expected
 
 
-STATUS = {
+RECORD = {
     'reason': 'stick_slip',
     'regime': 'stick_slip',
-    'fold margin': '-0.508878146',
-    'hopf margin': '-inf',
-    'amplitude [m]': '0.00092',
-    'load [N]': '1000',
+    'fold_margin': -0.508878146,
+    'hopf_margin': None,
+    'amplitude_exact': 0.00092,
+    'load': 1000.0,
 }
 AT = 'propulsion.port.shaft.aftStern.'
 
 
 @pytest.mark.parametrize(
-    ('status', 'expected'),
+    ('record', 'expected'),
     [
-        (STATUS, [-0.508878146, None, 0.00092, 1000.0, 'stick_slip']),
-        ({**STATUS, 'amplitude [m]': 'nan'}, [-0.508878146, None, 0.0, 1000.0, 'stick_slip']),
-        ({**STATUS, 'reason': 'input_stale'}, [None] * 5),  # what was is not what is
-        ({'reason': 'waiting'}, [None] * 5),
+        (RECORD, [-0.508878146, None, 0.00092, 1000.0, 'stick_slip']),
+        ({**RECORD, 'amplitude_exact': None}, [-0.508878146, None, 0.0, 1000.0, 'stick_slip']),
+        ({**RECORD, 'reason': 'input_stale'}, [None] * 5),  # what was is not what is
+        ({**dict.fromkeys(RECORD), 'reason': 'waiting'}, [None] * 5),
         (None, [None] * 5),
     ],
 )
-def test_values(status: dict[str, str] | None, expected: list[Any]) -> None:
+def test_values(record: dict[str, Any] | None, expected: list[Any]) -> None:
     out = SignalKValues('propulsion.port.shaft', ['aft_stern'])
-    update = json.loads(json.dumps(out.values('aft_stern', status), allow_nan=False))
+    update = json.loads(json.dumps(out.values('aft_stern', record), allow_nan=False))
     assert update['$source'] == 'stickslip_monitor'
     names = ['foldMargin', 'hopfMargin', 'stickSlipAmplitude', 'load', 'regime']
     assert update['values'] == [

@@ -141,13 +141,20 @@ def test_only_fresh_values_of_our_own_ship_arrive() -> None:
     at_sea(work)
 
 
+RECORD = {
+    'bearing': 'aft',
+    'reason': 'stick_slip',
+    'regime': 'unstable',
+    'fold_margin': -0.5,
+    'amplitude_exact': 1e-4,
+}
+
+
 def test_a_server_that_forgets_gets_everything_back() -> None:
     async def work(server: SmallServer) -> None:
         async with sailing(Ship(server)) as ship:
             ship.client.take_alarms(alarms('unacknowledged'))
-            ship.client.take_status(
-                'aft', 0, '', {'reason': 'stick_slip', 'regime': 'unstable', 'fold margin': '-0.5'}
-            )
+            ship.client.take_record(RECORD)
             await ship.until(lambda: ship.kept(MARGIN) == -0.5 and ship.up('signalk_out'))
             assert ship.kept(STICK)['state'] == 'alarm'
             await server.stop()
@@ -215,9 +222,7 @@ def test_the_end_takes_values_back_and_leaves_alarms() -> None:
     async def work(server: SmallServer) -> None:
         async with sailing(Ship(server)) as ship:
             ship.client.take_alarms(alarms('unacknowledged'))
-            ship.client.take_status(
-                'aft', 0, '', {'reason': 'stick_slip', 'regime': 'unstable', 'fold margin': '-0.5'}
-            )
+            ship.client.take_record(RECORD)
             await ship.until(lambda: ship.kept(MARGIN) == -0.5)
             ship.client.tick(False)
             await asyncio.sleep(0.05)

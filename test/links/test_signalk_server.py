@@ -91,7 +91,7 @@ class Ship:
         )
         sinks.append(self.client)
 
-    def take_status(self, *values: Any) -> None:
+    def take_record(self, record: dict[str, Any]) -> None:
         pass
 
     def take_alarms(self, record: dict[str, Any]) -> None:

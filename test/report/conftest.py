@@ -12,6 +12,7 @@ import pytest
 from stickslip_monitor import Monitor, Stream
 from stickslip_monitor.monitor.assessment import REGIMES
 from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.offline.check import BearingReport
 from stickslip_monitor.offline.intervals import Worst, condition_intervals
 from stickslip_monitor.report.summary import Course
 
@@ -35,6 +36,9 @@ def course() -> Callable[..., Course]:
         parts = condition_intervals(scan.events, START, end)
         worst = Worst()
         worst.take(scan)
-        return Course(CONFIG.bearings[0], scan, parts, totals, worst.found)
+        item = BearingReport(
+            'aft_stern', scan.events, scan.time_ns.size, totals, worst.found, (), outline=scan
+        )
+        return Course(CONFIG.bearings[0], item, parts)
 
     return make

@@ -85,7 +85,7 @@ def test_quantities() -> None:
     assert plain(formatting.margin(-0.0512)) == '\N{MINUS SIGN}5.1 %'
     assert formatting.margin(math.inf) == 'no boundary'
     assert plain(formatting.millimetres(0.00106249)) == '1.06 mm'
-    assert [plain(formatting.load(n)) for n in (998.4, 25_000.0)] == ['998.4 N', '25 kN']
+    assert [plain(formatting.load(n)) for n in (998.4, 25_000.0)] == ['0.9984 kN', '25 kN']
     assert plain(formatting.rpm(-20.04)) == '\N{MINUS SIGN}20.0 rpm'
     assert plain(formatting.count(1, 'event')) == '1 event'
     assert plain(formatting.count(1250, 'event')) == '1 250 events'

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
-from stickslip_monitor.report.document import Finding
-from stickslip_monitor.report.summary import Course, finding_of, overall
+from stickslip_monitor import assess
+from stickslip_monitor.physics.belief import Belief, Tolerance
+from stickslip_monitor.report.summary import Course, Finding, facts, finding_of, overall
 
 Make = Callable[..., Course]
 
@@ -29,7 +31,7 @@ def test_clear(course: Make) -> None:
         'aft_stern: no stick-slip was predicted, and the bearing kept clear of it.'
     )
     # 60 / 40.7231 - 1
-    assert 'least fold margin was +47.3 %, at 60.0 rpm and 1000 N' in said(finding)
+    assert 'least fold margin was +47.3 %, at 60.0 rpm and 1 kN' in said(finding)
 
 
 def test_stick_slip_comes_first(course: Make) -> None:
@@ -42,10 +44,7 @@ def test_stick_slip_comes_first(course: Make) -> None:
         ' 2026-05-04.'
     )
     # At 20 rpm first-order KBM has 0.52688 mm and the exact cycle 0.556755 mm.
-    assert (
-        '0.527 mm (0.557 mm by the exact cycle), at 20.0 rpm and 1000 N, below the limit'
-        in said(finding)
-    )
+    assert 'amplitude was 0.557 mm, at 20.0 rpm and 1 kN, below the limit' in said(finding)
 
 
 def test_spells_are_counted(course: Make) -> None:
@@ -111,3 +110,25 @@ def test_bearings_of_one_recording_are_called_so() -> None:
     parts = [('bag', Finding('clear', 'Clear', (f'{n}: fine.',))) for n in ('aft', 'forward')]
     assert overall(parts).sentences == ('No stick-slip was predicted in any of 2 bearings.',)
     assert overall(parts[:1]) == parts[0][1]
+
+
+def test_facts_of_a_quiet_bearing(course: Callable[..., Course]) -> None:
+    found = {fact.name: fact for fact in facts(course([60.0] * 10))}
+    assert found['stick-slip predicted'].value == 'never'
+    assert 'greatest amplitude' not in found
+
+
+def test_probabilities_are_a_fact_where_there_are_any(course: Callable[..., Course]) -> None:
+    name = 'greatest probability of stick-slip'
+    quiet = course([60.0, 40.723091, 60.0])
+    assert name not in {fact.name for fact in facts(quiet)}
+    # With the damping alone unknown, the fold and what is faster have at most 50 %.
+    config = quiet.config
+    belief = Belief.from_tolerance(config.bearing, Tolerance(damping=0.1))
+    point = quiet.scan.assessment
+    points = assess(config.bearing, point.speed, point.load, belief)
+    outline: Any = replace(quiet.scan, assessment=points)
+    believed = replace(quiet, item=replace(quiet.item, outline=outline))
+    (fact,) = (fact for fact in facts(believed) if fact.name == name)
+    assert fact.value == '50%'
+    assert fact.note == 'that it starts by itself: at most 0%'

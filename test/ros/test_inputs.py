@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stickslip_monitor.monitor.configure import build_config
-from stickslip_monitor.monitor.messages import NodeHealth
+from stickslip_monitor.monitor.health import NodeHealth
 from stickslip_monitor.monitor.monitor import Monitor
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
@@ -84,7 +84,7 @@ def _inputs(node: Any, kind: str, field: str, receive: Any) -> Any:
             }
         values |= {f'{name}.{key}': value for key, value in own.items()}
     config = build_config(values)
-    return config, Inputs(node, config, receive, lambda: None, NodeHealth())
+    return config, Inputs(node, config, receive, lambda: None, lambda: None, NodeHealth())
 
 
 def test_messages_that_share_a_tick_of_the_clock_keep_their_order() -> None:

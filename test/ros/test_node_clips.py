@@ -105,7 +105,7 @@ def test_a_clip_that_cannot_be_written_is_told_and_the_node_goes_on(
     ('module', 'words'),
     [
         ('stickslip_monitor.live', 'cannot be made: '),
-        ('stickslip_monitor.ros.node', "run the executable 'monitor'"),
+        ('stickslip_monitor.ros.run', "run the executable 'monitor'"),
     ],
 )
 def test_a_node_that_cannot_keep_clips_does_not_start(

@@ -144,7 +144,7 @@ def test_an_environment_that_ros_would_ignore_or_die_of_is_refused(
     name: str, value: str, text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from stickslip_monitor.errors import RosError
-    from stickslip_monitor.ros import node
+    from stickslip_monitor.ros import run as node
 
     monkeypatch.delenv('ROS_SECURITY_KEYSTORE', raising=False)
     monkeypatch.setenv(name, value)
@@ -161,7 +161,7 @@ def test_security_without_the_nodes_own_keys_is_refused(
 ) -> None:
     """Unless told to enforce it, ROS 2 goes on without any security then."""
     from stickslip_monitor.errors import RosError
-    from stickslip_monitor.ros import node
+    from stickslip_monitor.ros import run as node
 
     own = tmp_path / 'enclaves' / 'stickslip_monitor'
     own.mkdir(parents=True)
@@ -188,20 +188,20 @@ def test_a_name_that_is_too_long_is_refused(start: Any, kit: Any) -> None:
 def test_a_callback_that_fails_is_told_and_survived() -> None:
     from types import SimpleNamespace
 
-    from stickslip_monitor.monitor.messages import NodeHealth
+    from stickslip_monitor.monitor.health import NodeHealth
     from stickslip_monitor.ros.node import MonitorNode
 
     logged: list[str] = []
     node: Any = MonitorNode.__new__(MonitorNode)
-    node._health, node._desk = NodeHealth(monitoring=True), None
+    node.health = NodeHealth(monitoring=True)
     node.get_logger = lambda: SimpleNamespace(error=lambda text, **_: logged.append(text))
 
     def fails(message: object) -> None:
         raise ZeroDivisionError('float division by zero')
 
     assert node.survived(fails)('message') is None
-    assert node._health.level == 2
-    assert node._health.message.startswith(
+    assert node.health.level == 2
+    assert node.health.message.startswith(
         '1 callback failed, last: ZeroDivisionError: float division by zero (test_node_explains'
     )
     assert logged[0].startswith('a callback failed and is survived: ZeroDivisionError')

@@ -48,7 +48,7 @@ def test_every_transition_and_every_invalid_request(start: Any, kit: Any) -> Non
 
 @pytest.mark.slow
 def test_an_activation_that_fails_can_be_repeated(start: Any, kit: Any) -> None:
-    topics = {'speed.topic': '/diagnostics'}
+    topics = {'speed.topic': '/parameter_events'}
     monitor = start(kit.parameters(topics, autostart=False))
     assert monitor.change_state(CONFIGURE)
     for _ in range(2):
@@ -148,7 +148,7 @@ def test_the_loop_survives_a_request_that_raises(monkeypatch: pytest.MonkeyPatch
     """Up to ROS 2 Jazzy, rclpy raises for an invalid lifecycle request."""
     from rclpy.impl.implementation_singleton import rclpy_implementation
 
-    from stickslip_monitor.ros import node
+    from stickslip_monitor.ros import run as node
 
     survived: list[Exception] = []
     refused = rclpy_implementation.RCLError('Transition is not registered.')

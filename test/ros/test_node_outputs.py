@@ -209,12 +209,12 @@ def test_what_nobody_listens_to_is_neither_worked_out_nor_published() -> None:
 
     heard, unheard = Counted(1), Counted(0)
     outputs: Any = Outputs.__new__(Outputs)
-    outputs._tap = None
+    outputs._clips = None
     message = SimpleNamespace()
     outputs._bearings = {
         'aft': [(unheard, message, never), (heard, message, lambda point: 0.5)],
     }
-    outputs.publish_verdict(SimpleNamespace(assessment=None, bearing='aft', time_ns=1))
+    outputs.take_verdict(SimpleNamespace(assessment=None, bearing='aft', time_ns=1))
     assert (heard.published, unheard.published, message.data) == (1, 0, 0.5)
 
 
@@ -225,6 +225,6 @@ def test_a_publication_that_fails_is_logged() -> None:
     outputs = Outputs.__new__(Outputs)
     logger = SimpleNamespace(warning=lambda text, **options: logged.append(text))
     outputs._node = SimpleNamespace(get_logger=lambda: logger)  # type: ignore[assignment]
-    outputs._tap = None
+    outputs._clips = None
     outputs._send(Refusing(), object())
     assert logged == ['not published on aft/amplitude: cannot publish data']

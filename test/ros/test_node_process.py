@@ -65,7 +65,7 @@ def test_what_ros_cannot_read_is_refused(run: Any, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_start_that_fails(start: Any, kit: Any) -> None:
     # The node publishes this topic itself, with another type.
-    monitor = start(kit.parameters({'speed.topic': '/diagnostics'}))
+    monitor = start(kit.parameters({'speed.topic': '/parameter_events'}))
     refused(monitor, 'the node cannot activate: its inputs cannot be subscribed to: ')
 
 
@@ -103,7 +103,7 @@ def test_signals_end_the_node_cleanly(start: Any, kit: Any, signals: list[Any]) 
 # Before main() has its handlers, while Python imports, a signal is Python's own affair.
 STARTING = """
 import signal, sys
-from stickslip_monitor.ros import node
+from stickslip_monitor.ros import run as node
 install = signal.signal
 def noted(number, handler):
     install(number, handler)

@@ -82,7 +82,7 @@ def test_an_input_that_dies_is_reported_with_its_age_and_cleared(start: Any, kit
     assert event['level'] == 'ERROR'
     topic = monitor.input('shaft/speed')
     assert event['text'] == (
-        'aft: Input speed lost: nothing believable on shaft/speed for 1 s.'
+        f'aft: Input speed lost: nothing believable on {topic} for 1 s.'
         f' /{peer.node.get_name()} publishes on {topic}, but nothing arrives.'
     )
     peer.until(

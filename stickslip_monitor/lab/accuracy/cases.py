@@ -9,29 +9,52 @@ test computes some of them again.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
-from stickslip_monitor.lab.accuracy.harmonic_balance import HarmonicBalance
-from stickslip_monitor.lab.accuracy.method import Method
-from stickslip_monitor.lab.accuracy.own_methods import (
-    Averaging,
-    EventDriven,
-    ExactCycle,
-    Follow,
-    Surface,
-)
+import numpy as np
+
+from stickslip_monitor.lab.accuracy.harmonic_balance import harmonic_balance, needs_resolvent
+from stickslip_monitor.lab.accuracy.method import Method, MethodResult, found, not_converged
 from stickslip_monitor.lab.accuracy.perturbation import (
     Cubic,
-    PolynomialAveraging,
-    SlipPerturbation,
-    ThomsenFidlin,
+    needs_exponential,
+    needs_falling_cubic,
+    polynomial_averaging,
+    slip_perturbation,
+    thomsen_fidlin,
 )
-from stickslip_monitor.lab.accuracy.time_stepping import Regularised, Switching
+from stickslip_monitor.lab.accuracy.time_stepping import (
+    event_driven,
+    needs_expansion,
+    smoothed,
+    switching,
+)
+from stickslip_monitor.physics.averaging.boundaries import stationary_amplitudes
+from stickslip_monitor.physics.cycle.cycles import CycleKind, exact_cycle
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
 
-BASE = Averaging()
-"""The method whose time others are compared with."""
+
+def averaging(points: int, bearing: Bearing, speed: float, load: float) -> MethodResult:
+    """Averaging as the monitor does it, of first order: closed forms for the Stribeck law."""
+    speeds = speed if points == 1 else np.full(points, speed)
+    cycles = stationary_amplitudes(bearing, speeds, load)
+    first = (0,) * (cycles.amplitude.ndim - 1)
+    stable = cycles.amplitude[first][cycles.stable[first]]
+    closed = isinstance(bearing.friction, Stribeck)
+    return found(float(stable[-1]) if stable.size else math.nan, 0 if closed else None)
+
+
+def exact(points: int, bearing: Bearing, speed: float, load: float) -> MethodResult:
+    """One slip phase from breakaway, the law set-valued (Filippov 1988); stick is a line."""
+    cycle = exact_cycle(bearing, speed if points == 1 else np.full(points, speed), load)
+    kind, evaluations = np.ravel(cycle.kind)[0], int(np.ravel(cycle.evaluations)[0])
+    if kind == CycleKind.UNRESOLVED:
+        return not_converged(evaluations)
+    return found(float(np.ravel(cycle.amplitude)[0]), evaluations)
+
 
 AT_ONCE = 1000
 ORDERS = (3, 5, 9, 15)
@@ -39,22 +62,55 @@ HARMONICS = (1, 3, 7, 15, 31, 63)
 WIDTHS = (1e-3, 1e-4, 1e-5)
 
 
-def ladder(follow: Follow) -> tuple[Method, ...]:
-    """All methods, in the order of the tables.
+def _single_and_bulk(
+    name: str, amplitude: Callable[[int, Bearing, float, float], MethodResult]
+) -> tuple[Method, Method]:
+    """A method for one operating point, and for many in one call."""
+    bulk = Method(f'{name}, {AT_ONCE} at once', name, partial(amplitude, AT_ONCE), points=AT_ONCE)
+    return Method(name, name, partial(amplitude, 1)), bulk
 
-    Args:
-        follow: Follows a motion in time, for the event-driven integrator.
-    """
-    methods: list[Method] = [BASE, Averaging(AT_ONCE)]
-    methods += [PolynomialAveraging(order) for order in ORDERS]
-    methods += [ThomsenFidlin(), SlipPerturbation(), SlipPerturbation(AT_ONCE)]
-    methods += [HarmonicBalance(harmonics) for harmonics in HARMONICS]
-    methods += [Regularised(width, tight) for tight in (False, True) for width in WIDTHS]
-    methods += [Switching(False), Switching(True), Switching(True, 0.1)]
-    methods += [EventDriven(follow), ExactCycle(), ExactCycle(AT_ONCE)]
-    methods += [Surface(), Surface(AT_ONCE)]
-    return tuple(methods)
 
+def _smoothed(width: float, tight: bool) -> Method:
+    tolerance = 'tight' if tight else 'default'
+    name = f'tanh {width:.0e} m/s, {tolerance}'.replace('e-0', 'e-')
+    slow = tight and width < 5e-5
+    return Method(name, 'tanh friction, LSODA', partial(smoothed, width, tight), slow=slow)
+
+
+def _switching(name: str, tight: bool, longest: float = math.inf) -> Method:
+    solve = partial(switching, tight, longest)
+    return Method(f'switching, {name}', 'switching, solve_ivp', solve)
+
+
+BASE, _AVERAGING_IN_BULK = _single_and_bulk('KBM', averaging)
+"""The first is the method whose time others are compared with."""
+METHODS = (
+    BASE,
+    _AVERAGING_IN_BULK,
+    *(
+        Method(
+            f'KBM, polynomial of order {order}', 'KBM, polynomial',
+            partial(polynomial_averaging, order), needs_exponential,
+        )
+        for order in ORDERS
+    ),
+    Method('Thomsen and Fidlin', 'Thomsen and Fidlin', thomsen_fidlin, needs_falling_cubic),
+    *_single_and_bulk('slip perturbation', slip_perturbation),
+    *(
+        Method(
+            f'harmonic balance, H = {harmonics}', 'harmonic balance',
+            partial(harmonic_balance, harmonics), needs_resolvent, slow=harmonics > 31,
+        )
+        for harmonics in HARMONICS
+    ),
+    *(_smoothed(width, tight) for tight in (False, True) for width in WIDTHS),
+    _switching('default', False),
+    _switching('tight', True),
+    _switching('tight, bounded step', True, 0.1),
+    Method('event-driven integrator', 'event-driven integrator', event_driven, needs_expansion),
+    *_single_and_bulk('exact cycle', exact),
+)  # fmt: skip
+"""All methods, in the order of the tables."""
 
 REFERENCE_LAW = Stribeck(0.30, 0.10, 10.0)
 REFERENCE_BEARING = Bearing(50.0, 400.0, 2.0e6, REFERENCE_LAW, 0.100)

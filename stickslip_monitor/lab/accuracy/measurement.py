@@ -11,7 +11,7 @@ import csv
 import io
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from statistics import median
@@ -19,7 +19,7 @@ from statistics import median
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.files import read_file
 from stickslip_monitor.lab.accuracy.cases import Case
-from stickslip_monitor.lab.accuracy.method import Method, MethodOutcome, MethodResult, solve
+from stickslip_monitor.lab.accuracy.method import Method, MethodOutcome
 
 Clock = Callable[[], float]
 
@@ -133,14 +133,10 @@ def relative_error(amplitude: float, reference: float) -> float:
 
 def measure(method: Method, case: Case, effort: Effort) -> Row:
     """Error and time of a method at a case; the first call warms it up."""
-    result = solve(method, case.bearing, case.speed, case.load)
-    if result.outcome is MethodOutcome.REFUSED:
-        return _row(method, case, result, Timing(math.nan, 0, disturbed=False))
-    timing = time_call(lambda: method.amplitude(case.bearing, case.speed, case.load), effort)
-    return _row(method, case, result, timing)
-
-
-def _row(method: Method, case: Case, result: MethodResult, timing: Timing) -> Row:
+    result = method.solve(case.bearing, case.speed, case.load)
+    timing = Timing(math.nan, 0, disturbed=False)
+    if result.outcome is not MethodOutcome.REFUSED:
+        timing = time_call(lambda: method.amplitude(case.bearing, case.speed, case.load), effort)
     return Row(
         method=method.name,
         family=method.family,
@@ -154,13 +150,6 @@ def _row(method: Method, case: Case, result: MethodResult, timing: Timing) -> Ro
         samples=timing.samples,
         disturbed=timing.disturbed,
     )
-
-
-def measure_all(methods: Sequence[Method], cases: Sequence[Case], effort: Effort) -> Iterator[Row]:
-    """Measure methods x cases, one row at a time, method by method."""
-    for method in methods:
-        for case in cases:
-            yield measure(method, case, effort)
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,14 +7,10 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol
 
 import numpy as np
 
-from stickslip_monitor.physics.friction import FrictionLaw, Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
-
-_STEEPEST = 50.0  # a solver's wild trial step must not overflow
 
 
 class MethodOutcome(Enum):
@@ -49,70 +45,54 @@ class MethodResult:
         return self.reason or self.outcome.value
 
 
-class Method(Protocol):
-    """A way to compute the amplitude of the stable cycle."""
-
-    @property
-    def name(self) -> str:
-        """Short and unique."""
-
-    @property
-    def family(self) -> str:
-        """What it shares with its variants, which differ in accuracy only."""
-
-    @property
-    def practice(self) -> str:
-        """What it is and how practitioners do it, in a sentence."""
-
-    @property
-    def source(self) -> str:
-        """Where it comes from."""
-
-    @property
-    def points(self) -> int:
-        """Operating points solved together in one call; its time is shared among them."""
-
-    @property
-    def slow(self) -> bool:
-        """Whether a quick look leaves it out."""
-
-    def refusal(self, bearing: Bearing, speed: float, load: float) -> str:
-        """Why the method does not apply; empty where it does."""
-
-    def amplitude(self, bearing: Bearing, speed: float, load: float) -> MethodResult:
-        """Solve an operating point: surface speed ``V`` > 0 [m/s], load ``N`` > 0 [N]."""
+def found(amplitude: float, evaluations: int | None = None) -> MethodResult:
+    """A result: a cycle where the amplitude is a number, none where it is ``nan``."""
+    outcome = MethodOutcome.CYCLE if math.isfinite(amplitude) else MethodOutcome.NO_CYCLE
+    return MethodResult(amplitude, outcome, evaluations)
 
 
-def solve(method: Method, bearing: Bearing, speed: float, load: float) -> MethodResult:
-    """Apply a method where it applies, and say why where it does not."""
-    reason = method.refusal(bearing, speed, load) or _unusable(speed, load)
-    if reason:
-        return MethodResult(math.nan, MethodOutcome.REFUSED, None, reason)
-    return method.amplitude(bearing, speed, load)
+def not_converged(evaluations: int | None = None) -> MethodResult:
+    """A result of a method that gave up."""
+    return MethodResult(math.nan, MethodOutcome.NOT_CONVERGED, evaluations)
+
+
+def _applies(bearing: Bearing) -> str:
+    return ''
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """A way to compute the amplitude of the stable cycle.
+
+    Attributes:
+        name: Short and unique.
+        family: What it shares with its variants, which differ in accuracy only.
+        amplitude: Solves an operating point: bearing, surface speed ``V`` > 0 [m/s], load ``N``
+            > 0 [N].
+        refusal: Why it does not apply to a bearing; empty where it does.
+        points: Operating points solved together in one call; its time is shared among them.
+        slow: Whether a quick look leaves it out.
+    """
+
+    name: str
+    family: str
+    amplitude: Callable[[Bearing, float, float], MethodResult]
+    refusal: Callable[[Bearing], str] = _applies
+    points: int = 1
+    slow: bool = False
+
+    def solve(self, bearing: Bearing, speed: float, load: float) -> MethodResult:
+        """Apply it where it applies, and say why where it does not."""
+        reason = self.refusal(bearing) or _unusable(speed, load)
+        if reason:
+            return MethodResult(math.nan, MethodOutcome.REFUSED, None, reason)
+        return self.amplitude(bearing, speed, load)
 
 
 def _unusable(speed: float, load: float) -> str:
     if speed > 0.0 and load > 0.0 and math.isfinite(speed) and math.isfinite(load):
         return ''
     return f'speed = {speed:g} m/s and load = {load:g} N must be finite and above 0'
-
-
-def found(amplitude: float, evaluations: int | None) -> MethodResult:
-    """A result: a cycle where the amplitude is a number, none where it is ``nan``."""
-    outcome = MethodOutcome.CYCLE if math.isfinite(amplitude) else MethodOutcome.NO_CYCLE
-    return MethodResult(amplitude, outcome, evaluations)
-
-
-def scalar_law(law: FrictionLaw) -> Callable[[float], float]:
-    """The coefficient at one relative speed [m/s], without the cost of an array.
-
-    Below zero the forward branch goes on smoothly, for trial steps that overshoot a contact.
-    """
-    if isinstance(law, Stribeck):
-        kinetic, gap = law.kinetic, law.static - law.kinetic
-        decay, viscous = law.decay, law.viscous
-        return lambda v: kinetic + gap * math.exp(min(-decay * v, _STEEPEST)) + viscous * v
-    return lambda v: float(law.coefficient(v))
 
 
 def breakaway(bearing: Bearing, speed: float, load: float) -> float:

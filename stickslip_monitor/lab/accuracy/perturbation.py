@@ -12,7 +12,8 @@ the growth of a cycle at the sliding limit; crest and trough see half of that on
 
     omega A = V + (pi/(m omega)) (N S(V; V) - c V/2),    S(V; V) = Delta I1e(beta V) for Stribeck
 
-The idea is that of Thomsen and Fidlin for their cubic law. The relative error is of second order
+The idea is that of Thomsen and Fidlin for their cubic law (Int. J. Non-Linear Mech. 38 (2003)
+389-403). The relative error is of second order
 in ``eta`` and ``zeta`` where the lining sticks. The cycle ends where the growth does, at the fold
 of averaging.
 
@@ -40,7 +41,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.lab.accuracy.method import MethodOutcome, MethodResult, found
+from stickslip_monitor.lab.accuracy.method import MethodResult, found, not_converged
 from stickslip_monitor.physics.averaging.boundaries import harmonic
 from stickslip_monitor.physics.friction import Stribeck, require_not_negative, require_positive
 from stickslip_monitor.physics.oscillator import Bearing
@@ -94,94 +95,40 @@ def _power(alpha: float, k: int, integrals: FloatArray) -> float:
     return math.fsum(terms)
 
 
-@dataclass(frozen=True, slots=True)
-class PolynomialAveraging:
-    """KBM with the exponential expanded to a polynomial.
-
-    Args:
-        order: Of the Taylor polynomial, >= 1.
-    """
-
-    order: int
-    points: int = 1
-    family: str = 'KBM, polynomial'
-    slow: bool = False
-    practice: str = (
-        'First-order averaging with the exponential expanded to a polynomial of order n about'
-        ' zero speed, term-by-term integrals, Newton-Raphson from just above the belt speed.'
-    )
-    source: str = (
-        'the published route for stern bearings; Nayfeh and Mook, Nonlinear Oscillations (1979)'
-    )
-
-    @property
-    def name(self) -> str:
-        """See :class:`~.method.Method`."""
-        return f'KBM, polynomial of order {self.order}'
-
-    def refusal(self, bearing: Bearing, speed: float, load: float) -> str:
-        """It expands an exponential, so it needs one."""
-        if isinstance(bearing.friction, Stribeck):
-            return ''
-        return 'the expansion is that of an exponential: it needs the Stribeck law'
-
-    def amplitude(self, bearing: Bearing, speed: float, load: float) -> MethodResult:
-        """See :class:`~.method.Method`."""
-        law = bearing.friction
-        assert isinstance(law, Stribeck)
-        coefficients = taylor_coefficients(law, speed, self.order)
-        level = 0.5 * bearing.damping * speed / load
-        alpha, step = _FIRST_GUESS, math.inf
-        for count in range(1, _STEPS + 1):
-            value, slope = averages(coefficients, alpha)
-            balance = value - level * alpha
-            if count == 1 and averages(coefficients, 1.0 + 1e-12)[0] <= level:
-                return found(math.nan, 2)
-            step = -balance / (slope - level)
-            # The balance is defined beyond the sliding limit only: half-way to it at most.
-            alpha = max(alpha + step, 0.5 * (1.0 + alpha))
-            if abs(step) <= 4e-15 * alpha:
-                return found(alpha * speed / bearing.natural_frequency, count + 1)
-        return MethodResult(math.nan, MethodOutcome.NOT_CONVERGED, _STEPS + 1)
-
-
-@dataclass(frozen=True, slots=True)
-class SlipPerturbation:
-    """One explicit formula.
-
-    Args:
-        points: Operating points solved in one call; their common cost is shared.
-    """
-
-    points: int = 1
-    family: str = 'slip perturbation'
-    slow: bool = False
-    practice: str = (
-        'The slip phase from breakaway is perturbed to first order; an explicit formula with the'
-        ' friction harmonic at the sliding limit.'
-    )
-    source: str = (
-        'Thomsen and Fidlin, Int. J. Non-Linear Mech. 38 (2003) 389-403, generalised here'
-    )
-
-    @property
-    def name(self) -> str:
-        """See :class:`~.method.Method`."""
-        together = '' if self.points == 1 else f', {self.points} at once'
-        return f'slip perturbation{together}'
-
-    def refusal(self, bearing: Bearing, speed: float, load: float) -> str:
-        """It applies everywhere, but counts on a stick phase."""
+def needs_exponential(bearing: Bearing) -> str:
+    """Why the polynomial does not apply: it expands an exponential."""
+    if isinstance(bearing.friction, Stribeck):
         return ''
+    return 'the expansion is that of an exponential: it needs the Stribeck law'
 
-    def amplitude(self, bearing: Bearing, speed: float, load: float) -> MethodResult:
-        """See :class:`~.method.Method`."""
-        speeds = np.full(self.points, speed)
-        omega = bearing.natural_frequency
-        drive = load * harmonic(bearing.friction, speeds, speeds)
-        growth = np.pi * (drive - 0.5 * bearing.damping * speeds) / (bearing.mass * omega)
-        amplitude = np.where(growth > 0.0, (speeds + growth) / omega, math.nan)
-        return found(float(amplitude[0]), None)
+
+def polynomial_averaging(order: int, bearing: Bearing, speed: float, load: float) -> MethodResult:
+    """KBM with the exponential expanded to a polynomial of some order >= 1."""
+    law = bearing.friction
+    assert isinstance(law, Stribeck)
+    coefficients = taylor_coefficients(law, speed, order)
+    level = 0.5 * bearing.damping * speed / load
+    if averages(coefficients, 1.0 + 1e-12)[0] <= level:
+        return found(math.nan, 1)
+    alpha = _FIRST_GUESS
+    for count in range(1, _STEPS + 1):
+        value, slope = averages(coefficients, alpha)
+        step = (level * alpha - value) / (slope - level)
+        # The balance is defined beyond the sliding limit only: half-way to it at most.
+        alpha = max(alpha + step, 0.5 * (1.0 + alpha))
+        if abs(step) <= 4e-15 * alpha:
+            return found(alpha * speed / bearing.natural_frequency, count + 1)
+    return not_converged(_STEPS + 1)
+
+
+def slip_perturbation(points: int, bearing: Bearing, speed: float, load: float) -> MethodResult:
+    """One explicit formula, with the friction harmonic at the sliding limit."""
+    speeds = np.full(points, speed)
+    omega = bearing.natural_frequency
+    drive = load * harmonic(bearing.friction, speeds, speeds)
+    growth = np.pi * (drive - 0.5 * bearing.damping * speeds) / (bearing.mass * omega)
+    amplitude = np.where(growth > 0.0, (speeds + growth) / omega, math.nan)
+    return found(float(amplitude[0]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,40 +180,27 @@ class Cubic:
         return 3.0 * self.cubic * v * v - self.linear
 
 
-@dataclass(frozen=True, slots=True)
-class ThomsenFidlin:
+def needs_falling_cubic(bearing: Bearing) -> str:
+    """Why the formulas of Thomsen and Fidlin do not apply: for friction that falls first."""
+    law = bearing.friction
+    if not isinstance(law, Cubic):
+        return "the formulas are those of Thomsen and Fidlin's cubic law and of no other"
+    if law.minimum >= law.static:
+        return 'the minimum coefficient must lie below the static one'
+    return ''
+
+
+def thomsen_fidlin(bearing: Bearing, speed: float, load: float) -> MethodResult:
     """Closed-form perturbation amplitudes of pure slip and stick-slip."""
-
-    name: str = 'Thomsen and Fidlin'
-    family: str = 'Thomsen and Fidlin'
-    points: int = 1
-    slow: bool = False
-    practice: str = (
-        'First-order perturbation of the slip phase from breakaway for a cubic friction law;'
-        ' an explicit formula on each side of the last speed with stick.'
-    )
-    source: str = 'Thomsen and Fidlin, Int. J. Non-Linear Mech. 38 (2003) 389-403'
-
-    def refusal(self, bearing: Bearing, speed: float, load: float) -> str:
-        """It holds for the cubic law with friction that falls first."""
-        law = bearing.friction
-        if not isinstance(law, Cubic):
-            return "the formulas are those of Thomsen and Fidlin's cubic law and of no other"
-        if law.minimum >= law.static:
-            return 'the minimum coefficient must lie below the static one'
-        return ''
-
-    def amplitude(self, bearing: Bearing, speed: float, load: float) -> MethodResult:
-        """See :class:`~.method.Method`."""
-        law = bearing.friction
-        assert isinstance(law, Cubic)
-        omega = bearing.natural_frequency
-        share = 1.0 - bearing.damping / (load * law.linear)
-        last = law.minimum_speed * math.sqrt(max(share, 0.0))
-        if speed >= last:
-            return found(math.nan, 0)
-        if speed >= math.sqrt(0.8) * last:
-            return found(2.0 * math.sqrt((last - speed) * (last + speed)) / omega, 0)
-        drive = load * (law.linear - 3.75 * law.cubic * speed**2) - bearing.damping
-        growth = 0.5 * math.pi * drive / (bearing.mass * omega)
-        return found(speed * (1.0 + growth) / omega, 0)
+    law = bearing.friction
+    assert isinstance(law, Cubic)
+    omega = bearing.natural_frequency
+    share = 1.0 - bearing.damping / (load * law.linear)
+    last = law.minimum_speed * math.sqrt(max(share, 0.0))
+    if speed >= last:
+        return found(math.nan, 0)
+    if speed >= math.sqrt(0.8) * last:
+        return found(2.0 * math.sqrt((last - speed) * (last + speed)) / omega, 0)
+    drive = load * (law.linear - 3.75 * law.cubic * speed**2) - bearing.damping
+    growth = 0.5 * math.pi * drive / (bearing.mass * omega)
+    return found(speed * (1.0 + growth) / omega, 0)

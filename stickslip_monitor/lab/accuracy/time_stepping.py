@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time integration by ``scipy.integrate.solve_ivp``: smoothed friction, and switching.
+"""Time integration: smoothed friction and switching by ``solve_ivp``, and the package's own.
 
 A known weakness of switching: events are detected at the ends of steps. Near grazing the lining
 touches the belt's speed for a moment within a step, the contact is missed, and a cycle of twice
@@ -14,16 +14,24 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.lab.accuracy.method import (
-    MethodOutcome,
     MethodResult,
     breakaway,
     found,
-    scalar_law,
+    not_converged,
     typical_period,
+)
+from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
+from stickslip_monitor.physics.motion.integrator import (
+    Drive,
+    MotionOutcome,
+    MotionState,
+    Phase,
+    integrate,
 )
 from stickslip_monitor.physics.oscillator import Bearing
 
@@ -89,170 +97,128 @@ def _velocity(_: float, y: FloatArray) -> float:
 _CYCLES = 10.0
 _WATCHED = 0.6
 _QUIET, _DECAYS = 0.5, 0.8
+_STEEPEST = 50.0  # a solver's wild trial step must not overflow
 
 
-def half_range(turns: FloatArray, speed: float, omega: float) -> float:
-    """Half the range of the turning points [m]; ``nan`` for a motion that settles."""
-    if turns.size < 2 or abs(turns[-1] - turns[-2]) < _DECAYS * abs(turns[1] - turns[0]):
+def scalar_law(law: FrictionLaw) -> Callable[[float], float]:
+    """The coefficient at one relative speed [m/s], without the cost of an array.
+
+    Below zero the forward branch goes on smoothly, for trial steps that overshoot a contact.
+    """
+    if isinstance(law, Stribeck):
+        kinetic, gap = law.kinetic, law.static - law.kinetic
+        decay, viscous = law.decay, law.viscous
+        return lambda v: kinetic + gap * math.exp(min(-decay * v, _STEEPEST)) + viscous * v
+    return lambda v: float(law.coefficient(v))
+
+
+def _late_range(
+    times: ArrayLike, turns: ArrayLike, span: float, speed: float, omega: float
+) -> float:
+    """Half the range of the turning points of the last cycles [m]; ``nan`` where it settles."""
+    late = np.asarray(turns)[np.asarray(times) > _WATCHED * span]
+    if late.size < 2 or abs(late[-1] - late[-2]) < _DECAYS * abs(late[1] - late[0]):
         return math.nan
-    amplitude = 0.5 * float(np.ptp(turns))
+    amplitude = 0.5 * float(np.ptp(late))
     return amplitude if amplitude * omega > _QUIET * speed else math.nan
 
 
-@dataclass(frozen=True, slots=True)
-class Regularised:
-    """Regularised friction by ``scipy.integrate.solve_ivp``, LSODA.
+def smoothed(
+    width: float, tight: bool, bearing: Bearing, speed: float, load: float
+) -> MethodResult:
+    """Regularised friction: the sign of the relative speed becomes ``tanh(v/width)``.
+
+    LSODA integrates in SI units from breakaway for ten cycles, the last four of which are
+    measured. Common practice; Vigue, Vergez, Karkar and Cochelin, J. Sound Vib. 389 (2017)
+    350-363. It says nothing about its error.
 
     Args:
         width: Speed over which the sign turns, > 0 [m/s].
         tight: Whether tolerances are tightened from scipy's (1e-3 relative, 1e-6 absolute in
             metres and metres a second) to 1e-10 and 1e-14.
+        bearing: The bearing.
+        speed: Surface speed [m/s].
+        load: Load [N].
     """
+    span = _CYCLES * typical_period(bearing, speed, load)
+    start = (breakaway(bearing, speed, load), speed)
+    rtol, atol = (1e-10, 1e-14) if tight else (1e-3, 1e-6)
+    flow = smoothed_flow(width, bearing, speed, load)
+    way = run(flow, (0.0, span), start, method='LSODA', rtol=rtol, atol=atol)
+    if not way.good:
+        return not_converged(way.evaluations)
+    omega = bearing.natural_frequency
+    return found(_late_range(way.turn_times, way.turns, span, speed, omega), way.evaluations)
 
-    width: float
-    tight: bool
-    points: int = 1
-    family: str = 'tanh friction, LSODA'
-    practice: str = (
-        'The sign of the relative speed becomes tanh(v/width); LSODA integrates in SI units from'
-        ' breakaway for ten cycles, the last four of which are measured.'
-    )
-    source: str = (
-        'common practice; Vigue, Vergez, Karkar and Cochelin, J. Sound Vib. 389 (2017) 350-363'
-    )
 
-    @property
-    def name(self) -> str:
-        """See :class:`~.method.Method`."""
-        tolerance = 'tight' if self.tight else 'default'
-        width = f'{self.width:.0e}'.replace('e-0', 'e-')
-        return f'tanh {width} m/s, {tolerance}'
+def smoothed_flow(width: float, bearing: Bearing, speed: float, load: float) -> Flow:
+    """``(x', x'')`` with smoothed friction."""
+    mass, damping, stiffness = bearing.mass, bearing.damping, bearing.stiffness
+    law = scalar_law(bearing.friction)
 
-    @property
-    def slow(self) -> bool:
-        """See :class:`~.method.Method`."""
-        return self.tight and self.width < 5e-5
+    def flow(_: float, y: FloatArray) -> tuple[float, float]:
+        x, v = float(y[0]), float(y[1])
+        relative = speed - v
+        friction = load * math.tanh(relative / width) * law(abs(relative))
+        return v, (friction - damping * v - stiffness * x) / mass
 
-    def refusal(self, bearing: Bearing, speed: float, load: float) -> str:
-        """It applies everywhere, and says nothing about its error."""
-        return ''
-
-    def amplitude(self, bearing: Bearing, speed: float, load: float) -> MethodResult:
-        """See :class:`~.method.Method`."""
-        span = _CYCLES * typical_period(bearing, speed, load)
-        start = (breakaway(bearing, speed, load), speed)
-        rtol, atol = (1e-10, 1e-14) if self.tight else (1e-3, 1e-6)
-        way = run(
-            self._flow(bearing, speed, load), (0.0, span), start, method='LSODA', rtol=rtol,
-            atol=atol,
-        )  # fmt: skip
-        if not way.good:
-            return MethodResult(math.nan, MethodOutcome.NOT_CONVERGED, way.evaluations)
-        late = way.turns[way.turn_times > _WATCHED * span]
-        return found(half_range(late, speed, bearing.natural_frequency), way.evaluations)
-
-    def _flow(self, bearing: Bearing, speed: float, load: float) -> Flow:
-        mass, damping, stiffness = bearing.mass, bearing.damping, bearing.stiffness
-        law, width = scalar_law(bearing.friction), self.width
-
-        def flow(_: float, y: FloatArray) -> tuple[float, float]:
-            x, v = float(y[0]), float(y[1])
-            relative = speed - v
-            friction = load * math.tanh(relative / width) * law(abs(relative))
-            return v, (friction - damping * v - stiffness * x) / mass
-
-        return flow
+    return flow
 
 
 _MOST_PHASES = 200
+# The dead time after a contact, in units of 1/omega.
 _DEAF = 1e-6
 
 
-@dataclass(slots=True)
-class _Journey:
-    """What has been seen on the way."""
+def switching(
+    tight: bool, longest: float, bearing: Bearing, speed: float, load: float
+) -> MethodResult:
+    """Switching between stick and slip: a slip phase ends at the event ``x' = V``.
 
-    time: float
-    x: float
-    side: float
-    evaluations: int
-    turn_times: list[float]
-    turns: list[float]
-    failed: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Switching:
-    """Switching between stick and slip by ``scipy.integrate.solve_ivp``.
+    Sticking is a straight line; ten cycles from breakaway in SI units, the last four of which are
+    measured. Common practice; Leine, van Campen, de Kraker and van den Steen, Nonlinear Dyn. 16
+    (1998) 41-54.
 
     Args:
         tight: DOP853 with tolerances 1e-12 and 1e-15, instead of RK45 with scipy's own.
         longest: Longest step in units of ``1/omega``, > 0; ``inf`` as users leave it.
+        bearing: The bearing.
+        speed: Surface speed [m/s].
+        load: Load [N].
     """
-
-    tight: bool
-    longest: float = math.inf
-    points: int = 1
-    slow: bool = False
-    family: str = 'switching, solve_ivp'
-    practice: str = (
-        "A slip phase is integrated in SI units until the event x' = V, sticking is a straight"
-        ' line; ten cycles from breakaway, the last four of which are measured.'
-    )
-    source: str = (
-        'common practice; Leine, van Campen, de Kraker and van den Steen, Nonlinear Dyn. 16'
-        ' (1998) 41-54; scipy.integrate.solve_ivp'
-    )
-
-    @property
-    def name(self) -> str:
-        """See :class:`~.method.Method`."""
-        tolerance = 'tight' if self.tight else 'default'
-        bound = '' if math.isinf(self.longest) else ', bounded step'
-        return f'switching, {tolerance}{bound}'
-
-    def refusal(self, bearing: Bearing, speed: float, load: float) -> str:
-        """It applies everywhere."""
-        return ''
-
-    def amplitude(self, bearing: Bearing, speed: float, load: float) -> MethodResult:
-        """See :class:`~.method.Method`."""
-        span = _CYCLES * typical_period(bearing, speed, load)
-        way = _Journey(0.0, breakaway(bearing, speed, load), 1.0, 0, [], [])
-        for _ in range(_MOST_PHASES):
-            self._slip(bearing, speed, load, way, span)
-            if way.failed:
-                return MethodResult(math.nan, MethodOutcome.NOT_CONVERGED, way.evaluations)
-            if way.time >= span:
-                break
-            _stick_or_cross(bearing, speed, load, way)
-        late = np.array(way.turn_times) > _WATCHED * span
-        turns = np.array(way.turns)[late]
-        return found(half_range(turns, speed, bearing.natural_frequency), way.evaluations)
-
-    def _slip(
-        self, bearing: Bearing, speed: float, load: float, way: _Journey, span: float
-    ) -> None:
-        """A slip phase behind (side 1) or ahead (-1) of the belt, to contact or to the end."""
-        mass, damping, stiffness = bearing.mass, bearing.damping, bearing.stiffness
-        law, side = scalar_law(bearing.friction), way.side
-
-        def flow(_: float, y: FloatArray) -> tuple[float, float]:
-            x, v = float(y[0]), float(y[1])
-            friction = load * side * law(side * (speed - v))
-            return v, (friction - damping * v - stiffness * x) / mass
-
-        method, rtol, atol = ('DOP853', 1e-12, 1e-15) if self.tight else ('RK45', 1e-3, 1e-6)
-        deaf = way.time + _DEAF / bearing.natural_frequency
-        seen = run(
-            flow, (way.time, span), (way.x, speed), [_contact(speed, side, deaf)], method=method,
-            rtol=rtol, atol=atol, max_step=self.longest / bearing.natural_frequency,
+    omega = bearing.natural_frequency
+    method, rtol, atol = ('DOP853', 1e-12, 1e-15) if tight else ('RK45', 1e-3, 1e-6)
+    span = _CYCLES * typical_period(bearing, speed, load)
+    time, x, side = 0.0, breakaway(bearing, speed, load), 1.0
+    evaluations, times, turns = 0, np.empty(0), np.empty(0)
+    for _ in range(_MOST_PHASES):
+        way = run(
+            _slip_flow(side, bearing, speed, load), (time, span), (x, speed),
+            [_contact(speed, side, time + _DEAF / omega)],
+            method=method, rtol=rtol, atol=atol, max_step=longest / omega,
         )  # fmt: skip
-        way.evaluations += seen.evaluations
-        way.failed = not seen.good
-        way.turn_times.extend(seen.turn_times.tolist())
-        way.turns.extend(seen.turns.tolist())
-        way.time, way.x = seen.time, seen.x
+        evaluations += way.evaluations
+        if not way.good:
+            return not_converged(evaluations)
+        times, turns = np.append(times, way.turn_times), np.append(turns, way.turns)
+        time, x = way.time, way.x
+        if time >= span:
+            break
+        time, x, side = _after_contact(bearing, speed, load, time, x)
+    return found(_late_range(times, turns, span, speed, omega), evaluations)
+
+
+def _slip_flow(side: float, bearing: Bearing, speed: float, load: float) -> Flow:
+    """``(x', x'')`` while it slips behind (side 1) or ahead (-1) of the belt."""
+    mass, damping, stiffness = bearing.mass, bearing.damping, bearing.stiffness
+    law = scalar_law(bearing.friction)
+
+    def flow(_: float, y: FloatArray) -> tuple[float, float]:
+        x, v = float(y[0]), float(y[1])
+        friction = load * side * law(side * (speed - v))
+        return v, (friction - damping * v - stiffness * x) / mass
+
+    return flow
 
 
 def _contact(speed: float, side: float, earliest: float) -> Event:
@@ -270,13 +236,83 @@ def _contact(speed: float, side: float, earliest: float) -> Event:
     return contact
 
 
-def _stick_or_cross(bearing: Bearing, speed: float, load: float, way: _Journey) -> None:
-    """What the set-valued law says at contact: hold the lining until breakaway, or let it by."""
-    needed = bearing.stiffness * way.x + bearing.damping * speed
-    limit = bearing.friction.static * load
-    if abs(needed) > limit * (1.0 + 1e-12):
-        way.side = math.copysign(1.0, needed)
-        return
+def _after_contact(
+    bearing: Bearing, speed: float, load: float, time: float, x: float
+) -> tuple[float, float, float]:
+    """Time, place and side of the next slip phase by the set-valued law.
+
+    It holds the lining until breakaway, or lets it by.
+    """
+    needed = bearing.stiffness * x + bearing.damping * speed
+    if abs(needed) > bearing.friction.static * load * (1.0 + 1e-12):
+        return time, x, math.copysign(1.0, needed)
     start = breakaway(bearing, speed, load)
-    way.time += max(start - way.x, 0.0) / speed
-    way.x, way.side = start, 1.0
+    return time + max(start - x, 0.0) / speed, start, 1.0
+
+
+_PER_CYCLE = 512
+_SETTLED = 1e-13
+_MOST_STRETCHES = 400
+
+
+def needs_expansion(bearing: Bearing) -> str:
+    """Why the event-driven integrator does not apply: it expands laws that it knows."""
+    if isinstance(bearing.friction, (Stribeck, Coulomb, Tabulated)):
+        return ''
+    return 'the integrator expands the Stribeck, Coulomb and tabulated laws, and no other'
+
+
+def event_driven(bearing: Bearing, speed: float, load: float) -> MethodResult:
+    """The package's integrator of the motion, from breakaway until the motion repeats.
+
+    Stick and slip are phases, with transitions located to rounding. It ends where two stretches
+    of motion have the same amplitude.
+    """
+    omega = bearing.natural_frequency
+    duration = 1.5 * typical_period(bearing, speed, load)
+    count = math.ceil(_PER_CYCLE * duration * omega / (2.0 * np.pi))
+    times = np.linspace(0.0, duration, count + 1)
+    drive = Drive.constant(speed, load, duration)
+    state = MotionState(breakaway(bearing, speed, load), 0.0, Phase.STICK)
+    before, evaluations = math.nan, 0
+    for _ in range(_MOST_STRETCHES):
+        motion = integrate(bearing, drive, state, times)
+        evaluations, state = evaluations + motion.expansions, motion.final
+        if motion.outcome is not MotionOutcome.COMPLETE:
+            break
+        x, v, a = motion.displacement, motion.velocity, motion.acceleration
+        turns = turning_points(x, v, a, duration / count)
+        now = 0.5 * float(np.ptp(turns)) if turns.size > 1 else 0.0
+        if now * omega < 0.5 * speed:
+            return found(math.nan, evaluations)
+        # Stick forgets where the motion came from: one stretch that has it is enough.
+        sticks = np.any(motion.transitions.after == Phase.STICK)
+        if (sticks and not math.isnan(before)) or abs(now - before) <= _SETTLED * now:
+            return found(now, evaluations)
+        before = now
+    return not_converged(evaluations)
+
+
+def turning_points(x: FloatArray, v: FloatArray, a: FloatArray, step: float) -> FloatArray:
+    """Displacements where the velocity vanishes, by quintic Hermite interpolation [m].
+
+    Args:
+        x: Displacement, evenly sampled, shape (n,) [m].
+        v: Velocity, shape (n,) [m/s].
+        a: Acceleration, shape (n,) [m/s^2].
+        step: Time between two samples [s].
+    """
+    at = np.flatnonzero((v[:-1] > 0.0) != (v[1:] > 0.0))
+    # Displacement, velocity and acceleration as polynomials in s = t/step, from both ends' values.
+    d, v0, v1 = x[at + 1] - x[at], step * v[at], step * v[at + 1]
+    a0, a1 = 0.5 * step * step * a[at], 0.5 * step * step * a[at + 1]
+    c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 3.0 * a0 + a1
+    c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 3.0 * a0 - 2.0 * a1
+    c5 = 6.0 * d - 3.0 * (v0 + v1) - a0 + a1
+    s = v0 / (v0 - v1)
+    for _ in range(6):
+        rate = v0 + s * (2.0 * a0 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))
+        bend = 2.0 * a0 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))
+        s = np.clip(s - rate / np.where(bend == 0.0, 1.0, bend), 0.0, 1.0)
+    turns: FloatArray = x[at] + s * (v0 + s * (a0 + s * (c3 + s * (c4 + s * c5))))
+    return turns

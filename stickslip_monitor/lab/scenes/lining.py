@@ -6,15 +6,15 @@ Also here: the episodes of stick-slip that follow from its sticks, and its sampl
 
 from __future__ import annotations
 
+import heapq
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes import telemetry
 from stickslip_monitor.lab.scenes.friction_course import STEP, FrictionCourse
@@ -55,6 +55,42 @@ class EpisodeEvent:
     sticking: float
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Walk:
+    """How the lining moved over a stretch of time.
+
+    Attributes:
+        end: Where it ends [s].
+        time: Times of the samples asked for, shape (n,) [s].
+        displacement: Shape (n,) [m].
+        velocity: Shape (n,) [m/s].
+        acceleration: Shape (n,) [m/s^2].
+        sticking: Whether it sticks, shape (n,).
+        changes: When it began to stick (True) or ceased to (False), and, before those of the same
+            time, when the shaft came to rest (True) or began to turn (False): time [s], whether
+            it is the lining's, and which.
+    """
+
+    end: float
+    time: FloatArray
+    displacement: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    sticking: BoolArray
+    changes: list[tuple[float, bool, bool]]
+
+    def at(self, own: IndexArray) -> Walk:
+        """The same with some of the samples."""
+        return replace(
+            self,
+            time=self.time[own],
+            displacement=self.displacement[own],
+            velocity=self.velocity[own],
+            acceleration=self.acceleration[own],
+            sticking=self.sticking[own],
+        )
+
+
 class Episodes:
     """Joins sticks to episodes; times must not fall.
 
@@ -64,14 +100,37 @@ class Episodes:
 
     Args:
         gap: Longest time between two sticks of an episode [s].
+
+    Attributes:
+        since: Since when the lining sticks [s]; None: it does not.
     """
 
     def __init__(self, gap: float) -> None:
         self.gap = gap
+        self.since: float | None = None
+        self._resting = False
         self._first = self._last = 0.0
         self._sticks = 0
         self._sticking = 0.0
         self._open: float | None = None
+
+    def see(self, walk: Walk) -> tuple[list[tuple[float, float]], list[EpisodeEvent]]:
+        """Ends and durations [s] of the sticks that ended in a stretch, and its events."""
+        ended: list[tuple[float, float]] = []
+        events: list[EpisodeEvent] = []
+        for time, is_stick, now in walk.changes:
+            if is_stick and now:
+                self.since = time
+                events += [] if self._resting else self.stick(time)
+            elif is_stick:
+                ended.append((time, time - (time if self.since is None else self.since)))
+                self.since = None
+                self.release(time)
+            else:
+                self._resting = now
+                if now:
+                    self.release(time)
+        return ended, events + self.passed(walk.end)
 
     def stick(self, time: float) -> list[EpisodeEvent]:
         """A stick begins while the shaft turns."""
@@ -230,31 +289,6 @@ class Impulse:
     impulse: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Walk:
-    """How the lining moved over a stretch of time.
-
-    Attributes:
-        end: Where it ends [s].
-        time: Times of the samples asked for, shape (n,) [s].
-        displacement: Shape (n,) [m].
-        velocity: Shape (n,) [m/s].
-        acceleration: Shape (n,) [m/s^2].
-        sticking: Whether it sticks, shape (n,).
-        sticks: Times at which it began to stick (True) or ceased to (False), in order.
-        rests: Times at which the shaft came to rest (True) or began to turn (False), in order.
-    """
-
-    end: float
-    time: FloatArray
-    displacement: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    sticking: NDArray[np.bool_]
-    sticks: list[tuple[float, bool]]
-    rests: list[tuple[float, bool]]
-
-
 class Lining:
     """The lining of one bearing; its state is kept from stretch to stretch.
 
@@ -313,7 +347,7 @@ class Lining:
         """
         nodes = self._extend(end)
         motions: list[Motion] = []
-        sticks: list[tuple[float, bool]] = []
+        sticks: list[tuple[float, bool, bool]] = []
         for low, high in self._stretches(nodes):
             taken = sum(motion.time.size for motion in motions)
             upto = int(np.searchsorted(times, nodes[0, high], 'right'))
@@ -321,14 +355,13 @@ class Lining:
             sticks += self._changes(motion)
             motions.append(motion)
         return Walk(
-            end=end,
-            time=times,
-            displacement=_joined([m.displacement for m in motions]),
-            velocity=_joined([m.velocity for m in motions]),
-            acceleration=_joined([m.acceleration for m in motions]),
-            sticking=_joined([m.sticking.astype(float) for m in motions]) > 0.0,
-            sticks=sticks,
-            rests=self._rests(nodes),
+            end,
+            times,
+            np.concatenate([motion.displacement for motion in motions]),
+            np.concatenate([motion.velocity for motion in motions]),
+            np.concatenate([motion.acceleration for motion in motions]),
+            np.concatenate([motion.sticking for motion in motions]),
+            list(heapq.merge(self._rests(nodes), sticks)),
         )
 
     def _start(self) -> MotionState:
@@ -392,26 +425,23 @@ class Lining:
         own = self.config.bearing
         return own if law is own.friction else replace(own, friction=law)
 
-    def _changes(self, motion: Motion) -> list[tuple[float, bool]]:
+    def _changes(self, motion: Motion) -> list[tuple[float, bool, bool]]:
         """Where sticking begins and ends, at knocks and changes of the law too."""
         found = []
         starts = motion.start.phase is Phase.STICK
         if starts != self._sticking:
-            found.append((motion.span[0], starts))
+            found.append((motion.span[0], True, starts))
         change = motion.transitions
         own = (change.before == Phase.STICK) | (change.after == Phase.STICK)
         now = (change.after[own] == Phase.STICK).tolist()
-        found += zip(change.time[own].tolist(), now, strict=True)
+        found += [
+            (t, True, sticks) for t, sticks in zip(change.time[own].tolist(), now, strict=True)
+        ]
         self._sticking = motion.final.phase is Phase.STICK
         return found
 
-    def _rests(self, nodes: FloatArray) -> list[tuple[float, bool]]:
+    def _rests(self, nodes: FloatArray) -> list[tuple[float, bool, bool]]:
         resting = np.abs(nodes[1]) < max(self.config.speed.deadband, np.finfo(float).tiny)
-        before = np.append(self._resting, resting[:-1])
-        change = np.flatnonzero(resting != before)
+        change = np.flatnonzero(resting != np.append(self._resting, resting[:-1]))
         self._resting = bool(resting[-1])
-        return list(zip(nodes[0, change].tolist(), resting[change].tolist(), strict=True))
-
-
-def _joined(parts: list[FloatArray]) -> FloatArray:
-    return np.concatenate([np.empty(0), *parts])
+        return [(float(nodes[0, k]), False, bool(resting[k])) for k in change]

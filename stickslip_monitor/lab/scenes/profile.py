@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Quantities given over time: by points, by steps, or by a table in a CSV file."""
+"""What a scene file gives over time: profiles, steps, tables, and windows in which effects act."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.arrays import BoolArray, FloatArray
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.files import read_file
 from stickslip_monitor.lab.scenes.settings import Settings, is_number, too_large
 
 # A table of a million rows [bytes].
 _LARGEST_TABLE = 32 << 20
-PROFILE_KEYS = ('bearing', 'unit', 'points', 'table')
+HEADER = ['time', 'value']
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,44 +28,42 @@ class Profile:
 
     Attributes:
         times: Rising times since the scene's start, none before it, shape (n,) [s].
-        values: The value at each, in ``unit``, shape (n,).
+        values: The value at each, shape (n,).
         ways: The integral from the scene's start to each, shape (n,).
-        unit: Their unit.
+        factor: What multiplies all that is asked of it, e.g. the SI value of the values' unit.
     """
 
     times: FloatArray
     values: FloatArray
     ways: FloatArray
-    unit: str
+    factor: float = 1.0
 
     @classmethod
-    def of(cls, points: Sequence[tuple[float, float]], unit: str) -> Profile:
+    def of(cls, points: Sequence[tuple[float, float]]) -> Profile:
         """The profile through some points (time, value)."""
         times, values = np.array(points, float).T.copy()
         pieces = 0.5 * (values[1:] + values[:-1]) * np.diff(times)
-        return cls(times, values, np.cumsum([times[0] * values[0], *pieces]), unit)
+        return cls(times, values, np.cumsum([times[0] * values[0], *pieces]))
 
     def at(self, time: FloatArray) -> FloatArray:
         """Values at some times [s], of their shape."""
-        return np.interp(time, self.times, self.values)
+        return np.interp(time, self.times, self.values) * self.factor
 
     def integral(self, time: FloatArray) -> FloatArray:
         """Integral from the scene's start to some times [s], of their shape."""
         inside = np.clip(time, self.times[0], self.times[-1])
         piece = np.searchsorted(self.times, inside, side='right') - 1
-        value = self.at(inside)
+        value = np.interp(inside, self.times, self.values)
         way = self.ways[piece] + 0.5 * (self.values[piece] + value) * (inside - self.times[piece])
-        return way + value * (time - inside)
+        return (way + value * (time - inside)) * self.factor
 
 
-def read_profile(
-    settings: Settings, units: Sequence[str], duration: float, folder: Path
-) -> Profile:
-    """Read ``unit`` and ``points``, or in its place ``table``, of an effect.
+def read_profile(settings: Settings, unit: str, duration: float, folder: Path) -> Profile:
+    """Read ``points`` or, in its place, ``table`` of an effect, numbers in a unit.
 
     Args:
         settings: The effect's settings.
-        units: The units allowed.
+        unit: The unit.
         duration: The scene's duration [s].
         folder: The folder that the table's path counts from.
 
@@ -73,43 +71,44 @@ def read_profile(
         SceneError: A point is no pair of numbers, times do not rise, or lie outside the scene, or
             the table cannot be read.
     """
-    unit = settings.choice('unit', units)
-    return read_values(settings, unit, duration, folder)
-
-
-def read_values(settings: Settings, unit: str, duration: float, folder: Path) -> Profile:
-    """Read ``points`` or ``table`` of an effect as numbers in a unit; see :func:`read_profile`."""
     if 'table' in settings and 'points' in settings:
         raise SceneError(f'{settings.name} has points and a table: give one of them')
     if 'table' in settings:
-        rows = read_table(folder / settings.text('table', 'the path of a CSV file'))
-        return Profile.of(check_points(rows, duration), unit)
-    return Profile.of(read_rows(settings, 'points', 'point', unit, duration), unit)
+        rows: Sequence[tuple[str, Any]] = _read_table(
+            folder / settings.text('table', 'the path of a CSV file')
+        )
+    else:
+        what = f'a list of points [time in s, value in {unit}]'
+        rows = settings.rows('points', 'point', what)
+    return Profile.of(check_points(rows, duration))
 
 
-def read_rows(
-    settings: Settings, key: str, name: str, unit: str, duration: float
-) -> list[tuple[float, float]]:
-    """Read a list of points (time, value).
+def read_steps(settings: Settings, unit: str, duration: float) -> Profile:
+    """Read ``steps`` and ``rise`` of an effect.
+
+    Each step [time in s, level] begins at its time and takes ``rise`` [s]: neither a shaft nor
+    the load on a bearing jumps. The first level holds from the scene's start.
 
     Args:
         settings: The effect's settings.
-        key: The list's key.
-        name: What one of them is called.
-        unit: The unit of their values.
+        unit: The unit of the levels.
         duration: The scene's duration [s].
 
     Raises:
-        SceneError: It is no list, or :func:`check_points` refuses.
+        SceneError: A step is no pair of numbers, its time breaks a rule, or it begins before the
+            one before it has ended.
     """
-    what = f'a list of {key} [time in s, value in {unit}]'
-    listed = settings.value(key, what)
-    if not isinstance(listed, list) or not listed:
-        raise settings.broken(key, f'must be {what}')
-    label = settings.label(key)
-    return check_points(
-        [(f'{label}: {name} {k}', row) for k, row in enumerate(listed, 1)], duration
-    )
+    rise = settings.number('rise', 's', above=0.0)
+    rows = settings.rows('steps', 'step', f'a list of steps [time in s, value in {unit}]')
+    steps = check_points(rows, duration)
+    points = [steps[0]]
+    for (name, _), (_, before), (time, level) in zip(rows[1:], steps, steps[1:], strict=False):
+        if time < points[-1][0]:
+            until = f'but the one before takes until {points[-1][0]:g} s'
+            raise SceneError(f'{name} is at {time:g} s, {until}')
+        points += [(time, before)] if time > points[-1][0] else []
+        points.append((time + rise, level))
+    return Profile.of(points)
 
 
 def check_points(rows: Sequence[tuple[str, Any]], duration: float) -> list[tuple[float, float]]:
@@ -123,13 +122,15 @@ def check_points(rows: Sequence[tuple[str, Any]], duration: float) -> list[tuple
         SceneError: A point is no pair of numbers, or its time breaks a rule.
     """
     for name, point in rows:
-        if not isinstance(point, list) or len(point) != 2 or not all(map(is_number, point)):
-            size = too_large(*point) if isinstance(point, list) else ''
-            raise SceneError(
-                f'{name} = {point!r} must be a pair of numbers, [time in s, value]{size}'
-            )
+        _check_pair(name, point, '[time in s, value]')
     check_times([(name, time) for name, (time, _) in rows], duration)
     return [(float(time), float(value)) for _, (time, value) in rows]
+
+
+def _check_pair(name: str, pair: Any, what: str) -> None:
+    if not isinstance(pair, list) or len(pair) != 2 or not all(map(is_number, pair)):
+        size = too_large(*pair) if isinstance(pair, list) else ''
+        raise SceneError(f'{name} = {pair!r} must be a pair of numbers, {what}{size}')
 
 
 def check_times(rows: Sequence[tuple[str, Any]], duration: float) -> None:
@@ -143,68 +144,21 @@ def check_times(rows: Sequence[tuple[str, Any]], duration: float) -> None:
         SceneError: They do not.
     """
     for name, time in rows:
-        if not is_number(time) or not 0.0 <= time <= duration:
-            raise SceneError(
-                f'{name} is at {time:g} s, outside the scene, which lasts from 0 to {duration:g} s'
-                if is_number(time)
-                else f'{name} is at {time!r}, which is no time in s'
-            )
+        if not is_number(time):
+            raise SceneError(f'{name} is at {time!r}, which is no time in s')
+        if not 0.0 <= time <= duration:
+            outside = f'outside the scene, which lasts from 0 to {duration:g} s'
+            raise SceneError(f'{name} is at {time:g} s, {outside}')
     for (_, before), (name, after) in pairwise(rows):
         if after <= before:
-            raise SceneError(
-                f'{name} is at {after:g} s, but times must rise and the one before is at'
-                f' {before:g} s'
-            )
+            rise = f'but times must rise and the one before is at {before:g} s'
+            raise SceneError(f'{name} is at {after:g} s, {rise}')
 
 
-STEP_KEYS = ('bearing', 'unit', 'steps', 'rise')
+def _read_table(path: Path) -> list[tuple[str, list[float]]]:
+    """For each row of a table what it is called in sentences, and time [s] and value.
 
-
-def read_steps(settings: Settings, units: Sequence[str], duration: float) -> Profile:
-    """Read ``unit``, ``steps`` and ``rise`` of an effect.
-
-    Each step [time in s, level] begins at its time and takes ``rise`` [s]: neither a shaft nor
-    the load on a bearing jumps. The first level holds from the scene's start.
-
-    Args:
-        settings: The effect's settings.
-        units: The units allowed.
-        duration: The scene's duration [s].
-
-    Raises:
-        SceneError: A step is no pair of numbers, its time breaks a rule, or it begins before the
-            one before it has ended.
-    """
-    unit = settings.choice('unit', units)
-    rise = settings.number('rise', 's', above=0.0)
-    steps = read_rows(settings, 'steps', 'step', unit, duration)
-    points, label = [steps[0]], settings.label('steps')
-    for number, ((_, before), (time, level)) in enumerate(pairwise(steps), 2):
-        if time < points[-1][0]:
-            raise SceneError(
-                f'{label}: step {number} is at {time:g} s, but the one before takes'
-                f' until {points[-1][0]:g} s'
-            )
-        points += [(time, before)] if time > points[-1][0] else []
-        points.append((time + rise, level))
-    return Profile.of(points, unit)
-
-
-HEADER = ['time', 'value']
-
-
-def read_table(path: Path) -> list[tuple[str, list[float]]]:
-    """Read a table.
-
-    Args:
-        path: The file. Its first line is ``time,value``; empty lines and lines that begin with
-            ``#`` are skipped.
-
-    Returns:
-        For each row what it is called in sentences, and time [s] and value.
-
-    Raises:
-        SceneError: The file cannot be read, has no rows, or a line is not two numbers.
+    Its first line is ``time,value``; empty lines and lines that begin with ``#`` are skipped.
     """
     try:
         lines = read_file(path, _LARGEST_TABLE).decode('utf-8-sig').splitlines()
@@ -213,7 +167,7 @@ def read_table(path: Path) -> list[tuple[str, list[float]]]:
     except UnicodeDecodeError as error:
         raise SceneError(f"table '{path}' cannot be read: it is not UTF-8 text") from error
     cells = [
-        (number, [cell.strip() for cell in next(csv.reader([line]))])
+        (f"table '{path}' line {number}", [cell.strip() for cell in next(csv.reader([line]))])
         for number, line in enumerate(lines, 1)
         if line.strip() and not line.lstrip().startswith('#')
     ]
@@ -221,17 +175,106 @@ def read_table(path: Path) -> list[tuple[str, list[float]]]:
         raise SceneError(f"table '{path}' must begin with a line 'time,value'")
     if len(cells) == 1:
         raise SceneError(f"table '{path}' has no rows")
-    return [
-        (f"table '{path}' line {number}", _numbers(path, number, row)) for number, row in cells[1:]
-    ]
+    return [(name, _numbers(name, row)) for name, row in cells[1:]]
 
 
-def _numbers(path: Path, number: int, row: list[str]) -> list[float]:
+def _numbers(name: str, row: list[str]) -> list[float]:
     try:
         time, value = map(float, row)
     except ValueError:
-        text = ','.join(row)
         raise SceneError(
-            f"table '{path}' line {number} = '{text}' must be two numbers: time in s, value"
+            f"{name} = '{','.join(row)}' must be two numbers: time in s, value"
         ) from None
     return [time, value]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Windows:
+    """Stretches of time that do not overlap.
+
+    Attributes:
+        starts: Their starts, rising, shape (n,) [s].
+        ends: Their ends, which do not belong to them, shape (n,) [s].
+    """
+
+    starts: FloatArray
+    ends: FloatArray
+
+    def hold(self, time: FloatArray) -> BoolArray:
+        """Whether some times [s] lie in a window."""
+        window = np.searchsorted(self.starts, time, side='right') - 1
+        held: BoolArray = (window >= 0) & (time < self.ends[window])
+        return held
+
+
+def read_windows(settings: Settings, duration: float) -> Windows:
+    """Read ``windows``: pairs [start, end] in s, in order of time.
+
+    Args:
+        settings: What has them.
+        duration: The scene's duration [s].
+
+    Raises:
+        SceneError: A window is no pair, ends before it starts, leaves the scene or overlaps the
+            one before.
+    """
+    rows = settings.rows('windows', 'window', 'a list of windows [start in s, end in s]')
+    for name, window in rows:
+        _check_pair(name, window, '[start in s, end in s]')
+        if not 0.0 <= window[0] < window[1] <= duration:
+            raise SceneError(
+                f'{name} = {window} must start before it ends, within the scene, which lasts from'
+                f' 0 to {duration:g} s'
+            )
+    for number, ((_, before), (name, after)) in enumerate(pairwise(rows), 1):
+        if after[0] < before[1]:
+            raise SceneError(
+                f'{name} = {after} overlaps or precedes window {number} = {before}; windows must'
+                ' follow one another'
+            )
+    starts, ends = np.array([window for _, window in rows], float).T.copy()
+    return Windows(starts, ends)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SampleMask:
+    """Which samples an effect changes.
+
+    Attributes:
+        windows: Where it acts; None: everywhere.
+        share: The probability that a sample there is hit, each by itself.
+        random: Its random stream, None where the share is 1.
+    """
+
+    windows: Windows | None
+    share: float
+    random: np.random.Generator | None
+
+    def hit(self, time: FloatArray) -> BoolArray:
+        """Whether the next samples, at some times [s], are hit."""
+        hit = np.ones(time.size, np.bool_) if self.windows is None else self.windows.hold(time)
+        if self.random is not None:
+            # One draw for each sample, in a window or not: windows do not change the draws.
+            hit &= self.random.random(time.size) < self.share
+        return hit
+
+
+def read_sample_mask(
+    settings: Settings, duration: float, random: np.random.Generator
+) -> SampleMask:
+    """Read ``windows`` and ``share``, of which at least one is there.
+
+    Args:
+        settings: What has them.
+        duration: The scene's duration [s].
+        random: The effect's random stream, drawn from only where there is a share.
+
+    Raises:
+        SceneError: There is neither, or one breaks its rule.
+    """
+    if 'windows' not in settings and 'share' not in settings:
+        raise SceneError(f'{settings.name} must have windows, a share of the samples, or both')
+    windows = read_windows(settings, duration) if 'windows' in settings else None
+    if 'share' not in settings:
+        return SampleMask(windows, 1.0, None)
+    return SampleMask(windows, settings.number('share', '-', above=0.0, most=1.0), random)

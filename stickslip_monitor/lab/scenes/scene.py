@@ -1,19 +1,46 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene: what happens to one ship's shaft, and what its sensors send."""
+"""A scene: what happens to one ship's shaft, and what its sensors send; its file, and its run.
+
+It runs block by block: memory does not grow with its duration.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import datetime as dt
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from stickslip_monitor.lab.scenes.cost import Stopwatch
-from stickslip_monitor.lab.scenes.effects.effect import BuildContext
-from stickslip_monitor.lab.scenes.effects.registry import SceneRun, build_run
+import numpy as np
+
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.errors import ConfigurationError, SceneError
+from stickslip_monitor.lab.scenes import telemetry
+from stickslip_monitor.lab.scenes.effects.effect import SceneRun
+from stickslip_monitor.lab.scenes.effects.registry import (
+    EFFECTS,
+    SENSOR_EFFECTS,
+    in_order,
+    read_effects,
+)
 from stickslip_monitor.lab.scenes.settings import Settings
-from stickslip_monitor.lab.scenes.shaft import Shaft
-from stickslip_monitor.lab.scenes.telemetry import Channel
+from stickslip_monitor.lab.scenes.shaft import Shaft, TimeBlock
+from stickslip_monitor.lab.scenes.telemetry import Channel, Signal, read_channels
+from stickslip_monitor.lab.scenes.variation import drawn, read_parameter_error
 from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.config_file import load_config, load_yaml
+
+SCHEMA = 'stickslip_monitor/scene/1'
+KEYS = (
+    'scene', 'description', 'duration', 'start', 'seed', 'config', 'telemetry', 'sensors',
+    'parameter_error', 'effects',
+)  # fmt: skip
+SENSORS_SCHEMA = 'stickslip_monitor/sensors/1'
+SENSORS_KEYS = ('sensors', 'description', 'telemetry', 'effects', 'parameter_error')
+_LATEST_NS = (1 << 63) - 1
+_EPOCH = dt.datetime(1970, 1, 1, tzinfo=dt.timezone.utc)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,27 +71,249 @@ class Scene:
     effects: tuple[Settings, ...]
     parameter_error: Mapping[str, float] = field(default_factory=dict)
 
-    def build(self, stopwatch: Stopwatch | None = None) -> SceneRun:
+    def build(self) -> SceneRun:
         """Build one run of the scene.
 
-        Args:
-            stopwatch: Times its effects, if given.
-
         Raises:
-            SceneError: A setting breaks its rule.
+            SceneError: A setting breaks its rule, or an effect is listed twice for a channel.
         """
-        frame = BuildContext(
+        run = SceneRun(
             self.duration,
             self.seed,
             self.channels,
-            Shaft(self.channels),
             self.folder,
             self.start_ns,
-            stopwatch=stopwatch,
+            Shaft(self.channels),
         )
-        return build_run(self.effects, frame)
+        for settings in self.effects:
+            EFFECTS[settings.name].build(settings, run)
+        return run
 
     @property
     def message_count(self) -> int:
         """Samples on all channels."""
         return sum(channel.count(self.duration) for channel in self.channels)
+
+
+def load_scene(
+    path: str | Path, seed: int | None = None, sensors: str | Path | None = None
+) -> Scene:
+    """Read and validate a scene file.
+
+    Args:
+        path: The file.
+        seed: The seed; by default the file's.
+        sensors: A file of sensors; by default that which the scene names, if any.
+
+    Raises:
+        SceneError: It cannot be read or breaks a rule; the text names the file.
+        ConfigurationError: The configuration it refers to cannot be read or breaks a rule.
+    """
+    path = Path(path)
+    try:
+        document = load_yaml(path)
+    except ConfigurationError as error:
+        raise SceneError(str(error)) from error
+    try:
+        return _build(path, document, seed, sensors)
+    except SceneError as error:
+        raise SceneError(f'{path}: {error}') from error
+
+
+def _build(path: Path, document: Any, seed: int | None, sensors: str | Path | None) -> Scene:
+    _check_schema(document)
+    seed = _seed(Settings('', document, document)) if seed is None else seed
+    settings = Settings('', drawn(document, seed), KEYS)
+    given = _sensors(path.parent, settings, seed, sensors)
+    description = settings.text('description', 'what the scene shows')
+    duration = settings.number('duration', 's', above=0.0, most=_LATEST_NS * 1e-9)
+    start_ns = _start_ns(settings, duration)
+    config_path = _config_path(path.parent, settings, seed)
+    config = load_config(config_path)
+    rates = settings if 'telemetry' in settings or given is None else given
+    telemetry = rates.value('telemetry', '{speed: {rate: Hz}, load: {rate: Hz}}')
+    channels = read_channels(config, telemetry)
+    for channel in channels:
+        if start_ns + round(duration * 1e9) >= channel.stamps_end_ns:
+            rule = f'in 2038 the time stamps in the headers of topic {channel.topic} end'
+            raise settings.broken('start', f'must lie, with the whole scene, before that: {rule}')
+    scene = Scene(
+        description=description,
+        duration=duration,
+        start_ns=start_ns,
+        seed=seed,
+        folder=path.parent,
+        config_path=config_path,
+        config=config,
+        channels=channels,
+        effects=_effects(settings, given),
+        parameter_error=read_parameter_error(
+            settings if 'parameter_error' in settings or given is None else given
+        ),
+    )
+    # Built here only to hear of wrong settings before anything is written.
+    scene.build()
+    return scene
+
+
+def _check_schema(document: Any) -> None:
+    if not isinstance(document, dict) or 'scene' not in document:
+        raise SceneError(f"not a scene file: it must begin with 'scene: {SCHEMA}'")
+    if document['scene'] != SCHEMA:
+        raise SceneError(f"scene = {document['scene']!r} must be '{SCHEMA}'")
+
+
+def _seed(settings: Settings) -> int:
+    seed = settings.value('seed', 'a whole number, from which all random numbers follow')
+    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+        raise settings.broken('seed', 'must be a whole number not below 0')
+    return seed
+
+
+def _config_path(folder: Path, settings: Settings, seed: int) -> Path:
+    """The configuration's file; of a folder of them each seed takes the next."""
+    path = folder / settings.text('config', 'the path of a configuration file')
+    if not path.is_dir():
+        return path
+    found = sorted(path.glob('*.yaml'))
+    if not found:
+        raise settings.broken('config', 'is a folder without a .yaml file')
+    return found[seed % len(found)]
+
+
+def _sensors(
+    folder: Path, settings: Settings, seed: int, path: str | Path | None
+) -> Settings | None:
+    """The file of sensors that was asked for, else that which the scene names, if any."""
+    if path is None:
+        if 'sensors' not in settings:
+            return None
+        path = folder / settings.text('sensors', 'the path of a file of sensors')
+    return read_sensors(path, seed)
+
+
+def read_sensors(path: str | Path, seed: int) -> Settings:
+    """Read a file of sensors, with what varies drawn for a seed.
+
+    Raises:
+        SceneError: It cannot be read; the text names the file.
+    """
+    try:
+        document = load_yaml(path)
+    except ConfigurationError as error:
+        raise SceneError(str(error)) from error
+    if not isinstance(document, dict) or document.get('sensors') != SENSORS_SCHEMA:
+        raise SceneError(
+            f"{path}: not a file of sensors: it must begin with 'sensors: {SENSORS_SCHEMA}'"
+        )
+    try:
+        return Settings('', drawn(document, seed, 'sensors'), SENSORS_KEYS)
+    except SceneError as error:
+        raise SceneError(f'{path}: {error}') from error
+
+
+def load_sensors_description(path: str | Path) -> str:
+    """What a file of sensors says of itself.
+
+    Raises:
+        SceneError: It cannot be read; the text names the file.
+    """
+    given = read_sensors(path, 0)
+    return given.text('description', 'what the sensors are')
+
+
+def _effects(settings: Settings, sensors: Settings | None) -> tuple[Settings, ...]:
+    """What happens, and what the sensors make of it; where both name an effect the scene's."""
+    own = read_effects(settings.value('effects', 'the list of what happens'))
+    if sensors is None or 'effects' not in sensors:
+        return own
+    named = {effect.name for effect in own}
+    given = read_effects(sensors.value('effects', 'what the sensors do'))
+    for effect in given:
+        if effect.name not in SENSOR_EFFECTS:
+            raise SceneError(
+                f"effect '{effect.name}' of the sensors must be one of {', '.join(SENSOR_EFFECTS)}"
+            )
+    return in_order([*own, *(effect for effect in given if effect.name not in named)])
+
+
+def _start_ns(settings: Settings, duration: float) -> int:
+    """Nanoseconds since 1970 from nanoseconds or an ISO time, which is UTC if it has no zone."""
+    what = 'an ISO time such as 2026-05-04T06:00:00Z, or whole nanoseconds since 1970'
+    value = settings.value('start', what)
+    if isinstance(value, str):
+        try:
+            value = dt.datetime.fromisoformat(value.replace('Z', '+00:00'))
+        except ValueError:
+            raise settings.broken('start', f'must be {what}') from None
+    if isinstance(value, dt.datetime):
+        if value.tzinfo is None:
+            value = value.replace(tzinfo=dt.timezone.utc)
+        value = (value - _EPOCH) // dt.timedelta(microseconds=1) * 1000
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise settings.broken('start', f'must be {what}')
+    if not 0 <= value <= _LATEST_NS - round(duration * 1e9):
+        raise settings.broken('start', 'must lie, with the whole scene, between 1970 and 2262')
+    return value
+
+
+BLOCK_LENGTH = 60.0
+
+
+def simulate(
+    scene: Scene, block_length: float = BLOCK_LENGTH, run: SceneRun | None = None
+) -> Iterator[TimeBlock]:
+    """Run a scene.
+
+    Speeds and loads start at zero (a shaft at rest, no load), and each effect adds its own. The
+    outcome does not depend on the length of the blocks.
+
+    Args:
+        scene: The scene.
+        block_length: Length of the blocks, > 0 [s].
+        run: A fresh run of it; by default one is built.
+
+    Yields:
+        Its blocks, in order of time, up to its end or to where its recording is cut off.
+
+    Raises:
+        SceneError: A speed or load leaves what the telemetry can carry.
+    """
+    run = scene.build() if run is None else run
+    finish = scene.duration if run.cut is None else run.cut
+    last = math.ceil(finish / block_length) - 1
+    for number in range(last + 1):
+        start = number * block_length
+        end = finish if number == last else (number + 1) * block_length
+        signals = {c.topic: _measured(scene, run, c, start, end) for c in scene.channels}
+        block = TimeBlock(start, end, scene.duration, run.shaft, signals)
+        for effect in run.effects:
+            effect(block)
+        yield block
+
+
+def _measured(scene: Scene, run: SceneRun, channel: Channel, start: float, end: float) -> Signal:
+    """What a channel's sensor makes of the shaft from ``start`` to before ``end``."""
+    span = telemetry.numbers(channel.rate, start, end, scene.duration)
+    numbers = np.array(span, np.int64)
+    time = numbers / channel.rate
+    stamp_ns = scene.start_ns + np.rint(numbers * (1e9 / channel.rate)).astype(np.int64)
+    sensor = run.sensors.get(channel.topic)
+    value = sensor.read(span) if sensor else run.shaft.value(channel.topic, time)
+    _check_range(channel, time, value)
+    return Signal(channel, time, stamp_ns, value, stamp_ns.copy() if channel.is_stamped else None)
+
+
+def _check_range(channel: Channel, time: FloatArray, value: FloatArray) -> None:
+    """Refuse an operating point that the monitor of one of its bearings would not believe."""
+    for bearing in channel.bearings:
+        size = np.abs(value) * channel.ratio(bearing.name)
+        most = bearing.inputs[channel.quantity].maximum
+        beyond = np.flatnonzero(size > most)
+        if beyond.size:
+            unit = 'm/s' if channel.quantity == 'speed' else 'N'
+            raise SceneError(
+                f'{channel.quantity} = {size[beyond[0]]:g} {unit} at {time[beyond[0]]:g} s is more'
+                f' than topic {channel.topic} can carry: {bearing.name}.{channel.quantity}.maximum'
+                f' = {most:g} {unit} in the configuration'
+            )

@@ -31,10 +31,8 @@ class Settings:
         if not isinstance(content, Mapping):
             raise SceneError(f'{name or "the scene"} = {content!r} must be a mapping of keys')
         self._content = content
-        self._refuse_unknown(list(keys))
-
-    def _refuse_unknown(self, known: list[str]) -> None:
-        for key, value in self._content.items():
+        known = list(keys)
+        for key, value in content.items():
             if key not in known:
                 where = f' in {self.name}' if self.name else ''
                 hint = suggestion(key, known)
@@ -82,6 +80,19 @@ class Settings:
         if not is_number(value) or not (value > above and least <= value <= most):
             raise self.broken(key, f'must be {rule}{too_large(value)}')
         return float(value)
+
+    def rows(self, key: str, name: str, what: str) -> list[tuple[str, Any]]:
+        """The entries of a list that is not empty, each with what it is called in sentences.
+
+        Args:
+            key: The list's key.
+            name: What one entry is called.
+            what: What the list is.
+        """
+        listed = self.value(key, what)
+        if not isinstance(listed, list) or not listed:
+            raise self.broken(key, f'must be {what}')
+        return [(f'{self.label(key)}: {name} {k}', row) for k, row in enumerate(listed, 1)]
 
     def section(self, key: str, keys: Iterable[str], what: str) -> Settings:
         """The mapping under a key."""

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
+from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.bags.encode import NUMBER_FIELDS, STAMP_END, STAMPED_FIELDS
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.settings import Settings
@@ -91,6 +91,10 @@ class Channel:
         """Whether its messages have a header with a time stamp."""
         return self.input.type in STAMPED_FIELDS
 
+    def serves(self, bearing: str) -> bool:
+        """Whether a bearing reads it."""
+        return bearing in [b.name for b in self.bearings]
+
     @property
     def stamps_end_ns(self) -> int:
         """Where its time stamps end: in 2038 in a header, in 2262 by the recorder [ns]."""
@@ -143,9 +147,9 @@ class Channel:
         return count(self.rate, duration)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Signal:
-    """The samples of one channel over a stretch of time.
+    """The samples of one channel over a stretch of time; effects change them.
 
     Attributes:
         channel: The channel.
@@ -169,16 +173,11 @@ class Signal:
         """The numbers the sensor sends, shape (n,)."""
         return self.channel.raw(self.value)
 
-    def lost(self, which: BoolArray) -> Signal:
-        """The signal without some messages, shape (n,)."""
-        return replace(self, copies=np.where(which, 0, self._counted()))
-
-    def repeated(self, which: BoolArray) -> Signal:
-        """The signal with some messages twice, shape (n,)."""
-        return replace(self, copies=np.where(which, 2, 1) * self._counted())
-
-    def _counted(self) -> IntArray:
-        return np.ones(self.time.size, np.int64) if self.copies is None else self.copies
+    def counted(self) -> IntArray:
+        """How often each is recorded, to be changed in place."""
+        if self.copies is None:
+            self.copies = np.ones(self.time.size, np.int64)
+        return self.copies
 
     def messages(self) -> Messages:
         """What the recorder writes."""
@@ -262,8 +261,6 @@ def _check_input(name: str, settings: InputConfig) -> None:
             f"{name} is field '{settings.field_text}' of {settings.type} in the configuration: a"
             f' scene can write {", ".join(fields)} only'
         )
-    if settings.scale == 0.0:
-        raise SceneError(f'{name}.scale = 0 in the configuration: no number stands for a value')
 
 
 def _shared(known: Channel, other: Channel) -> Channel:

@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What varies from seed to seed: numbers of a scene that are drawn, and errors of parameters."""
+"""What varies from seed to seed: random streams, numbers of a scene, and errors of parameters."""
 
 from __future__ import annotations
 
+import hashlib
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from stickslip_monitor.errors import PhysicsError, SceneError
 from stickslip_monitor.lab.scenes.settings import Settings, is_number
-from stickslip_monitor.lab.scenes.windows import random_stream
 from stickslip_monitor.monitor.config import BearingConfig
 
 BETWEEN = 'between'
@@ -18,6 +20,21 @@ _OWN = ('mass', 'damping', 'stiffness')
 _LAW = tuple(f'friction.{name}' for name in ('static', 'kinetic', 'decay', 'viscous'))
 _SCALES = ('speed.scale', 'load.scale')
 PARAMETERS = (*_OWN, *_LAW, *_SCALES)
+
+
+def random_stream(seed: int, *names: str) -> np.random.Generator:
+    """The random stream of a name.
+
+    Args:
+        seed: The scene's seed, not negative.
+        names: Who draws: the effect, and within it the topic.
+
+    Returns:
+        A generator that depends on the seed and the names alone, on every machine.
+    """
+    digest = hashlib.sha256('\0'.join(names).encode()).digest()
+    key = tuple(int.from_bytes(digest[k : k + 4], 'little') for k in range(0, 16, 4))
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=key)))
 
 
 def drawn(document: Any, seed: int, place: str = '') -> Any:

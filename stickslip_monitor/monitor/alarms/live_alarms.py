@@ -93,7 +93,8 @@ class LiveAlarms:
         log: Log,
         store: Store | None = None,
     ) -> None:
-        self._clock, self._publish, self._log, self._store = clock, publish, log, store
+        self._config, self._clock, self._publish = config, clock, publish
+        self._log, self._store = log, store
         self.annunciator = Annunciator(config)
         self._begun_ns = self._published_ns = 0
         self._sequence = 0
@@ -106,15 +107,11 @@ class LiveAlarms:
         """Take over new delays, limits and times; no state is lost."""
         self.annunciator.retune(config)
 
-    def replace(
-        self,
-        config: MonitorConfig,
-        publish: Callable[[dict[str, Any]], None],
-        store: Store | None,
-    ) -> None:
-        """The monitor starts afresh with other inputs."""
-        self._publish, self._store = publish, store
-        self.annunciator.retune(config)
+    def inherit(self, old: LiveAlarms) -> None:
+        """The monitor starts afresh with other inputs; the alarms of before go on."""
+        self.annunciator, self._sequence = old.annunciator, old._sequence
+        self._notes = old._notes
+        self.annunciator.retune(self._config)
         self.annunciator.restart()
 
     def begin(self) -> None:

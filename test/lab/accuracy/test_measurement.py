@@ -15,21 +15,18 @@ from stickslip_monitor.commands.accuracy import markdown
 from stickslip_monitor.drawing.canvas import write_csv
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.lab.accuracy import measurement
-from stickslip_monitor.lab.accuracy.cases import BASE, CASES, TYPICAL
+from stickslip_monitor.lab.accuracy.cases import BASE, CASES, METHODS, TYPICAL
 from stickslip_monitor.lab.accuracy.measurement import (
     Effort,
     Row,
     columns,
     measure,
-    measure_all,
     pareto,
     read_rows,
     relative_error,
     summarise,
     time_call,
 )
-from stickslip_monitor.lab.accuracy.own_methods import ExactCycle
-from stickslip_monitor.lab.accuracy.perturbation import ThomsenFidlin
 
 DOCS = Path(__file__).parents[3] / 'docs'
 TINY = Effort(budget=0.0, sample=1e-9, fewest=1, most=1)
@@ -140,7 +137,8 @@ def test_on_the_front_errors_below_rounding_are_equal():
 
 
 def test_a_measurement_with_no_assertion_on_its_time():
-    rows = list(measure_all([BASE, ThomsenFidlin()], CASES[:1] + CASES[-1:], TINY))
+    (other,) = (method for method in METHODS if method.name == 'Thomsen and Fidlin')
+    rows = [measure(m, case, TINY) for m in (BASE, other) for case in (CASES[0], CASES[-1])]
     assert [r.outcome for r in rows] == ['cycle', 'cycle', 'refused', 'cycle']
     assert rows[0].seconds > 0.0
     assert math.isnan(rows[2].seconds)
@@ -154,7 +152,7 @@ def test_time_is_shared_among_points(monkeypatch):
         disturbed: bool = False
 
     monkeypatch.setattr(measurement, 'time_call', lambda *_: Fixed())
-    assert measure(ExactCycle(4), CASES[1], TINY).seconds == 2.0
+    assert measure(replace(BASE, points=4), CASES[1], TINY).seconds == 2.0
 
 
 def test_csv_round_trip_to_the_last_bit(tmp_path):

@@ -11,9 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from stickslip_monitor.lab.scenes.scene import Scene
-from stickslip_monitor.lab.scenes.scene_file import load_scene
-from stickslip_monitor.lab.scenes.simulator import simulate
+from stickslip_monitor.lab.scenes.scene import Scene, load_scene, simulate
 from stickslip_monitor.lab.scenes.telemetry import Messages
 
 BEARING: dict[str, Any] = {

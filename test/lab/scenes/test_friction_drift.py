@@ -17,8 +17,7 @@ from stickslip_monitor.lab.scenes.friction_course import (
     with_parameters,
 )
 from stickslip_monitor.lab.scenes.profile import Profile
-from stickslip_monitor.lab.scenes.scene import Scene
-from stickslip_monitor.lab.scenes.simulator import simulate
+from stickslip_monitor.lab.scenes.scene import Scene, simulate
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
 
 Make = Callable[..., Scene]
@@ -67,8 +66,8 @@ def test_the_law_moves_in_steps_of_a_second() -> None:
     course = FrictionCourse(
         Stribeck(0.3, 0.1, 10.0),
         {
-            'kinetic': Profile.of([(10.0, 0.1), (20.0, 0.2)], 'value'),
-            'factor': Profile.of([(0.0, 2.0)], 'value'),
+            'kinetic': Profile.of([(10.0, 0.1), (20.0, 0.2)]),
+            'factor': Profile.of([(0.0, 2.0)]),
         },
     )
     for time, kinetic in ((0.0, 0.1), (10.0, 0.1), (15.0, 0.15), (15.99, 0.15), (30.0, 0.2)):

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.scenes.scene import Scene
-from stickslip_monitor.lab.scenes.simulator import simulate
+from stickslip_monitor.lab.scenes.scene import Scene, simulate
 from stickslip_monitor.physics.motion import integrator
 
 MASS, DAMPING, STIFFNESS, OMEGA = 50.0, 400.0, 2.0e6, 200.0

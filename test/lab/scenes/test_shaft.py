@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from stickslip_monitor.lab.scenes.scene import Scene
-from stickslip_monitor.lab.scenes.simulator import simulate
+from stickslip_monitor.lab.scenes.scene import Scene, simulate
 
 SURFACE = math.pi * 0.1 / 60.0  # m/s of one rpm
 POINTS = [[10, 60], [50, 20], [51, 20], [73, -35]]

@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from stickslip_monitor.lab.scenes import windows
-from stickslip_monitor.lab.scenes.scene import Scene
-from stickslip_monitor.lab.scenes.simulator import simulate
+from stickslip_monitor.lab.scenes import variation
+from stickslip_monitor.lab.scenes.scene import Scene, simulate
 
 SPEED = {'speed_profile': {'unit': 'rpm', 'points': [[10, 60], [50, 20]]}}
 LOAD = {'load_profile': {'unit': 'kN', 'points': [[0, 1.0]]}}
@@ -136,9 +135,9 @@ def test_seed_changes_the_noise_and_nothing_else_does(make_scene: Callable[..., 
 
 def test_streams_differ_by_name_and_seed() -> None:
     names = [('a', 'b'), ('a', 'c'), ('ab',), ('a',), ('b', 'a')]
-    first = [windows.random_stream(seed, *n).random() for seed in (1, 2) for n in names]
+    first = [variation.random_stream(seed, *n).random() for seed in (1, 2) for n in names]
     assert len(set(first)) == 2 * len(names)
-    assert windows.random_stream(1, 'a', 'b').random() == first[0]
+    assert variation.random_stream(1, 'a', 'b').random() == first[0]
 
 
 def test_effect_that_is_not_listed_draws_nothing(

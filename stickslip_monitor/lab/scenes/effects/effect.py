@@ -1,24 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an effect is at each stage, and the context in which it is built."""
+"""How an effect is declared, and the run of a scene that effects are built into.
+
+An effect is a function with a decorator that says at which stage it acts and which settings it
+takes; its name is the function's. Within a stage effects act in the order of their definition.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from stickslip_monitor.bags.encode import STAMPED_FIELDS
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.scenes.cost import Stopwatch
 from stickslip_monitor.lab.scenes.friction_course import FrictionCourse
-from stickslip_monitor.lab.scenes.sensing import Memory, Sensor
 from stickslip_monitor.lab.scenes.settings import Settings
-from stickslip_monitor.lab.scenes.shaft import Shaft, SpeedTerm, Term, TimeBlock
-from stickslip_monitor.lab.scenes.telemetry import Channel
-from stickslip_monitor.lab.scenes.windows import random_stream
+from stickslip_monitor.lab.scenes.shaft import Memory, Sensor, Shaft, TimeBlock
+from stickslip_monitor.lab.scenes.telemetry import Channel, Signal
+from stickslip_monitor.lab.scenes.variation import random_stream
 from stickslip_monitor.monitor.config import LEVEL_UNITS, LOAD_UNITS, BearingConfig
 from stickslip_monitor.monitor.signals import INPUTS
 from stickslip_monitor.physics.oscillator import SPEED_UNITS
@@ -31,50 +32,47 @@ UNITS: Mapping[str, Sequence[str]] = {
 }
 
 
-@runtime_checkable
-class Effect(Protocol):
-    """An effect on what the sensors send and on what is recorded of it."""
-
-    def apply(self, block: TimeBlock) -> None:
-        """Change the signals of the next block; blocks come in order of time, each once."""
-
-
-@dataclass(frozen=True, slots=True)
-class RecordingCut:
-    """The end of a recorder in mid-write, at a time since the scene's start [s]."""
-
-    time: float
-
-
-@dataclass(frozen=True, slots=True)
-class BuildContext:
-    """What effects may know of their scene while they are built.
+@dataclass(slots=True)
+class SceneRun:
+    """One run of a scene: what effects may know of it while they are built, and what they add.
 
     Attributes:
         duration: The scene's duration [s].
         seed: The scene's seed.
         channels: Its channels.
-        shaft: Speed and load, with what the effects of earlier stages add to them.
-        sensors: By topic, the sensors with a memory.
         folder: The folder of the scene file, from which the paths in it count.
         start_ns: Time stamp of the scene's start [ns since 1970].
+        shaft: Speed and load, with what the effects add to them.
         courses: By bearing, the friction that moves in time.
-        stopwatch: Times the effects; None: nobody asks for it.
+        sensors: By topic, the sensors with a memory.
+        effects: What changes the signals block after block; blocks come in order, each once.
+        cut: When the recorder ends in mid-write [s]; None: it does not.
     """
 
     duration: float
     seed: int
     channels: tuple[Channel, ...]
+    folder: Path
+    start_ns: int
     shaft: Shaft
-    folder: Path = Path()
-    start_ns: int = 0
     courses: dict[str, FrictionCourse] = field(default_factory=dict)
     sensors: dict[str, Sensor] = field(default_factory=dict)
-    stopwatch: Stopwatch | None = None
-    _names: list[str] = field(default_factory=list)
+    effects: list[Callable[[TimeBlock], None]] = field(default_factory=list)
+    cut: float | None = None
     _claimed: set[tuple[str, str]] = field(default_factory=set)
 
-    def pick(self, settings: Settings, quantity: str) -> list[Channel]:
+    def claim(self, effect: str, place: str = '', part: str = '') -> None:
+        """Take an effect for a topic or a bearing, or for one part of it.
+
+        Raises:
+            SceneError: It has been taken: the effect is listed twice.
+        """
+        what = f"'{effect}' with {part}" if part else f"'{effect}'"
+        if (what, place) in self._claimed:
+            raise SceneError(f'effect {what} is listed twice{place}')
+        self._claimed.add((what, place))
+
+    def pick(self, settings: Settings, quantity: str) -> Iterator[Channel]:
         """The channels of a quantity that an effect is for: of its ``bearing``, else of all.
 
         Args:
@@ -84,47 +82,11 @@ class BuildContext:
         Raises:
             SceneError: There is no such bearing, or the effect is listed twice for a channel.
         """
-        picked = [
-            channel for channel in self._of_bearing(settings) if channel.quantity == quantity
-        ]
-        for channel in picked:
-            if (settings.name, channel.topic) in self._claimed:
-                raise SceneError(
-                    f"effect '{settings.name}' is listed twice for topic {channel.topic}"
-                )
-            self._claimed.add((settings.name, channel.topic))
-        return picked
-
-    def once(self, settings: Settings) -> None:
-        """Refuse to list an effect twice that is for the whole scene.
-
-        Raises:
-            SceneError: It is.
-        """
-        if (settings.name, '') in self._claimed:
-            raise SceneError(f"effect '{settings.name}' is listed twice")
-        self._claimed.add((settings.name, ''))
-
-    def sensors_of(
-        self, settings: Settings, keys: Sequence[str], what: str
-    ) -> Iterator[tuple[Channel, Settings]]:
-        """The channels an effect on sensors is for, each with its settings.
-
-        Args:
-            settings: The effect's settings, which has a section for speed, for load or for both.
-            keys: The keys of such a section.
-            what: What it says, for the sentence where it is wrong.
-
-        Raises:
-            SceneError: There is neither section, or :meth:`pick` refuses.
-        """
-        named = [quantity for quantity in INPUTS if quantity in settings]
-        if not named:
-            raise SceneError(f'{settings.name} must name speed, load or both')
-        for quantity in named:
-            own = settings.section(quantity, keys, what)
-            for channel in self.pick(settings, quantity):
-                yield channel, own
+        own = [b.name for b in self._asked(settings)]
+        for channel in self.channels:
+            if channel.quantity == quantity and any(map(channel.serves, own)):
+                self.claim(settings.name, f' for topic {channel.topic}')
+                yield channel
 
     def bearings(self, settings: Settings, part: str = '') -> list[BearingConfig]:
         """The bearings that an effect on the lining is for: its ``bearing``, else all.
@@ -136,62 +98,25 @@ class BuildContext:
         Raises:
             SceneError: There is no such bearing, or the effect is listed twice for one.
         """
-        picked = {b.name: b for channel in self._of_bearing(settings) for b in channel.bearings}
-        if 'bearing' in settings:
-            picked = {
-                name: b for name, b in picked.items() if name == settings.value('bearing', '')
-            }
-        for name in picked:
-            claim = (f'{settings.name} {part}'.rstrip(), name)
-            if claim in self._claimed:
-                what = f' with {part}' if part else ''
-                raise SceneError(
-                    f"effect '{settings.name}'{what} is listed twice for bearing {name}"
-                )
-            self._claimed.add(claim)
-        return list(picked.values())
+        asked = self._asked(settings)
+        for config in asked:
+            self.claim(settings.name, f' for bearing {config.name}', part)
+        return asked
+
+    def _asked(self, settings: Settings) -> list[BearingConfig]:
+        known = {b.name: b for channel in self.channels for b in channel.bearings}
+        if 'bearing' not in settings:
+            return list(known.values())
+        return [known[settings.choice('bearing', list(known))]]
 
     def course(self, config: BearingConfig) -> FrictionCourse:
         """The friction of a bearing over time."""
         return self.courses.get(config.name, FrictionCourse(config.bearing.friction))
 
-    def _of_bearing(self, settings: Settings) -> list[Channel]:
-        if 'bearing' not in settings:
-            return list(self.channels)
-        names = dict.fromkeys(b.name for channel in self.channels for b in channel.bearings)
-        asked = settings.choice('bearing', list(names))
-        return [c for c in self.channels if asked in [b.name for b in c.bearings]]
-
-    def add_speed(self, channel: Channel, term: SpeedTerm) -> None:
-        """Add to the speed of a channel."""
-        self.shaft.add_speed(channel.topic, self._watched(term))
-
-    def add_load(self, channel: Channel, term: Term) -> None:
-        """Add to the load of a channel."""
-        self.shaft.add_load(channel.topic, self._watched(term))
-
-    def add_ripple(self, channel: Channel, term: Term) -> None:
-        """Add to a channel what follows from the turning of the shaft and does not turn it."""
-        self.shaft.add_ripple(channel.topic, self._watched(term))
-
     def sense(self, channel: Channel, memory: Memory) -> None:
         """Give the sensor of a channel a memory, behind those it has already."""
         blank = Sensor(self.shaft, channel)
-        self.sensors.setdefault(channel.topic, blank).memories.append(self._watched(memory))
-
-    def build(
-        self, name: str, builder: Builder, settings: Settings
-    ) -> Effect | RecordingCut | None:
-        """Build one effect."""
-        if self.stopwatch is None:
-            return builder(settings, self)
-        self._names.append(name)
-        effect = builder(settings, self)
-        return self._watched(effect) if isinstance(effect, Effect) else effect
-
-    def _watched(self, thing: Any) -> Any:
-        """What the effect that is being built has made, timed if anybody asks."""
-        return self.stopwatch.watch(self._names[-1], thing) if self.stopwatch else thing
+        self.sensors.setdefault(channel.topic, blank).memories.append(memory)
 
     def random(
         self, settings: Settings, channel: Channel | None = None, *purpose: str
@@ -199,12 +124,105 @@ class BuildContext:
         """The random stream of an effect, its own whatever else the scene lists.
 
         Args:
-            settings: The effect's settings, named as the effect.
+            settings: The effect's settings, or a section of them.
             channel: The channel it is for; None where it is one for the whole ship.
             purpose: What it is for, where an effect needs several.
         """
         topic = () if channel is None else (channel.topic,)
-        return random_stream(self.seed, settings.name, *topic, *purpose)
+        effect, _, _ = settings.name.partition('.')
+        return random_stream(self.seed, effect, *topic, *purpose)
+
+
+Builder = Callable[[Settings, SceneRun], None]
+ChannelEffect = Callable[[Settings, Channel, SceneRun], None]
+SensorEffect = Callable[[Settings, Channel, SceneRun], Callable[[Signal], None] | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """What a scene file may ask for by a name.
+
+    Attributes:
+        stage: When it acts: see :data:`~.registry.STAGES`.
+        keys: The settings it takes.
+        build: Adds it to a run of a scene.
+    """
+
+    stage: str
+    keys: tuple[str, ...]
+    build: Builder
+
+
+DECLARED: dict[str, Effect] = {}
+"""The effects of the modules that have been imported, by name."""
+
+
+def effect(stage: str, *keys: str) -> Callable[[Builder], Builder]:
+    """Declare an effect that sees to its channels or bearings itself."""
+
+    def declare(function: Builder) -> Builder:
+        DECLARED[function.__name__] = Effect(stage, keys, function)
+        return function
+
+    return declare
+
+
+def channel_effect(
+    stage: str, quantities: Sequence[str], *keys: str
+) -> Callable[[ChannelEffect], ChannelEffect]:
+    """Declare an effect on each channel of some quantities of its ``bearing``, else of all."""
+
+    def declare(function: ChannelEffect) -> ChannelEffect:
+        def build(settings: Settings, run: SceneRun) -> None:
+            for quantity in quantities:
+                for channel in run.pick(settings, quantity):
+                    function(settings, channel, run)
+
+        DECLARED[function.__name__] = Effect(stage, ('bearing', *keys), build)
+        return function
+
+    return declare
+
+
+def sensor_effect(
+    stage: str, what: str, *keys: str, quantities: Sequence[str] = INPUTS
+) -> Callable[[SensorEffect], SensorEffect]:
+    """Declare an effect on sensors, which has a section of settings for each quantity.
+
+    The function returns what changes the signal of each next block, if it is of that kind.
+
+    Args:
+        stage: Its stage.
+        what: What a section says, for the sentence where it is wrong.
+        keys: The keys of a section.
+        quantities: The quantities that it can be for.
+    """
+
+    def declare(function: SensorEffect) -> SensorEffect:
+        def build(settings: Settings, run: SceneRun) -> None:
+            named = [quantity for quantity in quantities if quantity in settings]
+            if not named:
+                raise SceneError(f'{settings.name} must name speed, load or both')
+            for quantity in named:
+                own = settings.section(quantity, keys, what)
+                for channel in run.pick(settings, quantity):
+                    if change := function(own, channel, run):
+                        run.effects.append(_on_signal(channel.topic, change))
+
+        DECLARED[function.__name__] = Effect(stage, ('bearing', *quantities), build)
+        return function
+
+    return declare
+
+
+def _on_signal(topic: str, change: Callable[[Signal], None]) -> Callable[[TimeBlock], None]:
+    return lambda block: change(block.signals[topic])
+
+
+def unit_of(settings: Settings, channel: Channel) -> tuple[str, float]:
+    """The ``unit`` of an effect's settings, and the SI value of one on a channel."""
+    unit = settings.choice('unit', UNITS[channel.quantity])
+    return unit, channel.factor(unit)
 
 
 def require_header(channel: Channel, otherwise: str) -> None:
@@ -219,22 +237,3 @@ def require_header(channel: Channel, otherwise: str) -> None:
             f'topic {channel.topic} is {channel.input.type}, without a time stamp: {otherwise};'
             f' use {known} in the configuration'
         )
-
-
-# None where the shaft or the sensors of the context have got all there is of the effect.
-SENSOR_KEYS = ('bearing', *INPUTS)
-"""Settings of an effect that is told for each quantity."""
-Builder = Callable[[Settings, BuildContext], Effect | RecordingCut | None]
-
-
-@dataclass(frozen=True, slots=True)
-class EffectKind:
-    """What a scene file may ask for by a name.
-
-    Attributes:
-        keys: The settings it takes.
-        build: Builds it for one run of a scene; what acts through the shaft returns ``None``.
-    """
-
-    keys: tuple[str, ...]
-    build: Builder

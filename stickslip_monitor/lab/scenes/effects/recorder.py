@@ -9,253 +9,142 @@ and a folder has no metadata.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
-from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.effects.effect import (
-    SENSOR_KEYS,
-    UNITS,
-    BuildContext,
-    Effect,
-    EffectKind,
-    RecordingCut,
+    SceneRun,
+    channel_effect,
+    effect,
     require_header,
+    sensor_effect,
+    unit_of,
 )
-from stickslip_monitor.lab.scenes.profile import read_rows
+from stickslip_monitor.lab.scenes.effects.sensor import Change
+from stickslip_monitor.lab.scenes.profile import check_points, read_sample_mask
 from stickslip_monitor.lab.scenes.settings import Settings
 from stickslip_monitor.lab.scenes.shaft import TimeBlock
-from stickslip_monitor.lab.scenes.telemetry import Signal
-from stickslip_monitor.lab.scenes.windows import WINDOW_KEYS as OCCASIONS
-from stickslip_monitor.lab.scenes.windows import SampleMask, read_sample_mask
+from stickslip_monitor.lab.scenes.telemetry import Channel, Signal
 from stickslip_monitor.monitor.signals import INPUTS
 
-
-@dataclass(frozen=True, slots=True)
-class ClockJitter:
-    """Shifts stamps; ``sources`` holds for each topic standard deviation [s] and stream."""
-
-    sources: dict[str, tuple[float, np.random.Generator]]
-
-    def apply(self, block: TimeBlock) -> None:
-        """Shift the stamps of the next samples; none comes to lie before 1970."""
-        for topic, (deviation, random) in self.sources.items():
-            stamp_ns = block.signals[topic].stamp_ns
-            shift = random.standard_normal(stamp_ns.size) * (deviation * 1e9)
-            stamp_ns += np.rint(shift).astype(np.int64)
-            np.maximum(stamp_ns, 0, out=stamp_ns)
+# Jitter beyond this is none any more; a jump is not beyond ten years [s].
+_MOST_JITTER, _LONGEST_JUMP = 10.0, 3.2e8
 
 
-def build_clock_jitter(settings: Settings, context: BuildContext) -> Effect:
-    """Build the effect."""
-    sources = {}
-    for channel, own in context.sensors_of(settings, ['standard_deviation'], 'the jitter'):
-        # Beyond ten seconds it is no jitter any more.
-        deviation = own.number('standard_deviation', 's', least=0.0, most=10.0)
-        sources[channel.topic] = deviation, context.random(settings, channel)
-    return ClockJitter(sources)
+@sensor_effect('recording', 'the jitter', 'standard_deviation')
+def clock_jitter(settings: Settings, channel: Channel, run: SceneRun) -> Change:
+    """Scatters the stamps; none comes to lie before 1970."""
+    deviation = settings.number('standard_deviation', 's', least=0.0, most=_MOST_JITTER)
+    random = run.random(settings, channel)
+
+    def shift(signal: Signal) -> None:
+        off = random.standard_normal(signal.stamp_ns.size) * (deviation * 1e9)
+        signal.stamp_ns += np.rint(off).astype(np.int64)
+        np.maximum(signal.stamp_ns, 0, out=signal.stamp_ns)
+
+    return shift
 
 
-CLOCK_JUMP_KEYS = ('bearing', 'jumps')
-# Ten years.
-_LONGEST = 3.2e8
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ClockJump:
-    """Shifts stamps.
-
-    Attributes:
-        topics: The topics whose clock jumps.
-        times: When, rising, shape (n,) [s].
-        shifts_ns: The shift before the first and from each on, shape (n + 1,) [ns].
-    """
-
-    topics: tuple[str, ...]
-    times: FloatArray
-    shifts_ns: IntArray
-
-    def apply(self, block: TimeBlock) -> None:
-        """Shift the stamps of the next samples."""
-        for topic in self.topics:
-            signal = block.signals[topic]
-            past = np.searchsorted(self.times, signal.time, side='right')
-            signal.stamp_ns[:] += self.shifts_ns[past]
-
-
-def build_clock_jump(settings: Settings, context: BuildContext) -> Effect:
-    """Build the effect."""
-    rows = read_rows(settings, 'jumps', 'jump', 's', context.duration)
-    for number, (_, by) in enumerate(rows, 1):
-        if not 0.0 < abs(by) <= _LONGEST:
-            raise SceneError(
-                f'{settings.label("jumps")}: jump {number} is by {by:g} s, which must not be 0 nor'
-                f' beyond {_LONGEST:g} s'
-            )
-    channels = [c for quantity in INPUTS for c in context.pick(settings, quantity)]
-    if any(by < 0.0 for _, by in rows):
-        for channel in channels:
-            require_header(channel, 'its clock can only jump forward')
-    times = np.array([time for time, _ in rows])
-    shifts = np.cumsum([0, *(round(by * 1e9) for _, by in rows)])
-    edges = [*times.tolist(), context.duration]
-    for number, shift in enumerate(shifts[1:].tolist()):
+@channel_effect('recording', INPUTS, 'jumps')
+def clock_jump(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Shifts all stamps after each jump."""
+    jumps = _jumps(settings, run.duration)
+    if any(by < 0.0 for _, by in jumps):
+        require_header(channel, 'its clock can only jump forward')
+    times = np.array([time for time, _ in jumps])
+    shifts_ns = np.cumsum([0, *(round(by * 1e9) for _, by in jumps)])
+    edges = [*times.tolist(), run.duration]
+    for number, (begin, end) in enumerate(pairwise(edges), 1):
         first, last = (
-            context.start_ns + shift + round(t * 1e9) for t in edges[number : number + 2]
+            run.start_ns + int(shifts_ns[number]) + round(time * 1e9) for time in (begin, end)
         )
-        if first < 0 or any(last >= channel.stamps_end_ns for channel in channels):
+        if first < 0 or last >= channel.stamps_end_ns:
             raise SceneError(
-                f'{settings.label("jumps")}: jump {number + 1} takes the clock out of the range of'
+                f'{settings.label("jumps")}: jump {number} takes the clock out of the range of'
                 ' time stamps: from 1970, in headers to 2038, else to 2262'
             )
-    return ClockJump(tuple(c.topic for c in channels), times, shifts)
+
+    def shift_stamps(signal: Signal) -> None:
+        signal.stamp_ns += shifts_ns[np.searchsorted(times, signal.time, side='right')]
+
+    run.effects.append(lambda block: shift_stamps(block.signals[channel.topic]))
 
 
-@dataclass(frozen=True, slots=True)
-class OutOfOrder:
-    """Delays messages; ``delays`` holds for each topic delay [ns] and which are delayed."""
-
-    delays: dict[str, tuple[int, SampleMask]]
-
-    def apply(self, block: TimeBlock) -> None:
-        """Delay those of the next messages that are hit."""
-        for topic, (delay_ns, occasions) in self.delays.items():
-            signal = block.signals[topic]
-            if signal.arrival_ns is not None:  # always so: see build
-                signal.arrival_ns[occasions.hit(signal.time)] += delay_ns
+def _jumps(settings: Settings, duration: float) -> list[tuple[float, float]]:
+    """When the clock jumps [s], and by how much [s]."""
+    rows = settings.rows('jumps', 'jump', 'a list of jumps [time in s, value in s]')
+    jumps = check_points(rows, duration)
+    for (name, _), (_, by) in zip(rows, jumps, strict=True):
+        if not 0.0 < abs(by) <= _LONGEST_JUMP:
+            rule = f'which must not be 0 nor beyond {_LONGEST_JUMP:g} s'
+            raise SceneError(f'{name} is by {by:g} s, {rule}')
+    return jumps
 
 
-def build_out_of_order(settings: Settings, context: BuildContext) -> Effect:
-    """Build the effect."""
-    delays = {}
-    keys = ['delay', *OCCASIONS]
-    for channel, own in context.sensors_of(settings, keys, 'which messages arrive late'):
-        require_header(channel, 'none of its messages can be out of order')
-        # A shorter delay overtakes nothing.
-        delay = own.number('delay', 's', above=1.0 / channel.rate, most=60.0)
-        occasions = read_sample_mask(own, context.duration, context.random(settings, channel))
-        delays[channel.topic] = round(delay * 1e9), occasions
-    return OutOfOrder(delays)
+@sensor_effect('recording', 'which messages arrive late', 'delay', 'windows', 'share')
+def out_of_order(settings: Settings, channel: Channel, run: SceneRun) -> Change:
+    """Delays some messages."""
+    require_header(channel, 'none of its messages can be out of order')
+    # A shorter delay overtakes nothing.
+    delay = settings.number('delay', 's', above=1.0 / channel.rate, most=60.0)
+    delay_ns = round(delay * 1e9)
+    mask = read_sample_mask(settings, run.duration, run.random(settings, channel))
+
+    def hold_up(signal: Signal) -> None:
+        assert signal.arrival_ns is not None  # it has a header
+        signal.arrival_ns[mask.hit(signal.time)] += delay_ns
+
+    return hold_up
 
 
-@dataclass(frozen=True, slots=True)
-class RepeatedStamps:
-    """Repeats messages of some signals; ``occasions`` says which for each topic."""
+@sensor_effect('recording', 'which messages come twice', 'windows', 'share')
+def repeated_stamps(settings: Settings, channel: Channel, run: SceneRun) -> Change:
+    """Records some messages twice."""
+    mask = read_sample_mask(settings, run.duration, run.random(settings, channel))
 
-    occasions: dict[str, SampleMask]
+    def repeat(signal: Signal) -> None:
+        signal.counted()[mask.hit(signal.time)] *= 2
 
-    def apply(self, block: TimeBlock) -> None:
-        """Repeat those of the next messages that are hit."""
-        for topic, occasions in self.occasions.items():
-            signal = block.signals[topic]
-            block.signals[topic] = signal.repeated(occasions.hit(signal.time))
+    return repeat
 
 
-def build_repeated_stamps(settings: Settings, context: BuildContext) -> Effect:
-    """Build the effect."""
-    return RepeatedStamps(
-        {
-            channel.topic: read_sample_mask(
-                own, context.duration, context.random(settings, channel)
-            )
-            for channel, own in context.sensors_of(
-                settings, OCCASIONS, 'which messages come twice'
-            )
-        }
-    )
+@sensor_effect('recording', 'which messages are lost', 'windows', 'share')
+def dropout(settings: Settings, channel: Channel, run: SceneRun) -> Change:
+    """Loses some messages."""
+    mask = read_sample_mask(settings, run.duration, run.random(settings, channel))
+
+    def lose(signal: Signal) -> None:
+        signal.counted()[mask.hit(signal.time)] = 0
+
+    return lose
 
 
-@dataclass(frozen=True, slots=True)
-class Dropout:
-    """Loses messages of some signals; ``occasions`` says which for each topic."""
+@sensor_effect('recording', 'what it sends', 'value', 'unit', 'rate')
+def second_publisher(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Sends a constant value on the same topic, between the regular instants of its rate."""
+    unit, factor = unit_of(settings, channel)
+    value = settings.number('value', unit) * factor
+    rate = settings.number('rate', 'Hz', above=0.0, most=1000.0)
 
-    occasions: dict[str, SampleMask]
-
-    def apply(self, block: TimeBlock) -> None:
-        """Lose those of the next messages that are hit."""
-        for topic, occasions in self.occasions.items():
-            signal = block.signals[topic]
-            block.signals[topic] = signal.lost(occasions.hit(signal.time))
-
-
-def build_dropout(settings: Settings, context: BuildContext) -> Effect:
-    """Build the effect."""
-    return Dropout(
-        {
-            channel.topic: read_sample_mask(
-                own, context.duration, context.random(settings, channel)
-            )
-            for channel, own in context.sensors_of(settings, OCCASIONS, 'which messages are lost')
-        }
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class _Publisher:
-    """What one of them sends: a value [SI], at a rate [Hz]."""
-
-    value: float
-    rate: float
-
-    def join(self, signal: Signal, block: TimeBlock, start_ns: int) -> Signal:
-        """The messages of both in order of time; its own fall between the regular instants."""
-        time = block.instants(2.0 * self.rate)
-        time = time[np.rint(time * (2.0 * self.rate)).astype(np.int64) % 2 == 1]
-        stamp = start_ns + np.rint(time * 1e9).astype(np.int64)
+    def join(block: TimeBlock) -> None:
+        halves = block.instants(2.0 * rate)
+        time = halves[np.rint(halves * (2.0 * rate)).astype(np.int64) % 2 == 1]
+        stamp = run.start_ns + np.rint(time * 1e9).astype(np.int64)
+        more = {'time': time, 'stamp_ns': stamp, 'arrival_ns': stamp}
+        more |= {'value': np.full(time.size, value), 'copies': np.ones_like(stamp)}
+        signal = block.signals[channel.topic]
         order = np.argsort(np.concatenate([signal.time, time]), kind='stable')
-        value = np.full(time.size, self.value)
-        arrival, copies = signal.arrival_ns, signal.copies
-        return replace(
-            signal,
-            time=np.concatenate([signal.time, time])[order],
-            stamp_ns=np.concatenate([signal.stamp_ns, stamp])[order],
-            value=np.concatenate([signal.value, value])[order],
-            arrival_ns=None if arrival is None else np.concatenate([arrival, stamp])[order],
-            copies=None if copies is None else np.append(copies, np.ones_like(stamp))[order],
-        )
+        for name, own in more.items():
+            if (known := getattr(signal, name)) is not None:
+                setattr(signal, name, np.concatenate([known, own])[order])
+
+    run.effects.append(join)
 
 
-@dataclass(frozen=True, slots=True)
-class SecondPublisher:
-    """Adds the messages of others; ``sources`` has one for each topic."""
-
-    sources: dict[str, _Publisher]
-    start_ns: int
-
-    def apply(self, block: TimeBlock) -> None:
-        """Add those of a block."""
-        for topic, source in self.sources.items():
-            block.signals[topic] = source.join(block.signals[topic], block, self.start_ns)
-
-
-def build_second_publisher(settings: Settings, context: BuildContext) -> Effect:
-    """Build the effect."""
-    sources = {}
-    for channel, own in context.sensors_of(settings, ['value', 'unit', 'rate'], 'what it sends'):
-        unit = own.choice('unit', UNITS[channel.quantity])
-        value = own.number('value', unit) * channel.factor(unit)
-        rate = own.number('rate', 'Hz', above=0.0, most=1000.0)
-        sources[channel.topic] = _Publisher(value, rate)
-    return SecondPublisher(sources, context.start_ns)
-
-
-CUT_OFF_KEYS = ('time',)
-
-
-def build_cut_off(settings: Settings, context: BuildContext) -> RecordingCut:
-    """Build the cut."""
-    context.once(settings)
-    return RecordingCut(settings.number('time', 's', above=0.0, most=context.duration))
-
-
-EFFECTS = {
-    'clock_jitter': EffectKind(SENSOR_KEYS, build_clock_jitter),
-    'clock_jump': EffectKind(CLOCK_JUMP_KEYS, build_clock_jump),
-    'out_of_order': EffectKind(SENSOR_KEYS, build_out_of_order),
-    'repeated_stamps': EffectKind(SENSOR_KEYS, build_repeated_stamps),
-    'dropout': EffectKind(SENSOR_KEYS, build_dropout),
-    'second_publisher': EffectKind(SENSOR_KEYS, build_second_publisher),
-    'cut_off': EffectKind(CUT_OFF_KEYS, build_cut_off),
-}
+@effect('file', 'time')
+def cut_off(settings: Settings, run: SceneRun) -> None:
+    """Ends the recorder in mid-write."""
+    run.claim(settings.name)
+    run.cut = settings.number('time', 's', above=0.0, most=run.duration)

@@ -1,293 +1,205 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Errors of each sample: bias, noise, spikes, quantisation, a stuck sensor, and NaN."""
+"""Sensors: filters and means between the samples, and the errors of each sample.
+
+The filter ``dy/dt = (x - y) / time_constant`` is solved exactly for an input that is linear
+between the instants of the sensor's grid. The mean is of the shaft itself, evaluated between the
+samples, so ripple is averaged and not aliased.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
+from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.lab.scenes.effects.effect import (
-    SENSOR_KEYS,
-    UNITS,
-    BuildContext,
-    Effect,
-    EffectKind,
+    SceneRun,
+    channel_effect,
+    sensor_effect,
+    unit_of,
 )
+from stickslip_monitor.lab.scenes.profile import read_sample_mask, read_windows
 from stickslip_monitor.lab.scenes.settings import Settings
-from stickslip_monitor.lab.scenes.shaft import TimeBlock
-from stickslip_monitor.lab.scenes.telemetry import Signal
-from stickslip_monitor.lab.scenes.windows import WINDOW_KEYS as OCCASIONS
-from stickslip_monitor.lab.scenes.windows import (
-    SampleMask,
-    Windows,
-    read_sample_mask,
-    read_windows,
-)
+from stickslip_monitor.lab.scenes.shaft import Memory, Term, TimeBlock
+from stickslip_monitor.lab.scenes.telemetry import Channel, Signal
+from stickslip_monitor.monitor.signals import QUANTITIES
 
+Change = Callable[[Signal], None]
+"""Changes the signal of the next block."""
+# Time constants and windows that a sensor's grid can resolve and hold [s].
+_SHORTEST, _LONGEST = 1e-3, 600.0
+# After that many time constants the initial state counts 2e-9.
+_TIME_CONSTANTS = 20.0
 _HOUR = 3600.0
 
 
-@dataclass(frozen=True, slots=True)
-class Bias:
-    """Adds to some signals; ``errors`` holds for each topic bias [SI] and drift [SI/s]."""
-
-    errors: dict[str, tuple[float, float]]
-
-    def apply(self, block: TimeBlock) -> None:
-        """Add the error of the next samples."""
-        for topic, (bias, drift) in self.errors.items():
-            signal = block.signals[topic]
-            signal.value[:] += bias + drift * signal.time
+# A level is made of its samples already, so memories are for the other quantities.
+@sensor_effect('sensing', 'the filter', 'time_constant', quantities=QUANTITIES)
+def filtering(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Gives a sensor a first-order lag."""
+    lag = settings.number('time_constant', 's', least=_SHORTEST, most=_LONGEST)
+    run.sense(channel, Memory(_TIME_CONSTANTS * lag, lag, partial(low_pass, lag)))
 
 
-def build_bias(settings: Settings, context: BuildContext) -> Effect:
-    """Build the effect."""
-    errors = {}
-    for channel, own in context.sensors_of(settings, ['bias', 'drift', 'unit'], 'the error'):
-        unit = own.choice('unit', UNITS[channel.quantity])
-        drift = own.number('drift', f'{unit} per hour') / _HOUR if 'drift' in own else 0.0
-        factor = channel.factor(unit)
-        errors[channel.topic] = own.number('bias', unit) * factor, drift * factor
-    return Bias(errors)
+def low_pass(time_constant: float, step: float, value: float) -> Term:
+    """A filter that has settled on a value; samples are ``step`` [s] apart."""
+    from scipy.signal import lfilter
+
+    left = math.exp(-step / time_constant)
+    lag = -math.expm1(-step / time_constant) * time_constant / step
+    forward, back = np.array([1.0 - lag, lag - left]), np.array([1.0, -left])
+    state = np.array([lag * value])
+
+    def following(values: FloatArray) -> FloatArray:
+        nonlocal state
+        filtered, state = lfilter(forward, back, values, zi=state)
+        return np.asarray(filtered, float)
+
+    return following
 
 
-@dataclass(frozen=True, slots=True)
-class _NoiseSource:
-    """The noise of one sensor: its standard deviation in SI units, and its random stream."""
-
-    standard_deviation: float
-    random: np.random.Generator
-
-
-@dataclass(frozen=True, slots=True)
-class SensorNoise:
-    """Adds noise to some signals; ``sources`` holds that of each topic."""
-
-    sources: dict[str, _NoiseSource]
-
-    def apply(self, block: TimeBlock) -> None:
-        """Add the noise of the next samples."""
-        for topic, source in self.sources.items():
-            value = block.signals[topic].value
-            value += source.standard_deviation * source.random.standard_normal(value.size)
+@sensor_effect('sensing', 'the averaging', 'window', quantities=QUANTITIES)
+def averaging(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Lets a sensor average over the last seconds."""
+    window = settings.number('window', 's', least=_SHORTEST, most=_LONGEST)
+    run.sense(channel, Memory(window, window, partial(moving_mean, window)))
 
 
-def build_sensor_noise(settings: Settings, context: BuildContext) -> Effect:
-    """Build the effect."""
-    sources = {}
-    for channel, own in context.sensors_of(settings, ['standard_deviation', 'unit'], 'the noise'):
-        unit = own.choice('unit', UNITS[channel.quantity])
-        deviation = own.number('standard_deviation', unit, least=0.0) * channel.factor(unit)
-        sources[channel.topic] = _NoiseSource(deviation, context.random(settings, channel))
-    return SensorNoise(sources)
+def moving_mean(window: float, step: float, value: float) -> Term:
+    """``y(t) = (1/window) * integral of x from t - window to t``, by trapezia of the grid.
+
+    It has settled on a value; samples are ``step`` [s] apart.
+    """
+    steps = window / step
+    whole, rest = int(steps), steps - int(steps)
+    # Of the running integral, in steps, as many as the window needs.
+    integral = value * np.arange(-whole - 1.0, 1.0)
+    last = value
+
+    def following(values: FloatArray) -> FloatArray:
+        nonlocal integral, last
+        pieces = 0.5 * (values + np.concatenate([[last], values[:-1]]))
+        # One running sum through all blocks: their length does not change its rounding.
+        total = np.concatenate([integral, np.cumsum(np.concatenate([integral[-1:], pieces]))[1:]])
+        now, then = total[whole + 2 :], total[2 : total.size - whole]
+        before = total[1 : total.size - whole - 1]
+        integral, last = total[-whole - 2 :], float(values[-1])
+        return (now - then + rest * (then - before)) / steps
+
+    return following
 
 
-@dataclass(frozen=True, slots=True)
-class _SpikeSource:
-    """The spikes of one sensor: size in SI units, when, and the stream of their signs."""
+@channel_effect('sensor', ['level'], 'unit', 'floor', 'engine', 'sea', 'period', 'scatter')
+def vibration_background(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Adds to a level what is not the lining.
 
-    size: float
-    occasions: SampleMask
-    signs: np.random.Generator
+    The floor of the sensor, and the engine, given at the fold speed and growing with the square
+    of the speed, rise and fall by a share with the sea; each value scatters.
+    """
+    unit, _ = unit_of(settings, channel)
+    bearing = channel.bearings[0].name
+    fold = run.shaft.channel(bearing, 'speed').factor('fold')
+    floor = settings.number('floor', unit, above=0.0)
+    engine = settings.number('engine', unit, least=0.0)
+    sea = settings.number('sea', '-', least=0.0, most=1.0) if 'sea' in settings else 0.0
+    period = settings.number('period', 's', above=0.0) if sea else 1.0
+    scatter = settings.number('scatter', '-', least=0.0, most=0.3)
+    random = run.random(settings, channel)
 
+    def add(block: TimeBlock) -> None:
+        signal = block.signals[channel.topic]
+        ratio = block.shaft.speed(bearing, signal.time) / fold
+        swell = 1.0 + sea * np.sin(2.0 * np.pi / period * signal.time)
+        total = np.hypot(signal.value, (floor + engine * ratio**2) * swell)
+        total *= 1.0 + scatter * random.standard_normal(total.size)
+        signal.value[:] = np.maximum(total, 0.0)
 
-@dataclass(frozen=True, slots=True)
-class Spikes:
-    """Adds spikes to some signals; ``sources`` holds those of each topic."""
-
-    sources: dict[str, _SpikeSource]
-
-    def apply(self, block: TimeBlock) -> None:
-        """Add the spikes of the next samples."""
-        for topic, source in self.sources.items():
-            signal = block.signals[topic]
-            hit = source.occasions.hit(signal.time)
-            signs = np.where(source.signs.random(signal.time.size) < 0.5, -1.0, 1.0)
-            signal.value[hit] += source.size * signs[hit]
-
-
-def build_spikes(settings: Settings, context: BuildContext) -> Effect:
-    """Build the effect."""
-    sources = {}
-    for channel, own in context.sensors_of(settings, ['size', 'unit', *OCCASIONS], 'the spikes'):
-        unit = own.choice('unit', UNITS[channel.quantity])
-        size = own.number('size', unit) * channel.factor(unit)
-        occasions = read_sample_mask(own, context.duration, context.random(settings, channel))
-        sources[channel.topic] = _SpikeSource(
-            size, occasions, context.random(settings, channel, 'sign')
-        )
-    return Spikes(sources)
+    run.effects.append(add)
 
 
-@dataclass(frozen=True, slots=True)
-class Quantisation:
-    """Rounds some signals; ``steps`` holds for each topic the step [SI]."""
+@sensor_effect('sensor', 'the error', 'bias', 'drift', 'unit')
+def bias(settings: Settings, channel: Channel, run: SceneRun) -> Change:
+    """Adds an error that is constant or drifts."""
+    unit, factor = unit_of(settings, channel)
+    drift = settings.number('drift', f'{unit} per hour') / _HOUR if 'drift' in settings else 0.0
+    constant, rate = settings.number('bias', unit) * factor, drift * factor
 
-    steps: dict[str, float]
+    def add(signal: Signal) -> None:
+        signal.value += constant + rate * signal.time
 
-    def apply(self, block: TimeBlock) -> None:
-        """Round the next samples to the nearest multiple."""
-        for topic, step in self.steps.items():
-            value = block.signals[topic].value
-            value[:] = np.rint(value / step) * step
-
-
-def build_quantisation(settings: Settings, context: BuildContext) -> Effect:
-    """Build the effect."""
-    steps = {}
-    for channel, own in context.sensors_of(settings, ['step', 'unit'], 'the step'):
-        unit = own.choice('unit', UNITS[channel.quantity])
-        steps[channel.topic] = own.number('step', unit, least=1e-9) * channel.factor(unit)
-    return Quantisation(steps)
+    return add
 
 
-@dataclass(slots=True)
-class _StuckSensor:
-    """One sensor: when it is stuck, and its last value, None before its first sample."""
+@sensor_effect('sensor', 'the noise', 'standard_deviation', 'unit')
+def sensor_noise(settings: Settings, channel: Channel, run: SceneRun) -> Change:
+    """Adds white normal noise."""
+    unit, factor = unit_of(settings, channel)
+    deviation = settings.number('standard_deviation', unit, least=0.0) * factor
+    random = run.random(settings, channel)
 
-    windows: Windows
+    def add(signal: Signal) -> None:
+        signal.value += deviation * random.standard_normal(signal.value.size)
+
+    return add
+
+
+@sensor_effect('sensor', 'the spikes', 'size', 'unit', 'windows', 'share')
+def spikes(settings: Settings, channel: Channel, run: SceneRun) -> Change:
+    """Puts single samples off by a size, up or down."""
+    unit, factor = unit_of(settings, channel)
+    size = settings.number('size', unit) * factor
+    mask = read_sample_mask(settings, run.duration, run.random(settings, channel))
+    random = run.random(settings, channel, 'sign')
+
+    def add(signal: Signal) -> None:
+        hit = mask.hit(signal.time)
+        signs = np.where(random.random(signal.time.size) < 0.5, -1.0, 1.0)
+        signal.value[hit] += size * signs[hit]
+
+    return add
+
+
+@sensor_effect('sensor', 'the step', 'step', 'unit')
+def quantisation(settings: Settings, channel: Channel, run: SceneRun) -> Change:
+    """Rounds to the nearest multiple of a step."""
+    unit, factor = unit_of(settings, channel)
+    step = settings.number('step', unit, least=1e-9) * factor
+
+    def round_off(signal: Signal) -> None:
+        signal.value[:] = np.rint(signal.value / step) * step
+
+    return round_off
+
+
+@sensor_effect('sensor', 'when it is stuck', 'windows')
+def stuck(settings: Settings, channel: Channel, run: SceneRun) -> Change:
+    """Repeats in a window the last value before it, or else the first within."""
+    windows = read_windows(settings, run.duration)
     last: float | None = None
 
-    def apply(self, signal: Signal) -> None:
-        """Let samples in a window repeat the last one before it, or else the first within."""
+    def hold(signal: Signal) -> None:
+        nonlocal last
         value = signal.value
         if not value.size:
             return
-        stuck = self.windows.hold(signal.time)
-        place = np.where(stuck, -1, np.arange(value.size))
+        place = np.where(windows.hold(signal.time), -1, np.arange(value.size))
         source = np.maximum.accumulate(place)
-        first = value[0] if self.last is None else self.last
+        first = value[0] if last is None else last
         value[:] = np.where(source < 0, first, value[np.maximum(source, 0)])
-        self.last = float(value[-1])
+        last = float(value[-1])
+
+    return hold
 
 
-@dataclass(frozen=True, slots=True)
-class Stuck:
-    """Holds some signals; ``sensors`` has one for each topic."""
+@sensor_effect('sensor', 'when it sends NaN', 'windows', 'share')
+def not_a_number(settings: Settings, channel: Channel, run: SceneRun) -> Change:
+    """Sends NaN in the place of some samples."""
+    mask = read_sample_mask(settings, run.duration, run.random(settings, channel))
 
-    sensors: dict[str, _StuckSensor]
+    def spoil(signal: Signal) -> None:
+        signal.value[mask.hit(signal.time)] = np.nan
 
-    def apply(self, block: TimeBlock) -> None:
-        """Hold the next samples where the sensor is stuck."""
-        for topic, sensor in self.sensors.items():
-            sensor.apply(block.signals[topic])
-
-
-def build_stuck(settings: Settings, context: BuildContext) -> Effect:
-    """Build the effect."""
-    return Stuck(
-        {
-            channel.topic: _StuckSensor(read_windows(own, context.duration))
-            for channel, own in context.sensors_of(settings, ['windows'], 'when it is stuck')
-        }
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class NotANumber:
-    """Puts NaN into some signals; ``occasions`` says when for each topic."""
-
-    occasions: dict[str, SampleMask]
-
-    def apply(self, block: TimeBlock) -> None:
-        """Put NaN in the place of the next samples that are hit."""
-        for topic, occasions in self.occasions.items():
-            signal = block.signals[topic]
-            signal.value[occasions.hit(signal.time)] = np.nan
-
-
-def build_not_a_number(settings: Settings, context: BuildContext) -> Effect:
-    """Build the effect."""
-    return NotANumber(
-        {
-            channel.topic: read_sample_mask(
-                own, context.duration, context.random(settings, channel)
-            )
-            for channel, own in context.sensors_of(settings, OCCASIONS, 'when it sends NaN')
-        }
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class _Background:
-    """What a level shows without the lining.
-
-    Attributes:
-        topic: Its topic.
-        bearing: The bearing whose shaft it hears.
-        fold: The fold speed at the nominal load [m/s].
-        floor: Of the sensor and of what is always there.
-        engine: At the fold speed; it grows with the square of the speed.
-        sea: Share by which both rise and fall.
-        period: Period of that [s].
-        scatter: Relative standard deviation of a value.
-        random: The random stream of the scatter.
-    """
-
-    topic: str
-    bearing: str
-    fold: float
-    floor: float
-    engine: float
-    sea: float
-    period: float
-    scatter: float
-    random: np.random.Generator
-
-    def apply(self, block: TimeBlock) -> None:
-        """Add it to the next values."""
-        signal = block.signals[self.topic]
-        ratio = block.shaft.speed(self.bearing, signal.time) / self.fold
-        swell = 1.0 + self.sea * np.sin(2.0 * np.pi / self.period * signal.time)
-        total = np.hypot(signal.value, (self.floor + self.engine * ratio**2) * swell)
-        total *= 1.0 + self.scatter * self.random.standard_normal(total.size)
-        signal.value[:] = np.maximum(total, 0.0)
-
-
-@dataclass(frozen=True, slots=True)
-class VibrationBackground:
-    """Adds to some levels what is not the lining."""
-
-    sources: list[_Background]
-
-    def apply(self, block: TimeBlock) -> None:
-        """Add it to the next values."""
-        for source in self.sources:
-            source.apply(block)
-
-
-def build_vibration_background(settings: Settings, context: BuildContext) -> Effect:
-    """Build the effect."""
-    sources = []
-    for channel in context.pick(settings, 'level'):
-        unit = channel.input.unit
-        channel.factor(settings.choice('unit', UNITS['level']))
-        bearing = channel.bearings[0]
-        sea = settings.number('sea', '-', least=0.0, most=1.0) if 'sea' in settings else 0.0
-        sources.append(
-            _Background(
-                channel.topic,
-                bearing.name,
-                context.shaft.channel(bearing.name, 'speed').factor('fold'),
-                settings.number('floor', unit, above=0.0),
-                settings.number('engine', unit, least=0.0),
-                sea,
-                settings.number('period', 's', above=0.0) if sea else 1.0,
-                settings.number('scatter', '-', least=0.0, most=0.3),
-                context.random(settings, channel),
-            )
-        )
-    return VibrationBackground(sources)
-
-
-_BACKGROUND_KEYS = ('bearing', 'unit', 'floor', 'engine', 'sea', 'period', 'scatter')
-EFFECTS = {
-    'vibration_background': EffectKind(_BACKGROUND_KEYS, build_vibration_background),
-    'bias': EffectKind(SENSOR_KEYS, build_bias),
-    'sensor_noise': EffectKind(SENSOR_KEYS, build_sensor_noise),
-    'spikes': EffectKind(SENSOR_KEYS, build_spikes),
-    'quantisation': EffectKind(SENSOR_KEYS, build_quantisation),
-    'stuck': EffectKind(SENSOR_KEYS, build_stuck),
-    'not_a_number': EffectKind(SENSOR_KEYS, build_not_a_number),
-}
+    return spoil

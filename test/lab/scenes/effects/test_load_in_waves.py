@@ -14,7 +14,7 @@ from scipy.integrate import quad
 from scipy.signal import welch
 
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.scenes.effects.disturbances import Sea
+from stickslip_monitor.lab.scenes.effects.ship import Sea
 from stickslip_monitor.lab.scenes.scene import Scene
 
 MakeScene = Callable[..., Scene]

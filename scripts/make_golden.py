@@ -1,0 +1,226 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Writes the changes of condition over recordings and random sequences, or lists what differs.
+
+The cases are the recordings of bags/ with the configurations of their scenes, and the sequences
+of test/monitor/sequences.py. ``--compare`` runs them and lists every kind of difference from the
+file, with counts and examples; the reasons belong into docs/design.md before the file is made
+anew.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import hashlib
+import json
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from itertools import chain, pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / 'test' / 'monitor'))
+
+from sequences import COUNT, NAME, QUANTITIES, sequence  # noqa: E402
+
+from stickslip_monitor import Monitor  # noqa: E402
+from stickslip_monitor.lab.scenes.scene import load_scene  # noqa: E402
+from stickslip_monitor.offline.check import check_bag  # noqa: E402
+
+GOLDEN = ROOT / 'test' / 'data' / 'golden.json.gz'
+MOVED_NS = 10**9
+"""A change this much earlier or later is listed as moved [ns]."""
+SAME_NS = 30 * 10**9
+"""Changes of one kind further apart than this are two [ns]."""
+_STATUSES = 6
+
+Change = tuple[int, str, str, bool]
+Case = dict[str, Any]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Make or compare; returns the exit code: 1 where something differs."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--compare', action='store_true', help='list differences, write nothing')
+    parser.add_argument('--only', default='', help='cases whose names contain this')
+    parser.add_argument('--examples', type=int, default=3, help='of each kind of difference')
+    args = parser.parse_args(argv)
+    found = dict(all_cases(args.only))
+    if args.compare:
+        lines = list(differences(read_golden(), found, args.examples))
+        print('\n'.join(lines) or 'no difference')
+        return int(bool(lines))
+    GOLDEN.parent.mkdir(exist_ok=True)
+    text = json.dumps(found, separators=(',', ':'))
+    GOLDEN.write_bytes(gzip.compress(text.encode('utf-8'), mtime=0))
+    print(f'{len(found)} cases, {sum(len(c["changes"]) for c in found.values())} changes')
+    return 0
+
+
+def read_golden() -> dict[str, Case]:
+    """Return the cases of the file by name."""
+    found: dict[str, Case] = json.loads(gzip.decompress(GOLDEN.read_bytes()))
+    return found
+
+
+def all_cases(only: str = '') -> Iterator[tuple[str, Case]]:
+    """Run the cases whose names contain a text; yield them by name."""
+    bags = sorted(path.name for path in (ROOT / 'bags').iterdir() if path.is_dir())
+    for bag in bags:
+        if only in f'bag {bag}':
+            yield from of_bag(bag)
+    for number in range(COUNT):
+        if only in f'sequence {number}':
+            yield f'sequence {number}', of_sequence(number)
+
+
+def of_bag(name: str) -> Iterator[tuple[str, Case]]:
+    """Check a recording with the configuration of its scene; yield its bearings."""
+    config = load_scene(ROOT / 'launch_configs' / 'scenes' / f'{name}.yaml').config
+    report = check_bag(ROOT / 'bags' / name, config)
+    for bearing, own in report.bearings.items():
+        counts = {item.quantity: [item.messages, item.used] for item in own.inputs}
+        changes = [_change(event) for event in own.events]
+        yield f'bag {name} {bearing}', _case(changes, counts, report.end_ns or 0, b'')
+
+
+def of_sequence(number: int) -> Case:
+    """Run a sequence through the live monitor, sample by sample."""
+    own = sequence(number)
+    monitor = Monitor(own.config)
+    events = [] if own.start_ns is None else monitor.advance(own.start_ns)
+    statuses = np.empty(own.messages.value.size, np.int8)
+    for k, sample in enumerate(own.samples()):
+        update = monitor.update(sample)
+        events += update.events
+        statuses[k] = update.status
+    events += monitor.advance(own.end_ns)
+    assert all(event.bearing == NAME for event in events)
+    counts = {
+        quantity: np.bincount(statuses[own.messages.quantity == k], minlength=_STATUSES).tolist()
+        for k, quantity in enumerate(QUANTITIES)
+    }
+    changes = [_change(event) for event in events]
+    return _case(changes, counts, int(own.messages.time_ns.max()), statuses.tobytes())
+
+
+def _change(event: Any) -> Change:
+    return event.time_ns, str(event.before), str(event.after), bool(event.sticking)
+
+
+def _case(changes: list[Change], counts: Any, end_ns: int, statuses: bytes) -> Case:
+    made = {'changes': [list(change) for change in changes], 'counts': counts, 'end_ns': end_ns}
+    digest = hashlib.sha256(json.dumps(made).encode('utf-8') + statuses).hexdigest()[:16]
+    return {**made, 'digest': digest}
+
+
+def differences(golden: dict[str, Case], found: dict[str, Case], examples: int) -> Iterator[str]:
+    """List every kind of difference with how often it occurs and where, most frequent first."""
+    kinds: dict[str, list[str]] = defaultdict(list)
+    for name, new in found.items():
+        old = golden.get(name)
+        if old is None:
+            kinds['a case that the file does not have'].append(name)
+        elif old['digest'] != new['digest']:
+            for kind, where in _of_case(old, new):
+                kinds[kind].append(f'{name} {where}')
+    for kind, places in sorted(kinds.items(), key=lambda item: -len(item[1])):
+        cases = len({place.split(' at ')[0] for place in places})
+        yield f'{len(places):5d} in {cases:3d} cases  {kind}'
+        yield from (f'{"":8}{place}' for place in places[:examples])
+    yield from _times_apart(golden, found)
+
+
+def _of_case(old: Case, new: Case) -> Iterator[tuple[str, str]]:
+    """Yield each difference of a case: its kind, and where it is."""
+    for quantity, count in old['counts'].items():
+        if count != new['counts'][quantity]:
+            yield f'counts of {quantity}', f'{count} now {new["counts"][quantity]}'
+    if old['changes'] == new['changes'] and old['counts'] == new['counts']:
+        yield 'another sample has the status', ''
+    start_ns = min((change[0] for change in old['changes'] + new['changes']), default=0)
+    for kind, time_ns, what in _of_changes(old['changes'], new['changes']):
+        yield kind, f'at +{(time_ns - start_ns) / 1e9:.3f} s {what}'
+
+
+def _of_changes(old: list[Any], new: list[Any]) -> Iterator[tuple[str, int, str]]:
+    common = Counter(map(tuple, old)) & Counter(map(tuple, new))
+    gone, came = (_without(changes, common.copy()) for changes in (old, new))
+    for one, other in _pairs(gone, came, SAME_NS, same_kind=True):
+        off = (other[0] - one[0]) / 1e9
+        if one[0] == other[0]:
+            yield f'{_kind(one)}: growth {one[3]} is now {other[3]}', one[0], ''
+        else:
+            size = 'by more than 1 s' if abs(other[0] - one[0]) > MOVED_NS else 'by up to 1 s'
+            way = 'later' if off > 0 else 'earlier'
+            yield f'{_kind(one)}: {way} {size}', one[0], f'{off:+.3f} s'
+    for one, other in _pairs(gone, came, MOVED_NS, same_kind=False):
+        yield f'{_kind(one)}: renamed {_kind(other)}', one[0], ''
+    yield from ((f'{_kind(change)}: gone', change[0], '') for change in gone)
+    yield from ((f'{_kind(change)}: new', change[0], '') for change in came)
+
+
+def _without(changes: list[Any], common: Counter[Any]) -> list[Any]:
+    """Return the changes that are not common to both."""
+    found = []
+    for change in map(tuple, changes):
+        if common[change]:
+            common[change] -= 1
+        else:
+            found.append(change)
+    return found
+
+
+def _pairs(
+    gone: list[Any], came: list[Any], within_ns: int, *, same_kind: bool
+) -> Iterator[tuple[Any, Any]]:
+    """Take out of both lists what belongs together, nearest in time; yield the pairs."""
+    for one in list(gone):
+        near = [c for c in came if not same_kind or c[1:3] == one[1:3]]
+        other = min(near, key=lambda c: abs(c[0] - one[0]), default=None)
+        if other is not None and abs(other[0] - one[0]) <= within_ns:
+            gone.remove(one)
+            came.remove(other)
+            yield one, other
+
+
+def _kind(change: Any) -> str:
+    return f'{change[1]} > {change[2]}'
+
+
+def _times_apart(golden: dict[str, Case], found: dict[str, Case]) -> Iterator[str]:
+    """List for how long which condition stands where another stood."""
+    apart: Counter[tuple[str, str]] = Counter()
+    for name in found.keys() & golden.keys():
+        apart.update(_apart(golden[name], found[name]))
+    for (before, now), lasting in apart.most_common():
+        yield f'{lasting / 3.6e12:8.3f} h  {before} is now {now}'
+
+
+def _apart(old: Case, new: Case) -> Counter[tuple[str, str]]:
+    """Return the time [ns] by the condition of both, where they differ; clock jumps end it."""
+    edges = sorted({c[0] for c in chain(old['changes'], new['changes'])} | {old['end_ns']})
+    spent: Counter[tuple[str, str]] = Counter()
+    for begin, end in pairwise(edges):
+        pair = _at(old['changes'], begin), _at(new['changes'], begin)
+        if pair[0] != pair[1]:
+            spent[pair] += end - begin
+    return spent
+
+
+def _at(changes: list[Any], time_ns: int) -> str:
+    last = 'normal'
+    for change in changes:
+        if change[0] > time_ns:
+            break
+        last = change[2]
+    return last
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Show what a recording holds: its topics with types and counts, and the time that it spans.
+
+No configuration is needed; its topics are what one is written for.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from datetime import datetime, timezone
+from typing import Any
+
+from rich.table import Table
+
+from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.commands.check_results import bag_record
+from stickslip_monitor.commands.output import add_json, console, print_json
+from stickslip_monitor.errors import plural
+from stickslip_monitor.files import printable
+
+SCHEMA = 'stickslip_monitor/info/1'
+_FIRST_DATE = 10 * 365 * 86_400
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument('bag', metavar='BAG', help='rosbag2 folder or .mcap file')
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command."""
+    record = bag_record(open_bag(args.bag))
+    if args.json:
+        print_json({'schema': SCHEMA, **record})
+        return 0
+    out = console()
+    out.print(printable(_summary(record)), markup=False)
+    table = Table('topic', 'type', 'messages', 'problem')
+    table.columns[2].justify = 'right'
+    for name, topic in sorted(record['topics'].items()):
+        table.add_row(name, topic['type'], str(topic['messages']), topic['problem'] or '')
+    out.print(table)
+    for text in (*(cut['text'] for cut in record['cuts']), *record['warnings']):
+        out.print(printable(f'data: {text}'), markup=False)
+    return 0
+
+
+def _summary(record: Mapping[str, Any]) -> str:
+    """How much there is, and from when to when."""
+    text = f'{record["path"]}: {plural(record["messages"], "message")}'
+    if record['duration'] is None:
+        return text
+    text += f' in {record["duration"]:.1f} s'
+    if record['start'] * 1e-9 < _FIRST_DATE:
+        return f'{text}, on a clock without dates'
+    start, end = (
+        datetime.fromtimestamp(record[key] * 1e-9, timezone.utc) for key in ('start', 'end')
+    )
+    return f'{text}, from {start:%Y-%m-%d %H:%M:%S} to {end:%Y-%m-%d %H:%M:%S} UTC'

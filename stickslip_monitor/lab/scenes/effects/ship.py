@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Speed and load: profiles, steps, telegraph orders with a lag, waves, and ripple.
+
+The sea has the JONSWAP spectrum (Hasselmann et al. 1973; DNV-RP-C205, 3.5.5): with
+``x = omega / omega_p``,
+
+    S ~ x^-5 exp(-1.25 x^-4) gamma^exp(-(x - 1)^2 / (2 s^2)),   s = 0.07 for x <= 1, else 0.09
+
+scaled to the variance ``Hs^2/16``. It is a sum of cosines of equal amplitude, each for an equal
+part of that variance, at a random frequency within its part and with a random phase. So most of
+them are where the sea has most energy, and the record does not repeat.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.errors import SceneError
+from stickslip_monitor.lab.scenes.effects.effect import (
+    UNITS,
+    SceneRun,
+    channel_effect,
+    unit_of,
+)
+from stickslip_monitor.lab.scenes.profile import Profile, check_times, read_profile, read_steps
+from stickslip_monitor.lab.scenes.reproducible_math import cos_turns, exp
+from stickslip_monitor.lab.scenes.settings import Settings, suggestion
+from stickslip_monitor.lab.scenes.telemetry import Channel
+
+
+def _add(channel: Channel, run: SceneRun, course: Profile | Response) -> None:
+    way = course.integral if channel.quantity == 'speed' else None
+    run.shaft.add(channel.topic, course.at, way)
+
+
+def _add_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    unit = settings.choice('unit', UNITS[channel.quantity])
+    profile = read_profile(settings, unit, run.duration, run.folder)
+    _add(channel, run, replace(profile, factor=channel.factor(unit)))
+
+
+def _add_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    unit = settings.choice('unit', UNITS[channel.quantity])
+    steps = read_steps(settings, unit, run.duration)
+    _add(channel, run, replace(steps, factor=channel.factor(unit)))
+
+
+@channel_effect('shaft', ['speed'], 'unit', 'points', 'table')
+def speed_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Adds a profile to the speed."""
+    _add_profile(settings, channel, run)
+
+
+@channel_effect('shaft', ['speed'], 'unit', 'steps', 'rise')
+def speed_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Adds steps to the speed."""
+    _add_steps(settings, channel, run)
+
+
+STEPS = ('dead slow', 'slow', 'half', 'full')
+
+
+@channel_effect('shaft', ['speed'], 'unit', 'ahead', 'astern', 'orders', 'time_constant')
+def manoeuvre(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Lets the speed follow telegraph orders."""
+    unit = settings.choice('unit', UNITS['speed'])
+    time_constant = settings.number('time_constant', 's', above=0.0)
+    times, targets = _orders(settings, _speeds(settings, unit), run.duration)
+    _add(channel, run, Response.to(times, targets * channel.factor(unit), time_constant))
+
+
+def _speeds(settings: Settings, unit: str) -> dict[str, float]:
+    """The speed of each order the telegraph has."""
+    speeds = {'stop': 0.0}
+    for way, sign in (('ahead', 1.0), ('astern', -1.0)):
+        if way in settings:
+            table = settings.section(way, STEPS, 'the speed of each step of the telegraph')
+            least = 0.0
+            for step in (step for step in STEPS if step in table):
+                least = table.number(step, unit, above=least)
+                speeds[f'{step} {way}'] = sign * least
+    return speeds
+
+
+def _orders(
+    settings: Settings, speeds: dict[str, float], duration: float
+) -> tuple[FloatArray, FloatArray]:
+    """When each order is given, and the speed it asks for."""
+    rows = settings.rows('orders', 'order', 'a list of orders [time in s, order]')
+    for name, order in rows:
+        if not isinstance(order, list) or len(order) != 2:
+            raise SceneError(f"{name} = {order!r} must be a pair, [time in s, 'slow ahead']")
+        if not isinstance(order[1], str) or order[1] not in speeds:
+            hint = suggestion(order[1], list(speeds))
+            raise SceneError(f'{name} is {order[1]!r}, which has no speed in this scene; {hint}')
+    check_times([(name, time) for name, (time, _) in rows], duration)
+    times, orders = zip(*(order for _, order in rows), strict=True)
+    return np.array(times, float), np.array([speeds[order] for order in orders])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Response:
+    """Follows targets: ``dV/dt = (target - V) / time_constant``.
+
+    Attributes:
+        times: When each target is set, rising, shape (n,) [s].
+        targets: The targets; the first is held before it is set, shape (n,).
+        values: The value when each is set, shape (n,).
+        ways: The integral from 0 until then, shape (n,).
+        time_constant: The lag [s].
+    """
+
+    times: FloatArray
+    targets: FloatArray
+    values: FloatArray
+    ways: FloatArray
+    time_constant: float
+
+    @classmethod
+    def to(cls, times: FloatArray, targets: FloatArray, time_constant: float) -> Response:
+        """The response to targets, from rest at the first of them."""
+        values, ways = targets.copy(), times * targets
+        response = cls(times, targets, values, ways, time_constant)
+        for k in range(1, times.size):
+            before = response._piece(times[k : k + 1], k - 1)
+            values[k], ways[k] = before[0][0], before[1][0]
+        return response
+
+    def at(self, time: FloatArray) -> FloatArray:
+        """Values at some times, shape (n,)."""
+        return self._piece(time, self._last(time))[0]
+
+    def integral(self, time: FloatArray) -> FloatArray:
+        """Integral from 0 to some times, shape (n,)."""
+        return self._piece(time, self._last(time))[1]
+
+    def _last(self, time: FloatArray) -> Any:
+        return np.maximum(np.searchsorted(self.times, time, side='right') - 1, 0)
+
+    def _piece(self, time: FloatArray, k: Any) -> tuple[FloatArray, FloatArray]:
+        """Value and integral where target ``k`` is the last."""
+        since, off = time - self.times[k], self.values[k] - self.targets[k]
+        # Before the first target there is nothing off.
+        left = exp(-np.maximum(since, 0.0) / self.time_constant)
+        way = self.targets[k] * since + off * (self.time_constant * (1.0 - left))
+        return self.targets[k] + off * left, self.ways[k] + way
+
+
+@channel_effect('shaft', ['load'], 'unit', 'points', 'table')
+def load_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Adds a profile to the load."""
+    _add_profile(settings, channel, run)
+
+
+@channel_effect('shaft', ['load'], 'unit', 'steps', 'rise')
+def load_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Adds steps to the load."""
+    _add_steps(settings, channel, run)
+
+
+COMPONENTS = 200
+# Cosines that are computed together: few enough for the processor's cache.
+_AT_ONCE = 8192
+# Period of the shortest waves at sea that are not ripples [s].
+_SHORTEST = 0.1
+# The sea ends at five times the peak frequency, beyond which lies 0.2 % of the variance.
+_RANGE = np.linspace(0.25, 5.0, 20_000)
+
+
+@channel_effect(
+    'shaft', ['load'], 'unit', 'significant_height', 'peak_period', 'gamma', 'load_per_metre'
+)
+def load_in_waves(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Adds the load of a sea, the same for all bearings."""
+    unit, factor = unit_of(settings, channel)
+    per_metre = settings.number('load_per_metre', f'{unit}/m') * factor
+    sea = Sea.of(
+        settings.number('significant_height', 'm', least=0.0),
+        settings.number('peak_period', 's', least=_SHORTEST),
+        settings.number('gamma', '-', least=1.0, most=10.0),
+        run.random(settings),
+    )
+    run.shaft.add(channel.topic, lambda time: sea.elevation(time) * per_metre)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sea:
+    """A sum of cosines.
+
+    Attributes:
+        amplitude: Amplitude of each [m].
+        frequency: Frequencies, shape (n,) [Hz].
+        phase: Phases at the scene's start, shape (n,) [turns].
+    """
+
+    amplitude: float
+    frequency: FloatArray
+    phase: FloatArray
+
+    @classmethod
+    def of(cls, height: float, period: float, gamma: float, random: np.random.Generator) -> Sea:
+        """A sea of a significant height [m], peak period [s] and peakedness [-]."""
+        part = (np.arange(COMPONENTS) + random.random(COMPONENTS)) / COMPONENTS
+        frequency = np.interp(part, _energy_below(gamma), _RANGE) / period
+        phase = random.random(COMPONENTS)
+        return cls(height / 4.0 * math.sqrt(2.0 / COMPONENTS), frequency, phase)
+
+    def elevation(self, time: FloatArray) -> FloatArray:
+        """Elevation at some times [s], shape (n,) [m]; added up one by one, in one order."""
+        total = np.zeros_like(time)
+        at_once = max(1, _AT_ONCE // max(1, time.size))
+        for first in range(0, self.frequency.size, at_once):
+            some = slice(first, first + at_once)
+            turns = np.multiply.outer(self.frequency[some], time) + self.phase[some, None]
+            for wave in cos_turns(turns):
+                total += wave
+        return total * self.amplitude
+
+
+def _energy_below(gamma: float) -> FloatArray:
+    """The share of the variance below each frequency of the range."""
+    x = _RANGE
+    width = np.where(x <= 1.0, 0.07, 0.09)
+    peak = exp(math.log(gamma) * exp(-(((x - 1.0) / width) ** 2) / 2.0))
+    square = x * x
+    density = exp(-1.25 / (square * square)) * peak / (square * square * x)
+    below = np.concatenate([[0.0], np.cumsum(density[1:] + density[:-1])])
+    return below / below[-1]
+
+
+@channel_effect('turning', ['speed'], 'blades', 'amplitude')
+def blade_ripple(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Adds ripple at the rate of the blades, a share of the speed."""
+    blades = settings.value('blades', 'the number of blades')
+    if isinstance(blades, bool) or not isinstance(blades, int) or not 1 <= blades <= 20:
+        raise settings.broken('blades', 'must be a whole number from 1 to 20')
+    amplitude = settings.number('amplitude', '-', least=0.0, most=1.0)
+    shaft, bearing = run.shaft, channel.bearings[0].name
+
+    def ripple(time: FloatArray) -> FloatArray:
+        turns = shaft.turns(bearing, time)
+        return shaft.mean(channel.topic, time) * (amplitude * cos_turns(blades * turns))
+
+    shaft.add_ripple(channel.topic, ripple)
+
+
+@channel_effect('turning', ['load'], 'amplitude', 'unit')
+def misalignment(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Adds ripple once a turn to the load."""
+    unit, factor = unit_of(settings, channel)
+    amplitude = settings.number('amplitude', unit, least=0.0) * factor
+    shaft, bearing = run.shaft, channel.bearings[0].name
+    shaft.add_ripple(channel.topic, lambda time: amplitude * cos_turns(shaft.turns(bearing, time)))

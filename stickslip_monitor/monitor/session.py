@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One monitored ship: the monitor, its alarms, the faults of its inputs, and what is told of them.
+
+The node, ``stickslip watch``, the dashboard's replay and ``stickslip check --mcap`` are shells
+around a :class:`Session`: they differ in their clocks, in where samples come from, and in the
+:class:`Sink` that takes what is told. A session reads no clock: every call is given a
+:class:`Moment`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from stickslip_monitor.monitor.alarms.live_alarms import LiveAlarms, Log, Store
+from stickslip_monitor.monitor.alarms.requests import ActionRequest
+from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.input_watch import Graph, InputWatch
+from stickslip_monitor.monitor.ladder import Condition, Level
+from stickslip_monitor.monitor.messages import BearingState, state_of
+from stickslip_monitor.monitor.monitor import Monitor, Update
+from stickslip_monitor.monitor.verdict import Event, Verdict
+
+LOOK_NS = 10**9
+"""Time between two looks at the inputs [ns]."""
+
+
+class Moment(NamedTuple):
+    """Now, on both clocks [ns].
+
+    Attributes:
+        steady_ns: A clock that never steps: periods, delays and ages are measured on it.
+        time_ns: The clock of the samples; 0 while it is simulated and has said nothing.
+    """
+
+    steady_ns: int
+    time_ns: int
+
+
+class Sink:
+    """Takes what a session tells; what a shell does not show is passed over."""
+
+    def take_verdict(self, verdict: Verdict) -> None:
+        """An operating point was measured."""
+
+    def take_event(self, event: Event) -> None:
+        """The condition of a bearing has changed."""
+
+    def take_alarms(self, record: dict[str, Any]) -> None:
+        """The list of alarms; see :func:`.alarm_records.alarms_record`."""
+
+    def take_states(self, states: list[BearingState], whole: bool) -> None:
+        """The state of some bearings, or of the whole ship."""
+
+
+class Session:
+    """The monitor and all that is around it.
+
+    Args:
+        config: The configuration.
+        sink: Takes what is told.
+        log: Where events, input faults and people's actions are told.
+        clock: The time for stamps of what people do [ns].
+        store: What keeps the alarms over a restart; ``None`` for nothing.
+        graph: Who publishes the inputs; ``None`` where nobody looks for their faults.
+
+    Attributes:
+        monitor: The monitor.
+        alarms: The alarms.
+        monitoring: Whether anybody watches the bearings.
+    """
+
+    def __init__(
+        self,
+        config: MonitorConfig,
+        sink: Sink,
+        log: Log,
+        clock: Callable[[], int],
+        store: Store | None = None,
+        graph: Graph | None = None,
+    ) -> None:
+        self.config, self._sink, self._log, self._graph = config, sink, log, graph
+        self.monitor = Monitor(config)
+        self.alarms = LiveAlarms(config, clock, sink.take_alarms, log, store)
+        self.monitoring = False
+        self._inputs: InputWatch | None = None
+
+    def begin(self) -> None:
+        """Watch from now on: nothing is known of the time that has passed without samples."""
+        self.monitoring = True
+        if self._graph is not None:
+            self._inputs = InputWatch(self.monitor.bearings, self._graph)
+        self._looked_ns: int | None = None
+        self._changed: set[str] = set()
+        self._published: dict[str, int] = {}
+        self._unsaid: dict[str, Verdict] = {}
+        self.alarms.begin()
+
+    def end(self) -> None:
+        """Nobody watches any more; what readers keep must not be the last state before."""
+        self.monitoring = False
+        self.alarms.end()
+        self.show(Moment(0, 0))
+
+    def retune(self, config: MonitorConfig) -> None:
+        """Take over new thresholds, delays, scales and timeouts; no state is lost."""
+        self.monitor.retune(config)
+        self.alarms.retune(config)
+        self.config = config
+
+    def take(
+        self, name: str, place: int, time_ns: int, value: float, now: Moment, latest: bool = True
+    ) -> Update:
+        """Take one number of one input.
+
+        Args:
+            name: The bearing.
+            place: The input, a place in :data:`.signals.INPUTS`.
+            time_ns: When it was measured [ns].
+            value: The number, in the input's own scale.
+            now: When it came.
+            latest: Whether no later number of this bearing waits already: what one that waits
+                will outdate is said only where it changes something.
+        """
+        update = self.monitor.bearings[name].update(place, time_ns, value)
+        if self._inputs is not None:
+            self._inputs.take(name, place, time_ns, value, update.status.believed, now.steady_ns)
+        if update.events:
+            update = replace(update, events=self._explained(update.events, now))
+        if update.verdict is not None:
+            self._unsaid[name] = update.verdict
+        if latest or update.events:
+            self._say(name, bool(update.events), now)
+        self._announce(update.events)
+        self.alarms.feed(name, place, time_ns, update)
+        return update
+
+    def pass_time(self, name: str, time_ns: int, now: Moment) -> None:
+        """Let time pass for one bearing, up to a time of its samples, without a sample."""
+        events = self._explained(self.monitor.bearings[name].advance(time_ns), now)
+        self._announce(events)
+        self.alarms.feed_events(events)
+
+    def excuse(self, held_ns: int) -> None:
+        """We were held up for so long [ns]: no input is to blame for that time."""
+        for bearing in self.monitor.bearings.values():
+            bearing.excuse(held_ns)
+
+    def catch_up(self, now: Moment) -> None:
+        """Nothing waits any more: tell the verdicts that were held back."""
+        for name in list(self._unsaid):
+            self._say(name, True, now)
+
+    def tick(self, now: Moment, elapsed_ns: int) -> None:
+        """Let the alarms' running time pass (since :meth:`begin`), and look at the inputs."""
+        self.alarms.advance(elapsed_ns)
+        if self._looked_ns is not None and now.steady_ns - self._looked_ns < LOOK_NS:
+            return
+        self._looked_ns = now.steady_ns
+        looked = self._inputs.look(now.steady_ns, now.time_ns == 0) if self._inputs else ()
+        for bearing, text in looked:
+            self._log.warning(f'{bearing}: {text}')
+            self.alarms.note('input', f'{bearing}: {text}')
+
+    def act(self, request: ActionRequest) -> None:
+        """Do what a person asks for."""
+        self.alarms.act(request.action, request.by, request.bearing, request.kind, request.reason)
+
+    def show(self, now: Moment) -> None:
+        """Tell the state of every bearing."""
+        self._changed.clear()
+        self._sink.take_states(self.states(self.monitor.bearings, now), True)
+
+    def flush(self, now: Moment) -> None:
+        """Tell the state of the bearings whose condition has changed since they were told of."""
+        if self._changed:
+            states = self.states(sorted(self._changed), now)
+            self._changed.clear()
+            self._sink.take_states(states, False)
+
+    def states(self, names: Iterable[str], now: Moment) -> list[BearingState]:
+        """The state of some bearings."""
+        looked, active = self._inputs, self.monitoring
+        return [
+            state_of(
+                self.monitor.bearings[name],
+                looked.states(name, now.steady_ns) if looked and active else None,
+                active,
+            )
+            for name in names
+        ]
+
+    def _say(self, name: str, changed: bool, now: Moment) -> None:
+        """Tell the latest verdict of a bearing, or at most one each period."""
+        verdict = self._unsaid.pop(name, None)
+        if verdict is None:
+            return
+        before, period_ns = self._published.get(name), self.config.publish_period * 1e9
+        if changed or before is None or now.steady_ns - before >= period_ns:
+            self._published[name] = now.steady_ns
+            self._sink.take_verdict(verdict)
+
+    def _announce(self, events: list[Event]) -> None:
+        for event in events:
+            self._sink.take_event(event)
+            self._changed.add(event.bearing)
+            tell_event(self._log, event)
+
+    def _explained(self, events: list[Event], now: Moment) -> list[Event]:
+        """The events; where an input is lost, with why."""
+        if self._inputs is None:
+            return events
+        return [
+            replace(event, text=' '.join(filter(None, (event.text, self._why(event, now)))))
+            if event.after is Condition.INPUT_STALE
+            else event
+            for event in events
+        ]
+
+    def _why(self, event: Event, now: Moment) -> str:
+        assert self._inputs is not None
+        return self._inputs.explain(event.bearing, now.steady_ns, now.time_ns == 0)
+
+
+def tell_event(log: Log, event: Event) -> None:
+    """Log a change of condition as gravely as it is."""
+    if not event.raised:
+        log.info(event.text)
+    elif event.after.level is Level.ERROR:
+        log.error(event.text)
+    else:
+        log.warning(event.text)
+
+
+class NoLog:
+    """A log that nobody reads."""
+
+    def info(self, text: str, /) -> None:
+        """Passed over."""
+
+    warning = error = info

@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The process of the node: its environment, its executor, signals and exit code."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import rclpy
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.signals import SignalHandlerOptions
+
+from stickslip_monitor.errors import RosError, StickslipError
+from stickslip_monitor.monitor.clip_recorder import ClipStore
+from stickslip_monitor.monitor.config import ClipConfig
+from stickslip_monitor.ros.message_types import ROS_FAULTS
+from stickslip_monitor.ros.node import MonitorNode, sentence
+from stickslip_monitor.ros.service import ServiceManager
+
+LONGEST_WAIT = 0.2
+# Of UDP ports, of which DDS takes 250 for each domain.
+HIGHEST_DOMAIN = 232
+KEYSTORE = 'ROS_SECURITY_KEYSTORE'
+EXECUTOR = 'STICKSLIP_MONITOR_EXECUTOR'
+"""The environment variable that chooses the executor: ``events`` or ``single``."""
+
+
+def make_executor() -> Executor:
+    """The executor that wakes for work only, where this ROS 2 has it (from Kilted on).
+
+    It is experimental there: ``STICKSLIP_MONITOR_EXECUTOR=single`` chooses rclpy's common one.
+    """
+    if os.environ.get(EXECUTOR) == 'single':
+        return SingleThreadedExecutor()
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor
+    except ImportError:
+        return SingleThreadedExecutor()
+    return EventsExecutor()
+
+
+def _spin(node: MonitorNode, told: Sequence[int]) -> None:
+    """Spin until a signal has been noted, or somebody shuts ROS down."""
+    executor, manager = make_executor(), ServiceManager()
+    executor.add_node(node)
+    manager.tell('READY=1')
+    try:
+        while rclpy.ok() and not told:
+            manager.beat()
+            try:
+                # Python runs its signal handlers between waits: none may last.
+                executor.spin_once(LONGEST_WAIT)
+            except ExternalShutdownException:
+                return
+            except Exception as error:
+                # Up to ROS 2 Jazzy an invalid lifecycle request raises out of spin.
+                if not rclpy.ok():
+                    return
+                node.survive(error)
+    finally:
+        manager.tell('STOPPING=1')
+        executor.shutdown()
+
+
+def _check_environment(args: Sequence[str]) -> None:
+    """Check what ROS 2 itself would ignore, or die of without a reason.
+
+    Raises:
+        RosError: An environment variable breaks its rule.
+    """
+    domain = os.environ.get('ROS_DOMAIN_ID') or '0'
+    if not domain.isdecimal() or int(domain) > HIGHEST_DOMAIN:
+        raise RosError(f"ROS_DOMAIN_ID = '{domain}' must be 0 to {HIGHEST_DOMAIN}")
+    executor = os.environ.get(EXECUTOR, 'events')
+    if executor not in ('events', 'single'):
+        raise RosError(f"{EXECUTOR} = '{executor}' must be events or single")
+    if os.environ.get('ROS_SECURITY_ENABLE') == 'true':
+        _check_enclave(os.environ.get(KEYSTORE, ''), args)
+
+
+def _check_enclave(keystore: str, args: Sequence[str]) -> None:
+    """Check that the keys are there: without them ROS 2 goes on without any security."""
+    if not keystore:
+        raise RosError('ROS_SECURITY_ENABLE is true, but ROS_SECURITY_KEYSTORE names no keystore')
+    given = [value for name, value in pairwise(args) if name in ('-e', '--enclave')]
+    enclave = os.environ.get('ROS_SECURITY_ENCLAVE_OVERRIDE') or (given or ['/'])[-1]
+    folder = Path(keystore) / 'enclaves' / enclave.strip('/')
+    if not (folder / 'cert.pem').is_file():
+        raise RosError(
+            f"ROS_SECURITY_ENABLE is true, but the keystore '{keystore}' has no enclave"
+            f" '{enclave}'"
+        )
+
+
+def _initialise(args: Sequence[str] | None) -> None:
+    _check_environment(sys.argv if args is None else args)
+    try:
+        rclpy.init(
+            args=None if args is None else list(args),
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+    except (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError) as error:
+        raise RosError(f'the ROS arguments cannot be used: {sentence(error)}') from error
+
+
+def _create(store: Callable[[ClipConfig], ClipStore] | None) -> MonitorNode:
+    try:
+        with warnings.catch_warnings():
+            # What cannot be created is half created, and rclpy warns of the other half.
+            warnings.simplefilter('ignore', RuntimeWarning)
+            return MonitorNode(store)
+    except (*ROS_FAULTS, rclpy_implementation.RCLError) as error:
+        if isinstance(error, StickslipError):
+            raise
+        raise RosError(f'the node cannot be created: {sentence(error)}') from error
+
+
+def _run(args: Sequence[str] | None, store: Callable[[ClipConfig], ClipStore] | None) -> None:
+    """Run the node until it is told to stop."""
+    # Noted, not raised: an interrupt in the middle of an import prints a traceback of its own.
+    # ROS's own handlers stay out: they take ROS down in a thread, under the node's feet.
+    told: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: told.append(number))
+    _initialise(args)
+    node = None
+    try:
+        node = _create(store)
+        if node.config.autostart and not told:
+            node.start()
+        _spin(node, told)
+    finally:
+        # A second Ctrl-C (a launch system sends one too) must not break the way out.
+        _ignore_signals()
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def _ignore_signals() -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+
+
+def main(
+    args: Sequence[str] | None = None,
+    store: Callable[[ClipConfig], ClipStore] | None = None,
+) -> int:
+    """Run the node until it is told to stop.
+
+    Args:
+        args: Arguments without the program's name; those of the process if ``None``.
+        store: Makes what takes event clips.
+
+    Returns:
+        0 after Ctrl-C or a termination signal, 2 for a bad configuration.
+    """
+    try:
+        _run(args, store)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except StickslipError as error:
+        print(f'ERROR: {error}', file=sys.stderr)  # noqa: T201
+        return 2
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
