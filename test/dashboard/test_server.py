@@ -446,9 +446,11 @@ def test_no_page_of_another_may_hold_or_feed_this_one(dashboard: Any) -> None:
 
 def test_nothing_is_fetched_from_elsewhere(dashboard: Any) -> None:
     """No file of the page names another host, but for the name space of SVG."""
-    from stickslip_monitor.dashboard.server import FILES
+    from stickslip_monitor.dashboard.server import page_files
 
-    for path in FILES:
+    paths = [path for path, _, _ in page_files()]
+    assert {'/', '/login', '/page.js', '/uPlot.js', '/icon.svg'} <= set(paths)
+    for path in paths:
         _, _, text = get(dashboard, path.lstrip('/'))
         for own in ('http://www.w3.org/2000/svg', 'https://github.com/leeoniya/uPlot'):
             text = text.replace(own, '')
