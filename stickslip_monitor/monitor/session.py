@@ -82,7 +82,9 @@ class Session:
     ) -> None:
         self.config, self._sink, self._log, self._graph = config, sink, log, graph
         self.monitor = Monitor(config)
-        self.alarms = LiveAlarms(config, clock, sink.take_alarms, log, store)
+        self.alarms = LiveAlarms(
+            config, clock, sink.take_alarms, log, store, lambda n: self.monitor.bearings[n].text()
+        )
         self.monitoring = False
         self._inputs: InputWatch | None = None
 

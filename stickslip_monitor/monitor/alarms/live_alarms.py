@@ -80,6 +80,7 @@ class LiveAlarms:
         publish: Called with every new :func:`.alarm_records.alarms_record`.
         log: Where people's actions, and what cannot be kept, are told.
         store: What keeps the alarms over a restart; ``None`` for nothing.
+        text_of: What there is to say of a bearing now.
 
     Attributes:
         annunciator: The alarms; to be changed through this object only.
@@ -92,7 +93,9 @@ class LiveAlarms:
         publish: Callable[[dict[str, Any]], None],
         log: Log,
         store: Store | None = None,
+        text_of: Callable[[str], str] = str,
     ) -> None:
+        self._text_of = text_of
         self._config, self._clock, self._publish = config, clock, publish
         self._log, self._store = log, store
         self.annunciator = Annunciator(config)
@@ -179,7 +182,13 @@ class LiveAlarms:
         self._notes.clear()
         self._publish(
             alarms_record(
-                self.annunciator, changes, now_ns, self._sequence, self._monitoring, notes
+                self.annunciator,
+                changes,
+                now_ns,
+                self._sequence,
+                self._monitoring,
+                notes,
+                self._text_of,
             )
         )
         for change in changes:
