@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor import rule
-from stickslip_monitor.monitor.bulk import Scan, assessed, lost_inputs, scan_bearing
+from stickslip_monitor.monitor.bulk import Scan, assessed, lost_inputs, scan_bearing, size_cycle
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.ladder import CONDITIONS, Condition
 from stickslip_monitor.monitor.level import MEASURED, Measured, Unknown, why_unknown
@@ -183,6 +183,8 @@ class BearingMonitor:
             )
         state, settings = self.state, self._settings
         c = settings.live
+        if rule.amplitude_due(state, c):
+            size_cycle(self.config, state)
         si = rule.si_value(c, place, float(number))
         before, lost = rule.condition(state), state.lost
         status = _STATUS[rule.arrive(state, c, place, time_ns, si)]

@@ -20,6 +20,7 @@ from scipy.interpolate import CubicSpline
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.physics.averaging.boundaries import fold_speed
+from stickslip_monitor.physics.cycle.cycles import exact_fold_speed
 from stickslip_monitor.physics.oscillator import Bearing
 
 Boundary = Callable[[FloatArray], FloatArray]
@@ -92,7 +93,7 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
         return np.asarray(fold_speed(bearing, load))
 
     def exact(load: FloatArray) -> FloatArray:
-        return np.asarray(fold_speed(bearing, load))  # FIXME until physics lands
+        return np.asarray(exact_fold_speed(bearing, load))
 
     onset = _onset(averaged)
     if onset == math.inf:
