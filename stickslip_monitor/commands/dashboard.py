@@ -286,7 +286,7 @@ def bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0.0) -
     bearing, alarm = config.bearing, config.alarm
     (_, fastest), (_, highest) = map_ranges(bearing)
     speeds, loads = (0.0, max(fastest, speed)), (0.0, max(highest, load))
-    curves = boundaries(bearing, speeds, loads, alarm.caution_margin, _SPEEDS_DRAWN)
+    curves = boundaries(bearing, speeds, alarm.caution_margin, _SPEEDS_DRAWN)
     limit = alarm.amplitude_limit
     return BearingView(
         name=config.name,
