@@ -90,10 +90,8 @@ def _ours(path: Path) -> int:
 def _blocks(path: Path) -> int:
     """As a check reads: each stretch of time is dropped when the next one comes."""
     requests = [Request(topic, 'data') for topic in TOPICS]
-    return open_bag(path).read_with(
-        lambda reading: sum(series.value.size for part in reading for series in part.values()),
-        requests,
-    )
+    reading = open_bag(path).reading(requests)
+    return sum(series.value.size for part in reading for series in part.values())
 
 
 def _file(path: Path) -> Path:

@@ -230,7 +230,7 @@ ODD: dict[str, Odd] = {
         lambda: file(
             _pieces(Piece([*messages(20, 10), *_SWAPPED[1:], *messages(30, 10, True)]))[:2]
         ),
-        f"makes channel 1 '{LOAD}' where it was '{SPEED}', among messages of both", 10, 10,
+        f"makes channel 1 '{LOAD}' where it was '{SPEED}' before", 20, 20,
     ),
     'damaged chunk': Odd(_damaged, 'is damaged', 20, 20),
     'only chunk damaged': Odd(_all_damaged, 'nothing is known of aft_stern', 0, 0),

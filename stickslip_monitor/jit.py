@@ -18,7 +18,7 @@ from types import FunctionType, ModuleType
 from typing import Any
 
 # Calls of functions so short cost a third of the time; none divides by zero.
-_OPTIONS = {'error_model': 'numpy', 'inline': 'always'}
+_OPTIONS = {'error_model': 'numpy'}
 
 
 def has_compiler() -> bool:

@@ -162,9 +162,8 @@ def test_no_class_and_no_module_is_named_twice() -> None:
         # A command bears the name of what it runs.
         if path.stem not in ('__init__', '__main__') and path.parts[0] != 'commands':
             stems.setdefault(path.stem, set()).add(str(path))
-    kept_until_1_0 = {'bags/check.py'}
     assert {name: places for name, places in classes.items() if len(places) > 1} == {}
-    assert {n: p for n, p in stems.items() if len(p - kept_until_1_0) > 1} == {}
+    assert {n: p for n, p in stems.items() if len(p) > 1} == {}
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ import struct
 import threading
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,7 @@ from mcap_ros2.decoder import DecoderFactory
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
-from stickslip_monitor.bags.mcap_records import view
+from stickslip_monitor.bags.records import view
 from stickslip_monitor.bags.schema import (
     NUMBERS,
     TEXTS,
@@ -296,27 +296,27 @@ def or_nan(value: float | None) -> float:
 _ENCAPSULATION = 4
 # As the two bytes lie in the message, read little-endian.
 _CDR_LE, _CDR_BE = 0x0100, 0x0000
-_DECODED = (0, 1)
 _SECOND = 1_000_000_000
 _SECONDS = ('int32', 'uint32')
 _STAMP: tuple[FieldPath, ...] = (('header', 'stamp', 'sec'), ('header', 'stamp', 'nanosec'))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class FieldNumbers:
     """What a plan read from n messages.
 
     ``stamp_ns`` is None where the type has no header, and zero where a message has no stamp;
     ``values`` has a row for each path; ``undecoded`` counts the messages that are not of the type,
-    ``encapsulations`` those in an encapsulation that is not decoded, by its number, and ``short``
-    for each path those whose array is too short.
+    ``encapsulations`` those in an encapsulation that is not decoded, by its number, ``short``
+    for each path those whose array is too short, and ``alone`` those that were decoded one by one.
     """
 
     stamp_ns: IntArray | None
     values: FloatArray
-    undecoded: int
-    short: Counter[int]
+    undecoded: int = 0
+    short: Counter[int] = field(default_factory=Counter)
     encapsulations: Counter[int] = field(default_factory=Counter)
+    alone: int = 0
 
 
 class FieldReader:
@@ -354,57 +354,56 @@ class FieldReader:
         """
         count = len(offset)
         stamp_ns = np.zeros(count, np.int64) if self._stamped else None
-        numbers = FieldNumbers(stamp_ns, np.full((len(self._paths), count), np.nan), 0, Counter())
-        done = self._gather(data, offset, size, numbers)
-        if done.all():
-            return numbers
-        return self._decode(data, offset, size, np.flatnonzero(~done), numbers)
-
-    def _gather(
-        self, data: bytes, offset: IntArray, size: IntArray, numbers: FieldNumbers
-    ) -> BoolArray:
-        """Fill in what can be gathered, and say which messages that is."""
-        done = np.zeros(len(offset), np.bool_)
-        if self._layout is None or not (size >= _ENCAPSULATION).all():
-            return done
+        numbers = FieldNumbers(stamp_ns, np.full((len(self._paths), count), np.nan))
+        rows: slice | IntArray = slice(None)
+        if (size < _ENCAPSULATION).any():
+            rows = np.flatnonzero(size >= _ENCAPSULATION)
+            numbers.undecoded += count - len(rows)
         # The two bytes of the representation: zero, and zero or one for plain CDR.
-        kind = view(data, '<u2')[offset]
-        for code, big_endian in ((_CDR_LE, False), (_CDR_BE, True)):
+        kind = view(data, '<u2')[offset[rows]]
+        for code in (_CDR_LE, _CDR_BE):
             mine = kind == code
             if mine.any():
                 # Messages are rarely mixed, and a slice costs nothing where a selection copies.
-                chosen = slice(None) if mine.all() else np.flatnonzero(mine)
-                base = offset[chosen] + _ENCAPSULATION
-                gather = Gather(data, base, size[chosen] - _ENCAPSULATION, big_endian)
-                _fill(numbers, gather.run(self._layout), chosen)
-                done[chosen] = gather.sound
-                if isinstance(chosen, slice):
-                    return done
-        other = (kind != _CDR_LE) & (kind != _CDR_BE)
-        numbers.encapsulations.update(kind[other].byteswap().tolist())
-        done[other] = True
-        return done
+                is_all = mine.all()
+                chosen = rows if is_all else np.arange(count)[rows][mine]
+                self._gather(data, offset, size, chosen, code == _CDR_BE, numbers)
+                if is_all:
+                    return numbers
+        other = kind[(kind != _CDR_LE) & (kind != _CDR_BE)]
+        numbers.encapsulations.update(other.byteswap().tolist())
+        return numbers
 
-    def _decode(
-        self, data: bytes, offset: IntArray, size: IntArray, rest: IntArray, numbers: FieldNumbers
-    ) -> FieldNumbers:
-        """Fill in the messages that are left, one by one."""
-        undecoded, short = 0, Counter[int]()
-        for position in rest.tolist():
-            begin = int(offset[position])
-            message = data[begin : begin + int(size[position])]
-            kind = int.from_bytes(message[:2], 'big')
-            if len(message) >= _ENCAPSULATION and kind not in _DECODED:
-                numbers.encapsulations[kind] += 1
-                continue
-            reading = self._decoder.read(message)
-            undecoded += not reading.decoded
-            if reading.decoded:
-                short.update(row for row, value in enumerate(reading.values) if value is None)
-            numbers.values[:, position] = [or_nan(value) for value in reading.values]
-            if numbers.stamp_ns is not None:
-                numbers.stamp_ns[position] = reading.stamp_ns
-        return replace(numbers, undecoded=undecoded, short=short)
+    def _gather(
+        self,
+        data: bytes,
+        offset: IntArray,
+        size: IntArray,
+        chosen: slice | IntArray,
+        big_endian: bool,
+        numbers: FieldNumbers,
+    ) -> None:
+        """Fill in messages in one byte order."""
+        base, length = offset[chosen], size[chosen]
+        rest = np.arange(len(base))
+        if self._layout is not None:
+            gather = Gather(data, base + _ENCAPSULATION, length - _ENCAPSULATION, big_endian)
+            _fill(numbers, gather.run(self._layout), chosen)
+            rest = np.flatnonzero(~gather.sound)
+        for place in np.arange(len(offset))[chosen][rest].tolist() if rest.size else ():
+            begin = int(offset[place])
+            self._decode(data[begin : begin + int(size[place])], place, numbers)
+        numbers.alone += len(rest)
+
+    def _decode(self, message: bytes, place: int, numbers: FieldNumbers) -> None:
+        """Fill in a message that is decoded by itself."""
+        reading = self._decoder.read(message)
+        numbers.undecoded += not reading.decoded
+        if reading.decoded:
+            numbers.short.update(row for row, value in enumerate(reading.values) if value is None)
+        numbers.values[:, place] = [or_nan(value) for value in reading.values]
+        if numbers.stamp_ns is not None:
+            numbers.stamp_ns[place] = reading.stamp_ns
 
 
 def _fill(numbers: FieldNumbers, found: list[NDArray[Any]], chosen: slice | IntArray) -> None:

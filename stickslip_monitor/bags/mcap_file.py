@@ -37,10 +37,8 @@ from mcap.well_known import Profile
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import IntArray
-from stickslip_monitor.bags.mcap_records import HEAD, MAGIC, MESSAGE_HEAD, PAYLOAD
-
-Payload = Sequence[bytes] | NDArray[np.void]
-"""Messages: bytes of any lengths, or an array of items of one length."""
+from stickslip_monitor.bags.records import HEAD, MAGIC, MESSAGE_HEAD, PAYLOAD
+from stickslip_monitor.bags.values import Payload
 
 COMPRESSIONS = {
     'none': ('', lambda data: data),

@@ -4,29 +4,28 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TypeVar
 
 from stickslip_monitor.arrays import IntArray
-from stickslip_monitor.bags.index import DATED, FileScan, scan_file
-from stickslip_monitor.bags.mcap_file import Payload
+from stickslip_monitor.bags.contents import DATED, Part, scan_file
 from stickslip_monitor.bags.metadata import FILE_NAME, read_metadata
 from stickslip_monitor.bags.series import (
-    Doubt,
+    Pass,
     Progress,
     Reading,
-    Source,
     Wanted,
     joined,
-    merged,
+    merged_messages,
     payloads,
 )
 from stickslip_monitor.bags.topics import check_request, check_topics, list_topics
 from stickslip_monitor.bags.values import (
     Cut,
     Fault,
+    Findings,
     Message,
+    Payload,
     Request,
     Series,
     TimeSpans,
@@ -38,7 +37,6 @@ from stickslip_monitor.files import near_name
 
 __all__ = ['Bag', 'Cut', 'Fault', 'Message', 'Request', 'Series', 'TopicInfo', 'open_bag']
 
-_Result = TypeVar('_Result')
 _MOST_NAMED = 10
 _LATEST_NS = (1 << 63) - 1
 
@@ -46,52 +44,51 @@ _LATEST_NS = (1 << 63) - 1
 class Bag:
     """A recording that was opened; nothing stays open between calls."""
 
-    def __init__(self, path: Path, files: Sequence[FileScan], warnings: Iterable[str]) -> None:
-        """Put the files of a recording together; see :func:`open_bag`."""
+    def __init__(self, path: Path, parts: Sequence[Part], findings: Findings) -> None:
+        """Put the parts of a recording together; see :func:`open_bag`."""
         self.path = path
-        self.topics: dict[str, TopicInfo] = list_topics(files)
-        self._files = tuple(files)
-        # A dict, so that a chunk that is read twice is complained about once.
-        self._warnings = dict.fromkeys(warnings)
+        self.topics: dict[str, TopicInfo] = list_topics(parts)
+        self._parts = tuple(parts)
+        self._findings = findings
 
     @property
     def files(self) -> tuple[Path, ...]:
         """The MCAP files in order."""
-        return tuple(dict.fromkeys(file.path for file in self._files))
+        return tuple(dict.fromkeys(part.path for part in self._parts))
 
     @property
     def start_ns(self) -> int | None:
         """Earliest log time [ns], None in a recording without messages."""
-        starts = [f.start_ns for f in self._files if f.start_ns is not None]
-        if self._earliest_ns == 0 and any(f.has_zero for f in self._files):
+        starts = [part.start_ns for part in self._parts if part.start_ns is not None]
+        if self._earliest_ns == 0 and any(part.has_zero for part in self._parts):
             starts.append(0)
         return min(starts, default=None)
 
     @property
     def end_ns(self) -> int | None:
         """Latest log time [ns], None in a recording without messages."""
-        ends = [f.end_ns for f in self._files if f.end_ns is not None]
+        ends = [part.end_ns for part in self._parts if part.end_ns is not None]
         return max(ends, default=self.start_ns)
 
     @property
     def _earliest_ns(self) -> int:
         """The least log time that is one: among dates, 0 is that of a clock that was not set."""
-        return int(any((f.end_ns or 0) >= DATED for f in self._files))
+        return int(any((part.end_ns or 0) >= DATED for part in self._parts))
 
     @property
     def message_count(self) -> int:
         """Messages on all topics."""
-        return sum(file.counts.total() for file in self._files)
+        return sum(part.counts().total() for part in self._parts)
 
     @property
     def cuts(self) -> tuple[Cut, ...]:
         """The files that end too early."""
-        return tuple(file.cut for file in self._files if file.cut is not None)
+        return tuple(part.cut for part in self._parts if part.cut is not None)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What else is wrong with the recording, as far as it was noticed until now."""
-        return tuple(self._warnings)
+        return self._findings.texts
 
     def definition(self, topic: str) -> str:
         """The ``ros2msg`` definition of a topic's messages.
@@ -102,10 +99,9 @@ class Bag:
         check_topics(self.topics, [topic])
         if not self.topics[topic].readable:
             raise BagError(f"topic '{topic}' cannot be read: {self.topics[topic].problem}")
-        for file in self._files:
-            for channel in file.channels.values():
-                if channel.topic == topic:
-                    return file.schemas[channel.schema_id].data.decode(errors='replace')
+        for meaning in (m for part in self._parts for m in part.channels):
+            if meaning.channel.topic == topic and meaning.schema is not None:
+                return meaning.schema.data.decode(errors='replace')
         raise AssertionError('unreachable: a topic is one because some file has it')
 
     def read(
@@ -126,44 +122,28 @@ class Bag:
                 number, or a file cannot be read.
             ConfigurationError: A field is not a path.
         """
-        return self.read_with(lambda reading: joined(reading, reading), requests, progress)
+        return joined(self.reading(requests, progress))
 
-    def read_with(
-        self,
-        use: Callable[[Reading], _Result],
-        requests: Iterable[Request],
-        progress: Progress | None = None,
-    ) -> _Result:
+    def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> Reading:
         """Read numbers of some topics in blocks, in bounded memory.
 
         Args:
-            use: Given the blocks, one stretch of time after the other. Where the summary of a
-                file proves wrong, iterating over them raises, and it is called again with new
-                ones, so it must begin with nothing.
             requests: What to read.
             progress: Told the bytes done and the bytes to do after each block.
 
         Returns:
-            What ``use`` returns.
+            What gives the series block by block, one stretch of time after the other.
 
         Raises:
             BagError: As of :meth:`read`.
             ConfigurationError: As of :meth:`read`.
         """
-        requests = list(requests)
-        while True:
-            try:
-                return use(self._reading(requests, progress))
-            except Doubt as doubt:
-                self._look_again(doubt.file)
-
-    def _reading(self, requests: Iterable[Request], progress: Progress | None) -> Reading:
         asked: dict[str, dict[FieldPath, list[Request]]] = {}
         for request in requests:
             path = check_request(self.topics, request)
             asked.setdefault(request.topic, {}).setdefault(path, []).append(request)
-        topics = [Wanted(topic, self.topics[topic].type, paths) for topic, paths in asked.items()]
-        return Reading(self._files, topics, self._warn, progress)
+        wanted = [Wanted(topic, self.topics[topic].type, paths) for topic, paths in asked.items()]
+        return Reading(self._parts, wanted, self._findings, progress)
 
     def messages(
         self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
@@ -180,8 +160,8 @@ class Bag:
         Raises:
             BagError: A topic is not there, or a file cannot be read.
         """
-        spans = spans or self._always
-        return merged(self._sources(topics, spans), self._warn, spans)
+        way, types = self._pass(topics, spans)
+        return merged_messages(way, types, spans or self._always)
 
     def payloads(
         self, topics: Collection[str], spans: TimeSpans | None = None
@@ -198,42 +178,20 @@ class Bag:
         Raises:
             BagError: A topic is not there, or a file cannot be read.
         """
-        spans = spans or self._always
-        return payloads(self._sources(topics, spans), self._warn, spans)
+        way, _ = self._pass(topics, spans)
+        return payloads(way, spans or self._always)
 
     @property
     def _always(self) -> TimeSpans:
         return TimeSpans([(self._earliest_ns, _LATEST_NS)])
 
-    def _sources(self, topics: Collection[str] | None, spans: TimeSpans) -> list[Source]:
-        check_topics(self.topics, topics or ())
-        for_topics = self.topics if topics is None else topics
-        sources: list[Source] = []
-        for number, file in enumerate(self._files):
-            channels = {
-                channel.id: (channel.topic, self.topics[channel.topic].type)
-                for channel in file.channels.values()
-                if channel.topic in for_topics
-            }
-            sources += [
-                Source(number, block, channels, file.channels)
-                for block in file.blocks
-                if spans.overlap(block.start_ns, block.end_ns)
-            ]
-        return sources
-
-    def _look_again(self, doubted: int) -> None:
-        """Walk through a file whose summary does not say what is in it."""
-        files: list[FileScan] = []
-        for number, file in enumerate(self._files):
-            parts = scan_file(file.path, use_summary=False) if number == doubted else [file]
-            files += parts
-            self._warnings.update(dict.fromkeys(text for p in parts for text in p.warnings))
-        self._files = tuple(files)
-        self.topics = list_topics(self._files)
-
-    def _warn(self, text: str) -> None:
-        self._warnings[text] = None
+    def _pass(
+        self, topics: Collection[str] | None, spans: TimeSpans | None
+    ) -> tuple[Pass, dict[str, str]]:
+        names = list(self.topics if topics is None else topics)
+        check_topics(self.topics, names)
+        types = {name: self.topics[name].type for name in names}
+        return Pass(self._parts, types, self._findings, spans=spans), types
 
 
 def open_bag(path: str | Path) -> Bag:
@@ -253,10 +211,12 @@ def open_bag(path: str | Path) -> Bag:
     if not path.exists():
         raise BagError(f"bag '{path}' does not exist{near_name(path)}")
     paths, warnings, expected = _folder_files(path) if path.is_dir() else ([path], [], None)
-    files = [part for file in paths for part in scan_file(file)]
-    bag = Bag(path, files, [*warnings, *(text for file in files for text in file.warnings)])
+    findings = Findings()
+    for text in warnings:
+        findings(text)
+    bag = Bag(path, [part for file in paths for part in scan_file(file, findings)], findings)
     if expected is not None and expected != bag.message_count:
-        bag._warn(
+        findings(
             f"'{path / FILE_NAME}' counts {expected} messages, the files hold {bag.message_count}"
         )
     return bag

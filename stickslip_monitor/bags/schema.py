@@ -28,8 +28,8 @@ NUMBERS: Mapping[str, str] = {
 }
 TEXTS = ('string', 'wstring')
 
-# A definition that is longer is none of telemetry; the longest of ROS 2 have some 60 kB [letters].
-_LONGEST_TEXT = 1 << 18
+# A definition that is longer is none of telemetry; the longest of ROS 2 have some 60 kB [bytes].
+LONGEST_TEXT = 1 << 18
 _MOST_DIGITS = 10
 
 # CDR counts items with 32 bits.
@@ -88,10 +88,8 @@ def parse_schema(name: str, text: str) -> Definitions:
         Fields of every type by short name.
 
     Raises:
-        SchemaError: It is too long, a line is not a field, or a type is used but not defined.
+        SchemaError: A line is not a field, or a type is used but not defined.
     """
-    if len(text) > _LONGEST_TEXT:
-        raise SchemaError(f'its definition is longer than {_LONGEST_TEXT} letters, the limit')
     found: dict[str, tuple[Field, ...]] = {
         'builtin_interfaces/Time': _TIME,
         'builtin_interfaces/Duration': _TIME,

@@ -8,12 +8,13 @@ from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import lru_cache
 
-from mcap.records import Channel, Schema
-from mcap.well_known import MessageEncoding, SchemaEncoding
+from mcap.records import Schema
 
+from stickslip_monitor.bags.channels import Meaning
+from stickslip_monitor.bags.contents import Part
 from stickslip_monitor.bags.decode import FieldReader
-from stickslip_monitor.bags.index import FileScan
 from stickslip_monitor.bags.schema import (
+    LONGEST_TEXT,
     Definitions,
     SchemaError,
     number_at,
@@ -27,48 +28,31 @@ from stickslip_monitor.fields import FieldPath, parse_field
 _MOST_NAMED = 10
 
 
-def list_topics(files: Sequence[FileScan]) -> dict[str, TopicInfo]:
-    """List the topics of all files, by name."""
-    members: defaultdict[str, list[tuple[FileScan, Channel]]] = defaultdict(list)
-    for file in files:
-        for channel in file.channels.values():
-            members[channel.topic].append((file, channel))
+def list_topics(parts: Sequence[Part]) -> dict[str, TopicInfo]:
+    """List the topics of all parts, by name."""
+    members: defaultdict[str, list[tuple[Meaning, int]]] = defaultdict(list)
+    for part in parts:
+        for meaning in part.channels:
+            count = meaning.count if part.stated is None else part.stated[meaning.channel.id]
+            members[meaning.channel.topic].append((meaning, count))
     return {name: _topic(name, members[name]) for name in sorted(members)}
 
 
-def _topic(name: str, members: Sequence[tuple[FileScan, Channel]]) -> TopicInfo:
-    infos = [_channel(file, channel) for file, channel in members]
-    types = list(dict.fromkeys(info.type for info in infos))
-    problems = [info.problem for info in infos if info.problem]
+def _topic(name: str, members: Sequence[tuple[Meaning, int]]) -> TopicInfo:
+    known = [meaning for meaning, _ in members if not meaning.is_refused]
+    types = list(dict.fromkeys(meaning.type for meaning in known))
+    problems = [meaning.problem for meaning in known if meaning.problem]
     if len(types) > 1:
         problems.append(f'it has several types: {", ".join(types)}')
-    count = sum(info.count for info in infos)
-    return TopicInfo(name, types[0], count, infos[0].encoding, problems[0] if problems else '')
-
-
-def _channel(file: FileScan, channel: Channel) -> TopicInfo:
-    schema = file.schemas.get(channel.schema_id)
-    return TopicInfo(
-        channel.topic,
-        schema.name if schema is not None else '',
-        file.counts[channel.id],
-        channel.message_encoding,
-        _problem(channel, schema),
-    )
-
-
-def _problem(channel: Channel, schema: Schema | None) -> str:
-    if channel.message_encoding != MessageEncoding.CDR:
-        return f"message encoding '{channel.message_encoding}' is not cdr"
-    if schema is None:
-        return 'no schema'
-    if schema.encoding != SchemaEncoding.ROS2:
-        return f"schema encoding '{schema.encoding}' is not ros2msg"
-    return ''
+    count = sum(count for _, count in members)
+    encoding = known[0].channel.message_encoding
+    return TopicInfo(name, types[0], count, encoding, problems[0] if problems else '')
 
 
 @lru_cache(maxsize=256)
 def _definitions(name: str, data: bytes) -> Definitions:
+    if len(data) > LONGEST_TEXT:
+        raise SchemaError(f'its definition is longer than {LONGEST_TEXT} letters, the limit')
     try:
         return parse_schema(name, data.decode())
     except UnicodeDecodeError:

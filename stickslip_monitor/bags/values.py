@@ -3,13 +3,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
+
+Payload = Sequence[bytes] | NDArray[np.void]
+"""Messages, encoded: bytes of any lengths, or an array of items of one length."""
+
+_MOST_TOLD = 200
+
+
+class Findings:
+    """Sentences on what is wrong with a recording, each once, and not without end."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self._texts: dict[str, None] = {}
+        self._more = 0
+
+    def __call__(self, text: str) -> None:
+        """Take one up."""
+        if text in self._texts:
+            return
+        if len(self._texts) < _MOST_TOLD:
+            self._texts[text] = None
+        else:
+            self._more += 1
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """All of them, and how many were too many."""
+        more = (f'{self._more} more findings are not listed',) if self._more else ()
+        return (*self._texts, *more)
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,9 +20,10 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from numpy.typing import ArrayLike
 
 from stickslip_monitor.bags.encode import MESSAGE_TYPES, MessageType, encode_float64s
-from stickslip_monitor.bags.mcap_file import COMPRESSIONS, McapFile, Payload, RecordColumn
-from stickslip_monitor.bags.mcap_records import HEAD, PARSE_ERRORS
+from stickslip_monitor.bags.mcap_file import COMPRESSIONS, McapFile, RecordColumn
 from stickslip_monitor.bags.metadata import FILE_NAME, TopicEntry, render_metadata
+from stickslip_monitor.bags.records import HEAD, PARSE_ERRORS
+from stickslip_monitor.bags.values import Payload
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.files import open_file
 

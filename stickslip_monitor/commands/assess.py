@@ -18,8 +18,8 @@ from stickslip_monitor.commands.output import add_json, console, print_json
 from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, assess
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.decision import warns
 from stickslip_monitor.monitor.messages import number
+from stickslip_monitor.monitor.verdict import warns
 
 SCHEMA = 'stickslip_monitor/assessment/1'
 _NUMBERS = (
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     for item in bearings:
         speed = parse_speed(args.speed, item.bearing.speed)
         points.append((item, assess(item.bearing, speed, load, item.belief)))
-        warned |= warns(item.alarm, points[-1][1])
+        warned |= warns(item, points[-1][1])
     if args.json:
         documents = [to_json(item.name, point) for item, point in points]
         print_json(documents if len(documents) > 1 else documents[0])

@@ -44,9 +44,9 @@ from stickslip_monitor.lab.score import (
     in_total,
     score_bearing,
 )
+from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.offline.follow import WholeBag, scan_whole
 from stickslip_monitor.offline.truth import TruthRecord, has_truth, read_truth
 

@@ -23,7 +23,7 @@ from stickslip_monitor.bags.encode import (
     encode_stamped,
     encode_string,
 )
-from stickslip_monitor.bags.mcap_file import Payload
+from stickslip_monitor.bags.values import Payload
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.commands.output import console
 from stickslip_monitor.errors import SceneError

@@ -22,7 +22,7 @@ from stickslip_monitor.dashboard.state import DashboardState
 from stickslip_monitor.dashboard.watched import Watched, WatchedMonitor
 from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
 from stickslip_monitor.monitor.ladder import Condition
-from stickslip_monitor.monitor.measured import MEASURED
+from stickslip_monitor.monitor.level import MEASURED
 
 GAUGES = {
     'speed': ('speed_meters_per_second', 'Surface speed of the journal, negative astern.'),

@@ -22,9 +22,9 @@ from stickslip_monitor.drawing.palette import (
 )
 from stickslip_monitor.drawing.track import envelope
 from stickslip_monitor.monitor.assessment import Regime
+from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Condition
-from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.offline.intervals import condition_intervals
 
 if TYPE_CHECKING:

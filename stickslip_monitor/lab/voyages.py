@@ -26,10 +26,10 @@ from stickslip_monitor.lab.scenes.telemetry import Messages
 from stickslip_monitor.lab.scenes.variation import as_believed
 from stickslip_monitor.lab.score import Interval, Truth, merged
 from stickslip_monitor.lab.warning_quality import Forecast, Quality, Said, quality_of
+from stickslip_monitor.monitor.bulk import Scan, scan_bearing
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Condition, Level
-from stickslip_monitor.monitor.scan import Scan, scan_bearing, trend_at
-from stickslip_monitor.monitor.signals import Levels, Stream, to_si
+from stickslip_monitor.monitor.signals import Stream, to_si
 from stickslip_monitor.monitor.source_faults import SourceWatch, least_gap
 from stickslip_monitor.offline.intervals import condition_intervals
 from stickslip_monitor.offline.processes import run_in_processes
@@ -188,9 +188,8 @@ class Sailed:
     def rules(self, forecasts: bool) -> dict[str, Quality]:
         """The judgement of the monitor and of the bare rules."""
         scan = self._scan(self.config)
-        told = list(_forecasts(self.config, scan)) if forecasts else []
         said = self._on_recorder_clock(scan)
-        ours = self._judged(_monitor_said(said, self.truth), told)
+        ours = self._judged(_monitor_said(said, self.truth))
         wrong_source = _has_wrong_source(self.config, self.stream, self.arrival_ns)
         bare = {name: self._judged(rule) for name, rule in _bare_rules(said).items()}
         return {OURS: replace(ours, wrong_source=int(wrong_source)), **bare}
@@ -205,8 +204,7 @@ class Sailed:
         return self._on_recorder_clock(self._scan(self.config))
 
     def _on_recorder_clock(self, scan: Scan) -> Scan:
-        start = self.truth.start_ns
-        return on_recorder_clock(self.config, self.stream, self.arrival_ns, scan, start)
+        return on_recorder_clock(self.stream, self.arrival_ns, scan)
 
     def _scan(self, config: BearingConfig) -> Scan:
         return scan_bearing(config, self.stream, *_span(self.truth, self.stream))
@@ -252,20 +250,15 @@ def _joined(parts: Sequence[Messages]) -> Messages:
 
 def _stream(config: BearingConfig, messages: Mapping[str, Messages]) -> tuple[Stream, IntArray]:
     """The samples of a bearing as a recorder gets them, and when it does [ns]."""
-    pair = [messages[source.topic] for source in (config.speed, config.load)]
-    arrival: IntArray = np.concatenate([own.log_time_ns for own in pair])
+    sent = [messages[s.topic] for s in config.inputs.values() if s.topic in messages]
+    arrival: IntArray = np.concatenate([own.log_time_ns for own in sent])
     order = np.argsort(arrival, kind='stable')
     stamp = np.concatenate(
-        [own.log_time_ns if own.stamp_ns is None else own.stamp_ns for own in pair]
+        [own.log_time_ns if own.stamp_ns is None else own.stamp_ns for own in sent]
     )
-    is_load = np.arange(arrival.size) >= pair[0].raw.size
-    value = np.concatenate([own.raw for own in pair])
-    stream = Stream(stamp[order], is_load[order], value[order])
-    if config.level is not None and (level := messages.get(config.level.topic)) is not None:
-        place = np.searchsorted(arrival[order], level.log_time_ns, 'right')
-        time = level.log_time_ns if level.stamp_ns is None else level.stamp_ns
-        stream = replace(stream, level=Levels(time, level.raw, place))
-    return stream, arrival[order]
+    inputs = np.repeat(np.arange(len(sent), dtype=np.int8), [own.raw.size for own in sent])
+    value = np.concatenate([own.raw for own in sent])
+    return Stream(stamp[order], inputs[order], value[order]), arrival[order]
 
 
 def _span(truth: Truth, stream: Stream) -> tuple[int, int]:
@@ -342,24 +335,10 @@ def _bare_rules(scan: Scan) -> dict[str, Said]:
 
 def _has_wrong_source(config: BearingConfig, stream: Stream, arrival_ns: IntArray) -> bool:
     """Whether the source of an input is told to be wrong."""
-    for is_load, source in enumerate((config.speed, config.load)):
-        own = stream.is_load == bool(is_load)
+    for place, source in enumerate((config.speed, config.load)):
+        own = stream.inputs == place
         si = to_si(source, stream.value[own])
-        gap = least_gap(config, is_load)
+        gap = least_gap(config, place)
         if SourceWatch(gap).see_many(arrival_ns[own], stream.time_ns[own], si):
             return True
     return False
-
-
-def _forecasts(config: BearingConfig, scan: Scan) -> Iterator[Forecast]:
-    """What the monitor would say at its events, and every 20 s beside them."""
-    if not scan.time_ns.size:
-        return
-    regular = np.arange(scan.time_ns[0], scan.time_ns[-1], _FORECAST_NS)
-    events = np.array([event.time_ns for event in scan.events], np.int64)
-    asked = np.union1d(regular, events[events >= scan.time_ns[0]])
-    places = np.unique(np.searchsorted(scan.time_ns, asked, 'right') - 1)
-    for k in places[~scan.sticking[places]].tolist():
-        trend = trend_at(config, scan.time_ns, scan.assessment, int(scan.first[k]), k)
-        if trend is not None:
-            yield Forecast(int(scan.time_ns[k]), trend.seconds, trend.earliest, trend.latest)

@@ -1,31 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verdict of the models on operating points: regime, margins, loads, amplitudes.
 
-A single point is an :class:`Assessment` of Python numbers, many are :class:`Assessments` of
-arrays; both have the same names. What a verdict rests on is stored, the rest is worked out when it
-is first asked for.
+An :class:`Assessment` is of one point, of Python numbers, or of many, of arrays of one shape. What
+a verdict rests on is stored, the rest is worked out when it is first asked for.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from functools import lru_cache, partial
-from typing import Any, NamedTuple, TypeVar, overload
+from functools import partial
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stickslip_monitor.arrays import FloatArray, IndexArray, flatten, in_blocks
-from stickslip_monitor.physics.averaging import boundaries, closed_form
+from stickslip_monitor.arrays import FloatArray, flatten, in_blocks, restore
+from stickslip_monitor.physics.averaging import boundaries
 from stickslip_monitor.physics.averaging.solver import averaged_solver, damping_per_load
 from stickslip_monitor.physics.belief import Belief, probability_runs
-from stickslip_monitor.physics.cycle.fold import fold_curve
-from stickslip_monitor.physics.cycle.surface import exact_amplitude, exact_amplitude_of_number
-from stickslip_monitor.physics.friction import Stribeck, computes_as
+from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
+from stickslip_monitor.physics.cycle.cycles import exact_fold_speed
+from stickslip_monitor.physics.cycle.surface import exact_amplitude
 from stickslip_monitor.physics.oscillator import Bearing
+
+# Points from which on a table of the exact fold pays.
+_FEW = 64
 
 _SentenceEnum = TypeVar('_SentenceEnum', bound='SentenceEnum')
 
@@ -143,15 +144,6 @@ def margin(speed: FloatArray, boundary: FloatArray) -> FloatArray:
     return value
 
 
-def margin_of_number(speed: float, boundary: float, code: int) -> float:
-    """The margin of an operating point: the same operations in Python."""
-    if 0.0 < boundary < math.inf:
-        return (abs(speed) - boundary) / boundary
-    if code == NOT_FINITE:
-        return math.nan
-    return -1.0 if boundary == math.inf else math.inf
-
-
 def _margin(points: Points, boundary: FloatArray) -> FloatArray:
     return np.where(points.code == NOT_FINITE, np.nan, margin(np.abs(points.speed), boundary))
 
@@ -238,69 +230,27 @@ BELIEFS = (
 """What tolerances or a calibration add to an assessment; ``nan`` without them."""
 
 
-class _Number:
-    """A number that is worked out when it is first asked for, under the attribute's name."""
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self._name = name
-
-    def __get__(self, point: Assessment, owner: type) -> float:
-        value = point._known.get(self._name)
-        if value is None:
-            if self._name in BELIEFS:
-                point._known.update(_believed(self._name, point))
-            else:
-                point._known[self._name] = _worked_out(self._name, point)
-            value = point._known[self._name]
-        return value
-
-
-def _worked_out(name: str, point: Assessment) -> float:
-    """A column's number at one point; what every sample asks for without arrays."""
-    if name == 'amplitude_exact' and point.outcome_code != NOT_FINITE:
-        folds = point.fold_speed, point.exact_fold_speed
-        return exact_amplitude_of_number(point._bearing, point.speed, point.load, *folds)
-    bearing, solver = point._bearing, _number_solver(point._bearing)
-    if solver is not None and point.outcome_code != NOT_FINITE:
-        if name == 'growth_rate':
-            return boundaries.growth_rate_of_number(bearing, solver.law, point.speed, point.load)
-        if name == 'amplitude':
-            return _amplitude_of_number(point, solver.law)
-    return float(column(name, bearing, point._points())[0])
-
-
-def _amplitude_of_number(point: Assessment, law: Stribeck) -> float:
-    """:func:`_amplitude` of one point."""
-    bearing, speed, load = point._bearing, abs(point.speed), point.load
-    if point.outcome_code not in (BISTABLE, STICK_SLIP) or not speed < point.fold_speed:
-        return math.nan
-    try:
-        velocity = closed_form.stable_amplitude_of_number(law, speed, bearing.damping / load)
-    except ArithmeticError:
-        # What Python's numbers refuse is nan or infinite in arrays.
-        return float(column('amplitude', bearing, point._points())[0])
-    return velocity / bearing.natural_frequency
-
-
 class _Column:
-    """An array that is worked out when it is first asked for, under the attribute's name."""
+    """What is worked out when it is first asked for, under the attribute's name."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
 
-    def __get__(self, points: Assessments, owner: type) -> FloatArray:
-        value = points._known.get(self._name)
-        if value is None:
-            if self._name in BELIEFS:
-                points._known.update(_believed(self._name, points))
-            else:
-                flat = column(self._name, points._bearing, points._points())
-                points._known[self._name] = flat.reshape(points.outcome_code.shape)
-            value = points._known[self._name]
-        return value
+    def __get__(self, points: Assessment, owner: type) -> Any:
+        if self._name not in points._known:
+            points._known.update(_worked_out(self._name, points))
+        return points._known[self._name]
 
 
-def _believed(name: str, points: Assessment | Assessments) -> dict[str, Any]:
+def _worked_out(name: str, points: Assessment) -> dict[str, Any]:
+    """A column and what comes with it, of the shape of the points."""
+    if name in BELIEFS:
+        return _believed(name, points)
+    flat = column(name, points._bearing, points._points())
+    return {name: restore(flat, np.shape(points.outcome_code))}
+
+
+def _believed(name: str, points: Assessment) -> dict[str, Any]:
     """One of :data:`BELIEFS` and what comes with it, of the shape of the points."""
     if points._belief is None:
         return {name: points.speed * np.nan}
@@ -312,17 +262,16 @@ def _believed(name: str, points: Assessment | Assessments) -> dict[str, Any]:
     return dict(zip(BELIEFS[:2], belief.probabilities(speed, load, share), strict=True))
 
 
-def fold_share(points: Assessment | Assessments) -> Any:
+def fold_share(points: Assessment) -> Any:
     """The averaged fold as a share of the one that decides, which may be the exact model's."""
-    fold, limit = points.fold_speed, points.stability_limit
-    if isinstance(points, Assessment):
-        return fold / limit if fold < limit else 1.0
-    return np.divide(fold, limit, out=np.ones(np.shape(limit)), where=np.less(fold, limit))
+    fold, limit = np.asarray(points.fold_speed), np.asarray(points.stability_limit)
+    share = np.divide(fold, limit, out=np.ones(limit.shape), where=np.less(fold, limit))
+    return restore(share.reshape(-1), limit.shape)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Assessment:
-    """The verdict on one operating point.
+    """The verdict on operating points: numbers for one, arrays of one shape for many.
 
     Attributes:
         speed: Journal surface speed as given, negative astern [m/s].
@@ -334,13 +283,17 @@ class Assessment:
         exact_fold_speed: The same of the exact model, which does not average.
         hopf_load: Load at which this speed turns unstable [N]; ``nan`` without one.
         fold_load: Load from which a stick-slip cycle exists at this speed [N]; ``nan`` without.
+        hopf_margin: ``|V|/V_H - 1`` [-]; negative inside, ``inf`` where there is no Hopf speed.
+        fold_margin: The same of the averaged fold.
+        exact_fold_margin: The same of the exact fold.
+        stability_margin: The smaller of the two fold margins [-], which decides: not negative only
+            where neither the averaged nor the exact model has a cycle.
         growth_rate: Growth rate of a small disturbance of steady sliding [1/s].
         amplitude: Displacement amplitude of the stick-slip cycle under averaging [m]; ``nan``
             where none exists.
         threshold_amplitude: That of the unstable cycle [m]: in the bistable range a larger
             disturbance starts stick-slip; ``nan`` elsewhere.
-        amplitude_exact: That of the exact stick-slip cycle, to 1e-6 [m]; ``nan`` for none. See
-            :func:`stickslip_monitor.physics.cycle.surface.exact_amplitude`.
+        amplitude_exact: That of the exact stick-slip cycle [m]; ``nan`` for none.
         probability_can: Probability that a stick-slip cycle exists; ``nan`` without a belief, as
             all below.
         probability_will: Probability that stick-slip starts by itself.
@@ -349,117 +302,14 @@ class Assessment:
         fold_margin_high: 95 % quantile of the fold margin [-].
     """
 
-    speed: float
-    load: float
-    outcome_code: int
-    hopf_speed: float
-    fold_speed: float
-    exact_fold_speed: float
-    _bearing: Bearing = field(repr=False, compare=False)
-    _known: dict[str, float] = field(default_factory=dict, repr=False, compare=False)
-    _belief: Belief | None = field(default=None, repr=False, compare=False)
-
-    hopf_load = _Number()
-    fold_load = _Number()
-    growth_rate = _Number()
-    amplitude = _Number()
-    threshold_amplitude = _Number()
-    amplitude_exact = _Number()
-    probability_can = _Number()
-    probability_will = _Number()
-    probability_runs = _Number()
-    fold_margin_low = _Number()
-    fold_margin_high = _Number()
-
-    def _points(self) -> Points:
-        return Points(*(np.array([value]) for value in self._stored()))
-
-    def _stored(self) -> tuple[float, ...]:
-        found = self.hopf_speed, self.fold_speed, self.exact_fold_speed
-        return self.speed, self.load, self.outcome_code, *found
-
-    @property
-    def hopf_margin(self) -> float:
-        """``|V|/V_H - 1`` [-]; negative inside, ``inf`` where there is no Hopf speed."""
-        return margin_of_number(self.speed, self.hopf_speed, self.outcome_code)
-
-    @property
-    def fold_margin(self) -> float:
-        """``|V|/V_F - 1`` [-]; negative inside, ``inf`` where there is no fold."""
-        return margin_of_number(self.speed, self.fold_speed, self.outcome_code)
-
-    @property
-    def exact_fold_margin(self) -> float:
-        """``|V|/V_F - 1`` [-] with the exact fold speed; negative inside, ``inf`` without one."""
-        return margin_of_number(self.speed, self.exact_fold_speed, self.outcome_code)
-
-    @property
-    def stability_limit(self) -> float:
-        """The higher of the two fold speeds [m/s]; ``nan`` without either."""
-        fold, exact = self.fold_speed, self.exact_fold_speed
-        # A speed that does not exist is less than any.
-        return exact if exact > fold or fold != fold else fold
-
-    @property
-    def stability_margin(self) -> float:
-        """The smaller of the two fold margins [-], which decides.
-
-        Not negative only where neither the averaged nor the exact model has a cycle.
-        """
-        return margin_of_number(self.speed, self.stability_limit, self.outcome_code)
-
-    @property
-    def amplitude_error(self) -> float:
-        """Error of averaging's amplitude, ``amplitude / amplitude_exact - 1`` [-]."""
-        return self.amplitude / self.amplitude_exact - 1.0
-
-    @property
-    def has_belief(self) -> bool:
-        """Whether tolerances or a calibration make probabilities."""
-        return self._belief is not None
-
-    def remember_runs(self, before: float) -> float:
-        """Work out the probability that stick-slip runs, from that before this point."""
-        if self._belief is None:
-            return before
-        can, will = np.array([self.probability_can]), np.array([self.probability_will])
-        runs: float = probability_runs(can, will, before).item()
-        self._known['probability_runs'] = runs
-        return runs
-
-    @property
-    def outcome(self) -> Outcome:
-        """Why the verdict says what it says."""
-        return OUTCOMES[self.outcome_code]
-
-    @property
-    def regime_code(self) -> int:
-        """Index into :data:`REGIMES`."""
-        return int(_REGIME_CODES[self.outcome_code])
-
-    @property
-    def regime(self) -> Regime:
-        """What can happen at the point."""
-        return REGIME_OF_OUTCOME[self.outcome_code]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Assessments:
-    """The verdicts on many operating points: arrays of one shape, named as in :class:`Assessment`.
-
-    Attributes:
-        outcome: Outcome names.
-        regime: Regime names.
-    """
-
-    speed: FloatArray
-    load: FloatArray
-    outcome_code: NDArray[np.int8]
-    hopf_speed: FloatArray
-    fold_speed: FloatArray
-    exact_fold_speed: FloatArray
+    speed: Any
+    load: Any
+    outcome_code: Any
+    hopf_speed: Any
+    fold_speed: Any
+    exact_fold_speed: Any
     _bearing: Bearing = field(repr=False)
-    _known: dict[str, FloatArray] = field(default_factory=dict, repr=False)
+    _known: dict[str, Any] = field(default_factory=dict, repr=False)
     _belief: Belief | None = field(default=None, repr=False)
 
     hopf_margin = _Column()
@@ -478,29 +328,36 @@ class Assessments:
     fold_margin_low = _Column()
     fold_margin_high = _Column()
 
+    def _stored(self) -> tuple[Any, ...]:
+        found = self.hopf_speed, self.fold_speed, self.exact_fold_speed
+        return self.speed, self.load, self.outcome_code, *found
+
     def _points(self) -> Points:
-        return Points(
-            self.speed.reshape(-1),
-            self.load.reshape(-1),
-            self.outcome_code.reshape(-1),
-            self.hopf_speed.reshape(-1),
-            self.fold_speed.reshape(-1),
-            self.exact_fold_speed.reshape(-1),
-        )
+        return Points(*(np.reshape(part, -1) for part in self._stored()))
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both are of the same points, with the same verdict."""
+        if not isinstance(other, Assessment):
+            return NotImplemented
+        pairs = zip(self._stored(), other._stored(), strict=True)
+        return all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
+
+    __hash__ = None  # type: ignore[assignment]
 
     @property
-    def stability_limit(self) -> FloatArray:
-        """See :class:`Assessment`."""
-        return np.fmax(self.fold_speed, self.exact_fold_speed)
+    def stability_limit(self) -> Any:
+        """The higher of the two fold speeds [m/s]; ``nan`` without either."""
+        limit = np.fmax(self.fold_speed, self.exact_fold_speed)
+        return limit if np.ndim(limit) else float(limit)
 
     @property
-    def amplitude_error(self) -> FloatArray:
-        """See :class:`Assessment`."""
+    def amplitude_error(self) -> Any:
+        """Error of averaging's amplitude, ``amplitude / amplitude_exact - 1`` [-]."""
         return self.amplitude / self.amplitude_exact - 1.0
 
     @property
     def has_belief(self) -> bool:
-        """See :class:`Assessment`."""
+        """Whether tolerances or a calibration make probabilities."""
         return self._belief is not None
 
     def remember_runs(self, before: float) -> float:
@@ -514,50 +371,41 @@ class Assessments:
         """
         if self._belief is None:
             return before
-        runs = probability_runs(self.probability_can, self.probability_will, before)
-        self._known['probability_runs'] = runs
+        can, will = np.atleast_1d(self.probability_can), np.atleast_1d(self.probability_will)
+        runs = probability_runs(can, will, before)
+        self._known['probability_runs'] = restore(runs, np.shape(self.outcome_code))
         return float(runs[-1]) if runs.size else before
 
     @property
-    def outcome(self) -> NDArray[np.str_]:
-        """See :class:`Assessment`."""
-        return _OUTCOME_NAMES[self.outcome_code]
+    def outcome(self) -> Any:
+        """Why the verdict says what it says: an :class:`Outcome`, or names of many."""
+        code = self.outcome_code
+        return _OUTCOME_NAMES[code] if np.ndim(code) else OUTCOMES[code]
 
     @property
-    def regime_code(self) -> NDArray[np.int8]:
-        """See :class:`Assessment`."""
-        return _REGIME_CODES[self.outcome_code]
+    def regime_code(self) -> Any:
+        """Index into :data:`REGIMES`."""
+        code = _REGIME_CODES[self.outcome_code]
+        return code if np.ndim(code) else int(code)
 
     @property
-    def regime(self) -> NDArray[np.str_]:
-        """See :class:`Assessment`."""
-        return _REGIME_NAMES[self.regime_code]
+    def regime(self) -> Any:
+        """What can happen at the point: a :class:`Regime`, or names of many."""
+        code = self.outcome_code
+        return _REGIME_NAMES[self.regime_code] if np.ndim(code) else REGIME_OF_OUTCOME[code]
 
 
-Values = NDArray[Any] | Sequence[float]
-
-
-@overload
-def assess(
-    bearing: Bearing, speed: float, load: float, belief: Belief | None = None
-) -> Assessment: ...
-
-
-@overload
-def assess(
-    bearing: Bearing, speed: Values, load: float | Values, belief: Belief | None = None
-) -> Assessments: ...
-
-
-@overload
-def assess(
-    bearing: Bearing, speed: float, load: Values, belief: Belief | None = None
-) -> Assessments: ...
+Assessments = Assessment
+"""An assessment of arrays."""
 
 
 def assess(
-    bearing: Bearing, speed: ArrayLike, load: ArrayLike, belief: Belief | None = None
-) -> Assessment | Assessments:
+    bearing: Bearing,
+    speed: ArrayLike,
+    load: ArrayLike,
+    belief: Belief | None = None,
+    table: BoundaryTable | None = None,
+) -> Assessment:
     """Assess operating points of a bearing by first-order KBM averaging and the exact fold.
 
     Args:
@@ -565,131 +413,67 @@ def assess(
         speed: Journal surface speed ``V`` [m/s]; negative astern.
         load: Bearing load ``N`` [N]; broadcasts with ``speed``.
         belief: What makes probabilities of them, if anything does.
+        table: The bearing's boundaries over the load, where they are known; many points take one.
 
     Returns:
-        The assessment of one point for numbers, else those of arrays of the broadcast shape. It
-        never raises for a number: an input that is not finite has its own outcome.
+        The assessment, of numbers for numbers, else of arrays of the broadcast shape. It never
+        raises for a number: an input that is not finite has its own outcome.
     """
-    if isinstance(speed, float) and isinstance(load, float):
-        solver = _number_solver(bearing)
-        if solver is not None and 0.0 < abs(speed) * load < math.inf:
-            return _assess_number(bearing, solver, float(speed), float(load), belief)
     shape, (v, n) = flatten(speed, load)
+    if table is None and v.size > _FEW:
+        table = known_table(bearing)
     with np.errstate(all='ignore'):
-        columns = in_blocks(partial(_judge, bearing), v, n)
-    if not shape:
-        v1, n1, code, hopf, fold, exact = (flat[0].item() for flat in (v, n, *columns))
-        return Assessment(v1, n1, code, hopf, fold, exact, bearing, _belief=belief)
-    v, n, codes, hopfs, folds, exacts = (flat.reshape(shape) for flat in (v, n, *columns))
-    return Assessments(v, n, codes, hopfs, folds, exacts, bearing, _belief=belief)
+        columns = in_blocks(partial(_judge, bearing, table), v, n)
+    found: Any = (restore(part, shape) for part in (v, n, *columns))
+    return Assessment(*found, _bearing=bearing, _belief=belief)
 
 
-class _NumberSolver:
-    """The boundaries of a bearing with Stribeck's law at one load after another."""
-
-    __slots__ = ('_bearing', '_curve', '_known', 'law')
-
-    def __init__(self, bearing: Bearing, law: Stribeck) -> None:
-        self._bearing, self.law, self._curve = bearing, law, fold_curve(bearing)
-        self._known = 0.0, (math.nan, math.nan, math.nan)
-
-    def boundaries(self, load: float) -> tuple[float, float, float]:
-        """Hopf, fold and exact fold speed at a load [m/s]: the next speed often has the same."""
-        last, found = self._known
-        if last != load:
-            hopf, fold = closed_form.boundaries_of_number(self.law, self._bearing.damping / load)
-            found = hopf, fold, self._curve.speed_of_number(load, fold)
-            self._known = load, found
-        return found
-
-
-@lru_cache(maxsize=32)
-def _number_solver(bearing: Bearing) -> _NumberSolver | None:
-    """What assesses single points without arrays, for bearings where that is known."""
-    law = bearing.friction
-    return _NumberSolver(bearing, law) if computes_as(law, Stribeck) else None
-
-
-def _assess_number(
-    bearing: Bearing, solver: _NumberSolver, speed: float, load: float, belief: Belief | None
-) -> Assessment:
-    """:func:`assess` of one ordinary point: the same operations, so the same bits."""
-    hopf, fold, exact = solver.boundaries(load)
-    size, code = abs(speed), NO_CYCLE
-    if size < hopf:
-        code = STICK_SLIP
-    elif size < fold or size < exact:
-        code = BISTABLE
-    elif fold != fold and exact != exact:
-        code = NO_BOUNDARY
-    return Assessment(speed, load, int(code), hopf, fold, exact, bearing, _belief=belief)
-
-
-def _judge(bearing: Bearing, speed: FloatArray, load: FloatArray) -> tuple[NDArray[Any], ...]:
+def _judge(
+    bearing: Bearing, table: BoundaryTable | None, speed: FloatArray, load: FloatArray
+) -> tuple[NDArray[Any], ...]:
     """Outcome, Hopf speed and both fold speeds of flat arrays."""
     solver = averaged_solver(bearing.friction)
-    magnitude = np.abs(speed)
-    size = magnitude * load
-    ordinary = bool(((size > 0.0) & (size < np.inf)).all())
-    q = bearing.damping / load if ordinary else damping_per_load(bearing.damping, load)
-    curve = fold_curve(bearing)
+    size = np.abs(speed)
+    q = damping_per_load(bearing.damping, load)
     # Speed and load come in turns as a rule, so that a load is met twice.
     first = np.append(0, np.flatnonzero(load[1:] != load[:-1]) + 1)[: load.size]
-    shared = 4 * first.size < 3 * load.size
-    loads = load[first] if shared else load
-    hopf, fold = solver.boundaries(q[first] if shared else q)
-    exact = curve.speed(loads, fold)
-    if shared:
-        times = np.diff(np.append(first, load.size))
-        hopf, fold, exact = (np.repeat(limit, times) for limit in (hopf, fold, exact))
+    hopf, fold = solver.boundaries(q[first])
+    exact = exact_fold_speed(bearing, load[first]) if table is None else table.exact(load[first])
+    times = np.diff(np.append(first, load.size))
+    hopf, fold, exact = (np.repeat(limit, times) for limit in (hopf, fold, exact))
     code = np.where((fold != fold) & (exact != exact), NO_BOUNDARY, NO_CYCLE)
-    averaged = solver.has_cycle(magnitude, q, fold)
-    code = np.where(curve.has_cycle(magnitude, load, fold, exact, averaged), BISTABLE, code)
-    code = np.where(solver.is_unstable(magnitude, q, hopf), STICK_SLIP, code)
-    if ordinary:
-        return code, hopf, fold, exact
+    # A law with several ranges of speed is quiet between them, as averaging tells.
+    cycle = solver.has_cycle(size, q, fold) | ((size < exact) & ~(size < fold))
+    code = np.where(cycle, BISTABLE, code)
+    code = np.where(solver.is_unstable(size, q, hopf), STICK_SLIP, code)
     # 0, or nan where an input is not finite.
     missing = (speed - speed) + (load - load)
     code = np.where(load <= 0.0, NO_CONTACT, code)
-    code = np.where(magnitude == 0.0, AT_REST, code)
+    code = np.where(size == 0.0, AT_REST, code)
     code = np.where(missing == 0.0, code, NOT_FINITE)
     return code, hopf + missing, fold + missing, exact + missing
 
 
-def at_indices(points: Assessments, rows: IndexArray | slice) -> Assessments:
-    """Some of the points of one-dimensional assessments."""
-    return Assessments(
-        points.speed[rows],
-        points.load[rows],
-        points.outcome_code[rows],
-        points.hopf_speed[rows],
-        points.fold_speed[rows],
-        points.exact_fold_speed[rows],
-        points._bearing,
-        {name: column[rows] for name, column in points._known.items()},
-        points._belief,
-    )
+def at_indices(points: Assessment, rows: Any) -> Assessment:
+    """Some of the points of one-dimensional assessments; one of them for a number."""
+    parts: Any = (part[rows] for part in points._stored())
+    if not np.ndim(rows) and not isinstance(rows, slice):
+        parts = (part.item() for part in parts)
+        known = {name: column[rows].item() for name, column in points._known.items()}
+    else:
+        known = {name: column[rows] for name, column in points._known.items()}
+    return Assessment(*parts, _bearing=points._bearing, _known=known, _belief=points._belief)
 
 
-def at_index(points: Assessments, index: int) -> Assessment:
-    """One of the points of one-dimensional assessments."""
-    return Assessment(
-        points.speed[index].item(),
-        points.load[index].item(),
-        points.outcome_code[index].item(),
-        points.hopf_speed[index].item(),
-        points.fold_speed[index].item(),
-        points.exact_fold_speed[index].item(),
-        points._bearing,
-        {name: column[index].item() for name, column in points._known.items()},
-        points._belief,
-    )
+at_index = at_indices
 
 
-def joined(points: Sequence[Assessment]) -> Assessments:
+def joined(points: Sequence[Assessment]) -> Assessment:
     """Assessments of points, at least one and all of one bearing."""
-    columns = zip(*(point._stored() for point in points), strict=True)
-    speed, load, code, hopf, fold, exact = (np.array(column) for column in columns)
+    columns: Any = (
+        np.array(column) for column in zip(*(p._stored() for p in points), strict=True)
+    )
     known = {name: np.array([getattr(p, name) for p in points]) for name in BELIEFS}
-    first = points[0]
-    return Assessments(speed, load, code, hopf, fold, exact, first._bearing, known, first._belief)
+    return Assessment(
+        *columns, _bearing=points[0]._bearing, _known=known, _belief=points[0]._belief
+    )

@@ -14,9 +14,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
-from stickslip_monitor.monitor.measured import Unknown
+from stickslip_monitor.monitor.level import Unknown
 from stickslip_monitor.monitor.monitor import BearingMonitor
-from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, Status, number_to_si
+from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, Status, to_si
 from stickslip_monitor.monitor.source_faults import SourceWatch, fault_text, least_gap
 
 PATIENCE = 3
@@ -126,7 +126,7 @@ class InputWatch:
             track.arrived_ns = now_ns
         # A level that jumps between two values is what is looked for, and no fault.
         source = config.inputs[INPUTS[place]]
-        si = math.nan if place == LEVEL else number_to_si(source, value)[0]
+        si = math.nan if place == LEVEL else to_si(source, value)
         track.source.see(now_ns, time_ns, si)
 
     def states(self, bearing: str, now_ns: int) -> dict[str, InputState]:
@@ -218,8 +218,7 @@ class InputWatch:
 
 
 def _is_stuck(monitor: BearingMonitor) -> bool:
-    level, now_ns = monitor.level, monitor.now_ns
-    return bool(level and now_ns is not None and level.why_unknown(now_ns) is Unknown.STUCK)
+    return monitor.measured is not None and monitor.unknown is Unknown.STUCK
 
 
 def _age(track: _Track, now_ns: int) -> float:

@@ -17,15 +17,13 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, Assessments, joined
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.decision import Standing
 from stickslip_monitor.monitor.health import NOT_MONITORING, DiagnosticRecord
 from stickslip_monitor.monitor.input_watch import InputState
 from stickslip_monitor.monitor.ladder import Condition, Level
-from stickslip_monitor.monitor.measured import Measured, Unknown
+from stickslip_monitor.monitor.level import Measured, Unknown
 from stickslip_monitor.monitor.monitor import BearingMonitor
-from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES, Status
-from stickslip_monitor.monitor.trend import Trend
-from stickslip_monitor.monitor.verdict import Event
+from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES, Input, Status
+from stickslip_monitor.monitor.verdict import Event, Standing
 
 WARNING_SCHEMA = 'stickslip_monitor/warning/1'
 BEARINGS_SCHEMA = 'stickslip_monitor/bearings/1'
@@ -197,8 +195,7 @@ class BearingState:
         assessment: The last assessment, of scalars; ``None`` before the first.
         standing: What the alarm rests on.
         lost: The inputs that are lost, with their ages [s].
-        trend: When that prediction changes at the present rate; ``None`` if unknown.
-        counts: Samples by quantity (speed, load) and :class:`Status`, shape (2, 6).
+        counts: Samples by :class:`Input` and :class:`Status`, shape (3, 7).
         time_ns: When, on the clock of the samples [ns]; 0 before the first.
         inputs: Its inputs by quantity, where somebody looks at them.
         monitoring: Whether anybody watches the bearing.
@@ -210,7 +207,6 @@ class BearingState:
     text: str
     assessment: Assessment | None
     standing: Standing
-    trend: Trend | None
     lost: dict[str, float]
     counts: NDArray[np.int64]
     time_ns: int = 0
@@ -258,16 +254,15 @@ def state_of(
     monitoring: bool = True,
 ) -> BearingState:
     """The state of a bearing that is, or was, monitored; see :class:`BearingState`."""
-    verdict, trend = bearing.verdict, bearing.trend()
+    verdict = bearing.verdict
     return BearingState(
         bearing.config,
-        bearing.track.condition,
-        bearing.text(trend),
+        bearing.condition,
+        bearing.text(),
         verdict.assessment if verdict else None,
         bearing.standing,
-        trend,
         bearing.lost(),
-        bearing.gate.counts,
+        bearing.counts,
         bearing.now_ns or 0,
         inputs or {},
         monitoring,
@@ -276,11 +271,9 @@ def state_of(
 
 
 def _level_of(bearing: BearingMonitor) -> LevelState | None:
-    if bearing.level is None or bearing.measured is None:
+    if bearing.measured is None:
         return None
-    now_ns = bearing.now_ns
-    unknown = Unknown.NOTHING if now_ns is None else bearing.level.why_unknown(now_ns)
-    return LevelState(bearing.measured, unknown, bearing.level.counts)
+    return LevelState(bearing.measured, bearing.unknown, bearing.counts[Input.LEVEL])
 
 
 def bearings_json(states: Iterable[BearingState], time_ns: int) -> str:
@@ -392,7 +385,6 @@ def diagnostic_values(state: BearingState) -> dict[str, str | float]:
             'threshold amplitude [m]': point.threshold_amplitude,
             'clears in [s]': math.nan if state.standing.clears is None else state.standing.clears,
             'raised lately': state.standing.raised,
-            'time to boundary [s]': state.trend.seconds if state.trend else math.nan,
         }
         if point.has_belief:
             result |= {name.replace('_', ' '): getattr(point, name) for name in BELIEFS}
@@ -401,7 +393,8 @@ def diagnostic_values(state: BearingState) -> dict[str, str | float]:
     for name, text in state.faults.items():
         result[f'{name} fault'] = text
     result |= _level_values(state)
-    result |= zip(_COUNTED, map(int, state.counts.flat), strict=True)
+    counts = state.counts[: len(QUANTITIES)]
+    result |= zip(_COUNTED, map(int, counts.flat), strict=True)
     if state.vibration is not None:
         result |= zip(_COUNTED_LEVELS, map(int, state.vibration.counts), strict=True)
     return result

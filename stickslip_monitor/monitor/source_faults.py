@@ -9,7 +9,7 @@ Two faults can be seen in the samples themselves:
 One instance of :class:`SourceWatch` follows one input, one sample at a time at constant cost and
 memory; :meth:`SourceWatch.see_many` gives the same for many at once, bit for bit::
 
-    watch = SourceWatch(least_gap(bearing_config, is_load))
+    watch = SourceWatch(least_gap(bearing_config, place))
     for fault in watch.see(arrival_ns, stamp_ns, si):  # every sample, refused ones too
         log(fault_text(fault, input_config))           # raised by this sample
     watch.standing(now_ns)                             # the faults that stand now
@@ -189,13 +189,13 @@ class SourceFault:
     levels: tuple[float, float] = (math.nan, math.nan)
 
 
-def least_gap(config: BearingConfig, is_load: int) -> float:
+def least_gap(config: BearingConfig, place: int) -> float:
     """The least distance between two levels of an input that is no resolution of a sensor [SI].
 
     A pulse counter at dead slow toggles between two neighbouring numbers; three revolutions a
     minute are beyond that.
     """
-    return 0.0 if is_load else _LEAST_RPM * float(config.bearing.speed.factor('rpm'))
+    return 0.0 if place else _LEAST_RPM * float(config.bearing.speed.factor('rpm'))
 
 
 def fault_text(fault: SourceFault, config: InputConfig) -> str:

@@ -4,14 +4,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
+from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.assessment import Assessment, Outcome, fold_share
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.decision import LEFT_BELOW, ONSET, QUIET, Standing, near_fold
-from stickslip_monitor.monitor.ladder import LADDER, Condition, ConditionChange
-from stickslip_monitor.monitor.measured import Measured
-from stickslip_monitor.monitor.trend import Trend
+from stickslip_monitor.monitor.ladder import LADDER, Condition
+from stickslip_monitor.monitor.level import MEASURED, Measured
+from stickslip_monitor.monitor.rule_state import NEVER
 from stickslip_monitor.physics.belief import Belief
 
 DOUBT = 60.0
@@ -19,20 +22,86 @@ DOUBT = 60.0
 
 
 @dataclass(frozen=True, slots=True)
+class Standing:
+    """What the alarm of a bearing rests on.
+
+    Attributes:
+        rung: The rung of the ladder it stands on.
+        sticking: Whether stick-slip is predicted to run.
+        asked: The highest rung that the operating point by itself asks for.
+        growth: How far a disturbance has grown while stick-slip is not predicted [e-folds].
+        clears: In how many seconds the rung clears if the point stays where it is; ``None``
+            while the point holds it.
+        raised: 1 for a rung that is raised, 2 for one that is held because it came back.
+        known: Whether it is known which state a bistable bearing is in.
+        measured: What the measured vibration says; ``None`` where none is configured.
+        unseen: For how long stick-slip has been predicted while no vibration was measured [s].
+        heard: Whether the level has ever risen where a cycle exists.
+    """
+
+    rung: int = 0
+    sticking: bool = False
+    asked: int = 0
+    growth: float = 0.0
+    clears: float | None = None
+    raised: int = 0
+    known: bool = False
+    measured: Measured | None = None
+    unseen: float = 0.0
+    heard: bool = False
+
+    @property
+    def condition(self) -> Condition:
+        """What the alarm says of the operating point."""
+        return LADDER[self.rung]
+
+
+QUIET = Standing()
+
+
+def standing_of(s: Any, c: Any) -> Standing:
+    """What the alarm rests on, by the memory and the settings of a bearing."""
+    rung, wanted = rule.rung_of(s), (s.raised & ~s.asks) | (s.asks & ~s.raised)
+    clears, raised = None, 0
+    if rung:
+        k = rung - 1
+        raised = 1 if s.cleared[k] == NEVER else 2
+        if s.asks & (1 << k):
+            clears = max(0, rule.due(s, c, k) - s.count[k]) * 1e-9
+    return Standing(
+        rung,
+        bool(s.sticking),
+        int(wanted).bit_length(),
+        0.0 if s.sticking else s.growth,
+        clears,
+        raised,
+        bool(s.known),
+        MEASURED[rule.measured_now(s, c)] if c.has_level else None,
+        0.0 if s.unseen == NEVER else (s.now - s.unseen) * 1e-9,
+        bool(s.heard),
+    )
+
+
+@dataclass(frozen=True)
 class Verdict:
-    """The state of one bearing after an evaluation.
+    """The state of one bearing after an operating point.
 
     Attributes:
         bearing: Name of the bearing.
         time_ns: Time of the operating point: the later of its two measurements [ns].
-        assessment: The averaged model's assessment, of scalars.
         standing: What the alarm rests on.
+        judge: Makes the assessment, when it is first asked for.
     """
 
     bearing: str
     time_ns: int
-    assessment: Assessment
     standing: Standing
+    judge: Callable[[], Assessment]
+
+    @cached_property
+    def assessment(self) -> Assessment:
+        """The models' assessment of the operating point, of numbers."""
+        return self.judge()
 
     @property
     def sticking(self) -> bool:
@@ -47,7 +116,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One change of a bearing's alarm.
+    """One change of a bearing's alarm, or a new onset of stick-slip while it stands.
 
     Attributes:
         bearing: Name of the bearing.
@@ -61,6 +130,7 @@ class Event:
         standing: What the alarm rested on.
         says: What the condition says by itself, whatever came before.
         measured: What the measured vibration said; ``None`` where none is configured.
+        onset: Whether stick-slip has begun with it, which is announced whatever stood before.
     """
 
     bearing: str
@@ -74,36 +144,40 @@ class Event:
     standing: Standing = QUIET
     says: str = ''
     measured: Measured | None = None
+    onset: bool = False
 
     @property
     def raised(self) -> bool:
         """Whether matters got worse."""
         if Condition.INPUT_STALE in (self.before, self.after):
             return self.after is Condition.INPUT_STALE
-        return LADDER.index(self.after) > LADDER.index(self.before)
+        return self.onset or LADDER.index(self.after) > LADDER.index(self.before)
 
 
 def event_of(
     config: BearingConfig,
-    change: ConditionChange,
-    assessment: Assessment | None,
+    time_ns: int,
+    change: tuple[Condition, Condition],
+    point: Assessment | None,
     standing: Standing,
-    trend: Trend | None = None,
+    lost: dict[str, float],
+    onset: bool = False,
 ) -> Event:
-    """A change of alarm with what it rests on."""
-    before, after, lost = change.before, change.after, change.lost
+    """A change of alarm, from one condition to another, with what it rests on."""
+    before, after = change
     return Event(
         config.name,
-        change.time_ns,
+        time_ns,
         before,
         after,
-        assessment,
+        point,
         standing.sticking,
         lost,
-        describe(config, after, assessment, standing, lost, before, trend),
+        describe(config, after, point, standing, lost, before),
         standing,
-        describe(config, after, assessment, standing, lost, None, trend),
-        None if config.level is None else standing.measured or Measured.UNKNOWN,
+        describe(config, after, point, standing, lost),
+        standing.measured,
+        onset,
     )
 
 
@@ -114,57 +188,69 @@ def describe(
     standing: Standing,
     lost: dict[str, float],
     before: Condition | None = None,
-    trend: Trend | None = None,
 ) -> str:
-    """One or a few sentences: what, where, how bad, and what would leave the condition."""
+    """One or a few sentences: what it is, what to do, and where the bearing stands."""
     if lost:
         return f'{config.name}: {_lost_text(config, lost)}'
     if point is None or condition is Condition.INPUT_STALE:
         return f'{config.name}: {condition.sentence}'
     what = _what(config, standing, point)
-    if before in _EASES and condition in _EASES[: _EASES.index(before)]:
-        what = f'Eased from {before}. {what}'
     if before is Condition.INPUT_STALE:
         what = f'Speed and load are back. {what}'
-    where = f'{config.name}: {what} At {_point_text(config, point)}'
+    elif before is Condition.AMPLITUDE and condition is Condition.STICK_SLIP:
+        what = f'Amplitude back below the limit. {what}'
+    out = _way_out(config, standing, point)
+    text = f'{config.name}: {what}{out} Now {_point_text(config, point)}'
     if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NO_BOUNDARY):
-        return f'{where}. {point.outcome.sentence}{_trend_text(trend)}'
-    if standing.sticking and math.isfinite(point.amplitude):
-        where += f', predicted amplitude {point.amplitude * 1e3:.3g} mm'
-    where += f', fold margin {point.stability_margin:+.1%}.{_way_out(config, standing, point)}'
-    where += _belief_text(config, point) + _doubt_text(standing)
-    return where + _trend_text(trend)
+        return f'{text}. {point.outcome.sentence}'
+    if standing.sticking and math.isfinite(point.amplitude_exact):
+        text += f', amplitude {_three(point.amplitude_exact * 1e3)} mm'
+    text += f', fold margin {point.stability_margin:+.0%}.'
+    return text + _belief_text(config, point) + _doubt_text(standing)
 
 
-_EASES = LADDER[LADDER.index(Condition.CAUTION) :]
 _OVER = {
-    Condition.VIBRATION: 'No longer any vibration that the model does not explain',
-    Condition.CAUTION: 'No longer close to the stick-slip region',
-    Condition.BISTABLE: 'No longer inside the bistable range',
+    Condition.VIBRATION: 'No more vibration that the model does not explain',
+    Condition.CAUTION: 'Clear of the stick-slip region',
+    Condition.BISTABLE: 'Out of the bistable range',
     Condition.STICK_SLIP: 'Stick-slip no longer predicted',
-    Condition.AMPLITUDE: 'Stick-slip no longer predicted above the amplitude limit',
+    Condition.AMPLITUDE: 'Amplitude back below the limit',
 }
 
 
 def _what(config: BearingConfig, standing: Standing, point: Assessment) -> str:
-    """What the alarm says, what is about to change, and whether it fluctuates."""
+    """What the alarm says, and what is about to change."""
     condition, asked = standing.condition, LADDER[standing.asked]
     if standing.clears is not None:
-        what = f'{_OVER[condition]}: {condition} clears in {_about(max(standing.clears, 1.0))}.'
-    elif point.outcome is Outcome.STICK_SLIP and not standing.sticking:
-        what = f'Steady sliding is unstable: stick-slip is starting{_starting(standing, point)}.'
-    elif standing.sticking and standing.measured is Measured.VIBRATING:
-        what = _measured_text(point)
-    elif standing.asked > standing.rung:
+        held = ' It came back within a minute and is held.' if standing.raised > 1 else ''
+        return (
+            f'{_OVER[condition]}: {condition} clears in {about(max(standing.clears, 1.0))}.{held}'
+        )
+    if point.outcome is Outcome.STICK_SLIP and not standing.sticking:
+        return 'Steady sliding is unstable: stick-slip is starting.'
+    if standing.sticking and standing.measured is Measured.VIBRATING:
+        return _measured_text(point)
+    if standing.asked > standing.rung:
         delay = config.alarm.on_delay_ns * 1e-9
-        what = f'{asked.sentence[:-1]}, but not yet for {delay:g} s.'
-    elif condition is Condition.CAUTION and not near_fold(config.alarm, point)[0]:
-        what = 'The speed is falling towards the stick-slip region.'
-    else:
-        what = condition.sentence
-    if standing.raised > 1:
-        what += f' Fluctuating across the boundary: raised {standing.raised} times lately.'
-    return what
+        return f'{asked.sentence[:-1]} for less than {delay:g} s: no alarm yet.'
+    if condition is Condition.CAUTION and point.stability_margin > _caution_margin(config):
+        return 'Slowing towards stick-slip.'
+    if condition is Condition.BISTABLE:
+        return f'{condition.sentence} {_state_text(standing)}'
+    return condition.sentence
+
+
+def _caution_margin(config: BearingConfig) -> float:
+    return config.alarm.caution_margin + config.alarm.hysteresis
+
+
+def _state_text(standing: Standing) -> str:
+    """Whether a bistable bearing is quiet: measured, remembered, or not known."""
+    if standing.measured is Measured.QUIET and standing.heard:
+        return 'No vibration is measured.'
+    if standing.known:
+        return 'Quiet by its history.'
+    return 'Whether it vibrates is not known.'
 
 
 def _measured_text(point: Assessment) -> str:
@@ -182,17 +268,15 @@ def _measured_text(point: Assessment) -> str:
 def _doubt_text(standing: Standing) -> str:
     if not standing.sticking or standing.unseen < DOUBT:
         return ''
+    if not standing.heard:
+        return (
+            f' No vibration has been measured for {about(standing.unseen)}; the level has never'
+            ' risen in stick-slip: can it hear the bearing?'
+        )
     return (
-        f' No vibration has been measured for {_about(standing.unseen)}, though stick-slip is'
-        ' predicted: are the parameters and the threshold of the level right?'
+        f' No vibration has been measured for {about(standing.unseen)}: are the parameters and the'
+        ' threshold of the level right?'
     )
-
-
-def _starting(standing: Standing, point: Assessment) -> str:
-    """When a disturbance will have grown to the sliding limit."""
-    rate = point.growth_rate
-    left = (ONSET - standing.growth) / rate if rate > 0.0 else math.inf
-    return f', in about {_about(max(left, 1.0))}' if left < 600.0 else ' slowly'
 
 
 def _belief_text(config: BearingConfig, point: Assessment) -> str:
@@ -202,7 +286,7 @@ def _belief_text(config: BearingConfig, point: Assessment) -> str:
     # By averaging; the fold that decides may be the exact model's.
     rpm = config.bearing.speed.factor('rpm') * fold_share(point)
     return (
-        f' Stick-slip can happen with {point.probability_can:.0%}: fold'
+        f' Stick-slip is possible with {point.probability_can:.0%}: fold'
         f' {low / rpm:.3g} to {high / rpm:.3g} rpm at this load.'
     )
 
@@ -210,39 +294,55 @@ def _belief_text(config: BearingConfig, point: Assessment) -> str:
 def _lost_text(config: BearingConfig, lost: dict[str, float]) -> str:
     inputs = {'speed': config.speed, 'load': config.load}
     return ' '.join(
-        f'Input {name} lost: nothing believable on {inputs[name].topic}'
+        f'Input {name} lost: no valid value on {inputs[name].topic}'
         + (' so far.' if math.isinf(age) else f' for {age:.3g} s.')
         for name, age in lost.items()
     )
 
 
 def _point_text(config: BearingConfig, point: Assessment) -> str:
-    return f'{_speed_text(config, point, abs(point.speed))} and {point.load / 1e3:.4g} kN'
+    return f'{_speed_text(config, point, abs(point.speed))}, {_three(point.load / 1e3)} kN'
 
 
 def _speed_text(config: BearingConfig, point: Assessment, speed: float) -> str:
     """A magnitude of the surface speed, in the direction in which the shaft turns."""
     rpm = float(config.bearing.speed.from_surface(speed, 'rpm'))
-    return f'{rpm:.4g} rpm' + (' astern' if point.speed < 0.0 else '')
+    return f'{_three(rpm)} rpm' + (' astern' if point.speed < 0.0 else '')
 
 
-def _trend_text(trend: Trend | None) -> str:
-    if trend is None:
-        return ''
-    earliest, latest = _about(trend.earliest), _about(trend.latest)
-    spread = f'{earliest} to {latest} at 90%, ' if earliest != latest else ''
-    return (
-        f' Steady sliding turns unstable in about {_about(trend.seconds)} at this rate'
-        f' ({spread}judged by the last {trend.span:.0f} s).'
-    )
+def _three(number: float) -> str:
+    """A number to three digits, without an exponent where it is of usual size."""
+    text = f'{number:.3g}'
+    return f'{float(text):g}' if 'e' in text and abs(number) < 1e6 else text
 
 
-def _about(seconds: float) -> str:
+def about(seconds: float) -> str:
+    """A time to a precision that matters."""
     if seconds < 20.0:
         return f'{seconds:.0f} s'
     if seconds < 100.0:
         return f'{5.0 * round(seconds / 5.0):.0f} s'
     return f'{seconds / 60.0:.1f} min'
+
+
+def _way_out(config: BearingConfig, standing: Standing, point: Assessment) -> str:
+    """What leads out of the condition: out of the bistable range, and clear of caution."""
+    condition = standing.condition
+    if standing.asked > standing.rung or condition in (Condition.NORMAL, Condition.VIBRATION):
+        # The text is about what is not raised yet, or of what no speed ends.
+        return ''
+    if config.belief is not None:
+        return _way_out_by_belief(config, config.belief, condition, point)
+    limit = point.stability_limit
+    clear = limit * (1.0 + _caution_margin(config))
+    if not math.isfinite(limit) or abs(point.speed) > clear:
+        return ''
+    if condition is Condition.CAUTION:
+        return f' Clears above {_speed_text(config, point, clear)}.'
+    bounds = (
+        f'{_speed_text(config, point, limit)} ({_speed_text(config, point, clear)} to be clear)'
+    )
+    return f' Go above {bounds} or stop.'
 
 
 def _way_out_by_belief(
@@ -255,27 +355,17 @@ def _way_out_by_belief(
         Condition.STICK_SLIP: alarm.runs_probability,
         Condition.AMPLITUDE: alarm.runs_probability,
     }
-    limit = LEFT_BELOW * limits.get(condition, 0.0)
+    limit = rule.LEFT_BELOW * limits.get(condition, 0.0)
     if not 0.0 < limit < point.probability_can:
         return ''
-    speed = belief.fold_speed(point.load, 1.0 - limit) / fold_share(point)
-    return f' Ends above {_speed_text(config, point, speed)}.'
+    speed = belief.fold_speed(float(point.load), 1.0 - limit) / fold_share(point)
+    return f' Clears above {_speed_text(config, point, speed)}.'
 
 
-def _way_out(config: BearingConfig, standing: Standing, point: Assessment) -> str:
-    condition = standing.condition
-    if standing.asked > standing.rung:
-        # The text is about what is not raised yet, and the way out would be of what stands.
-        return ''
-    if config.belief is not None:
-        return _way_out_by_belief(config, config.belief, condition, point)
-    if condition is Condition.NORMAL or not math.isfinite(point.stability_limit):
-        return ''
-    alarm, near = config.alarm, condition is Condition.CAUTION
-    margin = alarm.caution_margin + alarm.hysteresis if near else 0.0
-    if point.stability_margin > margin:
-        return ''
-    out = f' Ends above {_speed_text(config, point, point.stability_limit * (1.0 + margin))}'
-    if not near and point.fold_load < point.load:
-        out += f' or below {point.fold_load / 1e3:.4g} kN'
-    return f'{out}.'
+def warns(config: BearingConfig, point: Assessment) -> bool:
+    """Whether an operating point by itself, of numbers, asks for caution or worse."""
+    if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NOT_FINITE):
+        return False
+    if point.has_belief:
+        return bool(point.probability_can > config.alarm.caution_probability)
+    return bool(point.stability_margin < config.alarm.caution_margin)

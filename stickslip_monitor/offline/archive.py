@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import IO
 
-from stickslip_monitor.bags.mcap_records import MAGIC
 from stickslip_monitor.bags.metadata import FILE_NAME
 from stickslip_monitor.bags.reader import natural
+from stickslip_monitor.bags.records import MAGIC
 from stickslip_monitor.errors import BagError
 
 Stamp = tuple[tuple[str, int, int], ...]

@@ -24,10 +24,10 @@ from stickslip_monitor.bags.series import Progress
 from stickslip_monitor.bags.topics import missing_topic
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
+from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
-from stickslip_monitor.monitor.measured import MEASURED, Unknown
-from stickslip_monitor.monitor.scan import Scan
+from stickslip_monitor.monitor.level import MEASURED, Unknown
 from stickslip_monitor.monitor.signals import INPUTS, LEVEL, STATUS_SENTENCES, Status, to_si
 from stickslip_monitor.monitor.source_faults import (
     Plausibility,
@@ -291,10 +291,9 @@ class _BearingCheck:
         self._plausibility.take(scan.assessment)
         self._worst.take(scan)
         self._lasting_ns += _lasting_ns(scan, np.asarray(scan.assessment.regime_code), REGIMES)
-        if scan.course.measured is not None:
-            self._measured_ns += _lasting_ns(scan, scan.course.measured, MEASURED)
-        if scan.level is not None:
-            self._unknown = scan.level.unknown
+        if scan.measured is not None:
+            self._measured_ns += _lasting_ns(scan, scan.measured, MEASURED)
+        self._unknown = scan.unknown
         if self._outliner is not None:
             self._outliner.take(block)
         for each in self._inputs:
@@ -335,13 +334,13 @@ def _lasting_ns(scan: Scan, codes: NDArray[np.int8], kinds: Sequence[Any]) -> In
 class _InputCheck:
     """Adds up what came of one input of a bearing."""
 
-    def __init__(self, config: BearingConfig, is_load: int) -> None:
-        self.quantity = INPUTS[is_load]
-        self._is_load = is_load
+    def __init__(self, config: BearingConfig, place: int) -> None:
+        self.quantity = INPUTS[place]
+        self._place = place
         self._source = config.inputs[self.quantity]
         self._counts = np.zeros(len(Status), np.int64)
         self._gaps = GapCount(self._source.timeout_ns)
-        self._watch = SourceWatch(least_gap(config, is_load))
+        self._watch = SourceWatch(least_gap(config, place))
         self._sources: list[SourceFault] = []
         self._span = (math.inf, -math.inf)
         self._messages = 0
@@ -349,13 +348,13 @@ class _InputCheck:
 
     def take(self, block: BearingBlock) -> None:
         """Take the next part of the recording."""
-        series = block.series[self._is_load]
+        series = block.series[self._place]
         self._messages += series.value.size
         if series.value.size:
             self._delay_ns = int(series.log_time_ns[-1] - series.stamp_ns[-1])
         self._gaps.take(series.stamp_ns)
         si = to_si(self._source, series.value)
-        if self._is_load == LEVEL:
+        if self._place == LEVEL:
             # A level that jumps between two values is what is looked for, and no fault.
             si = np.full(si.shape, np.nan)
         self._sources += self._watch.see_many(series.log_time_ns, series.stamp_ns, si)
@@ -366,14 +365,10 @@ class _InputCheck:
     def _believed(self, block: BearingBlock) -> tuple[IntArray, FloatArray]:
         """Samples by :class:`Status`, and the numbers of those that were believed."""
         scan, stream = block.scan, block.stream
-        if self._is_load == LEVEL:
-            assert scan.level is not None
-            assert stream.level is not None
-            return scan.level.counts, stream.level.value[scan.level.status <= Status.CLOCK_JUMP]
-        counts, refused = scan.counts[self._is_load], scan.status > Status.CLOCK_JUMP
+        counts, refused = scan.counts[self._place], scan.status > Status.CLOCK_JUMP
         if not refused.any():
-            return counts, block.series[self._is_load].value
-        return counts, stream.value[(stream.is_load == bool(self._is_load)) & ~refused]
+            return counts, block.series[self._place].value
+        return counts, stream.value[(stream.inputs == self._place) & ~refused]
 
     def _widen(self, value: FloatArray) -> None:
         if value.size:

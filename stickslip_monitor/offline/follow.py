@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.reader import Bag, Fault, Request, Series, open_bag
 from stickslip_monitor.bags.series import Progress, Reading
+from stickslip_monitor.monitor.bulk import BearingScan, Scan, scan_bearing
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
-from stickslip_monitor.monitor.scan import BearingScan, Scan, scan_bearing
-from stickslip_monitor.monitor.signals import Levels, Stream
+from stickslip_monitor.monitor.signals import Stream
 from stickslip_monitor.surface_store import prepare_surfaces
 
 Inputs = tuple[Series, ...]
@@ -123,7 +123,7 @@ def follow(
         followers = {each.config.name: each.follower for each in courses}
         return Followed(followers, reading.faults(), span.start_ns, span.end_ns)
 
-    return bag.read_with(use, asked, progress)
+    return use(bag.reading(asked, progress))
 
 
 def requests_of(config: BearingConfig) -> tuple[Request, ...]:
@@ -137,21 +137,14 @@ def _request(source: InputConfig) -> Request:
 
 def _merged(series: Inputs) -> tuple[Stream, NDArray[np.intp]]:
     """Series in the order in which the bag holds their messages, and where each was."""
-    speed, load, *level = series
-    sequence = np.concatenate([speed.sequence, load.sequence])
-    order = np.argsort(sequence, kind='stable')
+    order = np.argsort(np.concatenate([each.sequence for each in series]), kind='stable')
+    inputs = np.repeat(np.arange(len(series)), [each.sequence.size for each in series])
     stream = Stream(
-        np.concatenate([speed.stamp_ns, load.stamp_ns])[order],
-        order >= speed.sequence.size,
-        np.concatenate([speed.value, load.value])[order],
-        _levels(level[0], sequence[order]) if level else None,
+        np.concatenate([each.stamp_ns for each in series])[order],
+        inputs[order].astype(np.int8),
+        np.concatenate([each.value for each in series])[order],
     )
     return stream, order
-
-
-def _levels(level: Series, sequence: IntArray) -> Levels:
-    """The values of a level among those of speed and load, whose sequence is rising."""
-    return Levels(level.stamp_ns, level.value, np.searchsorted(sequence, level.sequence, 'right'))
 
 
 class SampleSpan:
@@ -258,7 +251,7 @@ def scan_whole(path: str | Path, config: MonitorConfig) -> WholeBag:
     for bearing in config.bearings:
         own = tuple(series[request] for request in asked[bearing.name])
         stream, order = _merged(own)
-        arrival = np.concatenate([each.log_time_ns for each in own[:2]])[order]
+        arrival = np.concatenate([each.log_time_ns for each in own])[order]
         scan = scan_bearing(bearing, stream, span.start_ns, span.end_ns)
         found[bearing.name] = WholeBearing(stream, arrival, scan)
     return WholeBag(bag, found, span.start_ns)

@@ -14,8 +14,8 @@ import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.monitor.assessment import Assessment, at_index, at_indices
+from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.ladder import LADDER, Condition
-from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.monitor.verdict import Event
 
 _SEVERITY = (Condition.NORMAL, Condition.INPUT_STALE, *LADDER[1:])

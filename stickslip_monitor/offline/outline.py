@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from stickslip_monitor.monitor.assessment import Assessments, assess, at_indices
+from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.follow import BearingBlock
 

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from stickslip_monitor import Stream
 from stickslip_monitor.bags.writer import BagWriter
+from stickslip_monitor.monitor.bulk import BearingScan
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.scan import BearingScan
 from stickslip_monitor.offline.follow import BearingBlock
 from stickslip_monitor.offline.outline import Outline, Outliner
 

@@ -16,7 +16,12 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.lab.calibration.dips import VibrationReport
-from stickslip_monitor.monitor.level_modes import APART, are_apart, least_between, two_modes
+from stickslip_monitor.lab.calibration.level_modes import (
+    APART,
+    are_apart,
+    least_between,
+    two_modes,
+)
 
 TRUST, OPERATOR_TRUST = 0.99, 0.9
 TRUTH_TOLERANCE, LEVEL_TOLERANCE, OPERATOR_TOLERANCE = 2.0, 2.0, 10.0

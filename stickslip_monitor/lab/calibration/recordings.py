@@ -34,9 +34,9 @@ from stickslip_monitor.lab.calibration.evidence import (
 )
 from stickslip_monitor.lab.calibration.posterior import Prior
 from stickslip_monitor.lab.recorder_clock import scan_on_recorder_clock
+from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.measured import UNKNOWN, VIBRATING
-from stickslip_monitor.monitor.scan import Scan
+from stickslip_monitor.monitor.rule import UNKNOWN, VIBRATING
 from stickslip_monitor.offline.follow import WholeBag
 from stickslip_monitor.offline.truth import has_truth, read_truth
 
@@ -60,8 +60,8 @@ class Evidence:
 
 def courses_of(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:
     """Speed and load of a recording between two jumps of the clock."""
-    begins = np.append(np.unique(scan.first), scan.time_ns.size)
-    speed, load = scan.assessment.speed, scan.assessment.load
+    begins = np.append(np.flatnonzero(np.diff(scan.stretch, prepend=-1)), scan.time_ns.size)
+    speed, load = scan.speed, scan.load
     return tuple(
         course_of(name, scan.time_ns[a:b], speed[a:b], load[a:b])
         for a, b in pairwise(begins)
@@ -153,10 +153,10 @@ def measured_reports(
         scan: The verdicts on a recording.
         source: Where the reports come from.
     """
-    state, time = scan.course.measured, scan.time_ns
+    state, time = scan.measured, scan.time_ns
     if state is None or not time.size:
         return ()
-    edges = np.flatnonzero((np.diff(state) != 0) | (np.diff(scan.first) != 0)) + 1
+    edges = np.flatnonzero((np.diff(state) != 0) | (np.diff(scan.stretch) != 0)) + 1
     begins, ends = [0, *edges.tolist()], [*edges.tolist(), time.size - 1]
     return tuple(
         VibrationReport(

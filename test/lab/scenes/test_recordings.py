@@ -24,8 +24,8 @@ from stickslip_monitor import assess, exact_fold_speed
 from stickslip_monitor.bags.reader import Request, open_bag
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.scene import Scene, load_scene
+from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.scan import Scan
 from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.offline.follow import scan_whole
 

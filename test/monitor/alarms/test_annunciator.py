@@ -14,10 +14,9 @@ from stickslip_monitor import Assessment, Monitor, MonitorConfig, Sample, assess
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange, Annunciator
 from stickslip_monitor.monitor.alarms.causes import AlarmKind
-from stickslip_monitor.monitor.decision import QUIET
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.signals import Status
-from stickslip_monitor.monitor.verdict import Event, Verdict
+from stickslip_monitor.monitor.verdict import QUIET, Event, Verdict
 
 Configure = Callable[..., MonitorConfig]
 SECOND = 10**9
@@ -57,7 +56,7 @@ class Panel:
             speed = self.config.bearing.speed.to_surface(rpm, 'rpm')
             self._points[rpm] = assess(self.config.bearing, speed, 1000.0)
         point = self._points[rpm]
-        self.log += self.alarms.take_verdict(Verdict('aft', self.stamp, point, QUIET))
+        self.log += self.alarms.take_verdict(Verdict('aft', self.stamp, QUIET, lambda: point))
         return self
 
     def absurd(self) -> Panel:

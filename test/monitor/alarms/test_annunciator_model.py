@@ -30,10 +30,9 @@ from stickslip_monitor.monitor.alarms.annunciator import (
 )
 from stickslip_monitor.monitor.alarms.causes import RUNG_OF, AlarmKind
 from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
-from stickslip_monitor.monitor.decision import QUIET
 from stickslip_monitor.monitor.ladder import LADDER, Condition
 from stickslip_monitor.monitor.signals import Status
-from stickslip_monitor.monitor.verdict import Event, Verdict
+from stickslip_monitor.monitor.verdict import QUIET, Event, Verdict
 
 SECOND = 10**9
 REFERENCE = {
@@ -131,7 +130,8 @@ class Life(RuleBasedStateMachine):
 
     @rule(turning=st.integers(0, 1))
     def operating_point(self, turning: int) -> None:
-        verdict = Verdict('b', self.now, self.points[turning], QUIET)
+        point = self.points[turning]
+        verdict = Verdict('b', self.now, QUIET, lambda: point)
         self.heard(self.annunciator.take_verdict(verdict))
 
     @rule(

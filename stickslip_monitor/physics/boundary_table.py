@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The boundaries of a bearing over its load, tabulated once for a rule that must not solve.
+
+Each boundary is a piecewise polynomial in ``ln N`` from the least load at which a stick-slip cycle
+exists; above the last one a speed is in proportion to the load, as Coulomb's law has it, the limit
+of every law for large loads. A smooth law is a cubic spline, right to 1e-9; one with breakpoints
+(a measured table) is interpolated linearly in many more points, right to 1e-4.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.physics.averaging.boundaries import fold_speed
+from stickslip_monitor.physics.oscillator import Bearing
+
+Boundary = Callable[[FloatArray], FloatArray]
+"""Speeds [m/s] at loads [N], shape (n,); ``nan`` where there is none, ``inf`` without an end."""
+# Octaves of load from the onset, and points: measured, twice as many gain nothing.
+_OCTAVES, _SMOOTH, _BROKEN = 20, 1401, 16385
+# Loads among which the onset is looked for [N], and how often the interval is divided by 64.
+_LEAST, _MOST, _ROUNDS = 1e-9, 1e15, 8
+
+
+@dataclass(frozen=True, slots=True)
+class BoundaryTable:
+    """Boundaries of one bearing.
+
+    Attributes:
+        first: ``ln N`` of the first point; ``inf`` where no load has a boundary.
+        step: Distance of two points in ``ln N``.
+        pieces: Of the averaged and the exact fold the coefficients of the polynomials in the share
+            of a step, lowest order first, shape (2, points - 1, 4) [m/s].
+    """
+
+    first: float
+    step: float
+    pieces: FloatArray
+
+    def exact(self, load: FloatArray) -> FloatArray:
+        """The exact fold at loads [N], shape (n,): ``nan`` where there is none [m/s]."""
+        place = np.where(load > 0.0, (np.log(load) - self.first) / self.step, -1.0)
+        pieces = self.pieces[1]
+        most = float(len(pieces))
+        inside = np.clip(np.nan_to_num(place, nan=0.0), 0.0, most)
+        k = np.minimum(inside.astype(np.intp), len(pieces) - 1)
+        share = inside - k
+        c0, c1, c2, c3 = pieces[k].T
+        speed = c0 + share * (c1 + share * (c2 + share * c3))
+        speed = np.where(place > most, speed * np.exp((place - most) * self.step), speed)
+        return np.where((place >= 0.0) & (speed > 0.0), speed, np.nan)
+
+
+def boundary_at(pieces: Any, first: float, step: float, load: float) -> float:
+    """One boundary at a load [m/s]: 0 where there is none, ``inf`` where it has no end.
+
+    Args:
+        pieces: Coefficients, (points - 1) rows of four.
+        first: ``ln N`` of the first point.
+        step: Distance of two points.
+        load: ``N`` [N].
+    """
+    if not load > 0.0:
+        return 0.0
+    place = (math.log(load) - first) / step
+    if place < 0.0:
+        return 0.0
+    most = len(pieces)
+    if place >= most:
+        beyond, place = (place - most) * step, float(most)
+        k = most - 1
+    else:
+        beyond, k = 0.0, int(place)
+    share = place - k
+    row = pieces[k]
+    speed: float = row[0] + share * (row[1] + share * (row[2] + share * row[3]))
+    return speed * math.exp(beyond) if beyond > 0.0 else speed
+
+
+def boundary_table(bearing: Bearing) -> BoundaryTable:
+    """The averaged and the exact fold of a bearing over the load."""
+
+    def averaged(load: FloatArray) -> FloatArray:
+        return np.asarray(fold_speed(bearing, load))
+
+    def exact(load: FloatArray) -> FloatArray:
+        return np.asarray(fold_speed(bearing, load))  # FIXME until physics lands
+
+    onset = _onset(averaged)
+    if onset == math.inf:
+        return BoundaryTable(math.inf, 1.0, np.zeros((2, 1, 4)))
+    broken = bool(tuple(bearing.friction.breakpoints))
+    grid = np.linspace(0.0, _OCTAVES * math.log(2.0), _BROKEN if broken else _SMOOTH)
+    load = np.exp(math.log(onset) + grid)
+    with np.errstate(all='ignore'):
+        columns = [np.asarray(each(load), float) for each in (averaged, exact)]
+    pieces = [_linear(column) if broken else _smooth(column) for column in columns]
+    return BoundaryTable(math.log(onset), float(grid[1]), np.stack(pieces))
+
+
+known_table = lru_cache(maxsize=64)(boundary_table)
+"""The two folds of a bearing, tabulated once."""
+
+
+def _onset(boundary: Boundary) -> float:
+    """The least load [N] at which a boundary exists, to the last bits; ``inf`` for none."""
+    low, high = math.log(_LEAST), math.log(_MOST)
+    for _ in range(_ROUNDS):
+        grid = np.linspace(low, high, 65)
+        with np.errstate(all='ignore'):
+            there = np.flatnonzero(boundary(np.exp(grid)) > 0.0)
+        if not there.size:
+            return math.inf
+        k = int(there[0])
+        if k == 0:
+            return math.exp(low)
+        low, high = float(grid[k - 1]), float(grid[k])
+    return math.exp(high)
+
+
+def _linear(speed: FloatArray) -> FloatArray:
+    speed = np.where(np.isnan(speed), 0.0, speed)
+    pieces = np.zeros((speed.size - 1, 4))
+    pieces[:, 0] = speed[:-1]
+    pieces[:, 1] = np.where(np.isfinite(speed[1:]), np.diff(speed), 0.0)
+    return pieces
+
+
+def _smooth(speed: FloatArray) -> FloatArray:
+    """A spline through what is finite, from its beginning on; before there is no boundary."""
+    there = np.flatnonzero(speed > 0.0)
+    if there.size < 4 or not np.isfinite(speed[there[0] :]).all():
+        return _linear(speed)
+    first = int(there[0])
+    pieces = np.zeros((speed.size - 1, 4))
+    spline = CubicSpline(np.arange(speed.size - first, dtype=float), speed[first:])
+    pieces[first:] = spline.c[::-1].T
+    return pieces
