@@ -277,8 +277,9 @@ def _events(axes: Axes, track: Track, x_unit: float, y_unit: float, columns: int
 
 
 def _arrows(axes: Axes, paths: Sequence[FloatArray]) -> None:
-    """Arrow heads at even distances along the course; not in the middle of its parts, where those
-    of a way out and of the same way back would lie on each other.
+    """Arrow heads at even distances along the course.
+
+    None is in the middle of its part, where those of a way out and of the same way back meet.
     """
     lengths = [np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(p, axis=0).T))]) for p in paths]
     total = sum(float(length[-1]) for length in lengths)
