@@ -42,7 +42,15 @@ setup(
     maintainer_email='maintainers@stickslip-monitor.invalid',
     python_requires='>=3.10',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed', 'report/page.html', 'report/page.css', 'dashboard/page/*']},
+    package_data={
+        NAME: [
+            'py.typed',
+            'report/page.html',
+            'report/page.css',
+            'dashboard/page/*',
+            'dashboard/page/vendor/*',
+        ]
+    },
     # The recordings of bags/ stay in the repository: nothing that is installed reads them.
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),

@@ -27,7 +27,7 @@ from stickslip_monitor.commands.check_results import to_json, to_text
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.offline.check import check_bag
 from stickslip_monitor.offline.clips import ClipFolder, write_clips
-from stickslip_monitor.offline.verdicts import write_verdicts
+from stickslip_monitor.offline.verdict_bag import write_verdicts
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'launch_configs' / 'two_bearings.yaml'

@@ -17,7 +17,7 @@ from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
 
-# Calls of functions so short cost a third of the time; none divides by zero.
+# None of the functions divides by zero.
 _OPTIONS = {'error_model': 'numpy'}
 
 
@@ -27,7 +27,7 @@ def has_compiler() -> bool:
 
 
 @functools.cache
-def compiled(entry: str, *modules: ModuleType) -> Callable[..., Any]:
+def compiled(entry: str, *modules: ModuleType, inline: bool = True) -> Callable[..., Any]:
     """Compile a function with all functions of its modules that it may call.
 
     The plain functions stay as they are: copies of them are compiled. The compiled code is kept
@@ -35,33 +35,39 @@ def compiled(entry: str, *modules: ModuleType) -> Callable[..., Any]:
 
     Args:
         entry: Name of the function.
-        modules: The module that defines it, and those whose functions it calls; names must differ.
+        modules: The module that defines it, and those whose functions it calls.
+        inline: Whether to copy functions into their callers: right for short ones.
 
     Returns:
         The compiled function.
     """
     try:
-        return _compile(entry, modules, cache=True)
+        return _compile(entry, modules, inline, cache=True)
     except RuntimeError:  # numba has no folder that it may write to
-        return _compile(entry, modules, cache=False)
+        return _compile(entry, modules, inline, cache=False)
 
 
-def _compile(entry: str, modules: tuple[ModuleType, ...], cache: bool) -> Callable[..., Any]:
+def _compile(
+    entry: str, modules: tuple[ModuleType, ...], inline: bool, cache: bool
+) -> Callable[..., Any]:
     numba = import_module('numba')
-    names = {module.__name__ for module in modules}
-    space: dict[str, Any] = {}
-    for module in modules:
-        space |= vars(module)
     digest = _digest(modules)
-    for name, function in list(space.items()):
-        if isinstance(function, FunctionType) and function.__module__ in names:
-            copy = FunctionType(function.__code__, space, name, function.__defaults__)
-            copy.__qualname__ = f'{name}_{digest}'
-            # Inlining the entry itself would leave nothing to call.
-            options = {'error_model': 'numpy'} if name == entry else _OPTIONS
-            space[name] = numba.njit(cache=cache, **options)(copy)
-    found: Callable[..., Any] = space[entry]
-    return found
+    found: dict[FunctionType, Any] = {}
+    spaces = {module.__name__: dict(vars(module)) for module in modules}
+    for name, space in spaces.items():
+        for function in list(space.values()):
+            if isinstance(function, FunctionType) and function.__module__ == name:
+                own = function.__name__
+                copy = FunctionType(function.__code__, space, own, function.__defaults__)
+                copy.__qualname__ = f'{own}_{digest}'
+                # Inlining the entry itself would leave nothing to call.
+                inlined = {'inline': 'always'} if inline and own != entry else {}
+                found[function] = numba.njit(cache=cache, **_OPTIONS, **inlined)(copy)
+    for space in spaces.values():
+        for key, value in space.items():
+            if isinstance(value, FunctionType):
+                space[key] = found.get(value, value)
+    return next(each for plain, each in found.items() if plain.__name__ == entry)
 
 
 def _digest(modules: tuple[ModuleType, ...]) -> str:

@@ -20,7 +20,7 @@ import yaml
 
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.offline.check import check_bag
-from stickslip_monitor.offline.verdicts import write_verdicts
+from stickslip_monitor.offline.verdict_bag import write_verdicts
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / 'launch_configs' / 'dashboards'

@@ -321,7 +321,7 @@ def _check_options(args: argparse.Namespace) -> None:
 def _check_mcap(path: str, bags: Sequence[Path]) -> None:
     if len(bags) > 1:
         raise BagError(f"recording of verdicts '{path}' is for one bag, not {len(bags)}")
-    from stickslip_monitor.offline.verdicts import check_target
+    from stickslip_monitor.offline.verdict_bag import check_target
 
     check_target(path)
 

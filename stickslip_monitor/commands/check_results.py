@@ -130,7 +130,7 @@ def attempt(task: Task, bag: Path, progress: Progress | None = None) -> Found:
 def _found(task: Task, checked: CheckReport, show: Progress) -> Found:
     document, part, clips = to_json(checked), None, None
     if task.mcap is not None:
-        from stickslip_monitor.offline.verdicts import write_verdicts
+        from stickslip_monitor.offline.verdict_bag import write_verdicts
 
         told = lambda n: show(f'{n} messages written', n, None)  # noqa: E731
         write_verdicts(checked, task.config, task.mcap, told)

@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 DEFAULT_PORT = 8370
 _SPEEDS_DRAWN = 120
 _LOCALHOST = 'localhost'
+# A map for an unloaded bearing has this share of the loads that suit the bearing.
+_LOWEST_MAP = 0.1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -137,7 +139,8 @@ def watched(
     from stickslip_monitor.dashboard.watched import WatchedMonitor
 
     views = [bearing_view(bearing) for bearing in config.bearings]
-    return WatchedMonitor(source, views, _space(node), replay)
+    shelve_time = config.shelve_time_ns * 1e-9
+    return WatchedMonitor(source, views, _space(node), replay, shelve_time)
 
 
 @contextmanager
@@ -280,12 +283,19 @@ def _replay(
 
 
 def bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0.0) -> BearingView:
-    """The bearing with a stability map that contains a speed [m/s] and a load [N]."""
+    """The bearing with its stability map.
+
+    Args:
+        config: The bearing.
+        speed: The least speed that the map goes to [m/s]; it goes past the fold in any case.
+        load: The load that it goes to [N]; 0 for what suits the bearing.
+    """
     from stickslip_monitor.dashboard.watched import BearingView, Curves
 
     bearing, alarm = config.bearing, config.alarm
-    (_, fastest), (_, highest) = map_ranges(bearing)
-    speeds, loads = (0.0, max(fastest, speed)), (0.0, max(highest, load))
+    highest = map_ranges(bearing)[1][1]
+    loads = (0.0, max(load, _LOWEST_MAP * highest) if load else highest)
+    speeds = (0.0, max(speed, map_ranges(bearing, loads=loads)[0][1]))
     curves = boundaries(bearing, speeds, alarm.caution_margin, _SPEEDS_DRAWN)
     limit = alarm.amplitude_limit
     return BearingView(

@@ -12,27 +12,20 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from rich.console import Console
 from rich.markup import escape
-from rich.progress import Progress
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.commands.arguments import parse_load, parse_speed, the_bearing
 from stickslip_monitor.commands.declared import TABLE, add_config, add_force, check_output
-from stickslip_monitor.commands.output import console
+from stickslip_monitor.commands.output import ProgressBar, console
 from stickslip_monitor.drawing.amplitudes import AmplitudePicture, draw_amplitudes
 from stickslip_monitor.drawing.canvas import save_figure, write_csv
-from stickslip_monitor.drawing.findings_curves import (
-    FrictionPicture,
-    MotionPicture,
-    draw_friction_laws,
-    draw_motion,
-)
+from stickslip_monitor.drawing.findings_curves import draw_friction_laws, draw_motion
 from stickslip_monitor.errors import ConfigurationError, DrawingError
 from stickslip_monitor.files import PICTURES
 from stickslip_monitor.lab.findings.published import (
@@ -45,7 +38,6 @@ from stickslip_monitor.lab.findings.published import (
 )
 from stickslip_monitor.lab.findings.sweeps import Sweep, over_kinetic, over_load, over_speed
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.physics.motion.integrator import Drive, MotionState, integrate
 from stickslip_monitor.physics.oscillator import Bearing
 
 FORMATS = ('png', 'svg')
@@ -109,14 +101,13 @@ def run(args: argparse.Namespace) -> int:
         check_output(folder / f'{name}.csv', TABLE, args)
         check_output(folder / f'{name}.{args.format}', PICTURES, args)
     out = console()
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task('findings', total=len(FINDINGS))
-        for name, find in FINDINGS.items():
-            bar.update(task, description=name)
+    with ProgressBar() as bar:
+        for done, (name, find) in enumerate(FINDINGS.items()):
+            bar.show(f'{name}: computing', 2 * done, 2 * len(FINDINGS))
             finding = find(point)
+            bar.show(f'{name}: drawing', 2 * done + 1, 2 * len(FINDINGS))
             write_csv(finding.columns, folder / f'{name}.csv', args.force)
             save_figure(finding.draw(), folder / f'{name}.{args.format}', args.force)
-            bar.advance(task)
             out.print(escape(f'{folder / name}.{args.format}: {finding.summary}'))
     return 0
 
@@ -141,17 +132,6 @@ def _made(folder: Path) -> Path:
     except OSError as error:
         raise DrawingError(f'{folder}: {error.strerror or error}') from error
     return folder
-
-
-def follow(
-    bearing: Bearing, speed: float, load: float, displacement: float, time: FloatArray
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """The motion at the given times [s], from event to event, as the history asks for it."""
-    drive = Drive.constant(speed, load, float(time[-1]))
-    motion = integrate(
-        bearing, drive, MotionState.moving(displacement, 0.0, drive), time, compiled=False
-    )
-    return motion.displacement, motion.velocity, motion.sticking
 
 
 def _amplitudes(
@@ -223,49 +203,33 @@ def _kinetic(point: _Point) -> _Finding:
 
 
 def _motion(point: _Point) -> _Finding:
-    history = stick_slip_history(point.bearing, point.speed, point.load, follow)
-    picture = MotionPicture(
-        statement='A small disturbance of steady sliding grows into stick-slip: in the phase plane'
-        ' the motion runs onto a limit cycle with a straight piece, the stick phase.',
-        footnote=f'{point.name}, {point.at_speed}, load {point.at_load}',
-        time=history.time,
-        displacement=history.displacement - history.equilibrium,
-        velocity=history.velocity,
-        sticking=history.sticking,
-        envelope=history.envelope,
-        belt_speed=point.speed,
-        cycle_displacement=history.cycle_displacement - history.equilibrium,
-        cycle_velocity=history.cycle_velocity,
-        averaged_amplitude=history.averaged_amplitude,
-        natural_frequency=point.bearing.natural_frequency,
-        period=history.period,
+    history = stick_slip_history(point.bearing, point.speed, point.load)
+    statement = (
+        'A small disturbance of steady sliding grows into stick-slip: in the phase plane the'
+        ' motion runs onto a limit cycle with a straight piece, the stick phase.'
     )
+    footnote = f'{point.name}, {point.at_speed}, load {point.at_load}'
     summary = (
         f'amplitude {history.exact_amplitude * 1e3:.6g} mm'
         f' (KBM {history.averaged_amplitude * 1e3:.6g} mm), period {history.period * 1e3:.6g} ms,'
         f' sticking {history.stick_fraction * 100:.3g} % of it'
     )
-    return _Finding(history.columns(), lambda: draw_motion(picture), summary)
+    return _Finding(history.columns(), lambda: draw_motion(history, statement, footnote), summary)
 
 
 def _friction(point: _Point) -> _Finding:
     curves = friction_curves(point.bearing, point.load)
-    picture = FrictionPicture(
-        statement='The two friction curves of the study: with Coulomb’s law friction in motion is'
-        ' constant; with the Stribeck law it falls with speed and feeds the vibration.',
-        footnote=f'{point.name}, load {point.at_load}',
-        speed=curves.speed,
-        stribeck=curves.stribeck,
-        coulomb=curves.coulomb,
-        static=curves.static,
-        kinetic=curves.kinetic,
-        hopf=(curves.hopf_speed, curves.hopf_coefficient, curves.hopf_slope),
+    statement = (
+        'The two friction curves of the study: with Coulomb’s law friction in motion is constant;'
+        ' with the Stribeck law it falls with speed and feeds the vibration.'
     )
+    footnote = f'{point.name}, load {point.at_load}'
     summary = (
         f'static {curves.static:g}, kinetic {curves.kinetic:g}, slope at the Hopf speed'
         f' {curves.hopf_slope:.6g} s/m'
     )
-    return _Finding(curves.columns(), lambda: draw_friction_laws(picture), summary)
+    draw = partial(draw_friction_laws, curves, statement, footnote)
+    return _Finding(curves.columns(), draw, summary)
 
 
 FINDINGS: Mapping[str, Callable[[_Point], _Finding]] = {

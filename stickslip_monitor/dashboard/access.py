@@ -11,8 +11,12 @@ from __future__ import annotations
 import hashlib
 import hmac
 import ipaddress
+import secrets
+import stat
+from collections import deque
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from urllib.parse import urlsplit
 
 from aiohttp import web
@@ -24,6 +28,7 @@ from stickslip_monitor.files import read_file
 _LARGEST_TOKEN = 4096
 COOKIE = 'stickslip_session'
 SHORTEST_TOKEN = 16
+_MOST_ENDED = 1000
 OPEN_PATHS = ('/login', '/page.css', '/icon.svg')
 """What is given without a token: it says nothing of the ship."""
 _HEADERS = {
@@ -42,22 +47,43 @@ _HEADERS = {
 class Access:
     """The rules.
 
+    A session is a random number with its keyed hash: it outlives a restart and does not tell the
+    token. Those that were ended are remembered until a restart; another token ends all.
+
     Attributes:
         token: What to know; empty where nothing is asked.
         names: Host names, in lower case, under which this machine is known beside its addresses.
+        ended: The sessions that were ended, the oldest first.
     """
 
     token: str = ''
     names: Collection[str] = ()
+    ended: deque[str] = field(default_factory=lambda: deque(maxlen=_MOST_ENDED))
 
     def knows(self, token: str) -> bool:
         """Whether somebody knows the token; takes as long whatever is wrong with it."""
         return hmac.compare_digest(token.encode('utf-8', 'replace'), self.token.encode())
 
-    @property
-    def session(self) -> str:
-        """The content of the cookie: it outlives a restart, and does not tell the token."""
-        return hmac.new(self.token.encode(), b'stickslip dashboard', hashlib.sha256).hexdigest()
+    def session(self, number: str = '') -> str:
+        """The content of a cookie, of a new session if no number is given."""
+        number = number or secrets.token_urlsafe(16)
+        text = f'stickslip dashboard {number}'.encode('utf-8', 'replace')
+        return f'{number}.{hmac.new(self.token.encode(), text, hashlib.sha256).hexdigest()}'
+
+    def end(self, request: web.Request) -> None:
+        """End the session of a request."""
+        if self.signed_in(request):
+            self.ended.append(request.cookies[COOKIE])
+
+    def signed_in(self, request: web.Request) -> bool:
+        """Whether a request belongs to a session."""
+        cookie = request.cookies.get(COOKIE, '')
+        number = cookie.partition('.')[0]
+        known = hmac.compare_digest(
+            cookie.encode('utf-8', 'replace'),
+            self.session(number or '-').encode('utf-8', 'replace'),
+        )
+        return known and cookie not in self.ended
 
     def admits(self, request: web.Request) -> bool:
         """Whether a request may see what is shown."""
@@ -66,8 +92,7 @@ class Access:
         kind, _, token = request.headers.get('Authorization', '').partition(' ')
         if kind.lower() == 'bearer' and self.knows(token.strip()):
             return True
-        cookie = request.cookies.get(COOKIE, '')
-        return hmac.compare_digest(cookie.encode('utf-8', 'replace'), self.session.encode())
+        return self.signed_in(request)
 
     def is_ours(self, host: str) -> bool:
         """Whether a Host header names this machine: an address, or a name it is known by."""
@@ -96,13 +121,16 @@ def read_token(path: str) -> str:
     """The token of a file that holds nothing else.
 
     Raises:
-        DashboardError: It cannot be read, or is too short to keep anybody out.
+        DashboardError: It cannot be read, is too short to keep anybody out, or is open to others.
     """
     try:
+        mode = Path(path).stat().st_mode
         token = read_file(path, _LARGEST_TOKEN).decode().strip()
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, 'strerror', None) or 'it is not a text file'
         raise DashboardError(f"token file '{path}' cannot be read: {reason}") from error
+    if mode & (stat.S_IROTH | stat.S_IWOTH):
+        raise DashboardError(f"token file '{path}' is open to every user: chmod 600 '{path}'")
     if len(token) < SHORTEST_TOKEN or not token.isascii() or not token.isprintable():
         raise DashboardError(
             f"token file '{path}' must hold at least {SHORTEST_TOKEN} printable ASCII characters,"

@@ -10,10 +10,17 @@ SPAN = 600_000
 """How far back it goes [ms]."""
 STEP = 1000
 """Rows are so far apart, or further [ms]."""
-MARGINS = ('fold_margin', 'hopf_margin')
-CHANCES = ('probability_can', 'probability_will', 'probability_runs')
-COLUMNS = ('time', 'speed', 'load', *MARGINS, *CHANCES)
-"""Time [ms], speed [m/s], load [N], margins and probabilities [-]."""
+_OF_POINT = (
+    'fold_speed',
+    'hopf_speed',
+    'fold_margin',
+    'hopf_margin',
+    'probability_can',
+    'probability_will',
+    'probability_runs',
+)
+COLUMNS = ('time', 'speed', 'load', *_OF_POINT)
+"""Time [ms], speed [m/s], load [N], boundaries [m/s], margins and probabilities [-]."""
 Row = list[Any]
 
 
@@ -23,21 +30,21 @@ class TenMinutes:
     def __init__(self) -> None:
         self.rows: deque[Row] = deque(maxlen=SPAN // STEP)
 
-    def add(self, record: dict[str, Any]) -> None:
-        """Take a status for the page; one of the same second replaces the one before it.
+    def add(self, row: Row) -> None:
+        """Take a row; one of the same second replaces the one before it.
 
         Where the clock has stepped back, what lies in its future is dropped.
         """
-        now, rows = record['time'], self.rows
+        now, rows = row[0], self.rows
         while rows and rows[-1][0] // STEP >= now // STEP:
             rows.pop()
         while rows and rows[0][0] < now - SPAN:
             rows.popleft()
-        rows.append(row_of(record))
+        rows.append(row)
 
 
 def row_of(record: dict[str, Any]) -> Row:
     """A row; what rests on a lost input has no value, though the last one is still told."""
     lost = {name for name in ('speed', 'load') if record['inputs'].get(name, {}).get('lost')}
-    hidden = lost | ({*MARGINS, *CHANCES} if lost else set())
+    hidden = lost | (set(_OF_POINT) if lost else set())
     return [None if name in hidden else record[name] for name in COLUMNS]

@@ -10,6 +10,8 @@ from typing import Any
 from stickslip_monitor.errors import DashboardError
 
 MOST_READERS = 200
+KEPT = 12
+"""Of these so many are kept for people who have signed in, however many programs listen."""
 
 
 class Reader:
@@ -55,14 +57,18 @@ class Hub:
         self._number = 0
         self.readers: set[Reader] = set()
 
-    def join(self) -> Reader:
+    def join(self, signed_in: bool = True) -> Reader:
         """A new reader.
+
+        Args:
+            signed_in: Whether it is somebody who has signed in at the page.
 
         Raises:
             DashboardError: There are too many.
         """
-        if len(self.readers) >= MOST_READERS:
-            raise DashboardError(f'{MOST_READERS} pages are open already; close one')
+        most = MOST_READERS if signed_in else MOST_READERS - KEPT
+        if len(self.readers) >= most:
+            raise DashboardError(f'{most} pages are open already; close one')
         reader = Reader()
         self.readers.add(reader)
         return reader

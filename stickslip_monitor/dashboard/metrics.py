@@ -7,9 +7,7 @@ left out rather than repeated, so that nobody takes an old value for a new one.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from prometheus_client import CollectorRegistry
@@ -17,14 +15,16 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.exposition import choose_encoder
 from prometheus_client.registry import Collector
 
-from stickslip_monitor.dashboard.received import NOT_MONITORING, BearingStatus
+from stickslip_monitor.dashboard.received import NOT_MONITORING
 from stickslip_monitor.dashboard.state import DashboardState
-from stickslip_monitor.dashboard.watched import Watched, WatchedMonitor
+from stickslip_monitor.dashboard.watched import WatchedMonitor
 from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
+from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.level import MEASURED
 
 GAUGES = {
+    'rpm': ('shaft_speed_rpm', 'Speed of the shaft in revolutions a minute, negative astern.'),
     'speed': ('speed_meters_per_second', 'Surface speed of the journal, negative astern.'),
     'load': ('load_newtons', 'Load of the bearing.'),
     'hopf_speed': ('hopf_speed_meters_per_second', 'Surface speed at the Hopf boundary.'),
@@ -55,6 +55,21 @@ _SPACE = ['namespace']
 _BEARING = ['namespace', 'bearing']
 _ZERO_WITHOUT_A_CYCLE = ('amplitude', 'amplitude_exact')
 _CONDITIONS = ('waiting', NOT_MONITORING, *(condition.value for condition in Condition))
+_STATES: tuple[tuple[str, str, tuple[str, ...], str], ...] = (
+    ('condition', 'reason', _CONDITIONS, 'Whether the condition of the bearing is this one.'),
+    (
+        'regime',
+        'regime',
+        tuple(regime.value for regime in Regime),
+        'Whether the operating point is in this regime.',
+    ),
+    (
+        'measured',
+        'measured',
+        tuple(state.value for state in MEASURED),
+        'Whether this is what the measured vibration says.',
+    ),
+)
 
 
 class Metrics(Collector):
@@ -85,10 +100,10 @@ class Metrics(Collector):
         yield from _presence(board, missing)
         heard = [m for m in board.monitors if m.heard and not board.finished]
         known = [
-            _Known((m.namespace, name), own, m)
+            ((m.namespace, name), own.record)
             for m in heard
             for name, own in m.bearings.items()
-            if own.key not in missing and own.status is not None
+            if own.key not in missing and own.record is not None
         ]
         yield from _bearings(known)
         yield from _alarms(heard)
@@ -113,77 +128,54 @@ def _presence(board: DashboardState, missing: set[str]) -> Iterator[Metric]:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Known:
-    """A bearing that is heard: its labels, what is known of it, and its monitor."""
-
-    labels: tuple[str, str]
-    own: Watched
-    monitor: WatchedMonitor
-
-    @property
-    def status(self) -> BearingStatus:
-        assert self.own.status is not None
-        return self.own.status
+_Known = list[tuple[tuple[str, str], dict[str, Any]]]
+# Of each bearing that is heard its labels, and its record.
 
 
 def _space(monitor: WatchedMonitor) -> tuple[str]:
     return (monitor.namespace,)
 
 
-def _bearings(known: list[_Known]) -> Iterator[Metric]:
+def _bearings(known: _Known) -> Iterator[Metric]:
     for key, (name, text) in GAUGES.items():
-        values = [(k.labels, k.status.numbers[key]) for k in known if key in k.status.numbers]
-        if key in _ZERO_WITHOUT_A_CYCLE:
-            values = [(n, 0.0 if math.isnan(value) else value) for n, value in values]
-        # An infinite margin is a value, beyond every limit; NaN is none.
-        yield _family(name, text, _BEARING, [(n, v) for n, v in values if not math.isnan(v)])
+        # Where no cycle exists at an operating point its amplitude is 0.
+        none = 0.0 if key in _ZERO_WITHOUT_A_CYCLE else None
+        values = [(n, none if r[key] is None and r['regime'] else r[key]) for n, r in known]
+        yield _family(name, text, _BEARING, [(n, v) for n, v in values if v is not None])
     yield _family(
         'predicted',
-        'Whether stick-slip is predicted.',
+        'Whether stick-slip is predicted now; one that is only held is not.',
         _BEARING,
-        [(k.labels, k.status.sticking) for k in known if k.status.sticking is not None],
+        [(n, r['sticking']) for n, r in known if r['sticking'] is not None],
     )
     yield _family(
-        'condition',
-        'Whether the condition of the bearing is this one.',
-        [*_BEARING, 'condition'],
-        [((*k.labels, c), k.status.words.get('reason') == c) for k in known for c in _CONDITIONS],
+        'held',
+        'Whether the condition is over, and held for its off-delay.',
+        _BEARING,
+        [(n, r['held_until'] is not None) for n, r in known],
     )
-    yield _family(
-        'measured',
-        'Whether this is what the measured vibration says.',
-        [*_BEARING, 'state'],
-        [
-            ((*k.labels, state.value), k.status.words['measured'] == state.value)
-            for k in known
-            if 'measured' in k.status.words
-            for state in MEASURED
-        ],
-    )
-    yield from _inputs(known)
+    for name, key, states, text in _STATES:
+        own = [(n, r[key]) for n, r in known if r[key] is not None]
+        values = [((*n, state), now == state) for n, now in own for state in states]
+        yield _family(name, text, [*_BEARING, name if name != 'measured' else 'state'], values)
+    yield from _inputs([((*n, name), own) for n, r in known for name, own in r['inputs'].items()])
 
 
-def _inputs(known: list[_Known]) -> Iterator[Metric]:
-    inputs = [(k, quantity) for k in known for quantity in k.status.counts]
-    ages = [
-        ((*k.labels, quantity), k.monitor.sample_age(k.labels[1], quantity))
-        for k, quantity in inputs
-    ]
-    yield _family(
-        'sample_age_seconds',
-        'Time since the last sample that was used, as the monitor told of it.',
-        [*_BEARING, 'input'],
-        [(labels, age) for labels, age in ages if age is not None],
-    )
+def _inputs(inputs: list[tuple[tuple[str, str, str], dict[str, Any]]]) -> Iterator[Metric]:
+    for name, key, text in (
+        ('sample_age_seconds', 'age', 'Time since the last sample that was used.'),
+        ('sample_rate_hertz', 'rate', 'Samples a second that are used.'),
+    ):
+        values = [(labels, own[key]) for labels, own in inputs if own[key] is not None]
+        yield _family(name, text, [*_BEARING, 'input'], values)
     counter = CounterMetricFamily(
         f'{PREFIX}samples',
         'Samples by what became of them.',
         labels=[*_BEARING, 'input', 'status'],
     )
-    for k, quantity in inputs:
-        for kind, count in k.status.counts[quantity].items():
-            counter.add_metric([*k.labels, quantity, kind], count)
+    for labels, own in inputs:
+        for kind, count in own['counts'].items():
+            counter.add_metric([*labels, kind], count)
     yield counter
 
 

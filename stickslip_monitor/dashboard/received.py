@@ -1,184 +1,88 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The state of a bearing, read back from its diagnostic status.
-
-Live and in a replay the dashboard is fed with the same texts, so that it has one way in.
-
-The list of alarms as it comes from the monitor, and what can be done about each.
-"""
+"""What comes from a monitor, checked and made ready for the page: bearings and alarms."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable
 from typing import Any
 
 from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA
 from stickslip_monitor.monitor.alarms.annunciator import Action
+from stickslip_monitor.monitor.alarms.causes import Priority
 from stickslip_monitor.monitor.alarms.lifecycle import TABLE, AlarmState
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
-from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES, Status
+from stickslip_monitor.monitor.signals import Status
 
-NUMBERS = {
-    'speed': 'speed [m/s]',
-    'rpm': 'shaft speed [rpm]',
-    'load': 'load [N]',
-    'hopf_speed': 'hopf speed [m/s]',
-    'fold_speed': 'fold speed [m/s]',
-    'hopf_margin': 'hopf margin',
-    'fold_margin': 'fold margin',
-    'growth_rate': 'growth rate [1/s]',
-    'amplitude': 'amplitude [m]',
-    'amplitude_exact': 'amplitude of the exact cycle [m]',
-    'threshold_amplitude': 'threshold amplitude [m]',
-    'clears_in': 'clears in [s]',
-    'boundary_in': 'time to boundary [s]',
-    'probability_can': 'probability can',
-    'probability_will': 'probability will',
-    'probability_runs': 'probability runs',
-}
-"""The numbers of an operating point, by the keys of the diagnostics that they come from."""
-WORDS = {
-    'reason': 'reason',
-    'regime': 'regime',
-    'outcome': 'outcome',
-    'measured': 'measured',
-    'unmeasured': 'measured unknown',
-}
-"""The words of a bearing, by the keys of the diagnostics that they come from."""
+NUMBERS = (
+    'speed',
+    'rpm',
+    'load',
+    'hopf_speed',
+    'fold_speed',
+    'hopf_margin',
+    'fold_margin',
+    'growth_rate',
+    'amplitude',
+    'amplitude_exact',
+    'threshold_amplitude',
+    'probability_can',
+    'probability_will',
+    'probability_runs',
+)
+"""The numbers of an operating point that page and metrics show."""
+WORDS = ('regime', 'outcome', 'measured', 'unmeasured')
 NOT_MONITORING = 'not_monitoring'
 """The reason of a bearing whose node is not active."""
-STATUSES = {status.name.lower(): status.name.lower().replace('_', ' ') for status in Status}
-BELIEVED = [status.name.lower() for status in Status if status.believed]
+STATUSES = tuple(status.name.lower() for status in Status)
 
 
-@dataclass(frozen=True, slots=True)
-class BearingStatus:
-    """A bearing at an instant.
+def checked_record(document: Any) -> dict[str, Any] | None:
+    """The record of a bearing for the page, times in milliseconds; ``None`` where it is none.
 
-    Attributes:
-        time_ns: When, on the clock of the monitor [ns].
-        text: What the monitor says, for a person.
-        words: By the names of :data:`WORDS`; those that are known.
-        sticking: Whether stick-slip is predicted; ``None`` before the first operating point.
-        numbers: By the names of :data:`NUMBERS`; those that are known, ``inf`` and ``nan`` too.
-        ages: Ages of the inputs that are lost [s].
-        counts: Samples of each input by status.
-        faults: Of an input that brings nothing, why.
+    A number without a value is ``None``; so is what is no number.
     """
-
-    time_ns: int
-    text: str
-    words: dict[str, str]
-    sticking: bool | None
-    numbers: dict[str, float]
-    ages: dict[str, float]
-    counts: dict[str, dict[str, int]]
-    faults: dict[str, str]
-
-    @property
-    def idle(self) -> bool:
-        """Whether the node says that nobody watches the bearing."""
-        return self.words.get('reason') == NOT_MONITORING
-
-    def believed(self, quantity: str) -> int:
-        """Samples of an input that were used."""
-        return sum(self.counts.get(quantity, {}).get(name, 0) for name in BELIEVED)
-
-
-def read_status(time_ns: int, text: str, values: Mapping[str, str]) -> BearingStatus:
-    """Read a diagnostic status; what is not there, or no number, is left out.
-
-    Args:
-        time_ns: Its time stamp [ns].
-        text: Its message.
-        values: Its key-value pairs.
-    """
-    sticking = values.get('stick-slip predicted')
-    counts = {quantity: _counts(values, quantity) for quantity in INPUTS}
-    return BearingStatus(
-        time_ns,
-        text,
-        {word: values[key] for word, key in WORDS.items() if key in values},
-        None if sticking is None else sticking == 'true',
-        _numbers(values, NUMBERS),
-        _numbers(values, {quantity: f'{quantity} age [s]' for quantity in INPUTS}),
-        {quantity: own for quantity, own in counts.items() if own or quantity in QUANTITIES},
-        {q: values[f'{q} fault'] for q in INPUTS if f'{q} fault' in values},
-    )
-
-
-def read_record(record: Mapping[str, Any]) -> BearingStatus:
-    """Read the record of a bearing; what is not known is left out."""
-    words = {'regime': 'regime', 'outcome': 'outcome', 'measured': 'measured'}
-    inputs: Mapping[str, Any] = record['inputs']
-    return BearingStatus(
-        record['time'],
-        record['text'],
-        {'reason': record['reason'], 'unmeasured': record['unmeasured']}
-        | {word: record[key] for word, key in words.items() if record[key] is not None},
-        record['sticking'],
-        {name: record[name] for name in NUMBERS if record.get(name) is not None},
-        {
-            name: math.inf if own['age'] is None else own['age']
-            for name, own in inputs.items()
-            if own['lost']
-        },
-        {name: own['counts'] for name, own in inputs.items()},
-        {name: own['fault'] for name, own in inputs.items() if own['fault']},
-    )
-
-
-def _counts(values: Mapping[str, str], quantity: str) -> dict[str, int]:
-    found = {
-        name: _number(values, f'{quantity} samples {words}') for name, words in STATUSES.items()
-    }
-    return {
-        name: int(count)
-        for name, count in found.items()
-        if count is not None and math.isfinite(count)
-    }
-
-
-def _numbers(values: Mapping[str, str], keys: Mapping[str, str]) -> dict[str, float]:
-    found = {name: _number(values, key) for name, key in keys.items()}
-    return {name: number for name, number in found.items() if number is not None}
-
-
-def _number(values: Mapping[str, str], key: str) -> float | None:
-    try:
-        return float(values[key])
-    except (KeyError, ValueError):
+    if not _texts(document, ('bearing', 'text', 'reason')):
         return None
-
-
-def status_record(status: BearingStatus) -> dict[str, Any]:
-    """A status for the page; ``null`` where a number has no value."""
-    numbers = {name: _finite(status.numbers.get(name)) for name in NUMBERS}
+    if not isinstance(document.get('time'), int) or not isinstance(document.get('inputs'), dict):
+        return None
+    sticking = document.get('sticking')
     return {
-        'time': status.time_ns // 1_000_000,
-        'text': status.text,
-        'reason': status.words.get('reason', 'waiting'),
-        'regime': status.words.get('regime'),
-        'outcome': status.words.get('outcome'),
-        'measured': status.words.get('measured'),
-        'unmeasured': status.words.get('unmeasured', ''),
-        'sticking': status.sticking,
-        **numbers,
+        'bearing': document['bearing'],
+        'time': _milliseconds(document['time']),
+        'text': document['text'],
+        'reason': document['reason'],
+        'sticking': sticking if isinstance(sticking, bool) else None,
+        'held_until': _milliseconds(document.get('held_until')),
+        **{name: _word(document.get(name)) for name in WORDS},
+        **{name: _finite(document.get(name)) for name in NUMBERS},
         'inputs': {
-            quantity: {
-                'lost': quantity in status.ages,
-                'age': _finite(status.ages.get(quantity)),
-                'counts': counts,
-                'fault': status.faults.get(quantity, ''),
-            }
-            for quantity, counts in status.counts.items()
+            str(name): _input(own)
+            for name, own in document['inputs'].items()
+            if isinstance(own, dict)
         },
     }
 
 
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None
+def _input(own: dict[str, Any]) -> dict[str, Any]:
+    counts = own.get('counts')
+    counts = counts if isinstance(counts, dict) else {}
+    return {
+        'lost': own.get('lost') is True,
+        'age': _finite(own.get('age')),
+        'rate': _finite(own.get('rate')),
+        'fault': _word(own.get('fault')) or '',
+        'counts': {name: counts[name] for name in STATUSES if isinstance(counts.get(name), int)},
+    }
+
+
+def _word(value: Any) -> str | None:
+    return value if isinstance(value, str) else None
+
+
+def _finite(value: Any) -> float | None:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return value if number and math.isfinite(value) else None
 
 
 OFFERED = (Action.ACKNOWLEDGE, Action.SILENCE, Action.RESET, Action.SHELVE, Action.UNSHELVE)
@@ -196,6 +100,12 @@ _TABLE = {(state.value, trigger.value) for state, trigger in TABLE}
 _ALARM = ('bearing', 'alarm', 'priority', 'state', 'by', 'text')
 _NOTE = ('what', 'text')
 _CHANGE = ('bearing', 'alarm', 'priority', 'what', 'from', 'to', 'by', 'text')
+_OFF_SHOW = (
+    AlarmState.NORMAL,
+    AlarmState.SUPPRESSED,
+    AlarmState.SHELVED,
+    AlarmState.OUT_OF_SERVICE,
+)
 
 
 def checked_alarms(document: Any, bearings: Collection[str]) -> dict[str, Any] | None:
@@ -213,7 +123,8 @@ def checked_alarms(document: Any, bearings: Collection[str]) -> dict[str, Any] |
         return None
     if not all(_texts(c, _CHANGE) for c in document['changes']):
         return None
-    own = [alarm for alarm in document['alarms'] if alarm['bearing'] in bearings]
+    alarms = [_alarm(alarm) for alarm in document['alarms'] if alarm['bearing'] in bearings]
+    rows = [row for row in document.get('rows') or _worst(document) if _texts(row, _ALARM)]
     return {
         'time': document['time'] // 1_000_000,
         'monitoring': document.get('monitoring') is not False,
@@ -223,7 +134,8 @@ def checked_alarms(document: Any, bearings: Collection[str]) -> dict[str, Any] |
             'flooding': bool(document['flood'].get('flooding')),
             'alarms_10min': _count(document['flood'].get('alarms_10min')),
         },
-        'alarms': [_alarm(alarm) for alarm in own],
+        'alarms': alarms,
+        'rows': [_row(row, alarms) for row in rows if row['bearing'] in bearings],
         'changes': [
             {key: change[key] for key in _CHANGE} | {'time': _milliseconds(change.get('time'))}
             for change in document['changes']
@@ -255,12 +167,54 @@ def _texts(record: Any, keys: Collection[str]) -> bool:
 
 
 def _alarm(alarm: dict[str, Any]) -> dict[str, Any]:
-    times = {key: _milliseconds(alarm.get(key)) for key in ('since', 'changed', 'shelved_until')}
-    flags = {key: bool(alarm.get(key)) for key in ('active', 'sounding', 'silenced')}
-    record = {key: alarm[key] for key in _ALARM} | times | flags
-    record['suppressed_by'] = [str(reason) for reason in alarm.get('suppressed_by') or ()]
+    record = _shown(alarm, ('since', 'changed', 'shelved_until'))
+    record['active'] = bool(alarm.get('active'))
+    record['suppressed_by'] = [str(reason) for reason in _list(alarm.get('suppressed_by'))]
     record['actions'] = [action.value for action in OFFERED if _possible(record, action)]
     return record
+
+
+def _row(row: dict[str, Any], alarms: Iterable[dict[str, Any]]) -> dict[str, Any]:
+    """All that a bearing has on show; what can be done is what can be done about any of it."""
+    own = [
+        alarm
+        for alarm in alarms
+        if alarm['bearing'] == row['bearing'] and alarm['state'] not in _OFF_SHOW
+    ]
+    possible = {action for alarm in own for action in alarm['actions']}
+    return _shown(row, ('since', 'changed', 'first_time', 'came_back_since')) | {
+        'kinds': [str(kind) for kind in _list(row.get('kinds'))],
+        'first_text': _word(row.get('first_text')) or '',
+        'came_back': _count(row.get('came_back')),
+        'actions': [action.value for action in OFFERED if action.value in possible],
+    }
+
+
+def _worst(document: dict[str, Any]) -> list[dict[str, Any]]:
+    """The rows of a monitor that sends none: the worst alarm of each bearing."""
+    own: dict[str, list[dict[str, Any]]] = {}
+    for alarm in document['alarms']:
+        if alarm['state'] not in _OFF_SHOW:
+            own.setdefault(alarm['bearing'], []).append(alarm)
+    return [
+        min(alarms, key=_badness) | {'kinds': [alarm['alarm'] for alarm in alarms]}
+        for alarms in own.values()
+    ]
+
+
+def _badness(alarm: dict[str, Any]) -> tuple[bool, int]:
+    order = [priority.name.lower() for priority in sorted(Priority, reverse=True)]
+    priority = alarm['priority']
+    rank = order.index(priority) if priority in order else len(order)
+    return alarm['state'] != AlarmState.UNACKNOWLEDGED, rank
+
+
+def _shown(alarm: dict[str, Any], times: Iterable[str]) -> dict[str, Any]:
+    return {
+        **{key: alarm[key] for key in _ALARM},
+        **{key: _milliseconds(alarm.get(key)) for key in times},
+        **{key: bool(alarm.get(key)) for key in ('sounding', 'silenced')},
+    }
 
 
 def _milliseconds(time_ns: Any) -> int | None:
@@ -270,7 +224,7 @@ def _milliseconds(time_ns: Any) -> int | None:
 def _possible(alarm: dict[str, Any], action: Action) -> bool:
     if action is Action.SILENCE:
         return bool(alarm['sounding'])
-    # To put aside what does not stand is possible, but nothing to offer.
+    # To shelve what is not active is possible, but nothing to offer.
     quiet = action is Action.SHELVE and alarm['state'] in (
         AlarmState.NORMAL,
         AlarmState.SUPPRESSED,

@@ -45,6 +45,8 @@ FILES = {
     '/charts.js': ('charts.js', 'text/javascript'),
     '/replay.js': ('replay.js', 'text/javascript'),
     '/icon.svg': ('icon.svg', 'image/svg+xml'),
+    '/uPlot.js': ('vendor/uPlot.iife.min.js', 'text/javascript'),
+    '/uPlot.css': ('vendor/uPlot.min.css', 'text/css'),
 }
 
 
@@ -88,8 +90,9 @@ class Server:
         )
         folder = resources.files('stickslip_monitor.dashboard') / 'page'
         for path, (name, kind) in FILES.items():
-            app.router.add_get(path, _file((folder / name).read_bytes(), kind))
+            app.router.add_get(path, _file(folder.joinpath(*name.split('/')).read_bytes(), kind))
         app.router.add_post('/login', self._login)
+        app.router.add_post('/logout', self._logout)
         app.router.add_get('/events', self._events)
         app.router.add_post('/act', self._act)
         app.router.add_get('/metrics', self._scrape)
@@ -111,7 +114,7 @@ class Server:
         response = web.Response(status=303, headers={'Location': '/'})
         response.set_cookie(
             COOKIE,
-            self._access.session,
+            self._access.session(),
             httponly=True,
             samesite='Strict',
             secure=request.secure,
@@ -119,10 +122,16 @@ class Server:
         )
         return response
 
+    async def _logout(self, request: web.Request) -> web.Response:
+        self._access.end(request)
+        response = web.Response(status=204)
+        response.del_cookie(COOKIE)
+        return response
+
     async def _events(self, request: web.Request) -> web.StreamResponse:
         hub = self._board.hub
         try:
-            reader = hub.join()
+            reader = hub.join(not self._access.token or self._access.signed_in(request))
         except DashboardError as error:
             return web.Response(status=503, text=f'{error}\n')
         headers = {'Content-Type': 'text/event-stream', 'Cache-Control': 'no-store'}
@@ -130,7 +139,8 @@ class Server:
         try:
             await response.prepare(request)
             # One that comes back needs no history: it gets all that is shown, which is bounded.
-            event = b'retry: 1000\n\n' + hub.event('state', self._board.state())
+            state = self._board.state() | {'signed_in': self._access.signed_in(request)}
+            event = b'retry: 1000\n\n' + hub.event('state', state)
             while not reader.closed:
                 await asyncio.wait_for(response.write(event), self._stalled)
                 event = await self._next(reader.take)

@@ -19,7 +19,7 @@ from stickslip_monitor.dashboard.watched import Watched, WatchedMonitor
 from stickslip_monitor.errors import DashboardError, StickslipError
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
 
-PAGE_SCHEMA = 'stickslip_monitor/dashboard/2'
+PAGE_SCHEMA = 'stickslip_monitor/dashboard/3'
 
 
 class DashboardState:
@@ -71,6 +71,7 @@ class DashboardState:
             'unacknowledged': sum(record['unacknowledged'] for record in known),
             'flood': max(floods, key=lambda f: (f['flooding'], f['alarms_10min'])),
             'alarms': [alarm for record in known for alarm in record['alarms']],
+            'rows': [row for record in known for row in record['rows']],
         }
 
     @property
@@ -156,7 +157,12 @@ class DashboardState:
             'schema': PAGE_SCHEMA,
             'source': {'name': names, 'replay': self._replay},
             'monitor': self.monitor(),
-            'bearings': [own.state() for own in self.bearings.values()],
+            'columns': COLUMNS,
+            'bearings': [
+                own.state() | {'shelve_time': monitor.shelve_time}
+                for monitor in self.monitors
+                for own in monitor.bearings.values()
+            ],
             'replay': self.playing,
             **self._alarms(),
         }

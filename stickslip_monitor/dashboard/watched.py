@@ -5,19 +5,17 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from stickslip_monitor.dashboard.history import TenMinutes
+from stickslip_monitor.dashboard.history import TenMinutes, row_of
 from stickslip_monitor.dashboard.received import (
-    BearingStatus,
+    NOT_MONITORING,
     checked_alarms,
+    checked_record,
     log_entries,
     offered,
-    read_record,
-    read_status,
-    status_record,
 )
 from stickslip_monitor.errors import DashboardError
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
@@ -29,9 +27,9 @@ ALARMS_SILENT = 150.0
 MOST_NAMES = 20
 """Other monitors and bearings that are remembered, to tell of them."""
 _BEYOND = 5
-# A map made anew has this much room beyond the point that did not fit.
-_ROOM = 1.2
-_NO_ANSWER = 'the monitor has not answered: nothing is known to be done'
+# A map that is made for an operating point has this much room beyond its speed and its load.
+_ROOM = (1.2, 1.5)
+_NO_ANSWER = 'no answer from the monitor: it may not have been done'
 _NO_ALARMS = 'the list of alarms has not come from the monitor: nothing was done'
 
 
@@ -63,7 +61,8 @@ class BearingView:
         caution_margin: Fold margin below which the alarm says caution.
         amplitude_limit: Amplitude that raises the amplitude alarm [m]; ``None`` for none.
         topics: Where speed and load are read, by quantity.
-        wider: Makes the view anew with a map that contains a speed [m/s] and a load [N].
+        wider: Makes the view anew with a map that goes up to a load [N], and to a speed [m/s] and
+            the fold at that load.
     """
 
     name: str
@@ -84,32 +83,29 @@ class Watched:
     Attributes:
         key: Its name with the namespace of its node, as the page knows it: ``port/aft``.
         view: What the page is told of it once.
-        status: The newest.
-        record: The same for the page.
+        record: The newest, for the page; ``None`` before it came.
         history: The last ten minutes.
-        heard: When a believed sample of each input was noticed last [s].
-        at: When it was heard itself [s].
+        at: When the newest came [s].
+        fitted: Whether the map is made for an operating point.
     """
 
     key: str
     view: BearingView
-    status: BearingStatus | None = None
     record: dict[str, Any] | None = None
     history: TenMinutes = field(default_factory=TenMinutes)
-    believed: dict[str, int] = field(default_factory=dict)
-    heard: dict[str, float] = field(default_factory=dict)
     at: float | None = None
+    fitted: bool = False
 
-    def take(self, status: BearingStatus, now: float) -> None:
-        """Take a new status."""
-        self.status, self.at = status, now
-        for quantity in status.counts:
-            count = status.believed(quantity)
-            if count > self.believed.get(quantity, 0):
-                self.heard[quantity] = now
-            self.believed[quantity] = count
-        self.record = status_record(status)
-        self.history.add(self.record)
+    def take(self, record: dict[str, Any], now: float) -> None:
+        """Take a new record."""
+        row = row_of(record)
+        self.record, self.at = record | {'row': row}, now
+        self.history.add(row)
+
+    @property
+    def idle(self) -> bool:
+        """Whether the node says that nobody watches the bearing."""
+        return self.record is not None and self.record['reason'] == NOT_MONITORING
 
     def map(self) -> dict[str, Any]:
         """The stability map for the page."""
@@ -126,19 +122,24 @@ class Watched:
     def widen(self) -> bool:
         """Make the map anew where the point has been beyond it for some time; whether it was.
 
-        A single wrong sample does not make a map on which nothing can be seen.
+        A single wrong sample does not make a map on which nothing can be seen. The first points
+        make a map of their own size.
         """
-        wider, lately = self.view.wider, list(self.history.rows)[-_BEYOND:]
-        if wider is None or len(lately) < _BEYOND:
+        wider, rows = self.view.wider, list(self.history.rows)[-_BEYOND:]
+        lately = [row for row in rows if row[1] is not None and row[2] is not None]
+        if wider is None or len(lately) < (_BEYOND if self.fitted else 1):
             return False
-        speed, load = (
-            min((0.0 if row[k] is None else abs(row[k])) for row in lately) for k in (1, 2)
+        speed, load = (min(abs(row[k]) for row in lately) for k in (1, 2))
+        fastest, highest = self.view.speeds[1], self.view.loads[1]
+        if self.fitted and speed <= fastest and load <= highest:
+            return False
+        if not self.fitted:
+            fastest = highest = 0.0
+        self.view = wider(
+            _ROOM[0] * speed if speed > fastest else fastest,
+            _ROOM[1] * load if load > highest else highest,
         )
-        if speed <= self.view.speeds[1] and load <= self.view.loads[1]:
-            return False
-        fastest = _ROOM * speed if speed > self.view.speeds[1] else self.view.speeds[1]
-        highest = _ROOM * load if load > self.view.loads[1] else self.view.loads[1]
-        self.view = wider(fastest, highest)
+        self.fitted = True
         return True
 
 
@@ -153,6 +154,7 @@ class WatchedMonitor:
         views: Its bearings.
         space: Namespace of its node, without slashes around it; empty for none.
         replay: Whether it comes from a recording.
+        shelve_time: For how long an alarm is shelved [s].
         clock: Time that never steps [s].
 
     Attributes:
@@ -173,8 +175,10 @@ class WatchedMonitor:
         views: Iterable[BearingView],
         space: str = '',
         replay: bool = False,
+        shelve_time: float = 0.0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        self.shelve_time = shelve_time
         self.source, self.space, self._replay, self._clock = source, space, replay, clock
         self._views = tuple(views)
         self._others: dict[str, float] = {}
@@ -243,10 +247,10 @@ class WatchedMonitor:
         if foreign:
             yield f'{_listed(foreign)}: watched by {name}, but not in --config, so not shown.'
         if self.alarms is None or self._listed_at is None:
-            yield f'The list of alarms of {name} has not come: nobody knows whether any stands.'
+            yield f'The list of alarms of {name} has not come: alarm state unknown.'
         elif not self._replay and now - self._listed_at > ALARMS_SILENT:
             late = now - self._listed_at
-            yield f'The list of alarms of {name} is {late:.0f} s old: later alarms are not known.'
+            yield f'The list of alarms of {name} is {late:.0f} s old: later alarms are missing.'
 
     def notice(self) -> str:
         """What the node says of itself, where that is not that all is well."""
@@ -255,37 +259,22 @@ class WatchedMonitor:
 
     def _idle(self) -> bool:
         told = self.alarms is not None and not self.alarms['monitoring']
-        return told or any(own.status and own.status.idle for own in self.bearings.values())
+        return told or any(own.idle for own in self.bearings.values())
 
-    def sample_age(self, bearing: str, quantity: str) -> float | None:
-        """Time since an input's last believed sample was noticed [s]; ``None`` without one."""
-        at = self.bearings[bearing].heard.get(quantity)
-        return None if at is None else self._clock() - at
-
-    def take_status(
-        self, bearing: str, time_ns: int, text: str, values: Mapping[str, str]
-    ) -> None:
-        """A diagnostic status of a bearing has come; of one that is not known it is ignored."""
-        own = self.bearings.get(bearing)
-        if own is None:
-            self._remember(self._foreign, self.key(bearing))
+    def take_record(self, document: Any) -> None:
+        """The record of a bearing has come; what is none, or of an unknown one, is ignored."""
+        record = checked_record(document)
+        if record is None:
             return
-        self._heard_at = self._clock()
-        own.take(read_status(time_ns, self._full(bearing, text), values), self._heard_at)
-        assert own.record is not None
-        self.told('status', {'bearing': own.key, **own.record}, own.key)
-
-    def take_record(self, record: dict[str, Any]) -> None:
-        """The record of a bearing has come, see :func:`.messages.bearing_record`."""
         own = self.bearings.get(record['bearing'])
         if own is None:
             self._remember(self._foreign, self.key(record['bearing']))
             return
         self._heard_at = self._clock()
-        text = self._full(record['bearing'], record['text'])
-        own.take(read_record(record | {'text': text}), self._heard_at)
+        record['text'] = self._full(record['bearing'], record['text'])
+        own.take(record | {'bearing': own.key}, self._heard_at)
         assert own.record is not None
-        self.told('status', {'bearing': own.key, **own.record}, own.key)
+        self.told('status', own.record, own.key)
 
     def take_health(self, level: int, text: str) -> None:
         """The diagnostic status of the node itself has come; levels are those of ROS."""
@@ -296,7 +285,7 @@ class WatchedMonitor:
         record = checked_alarms(document, self.bearings)
         if record is None:
             return
-        for each in (*record['alarms'], *record['changes']):
+        for each in (*record['alarms'], *record['rows'], *record['changes']):
             each['text'] = self._full(each['bearing'], each['text'])
             each['bearing'] = self.key(each['bearing'])
         self.alarms, self._listed_at = record, self._clock()

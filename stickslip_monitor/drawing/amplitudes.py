@@ -202,7 +202,7 @@ def _words(axes: Axes, picture: AmplitudePicture) -> None:
     leftwards = picture.hopf < picture.exact_fold
     marks = (
         (
-            f'Hopf {picture.hopf:.6g}{picture.unit}',
+            f'Hopf {picture.hopf:.4g}{picture.unit}',
             (picture.hopf, 0.0),
             (1, 4, 0) if leftwards else (0, 4, 1),
         ),
@@ -219,8 +219,8 @@ def _words(axes: Axes, picture: AmplitudePicture) -> None:
 
 
 def _fold_words(picture: AmplitudePicture) -> str:
-    exact, averaged = (f'{x:.6g}' for x in (picture.exact_fold, picture.averaged_fold))
-    return f'fold {exact}{picture.unit}\n(KBM {averaged}{picture.unit})'
+    error = 100.0 * (picture.averaged_fold / picture.exact_fold - 1.0)
+    return f'fold {picture.exact_fold:.4g}{picture.unit}\n(KBM {error:+.2g} %)'
 
 
 def _regime_words(labels: Labeller, picture: AmplitudePicture) -> None:

@@ -7,7 +7,7 @@ a verdict rests on is stored, the rest is worked out when it is first asked for.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
@@ -21,8 +21,7 @@ from stickslip_monitor.physics.averaging import boundaries
 from stickslip_monitor.physics.averaging.solver import averaged_solver, damping_per_load
 from stickslip_monitor.physics.belief import Belief, probability_runs
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
-from stickslip_monitor.physics.cycle.cycles import exact_fold_speed
-from stickslip_monitor.physics.cycle.surface import exact_amplitude
+from stickslip_monitor.physics.cycle.cycles import exact_amplitude, exact_fold_speed
 from stickslip_monitor.physics.oscillator import Bearing
 
 # Points from which on a table of the exact fold pays.
@@ -119,7 +118,7 @@ class Points(NamedTuple):
 def column(name: str, bearing: Bearing, points: Points) -> FloatArray:
     """A column of :data:`ON_DEMAND` of some operating points, shape (n,)."""
     if name == 'amplitude_exact':
-        return exact_amplitude(bearing, points.speed, points.load, points.fold)
+        return np.asarray(exact_amplitude(bearing, points.speed, points.load))
 
     def part(*columns: NDArray[Any]) -> tuple[FloatArray]:
         return (_AVERAGED[name](bearing, Points(*columns)),)
@@ -424,8 +423,14 @@ def assess(
         table = known_table(bearing)
     with np.errstate(all='ignore'):
         columns = in_blocks(partial(_judge, bearing, table), v, n)
-    found: Any = (restore(part, shape) for part in (v, n, *columns))
-    return Assessment(*found, _bearing=bearing, _belief=belief)
+    return _of_columns((restore(part, shape) for part in (v, n, *columns)), bearing, {}, belief)
+
+
+def _of_columns(
+    parts: Iterable[Any], bearing: Bearing, known: dict[str, Any], belief: Belief | None
+) -> Assessment:
+    speed, load, code, hopf, fold, exact = parts
+    return Assessment(speed, load, code, hopf, fold, exact, bearing, known, belief)
 
 
 def _judge(
@@ -462,7 +467,7 @@ def at_indices(points: Assessment, rows: Any) -> Assessment:
         known = {name: column[rows].item() for name, column in points._known.items()}
     else:
         known = {name: column[rows] for name, column in points._known.items()}
-    return Assessment(*parts, _bearing=points._bearing, _known=known, _belief=points._belief)
+    return _of_columns(parts, points._bearing, known, points._belief)
 
 
 at_index = at_indices
@@ -474,6 +479,4 @@ def joined(points: Sequence[Assessment]) -> Assessment:
         np.array(column) for column in zip(*(p._stored() for p in points), strict=True)
     )
     known = {name: np.array([getattr(p, name) for p in points]) for name in BELIEFS}
-    return Assessment(
-        *columns, _bearing=points[0]._bearing, _known=known, _belief=points[0]._belief
-    )
+    return _of_columns(columns, points[0]._bearing, known, points[0]._belief)

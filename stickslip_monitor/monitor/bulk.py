@@ -27,9 +27,12 @@ from stickslip_monitor.monitor.rule_state import NEVER, STATE_TYPE, State
 from stickslip_monitor.monitor.signals import QUANTITIES, Input, Status, Stream
 from stickslip_monitor.monitor.verdict import Event, event_of, standing_of
 from stickslip_monitor.physics import boundary_table, chances, law_numbers
+from stickslip_monitor.physics.cycle.cycles import exact_amplitude
 
 LONG = 30_000
 """Samples from which on it pays to compile; fewer take less than numba's import."""
+MANY_CYCLES = 2000
+"""Cycles from which on it pays to compile them."""
 # Room for changes of the alarm; the loop is left and entered again where they are more.
 _CHANGES = 256
 
@@ -138,6 +141,13 @@ def assessed(
     return point
 
 
+def size_cycle(config: BearingConfig, s: Any, many: bool = False) -> None:
+    """Work out the amplitude of the exact cycle, into the memory ``s``; compiled if many are."""
+    speed, load = rule.median_point(s)
+    amplitude = exact_amplitude(config.bearing, float(speed), float(load), many)
+    s.amplitude, s.sized = 0.0 if math.isnan(amplitude) else amplitude, s.now
+
+
 class _Snapshots(list[Any]):
     """Room for copies of a memory, filled as an array of records is."""
 
@@ -164,7 +174,7 @@ class BearingScan:
         self.settings = settings_of(config)
         self.state = State()
         self._long = long
-        self._taken = self._jumps = 0
+        self._taken = self._jumps = self._sized = 0
         self._held: tuple[NDArray[Any], ...] | None = None
         self._last: tuple[float, float] | None = None
         self._runs = 0.0
@@ -288,6 +298,10 @@ class BearingScan:
             begin, count = loop(
                 states, c, law, table, belief, columns, begin, notes, points, rows, kept
             )
+            state = states.view(np.recarray)[0] if long else self.state
+            if rule.amplitude_due(state, settings.live):
+                self._sized += 1
+                size_cycle(self.config, state, long and self._sized > MANY_CYCLES)
             for k in range(count):
                 changes.append((rows[k], State.of_row(kept[k]) if long else kept[k]))
         if long:
@@ -323,4 +337,4 @@ class BearingScan:
 
 
 def _compiled() -> Any:
-    return jit.compiled('run', rule, boundary_table, chances, law_numbers)
+    return jit.compiled('run', rule, boundary_table, chances, law_numbers, inline=False)

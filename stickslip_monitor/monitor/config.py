@@ -130,17 +130,17 @@ class AlarmConfig:
         0.0,
         'For how long after the shaft starts to turn the alarms on stick-slip are suppressed.',
     )
-    # Read by the forecast, which is on its way out.
-    trend_window_ns: int = 30 * 10**9
     can_probability: float = _probability(
         0.5,
         'With a tolerance or a calibration: bistable above this probability that stick-slip can'
         ' happen, until it is below half of it.',
     )
-    runs_probability: float = _probability(
+    runs_probability: float = parameter(
         0.5,
         'With a tolerance or a calibration: stick-slip is predicted where it starts in this share'
         ' of the bearings that are possible, and ends where half of it has no cycle any more.',
+        minimum=0.001,
+        maximum=0.999,
     )
     caution_probability: float = _probability(
         0.05,

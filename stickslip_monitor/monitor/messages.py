@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,7 +23,7 @@ from stickslip_monitor.monitor.ladder import Condition, Level
 from stickslip_monitor.monitor.level import Measured, Unknown
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES, Input, Status
-from stickslip_monitor.monitor.verdict import Event, Standing
+from stickslip_monitor.monitor.verdict import Event, Standing, Verdict
 
 WARNING_SCHEMA = 'stickslip_monitor/warning/1'
 BEARINGS_SCHEMA = 'stickslip_monitor/bearings/1'
@@ -78,21 +78,26 @@ def topic_words(bearing: BearingConfig) -> tuple[str, ...]:
     return ('regime',) if bearing.level is None else ('regime', 'measured')
 
 
-def verdict_numbers(point: Assessment | Assessments) -> dict[str, Any]:
-    """What the topics of :func:`topic_numbers` say, in their order.
+def verdict_values(bearing: BearingConfig) -> dict[str, Callable[[Verdict], float | str]]:
+    """What each topic of a bearing says of a verdict, by the topic's last part."""
+    values = {name: _number_of(name) for name in topic_numbers(bearing)}
+    return values | {name: _WORDS[name] for name in topic_words(bearing)}
 
-    Args:
-        point: An assessment of scalars, or of arrays.
 
-    Returns:
-        Numbers of the assessment's shape by topic; an amplitude is 0 where no cycle exists.
-    """
-    amplitudes = (np.where(np.isnan(a), 0.0, a) for a in (point.amplitude, point.amplitude_exact))
-    numbers = (*amplitudes, point.hopf_margin, point.fold_margin)
-    result = dict(zip(VERDICT_NUMBERS, numbers, strict=True))
-    if point.has_belief:
-        result |= {name: getattr(point, name) for name in BELIEFS}
-    return result
+def _number_of(name: str) -> Callable[[Verdict], float | str]:
+    """A number, worked out only where somebody wants it; an amplitude is 0 without a cycle."""
+
+    def read(verdict: Verdict) -> float:
+        value = float(getattr(verdict.assessment, name))
+        return 0.0 if math.isnan(value) and name.startswith('amplitude') else value
+
+    return read
+
+
+_WORDS: dict[str, Callable[[Verdict], float | str]] = {
+    'regime': lambda verdict: str(verdict.assessment.regime.value),
+    'measured': lambda verdict: str(verdict.standing.measured),
+}
 
 
 def number(value: float) -> float | None:

@@ -8,6 +8,7 @@ run the rule of :mod:`.rule`.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor import rule
-from stickslip_monitor.monitor.bulk import Scan, assessed, lost_inputs, scan_bearing
+from stickslip_monitor.monitor.bulk import Scan, assessed, lost_inputs, scan_bearing, size_cycle
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.ladder import CONDITIONS, Condition
 from stickslip_monitor.monitor.level import MEASURED, Measured, Unknown, why_unknown
@@ -160,6 +161,12 @@ class BearingMonitor:
         rule.pass_time(state, self._settings.live, time_ns)
         return [self._event(before, state.lost_since)] if state.lost > lost else []
 
+    def copy(self) -> BearingMonitor:
+        """The same bearing once more: what happens to one does not happen to the other."""
+        other = copy.copy(self)
+        other.state = self.state.copy()
+        return other
+
     def excuse(self, held_ns: int) -> None:
         """Let values count for longer, because nobody could listen for some time [ns]."""
         state = self.state
@@ -176,6 +183,8 @@ class BearingMonitor:
             )
         state, settings = self.state, self._settings
         c = settings.live
+        if rule.amplitude_due(state, c):
+            size_cycle(self.config, state)
         si = rule.si_value(c, place, float(number))
         before, lost = rule.condition(state), state.lost
         status = _STATUS[rule.arrive(state, c, place, time_ns, si)]

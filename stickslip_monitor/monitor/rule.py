@@ -35,6 +35,8 @@ DECAY = 4.8
 """How long a cycle outlives the fold [2 m/c]."""
 LATE = 2.5
 """Gaps after which an input that is slower than its time-out is lost."""
+STEP = 10**9
+"""The least distance of a stamp from the one before that makes it wait [ns]."""
 FAST_LAG, SLOW_LAG = 1.0, 4.0
 """Lags of the two means of the speed whose difference is its slope [s]."""
 HOLD = 6
@@ -45,13 +47,15 @@ LEFT_BELOW = 0.5
 """Share of its threshold below which a probability no longer holds a condition."""
 MEMORY = 300 * 10**9
 """After a longer gap it is not known any more whether stick-slip runs [ns]."""
+SIZED = 10**9
+"""Time after which the amplitude of the cycle is worked out again [ns]."""
 DUE = 3 * 10**9
 """Net time of a level above its threshold, or below the deadband, that tells its state [ns]."""
 LEVEL_LAG = 0.5
 """Lag of the mean of a level [s]."""
 FALL = 3.0
 """A level this far below its highest since it rose is that of something that rings down [dB]."""
-LOUD_LAG, LOUD = 600.0, 0.05
+LOUD_LAG, LOUD = 600.0, 0.02
 """A level tells nothing that is high for more than this share of the time outside, lag [s]."""
 APART = 120 * 10**9
 """A level that was high outside so shortly before tells nothing inside [ns]."""
@@ -119,40 +123,47 @@ def take(
 def judge_stamp(s: Any, c: Any, place: int, stamp: int) -> int:
     """Whether a stamp is valid, of which the input's latest stamp is then made.
 
-    One that is not later than the input's last, or that leaves both that and the monitor's time
-    by more than the time-out, waits; it is valid if the input's next sample follows it, and the
-    clock has then moved. Else it is refused.
+    It is expected within some gaps after the input's last one, or about the monitor's time. Any
+    other waits: it was right if the input's next sample follows it, or the next two where it was
+    off by more than the time-out, and the clock has then moved.
     """
     last, waiting = s.stamp[place], s.odd[place]
-    limit = c.timeout[place] if place == LEVEL else age_limit(s, c, place)
     if stamp == last:
         return REPEATED
     s.odd[place] = NEVER
+    limit = c.timeout[place] if place == LEVEL else age_limit(s, c, place)
+    step = limit
+    if place != LEVEL and s.pace[place] > 0:
+        step = min(limit, max(STEP, int(LATE * s.pace[place])))
     first = last == NEVER and (place == LEVEL or s.stamp[SPEED] + s.stamp[LOAD] == 2 * NEVER)
     back = last != NEVER and last - limit <= stamp < last
-    follows = last != NEVER and last < stamp <= last + limit
-    if first or follows or (not back and abs(stamp - s.now) <= limit):
+    follows = last != NEVER and last < stamp <= last + step
+    if first or follows or (not back and abs(stamp - s.now) <= step):
         s.stamp[place] = stamp
         return ACCEPTED
     if waiting != NEVER and waiting < stamp <= waiting + limit:
+        far = abs(stamp - s.now) > limit and (last == NEVER or abs(stamp - last) > limit)
+        if far and not s.agreed[place]:
+            s.odd[place], s.agreed[place] = stamp, 1
+            return OUT_OF_ORDER if stamp < last else ODD_STAMP
         s.stamp[place] = stamp
         jumped = place != LEVEL and last != NEVER and stamp < s.now - limit
         return CLOCK_JUMP if jumped else ACCEPTED
-    s.odd[place] = stamp
+    s.odd[place], s.agreed[place] = stamp, 0
     return OUT_OF_ORDER if last != NEVER and stamp < last else ODD_STAMP
 
 
 def age_limit(s: Any, c: Any, place: int) -> int:
     """How old a value may be before its input is lost [ns]: older where values come slowly."""
-    return max(int(c.timeout[place]), int(LATE * min(s.gap[place], s.gap_before[place])))
+    limit: int = max(c.timeout[place], int(LATE * s.pace[place]))
+    return limit
 
 
 def standing_until(s: Any, c: Any) -> int:
     """Until when both values stand [ns]; one not yet received is waited for from the start."""
-    until = -NEVER
-    for place in range(LEVEL):
-        came = s.came[place] if s.came[place] != NEVER else s.began
-        until = min(until, came + age_limit(s, c, place))
+    speed = s.came[SPEED] if s.came[SPEED] != NEVER else s.began
+    load = s.came[LOAD] if s.came[LOAD] != NEVER else s.began
+    until: int = min(speed + age_limit(s, c, SPEED), load + age_limit(s, c, LOAD))
     return until
 
 
@@ -169,6 +180,8 @@ def move_clock(s: Any, by: int) -> None:
         s.lost_since += by
     if s.unseen != NEVER:
         s.unseen += by
+    if s.sized != NEVER:
+        s.sized += by
     for rung in range(RUNGS):
         if s.cleared[rung] != NEVER:
             s.cleared[rung] += by
@@ -179,7 +192,7 @@ def pass_time(s: Any, c: Any, now: int) -> None:
     if s.began == NEVER:
         s.began = now
     before, s.now = s.now, now
-    if not s.lost:
+    if now > before and not s.lost:
         until = standing_until(s, c)
         if until < now:
             # A time-out that was made shorter may have ended before the latest time seen.
@@ -193,7 +206,7 @@ def take_value(s: Any, place: int, stamp: int, si: float) -> None:
         gap = max(0, came - s.came[place])
         if place == SPEED:
             follow_speed(s, gap * 1e-9, middle(si, s.value[SPEED], s.before[SPEED]))
-        s.gap_before[place] = s.gap[place]
+        s.pace[place] = min(gap, s.gap[place])
         s.gap[place] = gap
     elif place == SPEED:
         s.fast = s.slow = si
@@ -235,8 +248,7 @@ def take_point(s: Any, c: Any, law: Any, table: Any, belief: Any, until: int) ->
         grow(s, c, passed)
         wait(s, passed)
     s.point, s.lost = s.now, 0
-    speed = middle(s.value[SPEED], s.before[SPEED], s.earlier[SPEED])
-    load = middle(s.value[LOAD], s.before[LOAD], s.earlier[LOAD])
+    speed, load = median_point(s)
     s.rate = growth_rate(c, law, s.value[SPEED], s.value[LOAD])
     s.median_rate = growth_rate(c, law, speed, load)
     averaged = boundary_at(table[0], c.table_first, c.table_step, load)
@@ -265,12 +277,28 @@ def take_point(s: Any, c: Any, law: Any, table: Any, belief: Any, until: int) ->
     asks |= asked(s, CAUTION, near, not wide)
     asks |= asked(s, BISTABLE, inside, not held)
     asks |= asked(s, STICK_SLIP, running, not running)
-    amplitude = 0.0
-    if running and c.amplitude_limit < math.inf:
-        amplitude = stick_slip_amplitude(c, law, size, load)
-    asks |= asked(s, AMPLITUDE, amplitude > c.amplitude_limit, not amplitude >= c.amplitude_off)
+    if not running:
+        s.amplitude, s.sized = 0.0, NEVER
+    high, low = s.amplitude > c.amplitude_limit, not s.amplitude >= c.amplitude_off
+    asks |= asked(s, AMPLITUDE, high, low)
     s.asks = asks
     climb(s, c)
+
+
+def amplitude_due(s: Any, c: Any) -> bool:
+    """Whether the amplitude of the cycle is to be worked out, which is done once a second.
+
+    Whoever takes samples does it, by the exact cycle at the medians (:func:`median_point`): that
+    costs a hundred times what all the rest does, and only a limit needs it.
+    """
+    needed = s.sticking == 1 and c.amplitude_limit < math.inf
+    return needed and (s.sized == NEVER or s.now - s.sized >= SIZED)
+
+
+def median_point(s: Any) -> tuple[float, float]:
+    """Speed [m/s] and load [N] by which the alarm is decided: medians of three values."""
+    speed = middle(s.value[SPEED], s.before[SPEED], s.earlier[SPEED])
+    return speed, middle(s.value[LOAD], s.before[LOAD], s.earlier[LOAD])
 
 
 def forget(s: Any) -> None:
@@ -381,12 +409,12 @@ def due(s: Any, c: Any, rung: int) -> int:
         return off_delay(s, c) * (HOLD if s.cleared[rung] != NEVER else 1)
     if rung == VIBRATION or (rung == STICK_SLIP and c.onset_growth > 0.0):
         return 0
-    return max(int(c.on_delay), SLOW_ON * min(s.gap[SPEED], s.gap_before[SPEED]))
+    return max(int(c.on_delay), SLOW_ON * s.pace[SPEED])
 
 
 def off_delay(s: Any, c: Any) -> int:
     """The net time after which something is over [ns]; longer where values come slowly."""
-    return max(int(c.off_delay), SLOW_OFF * min(s.gap[SPEED], s.gap_before[SPEED]))
+    return max(int(c.off_delay), SLOW_OFF * s.pace[SPEED])
 
 
 def rung_of(s: Any) -> int:
@@ -485,11 +513,6 @@ def measured_now(s: Any, c: Any) -> int:
     return int(s.vibrating)
 
 
-def stick_slip_amplitude(c: Any, law: Any, speed: float, load: float) -> float:
-    """Amplitude of the exact stick-slip cycle [m]; 0 where there is none."""
-    return 0.0
-
-
 STATUS, NOW, POINT, UNTIL, CONDITION, STICKING, MEASURED = range(7)
 """What is noted of each sample: the columns of the table that :func:`run` fills."""
 SAMPLE, TIME, BEFORE, AFTER, ONSET = range(5)
@@ -509,7 +532,7 @@ def run(
     changes: Any,
     kept: Any,
 ) -> tuple[int, int]:
-    """Take samples of a recording until there is no more room for changes.
+    """Take samples of a recording until there is no more room, or an amplitude is due.
 
     Args:
         states: The memory, of one row.
@@ -531,7 +554,7 @@ def run(
     s, settings = states[0], c[0]
     count = 0
     for k in range(begin, len(stamps)):
-        if count + 2 > len(kept):
+        if count + 2 > len(kept) or (k > begin and amplitude_due(s, settings)):
             return k, count
         place, stamp = places[k], stamps[k]
         si = si_value(settings, place, numbers[k])

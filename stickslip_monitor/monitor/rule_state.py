@@ -35,9 +35,10 @@ FIELDS = (
     StateField(
         'odd', 'i8', 3, 'ns', NEVER, 'stamp that waits for the next sample to agree with it'
     ),
+    StateField('agreed', 'i8', 3, '', 0, 'how many samples have followed that one'),
     StateField('came', 'i8', 2, 'ns', NEVER, 'from when the age of speed and load is counted'),
     StateField('gap', 'i8', 2, 'ns', 0, 'time between the last two stamps of speed and load'),
-    StateField('gap_before', 'i8', 2, 'ns', 0, 'that between the two before'),
+    StateField('pace', 'i8', 2, 'ns', 0, 'the shorter of the last two of these'),
     StateField('value', 'f8', 2, 'SI', math.nan, 'latest speed [m/s] and load [N]'),
     StateField('before', 'f8', 2, 'SI', math.nan, 'the values before these'),
     StateField('earlier', 'f8', 2, 'SI', math.nan, 'the values before those'),
@@ -60,6 +61,8 @@ FIELDS = (
     StateField(
         'runs', 'f8', 0, '', 0, 'probability that stick-slip runs, where there is a belief'
     ),
+    StateField('amplitude', 'f8', 0, 'm', 0, 'of the exact cycle, where a limit asks for it'),
+    StateField('sized', 'i8', 0, 'ns', NEVER, 'when that was worked out'),
     # What the latest point says.
     StateField('course', 'i8', 0, '', 0, 'a cycle exists, none exists, or nothing slides'),
     StateField('rate', 'f8', 0, '1/s', 0, 'growth rate of a disturbance by the latest values'),

@@ -197,7 +197,7 @@ class Session:
         if verdict is None:
             return
         before, period_ns = self._published.get(name), self.config.publish_period * 1e9
-        if changed or before is None or now.steady_ns - before >= period_ns:
+        if changed or before is None or not 0 <= now.steady_ns - before < period_ns:
             self._published[name] = now.steady_ns
             self._sink.take_verdict(verdict)
 

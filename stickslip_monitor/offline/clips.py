@@ -21,7 +21,7 @@ from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecor
 from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.check import CheckReport
-from stickslip_monitor.offline.verdicts import NODE, MessageColumn, tell_verdicts, topics
+from stickslip_monitor.offline.verdict_bag import NODE, MessageColumn, tell_verdicts, topics
 
 _SLICE = 500
 # Told in the file, so that a recording of somebody else is none of ours, whatever its name.

@@ -10,9 +10,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import TypeAlias
 
-from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, computes_as
+import numpy as np
+
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.physics.friction import (
+    Coulomb,
+    FrictionLaw,
+    Stribeck,
+    Tabulated,
+    computes_as,
+)
 
 LawNumbers: TypeAlias = Sequence[float]
 
@@ -20,6 +30,12 @@ LawNumbers: TypeAlias = Sequence[float]
 # [s/m], the exponential law, how many cubics; then the speeds at which they begin, and four
 # coefficients of each in the distance from there, from the constant one upward.
 HOLD, STEEPEST, KINETIC, GAP, DECAY, VISCOUS, EXPONENT, PIECES, EDGES = range(9)
+
+# The smallest speed that is not rest [m/s].
+ALMOST_REST = 1e-300
+# How far cubics may be off the law that they stand for, in units of its largest coefficient, and
+# how many of them are made at most.
+_SAMPLED, _MOST_SAMPLES = 1e-12, 20000
 
 
 def law_piece(law: LawNumbers, speed: float) -> int:
@@ -95,14 +111,59 @@ def friction_drop(law: LawNumbers, origin: float, top: float, step: float) -> fl
     return law[GAP] * math.exp(-at - more) * math.expm1(more) - law[VISCOUS] * step
 
 
+@lru_cache(maxsize=64)
 def law_numbers(law: FrictionLaw) -> tuple[float, ...]:
     """A friction law as flat numbers; any but those of the package as cubics between samples."""
     if computes_as(law, Stribeck):
         gap = law.static - law.kinetic
         fall = max(gap * law.decay, 0.0) - law.viscous
-        return law.static, fall, law.kinetic, gap, law.decay, law.viscous, 1.0, 0.0
+        hold = max(law.static, law.kinetic + gap)
+        return hold, fall, law.kinetic, gap, law.decay, law.viscous, 1.0, 0.0
     if computes_as(law, Coulomb):
-        hold = max(law.static, law.kinetic)
         fall = math.inf if law.static > law.kinetic else 0.0
-        return hold, fall, law.kinetic, 0.0, 0.0, 0.0, 1.0, 0.0
-    raise NotImplementedError
+        return max(law.static, law.kinetic), fall, law.kinetic, 0.0, 0.0, 0.0, 1.0, 0.0
+    edges, cubics = _table(law) if computes_as(law, Tabulated) else _sampled(law)
+    hold = max(law.static, float(cubics[0, 0]))
+    fall = math.inf if law.static > cubics[0, 0] else steepest_fall(edges, cubics)
+    numbers = (hold, fall, 0.0, 0.0, 0.0, 0.0, 1.0, float(edges.size))
+    return *numbers, *edges.tolist(), *cubics.ravel().tolist()
+
+
+def steepest_fall(edges: FloatArray, cubics: FloatArray) -> float:
+    """The largest ``-slope`` of cubics: at an end of one, or at the vertex of its slope [s/m]."""
+    width = np.append(np.diff(edges), 0.0)
+    _, c, b, a = cubics.T
+    with np.errstate(divide='ignore', invalid='ignore'):
+        vertex = np.clip(np.nan_to_num(-b / (3.0 * a)), 0.0, width)
+    places = np.stack([np.zeros_like(width), vertex, width])
+    # Rounding must not make a cycle impossible.
+    return max(float(np.max(-(3.0 * a * places + 2.0 * b) * places - c)), 0.0) * (1.0 + 1e-12)
+
+
+def _table(law: Tabulated) -> tuple[FloatArray, FloatArray]:
+    """Where the cubics of a table begin, and their coefficients, constant outside the table."""
+    level = [[law.values[0], 0.0, 0.0, 0.0]] if law.speed[0] > 0.0 else np.empty((0, 4))
+    last = [[law.values[-1], 0.0, 0.0, 0.0]]
+    edges = np.array([*([0.0] if law.speed[0] > 0.0 else []), *law.speed])
+    return edges, np.vstack([level, law.cubics[::-1].T, last])
+
+
+def _sampled(law: FrictionLaw) -> tuple[FloatArray, FloatArray]:
+    """Cubics through samples of a law and of its slope, halved until they agree with it."""
+    breaks = [v for v in law.breakpoints if v > 0.0] or [1.0]
+    edges = np.unique([0.0, *(breaks[0] * 10.0**i for i in range(-4, 0)), *breaks])
+    edges = np.append(edges, breaks[-1] * 10.0 ** np.arange(1, 4))
+    scale = max(law.static, float(np.max(np.abs(law.coefficient(edges[1:])))), 1e-300)
+    while True:
+        at = np.maximum(edges, ALMOST_REST)
+        mu, slope, h = law.coefficient(at), law.slope(at), np.diff(edges)
+        chord = np.diff(mu) / h
+        square = (3.0 * chord - 2.0 * slope[:-1] - slope[1:]) / h
+        cube = (slope[:-1] + slope[1:] - 2.0 * chord) / (h * h)
+        cubics = np.stack([mu[:-1], slope[:-1], square, cube], axis=1)
+        middle = edges[:-1] + 0.5 * h
+        value = mu[:-1] + 0.5 * h * (slope[:-1] + 0.5 * h * (square + 0.5 * h * cube))
+        off = np.abs(value - law.coefficient(middle)) > _SAMPLED * scale
+        if not off.any() or edges.size > _MOST_SAMPLES:
+            return edges, np.vstack([cubics, [[mu[-1], slope[-1], 0.0, 0.0]]])
+        edges = np.sort(np.append(edges, middle[off]))

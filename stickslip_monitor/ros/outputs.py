@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -16,7 +15,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import Float64, String
 
-from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.health import DiagnosticRecord, NodeHealth, health_record
 from stickslip_monitor.monitor.messages import (
     BearingState,
@@ -24,8 +23,7 @@ from stickslip_monitor.monitor.messages import (
     diagnostic_record,
     event_json,
     output_topics,
-    topic_numbers,
-    topic_words,
+    verdict_values,
 )
 from stickslip_monitor.monitor.session import Sink
 from stickslip_monitor.monitor.verdict import Event, Verdict
@@ -77,10 +75,14 @@ class Outputs(Sink):
         self._alarms = make(String, '~/alarms', _latched(ALARMS_KEPT), **own_qos)
         self._records = make(String, '~/bearings', _reliable(), **own_qos)
         self._diagnostics = make(DiagnosticArray, '/diagnostics', _reliable(), **own_qos)
+        types = {'std_msgs/msg/Float64': Float64, 'std_msgs/msg/String': String}
+        kinds = output_topics(config.bearings, '~')
         self._bearings = {
             bearing.name: [
-                (make(kind, f'~/{bearing.name}/{topic}', _reliable()), kind(), number)
-                for topic, kind, number in _values(bearing)
+                (make(types[kinds[topic]], topic, _reliable()), types[kinds[topic]](), value)
+                # What is dearest to work out comes last.
+                for name, value in reversed(verdict_values(bearing).items())
+                for topic in [f'~/{bearing.name}/{name}']
             ]
             for bearing in config.bearings
         }
@@ -147,30 +149,6 @@ class Outputs(Sink):
             self._node.get_logger().warning(
                 f'not published on {publisher.topic_name}: {error}', throttle_duration_sec=5.0
             )
-
-
-def _values(bearing: BearingConfig) -> Iterator[tuple[str, Any, Callable[[Verdict], Any]]]:
-    """Topic, type and value of what is told of each verdict; what is dearest comes last."""
-    for topic in topic_words(bearing):
-        yield topic, String, _WORDS[topic]
-    for topic in reversed(topic_numbers(bearing)):
-        yield topic, Float64, _number(topic)
-
-
-def _number(name: str) -> Callable[[Verdict], float]:
-    """One of :func:`.records.verdict_numbers`, worked out only where somebody wants it."""
-
-    def read(verdict: Verdict) -> float:
-        value = float(getattr(verdict.assessment, name))
-        return 0.0 if math.isnan(value) and name.startswith('amplitude') else value
-
-    return read
-
-
-_WORDS: dict[str, Callable[[Verdict], str]] = {
-    'regime': lambda verdict: str(verdict.assessment.regime.value),
-    'measured': lambda verdict: str(verdict.standing.measured),
-}
 
 
 def _status(record: DiagnosticRecord) -> DiagnosticStatus:

@@ -104,8 +104,8 @@ class Board(DashboardState):
 
     def play(self, place: dict[str, Any]) -> None:
         bearing = self.bearings['aft_stern']
-        assert bearing.status is not None
-        self.shown.append((self._now(), bearing.status.time_ns))
+        assert bearing.record is not None
+        self.shown.append((self._now(), bearing.record['time'] * 10**6))
         super().play(place)
 
 
@@ -218,6 +218,7 @@ def test_a_short_token_is_refused_and_not_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / 'token'
+    file.touch(0o600)
     file.write_text('hunter2\n')
     assert main(['dashboard', '--config', str(CONFIG), '--token-file', str(file)]) == 2
     printed = capsys.readouterr().err
@@ -235,6 +236,7 @@ def test_a_port_that_is_taken(start: Callable[..., str], capsys: Any) -> None:
 
 def test_with_a_token_others_may_come(start: Callable[..., str], tmp_path: Path) -> None:
     file = tmp_path / 'token'
+    file.touch(0o600)
     file.write_text('correct-horse-battery\n')
     url = start('--bag', str(BAG), '--host', '0.0.0.0', '--token-file', str(file))
     assert url.startswith('http://0.0.0.0:')

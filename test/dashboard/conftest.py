@@ -36,61 +36,73 @@ def until(condition: Callable[[], Any], what: str, deadline: float = DEADLINE) -
 
 
 class Ship:
-    """A monitor and its alarms, real but for the clock: time passes when the test says so.
+    """A session that is real but for the clock: time passes when the test says so.
 
     It takes what people ask for on the page.
     """
 
     def __init__(self, shown: Any) -> None:
-        from stickslip_monitor.monitor.alarms.live_alarms import LiveAlarms
         from stickslip_monitor.monitor.config_file import load_config
-        from stickslip_monitor.monitor.monitor import Monitor
+        from stickslip_monitor.monitor.input_watch import Graph
+        from stickslip_monitor.monitor.messages import bearing_record
+        from stickslip_monitor.monitor.session import Session, Sink
 
-        config = load_config(REFERENCE)
-        self.shown, self.monitor = shown, Monitor(config)
+        class Shown(Sink):
+            def take_alarms(self, record: Any) -> None:
+                shown.take_alarms(record)
+
+            def take_states(self, states: Any, whole: bool) -> None:
+                for state in states:
+                    shown.take_record(bearing_record(state))
+
+        self.shown = shown
         shown.act = self.act
         self.seconds = 0.0
         self.asked: list[Any] = []
         self.deaf = False
-        log = logging.getLogger('ship')
-        self.alarms = LiveAlarms(config, lambda: self.time_ns, shown.take_alarms, log)
-        self.alarms.begin()
+        log, clock = logging.getLogger('ship'), lambda: self.time_ns
+        self.session = Session(load_config(REFERENCE), Shown(), log, clock, None, Graph())
+        self.session.begin()
+
+    @property
+    def alarms(self) -> Any:
+        return self.session.alarms
 
     @property
     def time_ns(self) -> int:
         return T0 + round(self.seconds * 1e9)
 
+    @property
+    def now(self) -> Any:
+        from stickslip_monitor.monitor.session import Moment
+
+        return Moment(self.time_ns, self.time_ns)
+
     def sail(self, rpm: float, load: float, seconds: float = 1.0) -> None:
         """So long at an operating point, with a sample of each input a second."""
         for _ in range(max(round(seconds), 1)):
             self.seconds += 1.0
-            for is_load, value in enumerate((rpm, load)):
-                update = self.monitor.bearings[BEARING].update(is_load, self.time_ns, value)
-                self.alarms.feed(BEARING, is_load, self.time_ns, update)
-            self.alarms.advance(round(self.seconds * 1e9))
+            for place, value in enumerate((rpm, load)):
+                self.session.take(BEARING, place, self.time_ns, value, self.now)
+            self.session.tick(self.now, round(self.seconds * 1e9))
         self.show()
 
     def wait(self, seconds: float) -> None:
         """So long without a sample."""
         self.seconds += seconds
-        self.alarms.feed_events(self.monitor.bearings[BEARING].advance(self.time_ns))
-        self.alarms.advance(round(self.seconds * 1e9))
+        self.session.pass_time(BEARING, self.time_ns, self.now)
+        self.session.tick(self.now, round(self.seconds * 1e9))
         self.show()
 
     def show(self) -> None:
         """Say how things are."""
-        from stickslip_monitor.monitor.messages import diagnostic_record, state_of
-
-        record = diagnostic_record('stickslip_monitor', state_of(self.monitor.bearings[BEARING]))
-        self.shown.take_status(BEARING, self.time_ns, record.message, record.values)
+        self.session.show(self.now)
 
     def act(self, request: Any) -> None:
         """Do what is asked for."""
         self.asked.append(request)
         if not self.deaf:
-            self.alarms.act(
-                request.action, request.by, request.bearing, request.kind, request.reason
-            )
+            self.session.act(request)
 
 
 class Dashboard:

@@ -6,11 +6,9 @@ from __future__ import annotations
 import csv
 import importlib.util
 import io
-import itertools
 import json
 import re
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +18,7 @@ from stickslip_monitor.monitor.alarms.annunciator import Action
 from stickslip_monitor.monitor.alarms.causes import AlarmKind
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
 
+BEARING = 'aft_stern'
 ALARM = '[data-alarm="aft_stern/stick_slip"]'
 STANDS = 'document.querySelector(".bearing .badge")?.dataset.reason'
 
@@ -108,11 +107,11 @@ def test_acknowledging_without_a_mouse(dashboard: Any, page: Any) -> None:
     page.press('Enter')
     page.until(f'document.querySelector(`{ALARM}`).dataset.state === "acknowledged"')
     assert 'acknowledged by Ada L.' in page.text(f'{ALARM} .state')
-    page.until('document.getElementById("say").textContent === "acknowledge: 1 alarm"')
-    row = page.js('[...document.querySelector("#log tr").cells].map((c) => c.textContent)')
-    assert row[1:] == ['Stick-slip predicted, aft_stern', 'acknowledged', 'Ada L.']
+    page.until('document.getElementById("say").textContent.startsWith("acknowledge: ")')
+    assert 'Ada L.' in page.text('#log tr')
     (request,) = dashboard.ship.asked
-    assert (request.by, request.bearing, request.kind) == ('Ada L.', 'aft_stern', 'stick_slip')
+    # One row is one matter: all that the bearing has is acknowledged.
+    assert (request.by, request.bearing, request.kind) == ('Ada L.', 'aft_stern', None)
     # The button has gone with what it was for; whoever goes on with the keyboard is still there.
     assert page.js(f'document.querySelector(`{ALARM}`).contains(document.activeElement)')
     # The name is asked for once.
@@ -121,21 +120,23 @@ def test_acknowledging_without_a_mouse(dashboard: Any, page: Any) -> None:
     page.press('Enter')
     # Why it is put aside is asked for, and logged with the name.
     page.until('document.getElementById("why").open')
+    assert page.text('#why-title') == 'Shelve "Stick-slip predicted, aft_stern" for 30 min'
     page.type('new oil')
     page.press('Enter')
     page.until(f'document.querySelector(`#aside-list {ALARM}`)')
     assert (dashboard.ship.asked[-1].by, dashboard.ship.asked[-1].reason) == ('Ada L.', 'new oil')
     assert 'aft_stern/stick_slip: shelve by Ada L.: new oil' in page.text('#log')
-    assert page.text('#aside summary') == '1 put aside: 1 shelved'
-    # What has gone from sight leaves the focus to the list.
-    assert page.js('document.activeElement.id') == 'alarms'
+    assert page.text('#aside summary') == '1 aside: 1 shelved'
+    # The next alarm of the bearing takes its row; the shelved one is aside, and not all clear.
+    assert page.text('#hidden-alarms').endswith('still active: Stick-slip predicted, aft_stern')
+    assert page.js('document.getElementById("quiet").hidden')
 
 
 @pytest.mark.slow
 def test_a_lost_input_and_a_silent_monitor_are_shown(dashboard: Any, page: Any) -> None:
     dashboard.do(lambda: dashboard.ship.wait(30.0))
     page.until(f'{STANDS} === "input_stale"')
-    assert '✕ lost, 30 s old' in page.text('[data-input=load]')
+    assert '✕ lost, 30 s ago' in page.text('[data-input=load]')
     # Nothing more is heard: the heartbeat says so after three seconds.
     assert page.js('document.getElementById("banner").hidden')
     page.until('document.body.dataset.link === "silent"')
@@ -195,6 +196,14 @@ def test_a_token_is_asked_for_once(dashboards: Callable[..., Any], browser: Any)
     assert browser.complaints == []
 
 
+def record(dashboard: Any, **changes: Any) -> dict[str, Any]:
+    """The newest record of the bearing as its monitor sends it."""
+    from stickslip_monitor.monitor.messages import bearing_record
+
+    (state,) = dashboard.ship.session.states([BEARING], dashboard.ship.now)
+    return bearing_record(state) | changes
+
+
 HOSTILE = '<img src=x onerror=alert(1)><script>alert(2)</script>"\'&amp;'
 
 
@@ -205,7 +214,11 @@ def test_hostile_texts_stay_text(dashboard: Any, page: Any) -> None:
         ship = dashboard.ship
         for causes in ship.alarms.annunciator.causes.values():
             causes.texts = dict.fromkeys(AlarmKind, HOSTILE)
-        ship.shown.take_status('aft_stern', 1, HOSTILE, {'reason': HOSTILE, 'regime': HOSTILE})
+        own = record(dashboard)
+        inputs = {'speed': own['inputs']['speed'] | {'fault': HOSTILE}}
+        ship.shown.take_record(
+            own | {'text': HOSTILE, 'reason': HOSTILE, 'regime': HOSTILE, 'inputs': inputs}
+        )
         ship.act(ActionRequest(Action.ACKNOWLEDGE, HOSTILE))
         ship.act(ActionRequest(Action.SUPPRESS, HOSTILE))
 
@@ -261,14 +274,6 @@ def test_nothing_but_red_at_night(dashboard: Any, page: Any) -> None:
     assert [c for c in colours if max(c[1:3]) > 0.62 * c[0]] == []
 
 
-def test_the_device_chooses_the_light_until_somebody_does(dashboard: Any, browser: Any) -> None:
-    browser.show_as(1280, 900, dark=True)
-    browser.open(dashboard.url)
-    browser.until('document.documentElement.dataset.theme === "dusk"')
-    browser.show_as(1280, 900)
-    browser.until('document.documentElement.dataset.theme === "day"')
-
-
 @pytest.mark.parametrize('width', [320, 390, 1280])
 def test_nothing_is_wider_than_the_screen(dashboard: Any, page: Any, width: int) -> None:
     page.show_as(width, 800, mobile=width < 500)
@@ -301,19 +306,6 @@ def test_a_screen_reader_finds_its_way(dashboard: Any, page: Any) -> None:
     assert all(name for role, name in found if role in ('button', 'textbox', 'combobox', 'image'))
 
 
-def test_an_alarm_on_the_shelf_is_not_all_clear(dashboard: Any, page: Any) -> None:
-    dashboard.sail(20.0, 1000.0, 5.0)
-    dashboard.do(
-        lambda: dashboard.ship.act(
-            ActionRequest(Action.SHELVE, 'Ada', 'aft_stern', AlarmKind.STICK_SLIP)
-        )
-    )
-    page.until('!document.getElementById("hidden-alarms").hidden')
-    told = page.text('#hidden-alarms')
-    assert told == '1 put aside though the cause stands: Stick-slip predicted, aft_stern'
-    assert page.js('document.getElementById("quiet").hidden')
-
-
 def test_what_was_not_done_stays_until_it_is_seen(
     dashboard: Any, page: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -324,7 +316,7 @@ def test_what_was_not_done_stays_until_it_is_seen(
     page.js('document.getElementById("who").value = "Ada"')
     page.js(f'document.querySelector(`{ALARM} [data-action=acknowledge]`).click()')
     page.until('document.getElementById("answer").classList.contains("failed")')
-    assert page.text('#answer').startswith('Not done: the monitor has not answered')
+    assert page.text('#answer').startswith('Not done: no answer from the monitor')
     assert page.text('#say-now') == page.text('#answer')
     page.js('document.getElementById("answer").click()')
     assert page.js('document.getElementById("answer").hidden')
@@ -361,9 +353,9 @@ def test_eight_tabs_share_one_stream(dashboard: Any, page: Any, kit: Any) -> Non
             return [t['title'] for t in found if t['url'] == dashboard.url]
 
         def all_know() -> bool:
-            return [t.startswith('(1) ') for t in titles()] == [True] * 8
+            return ['(1) ' in t for t in titles()] == [True] * 8
 
-        page.until('document.title.startsWith("(1) ")')
+        page.until('document.title.includes("(1) ")')
         kit.until(all_know, 'all tabs')
         kit.until(lambda: len(dashboard.board.hub.readers) == 1, 'the end of the others')
         # One that cannot be reached for a moment is there for actions, too.
@@ -371,130 +363,6 @@ def test_eight_tabs_share_one_stream(dashboard: Any, page: Any, kit: Any) -> Non
     finally:
         for tab in tabs:
             page.call('Target.closeTarget', targetId=tab)
-
-
-def luminance(colour: str) -> float:
-    """Relative luminance by WCAG 2.1 of a colour in hexadecimal."""
-    parts = [int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5)]
-    linear = [v / 12.92 if v <= 0.03928 else ((v + 0.055) / 1.055) ** 2.4 for v in parts]
-    return float(sum(w * v for w, v in zip((0.2126, 0.7152, 0.0722), linear, strict=True)))
-
-
-def test_caution_can_be_told_at_night(page: Any) -> None:
-    """Each area of the map from the next; it was 1.05."""
-    page.js('document.documentElement.dataset.theme = "night"')
-    names = ('stable', 'caution', 'bistable', 'unstable')
-    shown = [
-        luminance(
-            page.js(f'getComputedStyle(document.documentElement).getPropertyValue("--{name}")')
-        )
-        for name in names
-    ]
-    steps = [(b + 0.05) / (a + 0.05) for a, b in itertools.pairwise(shown)]
-    assert min(steps) > 1.4, steps
-
-
-@pytest.fixture
-def fleet(dashboard: Any, browser: Any) -> Any:
-    """Fifty bearings on one shaft, whose speed is lost at 47 of them; one is in stick-slip."""
-    from stickslip_monitor.dashboard.received import status_record
-    from stickslip_monitor.dashboard.watched import Watched
-
-    shown = dashboard.ship.shown
-    dashboard.sail(20.0, 1000.0, 5.0)
-    own = shown.bearings['aft_stern']
-    lost = 'no sample of speed for {} s'
-    (alarm,) = [a for a in shown.alarms['alarms'] if a['alarm'] == 'stick_slip']
-
-    def grow() -> None:
-        sick = own.status
-        alarms = [alarm | {'state': 'acknowledged', 'priority': 'caution'}]
-        # However slow the machine is, they are heard.
-        own.at = shown._heard_at = shown._clock() + 1e6
-        for k in range(49):
-            name, stale = f'b{k:02}', k < 47
-            words = {'reason': 'input_stale' if stale else 'normal', 'regime': 'stable'}
-            numbers = sick.numbers | {'fold_margin': 0.9}
-            status = replace(sick, words=words, sticking=False, numbers=numbers)
-            record = status_record(status)
-            shown.bearings[name] = Watched(name, own.view, status, record, at=own.at)
-            if stale:
-                more = {'alarm': 'input_lost', 'priority': 'warning', 'bearing': name}
-                more |= {'state': 'unacknowledged', 'text': f'{name}: {lost.format(2 + k % 3)}'}
-                alarms.append(alarm | more | {'actions': ['acknowledge']})
-        shown.alarms = shown.alarms | {'alarms': alarms, 'unacknowledged': 47}
-
-    dashboard.do(grow)
-    browser.open(dashboard.url)
-    browser.until('document.querySelectorAll("#rows tr").length === 50')
-    return browser
-
-
-def test_fifty_bearings_at_a_glance(fleet: Any) -> None:
-    names = (
-        '[...document.querySelectorAll("#rows tr:not([hidden]) button")].map((b) => b.textContent)'
-    )
-    assert fleet.js(names)[0] == 'aft_stern'
-    assert fleet.js(names)[-2:] == ['b47', 'b48']
-    # Only the one that is looked at is drawn.
-    shown = (
-        '[...document.querySelectorAll(".bearing")].filter((b) => !b.hidden)'
-        '.map((b) => b.dataset.bearing)'
-    )
-    assert fleet.js(shown) == ['aft_stern']
-    fleet.js('document.querySelector("#rows [data-name=b48]").click()')
-    assert fleet.js(shown) == ['b48']
-    fleet.js('document.getElementById("only").click()')
-    assert len(fleet.js(names)) == 48
-    fleet.js(
-        '(() => { const f = document.getElementById("find"); f.value = "B4";'
-        ' f.dispatchEvent(new Event("input")); })()'
-    )
-    assert fleet.js(names) == [f'b4{k}' for k in range(7)]
-
-
-def test_one_that_is_not_heard_any_more_is_not_normal(dashboard: Any, fleet: Any) -> None:
-    """Its last word was normal: it does not stay in the table as if it were so."""
-    row = 'document.querySelector("#rows tr").innerText.replace(/\\s+/g, " ")'
-    assert fleet.js(row).startswith('aft_stern')
-    dashboard.do(lambda: setattr(dashboard.ship.shown.bearings['b48'], 'at', 0.0))
-    fleet.until(f'{row}.startsWith("b48 ✕ not heard")')
-    assert fleet.js('document.title').startswith('✕ ')
-    fleet.js('document.getElementById("only").click()')
-    assert fleet.js('document.querySelector("[data-name=b48]").checkVisibility()')
-
-
-def test_one_lost_speed_is_one_entry_above_what_is_acknowledged(fleet: Any) -> None:
-    entries = fleet.js(
-        '[...document.querySelectorAll("#alarm-list > li")].map((li) =>'
-        ' [li.querySelector("h3").textContent, li.querySelector(".state").textContent])'
-    )
-    assert [title for title, _ in entries] == [
-        'WARNING: Input lost',
-        'CAUTION: Stick-slip predicted',
-    ]
-    assert entries[0][1].startswith('47 bearings, not acknowledged')
-    assert fleet.text('#alarm-list .places').startswith('b00, b01, b02')
-
-
-def test_what_comes_next_is_a_reading(dashboard: Any, page: Any) -> None:
-    dashboard.sail(43.0, 1000.0, 5.0)
-    numbers = {'clears in [s]': '4', 'time to boundary [s]': '150'}
-    odds = {'probability can': '0.9', 'probability will': '0.25', 'probability runs': '0.1'}
-    point = dashboard.board.bearings['aft_stern'].status.numbers
-    values = {
-        'regime': 'stable', 'speed [m/s]': '0.2', 'shaft speed [rpm]': '38.2', 'load [N]': '1000',
-        'fold speed [m/s]': str(point['fold_speed']),
-        'hopf speed [m/s]': str(point['hopf_speed']),
-    }  # fmt: skip
-    take = dashboard.ship.shown.take_status
-    dashboard.do(lambda: take('aft_stern', 1, 'x', values | numbers | odds))
-    page.until('document.querySelector(".soon").textContent')
-    assert page.text('.soon') == 'clears in 4 s; boundary reached in 3 min'
-    assert page.text('.chances') == 'stick-slip: can happen 90 %, starts by itself 25 %, runs 10 %'
-    # A journal of 0.1 m: n = 60 v / (pi d).
-    rpm = [60.0 * point[f'{name}_speed'] / (3.141592653589793 * 0.1) for name in ('fold', 'hopf')]
-    assert page.text('.boundaries') == f'fold {rpm[0]:.1f} rpm, Hopf {rpm[1]:.1f} rpm'
 
 
 def test_the_log_is_saved_and_told_in_the_time_that_is_chosen(dashboard: Any, page: Any) -> None:
@@ -524,16 +392,6 @@ def test_the_log_is_saved_and_told_in_the_time_that_is_chosen(dashboard: Any, pa
     assert rows[-1][8] == "'=1+1"
     page.call('Emulation.setTimezoneOverride', timezoneId='')
     page.js('localStorage.clear()')
-
-
-def test_it_sounds_only_where_it_was_asked_to(dashboard: Any, page: Any) -> None:
-    dashboard.sail(20.0, 1000.0, 5.0)
-    page.until(f'document.querySelector(`{ALARM}`)')
-    assert page.js('document.getElementById("sound").value') == 'off'
-    assert page.js('document.getElementById("sound").dataset.beeps') is None
-    page.choose('sound', 'on')
-    page.until('document.getElementById("sound").dataset.beeps === "1"')
-    page.complaints.clear()  # Chromium wants a touch first
 
 
 class Player:
@@ -606,66 +464,6 @@ def test_what_is_no_course_of_a_replay(
     assert player.asked == []
 
 
-def test_all_that_are_seen_are_acknowledged(dashboard: Any, page: Any, kit: Any) -> None:
-    dashboard.sail(43.0, 1000.0, 5.0)
-    dashboard.sail(20.0, 1000.0, 5.0)
-    waiting = dashboard.board.alarms['unacknowledged']
-    assert waiting > 1
-    page.until(f'document.querySelectorAll("#alarm-list .waiting").length === {waiting}')
-    page.js('document.getElementById("who").value = "Ada"')
-    page.js('document.getElementById("seen").click()')
-    page.until('document.querySelectorAll("#alarm-list .waiting").length === 0')
-    page.until(f'document.getElementById("say").textContent === "acknowledge: {waiting} alarms"')
-    assert page.js('document.getElementById("seen").hidden')
-
-
-def test_what_the_node_and_its_inputs_say_is_read(dashboard: Any, page: Any) -> None:
-    """Faults of inputs, of the node and what is measured are texts, not hints."""
-    shown = dashboard.ship.shown
-    values = {'reason': 'input_stale', 'speed samples accepted': '1', 'speed age [s]': '9'}
-    values |= {'speed fault': 'nobody publishes on /shaft/speed', 'speed [m/s]': '0.3'}
-    values |= {'measured': 'unknown', 'measured unknown': 'the level is stuck'}
-    note = {'time': shown.alarms['time'] * 10**6, 'what': 'parameter', 'text': 'limit set to 2'}
-    document = {
-        'schema': 'stickslip_monitor/alarm/1', 'time': 10**18, 'sounding': False,
-        'unacknowledged': 0, 'flood': {}, 'changes': [], 'notes': [note], 'alarms': [],
-    }  # fmt: skip
-
-    def tell() -> None:
-        shown.take_health(2, 'the alarms are not kept: No space left on device')
-        shown.take_alarms(document)
-        shown.take_status('aft_stern', 10**18, 'x', values)
-
-    dashboard.do(tell)
-    page.until('!document.getElementById("notices").hidden')
-    assert page.text('#notices') == (
-        '/stickslip_monitor: the alarms are not kept: No space left on device'
-    )
-    assert page.text('[data-input=speed] .fault') == 'nobody publishes on /shaft/speed'
-    assert page.text('[data-of=speed] .name') == 'Shaft speed, last known'
-    assert page.text('.measured') == 'vibration measured: not known (the level is stuck)'
-    assert 'limit set to 2' in page.text('#log tr')
-
-
-def test_ten_minutes_are_drawn_and_outlive_a_reload(dashboard: Any, page: Any) -> None:
-    dashboard.sail(60.0, 1000.0, 300.0)
-    for k in range(100):
-        dashboard.sail(60.0 - k / 5.0, 1000.0)
-    page.js('location.reload()')
-    chart = 'document.querySelector(".charts svg")'
-    page.until(f'{chart}.ariaLabel.includes("from 40.2 to 60.0 rpm")')
-    # A hundred seconds of ten minutes, at the end of the axis.
-    end, left, width = page.js(
-        """(() => {
-          const find = (s) => document.querySelector(`.charts ${s}`);
-          const box = find('.course').getBBox(), of = (n) => +find('.field').getAttribute(n);
-          return [box.x + box.width, of('x'), of('width')];
-        })()"""
-    )
-    assert end - left == pytest.approx(width, abs=0.2)
-    assert page.text('.gauge .scale') == '−100 %0+100 %'
-
-
 def test_twin_screws_are_two_things_on_the_page(
     dashboards: Callable[..., Any], browser: Any
 ) -> None:
@@ -718,7 +516,7 @@ def test_axe_finds_nothing(dashboards: Callable[..., Any], browser: Any, theme: 
             dashboard.board.play({'at': 1.0, 'length': 9.0, 'paused': True}),
         ),
         'gone, and a fault of the node': lambda: (
-            ship.sail(60.0, 1000.0, 30.0),
+            ship.sail(60.0, 1000.0, 40.0),
             ship.shown.take_health(2, 'it is not well'),
             ship.show(),
         ),
@@ -738,11 +536,8 @@ def test_axe_finds_nothing(dashboards: Callable[..., Any], browser: Any, theme: 
     browser.choose('theme', 'auto')
 
 
-@pytest.mark.parametrize('theme', ['day', 'dusk', 'night'])
-def test_axe_finds_nothing_in_the_overview(fleet: Any, theme: str) -> None:
-    fleet.choose('theme', theme)
+def test_axe_finds_nothing_in_the_overview(fleet: Any) -> None:
     assert complaints(fleet) == []
-    fleet.choose('theme', 'auto')
 
 
 @pytest.mark.parametrize('dark', [False, True])
@@ -754,3 +549,192 @@ def test_axe_finds_nothing_at_the_door(
     browser.open(f'{locked.url}login')
     browser.until('document.activeElement.name === "token"')
     assert complaints(browser) == []
+
+
+def test_what_a_bearing_says_is_read(dashboard: Any, page: Any) -> None:
+    """Chances, what is held, faults of inputs and of the node, and what is measured."""
+    dashboard.sail(43.0, 1000.0, 5.0)
+    own = record(dashboard)
+    inputs = own['inputs'] | {
+        'speed': {'lost': True, 'age': 9.2, 'rate': None, 'fault': 'no publisher', 'counts': {}},
+        'load': {'lost': False, 'age': 0.21, 'rate': 4.98, 'fault': '', 'counts': {'repeated': 3}},
+        'level': {'lost': False, 'age': None, 'rate': None, 'fault': '', 'counts': {}},
+    }
+    told = own | {
+        'reason': 'caution', 'held_until': own['time'] + 150 * 10**9, 'inputs': inputs,
+        'probability_can': 0.9, 'probability_will': 0.25, 'probability_runs': 0.1,
+        'measured': 'unknown', 'unmeasured': 'the level is stuck',
+    }  # fmt: skip
+    shown = dashboard.ship.shown
+    dashboard.do(
+        lambda: (shown.take_health(2, 'no space left on device'), shown.take_record(told))
+    )
+    page.until('document.querySelector(".badge.held")')
+    assert page.text('.badge') == '! Margin low, held until 22:15:56'
+    assert page.text('.chances') == 'stick-slip: can happen 90 %, starts by itself 25 %, runs 10 %'
+    assert page.text('.measured') == 'vibration measured: unknown (the level is stuck)'
+    assert page.text('#notices') == '/stickslip_monitor: no space left on device'
+    cells = '[...document.querySelectorAll(".inputs tr")].map((r) => r.innerText.trim())'
+    speed, load, level = (' '.join(text.split()) for text in page.js(cells))
+    assert speed == 'speed /shaft/speed no publisher ✕ lost, 9.2 s ago'
+    assert load == 'load /bearing/aft_stern/load ✓ 5 Hz, 0.2 s ago refused: 3 repeated'
+    assert level == 'level no valid value yet'
+    # A journal of 0.1 m: n = 60 v / (pi d).
+    rpm = [60.0 * own[f'{name}_speed'] / (3.141592653589793 * 0.1) for name in ('fold', 'hopf')]
+    assert page.text('.boundaries') == f'fold {rpm[0]:.1f} rpm, Hopf {rpm[1]:.1f} rpm'
+
+
+LEGEND = '[...document.querySelectorAll(".charts .u-legend")].map((e) => e.innerText)'
+
+
+def test_ten_minutes_are_drawn_and_can_be_looked_at(dashboard: Any, page: Any) -> None:
+    dashboard.sail(60.0, 1000.0, 300.0)
+    for k in range(100):
+        dashboard.sail(60.0 - k / 5.0, 1000.0)
+    page.js('location.reload()')
+    figure = 'document.querySelector(".charts figure")'
+    hidden = '[...document.querySelectorAll(".charts figure")].map((f) => f.hidden).join()'
+    page.until(f'{figure}.ariaLabel.includes("to 60.0 rpm")')
+    page.until(f'{hidden} === "false,false,false,true"')
+    # Without a pointer the newest value is told, and the boundary beside it.
+    newest = ' '.join(page.js(LEGEND)[0].split())
+    assert newest.startswith('time22:20:01— speed40.2- - fold40.7')
+    x, y, width, height = page.js(
+        f'(() => {{ const e = {figure}.querySelector(".u-over"); e.scrollIntoView();'
+        ' const b = e.getBoundingClientRect();'
+        ' return [b.x, b.y, b.width, b.height]; })()'
+    )
+
+    def mouse(kind: str, share: float) -> None:
+        place = {'x': x + share * width, 'y': y + 0.5 * height, 'button': 'left', 'clickCount': 1}
+        page.call('Input.dispatchMouseEvent', type=kind, **place)
+
+    # The newest second is at the right edge: a tenth of ten minutes before it, at the pointer.
+    mouse('mouseMoved', 0.9)
+    page.until(f'{LEGEND}[0].includes("22:19:0")')
+    assert '52.' in page.js(LEGEND)[0]
+    mouse('mousePressed', 0.8)
+    mouse('mouseMoved', 0.9)
+    mouse('mouseReleased', 0.9)
+    page.until('document.querySelector(".charts.zoomed")')
+    page.js('document.querySelector(".charts select").dispatchEvent(new Event("change"))')
+    page.until('!document.querySelector(".charts.zoomed")')
+
+
+def test_each_priority_has_its_tone_and_so_has_silence(dashboard: Any, page: Any) -> None:
+    dashboard.sail(20.0, 1000.0, 5.0)
+    page.until(f'document.querySelector(`{ALARM}`)')
+    tone = 'document.getElementById("sound").dataset.tone'
+    assert page.js('document.getElementById("sound").value') == 'off'
+    assert page.js(tone) is None
+    page.choose('sound', 'on')
+    page.until(f'{tone} === "alarm"')
+    dashboard.do(lambda: setattr(dashboard.ship.shown, '_heard_at', 0.0))
+    page.until(f'{tone} === "dead"')
+    page.complaints.clear()  # Chromium wants a touch first
+
+
+@pytest.fixture
+def fleet(dashboard: Any, browser: Any) -> Any:
+    """Twenty-five bearings on one shaft, whose speed is lost at 22; one is in stick-slip."""
+    from stickslip_monitor.dashboard.watched import Watched
+
+    shown = dashboard.ship.shown
+    dashboard.sail(20.0, 1000.0, 5.0)
+    own = shown.bearings[BEARING]
+    (alarm,) = [a for a in shown.alarms['alarms'] if a['alarm'] == 'stick_slip']
+
+    def grow() -> None:
+        rows = [alarm | {'state': 'acknowledged', 'priority': 'caution', 'kinds': []}]
+        # However slow the machine is, they are heard.
+        own.at = shown._heard_at = shown._clock() + 1e6
+        for k in range(24):
+            name, stale = f'b{k:02}', k < 22
+            told = {'reason': 'input_stale' if stale else 'normal', 'fold_margin': 0.9}
+            made = Watched(name, own.view)
+            made.take(own.record | {'bearing': name} | told, own.at)
+            shown.bearings[name] = made
+            if stale:
+                more = {'alarm': 'input_lost', 'priority': 'warning', 'bearing': name}
+                more |= {'state': 'unacknowledged', 'text': f'{name}: no sample for {2 + k % 3} s'}
+                rows.append(alarm | more | {'actions': ['acknowledge'], 'kinds': []})
+        shown.alarms = shown.alarms | {'alarms': [], 'rows': rows, 'unacknowledged': 22}
+
+    dashboard.do(grow)
+    browser.show_as(1280, 800)
+    browser.open(dashboard.url)
+    browser.until('document.querySelectorAll("#rows tr").length === 25')
+    return browser
+
+
+def test_twenty_five_bearings_at_a_glance(dashboard: Any, fleet: Any) -> None:
+    names = (
+        '[...document.querySelectorAll("#rows tr:not([hidden]) button")].map((b) => b.textContent)'
+    )
+    assert fleet.js(names)[0] == BEARING
+    assert fleet.js(names)[-2:] == ['b22', 'b23']
+    assert fleet.text('#counts') == '25: 1 stick-slip, 22 input lost, 2 normal'
+    # All of them are on the screen.
+    bottom = '(row) => row.getBoundingClientRect().bottom'
+    assert max(fleet.js(f'[...document.querySelectorAll("#rows tr")].map({bottom})')) <= 800
+    # Only the one that is looked at is drawn.
+    shown = (
+        '[...document.querySelectorAll(".bearing")].filter((b) => !b.hidden)'
+        '.map((b) => b.dataset.bearing)'
+    )
+    assert fleet.js(shown) == [BEARING]
+    fleet.js('document.querySelector("#rows [data-name=b23]").click()')
+    assert fleet.js(shown) == ['b23']
+    fleet.js('document.getElementById("only").click()')
+    assert len(fleet.js(names)) == 23
+    fleet.js(
+        '(() => { const f = document.getElementById("find"); f.value = "B2";'
+        ' f.dispatchEvent(new Event("input")); })()'
+    )
+    assert fleet.js(names) == ['b20', 'b21']
+    # The last word of one that is not heard was normal: it does not stay so in the table.
+    dashboard.do(lambda: setattr(dashboard.ship.shown.bearings['b23'], 'at', 0.0))
+    row = 'document.querySelector("#rows tr").innerText.replace(/\\s+/g, " ")'
+    fleet.until(f'{row}.startsWith("b23 ✕ not heard")')
+    assert fleet.js('document.title').startswith('✕ ')
+    # One lost speed is one entry, above what is acknowledged.
+    entries = fleet.js(
+        '[...document.querySelectorAll("#alarm-list > li")].map((li) =>'
+        ' [li.querySelector("h3").textContent, li.querySelector(".state").textContent])'
+    )
+    assert [title for title, _ in entries] == [
+        'WARNING: Input lost',
+        'CAUTION: Stick-slip predicted',
+    ]
+    assert entries[0][1].startswith('22 bearings, not acknowledged')
+    assert fleet.text('#alarm-list .places').startswith('b00, b01, b02')
+
+
+PLANES = """[...document.querySelectorAll('.badge, #banner, .map path, .gauge rect, .shape .fill')]
+  .filter((e) => e.checkVisibility())
+  .flatMap((e) => { const s = getComputedStyle(e); return [s.backgroundColor, s.fill]; })
+  .filter((c) => c.startsWith('rgb')).map((c) => c.match(/[\\d.]+/g).map(Number))
+  .filter((c) => c.length < 4 || c[3] > 0)"""
+
+
+def test_at_night_there_are_outlines_and_no_bright_planes(dashboard: Any, page: Any) -> None:
+    dashboard.sail(20.0, 1000.0, 5.0)
+    page.until(f'document.querySelector(`{ALARM}`)')
+    page.choose('theme', 'night')
+    bright = [c for c in page.js(PLANES) if max(c[:3]) > 60]
+    # The point on the map, the needles and the bar of the amplitude are what is looked for.
+    point = page.js('getComputedStyle(document.querySelector(".map .point")).fill')
+    assert {f'rgb({c[0]:.0f}, {c[1]:.0f}, {c[2]:.0f})' for c in bright} <= {point}
+    assert page.js('getComputedStyle(document.querySelector(".map .area-fold")).stroke') != 'none'
+
+
+def test_paper_has_badges_and_no_buttons(dashboard: Any, page: Any) -> None:
+    dashboard.sail(20.0, 1000.0, 5.0)
+    page.until(f'document.querySelector(`{ALARM}`)')
+    page.call('Emulation.setEmulatedMedia', media='print')
+    seen = '[...document.querySelectorAll("{}")].filter((e) => e.checkVisibility()).length'
+    assert page.js(seen.format('button, #tools')) == 0
+    assert page.js(seen.format('.badge, h2')) > 3
+    exact = 'getComputedStyle(document.querySelector(".badge")).printColorAdjust'
+    assert page.js(exact) == 'exact'
+    page.call('Emulation.setEmulatedMedia', media='')

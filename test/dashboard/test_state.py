@@ -6,8 +6,10 @@ from __future__ import annotations
 import asyncio
 import csv
 import io
+import json
 import shutil
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,12 +18,7 @@ import pytest
 
 from stickslip_monitor.dashboard.event_log import KEPT, SHOWN, EventLog
 from stickslip_monitor.dashboard.history import SPAN, STEP
-from stickslip_monitor.dashboard.received import (
-    OFFERED,
-    checked_alarms,
-    read_status,
-    status_record,
-)
+from stickslip_monitor.dashboard.received import NUMBERS, OFFERED, checked_alarms, checked_record
 from stickslip_monitor.dashboard.state import DashboardState
 from stickslip_monitor.dashboard.watched import BearingView, Curves, WatchedMonitor
 from stickslip_monitor.errors import DashboardError, RosError
@@ -31,13 +28,15 @@ from stickslip_monitor.monitor.alarms.causes import AlarmKind
 from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
 from stickslip_monitor.monitor.alarms.requests import ActionRequest, parse_request, request_record
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.messages import diagnostic_record, state_of
+from stickslip_monitor.monitor.input_watch import InputState
+from stickslip_monitor.monitor.messages import bearing_record, state_of
 from stickslip_monitor.monitor.monitor import Monitor
 from stickslip_monitor.ros.state_file import StateFile, StateWriter
 
 VIEW = BearingView(
     'aft_stern', 190.0, (0.0, 1.0), (0.0, 1.0), Curves([], [], [], []), 0.1, None, {}
 )
+Happening = Callable[[WatchedMonitor, list[float]], Any]
 
 
 @pytest.fixture
@@ -54,61 +53,91 @@ def board_of(now: list[float], *views: BearingView) -> DashboardState:
     return DashboardState([WatchedMonitor('test', views, clock=lambda: now[0])])
 
 
-def values(speed: float, load: float, accepted: int = 1) -> dict[str, str]:
-    return {
-        'speed [m/s]': str(speed),
-        'load [N]': str(load),
-        'speed samples accepted': str(accepted),
-    }
+def status(bearing: str = 'aft_stern', time_ns: int = 0, **changes: Any) -> dict[str, Any]:
+    """The record of a bearing."""
+    record = {'bearing': bearing, 'time': time_ns, 'text': 'fine', 'reason': 'normal'}
+    inputs = {name: {'lost': False, 'counts': {'accepted': 1}} for name in ('speed', 'load')}
+    return record | {'speed': 1.0, 'load': 1.0, 'inputs': inputs} | changes
 
 
-def test_a_status_is_read_back_as_the_monitor_had_it(kit: Any) -> None:
-    monitor = Monitor(load_config(kit.REFERENCE))
-    bearing = monitor.bearings['aft_stern']
+def change(time_ms: int, **changes: Any) -> dict[str, Any]:
+    texts = ('bearing', 'alarm', 'priority', 'what', 'from', 'to', 'by', 'text')
+    return dict.fromkeys(texts, 'x') | {'time': time_ms} | changes
+
+
+def alarm(**changes: Any) -> dict[str, Any]:
+    texts = {'bearing': 'aft_stern', 'alarm': 'stick_slip', 'priority': 'alarm'}
+    return texts | {'state': 'normal', 'by': '', 'text': ''} | changes
+
+
+def alarms(*own: dict[str, Any], **changes: Any) -> dict[str, Any]:
+    """A list of alarms."""
+    counts = {'time': 10**9, 'sounding': False, 'unacknowledged': 0, 'flood': {}, 'changes': []}
+    return {'schema': 'stickslip_monitor/alarm/1', **counts, 'alarms': list(own)} | changes
+
+
+def acknowledge(by: str = 'Ada', bearing: str | None = 'aft_stern') -> ActionRequest:
+    return ActionRequest(Action.ACKNOWLEDGE, by, bearing, AlarmKind.STICK_SLIP)
+
+
+def test_the_record_of_a_bearing_arrives_as_the_monitor_has_it(kit: Any) -> None:
+    bearing = Monitor(load_config(kit.REFERENCE)).bearings['aft_stern']
     # The first point below the Hopf speed decides.
-    alarm = replace(bearing.config.alarm, onset_growth=0.0)
-    bearing.retune(replace(bearing.config, alarm=alarm))
+    own = replace(bearing.config.alarm, onset_growth=0.0)
+    bearing.retune(replace(bearing.config, alarm=own))
     bearing.update(0, 10**9, 20.0)
     verdict = bearing.update(1, 2 * 10**9, 1000.0).verdict
-    assert verdict is not None
     bearing.update(1, 2 * 10**9, float('nan'))
     bearing.advance(9 * 10**9)
-    record = diagnostic_record('stickslip_monitor', state_of(bearing))
-    status = read_status(7, record.message, record.values)
-    point = verdict.assessment
+    inputs = {'load': InputState(fault='nobody publishes', age=7.0, rate=float('nan'))}
+    sent = json.loads(json.dumps(bearing_record(state_of(bearing, inputs)), allow_nan=False))
+    record = checked_record(sent)
+    assert record is not None
     for name in ('speed', 'load', 'hopf_margin', 'fold_margin', 'amplitude', 'amplitude_exact'):
-        assert status.numbers[name] == pytest.approx(getattr(point, name), rel=1e-8)
-    assert (status.time_ns, status.sticking) == (7, True)
-    assert status.words == {
-        'reason': 'input_stale', 'regime': 'unstable', 'outcome': 'stick_slip'
-    }  # fmt: skip
-    assert status.ages == pytest.approx({'speed': 8.0, 'load': 7.0})
-    assert status.counts['load'] == {
-        'accepted': 1, 'clock_jump': 0, 'not_finite': 1,
-        'implausible': 0, 'repeated': 0, 'out_of_order': 0,
+        assert record[name] == getattr(verdict.assessment, name)
+    assert record['rpm'] == pytest.approx(20.0)
+    assert (record['reason'], record['regime'], record['outcome'], record['sticking']) == (
+        'input_stale', 'unstable', 'stick_slip', True
+    )  # fmt: skip
+    load = record['inputs']['load']
+    assert (load['lost'], load['age'], load['rate']) == (True, 7.0, None)
+    assert load['fault'] == 'nobody publishes'
+    assert (load['counts']['accepted'], load['counts']['not_finite']) == (1, 1)
+
+
+def test_what_is_no_number_has_no_value() -> None:
+    record = checked_record(
+        status(speed='fast', load=float('inf'), rpm=True, sticking='no', inputs={'speed': {}})
+    )
+    assert record is not None
+    assert [record[name] for name in NUMBERS] == [None] * len(NUMBERS)
+    assert record['sticking'] is None
+    assert record['inputs']['speed'] == {
+        'lost': False, 'age': None, 'rate': None, 'fault': '', 'counts': {}
     }  # fmt: skip
 
 
-def test_what_is_no_number_is_left_out() -> None:
-    status = read_status(0, '', {'speed [m/s]': 'fast', 'load [N]': 'inf', 'hopf margin': 'nan'})
-    record = status_record(status)
-    assert record['speed'] is record['load'] is record['hopf_margin'] is None
-    assert (record['reason'], record['sticking']) == ('waiting', None)
+@pytest.mark.parametrize(
+    'document', [None, [], {}, status(text=None), status(time='now'), status(inputs=[])]
+)
+def test_what_is_no_record_changes_nothing(board: DashboardState, document: Any) -> None:
+    board.monitors[0].take_record(document)
+    assert not board.heard
 
 
 def test_memory_is_bounded(board: DashboardState) -> None:
-    take = board.monitors[0].take_status
+    take = board.monitors[0].take_record
     rows = SPAN // STEP
     for k in range(2 * rows):
-        take('aft_stern', k * 10**9, '', values(k, 1.0))
-        take('aft_stern', k * 10**9 + 5 * 10**8, '', values(k, 2.0))
+        take(status(time_ns=k * 10**9, speed=float(k)))
+        take(status(time_ns=k * 10**9 + 5 * 10**8, speed=float(k), load=2.0))
     history = board.history('aft_stern')
     assert history is not None
     assert [row[1:3] for row in history['rows']] == [
         [float(k), 2.0] for k in range(rows, 2 * rows)
     ]
     # A clock that steps back leaves nothing that lies ahead of it.
-    take('aft_stern', (2 * rows - 5) * 10**9, '', values(7.0, 1.0))
+    take(status(time_ns=(2 * rows - 5) * 10**9, speed=7.0))
     rest = board.history('aft_stern')
     assert rest is not None
     assert [row[1] for row in rest['rows'][-2:]] == [2.0 * rows - 6.0, 7.0]
@@ -119,34 +148,25 @@ def test_memory_is_bounded(board: DashboardState) -> None:
     assert len(board.log.csv().splitlines()) == 1 + KEPT
 
 
-def test_a_bearing_nobody_knows_is_passed_over(board: DashboardState) -> None:
-    board.monitors[0].take_status('fore', 0, '', values(1.0, 1.0))
-    assert not board.there
-    board.monitors[0].take_alarms(record([]) | {'alarms': [alarm(bearing='fore'), alarm()]})
-    assert board.alarms is not None
-    assert [a['bearing'] for a in board.alarms['alarms']] == ['aft_stern']
+def test_a_lost_input_is_a_gap_in_the_history(board: DashboardState) -> None:
+    board.monitors[0].take_record(status(time_ns=10**9, fold_margin=0.5))
+    lost = {'speed': {'lost': True}, 'load': {'lost': False}}
+    board.monitors[0].take_record(status(time_ns=2 * 10**9, fold_margin=0.5, inputs=lost))
+    history = board.history('aft_stern')
+    assert history is not None
+    place = history['columns'].index('fold_margin')
+    assert [[*row[1:3], row[place]] for row in history['rows']] == [
+        [1.0, 1.0, 0.5],
+        [None, 1.0, None],
+    ]
 
 
-def test_silence_is_noticed_and_samples_age(board: DashboardState, now: list[float]) -> None:
+def test_silence_is_noticed(board: DashboardState, now: list[float]) -> None:
     reader = board.hub.join()
-    assert (
-        board.monitors[0].silent_for is board.monitors[0].sample_age('aft_stern', 'speed') is None
-    )
-    board.monitors[0].take_alarms(record([]))
-    board.monitors[0].take_status('aft_stern', 0, '', values(1.0, 1.0, accepted=5))
+    assert board.monitors[0].silent_for is None
+    board.monitors[0].take_alarms(alarms())
+    board.monitors[0].take_record(status())
     assert board.there
-    now[0] += 2.5
-    board.monitors[0].take_status('aft_stern', 0, '', values(1.0, 1.0, accepted=5))
-    assert board.monitors[0].sample_age('aft_stern', 'speed') == pytest.approx(2.5)
-    # What is refused is no sample.
-    refused = values(1.0, 1.0, accepted=5) | {'speed samples implausible': '9'}
-    board.monitors[0].take_status('aft_stern', 0, '', refused)
-    assert board.monitors[0].sample_age('aft_stern', 'speed') == pytest.approx(2.5)
-    # A monitor that was started anew counts from the start.
-    board.monitors[0].take_status('aft_stern', 0, '', values(1.0, 1.0, accepted=0))
-    now[0] += 1.0
-    board.monitors[0].take_status('aft_stern', 0, '', values(1.0, 1.0, accepted=1))
-    assert board.monitors[0].sample_age('aft_stern', 'speed') == 0.0
     now[0] += 3.1
     board.tick()
     assert not board.there
@@ -161,40 +181,18 @@ def test_silence_is_noticed_and_samples_age(board: DashboardState, now: list[flo
     assert b'"there":false' in reader._waiting['monitor ']
 
 
-def change(time_ms: int) -> dict[str, Any]:
-    texts = ('bearing', 'alarm', 'priority', 'what', 'from', 'to', 'by', 'text')
-    return dict.fromkeys(texts, 'x') | {'time': time_ms}
-
-
-def alarm(**changes: Any) -> dict[str, Any]:
-    texts = {'bearing': 'aft_stern', 'alarm': 'stick_slip', 'priority': 'alarm'}
-    return texts | {'state': 'normal', 'by': '', 'text': ''} | changes
-
-
-def record(changes: list[dict[str, Any]]) -> dict[str, Any]:
-    return {
-        'schema': 'stickslip_monitor/alarm/1',
-        'time': 10**9,
-        'sounding': False,
-        'unacknowledged': 0,
-        'flood': {},
-        'changes': changes,
-        'alarms': [],
-    }
-
-
 @pytest.mark.parametrize(
     'document',
     [
         None,
         [],
         {},
-        record([]) | {'schema': 'stickslip_monitor/alarm/2'},
-        record([]) | {'time': 'now'},
-        record([]) | {'alarms': None},
-        record([]) | {'alarms': [7]},
-        record([]) | {'alarms': [alarm(state=None)]},
-        record([]) | {'changes': [{}]},
+        alarms(schema='stickslip_monitor/alarm/2'),
+        alarms(time='now'),
+        alarms(alarms=None),
+        alarms(7),  # type: ignore[arg-type]
+        alarms(alarm(state=None)),
+        alarms(changes=[{}]),
     ],
 )
 def test_what_is_no_list_of_alarms_changes_nothing(board: DashboardState, document: Any) -> None:
@@ -202,10 +200,9 @@ def test_what_is_no_list_of_alarms_changes_nothing(board: DashboardState, docume
     assert board.alarms is None
 
 
-def test_what_is_offered_is_what_does_something() -> None:
+def test_what_is_offered_is_what_does_something(kit: Any) -> None:
     """Each offered action, done to a real alarm in that state, changes it; no other one does."""
-    root = Path(__file__).resolve().parents[2]
-    config = load_config(root / 'launch_configs' / 'reference_bearing.yaml')
+    config = load_config(kit.REFERENCE)
     for state in AlarmState:
         for action in OFFERED:
             annunciator = Annunciator(config)
@@ -219,6 +216,27 @@ def test_what_is_offered_is_what_does_something() -> None:
             assert (action.value in shown['actions']) == (bool(done) and not quiet)
 
 
+def test_one_matter_is_one_row(board: DashboardState) -> None:
+    """A bearing has one row with its worst alarm; what can be done about any of it is offered."""
+    own = [
+        alarm(alarm='margin_low', priority='caution', state='acknowledged'),
+        alarm(alarm='bistable', priority='warning', state='unacknowledged'),
+        alarm(alarm='stick_slip', priority='alarm', state='unacknowledged', sounding=True),
+        alarm(alarm='amplitude_limit', state='shelved'),
+        alarm(alarm='vibration', state='normal'),
+    ]
+    board.monitors[0].take_alarms(alarms(*own))
+    assert board.alarms is not None
+    (row,) = board.alarms['rows']
+    assert (row['alarm'], row['kinds']) == ('stick_slip', ['margin_low', 'bistable', 'stick_slip'])
+    assert row['actions'] == ['acknowledge', 'silence', 'shelve']
+    # What the monitor itself says of the row counts.
+    told = alarm(state='unacknowledged', text='now', came_back=4, came_back_since=5 * 10**6)
+    board.monitors[0].take_alarms(alarms(*own, rows=[told, 7, alarm(bearing='fore')]))
+    (row,) = board.alarms['rows']
+    assert (row['text'], row['came_back'], row['came_back_since']) == ('now', 4, 5)
+
+
 def test_a_request_travels_there_and_back() -> None:
     for request in (
         ActionRequest(Action.SHELVE, 'Ada', 'aft_stern', AlarmKind.BISTABLE),
@@ -229,7 +247,7 @@ def test_a_request_travels_there_and_back() -> None:
 
 def test_the_end_of_a_recording_is_told_once(board: DashboardState) -> None:
     reader = board.hub.join()
-    board.monitors[0].take_status('aft_stern', 0, '', values(1.0, 1.0))
+    board.monitors[0].take_record(status())
     reader._waiting.clear()
     board.finish()
     assert b'"there":false,"finished":true' in reader._waiting.pop('monitor ')
@@ -238,74 +256,55 @@ def test_the_end_of_a_recording_is_told_once(board: DashboardState) -> None:
 
 
 def test_what_another_did_is_no_answer(board: DashboardState) -> None:
-    waiting = {'state': 'unacknowledged', 'sounding': True}
-    board.monitors[0].take_alarms(record([]) | {'alarms': [alarm(**waiting)]})
-
-    def act(request: ActionRequest) -> None:
-        done = change(1) | {'bearing': 'aft_stern', 'alarm': 'stick_slip', 'by': 'Ada'}
-        board.monitors[0].take_alarms(
-            record([done | {'what': 'acknowledge'}]) | {'alarms': [alarm(**waiting)]}
-        )
-
-    async def ask(by: str) -> int:
-        request = ActionRequest(Action.ACKNOWLEDGE, by, 'aft_stern', AlarmKind.STICK_SLIP)
-        return await board.ask(request, 0.01)
-
-    board.monitors[0].act = act
-
-    assert asyncio.run(ask('Ada')) == 1
-    with pytest.raises(DashboardError, match='nothing is known to be done'):
-        asyncio.run(ask('Bob'))
+    waiting = alarm(state='unacknowledged', sounding=True)
+    (monitor,) = board.monitors
+    with pytest.raises(DashboardError, match='the list of alarms has not come'):
+        asyncio.run(board.ask(acknowledge(), 0.01))
+    monitor.take_alarms(alarms(waiting))
+    done = change(1, bearing='aft_stern', alarm='stick_slip', by='Ada', what='acknowledge')
+    monitor.act = lambda _: monitor.take_alarms(alarms(waiting, changes=[done]))
+    assert asyncio.run(board.ask(acknowledge('Ada'), 0.01)) == 1
+    with pytest.raises(DashboardError, match='it may not have been done'):
+        asyncio.run(board.ask(acknowledge('Bob'), 0.01))
 
 
-def hear(monitor: WatchedMonitor, bearing: str = 'aft_stern', **more: str) -> None:
-    monitor.take_status(bearing, 0, '', values(1.0, 1.0) | more)
+def hear(monitor: WatchedMonitor, *bearings: str, **changes: Any) -> None:
+    for bearing in bearings or ('aft_stern',):
+        monitor.take_record(status(bearing, **changes))
 
 
-@pytest.mark.parametrize(
-    ('happens', 'words'),
-    [
-        (lambda b, now: None, 'Nothing has been heard of the monitor test yet.'),
-        (
-            lambda b, now: b.take_other('port/monitor'),
-            'other monitors: /port/monitor; see --node',
-        ),
-        (lambda b, now: hear(b), 'The list of alarms of test has not come'),
-        (
-            lambda b, now: (hear(b, 'fore'), b.take_alarms(record([]))),
-            'Nothing has been heard',
-        ),
-        (lambda b, now: (hear(b), hear(b, 'fore')), 'fore: watched by test, but not in --config'),
-        (
-            lambda b, now: (
-                hear(b),
-                b.take_alarms(record([]) | {'alarms': [alarm(bearing='fore')]}),
-            ),
-            'fore: watched by test, but not in --config',
-        ),
-        (
-            lambda b, now: (
-                hear(b),
-                b.take_alarms(record([]) | {'monitoring': False}),
-            ),
-            'Not monitoring: test is not active',
-        ),
-        (
-            lambda b, now: (hear(b, reason='not_monitoring'), now.append(now.pop() + 60.0)),
-            'Not monitoring: test is not active',
-        ),
-        (
-            lambda b, now: (
-                b.take_alarms(record([])),
-                now.append(now.pop() + 200.0),
-                hear(b),
-            ),
-            'The list of alarms of test is 200 s old',
-        ),
-    ],
-)
+def wait(now: list[float], seconds: float) -> None:
+    now[0] += seconds
+
+
+DOUBTS: list[tuple[Happening, str]] = [
+    (lambda m, now: None, 'Nothing has been heard of the monitor test yet.'),
+    (lambda m, now: m.take_other('port/monitor'), 'other monitors: /port/monitor; see --node'),
+    (lambda m, now: hear(m), 'The list of alarms of test has not come'),
+    (lambda m, now: (hear(m, 'fore'), m.take_alarms(alarms())), 'Nothing has been heard'),
+    (lambda m, now: hear(m, 'aft_stern', 'fore'), 'fore: watched by test, but not in --config'),
+    (
+        lambda m, now: (hear(m), m.take_alarms(alarms(alarm(bearing='fore')))),
+        'fore: watched by test, but not in --config',
+    ),
+    (
+        lambda m, now: (hear(m), m.take_alarms(alarms(monitoring=False))),
+        'Not monitoring: test is not active',
+    ),
+    (
+        lambda m, now: (hear(m, reason='not_monitoring'), wait(now, 60.0)),
+        'Not monitoring: test is not active',
+    ),
+    (
+        lambda m, now: (m.take_alarms(alarms()), wait(now, 200.0), hear(m)),
+        'The list of alarms of test is 200 s old',
+    ),
+]
+
+
+@pytest.mark.parametrize(('happens', 'words'), DOUBTS)
 def test_never_all_clear_by_mistake(
-    board: DashboardState, now: list[float], happens: Any, words: str
+    board: DashboardState, now: list[float], happens: Happening, words: str
 ) -> None:
     happens(board.monitors[0], now)
     assert not board.there
@@ -314,20 +313,13 @@ def test_never_all_clear_by_mistake(
 
 def test_a_bearing_that_the_node_does_not_have_is_told(now: list[float]) -> None:
     board = board_of(now, VIEW, replace(VIEW, name='fore'))
-    board.monitors[0].take_alarms(record([]))
+    board.monitors[0].take_alarms(alarms(alarm(bearing='bow'), alarm()))
+    assert board.alarms is not None
+    assert [a['bearing'] for a in board.alarms['alarms']] == ['aft_stern']
+    board.monitors[0].take_alarms(alarms())
     hear(board.monitors[0])
     assert (board.heard, board.there) == (True, False)
-    assert board.faults() == ['Of fore nothing is heard: test does not watch it.']
-    reader = board.hub.join()
-    hear(board.monitors[0], 'fore')
-    assert board.there
-    assert b'"faults":[]' in reader._waiting['monitor ']
-
-
-def test_what_cannot_be_delivered_is_said(board: DashboardState) -> None:
-    request = ActionRequest(Action.ACKNOWLEDGE, 'Ada')
-    with pytest.raises(DashboardError, match='the list of alarms has not come'):
-        asyncio.run(board.ask(request, 0.01))
+    assert 'Of fore nothing is heard: test does not watch it.' in board.faults()
 
 
 def test_the_log_outlives_a_restart_and_has_everything_once(tmp_path: Path) -> None:
@@ -336,14 +328,14 @@ def test_the_log_outlives_a_restart_and_has_everything_once(tmp_path: Path) -> N
         return EventLog(store), store
 
     first, store = log()
-    first.extend([change(k) | {'what': f'{k}'} for k in range(3)])
+    first.extend([change(k, what=f'{k}') for k in range(3)])
     # Nobody else writes there meanwhile.
     with pytest.raises(RosError, match='is in use by another dashboard'):
         log()
     store.close()
     # The latched topic tells the newest again.
     second, store = log()
-    second.extend([change(k) | {'what': f'{k}'} for k in range(2, 5)])
+    second.extend([change(k, what=f'{k}') for k in range(2, 5)])
     assert [entry['what'] for entry in second.latest()] == ['0', '1', '2', '3', '4']
     store.close()
     rows = list(csv.reader(io.StringIO(log()[0].csv())))
@@ -367,9 +359,9 @@ def test_a_log_that_cannot_be_written_is_told(board: DashboardState, tmp_path: P
 
 
 def test_what_the_node_says_of_itself_is_told(board: DashboardState) -> None:
-    monitor = board.monitors[0]
-    hear(board.monitors[0])
-    monitor.take_alarms(record([]) | {'notes': [{'time': 5 * 10**6, 'what': 'node', 'text': 'T'}]})
+    (monitor,) = board.monitors
+    hear(monitor)
+    monitor.take_alarms(alarms(notes=[{'time': 5 * 10**6, 'what': 'node', 'text': 'T'}]))
     monitor.take_health(0, 'Monitoring.')
     assert board.notices() == []
     monitor.take_health(2, '3 callbacks failed, last: division by zero')
@@ -379,22 +371,21 @@ def test_what_the_node_says_of_itself_is_told(board: DashboardState) -> None:
     assert (entry['time'], entry['node'], entry['text'], entry['alarm']) == (5, 'test', 'T', '')
 
 
-def test_a_map_grows_to_contain_the_running_speed(now: list[float]) -> None:
+def test_a_map_is_made_for_the_first_point_and_grows(now: list[float]) -> None:
     made = []
 
     def wider(speed: float, load: float) -> BearingView:
         made.append((speed, load))
         return replace(view, speeds=(0.0, speed), loads=(0.0, load))
 
-    view = replace(VIEW, wider=wider)
+    view = replace(VIEW, speeds=(0.0, 9.0), loads=(0.0, 9.0), wider=wider)
     board = board_of(now, view)
-    take = board.monitors[0].take_status
     # A single wrong sample is no reason.
     for k, speed in enumerate((0.5, 50.0, 0.5, 0.5, -2.0, -3.0, -2.5, -2.0, -2.0)):
-        take('aft_stern', k * 10**9, '', values(speed, 0.5))
+        board.monitors[0].take_record(status(time_ns=k * 10**9, speed=speed))
         board.tick()
-    assert made == [(2.4, 1.0)]
-    assert board.state()['bearings'][0]['speeds'] == (0.0, 2.4)
+    assert made == [(pytest.approx(0.6), 1.5), (pytest.approx(2.4), 1.5)]
+    assert board.state()['bearings'][0]['speeds'] == (0.0, pytest.approx(2.4))
 
 
 def twins(now: list[float]) -> DashboardState:
@@ -409,14 +400,13 @@ def test_twin_screws_are_two_things(now: list[float]) -> None:
     board = twins(now)
     port, starboard = board.monitors
     asked: list[Any] = []
-    port.act, starboard.act = lambda r: asked.append(('port', r)), lambda r: None
+    port.act, starboard.act = asked.append, lambda _: pytest.fail('the wrong ship side')
     for monitor in board.monitors:
-        monitor.take_status('aft_stern', 0, 'aft_stern: fine', values(1.0, 1.0))
+        hear(monitor, text='aft_stern: fine')
     waiting = alarm(state='unacknowledged', active=True, text='aft_stern: bad')
-    port.take_alarms(record([]) | {'alarms': [waiting], 'unacknowledged': 1})
-    assert board.heard
-    assert not board.there
-    starboard.take_alarms(record([]) | {'alarms': [alarm()]})
+    port.take_alarms(alarms(waiting, unacknowledged=1))
+    assert (board.heard, board.there) == (True, False)
+    starboard.take_alarms(alarms(alarm()))
     assert board.there
     assert board.alarms is not None
     assert board.alarms['unacknowledged'] == 1
@@ -424,36 +414,24 @@ def test_twin_screws_are_two_things(now: list[float]) -> None:
         ('port/aft_stern', 'unacknowledged'),
         ('starboard/aft_stern', 'normal'),
     ]
-    assert board.alarms['alarms'][0]['text'] == 'port/aft_stern: bad'
-    request = ActionRequest(Action.ACKNOWLEDGE, 'Ada', 'port/aft_stern', AlarmKind.STICK_SLIP)
-    with pytest.raises(DashboardError, match='has not answered'):
-        asyncio.run(board.ask(request, 0.01))
-    assert asked == [('port', replace(request, bearing='aft_stern'))]
-    other = replace(request, bearing='starboard/aft_stern')
+    assert [row['text'] for row in board.alarms['rows']] == ['port/aft_stern: bad']
+    with pytest.raises(DashboardError, match='no answer from the monitor'):
+        asyncio.run(board.ask(acknowledge(bearing='port/aft_stern'), 0.01))
+    assert asked == [acknowledge()]
     with pytest.raises(DashboardError, match='there is nothing to acknowledge'):
-        asyncio.run(board.ask(other, 0.01))
+        asyncio.run(board.ask(acknowledge(bearing='starboard/aft_stern'), 0.01))
 
 
 @pytest.mark.parametrize('dead', [0, 1])
 def test_the_healthy_twin_never_covers_the_other(now: list[float], dead: int) -> None:
     board = twins(now)
     for monitor in board.monitors:
-        monitor.take_alarms(record([]) | {'alarms': [alarm()]})
-        monitor.take_status('aft_stern', 0, '', values(1.0, 1.0))
+        monitor.take_alarms(alarms(alarm()))
+        hear(monitor)
     assert board.there
     now[0] += 4.0
-    board.monitors[1 - dead].take_status('aft_stern', 0, '', values(1.0, 1.0))
+    hear(board.monitors[1 - dead])
     side = ('port', 'starboard')[dead]
     assert (board.heard, board.there) == (True, False)
     assert board.faults() == [f'The monitor /{side}/monitor has been silent for 4 s.']
     assert board.monitor()['unheard'] == [f'{side}/aft_stern']
-
-
-def test_a_lost_input_is_a_gap_in_the_history(board: DashboardState) -> None:
-    take = board.monitors[0].take_status
-    take('aft_stern', 10**9, '', values(1.0, 2.0) | {'fold margin': '0.5'})
-    stale = {'fold margin': '0.5', 'speed age [s]': '9'}
-    take('aft_stern', 2 * 10**9, '', values(1.0, 2.0) | stale)
-    history = board.history('aft_stern')
-    assert history is not None
-    assert [row[1:4] for row in history['rows']] == [[1.0, 2.0, 0.5], [None, 2.0, None]]

@@ -44,9 +44,11 @@ export function clock(ms) {
   const text = moment(ms);
   return time.now !== null && moment(time.now).slice(0, 10) === text.slice(0, 10) ? text.slice(11) : text;
 }
+/** The worst priority among some rows; empty for none. */
+export const worst = (rows) => PRIORITIES.find((priority) => rows.some((row) => row.priority === priority)) ?? '';
 export const nameOf = (alarm) => NAMES[alarm.alarm] ?? alarm.alarm;
 export const withoutName = ({ text, bearing }) => (text.startsWith(`${bearing}: `) ? text.slice(bearing.length + 2) : text);
-const keyOf = (alarm) => (alarm.members?.length > 1 ? `${alarm.members.length} bearings/${alarm.alarm}/${alarm.state}/${withoutName(alarm)}` : `${alarm.bearing}/${alarm.alarm}`);
+const keyOf = (row) => (row.members?.length > 1 ? `${row.members.length} bearings/${row.alarm}/${row.state}/${withoutName(row)}` : row.aside ? `${row.bearing}/${row.alarm}` : row.bearing);
 
 /**
  * The order in which alarms are to be dealt with: what stands and nobody has acknowledged above all
@@ -59,13 +61,13 @@ export function rank(alarm) {
   return 100 * part + 10 * PRIORITIES.indexOf(alarm.priority) + ORDER.indexOf(alarm.state);
 }
 
-/** One entry where many bearings have the same alarm from one cause, as from one lost speed. */
-export function grouped(alarms) {
+/** One row where many bearings have the same alarm from one cause, as from one lost speed. */
+export function grouped(rows) {
   const groups = new Map();
-  for (const alarm of alarms) {
-    const text = withoutName(alarm).replace(/ *\d+(\.\d+)?( s\b| seconds?)/g, '');
-    const key = [alarm.alarm, alarm.state, alarm.sounding, alarm.alarm.startsWith('input') ? text : alarm.bearing].join('\n');
-    groups.set(key, [...(groups.get(key) ?? []), alarm]);
+  for (const row of rows) {
+    const text = withoutName(row).replace(/ *\d+(\.\d+)?( s\b| seconds?)/g, '');
+    const key = row.alarm.startsWith('input') && !row.aside ? [row.alarm, row.state, row.sounding, text].join('\n') : keyOf(row);
+    groups.set(key, [...(groups.get(key) ?? []), row]);
   }
   return [...groups.values()].map((members) => ({ ...members[0], members }));
 }
@@ -73,10 +75,17 @@ export function grouped(alarms) {
 function stateOf(alarm) {
   let text = STATES[alarm.state] ?? alarm.state;
   if (alarm.state === 'shelved') text += ` until ${clock(alarm.shelved_until)}`;
-  if (alarm.suppressed_by.length) text += ` (${alarm.suppressed_by.join(', ').replaceAll('_', ' ')})`;
+  if (alarm.suppressed_by?.length) text += ` (${alarm.suppressed_by.join(', ').replaceAll('_', ' ')})`;
   if (alarm.silenced && alarm.state === 'unacknowledged') text += ', silenced';
   if (['acknowledged', 'shelved', 'out_of_service'].includes(alarm.state) && alarm.by !== 'monitor' && alarm.by) text += ` by ${alarm.by}`;
   return text;
+}
+
+/** Since when a matter stands, how often it came back, and what else it has. */
+function courseOf(row) {
+  const came = `came ${clock(row.since)}${row.came_back ? `, came back ${row.came_back === 1 ? 'once' : `${row.came_back} times`} since ${clock(row.came_back_since)}` : ''}`;
+  const others = (row.kinds ?? []).filter((kind) => kind !== row.alarm).map((kind) => (NAMES[kind] ?? kind).toLowerCase());
+  return others.length ? `${came}; with it: ${others.join(', ')}` : came;
 }
 
 export class AlarmList {
@@ -97,30 +106,28 @@ export class AlarmList {
   }
 
   show(record) {
-    const every = record.alarms.filter((alarm) => alarm.state !== 'normal');
-    const alarms = grouped(every);
-    alarms.sort((a, b) => rank(a) - rank(b) || (b.since ?? 0) - (a.since ?? 0));
+    const aside = record.alarms.filter((alarm) => ASIDE.includes(alarm.state)).map((alarm) => ({ ...alarm, aside: true }));
+    const rows = grouped([...record.rows, ...aside]);
+    rows.sort((a, b) => rank(a) - rank(b) || (b.since ?? 0) - (a.since ?? 0));
     const focused = document.activeElement;
     const within = this.section.contains(focused);
-    const aside = alarms.filter((a) => ASIDE.includes(a.state));
-    this.place(this.list, alarms.filter((a) => !ASIDE.includes(a.state)));
-    this.place(this.asideList, aside);
-    const kept = new Set(alarms.map(keyOf));
-    this.groups = alarms;
+    this.place(this.list, rows.filter((row) => !row.aside));
+    this.place(this.asideList, rows.filter((row) => row.aside));
+    const kept = new Set(rows.map(keyOf));
     for (const [key, item] of this.items) {
       if (!kept.has(key)) { item.root.remove(); this.items.delete(key); }
     }
     if (within && !this.section.contains(document.activeElement)) this.refocus(focused);
-    this.standing = every.filter((a) => ASIDE.includes(a.state) && a.active);
-    this.none = !alarms.length || (alarms.length === aside.length && !this.standing.length);
+    this.standing = aside.filter((alarm) => alarm.active);
+    this.none = !record.rows.length && !this.standing.length;
     this.trust(this.trusted);
     this.aside.hidden = aside.length === 0;
-    this.aside.querySelector('summary').textContent = `${aside.length} put aside: ${ASIDE.map((s) => [aside.filter((a) => a.state === s).length, STATES[s]]).filter(([n]) => n).map((pair) => pair.join(' ')).join(', ')}`;
+    this.aside.querySelector('summary').textContent = `${aside.length} aside: ${ASIDE.map((s) => [aside.filter((a) => a.state === s).length, STATES[s]]).filter(([n]) => n).map((pair) => pair.join(' ')).join(', ')}`;
     this.silence.hidden = !record.sounding;
-    this.waiting = every.filter((a) => a.actions.includes('acknowledge'));
+    this.waiting = record.rows.filter((row) => row.actions.includes('acknowledge'));
     this.seen.hidden = this.waiting.length < 2;
     this.count(record);
-    this.announce(every);
+    this.announce(record.rows);
   }
 
   /** Only what is known to be all clear is called so. */
@@ -129,7 +136,7 @@ export class AlarmList {
     this.quiet.hidden = !(this.none && trusted);
     this.unsure.hidden = trusted;
     this.shelved.hidden = !this.standing.length;
-    this.shelved.textContent = `${this.standing.length} put aside though the cause stands: ${this.standing.slice(0, 5).map((a) => `${nameOf(a)}, ${a.bearing}`).join('; ')}${this.standing.length > 5 ? ' …' : ''}`;
+    this.shelved.textContent = `${this.standing.length} shelved, suppressed or out of service but still active: ${this.standing.slice(0, 5).map((a) => `${nameOf(a)}, ${a.bearing}`).join('; ')}${this.standing.length > 5 ? ' …' : ''}`;
   }
 
   count(record) {
@@ -139,11 +146,11 @@ export class AlarmList {
   }
 
   /** Say aloud what was not given before. */
-  announce(alarms) {
-    const given = new Map(alarms.filter((a) => a.state === 'unacknowledged').map((a) => [keyOf(a), a]));
-    const fresh = [...given].filter(([key]) => !this.known?.has(key)).map(([, a]) => a);
+  announce(rows) {
+    const given = new Map(rows.filter((row) => row.state === 'unacknowledged').map((row) => [`${row.bearing}/${row.alarm}/${row.since}`, row]));
+    const fresh = [...given].filter(([key]) => !this.known?.has(key)).map(([, row]) => row);
     this.known = new Set(given.keys());
-    if (fresh.length) this.say(fresh.map((a) => `${a.priority}: ${nameOf(a)}. ${a.text}`).join(' '));
+    if (fresh.length) this.say(fresh.map((row) => `${row.priority}: ${nameOf(row)}. ${row.text}`).join(' '));
   }
 
   place(list, alarms) {
@@ -161,18 +168,14 @@ export class AlarmList {
 
   create(alarm) {
     const root = document.createElement('li');
-    root.innerHTML = '<div class="what"><h3></h3><div class="state"></div></div><div class="words"><p class="text"></p><small class="places"></small></div><div class="buttons"></div>';
-    const shape = make('svg', { class: 'shape', viewBox: '0 0 34 34', 'aria-hidden': 'true' });
-    const [kind, attributes, y] = SHAPES[alarm.priority] ?? SHAPES.caution;
-    shape.append(make(kind, { class: 'fill', ...attributes }), make('text', { class: 'mark', x: 17, y }, '!'));
-    root.prepend(shape);
+    root.innerHTML = '<div class="what"><h3></h3><div class="state"></div></div><div class="words"><p class="text"></p><small class="course"></small><small class="places"></small></div><div class="buttons"></div>';
+    root.prepend(make('svg', { class: 'shape', viewBox: '0 0 34 34', 'aria-hidden': 'true' }));
     const item = { root, buttons: {} };
     for (const [action, label] of Object.entries(BUTTONS)) {
       const button = document.createElement('button');
       button.type = 'button';
       button.textContent = label;
       button.dataset.action = action;
-      button.setAttribute('aria-label', `${label}: ${nameOf(alarm)}, ${alarm.members.length > 1 ? `${alarm.members.length} bearings` : alarm.bearing}`);
       button.addEventListener('click', () => this.act(action, item.alarm, button));
       item.buttons[action] = button;
       root.querySelector('.buttons').append(button);
@@ -185,15 +188,24 @@ export class AlarmList {
     item.alarm = alarm;
     const { root } = item;
     root.className = `alarm priority-${alarm.priority}${WAITING.includes(alarm.state) ? ' waiting' : ''}${['returned_unacknowledged', 'latched'].includes(alarm.state) ? ' gone' : ''}${alarm.sounding ? ' sounding' : ''}`;
-    root.dataset.state = alarm.state;
-    root.dataset.alarm = keyOf(alarm);
+    Object.assign(root.dataset, { state: alarm.state, alarm: alarm.members.length > 1 ? keyOf(alarm) : `${alarm.bearing}/${alarm.alarm}` });
+    if (item.priority !== alarm.priority) {
+      const [kind, attributes, y] = SHAPES[alarm.priority] ?? SHAPES.caution;
+      root.querySelector('.shape').replaceChildren(make(kind, { class: 'fill', ...attributes }), make('text', { class: 'mark', x: 17, y }, '!'));
+      item.priority = alarm.priority;
+    }
     root.querySelector('h3').textContent = `${alarm.priority.toUpperCase()}: ${nameOf(alarm)}`;
     const places = alarm.members.map((each) => each.bearing);
-    root.querySelector('.state').textContent = `${places.length > 1 ? `${places.length} bearings` : alarm.bearing}, ${stateOf(alarm)}, came ${clock(alarm.since)}`;
+    const where = places.length > 1 ? `${places.length} bearings` : alarm.bearing;
+    root.querySelector('.state').textContent = `${where}, ${stateOf(alarm)}`;
+    root.querySelector('.course').textContent = courseOf(alarm);
     root.querySelector('.places').textContent = places.length > 1 ? places.join(', ') : '';
     root.querySelector('.text').textContent = withoutName(alarm);
     const focused = document.activeElement;
-    for (const [action, button] of Object.entries(item.buttons)) button.hidden = !alarm.actions.includes(action);
+    for (const [action, button] of Object.entries(item.buttons)) {
+      button.hidden = !alarm.actions.includes(action);
+      button.setAttribute('aria-label', `${BUTTONS[action]}: ${nameOf(alarm)}, ${where}`);
+    }
     if (focused?.hidden && root.contains(focused)) (root.querySelector('button:not([hidden])') ?? this.section).focus({ preventScroll: true });
   }
 }

@@ -59,7 +59,7 @@ export class MarginGauge {
     if (this.look === 'bad') bars.push(rect('hatched', 0, zero));
     bars.push(make('path', { class: 'zero', d: `M${zero} 3V25` }));
     if (margin !== null) {
-      const x = this.x(margin);
+      const x = Math.min(Math.max(this.x(margin), 8), W - 8);
       bars.push(make('path', { class: 'needle', d: `M${x} 22L${x - 8} 0H${x + 8}Z` }));
     }
     this.parts.svg.replaceChildren(...bars);
@@ -69,7 +69,7 @@ export class MarginGauge {
       const number = size > 999 ? '> +999 %' : `${percent < 0 ? '−' : '+'}${size.toFixed(size < 99.95 ? 1 : 0)} %`;
       tell(this.parts, -100, 100, Math.min(Math.max(percent, -100), 100).toFixed(1), number, this.words[margin < 0 ? 0 : 1]);
     } else {
-      tell(this.parts, -100, 100, known ? 100 : 0, '–', known ? 'no such boundary at this load' : 'not known');
+      tell(this.parts, -100, 100, known ? 100 : 0, '–', known ? 'no such boundary at this load' : 'unknown');
     }
   }
 }
@@ -87,7 +87,7 @@ export class AmplitudeGauge {
     const { amplitude, amplitude_exact: exact, sticking } = status;
     const best = exact ?? amplitude;
     // The scale only ever grows, so that a glance can be trusted.
-    while (best !== null && best > this.top) this.top *= 2;
+    while (Math.max(best ?? 0, amplitude ?? 0) > this.top) this.top *= 2;
     const x = (value) => (value / this.top) * W;
     const bars = [rect('track', 0, W)];
     if (best !== null) bars.push(rect(sticking ? 'bar' : 'would', 1, x(best) - 1, 7, 14));
@@ -98,7 +98,7 @@ export class AmplitudeGauge {
     mark(this.parts, ['0', `${+(500 * this.top).toPrecision(3)}`, `${+(1e3 * this.top).toPrecision(3)} mm`]);
     const known = status.regime !== null;
     const number = best === null ? (known ? '0 mm' : '–') : mm(best);
-    const about = best === null ? (known ? 'no stick-slip cycle exists' : 'not known') : `${sticking ? 'predicted' : 'if something starts it'}${amplitude === null ? '' : `; by averaging (KBM) ${mm(amplitude)}`}`;
+    const about = best === null ? (known ? 'no stick-slip cycle exists' : 'unknown') : `${sticking ? 'predicted' : 'if something starts it'}${amplitude === null ? '' : `; by averaging (KBM) ${mm(amplitude)}`}`;
     const limit = this.limit === null ? '' : `; limit ${mm(this.limit)}`;
     tell(this.parts, 0, 1e3 * this.top, (1e3 * (best ?? 0)).toFixed(3), number, about + limit);
   }

@@ -13,7 +13,7 @@ export class Overview {
     this.reveal = reveal;
     this.rows = new Map();
     const get = (id) => document.getElementById(id);
-    [this.root, this.body, this.find, this.only] = ['overview', 'rows', 'find', 'only'].map(get);
+    [this.root, this.body, this.find, this.only, this.counts] = ['overview', 'rows', 'find', 'only', 'counts'].map(get);
     this.find.addEventListener('input', () => this.order());
     this.only.addEventListener('change', () => this.order());
     this.body.addEventListener('click', (event) => {
@@ -24,6 +24,7 @@ export class Overview {
 
   begin(bearings) {
     this.root.hidden = bearings.length <= FEW;
+    document.body.classList.toggle('many', !this.root.hidden);
     this.rows = new Map();
     this.body.replaceChildren();
     if (this.root.hidden) return;
@@ -56,9 +57,9 @@ export class Overview {
     own.status = status;
     own.row.dataset.reason = own.unheard ? 'unheard' : status?.reason ?? 'waiting';
     if (!status) status = { reason: 'waiting', load: null, fold_margin: null, rpm: null };
-    const load = status.load === null ? '–' : `${(status.load / 1000).toFixed(1)} kN`;
-    const margin = status.fold_margin === null ? '–' : `${(Math.round(100 * status.fold_margin) + 0).toFixed(0)} %`;
-    const texts = [own.unheard ? '✕ not heard' : WORDS[status.reason] ?? status.reason, status.rpm === null ? '–' : `${Math.abs(status.rpm).toFixed(1)} rpm`, load, margin];
+    const load = status.load === null ? '–' : (status.load / 1000).toFixed(1);
+    const margin = status.fold_margin === null ? '–' : (Math.round(100 * status.fold_margin) + 0).toFixed(0);
+    const texts = [own.unheard ? '✕ not heard' : `${WORDS[status.reason] ?? status.reason}${status.held_until ? ' (held)' : ''}`, status.rpm === null ? '–' : `${Math.abs(status.rpm).toFixed(1)}`, load, margin];
     texts.forEach((text, k) => { if (own.row.cells[k + 1].textContent !== text) own.row.cells[k + 1].textContent = text; });
   }
 
@@ -74,7 +75,15 @@ export class Overview {
     return [...this.rows.values()].sort((a, b) => badness(a) - badness(b) || (margin(a) < margin(b) ? -1 : margin(a) > margin(b) ? 1 : 0));
   }
 
+  /** How many are in each state, the worst first. */
+  count() {
+    const states = new Map();
+    for (const { row } of this.sorted()) states.set(row.cells[1].textContent, (states.get(row.cells[1].textContent) ?? 0) + 1);
+    this.counts.textContent = `${this.rows.size}: ${[...states].map(([words, number]) => `${number} ${words.slice(2)}`).join(', ')}`;
+  }
+
   order() {
+    this.count();
     const wanted = this.find.value.trim().toLowerCase();
     this.sorted().forEach(({ row, name }, k) => {
       row.hidden = !name.toLowerCase().includes(wanted) || (this.only.checked && row.dataset.reason === 'normal');

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Takes the stream of events and shows it. Every text from outside is set as text, never as markup.
 
-import { AlarmList, clock, moment, nameOf, time, withoutName } from '/alarms.js';
+import { AlarmList, clock, moment, nameOf, time, withoutName, worst } from '/alarms.js';
 import { Overview } from '/overview.js';
 import { Sound } from '/sound.js';
 import { AmplitudeGauge, MarginGauge } from '/gauges.js';
@@ -12,8 +12,8 @@ import { connect } from '/stream.js';
 
 const SILENCE = 12000, ANSWER = 5000, REDRAW = 250;
 const REASONS = { normal: '✓ Normal', caution: '! Margin low', bistable: '! Bistable', stick_slip: '▲ Stick-slip predicted', amplitude_limit: '▲ Amplitude above limit', vibration: '! Vibration not explained', input_stale: '✕ Input lost', waiting: '… Waiting', not_monitoring: '✕ Not monitoring' };
-const WHAT = { raise: 'came', clear: 'went', acknowledge: 'acknowledged', silence: 'silenced', unsilence: 'silence ran out', shelve: 'shelved', unshelve: 'unshelved', reset: 'reset', suppress: 'suppressed', unsuppress: 'no longer suppressed', remove: 'taken out of service', restore: 'returned to service' };
-const MEASURED = { quiet: '✓ quiet', vibrating: '▲ vibrating', unknown: 'not known' };
+const WHAT = { raise: 'raised', clear: 'cleared', acknowledge: 'acknowledged', silence: 'silenced', unsilence: 'silence over', shelve: 'shelved', unshelve: 'unshelved', reset: 'reset', suppress: 'suppressed', unsuppress: 'no longer suppressed', remove: 'taken out of service', restore: 'returned to service' };
+const MEASURED = { quiet: '✓ quiet', vibrating: '▲ vibrating', unknown: 'unknown' };
 const FAULTS = { not_finite: 'not finite', implausible: 'implausible', repeated: 'repeated', out_of_order: 'out of order', clock_jump: 'clock jumps' };
 
 const get = (id) => document.getElementById(id);
@@ -23,8 +23,8 @@ const loadText = (load) => (load === null ? '–' : Math.abs(load) < 9999.5 ? `$
 
 /** One bearing's part of the page. */
 class Bearing {
-  constructor(bearing) {
-    this.history = new History();
+  constructor(bearing, columns, events) {
+    this.history = new History(columns);
     this.root = get('bearing').content.firstElementChild.cloneNode(true);
     this.find = (selector) => this.root.querySelector(selector);
     this.root.setAttribute('aria-label', `Bearing ${bearing.name}`);
@@ -32,22 +32,22 @@ class Bearing {
     put(this.find('h2'), bearing.name);
     this.name = bearing.name;
     this.topics = bearing.topics;
-    this.rpm = bearing.rpm;
+    [this.rpm, this.shelveTime] = [bearing.rpm, bearing.shelve_time];
     this.shown = true;
-    this.charts = new Charts(this.find('.charts'), bearing);
+    this.charts = new Charts(this.find('.charts'), bearing, this.history, events);
     this.map = new StabilityMap(this.find('.map svg'), bearing);
-    this.fold = new MarginGauge('Fold margin', bearing, { near: true, look: 'between', words: 'inside: stick-slip can run' }, 'outside: no stick-slip can last');
-    this.hopf = new MarginGauge('Hopf margin', bearing, { near: false, look: 'bad', words: 'inside: stick-slip starts by itself' }, 'outside: steady sliding is stable');
+    this.fold = new MarginGauge('Fold margin', bearing, { near: true, look: 'between', words: 'below the fold: stick-slip possible' }, 'above the fold: safe');
+    this.hopf = new MarginGauge('Hopf margin', bearing, { near: false, look: 'bad', words: 'below the Hopf speed: stick-slip starts by itself' }, 'above the Hopf speed: steady sliding is stable');
     this.amplitude = new AmplitudeGauge(bearing);
     this.find('.gauges').append(this.fold.root, this.hopf.root, this.amplitude.root);
     if (bearing.status) this.show(bearing.status);
-    else { put(this.find('.badge'), REASONS.waiting); this.find('.badge').dataset.reason = 'waiting'; this.map.show(null, [], 'nothing is known yet'); this.gauge({}); }
+    else { put(this.find('.badge'), REASONS.waiting); this.find('.badge').dataset.reason = 'waiting'; this.map.show(null, [], 'no data yet'); this.gauge({}); }
   }
 
   take(status) {
-    const fresh = this.history.add(status);
+    const fresh = this.history.add(status.row);
     this.show(status);
-    if (fresh && this.shown) this.charts.show(this.history.rows);
+    if (fresh && this.shown) this.charts.show();
   }
 
   /** What was before the page was opened is asked for when somebody looks at it. */
@@ -58,7 +58,7 @@ class Bearing {
       const answer = await fetch(`/history?bearing=${encodeURIComponent(this.name)}`);
       if (answer.ok) this.history.precede((await answer.json()).rows); else this.asked = false;
     } catch { this.asked = false; }
-    if (this.shown && this.status) { this.show(this.status); this.charts.show(this.history.rows); }
+    if (this.shown && this.status) { this.show(this.status); this.charts.show(); }
   }
 
   /** What is not looked at is not drawn. */
@@ -67,7 +67,7 @@ class Bearing {
     this.root.hidden = !shown;
     if (!shown) return;
     this.map.redraw();
-    if (this.status) { this.show(this.status); this.charts.show(this.history.rows); }
+    if (this.status) { this.show(this.status); this.charts.show(); }
     this.remember();
   }
 
@@ -76,15 +76,14 @@ class Bearing {
     if (!this.shown) return;
     const badge = this.find('.badge');
     badge.dataset.reason = status.reason;
-    put(badge, REASONS[status.reason] ?? status.reason);
+    badge.classList.toggle('held', status.held_until !== null);
+    put(badge, `${REASONS[status.reason] ?? status.reason}${status.held_until === null ? '' : `, held until ${clock(status.held_until)}`}`);
     put(this.find('.verdict'), withoutName({ text: status.text, bearing: this.name }));
     const astern = status.speed < 0 ? 'astern, ' : '';
     put(this.find('.speed'), speedText(status.rpm));
     put(this.find('.surface'), status.speed === null ? '' : `${astern}${Math.abs(status.speed).toFixed(3)} m/s`);
     const rpm = (speed) => (speed === null ? '–' : speedText(speed * this.rpm));
     put(this.find('.boundaries'), status.regime === null ? '' : `fold ${rpm(status.fold_speed)}, Hopf ${rpm(status.hopf_speed)}`);
-    const parts = [['clears_in', 'clears in'], ['boundary_in', 'boundary reached in']].filter(([key]) => status[key] !== null && status[key] !== undefined).map(([key, words]) => `${words} ${duration(status[key])}`);
-    put(this.find('.soon'), parts.join('; '));
     const chances = [['probability_can', 'can happen'], ['probability_will', 'starts by itself'], ['probability_runs', 'runs']].filter(([key]) => status[key] !== null).map(([key, words]) => `${words} ${(100 * status[key]).toFixed(0)} %`);
     put(this.find('.chances'), chances.length ? `stick-slip: ${chances.join(', ')}` : '');
     put(this.find('.measured'), status.measured ? `vibration measured: ${MEASURED[status.measured] ?? status.measured}${status.unmeasured ? ` (${status.unmeasured})` : ''}` : '');
@@ -108,12 +107,13 @@ class Bearing {
     for (const [name, input] of Object.entries(inputs)) {
       const row = body.querySelector(`[data-input="${name}"]`) ?? inputRow(body, name, this.topics[name]);
       const [state, count] = row.querySelectorAll('td');
-      state.className = input.lost ? 'lost' : '';
+      state.className = input.lost || input.fault ? 'lost' : '';
       put(row.querySelector('.fault'), input.fault);
       if (name !== 'level') put(this.find(`[data-of="${name}"] .name`), `${name === 'load' ? 'Bearing load' : 'Shaft speed'}${input.lost ? ', last known' : ''}`);
-      put(state, input.lost ? `✕ lost${input.age === null ? ', never heard' : `, ${input.age.toFixed(0)} s old`}` : '✓ heard');
-      const faults = Object.entries(FAULTS).filter(([key]) => input.counts[key]).map(([key, words]) => `${input.counts[key]} ${words}`);
-      put(count, `${input.counts.accepted ?? 0} used${faults.length ? `; ${faults.join(', ')}` : ''}`);
+      const ago = input.age === null ? 'no valid value yet' : `${input.age.toFixed(input.age < 9.95 ? 1 : 0)} s ago`;
+      put(state, `${input.lost ? '✕ lost, ' : input.age === null ? '' : '✓ '}${input.rate === null || input.lost ? '' : `${+input.rate.toPrecision(2)} Hz, `}${ago}`);
+      const refused = Object.entries(FAULTS).filter(([key]) => input.counts[key]).map(([key, words]) => `${input.counts[key]} ${words}`);
+      put(count, refused.length ? `refused: ${refused.join(', ')}` : '');
     }
   }
 }
@@ -188,7 +188,10 @@ class Page {
   begin(state) {
     this.told?.clear();
     this.source = state.source;
-    this.bearings = new Map(state.bearings.map((bearing) => [bearing.name, new Bearing(bearing)]));
+    get('leave').hidden = !state.signed_in;
+    const eventsOf = (name) => () => this.log.filter((entry) => entry.bearing === name && entry.time);
+    [this.record, this.log] = [state.alarms, state.log];
+    this.bearings = new Map(state.bearings.map((bearing) => [bearing.name, new Bearing(bearing, state.columns, eventsOf(bearing.name))]));
     get('bearings').replaceChildren(...[...this.bearings.values()].map((bearing) => bearing.root));
     this.overview.begin(state.bearings);
     if (this.overview.root.hidden) for (const bearing of this.bearings.values()) bearing.reveal(true);
@@ -202,7 +205,7 @@ class Page {
     [this.record, this.log] = [alarms, log];
     if (alarms) {
       this.alarms.show(alarms);
-      this.sound.ring(alarms.sounding);
+      this.sound.ring(alarms.sounding ? worst(alarms.rows.filter((row) => row.sounding)) : '');
       this.trust(this.trusted);
     }
     get('log').replaceChildren(...log.toReversed().map(logRow));
@@ -212,7 +215,11 @@ class Page {
     put(get('zone'), time.local ? 'Time (local)' : 'Time (UTC)');
     if (this.log) this.take({ alarms: this.record, log: this.log });
     if (time.now) this.time(time.now);
+    this.redraw();
   }
+
+  /** The colours, or the clock, have changed. */
+  redraw() { for (const { charts } of this.bearings.values()) charts.redraw(); }
 
   believe(monitor) {
     const where = this.source ? `${this.source.replay ? 'replay of ' : ''}${this.source.name}` : '';
@@ -243,6 +250,7 @@ class Page {
   tell(link, words, banner) {
     if (banner && (document.body.dataset.link !== link || link === 'doubtful') && get('banner').textContent !== banner) put(get('say-now'), banner);
     document.body.dataset.link = link;
+    this.sound.die(link === 'lost' || link === 'silent');
     put(get('link'), words);
     put(get('banner'), banner);
     get('banner').hidden = !banner;
@@ -255,7 +263,7 @@ class Page {
   async act(action, alarm, button) {
     const by = await askName();
     if (!by) return;
-    const reason = action === 'shelve' ? await askReason() : '';
+    const reason = action === 'shelve' ? await askReason(alarm, this.bearings.get(alarm.bearing)?.shelveTime) : '';
     if (reason === null) return;
     button.setAttribute('aria-disabled', 'true');
     const results = [];
@@ -282,7 +290,9 @@ class Page {
 }
 
 async function post(action, by, alarm, reason) {
-  const body = JSON.stringify({ schema: 'stickslip_monitor/action/1', action, by, bearing: alarm?.bearing ?? null, alarm: alarm?.alarm ?? null, ...(reason && { reason }) });
+  // A row is a bearing with all its alarms; to shelve is for the one that it names.
+  const kind = alarm?.aside || action === 'shelve' ? alarm.alarm : null;
+  const body = JSON.stringify({ schema: 'stickslip_monitor/action/1', action, by, bearing: alarm?.bearing ?? null, alarm: kind, ...(reason && { reason }) });
   try {
     const answer = await fetch('/act', { method: 'POST', headers: { 'Content-Type': 'application/json' }, body });
     if (answer.status === 401) location.assign('/login');
@@ -290,18 +300,19 @@ async function post(action, by, alarm, reason) {
   } catch { return { ok: false, text: 'the dashboard cannot be reached: nothing is known to be done' }; }
 }
 
-function duration(seconds) {
-  if (seconds < 99.5) return `${seconds.toFixed(0)} s`;
-  return `${(seconds / 60).toFixed(0)} min`;
+/** Why an alarm is shelved, for the log; null where nobody says. */
+async function askReason(alarm, seconds) {
+  const minutes = seconds ? ` for ${+(seconds / 60).toPrecision(3)} min` : '';
+  const places = alarm.members?.length > 1 ? `${alarm.members.length} bearings` : alarm.bearing;
+  put(get('why-title'), `Shelve "${nameOf(alarm)}, ${places}"${minutes}`);
+  get('reason').value = '';
+  return (await asked(get('why'))) ? get('reason').value.trim() || null : null;
 }
 
-/** Why an alarm is put aside, for the log; null where nobody says. */
-async function askReason() {
-  const dialog = get('why');
-  get('reason').value = '';
+/** Whether a question is answered. */
+async function asked(dialog) {
   dialog.showModal();
-  const said = await new Promise((resolve) => { dialog.addEventListener('close', () => resolve(dialog.returnValue), { once: true }); });
-  return (said === 'ok' && get('reason').value.trim()) || null;
+  return await new Promise((resolve) => { dialog.addEventListener('close', () => resolve(dialog.returnValue), { once: true }); }) === 'ok';
 }
 
 /** A change of an alarm, or a note of the node on anything else. */
@@ -315,6 +326,11 @@ function logRow(entry) {
     return row;
   }
   for (const text of [`${nameOf(entry)}, ${entry.bearing}`, WHAT[entry.what] ?? entry.what, entry.by]) row.insertCell().textContent = text;
+  if (entry.what === 'raise') {
+    const words = document.createElement('small');
+    words.textContent = withoutName(entry);
+    row.cells[1].append(words);
+  }
   return row;
 }
 
@@ -322,11 +338,10 @@ function logRow(entry) {
 async function askName() {
   const who = get('who');
   if (who.value.trim()) return who.value.trim();
-  const dialog = get('ask');
-  dialog.showModal();
-  const said = await new Promise((resolve) => { dialog.addEventListener('close', () => resolve(dialog.returnValue), { once: true }); });
-  if (said === 'ok') { who.value = get('ask-name').value.trim(); keep('who', who.value); }
-  return said === 'ok' ? who.value : '';
+  if (!(await asked(get('ask')))) return '';
+  who.value = get('ask-name').value.trim();
+  keep('who', who.value);
+  return who.value;
 }
 
 function keep(key, value) {
@@ -338,9 +353,11 @@ function recall(key) {
 }
 
 const dark = matchMedia('(prefers-color-scheme: dark)');
-function light() {
+let page = null;
+function light(paper = false) {
   const chosen = get('theme').value;
-  document.documentElement.dataset.theme = chosen === 'auto' ? (dark.matches ? 'dusk' : 'day') : chosen;
+  document.documentElement.dataset.theme = paper ? 'day' : chosen === 'auto' ? (dark.matches ? 'dusk' : 'day') : chosen;
+  page?.redraw();
 }
 
 get('who').value = recall('who') ?? '';
@@ -351,6 +368,9 @@ time.local = get('local').value === 'local';
 put(get('zone'), time.local ? 'Time (local)' : 'Time (UTC)');
 get('theme').value = recall('theme') ?? 'auto';
 get('theme').addEventListener('change', (event) => { keep('theme', event.target.value); light(); });
-dark.addEventListener('change', light);
+dark.addEventListener('change', () => light());
+addEventListener('beforeprint', () => light(true));
+addEventListener('afterprint', () => light());
 light();
-new Page();
+get('leave').addEventListener('click', async () => { await fetch('/logout', { method: 'POST' }).catch(() => null); location.assign('/login'); });
+page = new Page();

@@ -50,10 +50,9 @@ def averaging(points: int, bearing: Bearing, speed: float, load: float) -> Metho
 def exact(points: int, bearing: Bearing, speed: float, load: float) -> MethodResult:
     """One slip phase from breakaway, the law set-valued (Filippov 1988); stick is a line."""
     cycle = exact_cycle(bearing, speed if points == 1 else np.full(points, speed), load)
-    kind, evaluations = np.ravel(cycle.kind)[0], int(np.ravel(cycle.evaluations)[0])
-    if kind == CycleKind.UNRESOLVED:
-        return not_converged(evaluations)
-    return found(float(np.ravel(cycle.amplitude)[0]), evaluations)
+    if np.ravel(cycle.kind)[0] == CycleKind.UNRESOLVED:
+        return not_converged(None)
+    return found(float(np.ravel(cycle.amplitude)[0]), None)
 
 
 AT_ONCE = 1000

@@ -10,19 +10,18 @@ disturbance; the amplitudes are in :mod:`.sweeps`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.arrays import BoolArray, FloatArray
 from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.physics.averaging.boundaries import amplitude_rate, fold_speed, hopf_speed
 from stickslip_monitor.physics.cycle.cycles import exact_cycle
 from stickslip_monitor.physics.friction import Coulomb, Stribeck
+from stickslip_monitor.physics.motion.integrator import Drive, MotionState, integrate
 from stickslip_monitor.physics.oscillator import Bearing
 
 REFERENCE = Bearing(
@@ -132,13 +131,6 @@ def friction_curves(bearing: Bearing, load: float) -> FrictionCurves:
     )
 
 
-Follow = Callable[
-    [Bearing, float, float, float, FloatArray], tuple[FloatArray, FloatArray, NDArray[np.bool_]]
-]
-"""Integrates the model in time: bearing, surface speed [m/s], load [N], displacement [m] at rest
-relative to the ground at time 0, rising times from 0 [s]; displacement [m], velocity [m/s] and
-whether the lining sticks, at those times."""
-
 _DISTURBANCE, _ARRIVED = 0.05, 0.995
 _MOST_PERIODS, _PERIODS_AFTER, _PER_PERIOD = 250, 8, 120
 _CYCLE_POINTS = 721
@@ -150,15 +142,14 @@ class History:
 
     Attributes:
         speed: Surface speed [m/s].
-        load: Load [N].
+        natural_frequency: Of the bearing [rad/s].
         equilibrium: Displacement of steady sliding [m].
         time: Shape (n,) [s].
         displacement: From the unloaded spring, shape (n,) [m].
         velocity: Shape (n,) [m/s].
         sticking: Whether the lining sticks, shape (n,).
         envelope: Amplitude under KBM averaging at the same times, shape (n,) [m].
-        cycle_time: One period of the exact cycle, from breakaway, shape (p,) [s].
-        cycle_displacement: Shape (p,) [m].
+        cycle_displacement: One period of the exact cycle, from breakaway, shape (p,) [m].
         cycle_velocity: Shape (p,) [m/s].
         averaged_amplitude: Stick-slip amplitude under KBM [m].
         exact_amplitude: Exact stick-slip amplitude [m].
@@ -167,14 +158,13 @@ class History:
     """
 
     speed: float
-    load: float
+    natural_frequency: float
     equilibrium: float
     time: FloatArray
     displacement: FloatArray
     velocity: FloatArray
-    sticking: NDArray[np.bool_]
+    sticking: BoolArray
     envelope: FloatArray
-    cycle_time: FloatArray
     cycle_displacement: FloatArray
     cycle_velocity: FloatArray
     averaged_amplitude: float
@@ -193,32 +183,31 @@ class History:
         }
 
 
-def stick_slip_history(bearing: Bearing, speed: float, load: float, follow: Follow) -> History:
+def stick_slip_history(bearing: Bearing, speed: float, load: float) -> History:
     """Time history and phase portrait of stick-slip from near the equilibrium to its cycle.
 
     Args:
         bearing: A bearing whose steady sliding is unstable at this point.
         speed: Surface speed [m/s].
         load: Load [N].
-        follow: Integrates the model in time.
     """
     cycle = exact_cycle(bearing, speed, load)
     averaged = float(assess(bearing, speed, load).amplitude)
     centre = float(bearing.equilibrium(speed, load))
     time, envelope = _averaged_growth(bearing, speed, load, averaged)
-    first = centre + float(envelope[0])
-    displacement, velocity, sticking = follow(bearing, speed, load, first, time)
+    drive = Drive.constant(speed, load, float(time[-1]))
+    start = MotionState.moving(centre + float(envelope[0]), 0.0, drive)
+    motion = integrate(bearing, drive, start, time, compiled=False)
     waveform = cycle.waveform(_CYCLE_POINTS)
     return History(
         speed=speed,
-        load=load,
+        natural_frequency=bearing.natural_frequency,
         equilibrium=centre,
         time=time,
-        displacement=displacement,
-        velocity=velocity,
-        sticking=sticking,
+        displacement=motion.displacement,
+        velocity=motion.velocity,
+        sticking=motion.sticking,
         envelope=envelope,
-        cycle_time=waveform[0],
         cycle_displacement=waveform[1],
         cycle_velocity=waveform[2],
         averaged_amplitude=averaged,

@@ -10,12 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
+from scipy.optimize import bisect
 from scipy.special import i1e
 
 from stickslip_monitor.arrays import FloatArray
@@ -37,7 +38,7 @@ from stickslip_monitor.physics.oscillator import Bearing
 _START = 0.5
 _TURNS, _LAST_TURN, _MOST_CHUNKS = 40.0, 1.25, 200
 _TOLERANCE = 1e-10
-_SAMPLES = 64
+Flow = Callable[[float, FloatArray], FloatArray]
 
 
 def reverse_time_amplitudes(
@@ -74,22 +75,22 @@ def reverse_time_amplitudes(
     return found
 
 
-def _settled(
-    flow: Callable[[float, FloatArray], FloatArray], start: FloatArray, accuracy: float
-) -> FloatArray:
+def _settled(flow: Flow, start: FloatArray, accuracy: float) -> FloatArray:
     """The amplitudes at which motions from turning points at ``start`` settle [V/omega]."""
-    state = np.concatenate([start, np.zeros(start.size)])
-    amplitude, change = np.full((2, start.size), np.inf)
-    found = np.full(start.size, np.nan)
+    count = start.size
+    state = np.concatenate([start, np.zeros(count)])
+    amplitude, change = np.full((2, count), np.inf)
+    found = np.full(count, np.nan)
+    turning = [partial(_velocity, count + i) for i in range(count)]
     for _ in range(_MOST_CHUNKS):
-        state = _followed(flow, 2.0 * np.pi * (_TURNS - _LAST_TURN), state).y[:, -1]
-        turn = _followed(flow, 2.0 * np.pi * _LAST_TURN, state, dense_output=True)
-        state, before, last = turn.y[:, -1], amplitude, change
-        amplitude = np.array([_half_stroke(turn.sol, i, start.size) for i in range(start.size)])
-        change = np.abs(amplitude - before)
+        state = _followed(flow, _TURNS - _LAST_TURN, state).y[:, -1]
+        turn = _followed(flow, _LAST_TURN, state, turning)
+        ends = [turn.y_events[i][:2, i] for i in range(count)]
+        now = np.array([0.5 * np.ptp(x) if x.size == 2 else math.nan for x in ends])
+        state, last, change, amplitude = turn.y[:, -1], change, np.abs(now - amplitude), now
         # The changes fall as a geometric series, whose rest is what is still to come.
         known = np.isfinite(last) & (change < last)
-        rest = np.full(start.size, np.inf)
+        rest = np.full(count, np.inf)
         rest[known] = change[known] ** 2 / (last[known] - change[known])
         done = np.isnan(found) & (rest <= accuracy * amplitude)
         found[done] = amplitude[done]
@@ -98,9 +99,11 @@ def _settled(
     return found
 
 
-def _reversed_flow(
-    bearing: Bearing, v: FloatArray, load: float
-) -> Callable[[float, FloatArray], FloatArray]:
+def _velocity(place: int, _: float, state: FloatArray) -> float:
+    return float(state[place])
+
+
+def _reversed_flow(bearing: Bearing, v: FloatArray, load: float) -> Flow:
     law, zeta = bearing.friction, bearing.damping_ratio
     force = load / (bearing.mass * bearing.natural_frequency * v)
     steady = law.coefficient(v)
@@ -113,34 +116,15 @@ def _reversed_flow(
     return flow
 
 
-def _followed(
-    flow: Callable[[float, FloatArray], FloatArray],
-    span: float,
-    state: FloatArray,
-    dense_output: bool = False,
-) -> Any:
+def _followed(flow: Flow, turns: float, state: FloatArray, events: Any = None) -> Any:
     return solve_ivp(
-        flow, (0.0, span), state, method='DOP853', rtol=_TOLERANCE, atol=_TOLERANCE * 1e-2,
-        dense_output=dense_output,
+        flow, (0.0, 2.0 * np.pi * turns), state, method='DOP853', rtol=_TOLERANCE,
+        atol=_TOLERANCE * 1e-2, events=events,
     )  # fmt: skip
 
 
-def _half_stroke(solution: Any, index: int, count: int) -> float:
-    """Half the way between two successive turning points, ``nan`` if it has none [V/omega]."""
-    tau = np.linspace(0.0, 2.0 * np.pi * _LAST_TURN, _SAMPLES)
-    w = solution(tau)[count + index]
-    turns = np.flatnonzero(w[:-1] * w[1:] <= 0.0)[:2]
-    if turns.size < 2:
-        return math.nan
-    ends = [
-        solution(brentq(lambda t: solution(t)[count + index], tau[i], tau[i + 1], xtol=1e-13))
-        for i in turns
-    ]
-    return 0.5 * abs(float(ends[1][index] - ends[0][index]))
-
-
 _NEAR_AN_END = np.geomspace(1e-9, 0.05, 8)
-_WIDTHS, _HALVINGS = (1e-4, 1e-3, 1e-2, 0.1, 0.5), 40
+_WIDTHS = (1e-4, 1e-3, 1e-2, 0.1, 0.5)
 _SPEED_ROOM, _LOAD_ROOM, _FALL_ROOM = 1.12, 6.0, 0.55
 
 
@@ -322,24 +306,12 @@ def _has_cycle(bearing: Bearing, speed: float, load: float) -> bool:
 
 
 def _edge(exists: Callable[[float], bool], about: float) -> float:
-    """The least value with a cycle, sought in ever wider brackets about one close to it."""
+    """Where a cycle begins to exist, sought in ever wider brackets about a value close to it."""
     for width in _WIDTHS:
         outside, inside = about * (1.0 - width), about * (1.0 + width)
         if exists(inside) and not exists(outside):
-            return _bisected(exists, outside, inside)
+            return float(bisect(lambda x: exists(x) - 0.5, outside, inside, xtol=1e-14 * about))
     return math.nan
-
-
-def _bisected(exists: Callable[[float], bool], outside: float, inside: float) -> float:
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (inside + outside)
-        if not outside < middle < inside:
-            break
-        if exists(middle):
-            inside = middle
-        else:
-            outside = middle
-    return inside
 
 
 def _amplitudes(bearing: Bearing, speed: float, load: float) -> tuple[float, float, float, float]:

@@ -24,10 +24,15 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from stickslip_monitor.arrays import FloatArray, IndexArray, flatten, mapped, restore
-from stickslip_monitor.physics.cycle import fold, stable, unstable, waveform
+from stickslip_monitor import jit
+from stickslip_monitor.arrays import FloatArray, flatten, mapped, restore
+from stickslip_monitor.physics import bracket
+from stickslip_monitor.physics import law_numbers as law_module
+from stickslip_monitor.physics.cycle import slip, step, waveform
+from stickslip_monitor.physics.cycle.exact_fold import exact_fold
+from stickslip_monitor.physics.law_numbers import law_numbers
 from stickslip_monitor.physics.oscillator import Bearing
 
 
@@ -56,6 +61,12 @@ class CycleKind(IntEnum):
         return self.name.lower()
 
 
+# Modules that are compiled together, and the points from which that repays itself.
+_MODULES = (law_module, bracket, step, slip)
+_MANY = 2000
+# Exponent beyond which a Floquet multiplier is as good as infinite.
+_LARGEST = 700.0
+
 _Motion = Callable[[Bearing, float, float, float, FloatArray], tuple[FloatArray, FloatArray]]
 _MOTIONS: dict[CycleKind, _Motion] = {CycleKind.PURE_SLIP: waveform.pure_slip}
 
@@ -71,7 +82,6 @@ class Cycle:
         multiplier: Floquet multiplier [-]: 0 with stick, which forgets every disturbance;
             above 1 for an unstable cycle.
         kind: :class:`CycleKind`, its numbers in an array.
-        evaluations: How often the friction law was evaluated, at all nodes of a step together.
     """
 
     amplitude: Any
@@ -79,7 +89,6 @@ class Cycle:
     stick_fraction: Any
     multiplier: Any
     kind: Any
-    evaluations: Any
     _bearing: Bearing = field(repr=False)
     _points: tuple[FloatArray, FloatArray] = field(repr=False)
     _start: FloatArray = field(repr=False)
@@ -110,62 +119,40 @@ class Cycle:
         return time, x, v
 
 
-def _kinds(speed: FloatArray, load: FloatArray) -> NDArray[np.int8]:
-    """Why a point has no cycle; ``UNRESOLVED`` where it is to be computed."""
-    kind = np.full(speed.size, CycleKind.UNRESOLVED, dtype=np.int8)
-    kind[load <= 0.0] = CycleKind.NO_CONTACT
-    kind[speed == 0.0] = CycleKind.AT_REST
-    kind[~(np.isfinite(speed) & np.isfinite(load))] = CycleKind.NOT_FINITE
-    return kind
+def _points_found(
+    bearing: Bearing, speed: FloatArray, load: FloatArray, wanted: float
+) -> FloatArray:
+    """The columns of ``slip.Found`` of some points, shape (7, n)."""
+    numbers, body = law_numbers(bearing.friction), _body(bearing)
+    out = np.full((7, speed.size), np.nan)
+    if speed.size >= _MANY and jit.has_compiler():
+        loop = jit.compiled('cycles_of_points', *_MODULES, inline=False)
+        loop(np.array(numbers), body, speed, load, wanted, out)
+    else:
+        columns = out.tolist()
+        slip.cycles_of_points(numbers, body, speed.tolist(), load.tolist(), wanted, columns)
+        out[:] = columns
+    return out
 
 
-@dataclass(frozen=True, slots=True)
-class _Table:
-    """The columns of a :class:`Cycle` while they are filled, each of shape (n,)."""
-
-    bearing: Bearing
-    shape: tuple[int, ...]
-    speed: FloatArray
-    load: FloatArray
-    kind: NDArray[np.int8]
-    amplitude: FloatArray
-    period: FloatArray
-    stick_fraction: FloatArray
-    multiplier: FloatArray
-    start: FloatArray
-    evaluations: NDArray[np.intp]
-
-    def cycle(self) -> Cycle:
-        """The finished result, in the shape of the inputs."""
-        kind = restore(self.kind, self.shape)
-        return Cycle(
-            amplitude=restore(self.amplitude, self.shape),
-            period=restore(self.period, self.shape),
-            stick_fraction=restore(self.stick_fraction, self.shape),
-            multiplier=restore(self.multiplier, self.shape),
-            kind=kind if self.shape else tuple(CycleKind)[int(kind)],
-            evaluations=restore(self.evaluations, self.shape),
-            _bearing=self.bearing,
-            _points=(self.speed, self.load),
-            _start=self.start,
-        )
+def _body(bearing: Bearing) -> tuple[float, float, float]:
+    return float(bearing.mass), float(bearing.damping), float(bearing.stiffness)
 
 
-def _table(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> _Table:
+def _cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike, wanted: float) -> Cycle:
     shape, (v, n) = flatten(speed, load)
-    blank = np.full((5, v.size), np.nan)
-    return _Table(
-        bearing=bearing,
-        shape=shape,
-        speed=v,
-        load=n,
-        kind=_kinds(v, n),
-        amplitude=blank[0],
-        period=blank[1],
-        stick_fraction=blank[2],
-        multiplier=blank[3],
-        start=blank[4],
-        evaluations=np.zeros(v.size, dtype=np.intp),
+    kind, crest, trough, slipping, sticking, start, exponent = _points_found(bearing, v, n, wanted)
+    omega, period = bearing.natural_frequency, slipping + sticking
+    kinds = restore(kind.astype(np.int8), shape)
+    return Cycle(
+        amplitude=restore(0.5 * (crest - trough) * (np.abs(v) / omega), shape),
+        period=restore(period / omega, shape),
+        stick_fraction=restore(sticking / period, shape),
+        multiplier=restore(np.exp(np.minimum(exponent, _LARGEST)), shape),
+        kind=kinds if shape else tuple(CycleKind)[kinds],
+        _bearing=bearing,
+        _points=(v, n),
+        _start=start,
     )
 
 
@@ -180,24 +167,9 @@ def exact_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Cycle:
     Returns:
         The cycle of every point, ``nan`` with its kind where there is none. About a steady sliding
         that is unstable and leads to no stick-slip it is of kind ``PURE_SLIP``: a measured curve
-        may fall over some speeds only. Many points in one call cost far less than one at a time.
+        may fall over some speeds only.
     """
-    table = _table(bearing, speed, load)
-    usable = np.flatnonzero(table.kind == CycleKind.UNRESOLVED)
-    speeds = np.abs(table.speed[usable])
-    found = stable.stick_slip(bearing, speeds, table.load[usable])
-    omega, period = bearing.natural_frequency, found.slip + found.stick
-    sticks = np.where(found.start > 0.0, CycleKind.OVERTAKING, CycleKind.STICK_SLIP)
-    absent = np.where(found.resolved, CycleKind.NONE, CycleKind.UNRESOLVED)
-    table.kind[usable] = np.where(found.exists, sticks, absent)
-    table.amplitude[usable] = 0.5 * (found.crest - found.trough) * (speeds / omega)
-    table.period[usable] = period / omega
-    table.stick_fraction[usable] = found.stick / period
-    table.multiplier[usable] = found.multiplier
-    table.start[usable] = found.start
-    table.evaluations[usable] = found.evaluations
-    _add_pure_slip(table, usable[table.kind[usable] == CycleKind.NONE], stable=True)
-    return table.cycle()
+    return _cycle(bearing, speed, load, slip.LARGEST_STABLE)
 
 
 def exact_unstable_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Cycle:
@@ -212,28 +184,36 @@ def exact_unstable_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) ->
         The smallest cycle about a stable steady sliding beyond which disturbances grow; ``nan``
         with its kind where there is none.
     """
-    table = _table(bearing, speed, load)
-    usable = np.flatnonzero(table.kind == CycleKind.UNRESOLVED)
-    table.kind[usable] = CycleKind.NONE
-    _add_pure_slip(table, usable, stable=False)
-    return table.cycle()
+    return _cycle(bearing, speed, load, slip.SMALLEST_UNSTABLE)
 
 
-def _add_pure_slip(table: _Table, rows: IndexArray, *, stable: bool) -> None:
-    """Fill in the pure-slip cycles of some points without another."""
-    if not rows.size:
-        return
-    speeds, omega = np.abs(table.speed[rows]), table.bearing.natural_frequency
-    found = unstable.pure_slip(table.bearing, speeds, table.load[rows], stable=stable)
-    table.evaluations[rows] += found.evaluations
-    table.kind[rows[~found.resolved]] = CycleKind.UNRESOLVED
-    rows, scale, there = rows[found.exists], speeds[found.exists] / omega, found.exists
-    table.kind[rows] = CycleKind.PURE_SLIP
-    table.amplitude[rows] = 0.5 * (found.trough + found.crest)[there] * scale
-    table.period[rows] = found.period[there] / omega
-    table.stick_fraction[rows] = 0.0
-    table.multiplier[rows] = found.multiplier[there]
-    table.start[rows] = found.trough[there]
+def exact_amplitude(
+    bearing: Bearing, speed: ArrayLike, load: ArrayLike, many: bool = False
+) -> Any:
+    """Amplitude of the exact stable cycle [m], that of :func:`exact_cycle`; ``nan`` without one.
+
+    Args:
+        bearing: The bearing.
+        speed: Surface speed ``V`` [m/s].
+        load: Load ``N`` [N]; broadcasts with ``speed``.
+        many: Whether many more numbers follow, so that it pays to compile.
+    """
+    numbers, body = law_numbers(bearing.friction), _body(bearing)
+    if isinstance(speed, float) and isinstance(load, float):
+        if many and jit.has_compiler():
+            loop = jit.compiled('amplitude_of_cycle', *_MODULES, inline=False)
+            return loop(np.array(numbers), body, speed, load)
+        return slip.amplitude_of_cycle(numbers, body, speed, load)
+    shape, (v, n) = flatten(speed, load)
+    out = np.full(v.size, np.nan)
+    if v.size >= _MANY and jit.has_compiler():
+        loop = jit.compiled('amplitudes_of_cycles', *_MODULES, inline=False)
+        loop(np.array(numbers), body, v, n, out)
+    else:
+        rows = out.tolist()
+        slip.amplitudes_of_cycles(numbers, body, v.tolist(), n.tolist(), rows)
+        out[:] = rows
+    return restore(out, shape)
 
 
 def exact_fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
@@ -250,7 +230,7 @@ def exact_fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
     def folds(n: FloatArray) -> FloatArray:
         out = np.full(n.size, np.nan)
         loaded = n > 0.0
-        out[loaded] = fold.exact_fold(bearing, n[loaded])
+        out[loaded] = exact_fold(bearing, n[loaded])
         return out
 
     return mapped(folds, load)

@@ -15,7 +15,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from stickslip_monitor import Coulomb, Stribeck, Tabulated, assess, hopf_speed
-from stickslip_monitor.commands.figures import follow
 from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.lab.findings.published import (
     REFERENCE,
@@ -58,7 +57,7 @@ def kinetics() -> Sweep:
 
 @pytest.fixture(scope='module')
 def history() -> History:
-    return stick_slip_history(REFERENCE, V, REFERENCE_LOAD, follow)
+    return stick_slip_history(REFERENCE, V, REFERENCE_LOAD)
 
 
 def at(sweep: Sweep, column: np.ndarray, value: float) -> float:

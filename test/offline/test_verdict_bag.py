@@ -25,7 +25,7 @@ from stickslip_monitor.monitor.messages import diagnostic_record, event_record, 
 from stickslip_monitor.monitor.verdict import Event, Verdict
 from stickslip_monitor.offline.check import CheckReport, check_bag
 from stickslip_monitor.offline.follow import scan_whole
-from stickslip_monitor.offline.verdicts import MessageColumn, tell_verdicts, write_verdicts
+from stickslip_monitor.offline.verdict_bag import MessageColumn, tell_verdicts, write_verdicts
 
 ROOT = Path(__file__).parents[2]
 CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
