@@ -4,6 +4,7 @@
 A few loads are solved one by one. Many are read off Chebyshev polynomials in the logarithm of the
 load, through folds solved at their nodes, on intervals halved until the last coefficients are
 rounding; where the fold jumps, as that of a measured curve may, loads are solved one by one again.
+What is known at neighbouring loads tells where to look.
 """
 
 from __future__ import annotations
@@ -13,9 +14,15 @@ import math
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.physics.averaging import boundaries
-from stickslip_monitor.physics.cycle.slip import fold_from_above, fold_near
+from stickslip_monitor.physics.cycle.slip import (
+    GRAZING,
+    ROUGHLY,
+    fold_from_above,
+    fold_near,
+    grazing_margin,
+)
 from stickslip_monitor.physics.friction import Stribeck, computes_as
 from stickslip_monitor.physics.law_numbers import (
     EDGES,
@@ -30,9 +37,18 @@ from stickslip_monitor.physics.oscillator import Bearing
 
 # Nodes of an interval of ln N, and the loads below which it is not worth them; how far the last
 # coefficients may be from nothing, of a law in one piece and of a table.
-_NODES, _CLOSE, _TABLE_CLOSE = 13, 3e-10, 1e-5
+_NODES, _CLOSE, _STEEP_CLOSE, _TABLE_CLOSE = 13, 3e-10, 3e-6, 5e-5
+# Growth rate of the slip at breakaway, N |mu'(0)| / (m omega), of a steep law.
+_STEEP = 4.0
+# The narrowest interval that is halved: beyond it a fold jumps, and loads are solved one by one.
+_NARROW = 0.02
+# Loads in units of the least with a cycle up to which averaging has the fold to 1e-10, and orbits
+# gain too little to tell it better.
+_WEAKLY = 1.003
 # How far beyond the scales of a law its fold is looked for.
 _SPREAD, _LARGEST_EXPONENT = 100.0, 700.0
+# Steps of the secant method from a good guess, and how close it has to come.
+_SECANTS, _CONVERGED = 6, 1e-11
 
 
 def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
@@ -47,61 +63,133 @@ def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
     """
     search = _Search(bearing)
     place, back = np.unique(load, return_inverse=True)
-    out = np.full(place.size, np.nan)
-    rows = np.flatnonzero(place * search.law[STEEPEST] > bearing.damping)
-    if rows.size:
-        search.fill(np.log(place[rows]), out, rows)
+    out, height = np.full(place.size, np.nan), place * search.law[STEEPEST] / bearing.damping
+    if search.is_closed:
+        near = (height > 1.0) & (height < _WEAKLY)
+        out[near] = boundaries.fold_speed(bearing, place[near])
+        height[near] = 0.0
+    rows = np.flatnonzero(height > 1.0)
+    steep = np.array([search.is_steep(math.log(n)) for n in place[rows]], dtype=bool)
+    for part in (rows[steep], rows[~steep]):
+        if part.size:
+            search.fill(np.log(place[part]), out, part)
     return out[back]
 
 
 class _Search:
-    """Solves the folds of one bearing, from the highest load downward."""
+    """Solves the folds of one bearing, and remembers them."""
 
     def __init__(self, bearing: Bearing) -> None:
         self.bearing = bearing
         self.law = law_numbers(bearing.friction)
         self.body = bearing.mass, bearing.damping, bearing.stiffness
-        self.close = _TABLE_CLOSE if self.law[PIECES] else _CLOSE
+        self.in_pieces = self.law[PIECES] > 0.0
+        self.is_closed = computes_as(bearing.friction, Stribeck)
+        self.orbit = ROUGHLY if self.in_pieces else GRAZING
+        self.close = _TABLE_CLOSE if self.in_pieces else _CLOSE
+        self.known: dict[float, float] = {}  # logarithms of fold over scale, by ln N
 
-    def fill(self, place: FloatArray, out: FloatArray, rows: FloatArray) -> None:
+    def fill(self, place: FloatArray, out: FloatArray, rows: IndexArray) -> None:
         """Write the folds of an interval, at ascending places ``ln N``."""
         low, high = float(place[0]), float(place[-1])
-        if place.size <= _NODES or not high > low:
-            out[rows] = [self.at(math.exp(x)) for x in place]
+        if place.size <= _NODES or high - low < _NARROW:
+            out[rows] = [self.at(x) for x in place[::-1].tolist()][::-1]
             return
         x = chebyshev.chebpts1(_NODES)
-        nodes = np.exp(0.5 * (low + high) + 0.5 * (high - low) * x)
-        ratio = np.array([self.at(float(n)) / float(n) for n in nodes])
-        if np.isinf(ratio).all() or np.isnan(ratio).all():
-            out[rows] = ratio[0]
-            return
+        nodes = 0.5 * (low + high) + 0.5 * (high - low) * x
+        found = [self.at(node) for node in nodes[::-1].tolist()][::-1]
+        ratio = np.log(np.array(found) / self.scale(nodes))
         if np.isfinite(ratio).all():
-            series = chebyshev.chebfit(x, np.log(ratio), _NODES - 1)
-            if np.max(np.abs(series[-2:])) < self.close:
+            series = chebyshev.chebfit(x, ratio, _NODES - 1)
+            close = _STEEP_CLOSE if self.is_steep(high) else self.close
+            if np.max(np.abs(series[-2:])) < close:
                 share = (2.0 * place - low - high) / (high - low)
-                out[rows] = np.exp(chebyshev.chebval(share, series) + place)
+                out[rows] = np.exp(chebyshev.chebval(share, series)) * self.scale(place)
                 return
+        elif not np.isfinite(found).any() and len({repr(fold) for fold in found}) == 1:
+            out[rows] = found[0]
+            return
         middle = int(np.searchsorted(place, 0.5 * (low + high)))
-        self.fill(place[:middle], out, rows[:middle])
         self.fill(place[middle:], out, rows[middle:])
+        self.fill(place[:middle], out, rows[:middle])
 
-    def at(self, load: float) -> float:
-        """The fold at one load > 0."""
-        law = self.bearing.friction
-        jump = self._coulomb(load)
-        if self.law[PIECES] == 0.0:
-            averaged = (
-                boundaries.fold_speed(self.bearing, load) if computes_as(law, Stribeck) else 0.0
-            )
+    def scale(self, place: FloatArray) -> FloatArray:
+        """Speeds to which the fold is in a smooth ratio, at places ``ln N`` [m/s]."""
+        load = np.exp(place)
+        if self.is_closed:
+            averaged = np.asarray(boundaries.fold_speed(self.bearing, load))
+            if np.isfinite(averaged).all():
+                return averaged
+        return load
+
+    def at(self, place: float) -> float:
+        """The fold at one place ``ln N`` [m/s]."""
+        scale = float(self.scale(np.array([place]))[0])
+        fold = math.nan
+        if len(self.known) > 1:
+            load, guess = math.exp(place), scale * math.exp(self._guessed(place))
+            if self.in_pieces or self.is_steep(place):
+                fold = fold_near(self.law, self.body, load, guess, ROUGHLY)
+            else:
+                fold = self._polished(load, guess)
+        if math.isnan(fold):
+            fold = self._searched(math.exp(place))
+        if 0.0 < fold < math.inf:
+            self.known[place] = math.log(fold / scale)
+        return fold
+
+    def is_steep(self, place: float) -> bool:
+        """Whether slip grows so fast at breakaway that near grazing orbits part at once."""
+        m, _, k = self.body
+        # A law that falls at once has no such growth.
+        return _STEEP * math.sqrt(k * m) < math.exp(place) * self.law[STEEPEST] < math.inf
+
+    def _guessed(self, place: float) -> float:
+        """The logarithm of the ratio by a polynomial through what is known nearest by."""
+        near = sorted(self.known, key=lambda x: abs(x - place))[:6]
+        total = 0.0
+        for x in near:
+            weight = self.known[x]
+            for other in near:
+                if other != x:
+                    weight *= (place - other) / (x - other)
+            total += weight
+        ends = [self.known[x] for x in near[:2]]
+        # Far from what is known a polynomial runs away.
+        spread = 2.0 * abs(ends[0] - ends[1]) + 0.02
+        return min(max(total, min(ends) - spread), max(ends) + spread)
+
+    def _polished(self, load: float, guess: float) -> float:
+        """The fold by the secant method from a guess; ``nan`` where that leads to none."""
+        law, body = self.law, self.body
+        before, after = guess, guess * (1.0 + 1e-5)
+        f_before = grazing_margin(law, body, before, load, GRAZING)
+        for _ in range(_SECANTS):
+            f_after = grazing_margin(law, body, after, load, GRAZING)
+            if f_after == f_before:
+                break
+            step = -f_after * (after - before) / (f_after - f_before)
+            if not abs(step) < 0.05 * guess or (f_after - f_before) * (after - before) > 0.0:
+                break
+            before, f_before, after = after, f_after, after + step
+            # The error after a step is far less than its square.
+            if abs(step) <= math.sqrt(_CONVERGED) * after:
+                return after
+        return math.nan
+
+    def _searched(self, load: float) -> float:
+        law, jump = self.bearing.friction, self._coulomb(load)
+        if not self.in_pieces:
+            averaged = boundaries.fold_speed(self.bearing, load) if self.is_closed else 0.0
             guess = float(np.fmax(averaged, jump))
             if not 0.0 < guess < math.inf:
                 return guess if guess == math.inf else math.nan
-            return fold_near(self.law, self.body, load, guess)
+            return fold_near(self.law, self.body, load, guess, self.orbit)
         scales = [v for v in (*law.breakpoints[:1], *law.breakpoints[-1:]) if v > 0.0]
         if 0.0 < jump < math.inf:
             scales.append(jump)
         high, low = _SPREAD * max(scales), min(scales) / _SPREAD
-        return fold_from_above(self.law, self.body, load, high, low)
+        return fold_from_above(self.law, self.body, load, high, low, self.orbit)
 
     def _coulomb(self, load: float) -> float:
         """The fold [m/s] of a law that falls at once, from one turn of the free vibration.
@@ -110,10 +198,10 @@ class _Search:
         when it has lost ``exp(-2 pi zeta)`` of its amplitude: right to some percent.
         """
         momentum = self.bearing.mass * self.bearing.natural_frequency
-        if self.law[PIECES] == 0.0:
-            kinetic, viscous = self.law[KINETIC], self.law[VISCOUS]
-        else:
+        if self.in_pieces:
             kinetic, viscous = self.law[EDGES + int(self.law[PIECES]) * 5 - 4], 0.0
+        else:
+            kinetic, viscous = self.law[KINETIC], self.law[VISCOUS]
         damping = self.bearing.damping_ratio + 0.5 * viscous * load / momentum
         lost = math.expm1(min(4.0 * math.pi * damping, _LARGEST_EXPONENT))
         drop = max(self.law[HOLD] - kinetic, 0.0) * load / momentum

@@ -47,7 +47,7 @@ TURNS, CONTACT, LEVEL = 0.0, 1.0, 2.0
 # constant flag.)
 BEHIND, AHEAD = (0.0, 3.0, 1.0, CONTACT, 1e-13), (0.0, 9.0, 1.0, CONTACT, 1e-13)
 AROUND, BACKWARD = (1.0, 3.0, -1.0, TURNS, 1e-13), (0.0, 1.0, -1.0, TURNS, 1e-13)
-GRAZING, ROUGHLY = (0.0, 3.0, 1.0, LEVEL, 1e-13), (0.0, 3.0, 1.0, LEVEL, 1e-8)
+GRAZING, ROUGHLY = (0.0, 3.0, 1.0, LEVEL, 1e-13), (0.0, 3.0, 1.0, LEVEL, 1e-9)
 ONLY, WEIGHED = 0.0, 1.0
 SMALLEST_UNSTABLE, LARGEST_STABLE = -1.0, 1.0
 # What a cycle is; the numbers of cycles.CycleKind.
@@ -538,25 +538,28 @@ def grazing_margin(
 
 
 def fold_between(
-    law: LawNumbers, body: tuple[float, float, float], load: float, low: float, high: float
+    law: LawNumbers,
+    body: tuple[float, float, float],
+    load: float,
+    low: float,
+    high: float,
+    orbit: Orbit,
 ) -> float:
     """The speed at which the slip phase grazes the belt, from one with a cycle to one without."""
-    bracket = begun_bracket(
-        low,
-        grazing_margin(law, body, low, load, GRAZING),
-        high,
-        grazing_margin(law, body, high, load, GRAZING),
-    )
+    inside = grazing_margin(law, body, low, load, orbit)
+    outside = grazing_margin(law, body, high, load, orbit)
+    close = orbit[4]
+    bracket = begun_bracket(low, inside, high, outside)
     for _ in range(_TRIALS):
-        if is_found(bracket, _ROOT):
+        if is_found(bracket, close):
             break
-        speed = next_trial(bracket, _ROOT)
-        bracket = narrowed(bracket, speed, grazing_margin(law, body, speed, load, GRAZING))
+        speed = next_trial(bracket, close)
+        bracket = narrowed(bracket, speed, grazing_margin(law, body, speed, load, orbit))
     return best_of(bracket)
 
 
 def fold_near(
-    law: LawNumbers, body: tuple[float, float, float], load: float, guess: float
+    law: LawNumbers, body: tuple[float, float, float], load: float, guess: float, orbit: Orbit
 ) -> float:
     """The last speed with a stick-slip cycle, of a law that has them up to one speed [m/s].
 
@@ -565,23 +568,28 @@ def fold_near(
     """
     if not load * law[STEEPEST] > body[1]:
         return math.nan
-    low, high, factor = guess, guess, 1.001
-    hit = grazing_margin(law, body, guess, load, ROUGHLY) > 0.0
+    low, high, factor = guess, guess, 1.0001
+    hit = grazing_margin(law, body, guess, load, orbit) > 0.0
     for _ in range(_WIDENINGS):
         if hit:
             low, high = high, high * factor
-            if not grazing_margin(law, body, high, load, ROUGHLY) > 0.0:
-                return fold_between(law, body, load, low, high)
+            if not grazing_margin(law, body, high, load, orbit) > 0.0:
+                return fold_between(law, body, load, low, high, orbit)
         else:
             low, high = low / factor, low
-            if grazing_margin(law, body, low, load, ROUGHLY) > 0.0:
-                return fold_between(law, body, load, low, high)
+            if grazing_margin(law, body, low, load, orbit) > 0.0:
+                return fold_between(law, body, load, low, high, orbit)
         factor = min(factor * factor * factor, 10.0)
     return math.inf if hit else math.nan
 
 
 def fold_from_above(
-    law: LawNumbers, body: tuple[float, float, float], load: float, high: float, low: float
+    law: LawNumbers,
+    body: tuple[float, float, float],
+    load: float,
+    high: float,
+    low: float,
+    orbit: Orbit,
 ) -> float:
     """The last speed with a stick-slip cycle of any law, looked for downward [m/s].
 
@@ -591,6 +599,7 @@ def fold_from_above(
         load: ``N`` > 0 [N].
         high: A speed above all that are likely [m/s].
         low: One below them [m/s].
+        orbit: ``GRAZING``, or ``ROUGHLY``.
 
     Returns:
         ``nan`` where no speed has a cycle, ``inf`` where none is the last.
@@ -598,11 +607,11 @@ def fold_from_above(
     if not load * law[STEEPEST] > body[1]:
         return math.nan
     factor = (low / high) ** (1.0 / _SEARCHED)
-    if grazing_margin(law, body, high, load, ROUGHLY) > 0.0:
+    if grazing_margin(law, body, high, load, orbit) > 0.0:
         return math.inf
     for _ in range(_SEARCHED):
-        if grazing_margin(law, body, high * factor, load, ROUGHLY) > 0.0:
-            return fold_between(law, body, load, high * factor, high)
+        if grazing_margin(law, body, high * factor, load, orbit) > 0.0:
+            return fold_between(law, body, load, high * factor, high, orbit)
         high *= factor
     return math.nan
 
