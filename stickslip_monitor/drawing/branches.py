@@ -20,6 +20,7 @@ import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.drawing.map_curves import Range
+from stickslip_monitor.errors import DrawingError
 from stickslip_monitor.monitor.assessment import Regime, assess
 from stickslip_monitor.physics.averaging.boundaries import (
     fold_speed,
@@ -199,8 +200,13 @@ class _Contour:
 
     def lines(self) -> Sequence[FloatArray]:
         """The lines of the level set, each of points of speed and t, shape (n, 2)."""
-        from contourpy import contour_generator
-
+        try:
+            from contourpy import contour_generator
+        except ImportError as error:
+            raise DrawingError(
+                f'branches need contourpy, which comes with matplotlib 3.6 ({error}): install the'
+                " extra 'report', e.g. pip install 'stickslip_monitor[report]'"
+            ) from error
         z = self.balance(self._grid[None, :], _ROWS[:, None])
         found: Any = contour_generator(self._grid, _ROWS, z).lines(0.0)
         return list(found)
