@@ -45,7 +45,6 @@ from stickslip_monitor.monitor.config_file import NODE_NAME, load_parameters, lo
 from stickslip_monitor.monitor.configure import bearing_names, build_config
 from stickslip_monitor.monitor.signals import QUANTITIES
 from stickslip_monitor.ros.state_file import StateFile
-from stickslip_monitor.surface_store import prepare_surfaces
 
 if TYPE_CHECKING:
     from stickslip_monitor.dashboard.state import DashboardState
@@ -210,8 +209,6 @@ async def _watch(
     links: LinksConfig,
     board: DashboardState | None,
 ) -> None:
-    for complaint in prepare_surfaces(b.bearing for b in config.bearings):
-        _log.warning(complaint)
     feed, states = Feed(() if board is None else board.monitors), LinkStates(board)
     with _monitor(args, config, links, feed) as (take, run_monitor):
         clients = _clients(config, links, take, feed, states)
