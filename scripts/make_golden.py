@@ -37,7 +37,7 @@ MOVED_NS = 10**9
 """A change this much earlier or later is listed as moved [ns]."""
 SAME_NS = 30 * 10**9
 """Changes of one kind further apart than this are two [ns]."""
-_STATUSES = 6
+_STATUSES = 7
 
 Change = tuple[int, str, str, bool]
 Case = dict[str, Any]
@@ -51,9 +51,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--examples', type=int, default=3, help='of each kind of difference')
     args = parser.parse_args(argv)
     found = dict(all_cases(args.only))
+    lines = list(differences(read_golden(), found, args.examples)) if GOLDEN.exists() else []
+    print('\n'.join(lines) or 'no difference')
     if args.compare:
-        lines = list(differences(read_golden(), found, args.examples))
-        print('\n'.join(lines) or 'no difference')
         return int(bool(lines))
     GOLDEN.parent.mkdir(exist_ok=True)
     text = json.dumps(found, separators=(',', ':'))
