@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The level that tells vibration from quiet, from one that has shown both.
 
-Two Gaussians, quiet and loud, are fitted to the level's logarithms by expectation maximisation; the
-threshold is where their density is least between the two. Modes that do not lie apart have none.
+Two Gaussians, quiet and loud, are fitted to the level's logarithms by expectation maximisation;
+the threshold is where their density is least between the two. Modes that are not apart have none.
 """
 
 from __future__ import annotations
