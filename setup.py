@@ -49,6 +49,7 @@ setup(
             'report/page.css',
             'dashboard/page/*',
             'dashboard/page/vendor/*',
+            'schemas/*',
         ]
     },
     # The recordings of bags/ stay in the repository: nothing that is installed reads them.

@@ -25,7 +25,7 @@ from stickslip_monitor.dashboard.server import Server
 from stickslip_monitor.dashboard.state import DashboardState
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME, load_config
-from stickslip_monitor.monitor.messages import diagnostic_record, state_of
+from stickslip_monitor.monitor.messages import bearing_record, state_of
 from stickslip_monitor.monitor.monitor import Monitor
 
 REFERENCE = Path(__file__).parents[1] / 'launch_configs' / 'reference_bearing.yaml'
@@ -86,12 +86,11 @@ async def _feed(config: MonitorConfig, board: DashboardState, rate: float) -> No
     begin = asyncio.get_running_loop().time()
     for step in itertools.count():
         now_ns = time.time_ns()
-        for k, (name, bearing) in enumerate(monitor.bearings.items()):
+        for k, bearing in enumerate(monitor.bearings.values()):
             rpm = 40.0 + 20.0 * math.sin(0.1 * step / rate + k)
             for is_load, value in enumerate((rpm, 1000.0)):
                 bearing.update(is_load, now_ns, value)
-            record = diagnostic_record(NODE_NAME, state_of(bearing))
-            shown.take_status(name, now_ns, record.message, record.values)
+            shown.take_record(bearing_record(state_of(bearing)))
         late = asyncio.get_running_loop().time() - begin
         await asyncio.sleep(max((step + 1) / rate - late, 0.0))
 

@@ -8,7 +8,6 @@ import re
 import shutil
 import subprocess
 import tempfile
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,11 +23,11 @@ from stickslip_monitor.physics.averaging.boundaries import (
     stationary_amplitudes,
 )
 from stickslip_monitor.physics.cycle.cycles import (
+    exact_amplitude,
     exact_cycle,
     exact_fold_speed,
     exact_unstable_cycle,
 )
-from stickslip_monitor.physics.cycle.surface import exact_amplitude, surface_of
 from stickslip_monitor.physics.friction import Stribeck
 
 RPM = (5.0, 45.0)
@@ -36,7 +35,7 @@ STABLE, UNSTABLE = 161, 61
 BEARING = bearing()
 LOW, HIGH = (float(BEARING.speed.to_surface(rpm, 'rpm')) for rpm in RPM)
 EXACT, AVERAGED = 'stickslip_monitor, exact cycles', 'stickslip_monitor, KBM averaging'
-SURFACE = 'stickslip_monitor, surface of exact cycles, KBM'
+MIXED = 'stickslip_monitor, exact stable branch, KBM'
 AUTO = 'AUTO-07p, tanh of {:g} m/s'
 _FOLDER = Path(__file__).with_name('auto')
 _LIMIT, _ROUNDS = 120.0, 4
@@ -53,17 +52,14 @@ class _Result:
 def run(quick: bool) -> Table:
     """Compare diagrams; AUTO's width of smoothing is the error that its user chooses."""
     repeat, turns = (3, 1) if quick else (15, 5)
-    begin = time.perf_counter()
-    surface_of(BEARING).prepare()
-    prepared = time.perf_counter() - begin
-    ours = {SURFACE: _surface, EXACT: _exact, AVERAGED: _averaged}
+    ours = {MIXED: _mixed, EXACT: _exact, AVERAGED: _averaged}
     times = in_turns(ours, repeat)
     found: dict[str, _Result | str] = {
         name: _Result(times[name].median, *follow(), True) for name, follow in ours.items()
     }
     for width in (1e-3, 1e-4, 1e-5):
         found[AUTO.format(width)] = _auto(width, turns)
-    return _table(found, prepared)
+    return _table(found)
 
 
 def _exact() -> tuple[float, float]:
@@ -76,7 +72,7 @@ def _exact() -> tuple[float, float]:
     return fold, hopf
 
 
-def _surface() -> tuple[float, float]:
+def _mixed() -> tuple[float, float]:
     """Amplitudes as the monitor tells them: the stable branch exact, the unstable one averaged."""
     hopf, averaged = float(hopf_speed(BEARING, LOAD)), float(fold_speed(BEARING, LOAD))
     low, high = LOW, 1.01 * averaged
@@ -91,7 +87,7 @@ def _surface() -> tuple[float, float]:
 
 def _stable(speed: NDArray[np.float64], fold: float) -> NDArray[np.float64]:
     every = np.full_like(speed, 1.0)
-    return exact_amplitude(BEARING, speed, LOAD * every, fold * every)
+    return np.asarray(exact_amplitude(BEARING, speed, LOAD * every))
 
 
 def _averaged() -> tuple[float, float]:
@@ -145,8 +141,8 @@ def _auto_once(folder: Path) -> tuple[float, float, float, bool]:
     return seconds, speeds['LP'], speeds['HB'], 'UZ' in ends
 
 
-def _table(found: dict[str, _Result | str], prepared: float) -> Table:
-    own, exact = found[SURFACE], found[EXACT]
+def _table(found: dict[str, _Result | str]) -> Table:
+    own, exact = found[MIXED], found[EXACT]
     assert isinstance(own, _Result)
     assert isinstance(exact, _Result)
     rows = []
@@ -168,10 +164,8 @@ def _table(found: dict[str, _Result | str], prepared: float) -> Table:
             f' branch and {UNSTABLE - 2} on the unstable one, of the exact set-valued law, against'
             ' continuation of the law smoothed by tanh (60 intervals of 4 collocation points, as'
             ' many cycles as its step control takes). AUTO by its own account of time, compiling'
-            ' and starting left out; ours without importing. The surface is what the monitor and'
-            ' its commands use; it was built for the bearing beforehand, in'
-            f' {duration(prepared)}, and is kept in the cache of the user. The error is that of'
-            ' the fold against the exact cycles.'
+            ' and starting left out; ours without importing. The error is that of the fold'
+            ' against the exact cycles.'
         ),
         columns=('method', 'time', 'Hopf [rpm]', 'fold [rpm]', 'error', 'ratio'),
         rows=rows,
@@ -180,8 +174,6 @@ def _table(found: dict[str, _Result | str], prepared: float) -> Table:
 
 
 _NOTES = """\
-What remains of the exact cycles: three quarters are the unstable branch, whose turning points are
-roots of the return map, some 30 turns for each cycle, and a sixth is the fold; both follow orbits
-in steps of numpy calls on arrays too small for them. To be below the 50 ms that were asked for,
-the step of an orbit would have to be compiled, as that of the integrator is. With a sharper law
-AUTO does not come around the fold, where the branch turns within the width of smoothing."""
+What remains of the exact cycles is the unstable branch, whose turning points are roots of the
+return map, some 30 turns for each cycle. With a sharper law AUTO does not come around the fold,
+where the branch turns within the width of smoothing."""

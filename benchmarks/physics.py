@@ -24,7 +24,6 @@ from stickslip_monitor import (
     assess,
     build_config,
 )
-from stickslip_monitor.physics.cycle.surface import surface_of
 
 BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
 _SPEEDS = np.linspace(0.0, 0.6, 15)
@@ -52,7 +51,6 @@ _SETTINGS = {
 
 def run(quick: bool = False) -> Table:
     """Measure and lay out."""
-    surface_of(BEARING).prepare()
     many, few = (100_000, 2_000) if quick else (1_000_000, 20_000)
     bulk = {
         'boundaries and regime': (BEARING, many, ()),

@@ -85,6 +85,55 @@ def _tiny() -> bytes:
     return _with_chunk(encoded(chunk))
 
 
+def _grown(*parts: tuple[bytes, int]) -> bytes:
+    """A chunk of records, each repeated so often, that takes some kilobytes in the file."""
+    size = sum(len(data) * count for data, count in parts)
+    packer = zstandard.ZstdCompressor(level=1).compressobj(size=size)
+    pieces = [packer.compress(data) for data, count in parts for _ in range(count)]
+    chunk = Chunk(
+        compression='zstd', data=b''.join([*pieces, packer.flush()]), message_end_time=START,
+        message_start_time=START, uncompressed_crc=0, uncompressed_size=size,
+    )  # fmt: skip
+    return encoded(chunk)
+
+
+def _long_record(kind: int, head: bytes, text: bytes, tail: bytes = b'') -> bytes:
+    """A definition of 100 MiB in a chunk; its text is repeated."""
+    count = (100 << 20) // len(text)
+    size = len(head) + count * len(text) + len(tail)
+    return _grown((HEAD.pack(kind, size) + head, 1), (text, count), (tail, 1))
+
+
+def _long_schema(number: int) -> bytes:
+    name = b'a/msg/Long'
+    size = (100 << 20) // 10 * 10
+    head = struct.pack('<HI', number, len(name)) + name + struct.pack('<I', 7) + b'ros2msg'
+    return _long_record(3, head + struct.pack('<I', size), b'float64 x\n')
+
+
+def _long_name(number: int) -> bytes:
+    head = struct.pack('<HHI', number, 1, 100 << 20)
+    return _long_record(4, head, b'/abc', struct.pack('<I', 3) + b'cdr' + bytes(4))
+
+
+def _equal(payload: bytes) -> bytes:
+    """Three million messages of one time."""
+    return _grown((raw(5, struct.pack('<HIQQ', 1, 0, START, START) + payload) * 3000, 1000))
+
+
+def _redefined_often() -> bytes:
+    """65,000 channels, one of which changes its meaning in each of 300 chunks."""
+    many = [channel(number, f'/topic{number}') for number in range(3, 65_003)]
+    changes = [Piece([channel(9, f'/other{k}'), message(9, START, 0.0)]) for k in range(300)]
+    return file([Piece([*DEFINITIONS, *messages(0), *many]), *changes], summary=False)
+
+
+def _late_redefinition(record: bytes) -> bytes:
+    """A definition that cannot be right in the last of three chunks."""
+    pieces = [Piece([*DEFINITIONS, *messages(0)]), Piece(messages(20))]
+    return file([*pieces, Piece([record, *messages(40)])], summary=False)
+
+
 def _many_indexes() -> bytes:
     data = sound(summary=False)
     end = data.index(raw(0x0F, bytes(4)))
@@ -159,6 +208,7 @@ def _moved_summary() -> bytes:
     return bytes(data)
 
 
+_LIMIT = 'bytes, the limit for its size'
 _WRONG_INDEX = 'has a message index that is wrong and was not used'
 _SWAPPED = (schema(), channel(1, LOAD), channel(2, SPEED))
 
@@ -232,6 +282,40 @@ ODD: dict[str, Odd] = {
         ),
         f"makes channel 1 '{LOAD}' where it was '{SPEED}' before", 20, 20,
     ),
+    'a channel changes beside a third topic': Odd(
+        lambda: file(
+            [
+                Piece([*DEFINITIONS, channel(3, '/other'), *messages(0)]),
+                Piece(
+                    [*messages(20, 10), message(3, START + 25 * STEP, 0.0), channel(1, '/odd'),
+                     *messages(30, 10)]
+                ),
+            ],
+            summary=False,
+        ),
+        f"makes channel 1 '/odd' where it was '{SPEED}' before", 15, 20,
+    ),
+    'a channel that nothing defines': Odd(
+        lambda: file(
+            _pieces(Piece([*messages(20), message(7, START + 20 * STEP, 1.0)])), summary=False
+        ),
+        '1 message of channel 7, which is defined nowhere, were not read', 30, 30,
+    ),
+    'an index that names a message twice': Odd(
+        lambda: file(_pieces(Piece(messages(20), repeated=True))), _WRONG_INDEX, 30, 30
+    ),
+    'a late definition of another type': Odd(
+        lambda: _late_redefinition(schema(1, 'std_msgs/msg/Float32', b'float32 data\n')),
+        'it has type std_msgs/msg/Float32 there, not std_msgs/msg/Float64', 20, 20,
+    ),
+    'a late definition that is no text': Odd(
+        lambda: _late_redefinition(schema(1, text=b'float64 \xff\n')),
+        'come behind a definition that does not fit', 20, 20,
+    ),
+    'a chunk that is older than it says': Odd(
+        lambda: file(_pieces(Piece(messages(20), changes={'message_start_time': START + 10**12}))),
+        '60 messages in 5.9 s', 30, 30,
+    ),
     'damaged chunk': Odd(_damaged, 'is damaged', 20, 20),
     'only chunk damaged': Odd(_all_damaged, 'nothing is known of aft_stern', 0, 0),
     'no message': Odd(lambda: file([], DEFINITIONS), 'nothing is known of aft_stern', 0, 0),
@@ -286,6 +370,25 @@ LARGE: dict[str, Odd] = {
     ),
     'lz4 bomb that hides': Odd(
         lambda: _with_chunk(_bomb('lz4', 200 << 20, 1000)), 'it holds more bytes', 30, 30
+    ),
+    'twelve schemas of 100 MiB': Odd(
+        lambda: _with_chunk(b''.join(map(_long_schema, range(9, 21)))), _LIMIT, 30, 30
+    ),
+    'eight names of 100 MiB': Odd(
+        lambda: _with_chunk(b''.join(map(_long_name, range(9, 17)))), _LIMIT, 30, 30
+    ),
+    'messages of equal time': Odd(
+        lambda: _with_chunk(_equal(b'\0\1\0\0' + bytes(8)) * 4), _LIMIT, 3_000_000
+    ),
+    'messages without data': Odd(lambda: _with_chunk(_equal(b'') * 4), _LIMIT, 3_000_000),
+    'messages that are too short': Odd(
+        lambda: _with_chunk(_equal(b'\0\1\0\0\0') * 4), _LIMIT, 3_000_000
+    ),
+    'records of no known kind': Odd(
+        lambda: _with_chunk(_grown((raw(0x80, b'') * 10_000, 1400)) * 4), _LIMIT, 30, 30
+    ),
+    'a channel redefined in 300 chunks': Odd(
+        _redefined_often, 'more findings are not listed', 30, 30
     ),
     'ten million messages': Odd(_tiny, 'and more than 134217728 are not restored', 30, 30),
     '400,000 message indexes': Odd(_many_indexes, '60 messages in 5.9 s', 30, 30),

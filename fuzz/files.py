@@ -96,6 +96,7 @@ class Piece:
     is_bare: bool = False
     left_out: frozenset[int] = frozenset()
     most_entries: int | None = None
+    repeated: bool = False
     changes: Mapping[str, object] = field(default_factory=dict)
 
     @property
@@ -129,12 +130,16 @@ class Piece:
         )
         return encoded(replace(chunk, **self.changes))
 
+    def _listed(self, pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
+        """The entries of an index: all, the first few, or one of them twice."""
+        return [pairs[0], *pairs[:-1]] if self.repeated else pairs[: self.most_entries]
+
     def indexes(self) -> dict[int, bytes]:
         """Its message indexes, but those that are left out."""
         if self.is_bare:
             return {}
         return {
-            number: encoded(MessageIndex(channel_id=number, records=pairs[: self.most_entries]))
+            number: encoded(MessageIndex(channel_id=number, records=self._listed(pairs)))
             for number, pairs in self.entries().items()
             if number not in self.left_out
         }

@@ -7,12 +7,13 @@ from __future__ import annotations
 import math
 import re
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from stickslip_monitor.links.link_config import INPUT_PARAMETERS, LINK_PARAMETERS
 from stickslip_monitor.monitor.alarms.lifecycle import ALWAYS, TABLE, AlarmState, Choice, Trigger
 from stickslip_monitor.monitor.config import BEARING_PARAMETERS, NODE_PARAMETERS
+from stickslip_monitor.monitor.config import INPUT_PARAMETERS as INPUTS
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
 
 PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'configuration.md'
@@ -27,6 +28,7 @@ KINDS = {
     'float[]': 'numbers',
     'str[]': 'texts',
 }
+INPUT = '<input>'
 GROUPS = (
     ('', 'The bearing', 'The mass-spring model of the lining, see [physics.md](physics.md).'),
     (
@@ -38,15 +40,16 @@ GROUPS = (
     (
         'tolerance',
         'What is not known',
-        'Tolerances make probabilities of the verdict, see [calibration.md](calibration.md).',
+        'Tolerances make probabilities of the verdict, see [calibration.md](calibration.md).'
+        ' Limits of ±10 % are 0.058.',
     ),
-    ('speed', 'Input: speed', ''),
-    ('load', 'Input: load', ''),
     (
-        'level',
-        'Input: level of measured vibration',
-        'Optional; what it adds is in [alarms.md](alarms.md#measured-vibration).',
+        INPUT,
+        'Inputs: speed, load and level',
+        'The same for `speed`, `load` and, where vibration is measured, `level` (what it adds is'
+        ' in [alarms.md](alarms.md#measured-vibration)). Where they differ, in this order.',
     ),
+    ('level', 'Level of measured vibration', ''),
     ('alarm', 'Alarm', ''),
 )
 
@@ -165,7 +168,7 @@ FACTS = {
 
 
 def _number(value: float) -> str:
-    return '.inf' if math.isinf(value) else f'{value:g}'.replace('e+0', 'e')
+    return '.inf' if math.isinf(value) else f'{value:g}'.replace('e+0', 'e').replace('e+', 'e')
 
 
 def _default(row: Parameter) -> str:
@@ -193,23 +196,32 @@ def _range(row: Parameter) -> str:
     return ', '.join(bounds)
 
 
-def _table(rows: Iterable[Parameter]) -> str:
+def _cells(row: Parameter) -> tuple[str, ...]:
+    live = 'live' if row.live else 'fixed' if row.fixed else ''
+    text = row.text.replace('|', '\\|')
+    return (f'`{row.name}`', KINDS[row.kind], _default(row), _range(row), row.unit, live, text)
+
+
+def _inputs() -> Iterator[tuple[str, ...]]:
+    """A row for the parameters that all inputs have."""
+    for rows in zip(*INPUTS.values(), strict=False):
+        name = rows[0].name.partition('.')[2]
+        cells = [
+            tuple(dict.fromkeys(filter(None, column)))
+            for column in zip(*map(_cells, rows), strict=True)
+        ]
+        text = rows[0].text.replace('the speed', 'the quantity')
+        joined = (' / '.join(each) for each in cells[1:-1])
+        yield (f'`{INPUT}.{name}`', *joined, text)
+
+
+def _table(rows: Iterable[Parameter | tuple[str, ...]]) -> str:
     lines = [
         '| name | type | default | range | unit | live | meaning |',
         '|---|---|---|---|---|---|---|',
     ]
     for row in rows:
-        live = 'live' if row.live else 'fixed' if row.fixed else ''
-        text = row.text.replace('|', '\\|')
-        cells = (
-            f'`{row.name}`',
-            KINDS[row.kind],
-            _default(row),
-            _range(row),
-            row.unit,
-            live,
-            text,
-        )
+        cells = row if isinstance(row, tuple) else _cells(row)
         lines.append(f'| {" | ".join(cells)} |'.replace('|  |', '| |').replace('|  |', '| |'))
     return '\n'.join(lines)
 
@@ -222,11 +234,13 @@ def render() -> str:
     """The whole page."""
     parts = [INTRO, '## The node\n', _table(NODE_PARAMETERS)]
     parts.append('\n## A bearing\n\nEach name stands in the section of its bearing.')
+    shared = [row for rows in zip(*INPUTS.values(), strict=False) for row in rows]
     for group, title, text in GROUPS:
         parts.append(f'\n### {title}\n')
         if text:
             parts.append(f'{text}\n')
-        parts.append(_table(row for row in BEARING_PARAMETERS if _group(row) == group))
+        rows = [row for row in BEARING_PARAMETERS if _group(row) == group and row not in shared]
+        parts.append(_table(_inputs() if group == INPUT else rows))
     return '\n'.join(parts) + '\n'
 
 

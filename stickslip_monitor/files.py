@@ -7,13 +7,14 @@ import contextlib
 import errno
 import fcntl
 import glob
+import json
 import os
 import stat
 import tempfile
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from stickslip_monitor.errors import OutputError, did_you_mean
 
@@ -86,6 +87,23 @@ def read_file(path: str | Path, most: int) -> bytes:
     if len(data) > most:
         raise OSError(errno.EFBIG, f'it is larger than {most} bytes, the limit', str(path))
     return data
+
+
+def read_json(path: str | Path, most: int) -> Any:
+    """Read a regular file as JSON.
+
+    Args:
+        path: The file.
+        most: The largest size that is read [bytes].
+
+    Raises:
+        OSError: It cannot be read, is no regular file, or is larger.
+        ValueError: It is not JSON in UTF-8, or nested too deeply.
+    """
+    try:
+        return json.loads(read_file(path, most).decode('utf-8'))
+    except RecursionError as error:
+        raise ValueError('it is nested too deeply') from error
 
 
 def _check_kind(path: str | Path, mode: int) -> None:

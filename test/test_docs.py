@@ -18,7 +18,11 @@ from stickslip_monitor import Stribeck, Tabulated, assess
 from stickslip_monitor.drawing.palette import CONDITION_NAMES
 from stickslip_monitor.monitor.alarms.causes import AlarmKind
 from stickslip_monitor.monitor.alarms.lifecycle import TABLE, AlarmState
-from stickslip_monitor.monitor.config import BEARING_PARAMETERS, NODE_PARAMETERS
+from stickslip_monitor.monitor.config import (
+    BEARING_PARAMETERS,
+    INPUT_PARAMETERS,
+    NODE_PARAMETERS,
+)
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
 from stickslip_monitor.monitor.ladder import Condition
@@ -79,8 +83,13 @@ def test_a_stale_page_is_noticed(make_docs: ModuleType, tmp_path: Path) -> None:
 
 
 def test_every_parameter_has_one_row(make_docs: ModuleType) -> None:
-    rows = re.findall(r'^\| `([a-z_.]+)` \|', make_docs.render(), flags=re.MULTILINE)
-    assert sorted(rows) == sorted(p.name for p in (*NODE_PARAMETERS, *BEARING_PARAMETERS))
+    rows = re.findall(r'^\| `([a-z_.<>]+)` \|', make_docs.render(), flags=re.MULTILINE)
+    found = [
+        row.replace('<input>', name)
+        for row in rows
+        for name in (INPUT_PARAMETERS if row.startswith('<') else ('',))
+    ]
+    assert sorted(found) == sorted(p.name for p in (*NODE_PARAMETERS, *BEARING_PARAMETERS))
 
 
 def test_every_row_has_seven_cells(make_docs: ModuleType) -> None:
@@ -95,12 +104,11 @@ def test_every_row_has_seven_cells(make_docs: ModuleType) -> None:
         '| `damping` | number | *required* | ≥ 0 | N s/m | | Damping of the lining. |',
         '| `friction.decay` | number | *by law* | > 0 | s/m | | Decay beta of the Stribeck law'
         ' with speed. |',
-        '| `load.maximum` | number | `1e8` | > 0 | N | live | Largest magnitude that is valid; a'
-        ' larger value is counted as implausible and not used. |',
+        '| `<input>.maximum` | number | `100` / `1e8` / `1e12` | > 0 | m/s / N | live | Largest'
+        ' magnitude that is valid; a larger value is counted as implausible and not used. |',
         '| `state_file` | text | *none* | | | fixed | File that keeps acknowledgements, shelves'
         ' and latches over a restart; empty for none. |',
-        '| `load.scale` | number | `1` | ≠ 0 | | live | Factor applied to the number. |',
-        '| `load.unit` | text | *required* | `N`, `kN` | | | Unit of scale * number + offset. |',
+        '| `<input>.scale` | number | `1` | ≠ 0 | | live | Factor applied to the number. |',
         '| `autostart` | true/false | `true` | | | | Configure and activate the node by itself'
         ' when it starts. |',
     ],

@@ -29,6 +29,8 @@ PARSE_ERRORS = (McapError, struct.error, ValueError, MemoryError, OverflowError)
 
 # Records that are looked at together [bytes]; what is found of them takes as much again.
 _WINDOW = 4 << 20
+# Of a definition that is looked at [bytes].
+_LONGEST = 4 << 20
 # Of so many channels each is looked for by itself.
 _FEW = 8
 _NOTHING = np.empty(0, np.int64)
@@ -207,7 +209,7 @@ class Walker:
         kind, behind = self._head()
         if kind < 0:
             return False
-        if kind in _DEFINITIONS:
+        if kind in _DEFINITIONS and behind - self.end <= _LONGEST:
             definitions[self.end] = self.data[self.end : behind]
         elif kind == 0 and behind - self.end == HEAD.size:
             # Zeros may go on for long.
@@ -216,6 +218,6 @@ class Walker:
             self.odd += count
             behind = self.end + count * HEAD.size
         else:
-            self.odd += kind in (0, _MESSAGE)
+            self.odd += kind in (0, _MESSAGE, *_DEFINITIONS)
         self.end = behind
         return True

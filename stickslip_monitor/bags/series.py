@@ -39,6 +39,9 @@ from stickslip_monitor.fields import FieldPath
 # Messages of each topic, and of all, that are handed on at a time: few enough for the caches.
 _OF_TOPIC, _OF_ALL = 1 << 15, 1 << 19
 
+# What a number costs that is kept until all before it is known [bytes].
+_ROW_COST = 24
+
 Progress = Callable[[int, int], None]
 
 
@@ -184,6 +187,8 @@ class Pass:
     ) -> Iterator[Table]:
         """The tables of a block, as far as it can be read."""
         part, budget = self.parts[job.part], self._budgets[job.part]
+        if job.part in self._exhausted:
+            return
         # What a scan saw it told already.
         channels, tell = (None, _silent) if part.stated is None else (part.channels, self.tell)
         try:
@@ -496,7 +501,7 @@ class Reading:
                 tally.refused += len(rows)
                 continue
             numbers = plan.read(piece.data, piece.offset[rows], piece.size[rows])
-            self._pass.spend(job, STEP_COST * numbers.alone)
+            self._pass.spend(job, STEP_COST * numbers.alone + _ROW_COST * len(rows))
             tally.take(numbers)
             topic[rows] = number
             for column, own in zip(values, numbers.values, strict=False):

@@ -15,7 +15,7 @@ from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 Payload = Sequence[bytes] | NDArray[np.void]
 """Messages, encoded: bytes of any lengths, or an array of items of one length."""
 
-_MOST_TOLD = 200
+_MOST_TOLD = 50
 
 
 class Findings:

@@ -12,7 +12,6 @@ result is worth less (no episode, a doubtful report, a surprise), and 2 for bad 
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone
 from pathlib import Path
@@ -37,38 +36,37 @@ from stickslip_monitor.commands.declared import (
 )
 from stickslip_monitor.commands.output import ProgressBar, add_json, console, json_text, print_json
 from stickslip_monitor.errors import ConfigurationError, cause
-from stickslip_monitor.files import write_whole
+from stickslip_monitor.files import read_json, write_whole
 from stickslip_monitor.lab.calibration.calibrate import (
     FLOOR,
     Calibration,
     belief_in,
     calibrate,
 )
-from stickslip_monitor.lab.calibration.dips import (
-    Dip,
-)
-from stickslip_monitor.lab.calibration.evidence import (
-    read_reports,
-)
+from stickslip_monitor.lab.calibration.dips import Dip
+from stickslip_monitor.lab.calibration.evidence import read_reports
 from stickslip_monitor.lab.calibration.posterior import SEED, Prior, prior_of
 from stickslip_monitor.lab.calibration.recordings import EvidenceSource
 from stickslip_monitor.lab.calibration.result import (
     FRAGMENT_MARK,
     fragment,
     inputs_of,
+    known_dips,
     prior_from,
     prior_with_bench,
     to_document,
 )
 from stickslip_monitor.monitor.calibration_file import (
     CALIBRATION_SCHEMA,
+    LARGEST_JSON,
+    belief_of,
     load_calibration,
     require_same_sensors,
 )
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.offline.follow import scan_whole
-from stickslip_monitor.physics.belief import QUANTILES, Belief
+from stickslip_monitor.physics.belief import EXACT, QUANTILES, Belief
 
 _PRIOR_DRAWS = 512
 _PICTURE_LOADS = 60
@@ -121,6 +119,7 @@ def run(args: argparse.Namespace) -> int:
             config.tolerance.model_error or FLOOR,
             args.forget,
             progress=lambda done, total: meter.show('inferring', done, total),
+            known=known_dips(earlier, dips) if earlier is not None else (),
         )
     now = datetime.now(timezone.utc).isoformat(timespec='seconds')
     document = to_document(config, found, earlier, now, __version__)
@@ -137,6 +136,7 @@ def _earlier(path: str | None, config: BearingConfig) -> Mapping[str, Any] | Non
         return None
     document = load_calibration(path)
     require_same_sensors(path, document, config.name, inputs_of(config))
+    belief_of(path, document, EXACT)  # refuses what is damaged before hours of reading
     return document
 
 
@@ -149,12 +149,12 @@ def _prior(
                 '--bench is a prior for a first calibration, and --add already has one: give one'
                 ' of them'
             )
-        return prior_from(args.add, earlier)
+        return prior_from(args.add, earlier, prior_of(config.bearing, config.tolerance))
     prior = prior_of(config.bearing, config.tolerance)
     if args.bench is None:
         return prior
     try:
-        document = json.loads(Path(args.bench).read_text(encoding='utf-8'))
+        document = read_json(args.bench, LARGEST_JSON)
     except (OSError, ValueError) as error:
         raise ConfigurationError(f'{args.bench} cannot be read: {cause(error)}') from error
     return prior_with_bench(prior, args.bench, document)

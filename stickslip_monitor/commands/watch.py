@@ -12,6 +12,7 @@ import argparse
 import asyncio
 import logging
 import os
+import re
 import signal
 import socket
 import time
@@ -44,7 +45,6 @@ from stickslip_monitor.monitor.config_file import NODE_NAME, load_parameters, lo
 from stickslip_monitor.monitor.configure import bearing_names, build_config
 from stickslip_monitor.monitor.signals import QUANTITIES
 from stickslip_monitor.ros.state_file import StateFile
-from stickslip_monitor.surface_store import prepare_surfaces
 
 if TYPE_CHECKING:
     from stickslip_monitor.dashboard.state import DashboardState
@@ -59,6 +59,7 @@ SILENT = 3.0
 """A node of which nothing has been heard for so long is not believed to be there [s]."""
 _TICK = 0.5
 _GOING = 2.0
+_LONGEST_TOKEN = 10_000
 _log = logging.getLogger(NODE_NAME)
 
 
@@ -208,8 +209,6 @@ async def _watch(
     links: LinksConfig,
     board: DashboardState | None,
 ) -> None:
-    for complaint in prepare_surfaces(b.bearing for b in config.bearings):
-        _log.warning(complaint)
     feed, states = Feed(() if board is None else board.monitors), LinkStates(board)
     with _monitor(args, config, links, feed) as (take, run_monitor):
         clients = _clients(config, links, take, feed, states)
@@ -291,6 +290,8 @@ def _monitor(
     if config.clips.directory:
         _log.warning('clips.directory is not used: event clips are taken by the ROS 2 node')
     store = StateFile(config.state_file) if config.state_file else None
+    if store is not None:
+        store.check()
     live = LiveMonitor(config, [feed], _log, store)
     feed.act = live.act
     yield live.take, live.run
@@ -345,6 +346,13 @@ def _token(path: str) -> str:
     return token
 
 
+def _is_token(path: Path) -> bool:
+    """Whether a file is empty or holds one line of a token, which an old one may."""
+    if not path.is_file() or path.is_symlink() or path.stat().st_size > _LONGEST_TOKEN:
+        return False
+    return re.fullmatch(rb'[\w.~+/=-]*\n?', path.read_bytes()) is not None
+
+
 async def _request_token(links: LinksConfig) -> int:
     from stickslip_monitor.links.signalk_client import request_token
 
@@ -353,6 +361,10 @@ async def _request_token(links: LinksConfig) -> int:
     path = Path(links.signalk.token_file).absolute()
     if not path.parent.is_dir():
         raise LinkError(f"signalk.token_file = '{path}': there is no folder {path.parent}")
+    if path.exists() and not _is_token(path):
+        raise LinkError(
+            f"signalk.token_file = '{path}' is there and holds no token: it is not overwritten"
+        )
     # The same for the same machine and file, so that the officer sees one device, not many.
     client_id = str(uuid.uuid5(uuid.NAMESPACE_URL, f'{socket.gethostname()}{path}'))
     token = await request_token(links.signalk, client_id, _log.info)

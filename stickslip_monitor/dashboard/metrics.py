@@ -156,8 +156,8 @@ def _bearings(known: _Known) -> Iterator[Metric]:
     )
     for name, key, states, text in _STATES:
         own = [(n, r[key]) for n, r in known if r[key] is not None]
-        values = [((*n, state), now == state) for n, now in own for state in states]
-        yield _family(name, text, [*_BEARING, name if name != 'measured' else 'state'], values)
+        flags = [((*n, state), now == state) for n, now in own for state in states]
+        yield _family(name, text, [*_BEARING, name if name != 'measured' else 'state'], flags)
     yield from _inputs([((*n, name), own) for n, r in known for name, own in r['inputs'].items()])
 
 

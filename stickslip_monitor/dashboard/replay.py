@@ -21,7 +21,6 @@ from stickslip_monitor.monitor.input_watch import Graph
 from stickslip_monitor.monitor.messages import BearingState, bearing_record
 from stickslip_monitor.monitor.session import Moment, NoLog, Session, Sink
 from stickslip_monitor.monitor.signals import LEVEL
-from stickslip_monitor.surface_store import prepare_surfaces
 
 _SHOWN_EVERY = 0.2
 _TURN = 0.01
@@ -84,7 +83,6 @@ class Replay:
         self._samples = list(_samples(path, config))
         if not self._samples:
             raise BagError(f"bag '{path}' has no sample of the configured inputs")
-        prepare_surfaces(item.bearing for item in config.bearings)
         self._start_ns = self._samples[0].log_ns
         # They are in the order of the recording, which need not be that of its clock.
         self._length_ns = max(sample.log_ns for sample in self._samples) - self._start_ns

@@ -8,8 +8,9 @@ import contextlib
 import json
 import math
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib import resources
+from pathlib import Path
 from typing import Any, Protocol
 
 from aiohttp import web
@@ -31,23 +32,24 @@ PATIENCE = 3.0
 LARGEST_REQUEST = 4096
 SLOWEST_REQUEST = 10.0
 """How long the content of a request may take to come [s]."""
-FILES = {
-    '/': ('page.html', 'text/html'),
-    '/login': ('login.html', 'text/html'),
-    '/page.css': ('page.css', 'text/css'),
-    '/stream.js': ('stream.js', 'text/javascript'),
-    '/page.js': ('page.js', 'text/javascript'),
-    '/map.js': ('map.js', 'text/javascript'),
-    '/alarms.js': ('alarms.js', 'text/javascript'),
-    '/gauges.js': ('gauges.js', 'text/javascript'),
-    '/overview.js': ('overview.js', 'text/javascript'),
-    '/sound.js': ('sound.js', 'text/javascript'),
-    '/charts.js': ('charts.js', 'text/javascript'),
-    '/replay.js': ('replay.js', 'text/javascript'),
-    '/icon.svg': ('icon.svg', 'image/svg+xml'),
-    '/uPlot.js': ('vendor/uPlot.iife.min.js', 'text/javascript'),
-    '/uPlot.css': ('vendor/uPlot.min.css', 'text/css'),
+KINDS = {
+    '.html': 'text/html',
+    '.css': 'text/css',
+    '.js': 'text/javascript',
+    '.svg': 'image/svg+xml',
 }
+"""What the page is made of."""
+_NAMES = {'page.html': '', 'login.html': 'login', 'uPlot.iife.min.js': 'uPlot.js'}
+_NAMES['uPlot.min.css'] = 'uPlot.css'
+
+
+def page_files() -> Iterator[tuple[str, bytes, str]]:
+    """Of every file of the page its path on the server, its content and its type."""
+    folder = resources.files('stickslip_monitor.dashboard') / 'page'
+    for file in (*folder.iterdir(), *(folder / 'vendor').iterdir()):
+        kind = KINDS.get(Path(file.name).suffix)
+        if kind is not None:
+            yield f'/{_NAMES.get(file.name, file.name)}', file.read_bytes(), kind
 
 
 class RecordingPlayer(Protocol):
@@ -88,9 +90,8 @@ class Server:
         app = web.Application(
             middlewares=[watch, guard(self._access)], client_max_size=LARGEST_REQUEST
         )
-        folder = resources.files('stickslip_monitor.dashboard') / 'page'
-        for path, (name, kind) in FILES.items():
-            app.router.add_get(path, _file(folder.joinpath(*name.split('/')).read_bytes(), kind))
+        for path, body, kind in page_files():
+            app.router.add_get(path, _file(body, kind))
         app.router.add_post('/login', self._login)
         app.router.add_post('/logout', self._logout)
         app.router.add_get('/events', self._events)

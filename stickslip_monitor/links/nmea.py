@@ -266,7 +266,8 @@ def clean(text: str) -> str:
 
 
 def _letter(alarm: dict[str, Any], priority: str) -> str:
-    letter = _LETTERS.get(alarm['state'], 'N')
+    # One matter, one alert: what a worse alarm stands for is not given beside it.
+    letter = 'N' if alarm.get('covered') else _LETTERS.get(alarm['state'], 'N')
     if priority == 'C':
         return {'V': 'A', 'U': 'N'}.get(letter, letter)
     return 'S' if letter == 'V' and alarm['silenced'] else letter

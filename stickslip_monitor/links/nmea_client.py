@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 from stickslip_monitor.errors import StickslipError
 from stickslip_monitor.links.link_config import NmeaLink
 from stickslip_monitor.links.nmea import Alerts, NmeaInput, samples
-from stickslip_monitor.links.ports import Port, open_port
+from stickslip_monitor.links.ports import SILENT, Port, open_port
 from stickslip_monitor.monitor.alarms.live_alarms import Log
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
 
@@ -76,7 +77,9 @@ class NmeaClient:
             self._tell(name, up, why)
 
         address = getattr(self._link, role)
-        return open_port(f'nmea.{role}', address, self._on_line, on_link, listens)
+        # Where only acknowledgements may come, silence is nothing wrong.
+        silent = SILENT if self._inputs or not listens else math.inf
+        return open_port(f'nmea.{role}', address, self._on_line, on_link, listens, silent)
 
     async def run(self) -> None:
         """Keep the ports open until cancelled."""

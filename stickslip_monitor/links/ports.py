@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import os
 import termios
 import tty
@@ -56,6 +57,7 @@ class Port(asyncio.DatagramProtocol, asyncio.Protocol):
         self.url = check_port(name, address)
         self._on_line, self._on_link = on_line, on_link
         self._listens, self._silent = listens, silent
+        self._expects = listens and silent < math.inf
         self._buffer = b''
         self._heard_at = 0.0
         self._fault: asyncio.Future[str] = asyncio.get_running_loop().create_future()
@@ -108,7 +110,7 @@ class Port(asyncio.DatagramProtocol, asyncio.Protocol):
         self._fault = asyncio.get_running_loop().create_future()
         self._buffer = b''
         await self._connect()
-        if not self._listens:
+        if not self._expects:
             self._on_link(True, '')
 
     async def _connect(self) -> None:
@@ -128,7 +130,7 @@ class Port(asyncio.DatagramProtocol, asyncio.Protocol):
         clock = asyncio.get_running_loop().time
         self._heard_at = clock()
         while True:
-            left = self._heard_at + self._silent - clock() if self._listens else None
+            left = self._heard_at + self._silent - clock() if self._expects else None
             if left is not None and left <= 0.0:
                 return f'nothing heard for {self._silent:g} s'
             done, _ = await asyncio.wait({self._fault}, timeout=left)

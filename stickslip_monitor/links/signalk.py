@@ -383,7 +383,9 @@ class Notifications:
 def _notification(record: Mapping[str, Any], token: str) -> dict[str, Any]:
     """An alarm as a notification's value."""
     lifecycle, kind = record['state'], _KINDS[record['alarm']]
-    waiting, known = lifecycle in _WAITING, lifecycle in _KNOWN
+    # One matter, one notification: what a worse alarm stands for is not given beside it.
+    shown = not record.get('covered')
+    waiting, known = shown and lifecycle in _WAITING, shown and lifecycle in _KNOWN
     text = record['text'] if waiting or known else ''
     value = {
         'state': _SEVERITIES[kind.priority] if waiting or known else 'normal',

@@ -6,6 +6,7 @@ from __future__ import annotations
 import asyncio
 import json
 import random
+import re
 import ssl
 import time
 from collections import deque
@@ -128,7 +129,7 @@ class SignalKClient:
                         raise
                     reason = str(error)
                 except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
-                    reason = str(error) or 'no answer'
+                    reason = _reason(error)
                 self._lost(reason)
                 await asyncio.sleep(wait * random.uniform(0.5, 1.0))
                 wait = min(2.0 * wait, BACK_OFF[1])
@@ -291,6 +292,13 @@ async def _say(socket: aiohttp.ClientWebSocketResponse, update: Update) -> None:
     await socket.send_str(json.dumps({'updates': [update]}, allow_nan=False))
 
 
+def _reason(error: BaseException) -> str:
+    """Why a connection failed, without the names that Python has for its parts."""
+    inner = getattr(error, 'os_error', None) or error
+    text = getattr(inner, 'strerror', None) or re.sub(r'ssl:(<[^>]*>|\S+) ?', '', str(inner))
+    return text or 'no answer'
+
+
 def _certificate(error: aiohttp.ClientConnectorCertificateError) -> str:
     inner = error.certificate_error
     return getattr(inner, 'verify_message', '') or str(inner)
@@ -324,7 +332,9 @@ async def request_token(
                     session.get(f'{url}/{answer["href"].lstrip("/")}', ssl=context)
                 )
     except (aiohttp.ClientError, OSError, asyncio.TimeoutError, ValueError, KeyError) as error:
-        raise LinkError(f"signalk.url = '{url}' cannot be asked for a token: {error}") from error
+        raise LinkError(
+            f"signalk.url = '{url}' cannot be asked for a token: {_reason(error)}"
+        ) from error
     token = (answer.get('accessRequest') or {}).get('token')
     if not isinstance(token, str):
         raise LinkError(f"signalk.url = '{url}': the request for a token was denied")

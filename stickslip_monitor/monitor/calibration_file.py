@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,11 +11,15 @@ from typing import Any
 import numpy as np
 
 from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.files import read_json
 from stickslip_monitor.physics.belief import Belief, Tolerance
 
 CALIBRATION_SCHEMA = 'stickslip_monitor/calibration/1'
+LARGEST_JSON = 64 << 20
+"""The largest file of a result that is read [bytes]; a year of dips is a tenth of it."""
 INPUT_KEYS = ('topic', 'field', 'scale', 'offset', 'unit')
 _DRAW_COLUMNS = ('ln_beta', 'ln_n0', 'ln_s')
+_LARGEST_LOG, _MOST_DRAWS = 100.0, 100_000
 
 
 def load_calibration(path: str | Path) -> dict[str, Any]:
@@ -25,7 +29,7 @@ def load_calibration(path: str | Path) -> dict[str, Any]:
         ConfigurationError: The file cannot be read or is none; the text names it.
     """
     try:
-        document = json.loads(Path(path).read_text(encoding='utf-8'))
+        document = read_json(path, LARGEST_JSON)
     except OSError as error:
         raise ConfigurationError(f'{path}: {error.strerror or error}') from error
     except ValueError as error:
@@ -59,7 +63,10 @@ def require_same_sensors(
             f"{path} is a calibration of '{document.get('bearing')}' and not of '{bearing}'"
         )
     for quantity, now in inputs.items():
-        then = document.get('inputs', {}).get(quantity, {})
+        past = document.get('inputs')
+        then = past.get(quantity) if isinstance(past, dict) else None
+        if not isinstance(then, dict):
+            raise ConfigurationError(f'{path} is damaged: it does not name its sensors')
         for key in INPUT_KEYS:
             if then.get(key) != now[key]:
                 raise ConfigurationError(
@@ -86,10 +93,11 @@ def belief_of(path: str | Path, document: Mapping[str, Any], tolerance: Toleranc
         draws = np.array(document['draws'], dtype=float)[:, columns]
         low, high = (float(load) for load in document['loads'])
         floor, viscous = float(document['floor']), float(document['viscous'])
-    except (KeyError, IndexError, TypeError, ValueError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, OverflowError) as error:
         raise ConfigurationError(f'{path} is damaged: {error!r}') from error
-    sound = draws.size and np.isfinite(draws).all() and 0.0 < low <= high and floor >= 0.0
-    if not (sound and viscous >= 0.0):
+    sound = 0 < draws.shape[0] <= _MOST_DRAWS and bool((np.abs(draws) < _LARGEST_LOG).all())
+    sound = sound and 0.0 < low <= high < math.inf
+    if not (sound and 0.0 <= floor <= 1.0 and 0.0 <= viscous < math.inf):
         raise ConfigurationError(
             f'{path} is damaged: its draws, loads, floor and viscous must be finite numbers, loads'
             ' above 0 and rising'

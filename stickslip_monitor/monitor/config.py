@@ -311,8 +311,7 @@ TOLERANCE_PARAMETERS = tuple(
         f'tolerance.{item.name}',
         'float',
         item.default,
-        f'Relative standard deviation of {_UNCERTAIN[item.name]}; 0 for exact. Limits of +-10 %'
-        ' are 0.058.',
+        f'Relative standard deviation of {_UNCERTAIN[item.name]}; 0 for exact.',
         minimum=0.0,
         maximum=3.0,
     )

@@ -20,6 +20,7 @@ from stickslip_monitor.monitor.input_watch import Graph, InputWatch
 from stickslip_monitor.monitor.ladder import Condition, Level
 from stickslip_monitor.monitor.messages import BearingState, state_of
 from stickslip_monitor.monitor.monitor import Monitor, Update
+from stickslip_monitor.monitor.rule_state import State
 from stickslip_monitor.monitor.verdict import Event, Verdict
 
 LOOK_NS = 10**9
@@ -81,10 +82,31 @@ class Session:
         graph: Graph | None = None,
     ) -> None:
         self.config, self._sink, self._log, self._graph = config, sink, log, graph
-        self.monitor = Monitor(config)
-        self.alarms = LiveAlarms(config, clock, sink.take_alarms, log, store)
+        self.alarms = LiveAlarms(
+            config,
+            clock,
+            sink.take_alarms,
+            log,
+            store,
+            lambda name: self.monitor.bearings[name].text(),
+            lambda: {name: b.state.record() for name, b in self.monitor.bearings.items()},
+        )
+        known = self._kept()
+        self.monitor = Monitor(config, known)
+        for name in self.monitor.bearings.keys() & known.keys():
+            self.alarms.annunciator.causes[name].stand(self.monitor.condition(name))
         self.monitoring = False
         self._inputs: InputWatch | None = None
+
+    def _kept(self) -> dict[str, State]:
+        """What was remembered of each bearing before a restart, as far as it can be read."""
+        known = {}
+        for name, record in self.alarms.states.items():
+            try:
+                known[name] = State.of_record(record)
+            except (ValueError, AttributeError) as error:
+                self._log.warning(f'{name}: its memory is not taken over: {error}')
+        return known
 
     def begin(self) -> None:
         """Watch from now on: nothing is known of the time that has passed without samples."""

@@ -19,7 +19,6 @@ from stickslip_monitor.bags.series import Progress, Reading
 from stickslip_monitor.monitor.bulk import BearingScan, Scan, scan_bearing
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.signals import Stream
-from stickslip_monitor.surface_store import prepare_surfaces
 
 Inputs = tuple[Series, ...]
 """Speed, load and, where it is measured, level of a bearing."""
@@ -92,7 +91,6 @@ def follow(
         BagError: The bag cannot be read, lacks a topic, or a field leads to no number.
     """
     asked = {request for b in config.bearings for request in requests_of(b)}
-    prepare_surfaces(item.bearing for item in config.bearings)
 
     def use(reading: Reading) -> Followed[_Follower]:
         span = SampleSpan(bag)
@@ -246,7 +244,6 @@ def scan_whole(path: str | Path, config: MonitorConfig) -> WholeBag:
     series = bag.read({request for own in asked.values() for request in own})
     span = SampleSpan(bag)
     span.hear(series.values())
-    prepare_surfaces(item.bearing for item in config.bearings)
     found = {}
     for bearing in config.bearings:
         own = tuple(series[request] for request in asked[bearing.name])

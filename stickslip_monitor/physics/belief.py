@@ -23,6 +23,7 @@ points, and compiled for long recordings.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
@@ -43,6 +44,7 @@ from stickslip_monitor.physics.chances import (
     CURVE_SIZE,
     CURVE_STEP,
     FOLD,
+    HEAD,
     HOPF,
     WIDEST,
 )
@@ -182,6 +184,14 @@ def _boundary(which: int, v: FloatArray) -> tuple[FloatArray, FloatArray]:
     ahead = v > 0.0
     slope = (1.0 - (i0e(size) / i1e(size) - 2.0 / size)) * v
     return np.where(ahead, decline(size), v), np.where(ahead, slope, v)
+
+
+@functools.cache
+def curve_of_decline() -> FloatArray:
+    """The beginning of every table: its head, left empty, and the curve of ``D``."""
+    v = np.exp(np.linspace(CURVE_FIRST, CURVE_LAST, CURVE_SIZE))
+    value, slope = _boundary(FOLD, v)
+    return np.concatenate([np.zeros(HEAD), value, slope * CURVE_STEP])
 
 
 def _mixture_probit(z: FloatArray, weight: FloatArray) -> FloatArray:
@@ -381,12 +391,8 @@ class Belief:
         most = -math.log(points.viscous) - self.log_load - 1e-6 if points.viscous else math.inf
         d = np.linspace(first, max(min(_HIGHEST_D, most), first + 0.1), rows)
         head = (self.log_beta, self.log_load, points.viscous, first, 1.0 / (d[1] - d[0]))
-        v = np.exp(np.linspace(CURVE_FIRST, CURVE_LAST, CURVE_SIZE))
-        value, slope = _boundary(FOLD, v)
-        parts = [np.array([*head, rows, columns]), value, slope * CURVE_STEP]
-        return np.concatenate(
-            [*parts, *(part for which in (FOLD, HOPF) for part in self._rows(which, d, columns))]
-        )
+        parts = [part for which in (FOLD, HOPF) for part in self._rows(which, d, columns)]
+        return np.concatenate([[*head, rows, columns], curve_of_decline()[HEAD:], *parts])
 
     def _rows(self, which: int, d: FloatArray, columns: int) -> tuple[FloatArray, FloatArray]:
         """Spread of each row, and their probits one row after the other."""

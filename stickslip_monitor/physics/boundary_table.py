@@ -3,7 +3,7 @@
 
 Each boundary is a piecewise polynomial in ``ln N`` from the least load at which a stick-slip cycle
 exists; above the last one a speed is in proportion to the load, as Coulomb's law has it, the limit
-of every law for large loads. A smooth law is a cubic spline, right to 1e-9; one with breakpoints
+of every law for large loads. A smooth law is a cubic spline, right to 1e-9; one in pieces
 (a measured table) is interpolated linearly in many more points, right to 1e-4.
 """
 
@@ -21,12 +21,13 @@ from scipy.interpolate import CubicSpline
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.physics.averaging.boundaries import fold_speed
 from stickslip_monitor.physics.cycle.cycles import exact_fold_speed
+from stickslip_monitor.physics.law_numbers import PIECES, law_numbers
 from stickslip_monitor.physics.oscillator import Bearing
 
 Boundary = Callable[[FloatArray], FloatArray]
 """Speeds [m/s] at loads [N], shape (n,); ``nan`` where there is none, ``inf`` without an end."""
 # Octaves of load from the onset, and points: measured, twice as many gain nothing.
-_OCTAVES, _SMOOTH, _BROKEN = 20, 1401, 16385
+_OCTAVES, _SMOOTH, _BROKEN = 12, 1401, 8193
 # Loads among which the onset is looked for [N], and how often the interval is divided by 64.
 _LEAST, _MOST, _ROUNDS = 1e-9, 1e15, 8
 
@@ -98,7 +99,7 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
     onset = _onset(averaged)
     if onset == math.inf:
         return BoundaryTable(math.inf, 1.0, np.zeros((2, 1, 4)))
-    broken = bool(tuple(bearing.friction.breakpoints))
+    broken = law_numbers(bearing.friction)[PIECES] > 0.0
     grid = np.linspace(0.0, _OCTAVES * math.log(2.0), _BROKEN if broken else _SMOOTH)
     load = np.exp(math.log(onset) + grid)
     with np.errstate(all='ignore'):

@@ -21,8 +21,8 @@ CURVE_FIRST, CURVE_LAST, CURVE_SIZE = -14.0, 9.0, 1025
 """First and last ``ln v`` of the curve of ``D``, and its points."""
 CURVE_STEP = (CURVE_LAST - CURVE_FIRST) / (CURVE_SIZE - 1)
 
-_LOG_BETA, _LOG_LOAD, _VISCOUS, _FIRST_D, _PER_ROW, _ROWS, _COLUMNS, _CURVE = range(8)
-_SLOPES, _TABLES = _CURVE + CURVE_SIZE, _CURVE + 2 * CURVE_SIZE
+_LOG_BETA, _LOG_LOAD, _VISCOUS, _FIRST_D, _PER_ROW, _ROWS, _COLUMNS, HEAD = range(8)
+_SLOPES, _TABLES = HEAD + CURVE_SIZE, HEAD + 2 * CURVE_SIZE
 
 
 def probit(table: Sequence[float], which: int, log_speed: float, log_load: float) -> float:
@@ -35,7 +35,7 @@ def probit(table: Sequence[float], which: int, log_speed: float, log_load: float
         log_load: Logarithm of the load [ln N].
     """
     log_v = log_speed + table[_LOG_BETA]
-    value = math.exp(min(log_v, 50.0)) if which else _decline(table, log_v)
+    value = math.exp(min(log_v, 50.0)) if which else decline_at(table, log_v)
     d = log_load - math.log1p(table[_VISCOUS] * math.exp(log_load)) - table[_LOG_LOAD]
     columns = int(table[_COLUMNS])
     row, share, spread, first = _row(table, which, d)
@@ -62,15 +62,15 @@ def _row(table: Sequence[float], which: int, d: float) -> tuple[int, float, floa
     return row, min(share, 1.0), spread, first + rows
 
 
-def _decline(table: Sequence[float], log_v: float) -> float:
-    """``D(v)`` by cubic interpolation, to 1e-10."""
+def decline_at(table: Sequence[float], log_v: float) -> float:
+    """``D(v)`` at ``ln v``, to 1e-10; ``table`` may end with the curve."""
     place = (log_v - CURVE_FIRST) / CURVE_STEP
     if place < 0.0:
         return math.exp(log_v)
     if place >= CURVE_SIZE - 1:  # I1e(v) tends to (2 pi v)^(-1/2)
         return table[_SLOPES - 1] + 1.5 * (log_v - CURVE_LAST)
     cell = int(place)
-    return _cubic(table, _CURVE + cell, place - cell)
+    return _cubic(table, HEAD + cell, place - cell)
 
 
 def _cubic(table: Sequence[float], at: int, share: float) -> float:
@@ -81,12 +81,12 @@ def _cubic(table: Sequence[float], at: int, share: float) -> float:
 
 
 def _log_speed_of(table: Sequence[float], value: float) -> float:
-    """``ln v`` at which :func:`_decline` has a value > 0."""
+    """``ln v`` at which :func:`decline_at` has a value > 0."""
     if value >= table[_SLOPES - 1]:
         return CURVE_LAST + (value - table[_SLOPES - 1]) / 1.5
-    if value <= table[_CURVE]:
+    if value <= table[HEAD]:
         return math.log(value)
-    low, high = _CURVE, _SLOPES - 1
+    low, high = HEAD, _SLOPES - 1
     while high - low > 1:
         middle = (low + high) // 2
         if table[middle] <= value:
@@ -97,7 +97,7 @@ def _log_speed_of(table: Sequence[float], value: float) -> float:
     share = 0.0
     for _ in range(6):
         share += (value - _cubic(table, low, share)) / (table[low + 1] - table[low])
-    return CURVE_FIRST + (low - _CURVE + share) * CURVE_STEP
+    return CURVE_FIRST + (low - HEAD + share) * CURVE_STEP
 
 
 def boundary_speed(table: Sequence[float], which: int, load: float, z: float) -> float:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
+from stickslip_monitor.arrays import BoolArray, FloatArray
 
 _LIMIT = 120
 _CLOSE = 2e-16
@@ -146,15 +146,6 @@ def root_on_bracket(
     if running.size:
         root[running], converged[running] = _divided(function, (b, a), (fb, fa), arguments)
     return Roots(root, converged)
-
-
-def costly_root(
-    function: Callable[[FloatArray, IndexArray], FloatArray], low: FloatArray, high: FloatArray
-) -> Roots:
-    """:func:`root_on_bracket` of functions of ``(x, rows)``, with the numbers of the elements."""
-    rows = np.arange(low.size)
-    ends = function(np.concatenate([low, high]), np.concatenate([rows, rows]))
-    return root_on_bracket(function, low, high, (ends[: low.size], ends[low.size :]), (rows,))
 
 
 def _divided(

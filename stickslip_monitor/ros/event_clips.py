@@ -18,13 +18,15 @@ from stickslip_monitor.ros.message_types import definition
 
 _FAILURE_TOLD_EVERY = 60.0
 _MOST_WAITING = 2
+RETRY_PERIOD = 5.0
+"""A clip that cannot be written is tried again after so long [s]."""
 
 
 class Clips:
     """Records what passes the node, and writes a clip around each alarm.
 
     Clips are written in a thread, so that no callback waits for the disk; one that cannot be
-    written, or comes while two others wait, is told in the log and forgotten.
+    written is tried again until a newer one comes; one that comes while two others wait is lost.
 
     Args:
         node: The node, for its log.
@@ -89,14 +91,27 @@ class Clips:
                 self._lost('the disk does not keep up')
 
     def _run(self) -> None:
-        while (clip := self._waiting.get()) is not None:
-            try:
-                for _ in self._store.write(clip):
-                    pass
-                self.fault = ''
-            except Exception as error:
-                # Neither a full disk nor a fault of ours may stop the monitor, or later clips.
-                self._lost(cause(error))
+        clip = self._waiting.get()
+        while clip is not None:
+            clip = self._waiting.get() if self._written(clip) else self._after_a_while(clip)
+
+    def _written(self, clip: Clip) -> bool:
+        try:
+            for _ in self._store.write(clip):
+                pass
+        except Exception as error:
+            # Neither a full disk nor a fault of ours may stop the monitor, or later clips.
+            self._lost(cause(error))
+            return False
+        self.fault = ''
+        return True
+
+    def _after_a_while(self, clip: Clip) -> Clip | None:
+        """The clip once more, unless a newer one waits: that it can be written may come back."""
+        try:
+            return self._waiting.get(timeout=RETRY_PERIOD)
+        except queue.Empty:
+            return clip
 
     def _lost(self, reason: str) -> None:
         self.fault = f'an event clip is lost: {reason}'

@@ -16,6 +16,8 @@ from stickslip_monitor.errors import AlarmStateError, RosError, cause
 MAX_SIZE = 16_000_000
 """A larger file is not one of ours [bytes]."""
 RETRY_PERIOD = 5.0
+# By its schema, which stands at the beginning, a file of ours is known, damaged or not.
+_MARK, _HEAD = b'stickslip_monitor/', 200
 _SUFFIXES = ('.new', '.lock', '.damaged')
 
 
@@ -49,11 +51,21 @@ class StateFile:
         self._lock: int | None = None
 
     def check(self) -> None:
-        """Check that what is there is a file of ours.
+        """Check that what is there is a file of ours, or nothing yet.
 
         Raises:
-            RosError: It is not: it is left alone.
+            RosError: It is somebody else's: it is left alone.
         """
+        try:
+            content = self._bytes()
+        except FileNotFoundError:
+            return
+        except (OSError, AlarmStateError) as error:
+            raise RosError(f'{self._given} cannot be used: {cause(error)}') from error
+        if content and _MARK not in content[:_HEAD]:
+            raise RosError(
+                f'{self._given} is no file of stickslip_monitor: it is left alone; name another'
+            )
 
     def _beside(self, suffix: str) -> Path:
         return self.path.with_name(self.path.name + suffix)
@@ -94,7 +106,8 @@ class StateFile:
             AlarmStateError: It cannot be read.
         """
         try:
-            return json.loads(self._bytes())
+            content = self._bytes()
+            return json.loads(content) if content else None
         except FileNotFoundError:
             return None
         except OSError as error:
@@ -153,6 +166,7 @@ class StateWriter:
     """
 
     def __init__(self, file: StateFile) -> None:
+        file.check()
         file.lock()
         self.path = file.path
         self.read, self.set_aside = file.read, file.set_aside

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -84,9 +85,24 @@ def test_an_earlier_result_is_added_to(
     arguments = ['calibrate', str(COAST_DOWN), '-c', str(wrong), '--json']
     assert main([*arguments, '-o', str(first)]) == 0
     one = json.loads(capsys.readouterr().out)
-    assert main([*arguments, '--add', str(first)]) == 0
+    # The same recording tells nothing new, under another name neither.
+    copy = tmp_path / 'copy'
+    shutil.copytree(COAST_DOWN, copy)
+    again = ['calibrate', str(copy), '-c', str(wrong), '--json', '--add']
+    assert main([*again, str(first)]) == 2
+    assert 'copy is in the earlier result already' in capsys.readouterr().err
+    # A result of the last version: six parameters, and no fingerprints.
+    old = json.loads(first.read_text())
+    old['parameters'], old['mean'] = old['parameters'][:6], old['mean'][:6]
+    old['covariance'] = [row[:6] for row in old['covariance'][:6]]
+    old['draws'] = [row[:6] for row in old['draws']]
+    for dip in old['dips']:
+        del dip['fingerprint']
+    first.write_text(json.dumps(old))
+    other = str(ROOT / 'bags' / 'manoeuvring')
+    main(['calibrate', other, *again[2:], str(first)])
     two = json.loads(capsys.readouterr().out)
-    assert len(two['dips']) == 2
+    assert len(two['dips']) > 1
     narrower = [middle(d)['fold_95'] - middle(d)['fold_5'] for d in (two, one)]
     assert narrower[0] < narrower[1]
 

@@ -65,12 +65,6 @@ def test_every_value_reaches_its_place(configure: Configure) -> None:
     assert (alarm.on_delay_ns, alarm.off_delay_ns) == (1_500_000_000, 2_500_000_000)
 
 
-def test_defaults_of_the_node(configure: Configure) -> None:
-    config = configure()
-    assert (config.autostart, config.publish_period) == (True, 0.0)
-    assert config.bearing('aft').alarm.amplitude_limit == math.inf
-
-
 def test_node_values_are_taken(reference: dict[str, Any]) -> None:
     config = _build(reference, autostart=False, publish_period=1)
     assert (config.autostart, config.publish_period) == (False, 1.0)
@@ -86,46 +80,30 @@ def test_an_int_is_a_number(configure: Configure) -> None:
 
 BAD_VALUES = [
     ('mass', -1.0, 'aft.mass = -1.0 must be a finite number above 0 kg'),
-    ('mass', 0.0, 'aft.mass = 0.0 must be a finite number above 0 kg'),
     ('mass', math.nan, 'aft.mass = nan must be a finite number above 0 kg'),
-    ('mass', math.inf, 'aft.mass = inf must be a finite number above 0 kg'),
     ('mass', '50', "aft.mass = '50' must be a finite number above 0 kg"),
     ('mass', True, 'aft.mass = True must be a finite number above 0 kg'),
-    ('mass', None, 'aft.mass = None must be a finite number above 0 kg'),
     ('mass', [50.0], 'aft.mass = [50.0] must be a finite number above 0 kg'),
     ('mass', 1 + 0j, 'aft.mass = (1+0j) must be a finite number above 0 kg'),
     ('damping', -1e-9, 'aft.damping = -1e-09 must be a finite number not below 0 N s/m'),
-    ('stiffness', 0, 'aft.stiffness = 0 must be a finite number above 0 N/m'),
-    ('journal_diameter', -0.1, 'aft.journal_diameter = -0.1 must be a finite number above 0 m'),
     ('speed.unit', 'knots', "aft.speed.unit = 'knots' must be one of rpm, rad/s, Hz, m/s"),
-    ('speed.unit', 'RPM', "aft.speed.unit = 'RPM' must be one of rpm, rad/s, Hz, m/s"),
-    ('load.unit', 'lbf', "aft.load.unit = 'lbf' must be one of N, kN"),
     ('load.unit', False, 'aft.load.unit = False must be one of N, kN'),
     ('friction.law', 'karnopp', 'must be one of stribeck, coulomb, tabulated'),
-    ('friction.static', -0.1, 'aft.friction.static = -0.1 must be a finite number not below 0'),
-    ('friction.kinetic', math.nan, 'aft.friction.kinetic = nan must be a finite number'),
     ('friction.decay', 0.0, 'aft.friction.decay = 0.0 must be a finite number above 0 s/m'),
-    ('friction.viscous', -1.0, 'aft.friction.viscous = -1.0 must be a finite number not below 0'),
     ('speed.timeout', 0.0, 'aft.speed.timeout = 0.0 must be a finite number above 0 and not abo'),
     ('load.timeout', 1.1e9, 'aft.load.timeout = 1100000000.0 must be a finite number above 0 and'),
-    ('speed.scale', math.inf, 'aft.speed.scale = inf must be a finite number'),
     ('load.scale', 0, 'aft.load.scale = 0 must be a finite number other than 0'),
     ('speed.offset', math.nan, 'aft.speed.offset = nan must be a finite number'),
     ('speed.maximum', math.inf, 'aft.speed.maximum = inf must be a finite number above 0 m/s'),
-    ('load.maximum', 0.0, 'aft.load.maximum = 0.0 must be a finite number above 0 N'),
     ('speed.topic', 7, 'aft.speed.topic = 7 must be a text'),
-    ('alarm.caution_margin', -0.1, 'aft.alarm.caution_margin = -0.1 must be a finite number not'),
     ('alarm.hysteresis', 0.91, 'aft.alarm.hysteresis = 0.91 must be a finite number not below 0'),
     ('alarm.amplitude_limit', 0.0, 'aft.alarm.amplitude_limit = 0.0 must be a number above 0 m'),
     ('alarm.amplitude_limit', math.nan, 'aft.alarm.amplitude_limit = nan must be a number above'),
-    ('alarm.amplitude_limit', -math.inf, 'aft.alarm.amplitude_limit = -inf must be a number abo'),
     (
         'alarm.on_delay',
         -1,
         'aft.alarm.on_delay = -1 must be a finite number not below 0 and not above 604800 s',
     ),
-    ('alarm.off_delay', math.inf, 'aft.alarm.off_delay = inf must be a finite number not below 0'),
-    ('alarm.minimum_speed', -1.0, 'aft.alarm.minimum_speed = -1.0 must be a finite number not be'),
 ]
 
 
@@ -137,11 +115,6 @@ def test_bad_value_is_named_with_its_rule(
         configure(**{name: value})
     assert text in str(caught.value)
     assert '\n' not in str(caught.value)
-
-
-def test_an_int_beyond_a_double_is_refused(configure: Configure) -> None:
-    with pytest.raises(ConfigurationError, match=r'aft\.mass = 10+ must be a finite number'):
-        configure(mass=10**400)
 
 
 @pytest.mark.parametrize('value', [1, 'true', None, [True]])

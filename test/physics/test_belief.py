@@ -2,7 +2,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -79,17 +81,17 @@ def _points(size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return np.exp(random.uniform(-7.0, 3.0, size)), np.exp(random.uniform(2.0, 11.5, size))
 
 
-@pytest.mark.parametrize(
-    'belief',
-    [
-        *(Belief.from_tolerance(BEARING, tolerance) for tolerance in TOLERANCES),
-        Belief.from_tolerance(
-            replace(BEARING, friction=Stribeck(0.30, 0.10, 10.0, 0.1)), TOLERANCES[1]
-        ),
-        Belief.from_draws(DRAWS, floor=0.01, loads=(900.0, 1100.0)),
-    ],
-)
-def test_the_table_keeps_to_the_sum_everywhere(belief: Belief) -> None:
+VISCOUS = replace(BEARING, friction=Stribeck(0.30, 0.10, 10.0, 0.1))
+BELIEFS: list[Callable[[], Belief]] = [
+    *(partial(Belief.from_tolerance, BEARING, tolerance) for tolerance in TOLERANCES),
+    partial(Belief.from_tolerance, VISCOUS, TOLERANCES[1]),
+    partial(Belief.from_draws, DRAWS, floor=0.01, loads=(900.0, 1100.0)),
+]
+
+
+@pytest.mark.parametrize('make', BELIEFS)
+def test_the_table_keeps_to_the_sum_everywhere(make: Callable[[], Belief]) -> None:
+    belief = make()
     speed, load = _points(1000)
     if belief.points.smoothing == 0.0:  # a sum over draws is no smooth function
         speed, load = np.maximum(speed, 0.02), np.clip(load, 100.0, 9000.0)
@@ -175,10 +177,9 @@ def test_loads_without_evidence_are_known_less() -> None:
 
 
 def test_a_viscous_rise_saturates() -> None:
-    bearing = replace(BEARING, friction=Stribeck(0.30, 0.10, 10.0, 0.1))
-    tight = Belief.from_tolerance(bearing, Tolerance(damping=1e-6))
+    tight = Belief.from_tolerance(VISCOUS, Tolerance(damping=1e-6))
     speed, load = _points(60)
-    hopf = assess(bearing, speed, load).hopf_speed
+    hopf = assess(VISCOUS, speed, load).hopf_speed
     found = tight.hopf_speed(load, 0.5)
     assert found == pytest.approx(np.nan_to_num(hopf), rel=1e-9, abs=1e-4)
 

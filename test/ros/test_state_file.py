@@ -12,6 +12,8 @@ from stickslip_monitor.errors import AlarmStateError, RosError
 from stickslip_monitor.ros import state_file
 from stickslip_monitor.ros.state_file import MAX_SIZE, StateFile, StateWriter
 
+OURS = {'schema': 'stickslip_monitor/alarm_state/1', 'time': 1}
+
 
 def test_round_trip(tmp_path: Path) -> None:
     file = StateFile(str(tmp_path / 'state.json'))
@@ -37,7 +39,7 @@ def test_the_old_one_stays_whole_until_the_new_one_is(
     assert file.read() == {'time': 1}
 
 
-@pytest.mark.parametrize('content', [b'', b'{"time": 1', b'\xff\xfe', b'[' * 100_000])
+@pytest.mark.parametrize('content', [b'{"time": 1', b'\xff\xfe', b'[' * 100_000])
 def test_what_is_not_json_is_named_and_set_aside(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / 'state.json'
     path.write_bytes(content)
@@ -82,11 +84,28 @@ def test_a_second_node_is_kept_out_until_the_first_has_gone(tmp_path: Path) -> N
     first = StateWriter(StateFile(path))
     with pytest.raises(RosError, match='is in use by another node'):
         StateWriter(StateFile(path))
-    first.write({'time': 1})
+    first.write(OURS)
     first.close()
     second = StateWriter(StateFile(path))
-    assert second.read() == {'time': 1}
+    assert second.read() == OURS
     second.close()
+
+
+@pytest.mark.parametrize('content', ['{"notes": "of somebody"}', 'bearings: [aft]\n', '[]'])
+def test_the_file_of_somebody_else_is_left_alone(tmp_path: Path, content: str) -> None:
+    path = tmp_path / 'notes.json'
+    path.write_text(content)
+    with pytest.raises(RosError, match='is no file of stickslip_monitor: it is left alone'):
+        StateWriter(StateFile(str(path)))
+    assert [each.name for each in tmp_path.iterdir()] == ['notes.json']
+    assert path.read_text() == content
+
+
+@pytest.mark.parametrize('content', ['', '{"schema": "stickslip_monitor/alarm_state/1", "ti'])
+def test_an_empty_or_damaged_one_of_ours_is_taken(tmp_path: Path, content: str) -> None:
+    path = tmp_path / 'state.json'
+    path.write_text(content)
+    StateWriter(StateFile(str(path))).close()
 
 
 def test_a_full_disk_is_told_and_tried_again(

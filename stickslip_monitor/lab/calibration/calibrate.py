@@ -12,15 +12,17 @@ import numpy as np
 from scipy.special import ndtri
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.lab.calibration.dips import Dip, VibrationReport, core_of
+from stickslip_monitor.errors import CalibrationError, plural
+from stickslip_monitor.lab.calibration.dips import Dip, VibrationReport, counter_reports
 from stickslip_monitor.lab.calibration.likelihood import (
     BEGIN,
     LOAD_TERM,
     RIGHT,
     STATE,
+    STICKING,
     WRONG,
     H,
-    Likelihood,
+    log_likelihood,
 )
 from stickslip_monitor.lab.calibration.posterior import (
     SEED,
@@ -29,7 +31,6 @@ from stickslip_monitor.lab.calibration.posterior import (
     Progress,
     sample_posterior,
 )
-from stickslip_monitor.lab.calibration.two_states import STICKING
 from stickslip_monitor.physics.averaging.dimensionless import speed_for_decline
 from stickslip_monitor.physics.belief import QUANTILES, Belief
 
@@ -117,6 +118,7 @@ class Calibration:
         dips: In order of time.
         floor: Relative error of a boundary that no evidence takes away.
         seed: Of the points drawn.
+        repeated: Names of recordings with dips that were given before, which count once.
     """
 
     prior: Prior
@@ -124,6 +126,7 @@ class Calibration:
     dips: tuple[DipResult, ...]
     floor: float = FLOOR
     seed: int = SEED
+    repeated: tuple[str, ...] = ()
 
     @property
     def episodes(self) -> int:
@@ -143,6 +146,8 @@ class Calibration:
             found.append(
                 'no episode was seen: quiet bounds the Hopf speed, and of the fold it tells little'
             )
+        if self.episodes == 1:
+            found += [text for one in self.dips for text in _alone_text(one.dip)]
         for one in self.dips:
             found += [_doubt_text(one.dip, report, p) for report, p in one.doubtful]
         if self._has_changed:
@@ -165,6 +170,13 @@ class Calibration:
         """What more evidence would tell, a sentence each."""
         low, high = self.loads
         found = [self.ends_text] if self.ends_text else []
+        found += [f'{name} was given before and counts once' for name in self.repeated]
+        flickers = [report for one in self.dips for report in one.dip.flickers]
+        if flickers:
+            found.append(
+                f'{plural(len(flickers), "report")} shorter than twice the tolerance left out,'
+                f' the first of {flickers[0].seconds:.1f} s ({flickers[0].source})'
+            )
         if high < _ONE_LOAD * low:
             found.append(
                 f'all evidence is at {low:.4g} to {high:.4g} N: at other loads the boundaries rest'
@@ -230,6 +242,16 @@ def loads_of(dips: Sequence[Dip], viscous: float) -> tuple[float, float]:
     return low / (1.0 - viscous * low), high / (1.0 - viscous * high)
 
 
+def _alone_text(dip: Dip) -> list[str]:
+    """What a result that rests on one report of vibration alone should say."""
+    return [
+        f'all rests on one report of vibration ({report.source}), and no report of quiet meets'
+        ' it: one more episode, or when it was quiet before and after, would confirm it'
+        for k, report in enumerate(dip.reports)
+        if report.squeal and not counter_reports(dip.reports, k)
+    ]
+
+
 def _doubt_text(dip: Dip, report: VibrationReport, p: float) -> str:
     state = 'squeal' if report.squeal else 'quiet'
     return (
@@ -244,7 +266,7 @@ def dip_limit(prior: Prior) -> Callable[[FloatArray], FloatArray]:
     1.5 times the fold speed that 99 % of the prior are below.
     """
     random = np.random.default_rng(SEED)
-    theta = random.multivariate_normal(prior.mean, prior.covariance, 4000)
+    theta = random.multivariate_normal(prior.mean[:2], prior.covariance[:2, :2], 4000)
     logs = np.linspace(prior.mean[1] - 6.0, prior.mean[1] + 8.0, 113)
     limits = []
     for log_load in logs:
@@ -265,8 +287,8 @@ def calibrate(
     floor: float = FLOOR,
     forget: float = 0.0,
     seed: int = SEED,
-    likelihood: Likelihood | None = None,
     progress: Progress | None = None,
+    known: Sequence[tuple[str, int, int]] = (),
 ) -> Calibration:
     """Infer a bearing's boundaries.
 
@@ -276,19 +298,39 @@ def calibrate(
         floor: Relative error of a boundary that no evidence takes away.
         forget: Standard deviation that ``ln N0`` is given anew before each dip: the bearing wears.
         seed: Of the points drawn.
-        likelihood: How likelihoods are worked out.
-        progress: Told the work done and the work to do at the most.
+        progress: Called with the work done and the work to do at the most.
+        known: Fingerprint, begin and end [ns] of the dips that the prior rests on.
 
     Raises:
-        CalibrationError: The evidence has no clear answer.
+        CalibrationError: The evidence has no clear answer, or is known already.
     """
-    judge = likelihood or Likelihood()
     ordered = sorted((d for d in dips if d.path.shape[0]), key=lambda dip: dip.start_ns)
+    ordered, repeated = _once(ordered, known)
+    if repeated and not ordered:
+        raise CalibrationError(
+            f'{", ".join(repeated)} is in the earlier result already: give other recordings'
+        )
     if forget:
-        return _one_by_one(ordered, prior, floor, forget, seed, judge, progress)
-    posterior = sample_posterior(prior, [d.path for d in ordered], judge, seed, progress)
-    results = [_judged(dip, k, prior, posterior, judge) for k, dip in enumerate(ordered)]
-    return Calibration(prior, posterior, tuple(results), floor, seed)
+        return _one_by_one(ordered, prior, floor, forget, seed, progress, repeated)
+    posterior = sample_posterior(prior, [d.path for d in ordered], seed, progress)
+    results = tuple(_judged(dip, k, posterior) for k, dip in enumerate(ordered))
+    return Calibration(prior, posterior, results, floor, seed, repeated)
+
+
+def _once(
+    dips: Sequence[Dip], known: Sequence[tuple[str, int, int]]
+) -> tuple[list[Dip], tuple[str, ...]]:
+    """Each dip once, and the names of the recordings that repeat one."""
+    kept: list[Dip] = []
+    repeated: list[str] = []
+    seen = list(known)
+    for dip in dips:
+        if any(dip.repeats(*other) for other in seen):
+            repeated.append(dip.recording)
+        else:
+            kept.append(dip)
+            seen.append((dip.fingerprint, dip.start_ns, dip.end_ns))
+    return kept, tuple(dict.fromkeys(repeated))
 
 
 def _one_by_one(
@@ -297,50 +339,39 @@ def _one_by_one(
     floor: float,
     forget: float,
     seed: int,
-    likelihood: Likelihood,
     progress: Progress | None,
+    repeated: tuple[str, ...],
 ) -> Calibration:
     """The posterior of each dip, as a Gaussian, is the prior of the next."""
     now, results = prior, []
-    posterior = sample_posterior(prior, [], likelihood, seed)
+    posterior = sample_posterior(prior, [], seed)
     for k, dip in enumerate(dips):
         covariance = now.covariance.copy()
         covariance[1, 1] += forget**2
         now = replace(now, covariance=covariance)
-        posterior = sample_posterior(now, [dip.path], likelihood, seed + k)
-        results.append(_judged(dip, 0, now, posterior, likelihood))
+        posterior = sample_posterior(now, [dip.path], seed + k)
+        results.append(_judged(dip, 0, posterior))
         now = replace(now, mean=posterior.mean, covariance=posterior.covariance)
         if progress is not None:
             progress(k + 1, len(dips))
-    return Calibration(prior, posterior, tuple(results), floor, seed)
+    return Calibration(prior, posterior, tuple(results), floor, seed, repeated)
 
 
-def _judged(
-    dip: Dip, before: int, prior: Prior, posterior: Posterior, likelihood: Likelihood
-) -> DipResult:
-    after = posterior.draws(_JUDGES)
-    worthless = likelihood.of_dip(after, dip.path)[:, 1:].mean(axis=0)
-    known = _drawn(posterior, posterior.weight_before(before))
+def _judged(dip: Dip, before: int, posterior: Posterior) -> DipResult:
+    worthless = log_likelihood(posterior.draws(_JUDGES), dip.path)[:, 1:].mean(axis=0)
+    known = posterior.draws(_JUDGES, before)
     ends = tuple(
         end
         for report, following in pairwise(dip.reports)
         if report.squeal and not following.squeal
-        for end in _end(dip, report, known, prior, likelihood)
+        for end in _end(dip, report, known)
     )
     return DipResult(dip, float(posterior.log_evidence[before]), tuple(worthless.tolist()), ends)
 
 
-def _drawn(posterior: Posterior, weight: FloatArray) -> FloatArray:
-    reached = np.cumsum(weight)
-    places = np.searchsorted(reached, (np.arange(_JUDGES) + 0.5) / _JUDGES * reached[-1])
-    return posterior.theta[np.minimum(places, weight.size - 1)]
-
-
-def _end(
-    dip: Dip, report: VibrationReport, theta: FloatArray, prior: Prior, likelihood: Likelihood
-) -> list[EpisodeEnd]:
-    """How an episode's end compares with what points of another evidence expect."""
-    start, _ = core_of(report)
+def _end(dip: Dip, report: VibrationReport, theta: FloatArray) -> list[EpisodeEnd]:
+    """How an episode's end compares with what points of other evidence expect."""
+    start, _ = report.core
     off = round(report.tolerance * 1e9)
     first = int(np.searchsorted(dip.time_ns, start))
     bounds = [report.end_ns - off, report.end_ns, report.end_ns + off]
@@ -348,7 +379,7 @@ def _end(
     if not 0 <= first < last < dip.path.shape[0]:
         return []
     low, high = (
-        1.0 - _lasting(dip.path[first : row + 1], theta, likelihood)
+        1.0 - _lasting(dip.path[first : row + 1], theta)
         for row in (max(early, first + 1), min(late, dip.path.shape[0] - 1))
     )
     d = dip.path[last, LOAD_TERM] - theta[:, 1]
@@ -357,9 +388,9 @@ def _end(
     return [EpisodeEnd(report.end_ns, float(dip.speed[last]), float(np.median(fold)), nearest)]
 
 
-def _lasting(path: FloatArray, theta: FloatArray, likelihood: Likelihood) -> float:
+def _lasting(path: FloatArray, theta: FloatArray) -> float:
     """Probability that a cycle which runs in the first bin runs in all."""
     own = path.copy()
     own[:, STATE], own[:, (BEGIN, RIGHT, WRONG)] = STICKING, 0.0
     own[0, H] = own[0, BEGIN] = own[-1, RIGHT] = 1.0
-    return float(np.exp(likelihood.of_dip(theta, own)[:, 0]).mean())
+    return float(np.exp(log_likelihood(theta, own)[:, 0]).mean())

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import bisect
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -15,13 +16,14 @@ from stickslip_monitor.lab.calibration.likelihood import (
     BEGIN,
     LOAD_TERM,
     LOG_SPEED,
+    QUIET,
     RIGHT,
     SPEED,
     STATE,
+    STICKING,
     WRONG,
     H,
 )
-from stickslip_monitor.lab.calibration.two_states import QUIET, STICKING
 
 BIN_NS = 10**9
 _LONGEST, _NEAR = 8, 15
@@ -31,7 +33,7 @@ _HALF = 0.5
 
 @dataclass(frozen=True, slots=True)
 class VibrationReport:
-    """Somebody, or something, says that a bearing vibrated or was quiet.
+    """A report that a bearing vibrated or was quiet.
 
     Attributes:
         bearing: Name of the bearing.
@@ -56,6 +58,19 @@ class VibrationReport:
         """Its length [s]."""
         return (self.end_ns - self.start_ns) / 1e9
 
+    @property
+    def is_flicker(self) -> bool:
+        """Whether it is shorter than its two ends are uncertain, and so no evidence."""
+        return self.seconds < 2.0 * self.tolerance
+
+    @property
+    def core(self) -> tuple[int, int]:
+        """What is left after its tolerance at both ends, at least its middle [ns]."""
+        off = round(self.tolerance * 1e9)
+        start, end = self.start_ns + off, self.end_ns - off
+        middle = (self.start_ns + self.end_ns) // 2
+        return (start, end) if start < end else (middle, middle)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TelemetryBins:
@@ -73,6 +88,12 @@ class TelemetryBins:
     speed: FloatArray
     load: FloatArray
 
+    @property
+    def fingerprint(self) -> str:
+        """Tells recordings of other contents apart, whatever their names."""
+        columns = (self.time_ns, self.speed, self.load)
+        return f'{zlib.crc32(b"".join(column.tobytes() for column in columns)):08x}'
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dip:
@@ -82,9 +103,11 @@ class Dip:
         recording: Name of the recording.
         start_ns: Its begin [ns].
         end_ns: Its end [ns].
-        reports: What was said of it, in order of time.
+        reports: Those about it, in order of time.
         time_ns: Middle of each bin, shape (bins,) [ns].
         path: What the likelihood takes, shape (bins, 8).
+        fingerprint: Of the recording's contents.
+        flickers: Reports that are too short to be evidence.
     """
 
     recording: str
@@ -93,6 +116,13 @@ class Dip:
     reports: tuple[VibrationReport, ...]
     time_ns: IntArray
     path: FloatArray
+    fingerprint: str = ''
+    flickers: tuple[VibrationReport, ...] = ()
+
+    def repeats(self, fingerprint: str, start_ns: int, end_ns: int) -> bool:
+        """Whether it has telemetry in common with another dip of the same contents."""
+        overlap = self.start_ns < end_ns and start_ns < self.end_ns
+        return overlap and self.fingerprint == fingerprint
 
     @property
     def episode(self) -> bool:
@@ -161,14 +191,15 @@ def _dip(
 ) -> Dip | None:
     time = course.time_ns[rows]
     start, end = int(time[0]) - BIN_NS // 2, int(time[-1]) + BIN_NS // 2
-    own = tuple(
-        replace(r, start_ns=max(r.start_ns, start), end_ns=min(r.end_ns, end))
+    about = [
+        (r, replace(r, start_ns=max(r.start_ns, start), end_ns=min(r.end_ns, end)))
         for r in reports
         if r.end_ns > start and r.start_ns < end
-    )
+    ]
+    own = tuple(part for whole, part in about if not whole.is_flicker)
     if not own or rows.size < 2:
         return None
-    marks = sorted(time_ns for r in own for time_ns in (*core_of(r), r.start_ns, r.end_ns))
+    marks = sorted(time_ns for r in own for time_ns in (*r.core, r.start_ns, r.end_ns))
     begins = _merged(time, course.speed[rows], marks)
     width = np.diff(np.append(begins, rows.size))
 
@@ -179,15 +210,8 @@ def _dip(
     middle = np.round(mean((time - offset).astype(float))).astype(np.int64) + offset
     speed, load = mean(course.speed[rows]), mean(course.load[rows])
     path = path_of(middle, speed, load, own, (start, end), viscous)
-    return Dip(course.name, start, end, own, middle, path)
-
-
-def core_of(report: VibrationReport) -> tuple[int, int]:
-    """What is left of a report after its tolerance at both ends, at least its middle [ns]."""
-    off = round(report.tolerance * 1e9)
-    start, end = report.start_ns + off, report.end_ns - off
-    middle = (report.start_ns + report.end_ns) // 2
-    return (start, end) if start < end else (middle, middle)
+    flickers = tuple(part for whole, part in about if whole.is_flicker)
+    return Dip(course.name, start, end, own, middle, path, course.fingerprint, flickers)
 
 
 def _merged(time: IntArray, speed: FloatArray, marks: Sequence[int]) -> NDArray[np.intp]:
@@ -231,7 +255,7 @@ def path_of(
     path[:, LOAD_TERM] = np.log(load / (1.0 + viscous * load))
     last = -1
     for k, report in enumerate(reports):
-        start, end = core_of(report)
+        start, end = report.core
         first = max(last + 1, int(np.searchsorted(time_ns, start)))
         last = max(first, int(np.searchsorted(time_ns, end, 'right')) - 1)
         if last >= time_ns.size:
@@ -240,29 +264,32 @@ def path_of(
         path[first : last + 1, STATE] = STICKING if report.squeal else QUIET
         path[first, BEGIN] = 1.0
         path[last, RIGHT] = report.trust
-        path[last, WRONG] = (1.0 - report.trust) * chance(reports, k, span)
+        path[last, WRONG] = (1.0 - report.trust) * chance(reports, k, (span[1] - span[0]) / 1e9)
     ends = np.flatnonzero((path[:, RIGHT] > 0.0) | (path[:, WRONG] > 0.0))
     return path[: ends[-1] + 1] if ends.size else path[:0]
 
 
-def chance(reports: Sequence[VibrationReport], k: int, span: tuple[int, int]) -> float:
-    """The probability with which a worthless report would have said just this.
+def chance(reports: Sequence[VibrationReport], k: int, seconds: float) -> float:
+    """The probability with which a worthless report would have read just this.
 
-    A wrong squeal could have begun, and ended, at any time of the dip. An end of it at which
-    nothing changes is no such coincidence: that of the dip, or one where the report beside it
-    tells of a squeal too.
+    A wrong squeal could have begun, and ended, at any time of the dip, so that it meets a report
+    of quiet only by chance. An end at which no quiet is reported tells nothing of that.
 
     Args:
         reports: Those of the dip, in order of time.
         k: Which of them.
-        span: Begin and end of the dip [ns].
+        seconds: Length of the dip [s].
     """
     report = reports[k]
     if not report.squeal:
         return _HALF
-    off = report.tolerance * 1e9
-    beside = [r for r in reports[max(k - 1, 0) : k + 2] if r.squeal and r is not report]
-    known = [span[0], span[1], *(t for r in beside for t in (r.start_ns, r.end_ns))]
-    free = sum(all(abs(end - t) > off for t in known) for end in (report.start_ns, report.end_ns))
-    share = min(1.0, 2.0 * off / (span[1] - span[0]))
-    return float(_HALF * share**free)
+    share = min(1.0, 2.0 * report.tolerance / seconds)
+    return float(_HALF * share ** counter_reports(reports, k))
+
+
+def counter_reports(reports: Sequence[VibrationReport], k: int) -> int:
+    """At how many ends of a squeal a report of quiet meets it, within its tolerance."""
+    report, off = reports[k], round(reports[k].tolerance * 1e9)
+    gaps = [report.start_ns - r.end_ns for r in reports[max(k - 1, 0) : k] if not r.squeal]
+    gaps += [r.start_ns - report.end_ns for r in reports[k + 1 : k + 2] if not r.squeal]
+    return sum(gap <= off for gap in gaps)

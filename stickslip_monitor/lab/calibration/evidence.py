@@ -15,6 +15,7 @@ import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import CalibrationError
+from stickslip_monitor.files import read_file
 from stickslip_monitor.lab.calibration.dips import VibrationReport
 from stickslip_monitor.lab.calibration.level_modes import (
     APART,
@@ -27,12 +28,12 @@ TRUST, OPERATOR_TRUST = 0.99, 0.9
 TRUTH_TOLERANCE, LEVEL_TOLERANCE, OPERATOR_TOLERANCE = 2.0, 2.0, 10.0
 STATES = {'squeal': True, 'quiet': False}
 _COLUMNS = ('bearing', 'start', 'end', 'state')
-_MORE_COLUMNS = ('tolerance', 'trust')
 _DELIMITERS = ',;\t'
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _FRACTION = re.compile(r'(:\d\d)\.(\d+)')
 _HYSTERESIS_DB = 3.0
 _SHORTEST = 1.0
+_LARGEST = 16 << 20
 
 
 def read_reports(path: str | Path, bearings: Sequence[str]) -> list[VibrationReport]:
@@ -71,7 +72,7 @@ def read_reports(path: str | Path, bearings: Sequence[str]) -> list[VibrationRep
 
 def _rows(path: str | Path) -> list[tuple[int, list[str]]]:
     try:
-        text = Path(path).read_text(encoding='utf-8-sig')
+        text = read_file(path, _LARGEST).decode('utf-8-sig')
     except OSError as error:
         raise CalibrationError(f'{path}: {error.strerror or error}') from error
     except UnicodeDecodeError as error:
@@ -86,7 +87,10 @@ def _rows(path: str | Path) -> list[tuple[int, list[str]]]:
     delimiter = max(_DELIMITERS, key=lines[0][1].count)
     rows = []
     for number, line in lines:
-        (cells,) = csv.reader([line], delimiter=delimiter)
+        try:
+            (cells,) = csv.reader([line], delimiter=delimiter, strict=True)
+        except (csv.Error, ValueError) as error:
+            raise CalibrationError(f'{path}, line {number}: {error}') from error
         rows.append((number, [cell.strip() for cell in cells]))
     return rows
 

@@ -9,233 +9,177 @@ With ``v = beta V``, ``d = ln(N/N0) - ln(1 + nu N/c)`` and the fold at ``d = D(v
 * in the bistable range, ``x = (v - d)/(v - D(v))`` of the way from the Hopf speed to the fold,
   blows begin a cycle at the rate ``lambda exp(-4 x)`` and end one at ``lambda exp(-4 (1 - x))``;
 * while steady sliding is unstable noise grows, ``G += (exp(d - v) - 1) h/tau``, and has not yet
-  become stick-slip with ``S = 1 - exp(-exp(-2 L (G - 1)))``, ``L = 6``: the Gumbel law that a
-  Rayleigh distributed envelope gives. In the bistable range ``G`` falls again at its own rate.
+  become stick-slip with ``S = 1 - exp(-exp(-2 L (G - 1)))``: the Gumbel law of a Rayleigh
+  distributed envelope that is ``L`` e-folds below stick-slip. In the bistable range ``G`` falls
+  again at its own rate.
 
 A report is either right, and then the state that contradicts it never ran in its core, or, with a
 small probability, worthless. Every dip has a boundary of its own: ``ln beta`` shifted by ``s z``
-with ``z ~ N(0, 1)``.
+with ``z ~ N(0, 1)``. The functions of numbers are compiled where numba is installed.
 """
 
 from __future__ import annotations
 
-import functools
-import zlib
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from importlib import import_module
-from importlib.util import find_spec
-from pathlib import Path
-from types import FunctionType
+import math
+import sys
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stickslip_monitor import jit
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.lab.calibration import two_states
-from stickslip_monitor.physics.averaging.dimensionless import decline
+from stickslip_monitor.physics import chances
+from stickslip_monitor.physics.belief import curve_of_decline
+from stickslip_monitor.physics.chances import decline_at
 
-PARAMETERS = ('ln_beta', 'ln_n0', 'ln_tau', 'ln_tau_e', 'ln_lambda', 'ln_s')
+PARAMETERS = ('ln_beta', 'ln_n0', 'ln_tau', 'ln_tau_e', 'ln_lambda', 'ln_s', 'ln_folds')
 """Names of a point's coordinates; ``beta`` [s/m], ``N0`` [N], ``tau`` [s], ``tau_e`` [s],
-``lambda`` [1/s], ``s`` [-]."""
+``lambda`` [1/s], ``s`` [-], ``L`` [-]."""
 
 H, SPEED, LOG_SPEED, LOAD_TERM, STATE, BEGIN, RIGHT, WRONG = range(8)
-"""The columns of a dip's path, see :func:`two_states.log_likelihoods`."""
+"""Columns of a dip's path: seconds since the last row (in the first one the probability that a
+dip which begins inside the fold begins with sticking), speed [m/s], its logarithm,
+``ln(N/(1 + nu N/c))``, the state that is reported, whether a report begins, and at its end the
+probabilities that it is right, and that it is worthless and says just this."""
+QUIET, STICKING = 1, 2
+"""The states of :data:`STATE`; 0 where nothing is reported."""
 
 _NODES = np.linspace(-2.6, 2.6, 9)
 _WEIGHTS = np.exp(-0.5 * _NODES**2) / np.exp(-0.5 * _NODES**2).sum()
-_FIRST, _LAST, _PER_LOG = -9.0, 7.0, 500.0
+_END_SHAPE = 4.0
 _LEAST = 1e-300
-_CHUNK = 512
+# What is followed: probabilities of quiet and of sticking; the same if the running report is
+# right; time beyond the fold, growth of noise, the most of it so far, its pace, D - d before.
+_SPENT, _GROWTH, _MOST, _PACE, _BEFORE, _SIZE = range(4, 10)
 
 
-@functools.cache
-def decline_table() -> FloatArray:
-    """First ``ln v``, points for each unit of it, then ``D(v)``."""
-    logs = np.linspace(_FIRST, _LAST, round((_LAST - _FIRST) * _PER_LOG) + 1)
-    return np.concatenate([[_FIRST, _PER_LOG], decline(np.exp(logs))])
+def log_likelihood(theta: FloatArray, path: FloatArray) -> FloatArray:
+    """Log likelihood of one dip's reports, and how doubtful each report is.
 
+    Args:
+        theta: Points, :data:`PARAMETERS`, shape (n, 7).
+        path: The dip, shape (bins, 8).
 
-@dataclass(frozen=True, slots=True)
-class Likelihood:
-    """Log likelihoods of dips.
-
-    Attributes:
-        compiled: Whether numba compiles the inner loop; by default where it is installed.
+    Returns:
+        Shape (n, 1 + reports): the logarithm, then for each report the probability, after all
+        that came before it, that it is worthless.
     """
+    reports = int(np.count_nonzero((path[:, RIGHT] > 0.0) | (path[:, WRONG] > 0.0)))
+    out = np.zeros((theta.shape[0], 1 + reports))
+    if reports:
+        loop: Any = fill_log_likelihoods
+        if jit.has_compiler():
+            loop = jit.compiled('fill_log_likelihoods', sys.modules[__name__], chances)
+        loop(theta, _NODES, _WEIGHTS, path, curve_of_decline(), out)
+    return out
 
-    compiled: bool | None = None
 
-    def of_dip(self, theta: FloatArray, path: FloatArray) -> FloatArray:
-        """Log likelihood of one dip's reports, and how doubtful each report is.
+def fill_log_likelihoods(
+    theta: Any, nodes: Any, weights: Any, path: Any, curve: Any, out: Any
+) -> None:
+    """The loop of :func:`log_likelihood` over points and over the dip's own boundaries."""
+    doubts = np.zeros((nodes.shape[0], out.shape[1]))
+    values = np.zeros(nodes.shape[0])
+    for i in range(theta.shape[0]):
+        for k in range(nodes.shape[0]):
+            log_beta = theta[i, 0] + math.exp(theta[i, 5]) * nodes[k]
+            values[k] = _follow(path, curve, log_beta, theta[i], doubts[k])
+        best = values.max()
+        share = weights * np.exp(values - best)
+        out[i, 0] = best + math.log(share.sum())
+        for r in range(1, out.shape[1]):
+            out[i, r] = (share * doubts[:, r]).sum() / share.sum()
 
-        Args:
-            theta: Points, :data:`PARAMETERS`, shape (n, 6).
-            path: The dip, shape (bins, 8).
 
-        Returns:
-            Shape (n, 1 + reports): the logarithm, then for each report the probability, after
-            all that came before it, that it is worthless.
-        """
-        reports = int(np.count_nonzero((path[:, RIGHT] > 0.0) | (path[:, WRONG] > 0.0)))
-        out = np.zeros((theta.shape[0], 1 + reports))
-        if not reports:
-            return out
-        installed = find_spec('numba') is not None
-        if installed if self.compiled is None else self.compiled:
-            _compiled()(theta, _NODES, _WEIGHTS, path, decline_table(), out)
+def _follow(path: Any, curve: Any, log_beta: float, point: Any, doubts: Any) -> float:
+    beta, result, report = math.exp(log_beta), 0.0, 0
+    tau, tau_e, rate = math.exp(point[2]), math.exp(point[3]), math.exp(point[4])
+    folds = math.exp(point[6])
+    state = np.zeros(_SIZE)
+    for t in range(path.shape[0]):
+        h, v, d = path[t, H], beta * path[t, SPEED], path[t, LOAD_TERM] - point[1]
+        value = decline_at(curve, log_beta + path[t, LOG_SPEED])
+        if t == 0:
+            state[1] = h if value < d else 0.0
+            state[0] = 1.0 - state[1]
+            state[_PACE] = math.exp(min(d - v, 50.0)) - 1.0
+        elif value >= d:
+            off = _ends_beyond(state, h, value - d, tau_e)
+            _move(state, 0.0, off)
         else:
-            for start in range(0, theta.shape[0], _CHUNK):
-                out[start : start + _CHUNK] = _with_arrays(theta[start : start + _CHUNK], path)
-        return out
-
-    def of_dips(
-        self,
-        theta: FloatArray,
-        paths: Sequence[FloatArray],
-        progress: Callable[[], None] | None = None,
-    ) -> FloatArray:
-        """Log likelihood of each dip, shape (n, dips)."""
-        result = np.empty((theta.shape[0], len(paths)))
-        for k, path in enumerate(paths):
-            result[:, k] = self.of_dip(theta, path)[:, 0]
-            if progress is not None:
-                progress()
-        return result
+            stay = _still_noise(state, h, d - v, tau, folds)
+            on, off = _blown(v, d, value, rate * h)
+            _move(state, 1.0 - stay * (1.0 - on), off)
+        state[_BEFORE] = value - d
+        if path[t, STATE] > 0.0:
+            _hear(state, path[t, STATE], path[t, BEGIN])
+            right, wrong = path[t, RIGHT], path[t, WRONG]
+            if right > 0.0 or wrong > 0.0:
+                report += 1
+                total = _close(state, right, wrong)
+                result += math.log(total)
+                doubts[report] = wrong / total
+    return result
 
 
-@functools.cache
-def _compiled() -> Callable[..., None]:
-    try:
-        return _compile(cache=True)
-    except RuntimeError:  # numba has no folder that it may write to
-        return _compile(cache=False)
+def _ends_beyond(state: Any, h: float, excess: float, tau_e: float) -> float:
+    """Probability that a cycle ends in a bin beyond the fold; noise begins anew."""
+    old, before = state[_SPENT], state[_BEFORE]
+    state[_SPENT] += h if before >= 0.0 else h * excess / (excess - before)
+    state[_GROWTH], state[_MOST], state[_PACE] = 0.0, 0.0, -1.0
+    if state[_SPENT] > 3.0 * tau_e:
+        return 1.0
+    return 1.0 - _survival(_END_SHAPE, state[_SPENT] / tau_e) / _survival(_END_SHAPE, old / tau_e)
 
 
-def _compile(cache: bool) -> Callable[..., None]:
-    """Compile copies of the functions that call each other, so that the plain ones stay."""
-    jit = import_module('numba').njit(cache=cache)
-    space: dict[str, Any] = dict(vars(two_states))
-    # numba does not see when a function that a cached one calls has changed.
-    digest = f'{zlib.crc32(Path(str(two_states.__file__)).read_bytes()):08x}'
-    for name, function in list(space.items()):
-        if isinstance(function, FunctionType):
-            copy = FunctionType(function.__code__, space, name)
-            copy.__qualname__ = f'{name}_{digest}'
-            space[name] = jit(copy)
-    return space['log_likelihoods']
+def _survival(shape: float, share: float) -> float:
+    """``1 - exp(-exp(-shape (share - 1)))``."""
+    return -math.expm1(-math.exp(min(-shape * (share - 1.0), 50.0)))
 
 
-def _with_arrays(theta: FloatArray, path: FloatArray) -> FloatArray:
-    """:func:`two_states.log_likelihoods` with an array operation in place of each number's."""
-    filtered = _Filter(theta)
-    with np.errstate(all='ignore'):
-        for t, row in enumerate(path):
-            if t == 0:
-                filtered.begin(row)
-            else:
-                filtered.move(row)
-            if row[STATE]:
-                filtered.take(row)
-    best = filtered.result.max(axis=1, keepdims=True)
-    share = _WEIGHTS * np.exp(filtered.result - best)
-    total = share.sum(axis=1)
-    doubts = [(share * doubt).sum(axis=1) / total for doubt in filtered.doubts]
-    return np.column_stack([best[:, 0] + np.log(total), *doubts])
+def _still_noise(state: Any, h: float, drive: float, tau: float, folds: float) -> float:
+    """Let noise grow or decay; the probability that it has not become a cycle in this bin."""
+    state[_SPENT] = max(0.0, state[_SPENT] - h)
+    pace = math.exp(min(drive, 50.0)) - 1.0
+    growth = max(0.0, state[_GROWTH] + 0.5 * (state[_PACE] + pace) * h / tau)
+    state[_GROWTH], state[_PACE] = growth, pace
+    most = state[_MOST]
+    state[_MOST] = max(most, growth) if growth > 0.0 else 0.0
+    if growth <= most:
+        return 1.0
+    left = _survival(2.0 * folds, most)
+    return _survival(2.0 * folds, growth) / left if left > _LEAST else 0.0
 
 
-class _Filter:
-    """The states of all points and nodes, each array of shape (points, nodes)."""
-
-    def __init__(self, theta: FloatArray) -> None:
-        column = theta[:, :, None]
-        self.log_beta = column[:, 0] + np.exp(column[:, 5]) * _NODES
-        self.beta = np.exp(self.log_beta)
-        shape = self.beta.shape
-        self.log_load = column[:, 1]
-        self.tau, self.tau_e, self.rate = (np.exp(column[:, k]) for k in (2, 3, 4))
-        self.spent, self.growth, self.most, self.result = (np.zeros(shape) for _ in range(4))
-        self.doubts: list[FloatArray] = []
-
-    def _place(self, row: FloatArray) -> None:
-        self.v = self.beta * row[SPEED]
-        self.d = row[LOAD_TERM] - self.log_load
-        table = decline_table()
-        place = np.clip((self.log_beta + row[LOG_SPEED] - table[0]) * table[1], 0, table.size - 4)
-        index = place.astype(np.intp)
-        low = table[2 + index]
-        self.value = low + (place - index) * (table[3 + index] - low)
-        self.excess = self.value - self.d
-
-    def begin(self, row: FloatArray) -> None:
-        """The first bin."""
-        self._place(row)
-        self.sticking = np.where(self.excess < 0.0, row[H], 0.0)
-        self.quiet = 1.0 - self.sticking
-        self.quiet_c, self.sticking_c = self.quiet, self.sticking
-        self.before = self.excess
-        self.pace = np.exp(np.minimum(self.d - self.v, 50.0)) - 1.0
-
-    def move(self, row: FloatArray) -> None:
-        """From one bin to the next."""
-        self._place(row)
-        on, off = self._changes(row[H])
-        self.before = self.excess
-        move = self.quiet * on - self.sticking * off
-        self.quiet, self.sticking = self.quiet - move, self.sticking + move
-        move = self.quiet_c * on - self.sticking_c * off
-        self.quiet_c, self.sticking_c = self.quiet_c - move, self.sticking_c + move
-
-    def _changes(self, h: float) -> tuple[FloatArray, FloatArray]:
-        """Probabilities that a cycle begins and that one ends in this bin."""
-        out = self.excess >= 0.0
-        part = np.where(self.before >= 0.0, h, h * self.excess / (self.excess - self.before))
-        old = self.spent
-        self.spent = np.where(out, old + part, np.maximum(0.0, old - h))
-        ended = 1.0 - _end_survival(self.spent / self.tau_e) / _end_survival(old / self.tau_e)
-        ended = np.where(self.spent > 3.0 * self.tau_e, 1.0, ended)
-        stay = self._grow(h, out)
-        x = np.clip((self.v - self.d) / (self.v - self.value), 0.0, 1.0)
-        unstable = self.d > self.v
-        on = 1.0 - stay * np.exp(-self.rate * h * np.where(unstable, 1.0, np.exp(-4.0 * x)))
-        off = -np.expm1(-self.rate * np.exp(-4.0 * (1.0 - x)) * h)
-        return np.where(out, 0.0, on), np.where(out, ended, np.where(unstable, 0.0, off))
-
-    def _grow(self, h: float, out: NDArray[np.bool_]) -> FloatArray:
-        """Let noise grow or decay; the probability that it is noise still."""
-        new = np.where(out, -1.0, np.exp(np.minimum(self.d - self.v, 50.0)) - 1.0)
-        growth = np.maximum(0.0, self.growth + 0.5 * (self.pace + new) * h / self.tau)
-        self.growth, self.pace = np.where(out, 0.0, growth), new
-        most = np.where(self.growth == 0.0, 0.0, np.maximum(self.most, self.growth))
-        before = _onset_survival(self.most)
-        stay = np.where(before > _LEAST, _onset_survival(most) / before, 0.0)
-        grown = most > np.where(self.growth == 0.0, 0.0, self.most)
-        self.most = most
-        return np.where(grown, stay, 1.0)
-
-    def take(self, row: FloatArray) -> None:
-        """What a running report says of this bin, and its end."""
-        if row[BEGIN]:
-            self.quiet_c, self.sticking_c = self.quiet, self.sticking
-        if row[STATE] == two_states.QUIET:
-            self.sticking_c = np.zeros_like(self.sticking_c)
-        else:
-            self.quiet_c = np.zeros_like(self.quiet_c)
-        right, wrong = row[RIGHT], row[WRONG]
-        if right > 0.0 or wrong > 0.0:
-            alternative = wrong * (self.quiet + self.sticking)
-            quiet = right * self.quiet_c + wrong * self.quiet
-            sticking = right * self.sticking_c + wrong * self.sticking
-            total = np.maximum(quiet + sticking, _LEAST)
-            self.result = self.result + np.log(total)
-            self.quiet, self.sticking = quiet / total, sticking / total
-            self.doubts.append(alternative / total)
+def _blown(v: float, d: float, value: float, blows: float) -> tuple[float, float]:
+    """Probabilities that blows begin a cycle, and end one, inside the fold."""
+    if d > v:
+        return -math.expm1(-blows), 0.0
+    x = (v - d) / (v - value)
+    on = -math.expm1(-blows * math.exp(-4.0 * x))
+    return on, -math.expm1(-blows * math.exp(-4.0 * (1.0 - x)))
 
 
-def _end_survival(share: FloatArray) -> FloatArray:
-    return -np.expm1(-np.exp(-two_states.END_SHAPE * (share - 1.0)))
+def _move(state: Any, on: float, off: float) -> None:
+    for k in (0, 2):
+        moved = state[k] * on - state[k + 1] * off
+        state[k] -= moved
+        state[k + 1] += moved
 
 
-def _onset_survival(growth: FloatArray) -> FloatArray:
-    return -np.expm1(-np.exp(-2.0 * two_states.NOISE_FOLDS * (growth - 1.0)))
+def _hear(state: Any, said: float, begins: float) -> None:
+    """What a running report leaves of the states, if it is right."""
+    if begins > 0.0:
+        state[2], state[3] = state[0], state[1]
+    if said == QUIET:
+        state[3] = 0.0
+    else:
+        state[2] = 0.0
+
+
+def _close(state: Any, right: float, wrong: float) -> float:
+    """The end of a report: its probability; the states after it."""
+    quiet, sticking = right * state[2] + wrong * state[0], right * state[3] + wrong * state[1]
+    total = max(quiet + sticking, _LEAST)
+    state[0], state[1] = quiet / total, sticking / total
+    return total

@@ -12,29 +12,32 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from scipy.special import gammaln, logsumexp, ndtri
+from scipy.optimize import brentq
+from scipy.special import logsumexp
+from scipy.stats import multivariate_normal, multivariate_t, qmc
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import CalibrationError
-from stickslip_monitor.lab.calibration.likelihood import PARAMETERS, Likelihood
-from stickslip_monitor.physics.belief import Tolerance
+from stickslip_monitor.lab.calibration.likelihood import PARAMETERS, log_likelihood
+from stickslip_monitor.physics.belief import EXACT, Tolerance
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
 
 SEED = 13
-DEFAULT_TOLERANCE = Tolerance(damping=0.40, decay=0.30)
-DEFAULT_FALL = 0.25
-"""Standard deviations of damping, decay and ``mu_s - mu_k`` where the configuration has none."""
+_DAMPING, _DECAY, _FALL = 0.40, 0.30, 0.25
+"""Deviations of damping, decay and ``mu_s - mu_k`` where the configuration has none."""
 _PRIOR_POINTS, _POINTS = 2048, 1024
 _ROUNDS, _MORE_ROUNDS = 4, 4
-_DEGREES = 6.0
+_DEGREES = 6
 _WIDER = 1.5
 _TEMPERED, _ENOUGH, FEWEST = 60.0, 250.0, 100.0
 _DRAWS = 512
-# Delay of the onset and of the end in units of 2m/c, blows a second, scatter: mean, deviation.
-_DELAYS = ((6.0, 0.6), (4.8, 0.5))
+# e-folds from noise to stick-slip and time constant of the growth, and delay of the end, both in
+# units of 2m/c; blows a second, scatter: mean, deviation.
+_FOLDS, _GROWTH, _END = (5.0, 0.4), (1.0, 0.45), (4.8, 0.5)
 _BLOWS, _SCATTER = (1.0 / 900.0, 1.5), (0.02, 0.5)
 
 Progress = Callable[[float, float], None]
@@ -45,8 +48,8 @@ class Prior:
     """What is believed before the evidence: a Gaussian over :data:`PARAMETERS`.
 
     Attributes:
-        mean: Shape (6,).
-        covariance: Shape (6, 6).
+        mean: Shape (7,).
+        covariance: Shape (7, 7).
         viscous: ``nu/c``, which is not inferred [1/N].
         log_damping: Mean of ``ln c``, for what is known of the law alone.
         damping_variance: Of ``ln c``.
@@ -58,18 +61,14 @@ class Prior:
     log_damping: float = math.nan
     damping_variance: float = math.nan
 
-    def log_density(self, theta: FloatArray) -> FloatArray:
-        """Of points of shape (n, 6)."""
-        return _log_gaussian(theta, self.mean, self.covariance)
 
-
-def prior_of(bearing: Bearing, tolerance: Tolerance | None = None) -> Prior:
+def prior_of(bearing: Bearing, tolerance: Tolerance = EXACT) -> Prior:
     """The prior that a bearing's configuration makes.
 
     Args:
         bearing: With the Stribeck law, damping > 0 and ``mu_s > mu_k``.
-        tolerance: Relative standard deviations; those that are 0 are taken from
-            :data:`DEFAULT_TOLERANCE` and :data:`DEFAULT_FALL`.
+        tolerance: Relative standard deviations; those that are 0 are taken as 40 % of the
+            damping, 30 % of the decay and 25 % of ``mu_s - mu_k``.
 
     Raises:
         CalibrationError: The bearing is another.
@@ -85,19 +84,21 @@ def prior_of(bearing: Bearing, tolerance: Tolerance | None = None) -> Prior:
             f'a calibration needs damping = {bearing.damping:g} N s/m above 0 and static ='
             f' {law.static:g} above kinetic = {law.kinetic:g}'
         )
-    given = tolerance or Tolerance()
-    of_fall = math.hypot(given.static * law.static, given.kinetic * law.kinetic) / fall
-    damping = (given.damping or DEFAULT_TOLERANCE.damping) ** 2
-    decay = (given.decay or DEFAULT_TOLERANCE.decay) ** 2
-    level = (of_fall or DEFAULT_FALL) ** 2
-    half_rate = bearing.damping / (2.0 * bearing.mass)
-    others = [(mean / half_rate, spread) for mean, spread in _DELAYS]
-    others += [_BLOWS, (given.scatter or _SCATTER[0], _SCATTER[1])]
-    mean = [math.log(law.decay), math.log(bearing.damping / (fall * law.decay))]
-    covariance = np.diag([decay, damping + decay + level, *(spread**2 for _, spread in others)])
+    damping = (tolerance.damping or _DAMPING) ** 2
+    decay = (tolerance.decay or _DECAY) ** 2
+    level = (tolerance.of_fall(law) or _FALL) ** 2
+    time = 2.0 * bearing.mass / bearing.damping
+    values = [
+        law.decay, bearing.damping / (fall * law.decay), _FOLDS[0] * _GROWTH[0] * time,
+        _END[0] * time, _BLOWS[0], tolerance.scatter or _SCATTER[0], _FOLDS[0],
+    ]  # fmt: skip
+    spreads = [_END[1], _BLOWS[1], _SCATTER[1], _FOLDS[1]]
+    onset = _FOLDS[1] ** 2 + _GROWTH[1] ** 2
+    covariance = np.diag([decay, damping + decay + level, onset, *np.square(spreads)])
     covariance[0, 1] = covariance[1, 0] = -decay
+    covariance[2, 6] = covariance[6, 2] = _FOLDS[1] ** 2
     return Prior(
-        np.array(mean + [math.log(value) for value, _ in others]),
+        np.log(values),
         covariance,
         law.viscous / bearing.damping,
         math.log(bearing.damping),
@@ -110,18 +111,14 @@ class Posterior:
     """Weighted points of what the evidence leaves.
 
     Attributes:
-        theta: :data:`PARAMETERS`, shape (n, 6).
+        theta: :data:`PARAMETERS`, shape (n, 7).
         log_dips: Log likelihood of each dip, shape (n, dips).
         log_base: Log of the prior over the mixture of all proposals, shape (n,).
-        effective: Effective number of points.
-        log_evidence: Log of the evidence, dip after dip, shape (dips,).
     """
 
     theta: FloatArray
     log_dips: FloatArray
     log_base: FloatArray
-    effective: float
-    log_evidence: FloatArray
 
     @property
     def weight(self) -> FloatArray:
@@ -133,51 +130,60 @@ class Posterior:
         return _normalised(self.log_base + self.log_dips[:, :dips].sum(axis=1))
 
     @property
+    def effective(self) -> float:
+        """Effective number of points."""
+        return _effective(self.weight)
+
+    @property
+    def log_evidence(self) -> FloatArray:
+        """Log probability of each dip after those before it, shape (dips,)."""
+        steps = np.cumsum(self.log_dips, axis=1) + self.log_base[:, None]
+        return np.diff(logsumexp(steps, axis=0), prepend=logsumexp(self.log_base))
+
+    @property
     def mean(self) -> FloatArray:
-        """Shape (6,)."""
+        """Shape (7,)."""
         return self.weight @ self.theta
 
     @property
     def covariance(self) -> FloatArray:
-        """Shape (6, 6)."""
-        return _moments(self.theta, self.weight)[1]
+        """Shape (7, 7)."""
+        return np.cov(self.theta.T, aweights=self.weight, bias=True)
 
-    def draws(self, count: int = _DRAWS) -> FloatArray:
-        """Equally probable points, taken systematically along ``ln N0``, shape (count, 6)."""
+    def draws(self, count: int = _DRAWS, before: int | None = None) -> FloatArray:
+        """Equally probable points, taken systematically along ``ln N0``, shape (count, 7).
+
+        Args:
+            count: How many.
+            before: How many dips count; all by default.
+        """
+        weight = self.weight if before is None else self.weight_before(before)
         order = np.argsort(self.theta[:, 1])
-        reached = np.cumsum(self.weight[order])
+        reached = np.cumsum(weight[order])
         places = np.searchsorted(reached, (np.arange(count) + 0.5) / count * reached[-1])
         return self.theta[order[np.minimum(places, order.size - 1)]]
 
 
 def sample_posterior(
-    prior: Prior,
-    paths: Sequence[FloatArray],
-    likelihood: Likelihood | None = None,
-    seed: int = SEED,
-    progress: Progress | None = None,
+    prior: Prior, paths: Sequence[FloatArray], seed: int = SEED, progress: Progress | None = None
 ) -> Posterior:
     """Sample what the dips leave of a prior.
 
     Args:
         prior: The prior.
         paths: The dips, each of shape (bins, 8).
-        likelihood: How likelihoods are worked out.
         seed: Of the points.
-        progress: Told the dips done and the dips to do at the most.
+        progress: Called with the dips done and the dips to do at the most.
 
     Raises:
         CalibrationError: The points do not settle on a posterior.
     """
-    sampler = _Sampler(prior, paths, likelihood or Likelihood(), seed, progress)
-    sampler.add_prior()
-    rounds = 0
-    while rounds < _ROUNDS or (rounds < _ROUNDS + _MORE_ROUNDS and sampler.effective() < _ENOUGH):
-        if not paths:
+    sampler = _Sampler(prior, paths, seed, progress)
+    result = sampler.begin()
+    for round_number in range(_ROUNDS + _MORE_ROUNDS if paths else 0):
+        if round_number >= _ROUNDS and result.effective >= _ENOUGH:
             break
-        sampler.add_fitted()
-        rounds += 1
-    result = sampler.result()
+        result = sampler.refine(result)
     if result.effective < FEWEST:
         raise CalibrationError(
             f'the evidence has no clear answer: of {result.theta.shape[0]} points tried only'
@@ -189,84 +195,46 @@ def sample_posterior(
 
 
 class _Sampler:
-    """Points so far, and the proposals that they were drawn from."""
+    """The proposals so far, and what they were drawn for."""
 
     def __init__(
-        self,
-        prior: Prior,
-        paths: Sequence[FloatArray],
-        likelihood: Likelihood,
-        seed: int,
-        progress: Progress | None,
+        self, prior: Prior, paths: Sequence[FloatArray], seed: int, progress: Progress | None
     ) -> None:
-        self.prior, self.paths, self.likelihood = prior, paths, likelihood
-        self.seed, self.progress = seed, progress
+        self.density = multivariate_normal(prior.mean, prior.covariance)
+        self.prior, self.paths, self.progress = prior, paths, progress
         self.random = np.random.default_rng(seed)
-        self.theta = np.empty((0, len(PARAMETERS)))
-        self.log_dips = np.empty((0, len(paths)))
-        self.proposals: list[tuple[int, Callable[[FloatArray], FloatArray]]] = []
+        self.sobol = qmc.MultivariateNormalQMC(prior.mean, prior.covariance, seed=seed)
+        self.proposals: list[tuple[int, Any]] = []
         self.done = 0
 
-    def add_prior(self) -> None:
+    def begin(self) -> Posterior:
         """Points of the prior, spread evenly by a Sobol sequence."""
-        from scipy.stats import qmc  # takes long to import
+        size = len(PARAMETERS)
+        empty = Posterior(np.empty((0, size)), np.empty((0, len(self.paths))), np.empty(0))
+        return self._with(empty, self.sobol.random(_PRIOR_POINTS), self.density)
 
-        sobol = qmc.Sobol(len(PARAMETERS), seed=self.seed).random(_PRIOR_POINTS)
-        normal = ndtri(np.clip(sobol, 1e-9, 1.0 - 1e-9))
-        root = np.linalg.cholesky(self.prior.covariance)
-        self._add(self.prior.mean + normal @ root.T, self.prior.log_density)
-
-    def add_fitted(self) -> None:
-        """Points of a t distribution fitted to those so far."""
-        log_weight = self._log_weight()
-        mean, covariance = _moments(self.theta, _tempered(log_weight, _TEMPERED))
+    def refine(self, sofar: Posterior) -> Posterior:
+        """More points, of a t distribution that is fitted to those so far."""
+        weight = _tempered(sofar.log_base + sofar.log_dips.sum(axis=1))
+        mean, covariance = weight @ sofar.theta, np.cov(sofar.theta.T, aweights=weight, bias=True)
         covariance = _WIDER * covariance + 1e-10 * self.prior.covariance
-        root = np.linalg.cholesky(covariance)
-        normal = self.random.standard_normal((_POINTS, len(PARAMETERS)))
-        scale = np.sqrt(_DEGREES / self.random.chisquare(_DEGREES, _POINTS))
-        points = mean + (normal @ root.T) * scale[:, None]
-        self._add(points, lambda theta: _log_t(theta, mean, covariance))
+        proposal = multivariate_t(mean, covariance, _DEGREES, seed=self.random)
+        return self._with(sofar, proposal.rvs(_POINTS), proposal)
 
-    def _add(self, points: FloatArray, log_density: Callable[[FloatArray], FloatArray]) -> None:
-        self.proposals.append((points.shape[0], log_density))
-        values = self.likelihood.of_dips(points, self.paths, self._tell)
-        self.theta = np.concatenate([self.theta, points])
-        self.log_dips = np.concatenate([self.log_dips, values])
+    def _with(self, sofar: Posterior, points: FloatArray, proposal: Any) -> Posterior:
+        self.proposals.append((points.shape[0], proposal))
+        theta = np.concatenate([sofar.theta, points])
+        values = [self._of_dip(points, path) for path in self.paths]
+        new = np.column_stack(values) if values else np.empty((points.shape[0], 0))
+        shares = [np.log(count / theta.shape[0]) + p.logpdf(theta) for count, p in self.proposals]
+        base = self.density.logpdf(theta) - logsumexp(shares, axis=0)
+        return Posterior(theta, np.concatenate([sofar.log_dips, new]), base)
 
-    def _tell(self) -> None:
+    def _of_dip(self, points: FloatArray, path: FloatArray) -> FloatArray:
         self.done += 1
         if self.progress is not None:
             self.progress(self.done, len(self.paths) * (1 + _ROUNDS + _MORE_ROUNDS))
-
-    def log_base(self) -> FloatArray:
-        """Prior over the mixture of proposals, of all points."""
-        total = self.theta.shape[0]
-        mixture = logsumexp(
-            [np.log(count / total) + density(self.theta) for count, density in self.proposals],
-            axis=0,
-        )
-        return self.prior.log_density(self.theta) - mixture
-
-    def _log_weight(self) -> FloatArray:
-        return self.log_base() + self.log_dips.sum(axis=1)
-
-    def effective(self) -> float:
-        """Effective number of points so far."""
-        return _effective(_normalised(self._log_weight()))
-
-    def result(self) -> Posterior:
-        """The posterior of all points."""
-        base = self.log_base()
-        steps = np.cumsum(self.log_dips, axis=1)
-        own = logsumexp(base)
-        evidence = [float(logsumexp(base + step) - own) for step in steps.T]
-        return Posterior(
-            self.theta,
-            self.log_dips,
-            base,
-            self.effective(),
-            np.diff(np.array(evidence), prepend=0.0),
-        )
+        return log_likelihood(points, path)[:, 0]
 
 
 def _normalised(log_weight: FloatArray) -> FloatArray:
@@ -277,43 +245,11 @@ def _effective(weight: FloatArray) -> float:
     return float(1.0 / np.sum(weight**2))
 
 
-def _tempered(log_weight: FloatArray, enough: float) -> FloatArray:
+def _tempered(log_weight: FloatArray) -> FloatArray:
     """The weights, made more even until enough points count."""
-    low, high = 0.0, 1.0
-    if _effective(_normalised(log_weight)) >= enough:
-        return _normalised(log_weight)
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        if _effective(_normalised(middle * log_weight)) >= enough:
-            low = middle
-        else:
-            high = middle
-    return _normalised(low * log_weight)
 
+    def missing(power: float) -> float:
+        return _effective(_normalised(power * log_weight)) - _TEMPERED
 
-def _moments(theta: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
-    mean = weight @ theta
-    off = theta - mean
-    return mean, (off * weight[:, None]).T @ off
-
-
-def _distance(
-    theta: FloatArray, mean: FloatArray, covariance: FloatArray
-) -> tuple[FloatArray, float]:
-    """Squared Mahalanobis distances, and log of the covariance's determinant."""
-    root = np.linalg.cholesky(covariance)
-    scaled = np.linalg.solve(root, (theta - mean).T)
-    return np.sum(scaled**2, axis=0), 2.0 * float(np.sum(np.log(np.diag(root))))
-
-
-def _log_gaussian(theta: FloatArray, mean: FloatArray, covariance: FloatArray) -> FloatArray:
-    distance, log_det = _distance(theta, mean, covariance)
-    return -0.5 * (distance + log_det + mean.size * math.log(2.0 * math.pi))
-
-
-def _log_t(theta: FloatArray, mean: FloatArray, covariance: FloatArray) -> FloatArray:
-    distance, log_det = _distance(theta, mean, covariance)
-    size = mean.size
-    constant = gammaln(0.5 * (_DEGREES + size)) - gammaln(0.5 * _DEGREES)
-    constant -= 0.5 * (size * math.log(_DEGREES * math.pi) + log_det)
-    return constant - 0.5 * (_DEGREES + size) * np.log1p(distance / _DEGREES)
+    power = 1.0 if missing(1.0) >= 0.0 else brentq(missing, 0.0, 1.0, xtol=1e-9)
+    return _normalised(power * log_weight)

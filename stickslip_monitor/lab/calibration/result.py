@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from stickslip_monitor.errors import CalibrationError
+from stickslip_monitor.errors import CalibrationError, PhysicsError
 from stickslip_monitor.lab.calibration.calibrate import Calibration, DipResult
+from stickslip_monitor.lab.calibration.dips import Dip
 from stickslip_monitor.lab.calibration.likelihood import PARAMETERS
 from stickslip_monitor.lab.calibration.posterior import Prior
 from stickslip_monitor.monitor.calibration_file import CALIBRATION_SCHEMA, INPUT_KEYS
@@ -20,7 +21,7 @@ from stickslip_monitor.physics.friction import Stribeck
 FRAGMENT_MARK = b'Made by stickslip calibrate'
 """Tells a fragment from the files of others."""
 _DIGITS = 6
-_SIZE = len(PARAMETERS)
+_LARGEST = 100.0
 
 
 def inputs_of(config: BearingConfig) -> dict[str, dict[str, Any]]:
@@ -83,6 +84,7 @@ def _dip(one: DipResult) -> dict[str, Any]:
     dip = one.dip
     return {
         'bag': dip.recording,
+        'fingerprint': dip.fingerprint,
         'start': dip.start_ns,
         'end': dip.end_ns,
         'episode': dip.episode,
@@ -104,22 +106,53 @@ def _dip(one: DipResult) -> dict[str, Any]:
     }
 
 
-def prior_from(path: str, document: Mapping[str, Any]) -> Prior:
+def prior_from(path: str, document: Mapping[str, Any], own: Prior) -> Prior:
     """The posterior of an earlier calibration as a prior.
+
+    Args:
+        path: The file, for a sentence.
+        document: The earlier result.
+        own: The prior of the configuration, for what the earlier one did not infer yet.
 
     Raises:
         CalibrationError: The object is damaged.
     """
     try:
-        mean = np.array(document['mean'], dtype=float)
-        covariance = np.array(document['covariance'], dtype=float)
-        viscous = float(document['viscous'])
+        places = [PARAMETERS.index(name) for name in document['parameters']]
+        mean, covariance = own.mean.copy(), own.covariance.copy()
+        covariance[places, :] = covariance[:, places] = 0.0
+        mean[places] = np.array(document['mean'], dtype=float)
+        covariance[np.ix_(places, places)] = np.array(document['covariance'], dtype=float)
         np.linalg.cholesky(covariance)
-        if mean.shape != (_SIZE,) or covariance.shape != (_SIZE, _SIZE):
-            raise ValueError(f'mean and covariance must be of {_SIZE} parameters')
-    except (KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
+        numbers = np.concatenate([mean, covariance.ravel()])
+        if len(places) < 2 or not (np.abs(numbers) < _LARGEST).all():
+            raise ValueError(f'mean and covariance must be numbers below {_LARGEST:g}')
+        return Prior(mean, covariance, float(document['viscous']))
+    except (KeyError, TypeError, ValueError, OverflowError, np.linalg.LinAlgError) as error:
         raise CalibrationError(f'{path} is damaged: {error}') from error
-    return Prior(mean, covariance, viscous)
+
+
+def known_dips(document: Mapping[str, Any], dips: Sequence[Dip]) -> list[tuple[str, int, int]]:
+    """Fingerprint, begin and end of the dips of an earlier result.
+
+    A result of an earlier version has no fingerprints: there a recording of the same name and
+    time is the same one.
+
+    Raises:
+        CalibrationError: The object is damaged.
+    """
+    by_name = {dip.recording: dip.fingerprint for dip in dips}
+    try:
+        return [
+            (
+                one.get('fingerprint') or by_name.get(one['bag'], ''),
+                int(one['start']),
+                int(one['end']),
+            )
+            for one in document.get('dips', [])
+        ]
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise CalibrationError(f'the earlier result is damaged: {error!r}') from error
 
 
 def prior_with_bench(prior: Prior, path: str, document: Mapping[str, Any]) -> Prior:
@@ -144,8 +177,12 @@ def prior_with_bench(prior: Prior, path: str, document: Mapping[str, Any]) -> Pr
         fall = fitted.static - fitted.kinetic
         rows[0, names.index('decay')] = 1.0 / fitted.decay
         rows[1, names.index('static')], rows[1, names.index('kinetic')] = 1.0 / fall, -1.0 / fall
+        if not np.isfinite(covariance).all():
+            raise ValueError('its covariance must be finite')
         (of_beta, both), (_, of_fall) = rows @ covariance @ rows.T
-    except (KeyError, TypeError, ValueError) as error:
+        if not (of_beta > 0.0 and of_fall > 0.0):
+            raise ValueError('its covariance must be positive')
+    except (LookupError, TypeError, ValueError, ArithmeticError, PhysicsError) as error:
         raise CalibrationError(
             f'{path} must be what stickslip fit --json printed of a Stribeck law: {error}'
         ) from error

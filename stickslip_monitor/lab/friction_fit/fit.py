@@ -21,11 +21,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
+from scipy.special import ndtr
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import FitError
 from stickslip_monitor.lab.friction_fit.curve_file import FrictionCurve
-from stickslip_monitor.lab.friction_fit.solve import Model, Solution, solve
+from stickslip_monitor.lab.friction_fit.solve import TUKEY, Model, Solution, scale_floor, solve
 from stickslip_monitor.lab.friction_fit.uncertainty import (
     CONFIDENCE,
     ViscousTest,
@@ -183,6 +184,8 @@ def require_distinct(solution: Solution, covariance: FloatArray) -> None:
 
 
 _MANY_OUTLIERS = 0.2
+# Residuals of so few floors of scatter are rounding.
+_ROUNDING, _LACK_LEVEL = 1e3, 0.02
 _MUCH_LEVERAGE = 0.9
 
 
@@ -262,6 +265,7 @@ class StribeckFit:
             )
         if self.kinetic_at_bound:
             found.append('kinetic would be negative and is held at 0, without a standard error')
+        found += self._lack_of_fit()
         reach = self.law.decay * float(curve.speed.min())
         if reach > 1.0:
             found.append(
@@ -275,6 +279,31 @@ class StribeckFit:
                 f' by any other (leverage {self.leverage[top]:.2f}): repeat it'
             )
         return tuple(found)
+
+    def _lack_of_fit(self) -> list[str]:
+        """What the residuals say against the law: runs of one sign along the speeds.
+
+        Too few changes of sign (the runs test of Wald and Wolfowitz), or neighbours that are too
+        much alike (their serial correlation, without the size of outliers), are another shape.
+        """
+        if self.scale <= _ROUNDING * scale_floor(self.curve):
+            return []
+        order = np.argsort(self.curve.speed, kind='stable')
+        size = (self.residual / (self.scale * self.curve.std))[order]
+        size, n = np.clip(size, -TUKEY, TUKEY), order.size
+        alike = math.sqrt(n) * float(size[1:] @ size[:-1] / (size @ size))
+        above = size > 0.0
+        runs, pairs = 1 + int(np.sum(np.diff(above))), 2.0 * above.sum() * (n - above.sum())
+        spread = math.sqrt(max(pairs * (pairs - n), 1.0) / (n * n * (n - 1.0)))
+        few = (runs + 0.5 - 1.0 - pairs / n) / spread
+        p_value = 2.0 * float(ndtr(min(few, -alike)))
+        if p_value > _LACK_LEVEL:
+            return []
+        return [
+            f'the residuals change sign {runs - 1} times along the speeds, about {pairs / n:.0f}'
+            f' times by chance, and neighbours are alike (p = {p_value:.1g}): the curve has'
+            ' another shape than the Stribeck law, so that errors and intervals are too small'
+        ]
 
     def band(self, speed: ArrayLike) -> FloatArray:
         """Half width of the curve's pointwise 95 % confidence band at speeds >= 0 [-]."""

@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from stickslip_monitor.errors import AlarmStateError
 from stickslip_monitor.monitor.alarms.annunciator import (
+    STANDING,
     WAITING,
     AlarmChange,
     Annunciator,
@@ -19,6 +20,7 @@ from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
 
 ALARM_SCHEMA = 'stickslip_monitor/alarm/1'
 STATE_SCHEMA = 'stickslip_monitor/alarm_state/1'
+_SHOWN = (*STANDING, AlarmState.LATCHED, AlarmState.SHELVED, AlarmState.OUT_OF_SERVICE)
 _STATES = {state.value: state for state in AlarmState}
 _KEPT: dict[str, tuple[type, ...]] = {
     'state': (str,),
@@ -55,6 +57,7 @@ def alarms_record(
     sequence: int,
     monitoring: bool = True,
     notes: Iterable[Note] = (),
+    text_of: Callable[[str], str] = str,
 ) -> dict[str, Any]:
     """Every alarm as it stands, and what has just happened; the fields are in interfaces.md."""
     flood = annunciator.flood
@@ -73,6 +76,7 @@ def alarms_record(
         'changes': [change_record(change) for change in changes],
         'notes': [{'time': n.time_ns, 'what': n.what, 'text': n.text} for n in notes],
         'alarms': [alarm_record(annunciator, alarm) for alarm in annunciator],
+        'rows': list(row_records(annunciator, text_of)),
     }
 
 
@@ -109,6 +113,49 @@ def alarm_record(annunciator: Annunciator, alarm: LiveAlarm) -> dict[str, Any]:
         'by': alarm.by,
         'count': alarm.count,
         'text': alarm.text,
+        'covered': annunciator.covering(alarm) is not None,
+    }
+
+
+def row_records(
+    annunciator: Annunciator, text_of: Callable[[str], str]
+) -> Iterator[dict[str, Any]]:
+    """One row for each bearing of which anything is on show: its worst alarm, and what is now.
+
+    Args:
+        annunciator: The alarms.
+        text_of: What there is to say of a bearing now.
+    """
+    for name, own in annunciator.alarms.items():
+        shown = sorted(
+            (alarm for alarm in own.values() if alarm.state in _SHOWN),
+            key=lambda alarm: -alarm.kind.priority,
+        )
+        if shown:
+            yield _row(shown, text_of(name))
+
+
+def _row(shown: Sequence[LiveAlarm], text: str) -> dict[str, Any]:
+    worst = shown[0]
+    # The row waits for somebody where any of its alarms does.
+    state = next((alarm.state for alarm in shown if alarm.state in WAITING), worst.state)
+    return {
+        'bearing': worst.bearing,
+        'alarm': worst.kind.value,
+        'priority': worst.kind.priority.name.lower(),
+        'state': state.value,
+        'sounding': any(alarm.sounding for alarm in shown),
+        'silenced': any(alarm.silenced for alarm in shown),
+        'since': worst.since_ns,
+        'changed': worst.changed_ns,
+        'by': worst.by,
+        'count': worst.count,
+        'text': text,
+        'first_text': worst.first_text,
+        'first_time': worst.first_ns,
+        'came_back': worst.came_back,
+        'came_back_since': worst.first_ns if worst.came_back else None,
+        'kinds': [alarm.kind.value for alarm in shown],
     }
 
 

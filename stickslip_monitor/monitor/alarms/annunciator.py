@@ -7,12 +7,13 @@ silences and delays are measured on it. ``time_ns`` is the stamp that a change i
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 from stickslip_monitor.monitor.alarms.causes import LATCHING, RUNG_OF, AlarmKind, Causes, kinds_of
-from stickslip_monitor.monitor.alarms.flood import Flood, FloodFigures
+from stickslip_monitor.monitor.alarms.flood import WINDOW_NS, Flood, FloodFigures
 from stickslip_monitor.monitor.alarms.lifecycle import AlarmState, Facts, Trigger, follow
 from stickslip_monitor.monitor.assessment import Outcome
 from stickslip_monitor.monitor.config import MonitorConfig
@@ -25,6 +26,10 @@ UNSILENCE = 'unsilence'
 ON_SHOW = (AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED)
 WAITING = (AlarmState.UNACKNOWLEDGED, AlarmState.RETURNED)
 STANDING = (AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED, AlarmState.RETURNED)
+MOST_GIVEN = 6
+"""So many alarms of a bearing are given in ten minutes; further ones wait without a sound."""
+BACK_NS = WINDOW_NS
+"""What comes again within such a time has come back [ns]; later it is a new matter."""
 _TRIGGERS = {trigger.value: trigger for trigger in Trigger}
 
 
@@ -63,6 +68,9 @@ class LiveAlarm:
         shelved_until_ns: Stamp at which the shelf ends [ns], while shelved.
         count: How often it was given to people since the start.
         text: What was last said of its cause.
+        came_back: How often its cause has come again since it came first.
+        first_ns, first_text: Stamp of that first time [ns], and what was said then.
+        came_ns: When its cause came last, on the running time [ns].
         shelf_end_ns, silence_end_ns: When these end, on the running time [ns].
     """
 
@@ -79,6 +87,10 @@ class LiveAlarm:
     shelved_until_ns: int | None = None
     count: int = 0
     text: str = ''
+    came_back: int = 0
+    first_ns: int | None = None
+    first_text: str = ''
+    came_ns: int | None = None
     shelf_end_ns: int = 0
     silence_end_ns: int = 0
 
@@ -86,6 +98,14 @@ class LiveAlarm:
     def sounding(self) -> bool:
         """Whether it calls for attention aloud."""
         return self.state is AlarmState.UNACKNOWLEDGED and not self.silenced
+
+    def come(self, now_ns: int, time_ns: int) -> None:
+        """Its cause has come: again, unless the last time is long ago."""
+        if self.came_ns is None or now_ns - self.came_ns > BACK_NS:
+            self.came_back, self.first_ns, self.first_text = 0, time_ns, self.text
+        else:
+            self.came_back += 1
+        self.came_ns = now_ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +121,7 @@ class AlarmChange:
         after: The state from then on.
         by: Who did it: a person's name, ``ros service``, ``monitor`` or ``timer``.
         text: What was last said of the alarm's cause.
+        quiet: Whether it is given without a sound, because too many were given lately.
     """
 
     time_ns: int
@@ -111,11 +132,13 @@ class AlarmChange:
     after: AlarmState
     by: str
     text: str
+    quiet: bool = False
 
     @property
     def raised(self) -> bool:
         """Whether people are given an alarm that they were not given before."""
-        return self.after is AlarmState.UNACKNOWLEDGED and self.before not in WAITING
+        given = self.after is AlarmState.UNACKNOWLEDGED and self.before not in WAITING
+        return given and not self.quiet
 
 
 class Annunciator:
@@ -137,6 +160,9 @@ class Annunciator:
             for b in config.bearings
         }
         self._flood = Flood()
+        self._given: dict[str, deque[int]] = {
+            b.name: deque(maxlen=MOST_GIVEN) for b in config.bearings
+        }
 
     def __iter__(self) -> Iterator[LiveAlarm]:
         """Every alarm."""
@@ -179,8 +205,15 @@ class Annunciator:
 
     def take_event(self, event: Event) -> list[AlarmChange]:
         """The condition of a bearing has changed."""
-        self.causes[event.bearing].take_event(event, self.now_ns)
-        return self._sync(event.bearing, event.time_ns)
+        name, time_ns = event.bearing, event.time_ns
+        self.causes[name].take_event(event, self.now_ns)
+        changes = self._sync(name, time_ns)
+        standing = (alarm for alarm in self.alarms[name].values() if alarm.kind in RUNG_OF)
+        worst = next((alarm for alarm in standing if alarm.active), None)
+        if event.onset and worst is not None and worst.kind not in {c.kind for c in changes}:
+            worst.come(self.now_ns, time_ns)
+            changes += self._fire(worst, Trigger.RECUR, time_ns, MONITOR)
+        return changes
 
     def take_fault(
         self, bearing: str, is_load: int, status: Status, time_ns: int
@@ -237,7 +270,10 @@ class Annunciator:
         self, own: dict[AlarmKind, LiveAlarm], action: Action, kind: AlarmKind | None
     ) -> list[LiveAlarm]:
         if kind is not None:
-            return [own[kind]] if kind in own else []
+            below = action in (Action.ACKNOWLEDGE, Action.SILENCE)
+            chosen = [own[kind]] if kind in own else []
+            # One matter: who knows of the worst knows of what it covers.
+            return chosen + [a for a in own.values() if below and self.covering(a) is kind]
         if action is Action.SHELVE:
             return [alarm for alarm in own.values() if alarm.state in STANDING]
         return list(own.values())
@@ -284,23 +320,31 @@ class Annunciator:
             if active != alarm.active:
                 triggers.append(Trigger.RAISE if active else Trigger.CLEAR)
                 alarm.since_ns = time_ns if active else alarm.since_ns
+                if active:
+                    alarm.come(self.now_ns, time_ns)
             alarm.active, alarm.suppressed_by = active, reasons
             for trigger in triggers:
                 changes += self._fire(alarm, trigger, time_ns, by)
         return changes
 
     def _facts(self, alarm: LiveAlarm) -> Facts:
-        worse = (
-            other
-            for other in self.alarms[alarm.bearing].values()
-            if RUNG_OF.get(other.kind, 0) > RUNG_OF.get(alarm.kind, len(AlarmKind))
-        )
         return Facts(
             suppressed=bool(alarm.suppressed_by),
-            covered=alarm.active and any(o.active and o.state in ON_SHOW for o in worse),
+            covered=self.covering(alarm) is not None,
             active=alarm.active,
             held=alarm.occurred and self.latching(alarm),
         )
+
+    def covering(self, alarm: LiveAlarm) -> AlarmKind | None:
+        """The worse alarm of the ladder that stands for one, if there is any."""
+        worse = (
+            other.kind
+            for other in self.alarms[alarm.bearing].values()
+            if RUNG_OF.get(other.kind, 0) > RUNG_OF.get(alarm.kind, len(AlarmKind))
+            and other.active
+            and other.state in ON_SHOW
+        )
+        return next(worse, None) if alarm.active else None
 
     def latching(self, alarm: LiveAlarm) -> bool:
         """Whether an alarm stays until it is reset."""
@@ -327,8 +371,18 @@ class Annunciator:
         change = _change(alarm, time_ns, trigger.value, before, by)
         if change.raised:
             alarm.count += 1
-            self._flood.add(self.now_ns)
+            change = self._give(alarm, change)
         return [change]
+
+    def _give(self, alarm: LiveAlarm, change: AlarmChange) -> AlarmChange:
+        """Give an alarm to people: aloud, unless too many were given lately."""
+        given = self._given[alarm.bearing]
+        if len(given) == MOST_GIVEN and self.now_ns - given[0] < WINDOW_NS:
+            alarm.silenced, alarm.silence_end_ns = True, given[0] + WINDOW_NS
+            return replace(change, quiet=True)
+        given.append(self.now_ns)
+        self._flood.add(self.now_ns)
+        return change
 
 
 def _remember(alarm: LiveAlarm) -> None:

@@ -107,6 +107,12 @@ class Causes:
         self._resting_since = 0
         self._start_up_until = 0
 
+    def stand(self, condition: Condition) -> None:
+        """The condition of the bearing is known from before a restart."""
+        self._lost = condition is Condition.INPUT_STALE
+        self._vibration = condition is Condition.VIBRATION
+        self._rung = 0 if self._lost else LADDER.index(condition)
+
     def holds(self, kind: AlarmKind) -> bool:
         """Whether the cause is there."""
         if kind in self.recalled:

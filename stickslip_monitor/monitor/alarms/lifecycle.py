@@ -49,6 +49,7 @@ class Trigger(SentenceEnum):
     """What can happen to an alarm; each member carries its sentence."""
 
     RAISE = 'raise', 'the cause has come'
+    RECUR = 'recur', 'stick-slip has begun anew while its alarm stands'
     CLEAR = 'clear', 'the cause has gone'
     SUPPRESS = 'suppress', 'a reason for suppression holds'
     UNSUPPRESS = 'unsuppress', 'no reason for suppression holds any longer'
@@ -108,6 +109,10 @@ TABLE: dict[tuple[AlarmState, Trigger], tuple[Choice, ...]] = {
     (AlarmState.UNACKNOWLEDGED, Trigger.ACKNOWLEDGE): ((ALWAYS, AlarmState.ACKNOWLEDGED),),
     (AlarmState.UNACKNOWLEDGED, Trigger.SHELVE): _SHELF,
     (AlarmState.UNACKNOWLEDGED, Trigger.REMOVE): _AWAY,
+    (AlarmState.ACKNOWLEDGED, Trigger.RECUR): (
+        ('suppressed', AlarmState.ACKNOWLEDGED),
+        *_AGAIN,
+    ),
     (AlarmState.ACKNOWLEDGED, Trigger.CLEAR): _DONE,
     (AlarmState.ACKNOWLEDGED, Trigger.SUPPRESS): (
         ('held', AlarmState.ACKNOWLEDGED),

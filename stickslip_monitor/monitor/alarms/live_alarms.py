@@ -80,9 +80,12 @@ class LiveAlarms:
         publish: Called with every new :func:`.alarm_records.alarms_record`.
         log: Where people's actions, and what cannot be kept, are told.
         store: What keeps the alarms over a restart; ``None`` for nothing.
+        text_of: What there is to say of a bearing now.
+        states_of: What the monitor remembers, to be kept with the alarms.
 
     Attributes:
         annunciator: The alarms; to be changed through this object only.
+        states: What the monitor remembered when it was kept last; empty where nothing is known.
     """
 
     def __init__(
@@ -92,7 +95,11 @@ class LiveAlarms:
         publish: Callable[[dict[str, Any]], None],
         log: Log,
         store: Store | None = None,
+        text_of: Callable[[str], str] = str,
+        states_of: Callable[[], dict[str, Any]] = dict,
     ) -> None:
+        self._text_of, self._states_of = text_of, states_of
+        self.states: dict[str, Any] = {}
         self._config, self._clock, self._publish = config, clock, publish
         self._log, self._store = log, store
         self.annunciator = Annunciator(config)
@@ -124,6 +131,7 @@ class LiveAlarms:
         """Publish the list for the last time: from now on nobody watches the bearings."""
         self._monitoring = False
         self._announce([])
+        self.keep()
 
     def note(self, what: str, text: str) -> None:
         """Put something on record, with the next list; see :class:`.alarm_records.Note`."""
@@ -135,6 +143,8 @@ class LiveAlarms:
         changes = self.annunciator.advance(now_ns, self._clock())
         if changes or self._notes or now_ns - self._published_ns >= HEARTBEAT_NS:
             self._announce(changes)
+            if not changes:
+                self.keep()
 
     def feed(self, bearing: str, is_load: int, time_ns: int, update: Update) -> None:
         """Take what one sample (of input 0 speed, 1 load) brought to the monitor."""
@@ -179,7 +189,13 @@ class LiveAlarms:
         self._notes.clear()
         self._publish(
             alarms_record(
-                self.annunciator, changes, now_ns, self._sequence, self._monitoring, notes
+                self.annunciator,
+                changes,
+                now_ns,
+                self._sequence,
+                self._monitoring,
+                notes,
+                self._text_of,
             )
         )
         for change in changes:
@@ -190,12 +206,15 @@ class LiveAlarms:
                     f' {change.before} -> {change.after}'
                 )
         if changes and self._store is not None:
-            self._keep(self._store, state_record(self.annunciator, now_ns))
+            self.keep()
 
-    def _keep(self, store: Store, document: dict[str, Any]) -> None:
-        """Write the state; a full disk must not stop the monitor, and is told once."""
+    def keep(self) -> None:
+        """Write what is kept; a full disk must not stop the monitor, and is told once."""
+        if self._store is None:
+            return
+        document = state_record(self.annunciator, self._clock()) | {'states': self._states_of()}
         try:
-            store.write(document)
+            self._store.write(document)
             self._unkept = ''
         except OSError as error:
             if str(error) != self._unkept:
@@ -209,6 +228,9 @@ class LiveAlarms:
             document = self._store.read()
             if document is not None:
                 recall_state(self.annunciator, document, self._clock())
+                # The file of the last version has none.
+                states = document.get('states')
+                self.states = states if isinstance(states, dict) else {}
         except AlarmStateError as error:
             self._set_aside(self._store, error)
 

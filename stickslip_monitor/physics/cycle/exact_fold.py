@@ -37,11 +37,14 @@ from stickslip_monitor.physics.oscillator import Bearing
 
 # Nodes of an interval of ln N, and the loads below which it is not worth them; how far the last
 # coefficients may be from nothing, of a law in one piece and of a table.
-_NODES, _CLOSE, _STEEP_CLOSE, _TABLE_CLOSE = 13, 3e-10, 1e-6, 5e-5
+_NODES, _CLOSE, _STEEP_CLOSE, _TABLE_CLOSE = 13, 3e-10, 3e-6, 5e-5
 # Growth rate of the slip at breakaway, N |mu'(0)| / (m omega), of a steep law.
 _STEEP = 4.0
 # The narrowest interval that is halved: beyond it a fold jumps, and loads are solved one by one.
 _NARROW = 0.02
+# Loads in units of the least with a cycle up to which averaging has the fold to 1e-10, and orbits
+# gain too little to tell it better.
+_WEAKLY = 1.003
 # How far beyond the scales of a law its fold is looked for.
 _SPREAD, _LARGEST_EXPONENT = 100.0, 700.0
 # Steps of the secant method from a good guess, and how close it has to come.
@@ -60,10 +63,16 @@ def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
     """
     search = _Search(bearing)
     place, back = np.unique(load, return_inverse=True)
-    out = np.full(place.size, np.nan)
-    rows = np.flatnonzero(place * search.law[STEEPEST] > bearing.damping)
-    if rows.size:
-        search.fill(np.log(place[rows]), out, rows)
+    out, height = np.full(place.size, np.nan), place * search.law[STEEPEST] / bearing.damping
+    if search.is_closed:
+        near = (height > 1.0) & (height < _WEAKLY)
+        out[near] = boundaries.fold_speed(bearing, place[near])
+        height[near] = 0.0
+    rows = np.flatnonzero(height > 1.0)
+    steep = np.array([search.is_steep(math.log(n)) for n in place[rows]], dtype=bool)
+    for part in (rows[steep], rows[~steep]):
+        if part.size:
+            search.fill(np.log(place[part]), out, part)
     return out[back]
 
 
@@ -75,6 +84,7 @@ class _Search:
         self.law = law_numbers(bearing.friction)
         self.body = bearing.mass, bearing.damping, bearing.stiffness
         self.in_pieces = self.law[PIECES] > 0.0
+        self.is_closed = computes_as(bearing.friction, Stribeck)
         self.orbit = ROUGHLY if self.in_pieces else GRAZING
         self.close = _TABLE_CLOSE if self.in_pieces else _CLOSE
         self.known: dict[float, float] = {}  # logarithms of fold over scale, by ln N
@@ -106,7 +116,7 @@ class _Search:
     def scale(self, place: FloatArray) -> FloatArray:
         """Speeds to which the fold is in a smooth ratio, at places ``ln N`` [m/s]."""
         load = np.exp(place)
-        if not self.in_pieces and computes_as(self.bearing.friction, Stribeck):
+        if self.is_closed:
             averaged = np.asarray(boundaries.fold_speed(self.bearing, load))
             if np.isfinite(averaged).all():
                 return averaged
@@ -119,7 +129,7 @@ class _Search:
         if len(self.known) > 1:
             load, guess = math.exp(place), scale * math.exp(self._guessed(place))
             if self.in_pieces or self.is_steep(place):
-                fold = fold_near(self.law, self.body, load, guess, self.orbit)
+                fold = fold_near(self.law, self.body, load, guess, ROUGHLY)
             else:
                 fold = self._polished(load, guess)
         if math.isnan(fold):
@@ -170,8 +180,7 @@ class _Search:
     def _searched(self, load: float) -> float:
         law, jump = self.bearing.friction, self._coulomb(load)
         if not self.in_pieces:
-            exponential = computes_as(law, Stribeck)
-            averaged = boundaries.fold_speed(self.bearing, load) if exponential else 0.0
+            averaged = boundaries.fold_speed(self.bearing, load) if self.is_closed else 0.0
             guess = float(np.fmax(averaged, jump))
             if not 0.0 < guess < math.inf:
                 return guess if guess == math.inf else math.nan

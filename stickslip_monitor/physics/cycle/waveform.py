@@ -1,34 +1,54 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The motion over one exact cycle, from the polynomials it was integrated with."""
+"""The motion over one exact cycle, by steps of the slip phase from instant to instant."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from numpy.polynomial import legendre
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.physics.cycle.law import static_force
-from stickslip_monitor.physics.cycle.orbit import follow
-from stickslip_monitor.physics.cycle.setting import AROUND, Stretch, setting
-from stickslip_monitor.physics.cycle.stable import slip_round_trip
+from stickslip_monitor.physics.cycle.slip import (
+    AHEAD,
+    BEHIND,
+    LANDED,
+    ONLY,
+    about_steady_sliding,
+    ahead_of_belt,
+    follow_slip,
+    next_length,
+    slip_medium,
+    steady_displacement,
+)
+from stickslip_monitor.physics.cycle.step import Medium, acceleration, slip_step
+from stickslip_monitor.physics.law_numbers import HOLD, LawNumbers, law_numbers
 from stickslip_monitor.physics.oscillator import Bearing
 
+_TOLERANCE = 1e-12
 
-def _sampled(
-    stretches: list[Stretch], time: FloatArray, start: float = 0.0
+
+def slipped(
+    law: LawNumbers, medium: Medium, e: float, z: float, time: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Displacement and relative speed where a phase covers the time, ``nan`` elsewhere."""
-    e, z = np.full(time.size, np.nan), np.full(time.size, np.nan)
-    for stretch in stretches:
-        begin, h = start + float(stretch.time[0]), float(stretch.h[0])
-        x = 2.0 * (time - begin) / h - 1.0
-        # A little beyond either end is rounding of the time.
-        inside = (x >= -1.0 - 1e-9) & (x <= float(stretch.stop[0]) + 1e-9)
-        e[inside] = legendre.legval(x[inside], stretch.e[0])
-        z[inside] = legendre.legval(x[inside], stretch.z[0])
-    return e, z
+    """Displacement and relative speed at rising instants after a start, each of shape (n,)."""
+    places, speeds = np.empty(time.size), np.empty(time.size)
+    now, r, h = 0.0, acceleration(law, medium, e, z), 1e-3
+    for i, instant in enumerate(time.tolist()):
+        while now < instant:
+            s = min(h, instant - now)
+            e1, z1, r1, error = slip_step(law, medium, e, z, r, s)
+            allowed = _TOLERANCE * (abs(e) + abs(z) + s * (1.0 + abs(r)))
+            h = next_length(s, error, allowed, blind=False)
+            if error <= allowed:
+                now, e, z, r = (instant if s == instant - now else now + s), e1, z1, r1
+        places[i], speeds[i] = e, z
+    return places, speeds
+
+
+def _medium(bearing: Bearing, speed: float, load: float) -> tuple[LawNumbers, Medium]:
+    law = law_numbers(bearing.friction)
+    body = bearing.mass, bearing.damping, bearing.stiffness
+    return law, slip_medium(law, body, abs(speed), load)
 
 
 def through_belt(
@@ -43,23 +63,24 @@ def through_belt(
         start: Displacement beyond breakaway at the start [V/omega].
         time: Instants over one period, the last one closing it [s], shape (n,).
     """
-    belt, omega = np.array([abs(speed)]), bearing.natural_frequency
-    loads, tau = np.array([load]), time * omega
-    behind, ahead = list[Stretch](), list[Stretch]()
-    turn = slip_round_trip(bearing, belt, loads, np.array([start]), (behind, ahead))
+    law, medium = _medium(bearing, speed, load)
+    tau = time * bearing.natural_frequency
+    stroke = -2.0 * medium[1] * law[HOLD]
+    _, change, place, _, _, _, _ = follow_slip(law, medium, start, 0.0, BEHIND, ONLY)
+    ahead, end = ahead_of_belt(medium), change
+    if place < stroke:
+        found, more, _, _, _, _, _ = follow_slip(law, ahead, stroke - place, 0.0, AHEAD, ONLY)
+        end += more if found == LANDED else 0.0
     # Sticking is what no slip phase covers: it leads up to the next breakaway.
     e, w = np.minimum(tau - tau[-1], 0.0), np.zeros(time.size)
-    change = float(turn.behind.time[0])
-    slip = change + float(turn.ahead.time.sum())
-    stroke = -2.0 * float(static_force(bearing.friction, load / (bearing.mass * omega * belt))[0])
-    for stretches, begin, sign, mirror in ((ahead, change, -1.0, stroke), (behind, 0.0, 1.0, 0.0)):
-        offset, relative = _sampled(stretches, tau, begin)
-        covered = np.isfinite(offset) & (tau <= slip)
-        e[covered], w[covered] = mirror + sign * offset[covered], sign * relative[covered]
-    force = load / (bearing.mass * omega * belt)
-    breakaway = static_force(bearing.friction, force) - 2.0 * bearing.damping_ratio
-    side = math.copysign(1.0, speed)
-    return side * (breakaway + e) * (belt / omega), side * belt * (1.0 - w)
+    behind, over = tau <= change, (tau > change) & (tau <= end)
+    e[behind], w[behind] = slipped(law, medium, start, 0.0, tau[behind])
+    if over.any():
+        offset, relative = slipped(law, ahead, stroke - place, 0.0, tau[over] - change)
+        e[over], w[over] = stroke - offset, -relative
+    breakaway = medium[1] * law[HOLD] - medium[2]
+    side, unit = math.copysign(1.0, speed), abs(speed) / bearing.natural_frequency
+    return side * (breakaway + e) * unit, side * abs(speed) * (1.0 - w)
 
 
 def pure_slip(
@@ -74,12 +95,9 @@ def pure_slip(
         turning: Distance of the turning point below steady sliding [V/omega].
         time: Instants over one period, the last one closing it [s], shape (n,).
     """
-    record: list[Stretch] = []
-    belt, omega = np.array([abs(speed)]), bearing.natural_frequency
-    local = setting(bearing, belt, np.array([load]), AROUND)
-    follow(AROUND, local, np.array([-turning]), np.zeros(1), record)
-    # An unstable cycle is followed back in time, from the end of the period.
-    u, z = _sampled(record, (time - time[-1]) * omega)
-    sign = math.copysign(1.0, speed)
-    centre = bearing.equilibrium(belt, load)
-    return sign * (centre + u * (belt / omega)), -sign * belt * z
+    law, medium = _medium(bearing, speed, load)
+    around, tau = about_steady_sliding(law, medium), time * bearing.natural_frequency
+    u, z = slipped(law, around, -turning, 0.0, tau)
+    side, unit = math.copysign(1.0, speed), abs(speed) / bearing.natural_frequency
+    centre = medium[1] * law[HOLD] - medium[2] + steady_displacement(law, medium)
+    return side * (centre + u) * unit, -side * abs(speed) * z

@@ -49,6 +49,29 @@ def test_no_evidence_leaves_the_prior() -> None:
     assert posterior.covariance == pytest.approx(PRIOR.covariance, abs=0.02)
 
 
+def test_a_recording_counts_once(coast: Coast) -> None:
+    course, reports = coast(0)
+    (dip,) = dips_of((course, reports))
+    (copy,) = dips_of((replace(course, name='copy of it'), reports))
+    one, both = calibrate([dip], PRIOR), calibrate([dip, copy], PRIOR)
+    assert both.posterior.mean.tolist() == one.posterior.mean.tolist()
+    assert both.remarks[1] == 'copy of it was given before and counts once'
+    known = [(dip.fingerprint, dip.start_ns, dip.end_ns)]
+    with pytest.raises(CalibrationError, match='copy of it is in the earlier result already'):
+        calibrate([copy], PRIOR, known=known)
+
+
+def test_one_report_alone_is_little(coast: Coast) -> None:
+    # An operator's squeal at 58 rpm, and no word of when it was quiet.
+    course, _ = coast()
+    start = int(course.time_ns[10])
+    alone = VibrationReport('aft', start, start + 30 * BIN_NS, True, 10.0, 0.9, 'list, line 2')
+    found = calibrate(dips_of((course, [alone])), prior_of(BEARING))
+    # It may be wrong: 5 % of the prior have their fold below 17 rpm, and of this below 22.
+    assert fold(found, 0.05) < 22.0
+    assert found.warnings[0].startswith('all rests on one report of vibration (list, line 2)')
+
+
 def test_two_episodes_correct_a_wrong_drawing(coast: Coast) -> None:
     made = [coast(0), coast(1)]
     found = calibrate(dips_of(*made), PRIOR)
@@ -76,9 +99,9 @@ def test_quiet_alone_bounds_the_hopf_speed(coast: Coast) -> None:
 
 
 def test_a_false_report_is_named_and_does_little(coast: Coast) -> None:
-    made = [coast(k) for k in range(4)]
+    made = [coast(k) for k in range(3)]
     before = calibrate(dips_of(*made), PRIOR)
-    course, reports = coast(4)
+    course, reports = coast(3)
     # A squeal at 58 rpm, where none of the four had one.
     start = int(course.time_ns[3])
     false = VibrationReport(
@@ -93,8 +116,8 @@ def test_a_false_report_is_named_and_does_little(coast: Coast) -> None:
 
 
 def test_a_bearing_that_changed_is_noticed_and_forgetting_follows(coast: Coast) -> None:
-    made = [coast(k) for k in range(5)]
-    for k in range(5, 10):
+    made = [coast(k) for k in range(3)]
+    for k in range(3, 6):
         course, reports = coast(k)
         made.append((replace(course, speed=1.1 * course.speed), reports))
     dips = dips_of(*made)
@@ -103,12 +126,6 @@ def test_a_bearing_that_changed_is_noticed_and_forgetting_follows(coast: Coast) 
     followed = calibrate(dips, PRIOR, forget=0.05)
     assert fold(followed, 0.5) == pytest.approx(1.1 * 40.7, rel=0.03)
     assert fold(surprised, 0.5) < fold(followed, 0.5)
-
-
-def test_one_dip_after_the_other_is_all_at_once(coast: Coast) -> None:
-    dips = dips_of(*(coast(k) for k in range(4)))
-    together, singly = calibrate(dips, PRIOR), calibrate(dips, PRIOR, forget=1e-9)
-    assert fold(singly, 0.5) == pytest.approx(fold(together, 0.5), rel=0.01)
 
 
 @pytest.mark.parametrize(

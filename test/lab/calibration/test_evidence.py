@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,6 @@ from stickslip_monitor.lab.calibration.dips import (
     BIN_NS,
     TelemetryBins,
     VibrationReport,
-    core_of,
     course_of,
     cut_dips,
 )
@@ -102,9 +102,9 @@ def test_alternating_reports_leave_no_gap() -> None:
 
 def test_the_core_of_a_short_report_is_its_middle() -> None:
     report = VibrationReport('aft', 10 * BIN_NS, 30 * BIN_NS, True, 4.0, 0.9, '')
-    assert core_of(report) == (14 * BIN_NS, 26 * BIN_NS)
+    assert report.core == (14 * BIN_NS, 26 * BIN_NS)
     short = VibrationReport('aft', 10 * BIN_NS, 16 * BIN_NS, True, 4.0, 0.9, '')
-    assert core_of(short) == (13 * BIN_NS, 13 * BIN_NS)
+    assert short.core == (13 * BIN_NS, 13 * BIN_NS)
 
 
 def test_a_dip_begins_anew_after_rest_a_gap_and_fast_stretches(coast: Coast) -> None:
@@ -119,6 +119,18 @@ def test_a_dip_begins_anew_after_rest_a_gap_and_fast_stretches(coast: Coast) -> 
         (0, 50), (60, 200), (210, 300), (310, 400),
     ]  # fmt: skip
     assert [d.episode for d in dips] == [False, True, True, False]
+
+
+@pytest.mark.parametrize(('seconds', 'counts'), [(3.9, False), (4.1, True)])
+def test_a_flicker_is_no_evidence(coast: Coast, seconds: float, counts: bool) -> None:
+    course, reports = coast()
+    start = int(course.time_ns[20])
+    blip = replace(reports[1], start_ns=start, end_ns=start + round(seconds * 1e9))
+    around = [replace(reports[0], end_ns=blip.start_ns), blip]
+    around += [replace(reports[0], start_ns=blip.end_ns), *reports[1:]]
+    (dip,) = cut_dips(course, around, lambda load: np.full(load.shape, 1.0))
+    assert (blip in dip.reports) == counts
+    assert dip.flickers == (() if counts else (blip,))
 
 
 def test_bins_are_averages_and_rest_stays_rest() -> None:

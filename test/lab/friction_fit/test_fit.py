@@ -417,6 +417,34 @@ def test_warnings_name_what_is_weak() -> None:
 # --- what the uncertainty means -----------------------------------------------------------------
 
 
+def _steps(v: Array) -> Array:
+    return np.where(v < 0.1, 0.30, np.where(v < 0.2, 0.22, 0.10))
+
+
+@pytest.mark.parametrize(
+    ('shape', 'points', 'scatter', 'named'),
+    [
+        (_steps, 20, 0.005, True),
+        (lambda v: 0.30 - 0.04 * np.log(1.0 + v / 0.005), 100, 0.005, True),
+        (lambda v: 0.10 + 0.20 / (1.0 + (v / 0.1) ** 6), 40, 0.002, True),
+        (LAW.coefficient, 40, 0.002, False),
+    ],
+)
+def test_another_shape_is_named(
+    shape: Callable[[Array], Array], points: int, scatter: float, named: bool
+) -> None:
+    speed = np.linspace(0.0, 0.5, points)
+    noise = np.random.default_rng(2).standard_normal(speed.size)
+    fit = fit_stribeck(FrictionCurve.of(speed, shape(speed) + scatter * noise))
+    assert any('has another shape' in text for text in fit.warnings) == named
+
+
+def test_the_right_shape_is_hardly_ever_doubted() -> None:
+    # At the 2 % level; seven of 120 fits would be three standard errors more.
+    fits = _repeated(LAW, 'no', 120)
+    assert sum('has another shape' in text for fit in fits for text in fit.warnings) <= 7
+
+
 @pytest.mark.parametrize('law', [LAW, RISING, Stribeck(0.5, 0.02, 200.0)])
 @pytest.mark.parametrize('q', [0.4, 0.01, 1.2])
 def test_gradients_of_the_boundaries(law: Stribeck, q: float) -> None:

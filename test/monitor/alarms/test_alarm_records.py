@@ -87,6 +87,7 @@ def test_the_record(stuck: Annunciator) -> None:
         'sounding': False,
         'silenced': False,
         'latching': False,
+        'covered': False,
         'suppressed_by': [],
         'shelved_until': None,
         'since': T0 + SECOND,
