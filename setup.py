@@ -79,7 +79,7 @@ setup(
         'fleet': ['distributed>=2024.1'],
         # Signal K and NMEA 0183; with `dashboard` the page, too.
         'links': ['aiohttp>=3.9'],
-        'report': ['jinja2>=3.0', 'matplotlib>=3.5'],
+        'report': ['jinja2>=3.0', 'matplotlib>=3.6'],
         # Compiles the inner loops of the time integrator; without it they run in Python.
         'sim': ['numba>=0.57'],
         # colcon runs tests only where it finds pytest here.

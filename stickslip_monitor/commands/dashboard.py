@@ -296,7 +296,7 @@ def bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0.0) -
     highest = map_ranges(bearing)[1][1]
     loads = (0.0, max(load, _LOWEST_MAP * highest) if load else highest)
     speeds = (0.0, max(speed, map_ranges(bearing, loads=loads)[0][1]))
-    curves = boundaries(bearing, speeds, loads, alarm.caution_margin, _SPEEDS_DRAWN)
+    curves = boundaries(bearing, speeds, alarm.caution_margin, _SPEEDS_DRAWN)
     limit = alarm.amplitude_limit
     return BearingView(
         name=config.name,

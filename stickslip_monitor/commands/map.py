@@ -47,8 +47,8 @@ def run(args: argparse.Namespace) -> int:
     speeds = speed_range(args.speeds, own)
     loads = parse_range(args.loads, 'loads', lambda part: parse_load(part, 'loads'))
     if is_table:
-        speeds, loads = map_ranges(own.bearing, speeds, loads)
-        curves = boundaries(own.bearing, speeds, loads, own.alarm.caution_margin)
+        speeds, _ = map_ranges(own.bearing, speeds, loads)
+        curves = boundaries(own.bearing, speeds, own.alarm.caution_margin)
         write_csv(map_columns(own.bearing, curves), args.output, args.force)
     else:
         track = _track(args.track, config, own) if args.track else None

@@ -1,40 +1,51 @@
 # SPDX-License-Identifier: Apache-2.0
 """The curves of a bifurcation diagram: limit cycles over speed, ended exactly where they end.
 
-At one speed the averaged model has any number of cycles. Going up in speed their number changes
-only where one grows out of, or dies in, the equilibrium (Hopf) or where two meet (fold). The
-number is counted on a grid of speeds, its changes are located by bisection, and between two
-changes the k-th smallest cycle is one curve. No number of cycles or changes is assumed.
+At a load the cycles of the averaged model are the level set of its balance over speed and
+amplitude, ``2 S(a; V)/a = c/N``. The level set is contoured, cut where a branch turns back (fold)
+or begins in the equilibrium (Hopf), and brought to rounding by Newton steps. No number of
+branches is assumed. The exact cycle, of which there is one stable and one unstable, stands beside.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from itertools import combinations
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
-from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.drawing.map_curves import Range
+from stickslip_monitor.errors import DrawingError
 from stickslip_monitor.monitor.assessment import Regime, assess
 from stickslip_monitor.physics.averaging.boundaries import (
     fold_speed,
     growth_rate,
+    harmonic,
     hopf_speed,
-    stationary_amplitudes,
 )
+from stickslip_monitor.physics.cycle.cycles import exact_cycle, exact_fold_speed
 from stickslip_monitor.physics.oscillator import Bearing
 
-Cycle = tuple[float, bool]
-"""Displacement amplitude [m] and stability of one cycle."""
-
-_BISECTIONS = 40
-_ROUNDS = 6
-_NEAR_AN_END = 0.5 ** np.arange(1, 13)
-_SAME = 1e-9
 _LOW = 1e-3
+_SAME = 1e-9
+_BESIDE = (1.0 - 1e-9, 1.0, 1.0 + 1e-9)
+_BISECTIONS = 60
+_NEWTON_STEPS = 8
+_SETTLED = 1e-9
+_ROUNDS, _NARROWER = 5, 6.0
+_STEP = 1e-6
+# Amplitudes as t with a = V (1 + t |t|): -1 at rest, 0 at the sliding limit, where the balance
+# has a cusp in a and none in t. Beyond 31 V no law has a cycle: friction brakes on both ways.
+_AT_REST, _AT_LIMIT = -1.0, 0.0
+_MOST_COLUMNS = 150
+_ROWS = np.concatenate(
+    [np.linspace(_AT_REST, -0.02, 50), [_AT_LIMIT], np.geomspace(2e-4, 5.5, 60)]
+)
 
 
 class MarkKind(str, Enum):
@@ -91,9 +102,11 @@ class Diagram:
         speed: Surface speeds, rising, with every mark among them, shape (n,) [m/s].
         sliding_limit: Displacement amplitude at which ``a = V``, shape (n,) [m].
         growth_rate: Growth rate of a small disturbance of the equilibrium, shape (n,) [1/s].
-        branches: All limit cycles; stable first, larger first.
-        marks: Hopf and fold points, by speed.
+        branches: All limit cycles of the averaged model; stable first, larger first.
+        marks: Its Hopf and fold points, by speed.
         spans: The regimes, by speed.
+        exact: Amplitude of the exact stick-slip cycle, ``nan`` for none, shape (n,) [m].
+        exact_fold: Speed beyond which there is none [m/s]; ``inf`` where it never ends.
     """
 
     load: float
@@ -103,21 +116,14 @@ class Diagram:
     branches: tuple[Branch, ...]
     marks: tuple[BranchMark, ...]
     spans: tuple[Span, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class _Change:
-    """The cycles just below and just above a speed at which their number changes."""
-
-    speed: float
-    before: tuple[Cycle, ...]
-    after: tuple[Cycle, ...]
+    exact: FloatArray
+    exact_fold: float
 
 
 def bifurcation_diagram(
     bearing: Bearing, load: float, speeds: Range, points: int = 400
 ) -> Diagram:
-    """Follow every limit cycle of the averaged model over a range of speeds.
+    """Every limit cycle of the averaged model over a range of speeds, and the exact one.
 
     Args:
         bearing: The bearing.
@@ -128,22 +134,33 @@ def bifurcation_diagram(
     Returns:
         The diagram.
     """
-    coarse = _grid(bearing, speeds, points)
-    changes = _changes(bearing, load, coarse)
-    ends = np.array([change.speed for change in changes])
-    fine = _refined(coarse, ends)
-    cycles = _cycles(bearing, load, fine)
-    speed = np.union1d(fine, ends)
-    branches, marks = _Tracer(bearing, speed).trace(fine, cycles, changes)
+    grid = _grid(bearing, speeds, points)
+    columns = np.union1d(_grid(bearing, speeds, min(points, _MOST_COLUMNS)), grid[:1])
+    contour = _Contour(bearing, load, columns)
+    pieces = [piece for line in contour.lines() for piece in contour.pieces(line)]
+    marks = sorted({mark for piece in pieces for mark in piece.ends if mark}, key=_by_speed)
+    ends = [mark.speed for mark in marks]
+    exact_fold = float(exact_fold_speed(bearing, load))
+    # The exact branch is drawn up to its end.
+    last = [exact_fold * (1.0 - _SAME)] if grid[0] < exact_fold < grid[-1] else []
+    speed = np.union1d(grid, [*ends, *last])
+    branches = [contour.branch(piece, speed) for piece in pieces]
+    branches.sort(key=lambda b: (not b.stable, -float(np.nanmax(b.amplitude, initial=0.0))))
     return Diagram(
         load=load,
         speed=speed,
         sliding_limit=speed / bearing.natural_frequency,
         growth_rate=np.asarray(growth_rate(bearing, speed, load)),
-        branches=branches,
-        marks=marks,
-        spans=_spans(bearing, load, (speeds[0], *ends.tolist(), speeds[1])),
+        branches=tuple(branches),
+        marks=tuple(marks),
+        spans=_spans(bearing, load, sorted({speeds[0], *ends, speeds[1]})),
+        exact=np.asarray(exact_cycle(bearing, speed, load).amplitude),
+        exact_fold=exact_fold,
     )
+
+
+def _by_speed(mark: BranchMark) -> tuple[float, float]:
+    return mark.speed, mark.amplitude
 
 
 def _grid(bearing: Bearing, speeds: Range, points: int) -> FloatArray:
@@ -152,170 +169,196 @@ def _grid(bearing: Bearing, speeds: Range, points: int) -> FloatArray:
     grid = np.linspace(low, high, points)
     if low == 0.0:
         grid[0] = _LOW * grid[1]
-    breaks = np.array([v for v in bearing.friction.breakpoints if grid[0] < v < high])
-    return np.union1d(grid, breaks)
+    # On both sides of a break, where the balance may jump.
+    breaks = np.outer(bearing.friction.breakpoints, _BESIDE).ravel()
+    return np.union1d(grid, breaks[(breaks > grid[0]) & (breaks < high)])
 
 
-def _cycles(bearing: Bearing, load: float, speed: FloatArray) -> list[tuple[Cycle, ...]]:
-    found = stationary_amplitudes(bearing, speed, load)
-    return [
-        tuple((a, s) for a, s in zip(row, stable, strict=True) if a == a)
-        for row, stable in zip(found.amplitude.tolist(), found.stable.tolist(), strict=True)
-    ]
+@dataclass(frozen=True, slots=True)
+class _Piece:
+    """A stretch of the level set on which speed rises, and what stands at its two ends."""
+
+    speed: FloatArray
+    t: FloatArray
+    ends: tuple[BranchMark | None, BranchMark | None]
 
 
-def _pattern(cycles: Sequence[Cycle]) -> tuple[bool, ...]:
-    return tuple(stable for _, stable in cycles)
+class _Contour:
+    """The level set of the averaged balance at a load."""
 
+    def __init__(self, bearing: Bearing, load: float, grid: FloatArray) -> None:
+        self._bearing, self._load, self._grid = bearing, load, grid
+        self._known = (fold_speed(bearing, load), hopf_speed(bearing, load))
 
-def _changes(bearing: Bearing, load: float, grid: FloatArray) -> list[_Change]:
-    """Where the number of cycles changes, to rounding, by speed."""
-    cycles = _cycles(bearing, load, grid)
-    open_ = [
-        (grid[i], grid[i + 1], cycles[i], cycles[i + 1])
-        for i in range(grid.size - 1)
-        if _pattern(cycles[i]) != _pattern(cycles[i + 1])
-    ]
-    known = (fold_speed(bearing, load), hopf_speed(bearing, load)) if open_ else ()
-    found: list[_Change] = []
-    for _ in range(_ROUNDS):
-        if not open_:
-            break
-        left, right = _bisected(bearing, load, open_)
-        before, after = _cycles(bearing, load, left), _cycles(bearing, load, right)
-        found += [
-            _Change(_snapped(known, 0.5 * (a + b)), below, above)
-            for a, b, below, above in zip(left, right, before, after, strict=True)
-        ]
-        # Another change may hide between the one just found and the next point of the grid.
-        open_ = [
-            (right[k], old[1], after[k], old[3])
-            for k, old in enumerate(open_)
-            if _pattern(after[k]) != _pattern(old[3])
-        ]
-    return sorted(found, key=lambda change: change.speed)
+    def balance(self, speed: FloatArray, t: FloatArray) -> FloatArray:
+        """What a cycle gains beside what it loses, as the growth rate of its amplitude [1/s]."""
+        a = speed * (1.0 + t * np.abs(t))
+        rest = np.asarray(growth_rate(self._bearing, speed, self._load))
+        drive = 2.0 * harmonic(self._bearing.friction, speed, a) / np.where(a > 0.0, a, 1.0)
+        moving = (self._load * drive - self._bearing.damping) / (2.0 * self._bearing.mass)
+        return np.where(t > _AT_REST, moving, rest)
 
+    def lines(self) -> Sequence[FloatArray]:
+        """The lines of the level set, each of points of speed and t, shape (n, 2)."""
+        try:
+            from contourpy import contour_generator
+        except ImportError as error:
+            raise DrawingError(
+                f'branches need contourpy, which comes with matplotlib 3.6 ({error}): install the'
+                " extra 'report', e.g. pip install 'stickslip_monitor[report]'"
+            ) from error
+        z = self.balance(self._grid[None, :], _ROWS[:, None])
+        found: Any = contour_generator(self._grid, _ROWS, z).lines(0.0)
+        return list(found)
 
-def _bisected(
-    bearing: Bearing,
-    load: float,
-    intervals: Sequence[tuple[float, float, tuple[Cycle, ...], tuple[Cycle, ...]]],
-) -> tuple[FloatArray, FloatArray]:
-    """Shrink each interval onto the first speed where the cycles of its left end are no more."""
-    left = np.array([interval[0] for interval in intervals])
-    right = np.array([interval[1] for interval in intervals])
-    patterns = [_pattern(interval[2]) for interval in intervals]
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (left + right)
-        here = _cycles(bearing, load, middle)
-        same = np.array([_pattern(c) == p for c, p in zip(here, patterns, strict=True)])
-        left, right = np.where(same, middle, left), np.where(same, right, middle)
-    return left, right
+    def pieces(self, line: FloatArray) -> Iterator[_Piece]:
+        """Cut a line where its speed turns back."""
+        speed, t = line.T
+        turns = np.flatnonzero(np.diff(np.sign(np.diff(speed))) != 0) + 1
+        cuts = [0, *self._real(speed, turns), speed.size - 1]
+        for first, last in pairwise(cuts):
+            order = slice(first, last + 1)
+            one, other = self._end(speed, t, first), self._end(speed, t, last)
+            if speed[last] >= speed[first]:
+                yield _Piece(speed[order], t[order], (one, other))
+            else:
+                yield _Piece(speed[order][::-1], t[order][::-1], (other, one))
 
+    def _real(self, speed: FloatArray, turns: IndexArray) -> list[int]:
+        """The turns that are no rounding: the line goes back a good part of a step there."""
+        least = 1e-3 * float(np.max(np.diff(self._grid)))
+        kept: list[int] = []
+        for turn in turns.tolist():
+            if abs(speed[turn] - speed[kept[-1] if kept else 0]) > least:
+                kept.append(turn)
+        if kept and abs(speed[-1] - speed[kept[-1]]) <= least:
+            kept.pop()
+        return kept
 
-def _snapped(known: Sequence[float], speed: float) -> float:
-    """The package's own Hopf or fold speed where bisection has found the same to rounding."""
-    for boundary in known:
-        if abs(speed - boundary) < _SAME * speed:
-            return float(boundary)
-    return float(speed)
+    def _end(self, speed: FloatArray, t: FloatArray, place: int) -> BranchMark | None:
+        """What a piece ends in; nothing at the edge of the range of speeds."""
+        v, at = float(speed[place]), float(t[place])
+        if place in (0, speed.size - 1):
+            if at > _AT_REST:
+                return None
+            speed_ = self._bisected(v, _AT_REST)
+            return BranchMark(MarkKind.HOPF, self._snapped(speed_), 0.0)
+        # The peak of friction's work, a cusp, is at the sliding limit; elsewhere a branch bends.
+        near = t[max(0, place - 1) : place + 2]
+        if float(near.min()) <= _AT_LIMIT <= float(near.max()):
+            v, at = self._bisected(v, _AT_LIMIT), _AT_LIMIT
+        else:
+            v, at = self._vertex(speed[place - 1 : place + 2], t[place - 1 : place + 2])
+        v = self._snapped(v)
+        amplitude = v * (1.0 + at * abs(at)) / self._bearing.natural_frequency
+        return BranchMark(MarkKind.FOLD, v, amplitude)
 
+    def _bisected(self, speed: float, t: float) -> float:
+        """The speed between two of the grid at which the balance changes its sign."""
+        after = int(np.clip(np.searchsorted(self._grid, speed), 1, self._grid.size - 1))
+        low, high = float(self._grid[after - 1]), float(self._grid[after])
+        value: Callable[[float], float] = lambda v: float(  # noqa: E731
+            self.balance(np.array([v]), np.array([t]))[0]
+        )
+        begin = value(low)
+        if (begin > 0.0) == (value(high) > 0.0):
+            return speed
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if (value(middle) > 0.0) == (begin > 0.0) else (low, middle)
+        return 0.5 * (low + high)
 
-def _refined(grid: FloatArray, ends: FloatArray) -> FloatArray:
-    """The grid without points on an end, with more points close to each, where branches bend."""
-    if not ends.size:
-        return grid
-    step = float(np.max(np.diff(grid)))
-    near = np.concatenate([ends[:, None] + sign * step * _NEAR_AN_END for sign in (-1.0, 1.0)])
-    inside = near[(near > grid[0]) & (near < grid[-1])]
-    speeds = np.union1d(grid, inside)
-    distance = np.min(np.abs(speeds[:, None] - ends), axis=1)
-    return speeds[distance > _SAME * speeds]
+    def _vertex(self, speed: FloatArray, t: FloatArray) -> tuple[float, float]:
+        """The turning point near three points of the level set, by ever narrower parabolas."""
+        turn, v, width = float(t[1]), speed, float(np.ptp(t)) / 2.0
+        for _ in range(_ROUNDS):
+            around = turn + width * np.array([-1.0, 0.0, 1.0])
+            v = self._moved(np.full(3, v[1]), around)
+            curve = np.polynomial.Polynomial.fit(around, v, 2)
+            (found,) = curve.deriv().roots().real[:1]
+            turn = float(np.clip(found, around[0], around[2]))
+            width /= _NARROWER
+        return float(self._moved(v[1:2], np.array([turn]))[0]), turn
 
+    def _moved(self, speed: FloatArray, t: FloatArray) -> FloatArray:
+        """The points at the same amplitudes on the level set, by Newton steps in speed."""
+        most = float(np.max(np.diff(self._grid)))
+        for _ in range(_NEWTON_STEPS):
+            step = _STEP * speed
+            value = self.balance(speed, t)
+            slope = (self.balance(speed + step, t) - value) / step
+            with np.errstate(all='ignore'):
+                change = np.nan_to_num(value / slope, posinf=0.0, neginf=0.0)
+            speed = speed - np.clip(change, -most, most)
+        return speed
 
-def _links(before: Sequence[Cycle], after: Sequence[Cycle]) -> list[tuple[int, int]]:
-    """The cycles that go on through a change: as many as can, in order, by least difference."""
-    for count in range(min(len(before), len(after)), 0, -1):
-        fits = [
-            (sum(abs(before[i][0] - after[j][0]) for i, j in zip(a, b, strict=True)), a, b)
-            for a in combinations(range(len(before)), count)
-            for b in combinations(range(len(after)), count)
-            if all(before[i][1] == after[j][1] for i, j in zip(a, b, strict=True))
-        ]
-        if fits:
-            _, a, b = min(fits)
-            return list(zip(a, b, strict=True))
-    return []
+    def _snapped(self, speed: float) -> float:
+        """The package's own Hopf or fold speed where the contour has found the same."""
+        step = float(np.max(np.diff(self._grid)))
+        for boundary in self._known:
+            if abs(speed - boundary) < 1e-2 * step:
+                return float(boundary)
+        return speed
 
+    def branch(self, piece: _Piece, speeds: FloatArray) -> Branch:
+        """A piece at each speed that it covers, by Newton steps from the contour."""
+        own_speed, own_t = piece.speed.copy(), piece.t.copy()
+        for place, mark in zip((0, -1), piece.ends, strict=True):
+            if mark:
+                own_speed[place], own_t[place] = mark.speed, self._t_of(mark)
+        covered = (speeds >= own_speed[0]) & (speeds <= own_speed[-1])
+        v = speeds[covered]
+        t = self._polished(v, np.interp(v, own_speed, own_t))
+        amplitude = np.full(speeds.shape, np.nan)
+        amplitude[covered] = v * (1.0 + t * np.abs(t)) / self._bearing.natural_frequency
+        for mark in piece.ends:
+            if mark:
+                amplitude[np.searchsorted(speeds, mark.speed)] = mark.amplitude
+        return Branch(self._is_stable(v, t), amplitude)
 
-class _Tracer:
-    """Carries the open branches from change to change."""
+    def _t_of(self, mark: BranchMark) -> float:
+        beyond = mark.amplitude * self._bearing.natural_frequency / mark.speed - 1.0
+        return math.copysign(math.sqrt(abs(beyond)), beyond)
 
-    def __init__(self, bearing: Bearing, speed: FloatArray) -> None:
-        self.bearing, self.speed = bearing, speed
-        self.curves: list[tuple[bool, FloatArray]] = []
-        self.marks: list[BranchMark] = []
+    def _polished(self, speed: FloatArray, t: FloatArray) -> FloatArray:
+        """Newton steps in t, none across the cusp."""
+        low = np.where(t < _AT_LIMIT, _AT_REST, _AT_LIMIT)
+        high = np.where(t < _AT_LIMIT, _AT_LIMIT, _ROWS[-1])
+        for _ in range(_NEWTON_STEPS):
+            value = self.balance(speed, t)
+            step = np.where(t < _AT_LIMIT, -_STEP, _STEP)
+            slope = (self.balance(speed, t + step) - value) / step
+            with np.errstate(all='ignore'):
+                better = np.clip(t - value / slope, low, high)
+            better = np.where(np.isfinite(better) & (np.abs(better - t) < 0.1), better, t)
+            better = np.where(np.abs(self.balance(speed, better)) < np.abs(value), better, t)
+            if np.array_equal(better, t):
+                break
+            t = better
+        scale = self._bearing.damping / self._bearing.mass or 1.0
+        for k in np.flatnonzero(np.abs(self.balance(speed, t)) > _SETTLED * scale):
+            t[k] = self._between_rows(speed[k], t[k])
+        return t
 
-    def trace(
-        self,
-        fine: FloatArray,
-        cycles: Sequence[tuple[Cycle, ...]],
-        changes: Sequence[_Change],
-    ) -> tuple[tuple[Branch, ...], tuple[BranchMark, ...]]:
-        """Walk up in speed; return branches and marks."""
-        panel = np.searchsorted([change.speed for change in changes], fine)
-        first = changes[0].before if changes else cycles[0]
-        active = [self._begin(stable) for _, stable in first]
-        for k in range(len(changes) + 1):
-            for i in np.flatnonzero(panel == k).tolist():
-                self._follow(active, fine[i], cycles[i])
-            if k < len(changes):
-                active = self._pass(active, changes[k])
-        branches = [Branch(stable, amplitude) for stable, amplitude in self.curves]
-        branches.sort(key=lambda b: (not b.stable, -float(np.nanmax(b.amplitude, initial=0.0))))
-        return tuple(branches), tuple(self.marks)
+    def _between_rows(self, speed: float, t: float) -> float:
+        """The zero of the balance at a speed that is nearest to a guess, by bisection."""
+        above = self.balance(np.full(_ROWS.shape, speed), _ROWS) > 0.0
+        changes = np.flatnonzero(above[1:] != above[:-1])
+        if not changes.size:
+            return t
+        row = int(changes[np.argmin(np.abs(_ROWS[changes] - t))])
+        low, high = float(_ROWS[row]), float(_ROWS[row + 1])
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            is_above = self.balance(np.array([speed]), np.array([middle]))[0] > 0.0
+            low, high = (middle, high) if is_above == above[row] else (low, middle)
+        return low
 
-    def _begin(self, stable: bool) -> int:
-        self.curves.append((stable, np.full(self.speed.shape, np.nan)))
-        return len(self.curves) - 1
-
-    def _set(self, curve: int, speed: float, amplitude: float) -> None:
-        self.curves[curve][1][np.searchsorted(self.speed, speed)] = amplitude
-
-    def _follow(self, active: Sequence[int], speed: float, cycles: Sequence[Cycle]) -> None:
-        if _pattern(cycles) == tuple(self.curves[curve][0] for curve in active):
-            for curve, (amplitude, _) in zip(active, cycles, strict=True):
-                self._set(curve, speed, amplitude)
-
-    def _pass(self, active: list[int], change: _Change) -> list[int]:
-        links = dict(_links(change.before, change.after))
-        ending = [i for i in range(len(change.before)) if i not in links]
-        starting = [j for j in range(len(change.after)) if j not in links.values()]
-        following = {j: active[i] for i, j in links.items()}
-        following |= {j: self._begin(change.after[j][1]) for j in starting}
-        for i, j in links.items():
-            middle = 0.5 * (change.before[i][0] + change.after[j][0])
-            self._set(active[i], change.speed, middle)
-        self._end([(active[i], i, change.before[i][0]) for i in ending], change.speed)
-        self._end([(following[j], j, change.after[j][0]) for j in starting], change.speed)
-        return [following[j] for j in range(len(change.after))]
-
-    def _end(self, ends: list[tuple[int, int, float]], speed: float) -> None:
-        """End (or begin) curves: the smallest in the equilibrium, the others two by two."""
-        if len(ends) % 2 == 1:
-            curve, place, amplitude = ends.pop(0)
-            self._set(curve, speed, 0.0 if place == 0 else amplitude)
-            if place == 0:
-                self.marks.append(BranchMark(MarkKind.HOPF, speed, 0.0))
-        for (one, _, low), (other, _, high) in zip(ends[::2], ends[1::2], strict=True):
-            amplitude = self._meeting(speed, 0.5 * (low + high))
-            self._set(one, speed, amplitude)
-            self._set(other, speed, amplitude)
-            self.marks.append(BranchMark(MarkKind.FOLD, speed, amplitude))
-
-    def _meeting(self, speed: float, amplitude: float) -> float:
-        limit = speed / self.bearing.natural_frequency
-        return limit if abs(amplitude - limit) < 1e-5 * limit else amplitude
+    def _is_stable(self, speed: FloatArray, t: FloatArray) -> bool:
+        """Whether more amplitude loses more, in the middle of a branch."""
+        middle = slice(speed.size // 2, speed.size // 2 + 1)
+        v, at, step = speed[middle], t[middle], 1e-3 * np.abs(t[middle]) + 1e-7
+        return bool(np.all(self.balance(v, at + step) < self.balance(v, at - step)))
 
 
 def _spans(bearing: Bearing, load: float, edges: Sequence[float]) -> tuple[Span, ...]:
@@ -348,4 +391,5 @@ def diagram_columns(bearing: Bearing, diagram: Diagram) -> dict[str, Sequence[ob
             columns[heading] = branch.amplitude.tolist()
         if not own:
             columns[f'{name} [m]'] = [float('nan')] * diagram.speed.size
+    columns['exact_amplitude [m]'] = diagram.exact.tolist()
     return columns

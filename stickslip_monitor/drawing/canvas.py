@@ -27,11 +27,14 @@ from stickslip_monitor.errors import DrawingError
 from stickslip_monitor.files import PICTURES, write_whole
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 SOFTWARE = 'stickslip_monitor'
 WIDTH, HEIGHT = 9.0, 5.6
 _DPI = 200
+# A stretch in which a word has room [pixels].
+_NARROWEST = 75.0
 _STYLE = {
     'font.family': 'sans-serif',
     'font.sans-serif': ['DejaVu Sans'],
@@ -84,6 +87,18 @@ def new_figure(width: float = WIDTH, height: float = HEIGHT) -> Figure:
     figure = Figure(figsize=(width, height), dpi=100)
     FigureCanvasAgg(figure)
     return figure
+
+
+def span_words(axes: Axes, spans: Iterable[tuple[float, float, str]]) -> None:
+    """Name stretches of the x axis along the upper edge, where they are wide enough."""
+    top = axes.get_ylim()[1]
+    for low, high, text in spans:
+        left, right = axes.transData.transform([(low, 0.0), (high, 0.0)])[:, 0]
+        if right - left > _NARROWEST:
+            axes.annotate(
+                text, (0.5 * (low + high), top), (0.0, -6.0), textcoords='offset points',
+                ha='center', va='top', style='italic', zorder=12,
+            )  # fmt: skip
 
 
 def save_figure(figure: Figure, path: str | Path, force: bool = False) -> None:
@@ -145,9 +160,6 @@ def _writing(path: str | Path) -> Iterator[None]:
     except OSError as error:
         raise DrawingError(f'{path}: {error.strerror or error}') from error
 
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _IDS = re.compile(r'(\bid="|href="#|url\(#)')
 _COLOUR = re.compile('|'.join(ON_DARK))
@@ -213,9 +225,6 @@ def variable(colour: str) -> str:
     """The name of the variable that holds a colour of the palette."""
     return f'--c{colour[1:]}'
 
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _SHEET_DPI = 150
 _LINE = 0.22

@@ -21,7 +21,7 @@ from stickslip_monitor.drawing.palette import (
     REGIME_COLOUR,
 )
 from stickslip_monitor.drawing.track import envelope
-from stickslip_monitor.monitor.assessment import Regime
+from stickslip_monitor.monitor.assessment import Regime, at_indices
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Condition
@@ -36,7 +36,7 @@ _SIZE = (9.0, 9.0)
 _RATIOS = (3.0, 1.5, 2.4, 2.4, 1.1)
 _TRUTH = '#333333'
 _SHADE = '#ececec'
-_MOST_POINTS = 6000
+_MOST_POINTS = 3000
 _MOST_MARGIN = 100.0
 # Longest time for which an axis is in seconds, minutes, and hours beyond.
 _UNITS = ((900.0, 1.0, 's'), (9000.0, 60.0, 'min'), (np.inf, 3600.0, 'h'))
@@ -195,9 +195,12 @@ def _clipped(margin: FloatArray) -> FloatArray:
 
 def _amplitude(axes: Axes, clock: _Clock, scan: Scan, lining: LiningTruth) -> None:
     point = scan.assessment
-    predicted = np.where(scan.sticking, np.nan_to_num(point.amplitude), 0.0) * 1e3
+    averaged = np.where(scan.sticking, np.nan_to_num(point.amplitude), 0.0)
+    kept = envelope(_MOST_POINTS, averaged)
+    exact = np.nan_to_num(at_indices(point, kept).amplitude_exact) * 1e3
     axes.plot(
-        *_series(clock, scan, predicted),
+        clock.at(scan.time_ns[kept]),
+        np.where(scan.sticking[kept], exact, 0.0),
         color=REGIME_COLOUR[Regime.UNSTABLE],
         lw=1.5,
         label='predicted',

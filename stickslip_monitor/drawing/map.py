@@ -3,13 +3,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.drawing.canvas import HEIGHT, WIDTH, new_figure, style
-from stickslip_monitor.drawing.labels import Labeller
 from stickslip_monitor.drawing.map_curves import (
     Boundaries,
     Range,
@@ -29,20 +27,27 @@ from stickslip_monitor.drawing.palette import (
 from stickslip_monitor.drawing.track import Track, draw_track, legend_height
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.physics.averaging.boundaries import fold_speed
 from stickslip_monitor.physics.belief import QUANTILES, Belief
+from stickslip_monitor.physics.cycle.cycles import exact_cycle, exact_fold_speed
 from stickslip_monitor.physics.oscillator import Bearing
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
-_CELLS = (110, 160)
-_KILO_FROM = 5000.0
 _BEYOND = 2.0
 _BAND_LOADS = 120
+# Where exact cycles and folds are worked out.
+_EXACT_GRID, _EXACT_LOADS = (48, 32), 32
+_FOLDS_APART = 0.005
+_NARROW = 5.0
+# The legend below the map [inch].
+_LEGEND_COLUMN, _LEGEND_ROW, _MOST_NAMES = 1.25, 0.2, 7
 # Room around the axes [inch], whatever the size of the figure.
-_MARGIN_LEFT, _MARGINS_BESIDE, _MARGIN_BELOW, _MARGIN_ABOVE = 0.855, 1.08, 0.7, 0.196
+_MARGIN_LEFT, _MARGINS_BESIDE, _MARGIN_BELOW, _MARGIN_ABOVE = 0.855, 1.08, 0.64, 0.24
 
 
 def map_ranges(
@@ -90,75 +95,111 @@ def draw_map(
     with style():
         bearing, margin = bearing_config.bearing, bearing_config.alarm.caution_margin
         speeds, loads = map_ranges(bearing, speeds, loads, track)
-        curves = boundaries(bearing, speeds, loads, margin)
+        curves = boundaries(bearing, speeds, margin)
         figure = new_figure(*size)
+        columns = max(2, int(size[0] / _LEGEND_COLUMN))
         above = legend_height(track, size[0]) if track is not None else 0.0
-        axes = figure.add_axes(_frame(size, above))
-        x_unit = bearing.speed.factor('rpm')
-        y_unit = 1000.0 if loads[1] >= _KILO_FROM else 1.0
+        axes = figure.add_axes(_frame(size, above, -(-_MOST_NAMES // columns)))
+        x_unit, y_unit = bearing.speed.factor('rpm'), 1000.0
         axes.set_xlim(speeds[0] / x_unit, speeds[1] / x_unit)
         axes.set_ylim(loads[0] / y_unit, loads[1] / y_unit)
         axes.set_xlabel('shaft speed [rpm]')
-        axes.set_ylabel(f'bearing load [{"kN" if y_unit > 1.0 else "N"}]')
-        labels = Labeller(axes)
-        _regions(axes, curves, loads, x_unit, y_unit)
+        axes.set_ylabel('bearing load [kN]')
+        handles = _regions(axes, curves, loads, x_unit, y_unit)
         if bearing_config.belief is not None:
             _bands(axes, bearing_config.belief, loads, x_unit, y_unit)
-        _lines(axes, labels, curves, x_unit, y_unit)
+        handles += _lines(axes, curves, x_unit, y_unit)
+        handles += _exact_fold(axes, bearing, loads, x_unit, y_unit)
+        _amplitudes(axes, bearing, speeds, loads, 5 if size[0] > _NARROW else 3)
         if track is not None:
-            draw_track(axes, labels, track, x_unit, y_unit, size[0])
-        _line_names(labels, curves, margin, x_unit, y_unit)
-        _region_names(labels, curves, speeds, loads)
-        figure.text(
-            0.975, 0.012, f'{bearing_config.name}, averaged model (KBM)',
-            ha='right', va='bottom', size=9.0, color=MUTED,
+            draw_track(axes, track, x_unit, y_unit, size[0])
+        if not np.isfinite([curves.fold_load, curves.hopf_load]).any():
+            axes.text(
+                0.5, 0.5, 'no stick-slip in this range', transform=axes.transAxes, ha='center'
+            )
+        figure.legend(
+            handles=handles, loc='lower left', bbox_to_anchor=(_MARGIN_LEFT / size[0] - 0.01, 0.0),
+            ncols=columns, frameon=False, fontsize=9.5, handlelength=1.8, columnspacing=1.2,
+            handletextpad=0.5, labelspacing=0.3,
         )  # fmt: skip
+        figure.text(0.985, 0.995, bearing_config.name, ha='right', va='top', size=9.0, color=MUTED)
         return figure
 
 
-def _frame(size: tuple[float, float], above: float) -> tuple[float, float, float, float]:
+def _frame(
+    size: tuple[float, float], above: float, rows: int
+) -> tuple[float, float, float, float]:
     """Where the axes stand: left, bottom, width and height as parts of the figure."""
     width, height = size
-    bottom = _MARGIN_BELOW / height
+    bottom = (_MARGIN_BELOW + _LEGEND_ROW * rows) / height
     top = 1.0 - max(_MARGIN_ABOVE, above) / height
     return _MARGIN_LEFT / width, bottom, 1.0 - _MARGINS_BESIDE / width, top - bottom
 
 
-def _regions(axes: Axes, curves: Boundaries, loads: Range, x_unit: float, y_unit: float) -> None:
-    """Fill the regions, each over the one below it."""
+def _regions(
+    axes: Axes, curves: Boundaries, loads: Range, x_unit: float, y_unit: float
+) -> list[Artist]:
+    """Fill the regions, each over the one below it; what names them in the legend."""
     axes.set_facecolor(REGIME_FILL[Regime.STABLE])
     x, ceiling = curves.speed / x_unit, _BEYOND * loads[1]
-    for load, colour in (
-        (curves.caution_load, CAUTION_FILL),
-        (curves.fold_load, REGIME_FILL[Regime.BISTABLE]),
-        (curves.hopf_load, REGIME_FILL[Regime.UNSTABLE]),
+    named: list[Artist] = [_patch(REGIME_FILL[Regime.STABLE], 'stable')]
+    for load, colour, name in (
+        (curves.caution_load, CAUTION_FILL, 'margin low'),
+        (curves.fold_load, REGIME_FILL[Regime.BISTABLE], 'bistable'),
+        (curves.hopf_load, REGIME_FILL[Regime.UNSTABLE], 'unstable'),
     ):
         bottom = np.minimum(np.nan_to_num(load, nan=ceiling), ceiling) / y_unit
         axes.fill_between(x, bottom, ceiling / y_unit, color=colour, lw=0.0, zorder=1)
+        named.append(_patch(colour, name))
+    return named
 
 
-def _named(
-    curves: Boundaries, margin: float
-) -> tuple[tuple[str, FloatArray, dict[str, Any]], ...]:
-    return (
-        ('Hopf', curves.hopf_load, {'color': HOPF, 'lw': 2.0, 'ls': '-'}),
-        ('fold', curves.fold_load, {'color': FOLD, 'lw': 2.0, 'ls': DASHES}),
-        (
-            f'margin low: fold margin below {margin:.4g}',
-            curves.caution_load,
-            {'color': MUTED, 'lw': 1.0, 'ls': ':'},
-        ),
-    )
+def _patch(colour: str, name: str) -> Artist:
+    from matplotlib.patches import Patch
+
+    return Patch(fc=colour, ec=MUTED, lw=0.5, label=name)
 
 
-def _lines(axes: Axes, labels: Labeller, curves: Boundaries, x_unit: float, y_unit: float) -> None:
+def _lines(axes: Axes, curves: Boundaries, x_unit: float, y_unit: float) -> list[Artist]:
     x = curves.speed / x_unit
-    for load in curves.amplitude_load:
-        axes.plot(x, load / y_unit, color=MUTED, lw=0.9, zorder=2)
-        labels.avoid(x, load / y_unit)
-    for _, load, look in _named(curves, 0.0):
-        axes.plot(x, load / y_unit, zorder=3, **look)
-        labels.avoid(x, load / y_unit)
+    axes.plot(x, curves.caution_load / y_unit, color=MUTED, lw=1.0, ls=':', zorder=3)
+    return [
+        axes.plot(x, load / y_unit, color=colour, lw=2.0, ls=dashes, zorder=3, label=name)[0]
+        for name, load, colour, dashes in (
+            ('Hopf', curves.hopf_load, HOPF, '-'),
+            ('fold', curves.fold_load, FOLD, DASHES),
+        )
+    ]
+
+
+def _exact_fold(
+    axes: Axes, bearing: Bearing, loads: Range, x_unit: float, y_unit: float
+) -> list[Artist]:
+    """The fold of the exact model, where it is another line than that of averaging."""
+    load = np.linspace(loads[0], loads[1], _EXACT_LOADS + 1)[1:]
+    exact = np.asarray(exact_fold_speed(bearing, load))
+    averaged = np.asarray(fold_speed(bearing, load))
+    if not np.any(np.abs(exact - averaged) > _FOLDS_APART * exact):
+        return []
+    axes.plot(
+        exact / x_unit, load / y_unit, color=FOLD, lw=1.4, ls='-.', zorder=3, label='fold, exact'
+    )
+    return [axes.lines[-1]]
+
+
+def _amplitudes(axes: Axes, bearing: Bearing, speeds: Range, loads: Range, levels: int) -> None:
+    """Lines of one amplitude of the exact stick-slip cycle, labelled in mm."""
+    columns, rows = _EXACT_GRID
+    speed = np.linspace(speeds[0], speeds[1], columns + 1)[1:]
+    load = np.linspace(loads[0], loads[1], rows + 1)[1:]
+    exact = exact_cycle(bearing, speed[None, :], load[:, None]).amplitude * 1e3
+    if not np.isfinite(exact).any():
+        return
+    lines = axes.contour(
+        speed / bearing.speed.factor('rpm'), load / 1e3, np.ma.masked_invalid(exact), levels,
+        colors=MUTED, linewidths=0.9, zorder=2,
+    )  # fmt: skip
+    axes.clabel(lines, fmt='%g mm', fontsize=9.0)
 
 
 def _bands(axes: Axes, belief: Belief, loads: Range, x_unit: float, y_unit: float) -> None:
@@ -172,36 +213,3 @@ def _bands(axes: Axes, belief: Belief, loads: Range, x_unit: float, y_unit: floa
         axes.fill_betweenx(
             load / y_unit, low, high, color=REGIME_COLOUR[regime], alpha=0.35, lw=0.0, zorder=2
         )
-
-
-def _line_names(
-    labels: Labeller, curves: Boundaries, margin: float, x_unit: float, y_unit: float
-) -> None:
-    x = curves.speed / x_unit
-    for name, load, _ in _named(curves, margin):
-        size = 9.5 if name.startswith('margin') else 11.0
-        labels.along(name, x, load / y_unit, size=size, zorder=13)
-    for amplitude, load in zip(curves.amplitude, curves.amplitude_load, strict=True):
-        text = f'{amplitude * 1e3:.6g} mm'
-        labels.along(text, x, load / y_unit, 2.0, size=9.0, color=MUTED, zorder=13)
-
-
-def _region_names(labels: Labeller, curves: Boundaries, speeds: Range, loads: Range) -> None:
-    """Name each region in a wide part of it."""
-    rows, columns = _CELLS
-    speed = speeds[0] + (np.arange(columns) + 0.5) / columns * (speeds[1] - speeds[0])
-    load = (loads[0] + (np.arange(rows) + 0.5) / rows * (loads[1] - loads[0]))[:, None]
-    fold, hopf = (
-        np.interp(speed, curves.speed, np.minimum(np.nan_to_num(line, nan=1e300), 1e300))
-        for line in (curves.fold_load, curves.hopf_load)
-    )
-    regions = {
-        Regime.UNSTABLE: load > hopf,
-        Regime.BISTABLE: (load > fold) & (load <= hopf),
-        Regime.STABLE: (load <= fold) & (load <= hopf),
-    }
-    for regime, inside in regions.items():
-        if inside.any():
-            labels.area(regime.value, inside, style='italic', size=12.0, zorder=13)
-    if not (regions[Regime.UNSTABLE] | regions[Regime.BISTABLE]).any():
-        labels.area('no stick-slip in this range', inside, zorder=13)

@@ -14,17 +14,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.physics.averaging.boundaries import (
     fold_load,
     fold_speed,
-    harmonic,
     hopf_load,
     hopf_speed,
 )
+from stickslip_monitor.physics.cycle.cycles import exact_fold_speed
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
 
@@ -49,8 +47,9 @@ def law_speed(bearing: Bearing) -> float:
 
 def _boundary_speed(bearing: Bearing, load: float) -> float:
     """The highest finite boundary at a load [m/s]; the law's own speed without one."""
-    both = (fold_speed(bearing, load), hopf_speed(bearing, load))
-    return max((v for v in both if math.isfinite(v) and v > 0.0), default=law_speed(bearing))
+    exact = float(exact_fold_speed(bearing, load))
+    every = (fold_speed(bearing, load), hopf_speed(bearing, load), exact)
+    return max((v for v in every if math.isfinite(v) and v > 0.0), default=law_speed(bearing))
 
 
 def diagram_speeds(bearing: Bearing, load: float) -> Range:
@@ -81,10 +80,6 @@ def map_speeds(bearing: Bearing, top_load: float, highest: float = 0.0) -> Range
 
 _BESIDE = (1.0 - 1e-9, 1.0, 1.0 + 1e-9)
 _FAR = np.geomspace(1.0, 30.0, 60)[1:]
-_LARGER = 1.0 + np.geomspace(1e-3, 30.0, 24)
-_BELOW_LIMIT = 1.0 - np.concatenate([[0.0], np.geomspace(1e-5, 0.5, 36)])
-_LEVELS = 5
-_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,39 +92,29 @@ class Boundaries:
         hopf_load: Load above which the equilibrium is unstable, ``nan`` for none, shape (n,) [N].
         caution_load: Load above which the fold margin is below the caution margin, ``nan`` for
             none, shape (n,) [N].
-        amplitude: Displacement amplitudes of the iso-lines, shape (m,) [m].
-        amplitude_load: Load at which the predicted amplitude has that value, ``nan`` where none
-            does, shape (m, n) [N].
     """
 
     speed: FloatArray
     fold_load: FloatArray
     hopf_load: FloatArray
     caution_load: FloatArray
-    amplitude: FloatArray
-    amplitude_load: FloatArray
 
 
 def boundaries(
-    bearing: Bearing, speeds: Range, loads: Range, caution_margin: float, points: int = 400
+    bearing: Bearing, speeds: Range, caution_margin: float, points: int = 400
 ) -> Boundaries:
     """Compute the curves of a stability map.
 
     Args:
         bearing: The bearing.
         speeds: Lowest and highest surface speed, 0 <= low < high [m/s].
-        loads: Lowest and highest load, 0 <= low < high [N]; the iso-lines are chosen for them.
         caution_margin: Fold margin below which the alarm says caution [-].
         points: Number of evenly spaced speeds; the curves' own corners come on top.
 
     Returns:
         The curves.
     """
-    amplitude = amplitude_levels(bearing, speeds, loads)
     corners = np.outer(bearing.friction.breakpoints, _BESIDE).ravel()
-    # A cycle's amplitude hardly changes with load: its iso-line is steep, just below a = V.
-    steep = np.outer(amplitude * bearing.natural_frequency, _BELOW_LIMIT).ravel()
-    corners = np.concatenate([corners, steep])
     inside = corners[(corners > speeds[0]) & (corners < speeds[1])]
     speed = np.union1d(np.linspace(*speeds, points), inside)
     return Boundaries(
@@ -137,8 +122,6 @@ def boundaries(
         fold_load=np.asarray(fold_load(bearing, speed)),
         hopf_load=np.asarray(hopf_load(bearing, speed)),
         caution_load=caution_load(bearing, speed, caution_margin),
-        amplitude=amplitude,
-        amplitude_load=amplitude_load(bearing, speed, amplitude[:, None]),
     )
 
 
@@ -161,53 +144,12 @@ def caution_load(bearing: Bearing, speed: FloatArray, margin: float) -> FloatArr
     return np.where(np.isfinite(least), least, np.nan)
 
 
-def amplitude_load(bearing: Bearing, speed: ArrayLike, amplitude: ArrayLike) -> FloatArray:
-    """Load [N] at which the predicted stick-slip amplitude at a speed has a given value.
-
-    Args:
-        bearing: The bearing.
-        speed: Surface speed [m/s].
-        amplitude: Displacement amplitude > 0 [m]; broadcasts with ``speed``.
-
-    Returns:
-        The load, shape of the broadcast inputs; ``nan`` where no load has that amplitude as its
-        largest stable one, i.e. where a larger cycle exists at the same or at a lower load.
-    """
-    velocity = np.asarray(amplitude, dtype=float) * bearing.natural_frequency
-    a, v = np.broadcast_arrays(velocity, np.asarray(speed, dtype=float))
-    slope = 2.0 * harmonic(bearing.friction, v, a) / a
-    # The slope has its peak, a cusp, at the sliding limit: larger cycles hide there first.
-    limit = np.maximum(v, a * _LARGER[0])[..., None]
-    wide = np.concatenate([a[..., None] * _LARGER, limit], axis=-1)
-    beyond = 2.0 * harmonic(bearing.friction, v[..., None], wide) / wide
-    largest = (slope > 0.0) & np.all(beyond < slope[..., None], axis=-1)
-    load: FloatArray = np.where(largest, bearing.damping / np.where(largest, slope, 1.0), np.nan)
-    return load
-
-
-def amplitude_levels(bearing: Bearing, speeds: Range, loads: Range) -> FloatArray:
-    """A few round amplitudes [m] below the largest predicted in the range; empty without any."""
-    if bearing.damping == 0.0:
-        return np.empty(0)
-    predicted = assess(bearing, np.linspace(*speeds, 60)[1:], loads[1]).amplitude
-    largest = float(np.fmax.reduce(predicted, initial=0.0))
-    if largest == 0.0:
-        return np.empty(0)
-    decade = 10.0 ** math.floor(math.log10(largest / _LEVELS))
-    step = next(s * decade for s in _STEPS if s * decade * (_LEVELS + 1) >= largest)
-    levels: FloatArray = np.arange(1.0, math.ceil(largest / step)) * step
-    return levels
-
-
 def map_columns(bearing: Bearing, curves: Boundaries) -> dict[str, Sequence[object]]:
     """The curves as the columns of a table, by heading, SI units but for the shaft speed."""
-    columns = {
+    return {
         'shaft_speed [rpm]': bearing.speed.from_surface(curves.speed, 'rpm').tolist(),
         'surface_speed [m/s]': curves.speed.tolist(),
         'fold_load [N]': curves.fold_load.tolist(),
         'hopf_load [N]': curves.hopf_load.tolist(),
         'caution_load [N]': curves.caution_load.tolist(),
     }
-    for amplitude, load in zip(curves.amplitude, curves.amplitude_load, strict=True):
-        columns[f'load_at_{amplitude * 1e3:.6g}_mm [N]'] = load.tolist()
-    return columns

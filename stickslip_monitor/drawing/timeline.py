@@ -42,7 +42,6 @@ _SPELLS_PER_INCH = 30
 _MOST_LINES = 80
 _MOST_NUMBERED = 60
 _NUMBER_ROWS = 3
-_KILO_FROM = 5000.0
 _HIGHEST_MARGIN = 1.5
 _LOWEST_TOP = 0.3
 _PIXELS_PER_LETTER = 7.0
@@ -133,8 +132,6 @@ class _Lines:
             'fold_margin': _finite(point.fold_margin),
             'fold_low': _finite(point.fold_margin_low),
             'fold_high': _finite(point.fold_margin_high),
-            'possible': point.amplitude * 1e3,
-            'predicted': np.where(scan.sticking, point.amplitude * 1e3, 0.0),
         }
 
     def at(self, time_ns: object) -> FloatArray:
@@ -144,17 +141,17 @@ class _Lines:
             return np.asarray(since / 86_400e9, dtype=float)
         return np.asarray((since - self.start_ns) * 1e-9, dtype=float)
 
-    def exact(self) -> tuple[FloatArray, FloatArray]:
-        """Time and exact amplitude [mm] where stick-slip is predicted, at the points drawn."""
+    def amplitudes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Time, and the exact amplitude [mm]: if a cycle ran, and 0 where none is predicted."""
         scan = self.timeline.scan
         rows = np.insert(np.arange(scan.time_ns.size), self._breaks, -1)
-        predicted = np.insert(self.columns['predicted'], self._breaks, np.nan)
-        kept = envelope(self._most, predicted)
-        # Only at the points drawn: a look-up takes a microsecond, and a recording has millions.
-        points = at_indices(scan.assessment, rows[kept])
-        return self._time[kept], np.where(
-            predicted[kept] > 0.0, points.amplitude_exact * 1e3, np.nan
-        )
+        averaged = np.insert(scan.assessment.amplitude, self._breaks, np.nan)
+        sticking = np.insert(scan.sticking, self._breaks, False)
+        kept = envelope(self._most, averaged, np.where(sticking, averaged, 0.0))
+        # Only at the points drawn: an exact cycle costs some microseconds.
+        exact = at_indices(scan.assessment, rows[kept]).amplitude_exact * 1e3
+        possible = np.where(rows[kept] < 0, np.nan, exact)
+        return self._time[kept], possible, np.where(sticking[kept], possible, 0.0)
 
     def band(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Time, and what 5 and 95 % of the belief have the fold margin below."""
@@ -218,9 +215,8 @@ def _boundary_names(axes: Axes, lines: _Lines) -> None:
 
 def _load(axes: Axes, lines: _Lines) -> None:
     time, load = lines.line('load')
-    heavy = float(np.nanmax(np.abs(load), initial=0.0)) >= _KILO_FROM
-    axes.plot(time, load / (1000.0 if heavy else 1.0), color=INK, lw=1.2)
-    axes.set_ylabel('load [kN]' if heavy else 'load [N]')
+    axes.plot(time, load / 1e3, color=INK, lw=1.2)
+    axes.set_ylabel('load [kN]')
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, 0.0), max(high, 0.0) * 1.05 or 1.0)
 
@@ -256,15 +252,12 @@ def _margins(axes: Axes, lines: _Lines) -> None:
 
 def _amplitude(axes: Axes, lines: _Lines) -> None:
     colour = REGIME_COLOUR[Regime.UNSTABLE]
-    time, possible = lines.line('possible')
+    time, possible, predicted = lines.amplitudes()
     axes.plot(time, possible, color=MUTED, lw=1.0, ls=(0, (1.5, 1.5)), label='if it ran', zorder=3)
-    time, predicted = lines.line('predicted')
     axes.fill_between(time, 0.0, predicted, color=REGIME_FILL[Regime.UNSTABLE], lw=0.0, zorder=1)
     axes.plot(time, predicted, color=colour, lw=1.4, label='predicted', zorder=4)
-    when, exact = lines.exact()
-    axes.plot(when, exact, color=INK, lw=0.9, label='exact', zorder=5)
     limit = lines.timeline.config.alarm.amplitude_limit * 1e3
-    greatest = max(float(np.nanmax(line, initial=0.0)) for line in (possible, predicted, exact))
+    greatest = max(float(np.nanmax(line, initial=0.0)) for line in (possible, predicted))
     if np.isfinite(limit) and limit < 3.0 * greatest:
         axes.axhline(limit, color=INK, lw=1.0, ls=(0, (4.5, 2.2)), label='limit', zorder=3)
         greatest = max(greatest, limit)

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.drawing.canvas import WIDTH
@@ -19,6 +18,9 @@ from stickslip_monitor.drawing.labels import Labeller, around
 from stickslip_monitor.drawing.palette import CONDITION_COLOUR, CONDITION_NAMES, INK, MUTED, PAPER
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.offline.outline import Verdicts
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 def envelope(most: int, *columns: Any) -> IndexArray:
@@ -63,11 +65,9 @@ def _extremes(column: FloatArray, length: int) -> list[IndexArray]:
     ]
 
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-
 _ARROWS = 5
+# To both sides of an arrow head [pixels].
+_ARROW_REACH = 9.0
 _STRIDE_FRACTION = 0.015
 _STOPS = 150
 # Colour and width of the course from its beginning to its end: a way back lies on the way out.
@@ -89,9 +89,16 @@ _MARKER = {
 
 @dataclass(frozen=True, slots=True)
 class TrackEvent:
-    """A change of the alarm: its time, on the track's clock [s], and the condition from then."""
+    """A change of the alarm: the operating point that it was told at, and the condition from then.
 
-    time: float
+    Attributes:
+        speed: Surface speed [m/s]; ``nan`` where there was no operating point yet.
+        load: Load [N].
+        condition: The condition from then on.
+    """
+
+    speed: float
+    load: float
     condition: Condition
 
 
@@ -123,7 +130,11 @@ def track_of_scan(scan: Verdicts) -> Track:
         np.asarray(scan.assessment.load, dtype=float),
     ]
     time, speed, load = (np.insert(column, lost, np.nan) for column in columns)
-    events = [TrackEvent((e.time_ns - start) * 1e-9, e.after) for e in scan.events]
+    events = [
+        TrackEvent(float(e.assessment.speed), float(e.assessment.load), e.after)
+        for e in scan.events
+        if e.assessment is not None
+    ]
     return Track(time, speed, load, events)
 
 
@@ -151,13 +162,12 @@ def _columns(width: float) -> int:
 
 
 def draw_track(
-    axes: Axes, labels: Labeller, track: Track, x_unit: float, y_unit: float, width: float = WIDTH
+    axes: Axes, track: Track, x_unit: float, y_unit: float, width: float = WIDTH
 ) -> None:
     """Draw a track on a map.
 
     Args:
         axes: The axes, with their final limits.
-        labels: The axes' labeller.
         track: The track.
         x_unit: Surface speed of one unit of the x axis [m/s].
         y_unit: Load of one unit of the y axis [N].
@@ -169,9 +179,12 @@ def draw_track(
         return
     _cloud(axes, x, y)
     paths = _course(axes, x, y)
-    _draw_course(axes, labels, paths)
+    _draw_course(axes, paths)
     _arrows(axes, paths)
-    _events(axes, labels, track, x, y, known, _columns(width))
+    _events(axes, track, x_unit, y_unit, _columns(width))
+    labels = Labeller(axes)
+    for path in paths:
+        labels.avoid(*axes.transData.inverted().transform(path).T)
     for name, i, marker, size in (('start', known[0], 'o', 12.0), ('end', known[-1], 's', 6.5)):
         face, edge = (PAPER, INK) if name == 'start' else (INK, PAPER)
         axes.plot(x[i], y[i], marker, ms=size, mec=edge, mew=1.5, mfc=face, zorder=11)
@@ -217,7 +230,7 @@ def _means(path: FloatArray, length: int) -> FloatArray:
     return np.concatenate([path[:1], means[1:-1], path[-1:]])
 
 
-def _draw_course(axes: Axes, labels: Labeller, paths: Sequence[FloatArray]) -> None:
+def _draw_course(axes: Axes, paths: Sequence[FloatArray]) -> None:
     """Draw the course from wide and light to narrow and dark, so that ways back can be told."""
     back = axes.transData.inverted()
     lengths = [np.hypot(*np.diff(path, axis=0).T) for path in paths]
@@ -232,7 +245,6 @@ def _draw_course(axes: Axes, labels: Labeller, paths: Sequence[FloatArray]) -> N
                 line = back.transform(path[own[0] : own[-1] + 2]).T
                 axes.plot(*line, color=PAPER, lw=width + 1.2, alpha=0.6, zorder=7)
                 axes.plot(*line, color=colour, lw=width, zorder=8, solid_capstyle='butt')
-        labels.avoid(*back.transform(path).T)
 
 
 def _places(axes: Axes, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -244,61 +256,50 @@ def _places(axes: Axes, x: FloatArray, y: FloatArray) -> FloatArray:
     return places
 
 
-def _events(
-    axes: Axes,
-    labels: Labeller,
-    track: Track,
-    x: FloatArray,
-    y: FloatArray,
-    known: NDArray[np.intp],
-    columns: int,
-) -> None:
+def _events(axes: Axes, track: Track, x_unit: float, y_unit: float, columns: int) -> None:
     """Mark where the alarm changed, and tell the marks apart in rows above the map."""
     used = _conditions(track)
+    handles = []
     for condition in used:
-        times = [event.time for event in track.events if event.condition is condition]
-        at = [known[_latest(track.time[known], time)] for time in times]
-        colour = CONDITION_COLOUR[condition]
-        axes.plot(
-            x[at], y[at], ls='', marker=_MARKER[condition], ms=8.5, mfc=colour, mec=PAPER,
+        own = [event for event in track.events if event.condition is condition]
+        handles += axes.plot(
+            [abs(event.speed) / x_unit for event in own], [event.load / y_unit for event in own],
+            ls='', marker=_MARKER[condition], ms=8.5, mfc=CONDITION_COLOUR[condition], mec=PAPER,
             mew=1.0, zorder=10, label=CONDITION_NAMES[condition],
         )  # fmt: skip
-        for i in at:
-            labels.reserve(x[i], y[i])
     if used:
         axes.legend(
-            loc='lower left', bbox_to_anchor=(0.0, 1.0), frameon=False,
+            handles=handles, loc='lower left', bbox_to_anchor=(0.0, 1.0), frameon=False,
             ncols=min(columns, len(used)), title='alarm becomes', title_fontsize=9.5,
             alignment='left', fontsize=9.5, handletextpad=0.2, columnspacing=1.4,
             borderaxespad=0.1, borderpad=0.1,
         )  # fmt: skip
 
 
-def _latest(times: FloatArray, time: float) -> int:
-    """Index of the last point up to a time; after a jump of the clock the nearest one."""
-    earlier = np.flatnonzero(times <= time)
-    if earlier.size and np.all(np.diff(times) >= 0.0):
-        return int(earlier[-1])
-    return int(np.argmin(np.abs(times - time)))
-
-
 def _arrows(axes: Axes, paths: Sequence[FloatArray]) -> None:
-    """Arrow heads at even distances along the course."""
-    steps = np.concatenate([np.stack([path[:-1], path[1:]], axis=1) for path in paths])
-    length = np.cumsum(np.hypot(*(steps[:, 1] - steps[:, 0]).T))
-    if not length.size or length[-1] == 0.0:
-        return
-    back = axes.transData.inverted()
-    for where in (np.arange(_ARROWS) + 0.5) / _ARROWS * length[-1]:
-        tail, head = back.transform(steps[int(np.searchsorted(length, where))])
-        axes.annotate(
-            '', xy=head, xytext=tail, zorder=9, annotation_clip=True,
-            arrowprops={
-                'arrowstyle': '-|>,head_length=0.7,head_width=0.32', 'mutation_scale': 15.0,
-                'facecolor': INK, 'edgecolor': PAPER, 'linewidth': 0.6,
-                'shrinkA': 0.0, 'shrinkB': 0.0,
-            },
-        )  # fmt: skip
+    """Arrow heads at even distances along the course.
+
+    None is in the middle of its part, where those of a way out and of the same way back meet.
+    """
+    lengths = [np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(p, axis=0).T))]) for p in paths]
+    total = sum(float(length[-1]) for length in lengths)
+    back, reach = axes.transData.inverted(), _ARROW_REACH
+    for path, length in zip(paths, lengths, strict=True):
+        count = round(_ARROWS * float(length[-1]) / total) if total else 0
+        for where in (np.arange(count) + 0.3) / max(count, 1) * length[-1]:
+            ends = np.clip([where - reach, where + reach], 0.0, length[-1])
+            tail, head = np.column_stack([np.interp(ends, length, column) for column in path.T])
+            if np.hypot(*(head - tail)) < reach:
+                continue  # it turns back just here
+            axes.annotate(
+                '', xy=tuple(back.transform(head)), xytext=tuple(back.transform(tail)), zorder=9,
+                annotation_clip=True,
+                arrowprops={
+                    'arrowstyle': '-|>,head_length=0.7,head_width=0.32', 'mutation_scale': 15.0,
+                    'facecolor': INK, 'edgecolor': PAPER, 'linewidth': 0.6,
+                    'shrinkA': 0.0, 'shrinkB': 0.0,
+                },
+            )  # fmt: skip
 
 
 def _strides(shown: FloatArray, least: float) -> FloatArray:

@@ -57,7 +57,7 @@ def test_svg_is_valid(tmp_path: Path) -> None:
     assert ElementTree.parse(tmp_path / 'a.SVG').getroot().tag.endswith('}svg')
 
 
-def test_csv_agrees_with_the_assessment_to_the_last_bit(tmp_path: Path) -> None:
+def test_csv_agrees_with_the_assessment(tmp_path: Path) -> None:
     assert run(tmp_path / 'a.csv') == 0
     table = read(tmp_path / 'a.csv')
     assert list(table) == [
@@ -69,6 +69,7 @@ def test_csv_agrees_with_the_assessment_to_the_last_bit(tmp_path: Path) -> None:
         'sliding_limit [m]',
         'stick_slip_amplitude [m]',
         'threshold_amplitude [m]',
+        'exact_amplitude [m]',
     ]
     speed = numbers(table['surface_speed [m/s]'])
     hopf, fold = hopf_speed(BEARING, 1000.0), fold_speed(BEARING, 1000.0)
@@ -81,7 +82,7 @@ def test_csv_agrees_with_the_assessment_to_the_last_bit(tmp_path: Path) -> None:
         ('threshold_amplitude [m]', point.threshold_amplitude),
         ('growth_rate [1/s]', point.growth_rate),
     ):
-        np.testing.assert_array_equal(numbers(table[column])[usual], expected[usual])
+        np.testing.assert_allclose(numbers(table[column])[usual], expected[usual], rtol=1e-12)
 
 
 def test_speeds_and_points_are_kept(tmp_path: Path) -> None:
@@ -136,7 +137,5 @@ def test_bad_input_is_named_with_its_rule(
 
 
 def test_the_output_is_required(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as exit_:
-        main(['diagram', '-c', CONFIG, '--load', '1kN'])
-    assert exit_.value.code == 2
+    assert main(['diagram', '-c', CONFIG, '--load', '1kN']) == 2
     assert '--output' in capsys.readouterr().err

@@ -45,6 +45,13 @@ LOST = replace(FINE, lost=True, heard=False)
             " 5 s: the senders' clocks differ.",
         ),
         (LOST, '/plc publishes on /speed, but nothing arrives.'),
+        (replace(LOST, publishers=None), 'Nothing arrives of /speed.'),
+        (
+            replace(FINE, share=29 / 30, reason=Status.NOT_FINITE),
+            '97% of the samples on /speed are refused, most because: not a finite number.',
+        ),
+        (replace(FINE, share=0.3, reason=Status.NOT_FINITE), ''),
+        (replace(FINE, stuck=True), 'The level on /speed never changes: its sensor is stuck.'),
         (
             replace(FINE, publishers=[PLC, OTHER], source='two levels'),
             '2 publishers send on /speed (/other, /plc): their values are mixed.',

@@ -9,15 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from stickslip_monitor import assess
+from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.offline.intervals import ConditionInterval
 from stickslip_monitor.physics.belief import Belief, Tolerance
 from stickslip_monitor.report.summary import Course, Finding, facts, finding_of, overall
 
 Make = Callable[..., Course]
+START = 1_777_874_400 * 10**9
 
 
 def said(finding: Finding) -> str:
@@ -34,10 +39,19 @@ def test_clear(course: Make) -> None:
     assert 'least fold margin was +47.3 %, at 60.0 rpm and 1 kN' in said(finding)
 
 
+def spells(*parts: tuple[int, Condition]) -> list[ConditionInterval]:
+    """Conditions that follow each other, each with the second that it lasts to."""
+    edges = [START, *(START + end * 10**9 for end, _ in parts)]
+    return [
+        ConditionInterval(begin, end, condition)
+        for (begin, end), (_, condition) in zip(pairwise(edges), parts, strict=True)
+    ]
+
+
 def test_stick_slip_comes_first(course: Make) -> None:
-    # In from second 10: with a value a second growth counts for 1 per second at most, of 3. Out at
-    # 20: a cycle dies out in 1.2 s, a third of it for a value, and 5 s later it clears.
-    finding = finding_of(course([60.0] * 10 + [20.0] * 10 + [60.0] * 20))
+    in_and_out = spells((13, Condition.NORMAL), (28, Condition.STICK_SLIP), (40, Condition.NORMAL))
+    own = course([60.0] * 10 + [20.0] * 10 + [60.0] * 20)
+    finding = finding_of(replace(own, spells=in_and_out))
     assert finding.grade == 'alarm'
     assert finding.sentences[0].replace('\N{NO-BREAK SPACE}', ' ') == (
         'aft_stern: stick-slip was predicted for 15 s, from 06:00:13 to 06:00:28 UTC on'
@@ -45,24 +59,23 @@ def test_stick_slip_comes_first(course: Make) -> None:
     )
     # At 20 rpm first-order KBM has 0.52688 mm and the exact cycle 0.556755 mm.
     assert 'amplitude was 0.557 mm, at 20.0 rpm and 1 kN, below the limit' in said(finding)
-
-
-def test_spells_are_counted(course: Make) -> None:
-    once = [20.0] * 10 + [60.0] * 20
-    text = said(finding_of(course([60.0] * 10 + once + once)))
-    # The second is held to the end, having come back so soon.
+    twice = [*in_and_out, *spells((50, Condition.NORMAL), (77, Condition.STICK_SLIP))[1:]]
+    text = said(finding_of(replace(own, spells=twice)))
     assert 'stick-slip was predicted for 42 s in 2 spells, between 06:00:13 and' in text
 
 
 def test_close(course: Make) -> None:
-    finding = finding_of(course([60.0] * 10 + [43.0] * 10 + [60.0] * 20))
+    calm = course([60.0] * 40)
+    near = spells((12, Condition.NORMAL), (25, Condition.CAUTION), (40, Condition.NORMAL))
+    finding = finding_of(replace(calm, spells=near))
     assert finding.grade == 'warning'
     assert 'no stick-slip was predicted, but the bearing was within the caution margin' in said(
         finding
     )
     assert 'a disturbance' not in said(finding)
-    bistable = said(finding_of(course([60.0] * 10 + [35.0] * 10 + [60.0] * 20)))
-    assert 'for 12 s where a disturbance could have started it' in bistable
+    inside = spells((12, Condition.NORMAL), (24, Condition.BISTABLE), (40, Condition.NORMAL))
+    text = said(finding_of(replace(calm, spells=inside)))
+    assert 'for 12 s where a disturbance could have started it' in text
 
 
 def test_a_wrong_source_is_no_clear_verdict(course: Make) -> None:
@@ -127,7 +140,7 @@ def test_probabilities_are_a_fact_where_there_are_any(course: Callable[..., Cour
     belief = Belief.from_tolerance(config.bearing, Tolerance(damping=0.1))
     point = quiet.scan.assessment
     points = assess(config.bearing, point.speed, point.load, belief)
-    outline: Any = replace(quiet.scan, assessment=points)
+    outline: Any = SimpleNamespace(assessment=points, time_ns=quiet.scan.time_ns)
     believed = replace(quiet, item=replace(quiet.item, outline=outline))
     (fact,) = (fact for fact in facts(believed) if fact.name == name)
     assert fact.value == '50%'

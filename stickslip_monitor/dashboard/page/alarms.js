@@ -89,10 +89,10 @@ function courseOf(row) {
 }
 
 export class AlarmList {
-  /** act is called with an action, an alarm and the button; say with words that cannot wait. */
-  constructor(act, say) {
-    this.act = act;
-    this.say = say;
+  /** act is called with an action, an alarm and the button; say with words that cannot wait; now gives
+      what is said of a bearing now. */
+  constructor(act, say, now) {
+    [this.act, this.say, this.now] = [act, say, now];
     this.items = new Map();
     this.known = null;
     this.standing = [];
@@ -166,6 +166,15 @@ export class AlarmList {
     (focused.isConnected && focused.checkVisibility() ? focused : this.section).focus({ preventScroll: true });
   }
 
+  /** What is said of a bearing changes oftener than its alarms. */
+  retell() { for (const item of this.items.values()) this.tell(item); }
+
+  tell({ root, alarm }) {
+    const now = alarm.aside || alarm.members.length > 1 ? null : this.now(alarm.bearing);
+    const text = withoutName(now ? { text: now, bearing: alarm.bearing } : alarm), place = root.querySelector('.text');
+    if (place.textContent !== text) place.textContent = text;
+  }
+
   create(alarm) {
     const root = document.createElement('li');
     root.innerHTML = '<div class="what"><h3></h3><div class="state"></div></div><div class="words"><p class="text"></p><small class="course"></small><small class="places"></small></div><div class="buttons"></div>';
@@ -200,7 +209,7 @@ export class AlarmList {
     root.querySelector('.state').textContent = `${where}, ${stateOf(alarm)}`;
     root.querySelector('.course').textContent = courseOf(alarm);
     root.querySelector('.places').textContent = places.length > 1 ? places.join(', ') : '';
-    root.querySelector('.text').textContent = withoutName(alarm);
+    this.tell(item);
     const focused = document.activeElement;
     for (const [action, button] of Object.entries(item.buttons)) {
       button.hidden = !alarm.actions.includes(action);

@@ -143,7 +143,7 @@ class Page {
     this.replay = new ReplayBar();
     get('local').addEventListener('change', () => { time.local = get('local').value === 'local'; keep('local', get('local').value); this.refresh(); });
     get('answer').addEventListener('click', () => { get('answer').hidden = true; });
-    this.alarms = new AlarmList((...request) => this.act(...request), (text) => put(get('say-now'), text));
+    this.alarms = new AlarmList((...request) => this.act(...request), (text) => put(get('say-now'), text), (name) => this.bearings.get(name)?.status?.text);
     this.heardAt = Date.now();
     setInterval(() => this.watch(), 1000);
     document.addEventListener('visibilitychange', () => this.watch());
@@ -179,6 +179,7 @@ class Page {
       this.time(status.time);
     }
     this.told.clear();
+    this.alarms.retell();
   }
 
   watch() {
