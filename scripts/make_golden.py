@@ -37,7 +37,7 @@ MOVED_NS = 10**9
 """A change this much earlier or later is listed as moved [ns]."""
 SAME_NS = 30 * 10**9
 """Changes of one kind further apart than this are two [ns]."""
-_STATUSES = 6
+_STATUSES = 7
 
 Change = tuple[int, str, str, bool]
 Case = dict[str, Any]

@@ -291,6 +291,15 @@ FRICTION_PARAMETERS = (
     Parameter(
         'friction.viscous', 'float', 0.0, 'Viscous rise nu of the Stribeck law.', 's/m', 0.0
     ),
+    Parameter(
+        'friction.exponent',
+        'float',
+        1.0,
+        'Exponent delta of the Stribeck law; 2 is Gaussian.',
+        '',
+        1.0,
+        4.0,
+    ),
     Parameter('friction.speed', 'float[]', (), 'Speeds of a tabulated law.', 'm/s', 0.0),
     Parameter(
         'friction.coefficient', 'float[]', (), 'Coefficients of a tabulated law.', minimum=0.0

@@ -33,7 +33,7 @@ from stickslip_monitor.monitor.config import (
 )
 from stickslip_monitor.monitor.parameter import filled
 from stickslip_monitor.physics.belief import Belief, Tolerance
-from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
+from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Tabulated, stribeck
 from stickslip_monitor.physics.oscillator import Bearing
 
 _NAME = re.compile(r'[a-z][a-z0-9_]*')
@@ -41,7 +41,7 @@ _TOPIC = re.compile(r'(?:~?/)?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z_][A-Za-z0-9_]*)*
 _TYPE = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*')
 _NEWTONS = {'N': 1.0, 'kN': 1000.0}
 _LAWS: dict[str, tuple[Any, tuple[str, ...]]] = {
-    'stribeck': (Stribeck, ('static', 'kinetic', 'decay', 'viscous')),
+    'stribeck': (stribeck, ('static', 'kinetic', 'decay', 'viscous', 'exponent')),
     'coulomb': (Coulomb, ('static', 'kinetic')),
     'tabulated': (Tabulated, ('speed', 'coefficient')),
 }

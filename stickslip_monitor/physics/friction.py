@@ -134,6 +134,65 @@ class Stribeck:
 
 
 @dataclass(frozen=True, slots=True)
+class Stretched:
+    """Stribeck's law with an exponent, as B. Armstrong-Helouvry and others fit it.
+
+    ``mu(v) = sgn(v) (mu_k + (mu_s - mu_k) exp(-(beta |v|)^delta)) + nu v``
+
+    Args:
+        static: ``mu_s`` >= 0 [-].
+        kinetic: ``mu_k`` >= 0 [-].
+        decay: ``beta`` > 0 [s/m].
+        viscous: ``nu`` >= 0 [s/m].
+        exponent: ``delta``, 1 to 4 [-]: 2 is the Gaussian law. Below 1 the curve would leave zero
+            speed vertically.
+
+    Raises:
+        PhysicsError: A coefficient breaks its rule.
+    """
+
+    static: float
+    kinetic: float
+    decay: float
+    viscous: float = 0.0
+    exponent: float = 2.0
+
+    def __post_init__(self) -> None:
+        Stribeck(self.static, self.kinetic, self.decay, self.viscous)  # its rules are ours
+        if not 1.0 <= self.exponent <= 4.0:
+            raise PhysicsError(f'exponent = {self.exponent:g} must be between 1 and 4')
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Where the exponent reaches these multiples: each panel between them is smooth."""
+        places = (0.02, 0.2, 1.0, 4.0, 12.0, 40.0)
+        return tuple(place ** (1.0 / self.exponent) / self.decay for place in places)
+
+    def coefficient(self, speed: ArrayLike) -> FloatArray:
+        """Coefficient at relative speeds, of their shape [-]."""
+        v = np.asarray(speed, dtype=float)
+        fading = np.exp(-((self.decay * np.abs(v)) ** self.exponent))
+        falling = (self.static - self.kinetic) * fading
+        return _sign(v) * (self.kinetic + falling) + self.viscous * v
+
+    def slope(self, speed: ArrayLike) -> FloatArray:
+        """Slope ``d mu / d|v|`` at relative speeds, of their shape [s/m]."""
+        u = self.decay * np.abs(np.asarray(speed, dtype=float))
+        rate = self.decay * self.exponent * u ** (self.exponent - 1.0)
+        fading = np.exp(-(u**self.exponent))
+        return self.viscous - (self.static - self.kinetic) * rate * fading
+
+
+def stribeck(
+    static: float, kinetic: float, decay: float, viscous: float = 0.0, exponent: float = 1.0
+) -> Stribeck | Stretched:
+    """Stribeck's law, :class:`Stretched` where it has an exponent other than 1."""
+    if exponent == 1.0:
+        return Stribeck(static, kinetic, decay, viscous)
+    return Stretched(static, kinetic, decay, viscous, exponent)
+
+
+@dataclass(frozen=True, slots=True)
 class Coulomb:
     """Coulomb's law: ``static`` at rest, ``kinetic`` while sliding.
 

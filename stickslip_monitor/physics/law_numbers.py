@@ -19,6 +19,7 @@ from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.physics.friction import (
     Coulomb,
     FrictionLaw,
+    Stretched,
     Stribeck,
     Tabulated,
     computes_as,
@@ -33,9 +34,8 @@ HOLD, STEEPEST, KINETIC, GAP, DECAY, VISCOUS, EXPONENT, PIECES, EDGES = range(9)
 
 # The smallest speed that is not rest [m/s].
 ALMOST_REST = 1e-300
-# How far cubics may be off the law that they stand for, in units of its largest coefficient, and
-# how many of them are made at most.
-_SAMPLED, _MOST_SAMPLES = 1e-12, 20000
+# How many cubics are made at most.
+_MOST_SAMPLES = 20000
 
 
 def law_piece(law: LawNumbers, speed: float) -> int:
@@ -122,7 +122,13 @@ def law_numbers(law: FrictionLaw) -> tuple[float, ...]:
     if computes_as(law, Coulomb):
         fall = math.inf if law.static > law.kinetic else 0.0
         return max(law.static, law.kinetic), fall, law.kinetic, 0.0, 0.0, 0.0, 1.0, 0.0
-    edges, cubics = _table(law) if computes_as(law, Tabulated) else _sampled(law)
+    if computes_as(law, Stretched):
+        gap, power = law.static - law.kinetic, law.exponent
+        top = (power - 1.0) / power  # (beta v)^delta where the law falls most steeply
+        fall = law.decay * power * top**top * math.exp(-top)
+        fall = max(gap * fall, 0.0) * (1.0 + 1e-12) - law.viscous
+        return law.static, fall, law.kinetic, gap, law.decay, law.viscous, power, 0.0
+    edges, cubics = _table(law) if computes_as(law, Tabulated) else sampled_cubics(law)
     hold = max(law.static, float(cubics[0, 0]))
     fall = math.inf if law.static > cubics[0, 0] else steepest_fall(edges, cubics)
     numbers = (hold, fall, 0.0, 0.0, 0.0, 0.0, 1.0, float(edges.size))
@@ -148,8 +154,13 @@ def _table(law: Tabulated) -> tuple[FloatArray, FloatArray]:
     return edges, np.vstack([level, law.cubics[::-1].T, last])
 
 
-def _sampled(law: FrictionLaw) -> tuple[FloatArray, FloatArray]:
-    """Cubics through samples of a law and of its slope, halved until they agree with it."""
+def sampled_cubics(law: FrictionLaw, tolerance: float = 1e-12) -> tuple[FloatArray, FloatArray]:
+    """Cubics through samples of a law and of its slope, halved until they agree with it.
+
+    Args:
+        law: The law.
+        tolerance: How far they may be off in the middle, in units of the largest coefficient.
+    """
     breaks = [v for v in law.breakpoints if v > 0.0] or [1.0]
     edges = np.unique([0.0, *(breaks[0] * 10.0**i for i in range(-4, 0)), *breaks])
     edges = np.append(edges, breaks[-1] * 10.0 ** np.arange(1, 4))
@@ -163,7 +174,7 @@ def _sampled(law: FrictionLaw) -> tuple[FloatArray, FloatArray]:
         cubics = np.stack([mu[:-1], slope[:-1], square, cube], axis=1)
         middle = edges[:-1] + 0.5 * h
         value = mu[:-1] + 0.5 * h * (slope[:-1] + 0.5 * h * (square + 0.5 * h * cube))
-        off = np.abs(value - law.coefficient(middle)) > _SAMPLED * scale
+        off = np.abs(value - law.coefficient(middle)) > tolerance * scale
         if not off.any() or edges.size > _MOST_SAMPLES:
             return edges, np.vstack([cubics, [[mu[-1], slope[-1], 0.0, 0.0]]])
         edges = np.sort(np.append(edges, middle[off]))

@@ -9,7 +9,6 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.physics.friction import (
     Coulomb,
     FrictionLaw,
@@ -17,7 +16,10 @@ from stickslip_monitor.physics.friction import (
     Tabulated,
     computes_as,
 )
+from stickslip_monitor.physics.law_numbers import sampled_cubics
 
+# How far cubics may be off a law that has no series, in units of its largest coefficient.
+_SAMPLED = 1e-9
 # In units of 1/beta: a series sees from above that the exponential rises below such a speed, and
 # above the last one it is less than the rounding of one.
 _EXPONENTIAL_EDGES = (0.0, 12.0, 40.0, np.inf)
@@ -50,11 +52,7 @@ class KernelLaw:
 
 
 def kernel_law(law: FrictionLaw) -> KernelLaw:
-    """A friction law for the inner loops.
-
-    Raises:
-        PhysicsError: The law is none of Stribeck, Coulomb, Tabulated.
-    """
+    """A friction law for the inner loops; one that has no series as cubics, right to 1e-9."""
     if computes_as(law, Stribeck):
         gap = law.static - law.kinetic
         numbers = (law.kinetic, gap, law.decay, law.viscous)
@@ -64,10 +62,10 @@ def kernel_law(law: FrictionLaw) -> KernelLaw:
         return KernelLaw(max(law.static, law.kinetic), 0.0, (law.kinetic, 0.0, 0.0, 0.0))
     if computes_as(law, Tabulated):
         return _table(law)
-    raise PhysicsError(
-        f'friction = {law!r} cannot be integrated in time: use Stribeck, Coulomb, or Tabulated'
-        ' with its values'
-    )
+    begins, cubics = sampled_cubics(law, _SAMPLED)
+    hold = max(law.static, float(cubics[0, 0]))
+    steepest = float(np.max(np.abs(law.slope(begins[1:]))))
+    return KernelLaw(hold, steepest, edges=np.append(begins, np.inf), cubics=cubics)
 
 
 def _table(law: Tabulated) -> KernelLaw:

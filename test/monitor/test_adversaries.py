@@ -1,0 +1,386 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Attacks on the decision: senders that stall, copy and stamp oddly, and sequences that mislead.
+
+Each is a way in which an earlier rule failed, with other bearings and rates than those it was
+found with. Fold and Hopf speeds are those of the averaged model's closed forms, to 0.1 rpm.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from sequences import BEARINGS, NAME, SECOND
+
+from stickslip_monitor import Monitor, MonitorConfig, Sample, build_config
+from stickslip_monitor.monitor.rule_state import State
+from stickslip_monitor.monitor.verdict import Event
+
+# One message: when it arrives [s], of what, its stamp [s], its number.
+Message = tuple[float, str, float, float]
+Number = float | Callable[[float], float]
+STICKING = ('stick_slip', 'amplitude_limit')
+
+
+def _config(bearing: str, **changes: Any) -> MonitorConfig:
+    values = {
+        **BEARINGS[bearing][0],
+        'speed.topic': '/n',
+        'speed.unit': 'rpm',
+        'load.topic': '/f',
+        'load.unit': 'N',
+        **{key.replace('__', '.'): value for key, value in changes.items()},
+    }
+    return build_config(
+        {'bearings': [NAME]} | {f'{NAME}.{key}': value for key, value in values.items()}
+    )
+
+
+def _every(
+    quantity: str, period: float, end: float, number: Number, begin: float = 0.0
+) -> list[Message]:
+    """Messages of one sender, each stamped as it is sent."""
+    times = np.arange(begin, end, period).tolist()
+    return [(t, quantity, t, number(t) if callable(number) else number) for t in times]
+
+
+class Heard:
+    """What a monitor says of some messages.
+
+    Attributes:
+        monitor: The monitor, as it is after the last message.
+        events: Its events.
+        statuses: What became of each message.
+    """
+
+    def __init__(self, config: MonitorConfig, messages: Iterable[Message]) -> None:
+        self.monitor = Monitor(config)
+        self.events: list[Event] = []
+        self.statuses: list[str] = []
+        self._conditions: list[tuple[float, str]] = []
+        self.take(messages)
+
+    def take(self, messages: Iterable[Message]) -> None:
+        """Take more messages, in the order of their arrival."""
+        for arrival, quantity, stamp, number in sorted(messages, key=lambda m: m[0]):
+            update = self.monitor.update(Sample(NAME, quantity, round(stamp * SECOND), number))
+            self.events += update.events
+            self.statuses.append(update.status.name)
+            self._conditions.append((arrival, str(self.monitor.condition(NAME))))
+
+    def seconds(self, conditions: Iterable[str], begin: float = 0.0) -> float:
+        """For how long one of some conditions stood, by arrival [s]."""
+        own = set(conditions)
+        times = [*self._conditions, (self._conditions[-1][0], '')]
+        return sum(
+            after - max(at, begin)
+            for (at, condition), (after, _) in pairwise(times)
+            if condition in own and after > begin
+        )
+
+    def first(self, conditions: Iterable[str]) -> float:
+        """When one of some conditions first stood, by arrival [s]; ``inf`` for never."""
+        own = set(conditions)
+        return next((at for at, condition in self._conditions if condition in own), math.inf)
+
+    @property
+    def onsets(self) -> list[float]:
+        """When stick-slip was announced [s]."""
+        return [e.time_ns / SECOND for e in self.events if e.onset]
+
+
+def _rpm(bearing: str, share: float) -> float:
+    return share * BEARINGS[bearing][1]
+
+
+def _nominal(bearing: str, share: float = 1.0) -> float:
+    return share * BEARINGS[bearing][2]
+
+
+def _loaded(bearing: str, end: float, period: float = 0.25, begin: float = 0.0) -> list[Message]:
+    return _every('load', period, end, _nominal(bearing), begin)
+
+
+@pytest.mark.parametrize('copies', [2, 3, 5, 20])
+@pytest.mark.parametrize('stamped', ['at the source', 'on arrival', 'alike'])
+@pytest.mark.parametrize(('bearing', 'period'), [('viscous', 1.0), ('ship', 2.0)])
+def test_speeds_in_bursts_count_like_any(
+    bearing: str, period: float, stamped: str, copies: int
+) -> None:
+    """A stalled executor or a serial gateway hands several values over within milliseconds."""
+    speed = _rpm(bearing, 0.4)
+    messages = _loaded(bearing, 60.0)
+    for k in range(int(60.0 / period)):
+        for copy in range(copies):
+            at = k * period + copy * 0.001
+            stamp = {
+                'on arrival': at,
+                'at the source': (k - 1 + (copy + 1) / copies) * period,
+                'alike': k * period,
+            }[stamped]
+            messages.append((at, 'speed', stamp, speed))
+    heard = Heard(_config(bearing), messages)
+    assert heard.first(STICKING) < 10.0
+    assert heard.seconds(STICKING) > 48.0
+    assert 'input_stale' not in {str(e.after) for e in heard.events}
+
+
+@pytest.mark.parametrize('off', [-3600.0, -40.0, -7.0, 4.8, 6.0, 7.0, 3600.0])
+@pytest.mark.parametrize('every', [7, 20])
+def test_odd_stamps_hide_no_stick_slip(off: float, every: int) -> None:
+    messages = _loaded('ship', 300.0, 0.2)
+    for k, message in enumerate(_every('speed', 0.2, 300.0, _rpm('ship', 0.5))):
+        at, quantity, stamp, number = message
+        messages.append((at, quantity, stamp + (off if k % every == 3 else 0.0), number))
+    heard = Heard(_config('ship'), messages)
+    assert heard.first(STICKING) < 10.0
+    assert heard.seconds(STICKING) > 285.0
+    assert len(heard.events) < 10
+    times = [e.time_ns for e in heard.events]
+    assert times == sorted(times)
+
+
+@pytest.mark.parametrize('off', [-3600.0, -8.0, 8.0, 3600.0])
+def test_one_odd_stamp_is_refused_and_counted(off: float) -> None:
+    speed = _every('speed', 0.5, 120.0, _rpm('steep', 2.0))
+    at, quantity, stamp, number = speed[100]
+    speed[100] = (at, quantity, stamp + off, number)
+    heard = Heard(_config('steep'), speed + _loaded('steep', 120.0, 0.5))
+    assert [s for s in heard.statuses if s != 'ACCEPTED'] in (['ODD_STAMP'], ['OUT_OF_ORDER'])
+    assert heard.events == []
+
+
+@pytest.mark.parametrize(('bearing', 'high', 'low'), [('steep', 2.0, 0.4), ('viscous', 1.8, 0.5)])
+def test_each_of_several_episodes_ends_and_is_announced(
+    bearing: str, high: float, low: float
+) -> None:
+    begins = [60.0, 360.0, 660.0, 960.0]
+
+    def speed(t: float) -> float:
+        for begin in begins:
+            if begin <= t < begin + 70.0:
+                share = np.interp(t - begin, [0.0, 20.0, 50.0, 70.0], [high, low, low, high])
+                return _rpm(bearing, float(share))
+        return _rpm(bearing, high)
+
+    heard = Heard(
+        _config(bearing), _every('speed', 0.2, 1260.0, speed) + _loaded(bearing, 1260.0, 0.2)
+    )
+    assert len(heard.onsets) == len(begins)
+    for begin, onset in zip(begins, heard.onsets, strict=True):
+        assert begin < onset < begin + 30.0
+    # What has come back within a minute of being cleared may stand for a minute, here nothing.
+    assert heard.seconds(STICKING) < 4 * 70.0
+    for begin in begins:
+        assert heard.seconds(STICKING, begin + 90.0) == heard.seconds(STICKING, begin + 280.0)
+
+
+@pytest.mark.parametrize('loud', [8.0, 25.0])
+def test_a_genset_outside_the_fold_is_no_stick_slip(loud: float) -> None:
+    def level(t: float) -> float:
+        return (loud if t > 400.0 else 2.0) * (1.0 + 0.02 * math.sin(7.0 * t))
+
+    heard = Heard(
+        _config('ship', level__topic='/v', level__unit='mm/s'),
+        _every('speed', 0.5, 900.0, _rpm('ship', 1.13))
+        + _loaded('ship', 900.0)
+        + _every('level', 0.5, 900.0, level),
+    )
+    assert heard.seconds(STICKING) == 0.0
+
+
+def _bistable_and_sticking(bearing: str) -> Heard:
+    """A monitor in an episode that began below the Hopf speed and goes on above it."""
+
+    def speed(t: float) -> float:
+        return _rpm(bearing, float(np.interp(t, [0, 20, 40, 60], [1.5, 0.4, 0.4, 0.9])))
+
+    heard = Heard(_config(bearing), _every('speed', 0.25, 120.0, speed) + _loaded(bearing, 120.0))
+    assert heard.monitor.condition(NAME) == 'stick_slip'
+    return heard
+
+
+@pytest.mark.parametrize('pause', [5.0, 60.0])
+def test_a_restart_in_an_episode_goes_on(pause: float) -> None:
+    heard = _bistable_and_sticking('steep')
+    kept = json.loads(json.dumps(heard.monitor.bearings[NAME].state.record()))
+    heard.monitor = Monitor(_config('steep'), {NAME: State.of_record(kept)})
+    begin = 120.0 + pause
+    heard.take(
+        _every('speed', 0.25, begin + 60.0, _rpm('steep', 0.9), begin)
+        + _loaded('steep', begin + 60.0, begin=begin)
+    )
+    assert heard.monitor.condition(NAME) == 'stick_slip'
+
+
+def test_without_a_memory_nobody_knows_whether_a_bistable_bearing_vibrates() -> None:
+    heard = Heard(
+        _config('steep'), _every('speed', 0.25, 60.0, _rpm('steep', 0.9)) + _loaded('steep', 60.0)
+    )
+    assert str(heard.monitor.condition(NAME)) == 'bistable'
+    assert not heard.monitor.bearings[NAME].standing.known
+    assert 'not known' in heard.events[-1].text
+
+
+@pytest.mark.parametrize('dither', [0.0, 0.01, 0.04])
+def test_a_limit_cycle_is_constant_and_no_stuck_level(dither: float) -> None:
+    """A knock in the bistable range at 200 s, in decibels."""
+
+    def level(t: float) -> float:
+        if t < 200.0:
+            return 21.0 + 0.7 * math.sin(3.0 * t)
+        return 44.0 + dither * math.copysign(1.0, math.sin(5.0 * t))
+
+    config = _config('viscous', level__topic='/v', level__unit='dB', level__threshold=34.0)
+    heard = Heard(
+        config,
+        _every('speed', 0.5, 400.0, _rpm('viscous', 0.9))
+        + _loaded('viscous', 400.0)
+        + _every('level', 0.5, 400.0, level),
+    )
+    assert 200.0 < heard.first(STICKING) < 206.0
+    assert heard.monitor.condition(NAME) == 'stick_slip'
+
+
+def test_a_dead_level_ends_no_running_alarm() -> None:
+    """A sensor that has fallen off has one bit of dither: it is quiet and has never risen."""
+    config = _config('ship', level__topic='/v', level__unit='mm/s', level__threshold=40.0)
+
+    def speed(t: float) -> float:
+        return _rpm('ship', float(np.interp(t, [0, 60, 80, 120, 140], [1.5, 1.5, 0.4, 0.4, 0.9])))
+
+    dead = _every('level', 0.5, 600.0, lambda t: 1.0 + 0.01 * (round(2 * t) % 2))
+    both = _every('speed', 0.2, 600.0, speed) + _loaded('ship', 600.0, 0.2)
+    with_level, without = Heard(config, both + dead), Heard(_config('ship'), both)
+    assert without.monitor.condition(NAME) == 'stick_slip'
+    assert with_level.monitor.condition(NAME) == 'stick_slip'
+    assert with_level.onsets == without.onsets
+
+
+@pytest.mark.parametrize('odd', ['speed', 'load'])
+def test_one_odd_sample_makes_no_stick_slip_of_vibration(odd: str) -> None:
+    config = _config('ship', level__topic='/v', level__unit='mm/s', level__threshold=40.0)
+    speed = _every('speed', 0.2, 600.0, _rpm('ship', 1.75))
+    load = _loaded('ship', 600.0, 0.2)
+    for messages, number in ((speed, _rpm('ship', 0.9)), (load, _nominal('ship', 30.0))):
+        for k in range(500, 3000, 500) if messages[0][1] == odd else ():
+            messages[k] = (*messages[k][:3], number)
+    level = _every('level', 0.5, 600.0, lambda t: 90.0 + math.sin(t))
+    heard = Heard(config, speed + load + level)
+    assert heard.seconds(STICKING) == 0.0
+
+
+def test_values_as_slow_as_the_time_out_are_not_lost() -> None:
+    late = [(t + 0.02 * (k % 2)) for k, t in enumerate(np.arange(0.0, 600.0, 4.0).tolist())]
+    messages = [(t, 'speed', t, _rpm('viscous', 2.0)) for t in late]
+    config = _config('viscous', speed__timeout=4.0, load__timeout=4.0)
+    heard = Heard(config, messages + _loaded('viscous', 600.0, 0.5))
+    # The second value is 20 ms later than the time-out, and the rhythm not known yet.
+    assert heard.seconds(['input_stale'], 10.0) == 0.0
+
+
+@pytest.mark.parametrize('period', [1.0, 4.0])
+def test_a_slow_load_delays_no_onset(period: float) -> None:
+    """The speed falls at once to a third of the fold speed; the load comes seldom."""
+    speed = _every('speed', 0.1, 60.0, lambda t: _rpm('steep', 2.0 if t < 21.0 else 0.3))
+    heard = Heard(_config('steep'), speed + _loaded('steep', 60.0, period))
+    assert 21.0 < heard.onsets[0] < 23.0
+
+
+@pytest.mark.parametrize('lost', ['speed', 'load'])
+def test_a_short_dropout_to_zero_ends_no_episode(lost: str) -> None:
+    heard = _bistable_and_sticking('steep')
+    numbers = {'speed': _rpm('steep', 0.9), 'load': _nominal('steep')}
+    for quantity, number in numbers.items():
+        numbers[quantity] = number
+    messages = []
+    for quantity, number in numbers.items():
+        messages += _every(
+            quantity,
+            0.2,
+            180.0,
+            lambda t, q=quantity, n=number: 0.0 if q == lost and 130.0 < t < 131.4 else n,
+            120.1,
+        )
+    heard.take(messages)
+    assert heard.monitor.condition(NAME) == 'stick_slip'
+    assert len(heard.onsets) == 1
+
+
+def test_the_amplitude_limit_is_that_of_the_exact_cycle() -> None:
+    """At six times the load the averaged amplitude is 0.55 mm, the exact one 0.94 mm."""
+    config = _config('reference', alarm__amplitude_limit=0.8e-3)
+    heard = Heard(
+        config,
+        _every('speed', 0.2, 60.0, _rpm('reference', 0.5))
+        + _every('load', 0.2, 60.0, _nominal('reference', 6.0)),
+    )
+    assert heard.monitor.condition(NAME) == 'amplitude_limit'
+
+
+def test_a_speed_that_is_steady_again_falls_no_more() -> None:
+    def speed(t: float) -> float:
+        return _rpm('viscous', float(np.interp(t, [30, 50, 70], [1.5, 1.08, 1.12])))
+
+    config = _config('viscous', alarm__caution_margin=0.1)
+    heard = Heard(config, _every('speed', 0.5, 300.0, speed) + _loaded('viscous', 300.0))
+    assert 'Slowing' in ' '.join(e.text for e in heard.events)
+    assert 'Slowing' not in heard.monitor.bearings[NAME].text()
+
+
+@pytest.mark.parametrize('bearing', BEARINGS)
+def test_a_stopped_shaft_does_not_stick(bearing: str) -> None:
+    heard = Heard(_config(bearing), _every('speed', 1.0, 120.0, 0.04) + _loaded(bearing, 120.0))
+    assert [str(e.after) for e in heard.events] == []
+
+
+@pytest.mark.parametrize('offset', [-7.0, 0.0, 0.4, 7.0])
+def test_a_second_publisher_hides_no_stick_slip(offset: float) -> None:
+    """Half of the speeds are of a simulator that runs far outside, by a clock of its own."""
+    own = _every('speed', 0.5, 120.0, _rpm('ship', 0.4))
+    other = [
+        (t + 0.23, 'speed', t + 0.23 + offset, _rpm('ship', 0.6))
+        for t in np.arange(0.0, 120.0, 0.5).tolist()
+    ]
+    heard = Heard(_config('ship'), own + other + _loaded('ship', 120.0))
+    assert heard.seconds(STICKING) > 100.0
+
+
+@pytest.mark.parametrize('step', [1.0, 4.0])
+def test_quantised_speeds_stick_all_the_same(step: float) -> None:
+    def speed(t: float) -> float:
+        return step * round(_rpm('steep', float(np.interp(t, [0, 120], [2.0, 0.3]))) / step)
+
+    heard = Heard(
+        _config('steep'), _every('speed', 0.2, 150.0, speed) + _loaded('steep', 150.0, 0.2)
+    )
+    assert len(heard.onsets) == 1
+    assert heard.monitor.condition(NAME) == 'stick_slip'
+
+
+@pytest.mark.parametrize('times', [2, 6])
+def test_copies_change_nothing(times: int) -> None:
+    def speed(t: float) -> float:
+        return _rpm('table', float(np.interp(t, [0, 60, 90, 150], [1.6, 0.5, 0.5, 1.6])))
+
+    messages = _every('speed', 0.25, 180.0, speed) + _loaded('table', 180.0)
+    once = Heard(_config('table'), messages)
+    often = Heard(_config('table'), [m for m in messages for _ in range(times)])
+    assert len(once.onsets) == 1
+    assert [replace(e, assessment=None) for e in often.events] == [
+        replace(e, assessment=None) for e in once.events
+    ]
+
+
+def test_a_numpy_number_is_a_number() -> None:
+    config = _config('ship', level__topic='/v', level__unit='mm/s', level__threshold=40.0)
+    monitor = Monitor(config)
+    for kind in (np.float32, np.float64, np.int32, int):
+        update = monitor.update(Sample(NAME, 'level', 1 + len(kind.__name__), kind(3)))
+        assert update.status.believed or update.status.name in ('REPEATED', 'OUT_OF_ORDER')

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One rule: sample by sample, over a recording in any blocks, interpreted and compiled."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from sequences import COUNT, NAME, SECOND, Bits, Messages, sequence
+
+from stickslip_monitor import Monitor, Stream, build_config
+from stickslip_monitor.monitor.bulk import BearingScan, Scan
+
+# Every kind of sequence in turn; 16 and 5 have no common divisor with the number of kinds.
+NUMBERS = range(3, COUNT, 16)
+COMPILED = range(1, COUNT, 5)
+COLUMNS = ('time_ns', 'until_ns', 'speed', 'load', 'rung', 'sticking', 'sample', 'status')
+
+
+def _stream(messages: Messages) -> Stream:
+    return Stream(messages.time_ns, messages.quantity, messages.value)
+
+
+def _told(events: list[Any]) -> list[Any]:
+    return [(e.time_ns, e.before, e.after, e.sticking, e.lost, e.onset, e.text) for e in events]
+
+
+def _require_same(one: Scan, other: Scan) -> None:
+    for name in COLUMNS:
+        assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
+    assert one.counts.tolist() == other.counts.tolist()
+    assert (one.measured is None) == (other.measured is None)
+    if one.measured is not None and other.measured is not None:
+        assert one.measured.tolist() == other.measured.tolist()
+    assert (one.at, one.runs, one.unknown) == (other.at, other.runs, other.unknown)
+    assert _told(one.events) == _told(other.events)
+
+
+@pytest.mark.parametrize('number', NUMBERS)
+def test_sample_by_sample_equals_a_recording(number: int) -> None:
+    own = sequence(number)
+    monitor = Monitor(own.config)
+    events = [] if own.start_ns is None else monitor.advance(own.start_ns)
+    statuses, points = [], []
+    for sample in own.samples():
+        update = monitor.update(sample)
+        events += update.events
+        statuses.append(int(update.status))
+        if update.verdict is not None:
+            points.append((update.verdict.time_ns, update.verdict.standing.rung))
+    events += monitor.advance(own.end_ns)
+    scan = monitor.scan({NAME: _stream(own.messages)}, own.start_ns, own.end_ns)[NAME]
+    assert scan.status.tolist() == statuses
+    assert list(zip(scan.time_ns.tolist(), scan.rung.tolist(), strict=True)) == points
+    assert scan.counts.tolist() == monitor.bearings[NAME].counts.tolist()
+    assert _told(scan.events) == _told(events)
+
+
+@pytest.mark.parametrize('number', COMPILED)
+def test_compiled_equals_interpreted(number: int) -> None:
+    own = sequence(number)
+    (config,) = own.config.bearings
+    one, other = (
+        BearingScan(config, own.start_ns, long).finish(_stream(own.messages), own.end_ns)
+        for long in (False, True)
+    )
+    _require_same(one, other)
+
+
+@pytest.mark.parametrize('number', NUMBERS)
+def test_any_cut_into_blocks_is_the_same(number: int) -> None:
+    own, bits = sequence(number), Bits(number + 1000)
+    (config,) = own.config.bearings
+    size = own.messages.value.size
+    whole = BearingScan(config, own.start_ns).finish(_stream(own.messages), own.end_ns)
+    edges = [0, *sorted(bits.below(size + 1) for _ in range(5)), 1, size]
+    scan = BearingScan(config, own.start_ns)
+    blocks = [_stream(own.messages[a:b]) for a, b in pairwise(sorted(edges))]
+    parts = [*map(scan.take, blocks[:-1]), scan.finish(blocks[-1], own.end_ns)]
+    for name in COLUMNS:
+        joined = np.concatenate([getattr(part, name) for part in parts])
+        assert joined.tobytes() == getattr(whole, name).tobytes(), name
+    assert sum(part.counts for part in parts).tolist() == whole.counts.tolist()
+    assert [at for part in parts for at in part.at] == whole.at
+    assert _told([e for part in parts for e in part.events]) == _told(whole.events)
+
+
+def test_a_recording_without_samples_says_nothing() -> None:
+    own = sequence(0)
+    (config,) = own.config.bearings
+    scan = BearingScan(config, None).finish(_stream(own.messages[:0]), None)
+    assert (scan.time_ns.size, scan.events, scan.at) == (0, [], [])
+
+
+def test_inputs_that_never_come_are_lost_by_the_end() -> None:
+    own = sequence(0)
+    config = build_config(
+        {'bearings': [NAME]} | {f'{NAME}.{k}': v for k, v in own.parameters.items()}
+    )
+    scan = Monitor(config).scan({NAME: _stream(own.messages[:0])}, 0, 60 * SECOND)[NAME]
+    assert [str(event.after) for event in scan.events] == ['input_stale']
+    assert set(scan.events[0].lost) == {'speed', 'load'}

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Stribeck's law with an exponent, from the configuration to the motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from stickslip_monitor import Bearing, build_config, exact_cycle, fold_speed, hopf_speed
+from stickslip_monitor.errors import PhysicsError
+from stickslip_monitor.physics.friction import Stretched, Stribeck, stribeck
+from stickslip_monitor.physics.law_numbers import (
+    STEEPEST,
+    friction_coefficient,
+    friction_slope,
+    law_numbers,
+)
+from stickslip_monitor.physics.motion.integrator import Drive, MotionState, integrate
+
+LAW = Stretched(0.3, 0.1, 10.0, 0.002, 2.0)
+BENCH = Bearing(50.0, 400.0, 2.0e6, LAW, 0.100)
+
+
+def test_an_exponent_of_one_is_stribecks_law():
+    assert stribeck(0.3, 0.1, 10.0, 0.01, 1.0) == Stribeck(0.3, 0.1, 10.0, 0.01)
+    v = np.linspace(-1.0, 1.0, 41)
+    one, law = Stretched(0.3, 0.1, 10.0, 0.01, 1.0), Stribeck(0.3, 0.1, 10.0, 0.01)
+    np.testing.assert_allclose(one.coefficient(v), law.coefficient(v), rtol=1e-15)
+
+
+@pytest.mark.parametrize('exponent', [1.5, 2.0, 3.0])
+def test_slope_and_numbers_are_those_of_the_coefficient(exponent):
+    law = Stretched(0.3, 0.1, 10.0, 0.002, exponent)
+    v, h = np.geomspace(1e-3, 0.5, 30), 1e-7
+    by_difference = (law.coefficient(v + h) - law.coefficient(v - h)) / (2.0 * h)
+    np.testing.assert_allclose(law.slope(v), by_difference, rtol=1e-6, atol=1e-9)
+    numbers = law_numbers(law)
+    for speed in (-0.2, 0.003, 0.1):
+        assert friction_coefficient(numbers, speed) == pytest.approx(law.coefficient(speed))
+        assert friction_slope(numbers, speed) == pytest.approx(float(law.slope(speed)))
+    fine = -law.slope(np.linspace(1e-4, 0.5, 200_001))
+    assert numbers[STEEPEST] == pytest.approx(np.max(fine), rel=1e-8)
+
+
+@pytest.mark.parametrize('exponent', [0.5, 4.5, float('nan')])
+def test_exponents_that_it_does_not_take(exponent):
+    with pytest.raises(PhysicsError, match='exponent'):
+        Stretched(0.3, 0.1, 10.0, 0.0, exponent)
+
+
+def test_its_stick_slip_by_the_integrator_and_by_the_exact_cycle():
+    cycle = exact_cycle(BENCH, 0.05, 1000.0)
+    start = MotionState((300.0 - 20.0) / 2e6, 0.0)
+    times = np.linspace(0.0, 2.0 * cycle.period, 4001)
+    motion = integrate(BENCH, Drive.constant(0.05, 1000.0, times[-1]), start, times)
+    assert 0.5 * np.ptp(motion.displacement) == pytest.approx(cycle.amplitude, rel=1e-5)
+
+
+def test_its_stick_slip_by_scipy():
+    speed, load = 0.05, 1000.0
+    cycle = exact_cycle(BENCH, speed, load)
+
+    def slip(_, y):
+        v = max(speed - y[1], 1e-300)
+        return [y[1], (load * float(LAW.coefficient(v)) - 400.0 * y[1] - 2e6 * y[0]) / 50.0]
+
+    start = [(300.0 - 400.0 * speed) / 2e6, speed]
+    solved = solve_ivp(slip, (0.0, 0.024), start, 'DOP853', rtol=1e-11, atol=1e-14, max_step=1e-5)
+    x = solved.y[0]
+    assert 0.5 * (np.max(x) - np.min(x)) == pytest.approx(cycle.amplitude, rel=1e-6)
+
+
+def test_its_boundaries_hold_their_conditions():
+    load = 1000.0
+    hopf = hopf_speed(BENCH, load)
+    assert load * float(LAW.slope(hopf)) + 400.0 == pytest.approx(0.0, abs=1e-6)
+    assert fold_speed(BENCH, load) > hopf
+
+
+def test_the_configuration_takes_it():
+    own = {
+        'mass': 50.0, 'damping': 400.0, 'stiffness': 2e6, 'journal_diameter': 0.1,
+        'friction.static': 0.3, 'friction.kinetic': 0.1, 'friction.decay': 10.0,
+        'speed.topic': '/s', 'speed.unit': 'm/s', 'load.topic': '/l', 'load.unit': 'N',
+    }  # fmt: skip
+    values = {'bearings': ['a'], **{f'a.{key}': value for key, value in own.items()}}
+    (plain,) = build_config(values).bearings
+    (stretched,) = build_config({**values, 'a.friction.exponent': 2.0}).bearings
+    assert plain.bearing.friction == Stribeck(0.3, 0.1, 10.0)
+    assert stretched.bearing.friction == Stretched(0.3, 0.1, 10.0, 0.0, 2.0)
