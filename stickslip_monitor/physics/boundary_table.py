@@ -27,7 +27,7 @@ from stickslip_monitor.physics.oscillator import Bearing
 Boundary = Callable[[FloatArray], FloatArray]
 """Speeds [m/s] at loads [N], shape (n,); ``nan`` where there is none, ``inf`` without an end."""
 # Octaves of load from the onset, and points: measured, twice as many gain nothing.
-_OCTAVES, _SMOOTH, _BROKEN = 8, 801, 4097
+_OCTAVES, _SMOOTH, _BROKEN = 8, 801, 1025
 # Loads among which the onset is looked for [N], and how often the interval is divided by 64.
 _LEAST, _MOST, _ROUNDS = 1e-9, 1e15, 8
 
