@@ -51,9 +51,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--examples', type=int, default=3, help='of each kind of difference')
     args = parser.parse_args(argv)
     found = dict(all_cases(args.only))
+    lines = list(differences(read_golden(), found, args.examples)) if GOLDEN.exists() else []
+    print('\n'.join(lines) or 'no difference')
     if args.compare:
-        lines = list(differences(read_golden(), found, args.examples))
-        print('\n'.join(lines) or 'no difference')
         return int(bool(lines))
     GOLDEN.parent.mkdir(exist_ok=True)
     text = json.dumps(found, separators=(',', ':'))

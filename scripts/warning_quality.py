@@ -47,8 +47,8 @@ VARIED: dict[str, tuple[float, ...]] = {
 _OF_ALARM = ('alarm.onset_growth', 'alarm.on_delay')
 _OF_WARNING = ('alarm.caution_margin', 'alarm.look_ahead')
 _SCENE_COLUMNS = (
-    'episodes', 'warned', 'lead_10s', 'missed', 'detected', 'false_per_100h', 'far_per_1000h',
-    'changes_per_hour', 'largest_burst', 'forecasts', 'forecast_right',
+    'episodes', 'warned', 'newly_given', 'missed', 'detected', 'false_per_100h', 'unfounded_hours',
+    'far_warned', 'changes_per_hour', 'largest_burst', 'largest_given',
 )  # fmt: skip
 
 

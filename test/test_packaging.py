@@ -113,6 +113,8 @@ def test_every_import_is_a_declared_dependency() -> None:
     in_manifest = {
         'aiohttp': 'python3-aiohttp',
         'argcomplete': 'python3-argcomplete',
+        # It comes with matplotlib.
+        'contourpy': 'python3-matplotlib',
         'jinja2': 'python3-jinja2',
         'lz4': 'mcap-ros2-support',
         'matplotlib': 'python3-matplotlib',
@@ -126,6 +128,7 @@ def test_every_import_is_a_declared_dependency() -> None:
         'zstandard': 'mcap-ros2-support',
     }
     for_pip = {
+        'contourpy': 'matplotlib',
         'mcap_ros2': 'mcap-ros2-support',
         'prometheus_client': 'prometheus-client',
         'rclpy': 'ros-kilted-rclpy',

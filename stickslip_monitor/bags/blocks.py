@@ -46,7 +46,7 @@ _WORKERS = 2
 _FREE = 160 << 20
 _FOR_EACH = 100
 STEP_COST = 300
-"""What a record that is no message costs, and a message that is decoded by itself [bytes]."""
+"""What a record that is no message costs; a message decoded by itself costs twice that [bytes]."""
 
 
 class BlockKind(enum.Enum):

@@ -25,7 +25,7 @@ from stickslip_monitor.errors import plural
 _LONGEST = 1 << 20
 _MOST_NAMED = 5
 # What a new definition costs to parse and keep [bytes].
-_DEFINITION_COST = 10_000
+_DEFINITION_COST = 5000
 # Bits of a place in a file that are the place in its block.
 _PLACE = 32
 SUMMARY = -1

@@ -501,7 +501,7 @@ class Reading:
                 tally.refused += len(rows)
                 continue
             numbers = plan.read(piece.data, piece.offset[rows], piece.size[rows])
-            self._pass.spend(job, STEP_COST * numbers.alone + _ROW_COST * len(rows))
+            self._pass.spend(job, 2 * STEP_COST * numbers.alone + _ROW_COST * len(rows))
             tally.take(numbers)
             topic[rows] = number
             for column, own in zip(values, numbers.values, strict=False):

@@ -25,7 +25,7 @@ import json
 import os
 import shlex
 import sys
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -219,11 +219,13 @@ class _Output:
             folder = printable(self._args.clips)
             sys.stderr.write(f'{place}: {plural(found.clips, "clip")} written into {folder}\n')
 
-    def tell(self, lessons: Iterable[str]) -> None:
-        """Print what is learned, beside the JSON."""
-        out = sys.stderr if self._args.json else sys.stdout
-        for text in lessons:
-            out.write(f'learned: {printable(text)}\n')
+    def tell(self, lessons: Sequence[str]) -> None:
+        """Print what is learned; of JSON it is a part of each recording, as all teach it."""
+        for document in self._documents:
+            document['learned'] = list(lessons)
+        if not self._args.json:
+            for text in lessons:
+                sys.stdout.write(f'learned: {printable(text)}\n')
 
     def finish(self, config: MonitorConfig) -> None:
         """Print and write what only makes a whole with the last bag."""

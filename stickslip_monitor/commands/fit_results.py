@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A fitted friction law as the documented JSON object.
-
-A fitted friction law in words: sentences, tables and a fragment of configuration.
-"""
+"""A fitted friction law as the documented JSON object, in words, and as configuration."""
 
 from __future__ import annotations
 

@@ -25,10 +25,10 @@ from stickslip_monitor.lab.scenes.scene import Scene, load_scene, simulate
 from stickslip_monitor.lab.scenes.telemetry import Messages
 from stickslip_monitor.lab.scenes.variation import as_believed
 from stickslip_monitor.lab.score import Interval, Truth, merged
-from stickslip_monitor.lab.warning_quality import Forecast, Quality, Said, quality_of
+from stickslip_monitor.lab.warning_quality import Quality, Said, given_of, quality_of
 from stickslip_monitor.monitor.bulk import Scan, scan_bearing
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.ladder import Condition, Level
+from stickslip_monitor.monitor.ladder import LADDER, Condition, Level
 from stickslip_monitor.monitor.signals import Stream, to_si
 from stickslip_monitor.monitor.source_faults import SourceWatch, least_gap
 from stickslip_monitor.offline.intervals import condition_intervals
@@ -37,8 +37,6 @@ from stickslip_monitor.offline.truth import Column, episodes_of, topic
 
 Alarm = Mapping[str, Any]
 OURS, BELOW_FOLD, BELOW_HOPF = 'monitor', 'below_fold', 'below_hopf'
-# Between two forecasts that are judged [ns]; those of events are judged beside them.
-_FORECAST_NS = 20 * 10**9
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +49,6 @@ class Call:
         sensors: Files of sensors, one after the other; None: what the scene itself says.
         variants: Fields of the alarm's configuration that are changed: each is judged as well.
         varied_sensors: The file of sensors with which the variants are judged.
-        forecasts: Whether forecasts are judged, which takes most of the time.
     """
 
     scene: str
@@ -59,7 +56,6 @@ class Call:
     sensors: tuple[str | None, ...] = (None,)
     variants: tuple[Alarm, ...] = ()
     varied_sensors: str | None = None
-    forecasts: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +139,7 @@ def _voyages(
             seed=scene.seed,
             sensors=sensors,
             bearing=config.name,
-            rules=case.rules(call.forecasts),
+            rules=case.rules(),
             variants=tuple(case.varied(variant) for variant in variants),
         )
 
@@ -185,7 +181,7 @@ class Sailed:
     truth: Truth
     plain: bool
 
-    def rules(self, forecasts: bool) -> dict[str, Quality]:
+    def rules(self) -> dict[str, Quality]:
         """The judgement of the monitor and of the bare rules."""
         scan = self._scan(self.config)
         said = self._on_recorder_clock(scan)
@@ -209,8 +205,8 @@ class Sailed:
     def _scan(self, config: BearingConfig) -> Scan:
         return scan_bearing(config, self.stream, *_span(self.truth, self.stream))
 
-    def _judged(self, said: Said, forecasts: Sequence[Forecast] = ()) -> Quality:
-        return quality_of(said, self.truth, self.plain, forecasts)
+    def _judged(self, said: Said) -> Quality:
+        return quality_of(said, self.truth, self.plain)
 
 
 def _is_plain(scene: Scene) -> bool:
@@ -316,8 +312,13 @@ def _monitor_said(scan: Scan, truth: Truth) -> Said:
         stretch = (part.start_ns, part.end_ns)
         warned += [stretch] if level >= Level.WARN else []
         alarmed += [stretch] if level >= Level.ERROR else []
-    raised = [event.time_ns for event in scan.events if event.raised]
-    return Said(merged(warned), merged(alarmed), raised, len(scan.events))
+    raised = [
+        (event.time_ns, LADDER.index(event.after))
+        for event in scan.events
+        if event.raised and event.after is not Condition.INPUT_STALE
+    ]
+    times = [time_ns for time_ns, _ in raised]
+    return Said(merged(warned), merged(alarmed), times, given_of(raised), len(scan.events))
 
 
 def _bare_rules(scan: Scan) -> dict[str, Said]:
@@ -329,7 +330,8 @@ def _bare_rules(scan: Scan) -> dict[str, Said]:
         pairs = zip(scan.time_ns[below].tolist(), scan.until_ns[below].tolist(), strict=True)
         stretches = merged(pairs)
         starts = [start for start, _ in stretches]
-        found[name] = Said(stretches, stretches, starts, 2 * len(stretches))
+        given = given_of((start, 0) for start in starts)
+        found[name] = Said(stretches, stretches, starts, given, 2 * len(stretches))
     return found
 
 

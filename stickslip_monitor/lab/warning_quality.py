@@ -10,17 +10,19 @@ The three figures of alarm systems are the rates of false and of missed alarms a
   its first 5 s.
 - *false*: a stick-slip alarm without an episode within 60 s; *wrong* is the time in that alarm
   that is further than 60 s from every episode.
-- *far*: warnings that are raised and cleared while the true fold margin is at least 0.4.
-- *burst*: the most raised conditions in ten minutes.
-- *forecast*: whether the time until the Hopf speed is right within a factor of two, and whether
-  its interval covers it.
+- *unfounded*: the time in that alarm without an episode.
+- *far*: warnings that are raised and cleared while the true fold margin is at least 0.4, and the
+  time under a warning there.
+- *newly given*: a warning is raised 10 s or more before an episode and after the one before;
+  episodes within 60 s of one another are one bout. A warning that is only held adds nothing.
+- *burst*: the most raised conditions in ten minutes; *given*: the same of alarms that are given to
+  people, a condition that comes back within 60 s of being given being the same alarm.
 
 All of it is a pure comparison of intervals.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 
@@ -57,31 +59,16 @@ class Said:
     Attributes:
         warned: When it warned of anything.
         alarmed: When it said that stick-slip runs.
-        raised: When a condition got worse [ns].
+        raised: When a condition got worse, or stick-slip began anew, rising [ns].
+        given: When an alarm was given to people, rising [ns].
         changes: Changes of condition.
     """
 
     warned: Intervals
     alarmed: Intervals
     raised: Sequence[int]
+    given: Sequence[int]
     changes: int
-
-
-@dataclass(frozen=True, slots=True)
-class Forecast:
-    """A forecast that was told.
-
-    Attributes:
-        time_ns: When [ns].
-        seconds: Time until steady sliding turns unstable [s].
-        earliest: The least that its interval allows [s].
-        latest: The most [s].
-    """
-
-    time_ns: int
-    seconds: float
-    earliest: float
-    latest: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,13 +85,15 @@ class Quality:
         plain_detected: Those of them that were detected.
         false: False stick-slip alarms.
         wrong: Time in the stick-slip alarm far from every episode [s].
+        unfounded: Time in the stick-slip alarm without an episode [s].
+        bouts: Episodes, those within 60 s of one another as one.
+        newly: Bouts before which a warning was newly given.
         far_seconds: Time far from the boundary [s].
         far_warnings: Warnings in it.
+        far_warned: Time under a warning in it [s].
         changes: Changes of condition.
         bursts: Of each voyage the most raised conditions in ten minutes.
-        forecasts: Forecasts whose outcome is known.
-        right: Those within a factor of two.
-        covered: Those whose interval holds what happened.
+        given: Of each voyage the most alarms given to people in ten minutes.
         wrong_source: Voyages on which the source of an input was told to be wrong.
     """
 
@@ -117,13 +106,15 @@ class Quality:
     plain_detected: int = 0
     false: int = 0
     wrong: float = 0.0
+    unfounded: float = 0.0
+    bouts: int = 0
+    newly: int = 0
     far_seconds: float = 0.0
     far_warnings: int = 0
+    far_warned: float = 0.0
     changes: int = 0
     bursts: tuple[int, ...] = ()
-    forecasts: int = 0
-    right: int = 0
-    covered: int = 0
+    given: tuple[int, ...] = ()
     wrong_source: int = 0
 
     def __add__(self, other: Quality) -> Quality:
@@ -156,15 +147,17 @@ class Quality:
             'detected_plain': _ratio(self.plain_detected, self.plain),
             'false_per_100h': _ratio(self.false * 360_000.0, self.seconds),
             'wrong_hours': self.wrong / 3600.0,
+            'unfounded_hours': self.unfounded / 3600.0,
+            'newly_given': _ratio(self.newly, self.bouts),
             'far_hours': self.far_seconds / 3600.0,
+            'far_warned_hours': self.far_warned / 3600.0,
+            'far_warned': _ratio(self.far_warned, self.far_seconds),
             'far_per_1000h': _ratio(self.far_warnings * 3_600_000.0, self.far_seconds),
             'changes_per_hour': _ratio(self.changes * 3600.0, self.seconds),
             'largest_burst': max(self.bursts, default=None),
             'bursts': sum(burst > MANY for burst in self.bursts),
+            'largest_given': max(self.given, default=None),
             'wrong_source': self.wrong_source,
-            'forecasts': self.forecasts,
-            'forecast_right': _ratio(self.right, self.forecasts),
-            'forecast_covered': _ratio(self.covered, self.forecasts),
         }
 
 
@@ -177,16 +170,13 @@ def pooled(parts: Iterable[Quality]) -> Quality:
     return sum(parts, Quality())
 
 
-def quality_of(
-    said: Said, truth: Truth, plain: bool, forecasts: Sequence[Forecast] = ()
-) -> Quality:
+def quality_of(said: Said, truth: Truth, plain: bool) -> Quality:
     """Judge one rule over one voyage.
 
     Args:
         said: What the rule said, within the time of the truth.
         truth: What the lining did, and the true margins.
         plain: Whether the voyage is one without knocks, wear and waves.
-        forecasts: The forecasts that were told.
     """
     window = [(truth.start_ns, truth.end_ns)]
     episodes = intersection(merged(truth.episodes), window)
@@ -197,7 +187,7 @@ def quality_of(
     near = merged((first - NEAR_NS, last + NEAR_NS) for first, last in episodes)
     false = [alarm for alarm in alarmed if not intersection([alarm], near)]
     far = _far(truth)
-    known = [outcome for f in forecasts if (outcome := _outcome(f, truth)) is not None]
+    bouts = _bouts(episodes)
     return Quality(
         seconds=(truth.end_ns - truth.start_ns) / 1e9,
         leads=tuple(lead for lead in leads if lead is not None),
@@ -208,14 +198,48 @@ def quality_of(
         plain_detected=detected if plain else 0,
         false=len(false),
         wrong=seconds(alarmed) - seconds(intersection(alarmed, near)),
+        unfounded=seconds(alarmed) - seconds(intersection(alarmed, episodes)),
+        bouts=len(bouts),
+        newly=_newly_given(bouts, said.raised),
         far_seconds=seconds(far),
         far_warnings=sum(_inside(warning, far) for warning in warned),
+        far_warned=seconds(intersection(warned, far)),
         changes=said.changes,
         bursts=(largest_burst(said.raised),),
-        forecasts=len(known),
-        right=sum(right for right, _ in known),
-        covered=sum(covered for _, covered in known),
+        given=(largest_burst(said.given),),
     )
+
+
+def _bouts(episodes: Intervals) -> list[Interval]:
+    """Episodes, with those that follow one another within 60 s as one."""
+    found: list[Interval] = []
+    for first, last in episodes:
+        if found and first - found[-1][1] < NEAR_NS:
+            found[-1] = (found[-1][0], last)
+        else:
+            found.append((first, last))
+    return found
+
+
+def _newly_given(bouts: Intervals, raised: Sequence[int]) -> int:
+    """Bouts before which a condition was raised in time, after the bout before."""
+    latest_ns = round(ENOUGH_LEAD * 1e9)
+    ends = [None, *(last for _, last in bouts)]
+    return sum(
+        any((end is None or end < time) and time <= first - latest_ns for time in raised)
+        for (first, _), end in zip(bouts, ends, strict=False)
+    )
+
+
+def given_of(raised: Iterable[tuple[int, int]]) -> list[int]:
+    """When alarms are given to people, of conditions raised with their rungs, rising [ns]."""
+    last: dict[int, int] = {}
+    found = []
+    for time_ns, rung in raised:
+        if rung not in last or time_ns - last[rung] > NEAR_NS:
+            found.append(time_ns)
+        last[rung] = time_ns
+    return found
 
 
 def largest_burst(times_ns: Sequence[int]) -> int:
@@ -241,27 +265,3 @@ def while_true(
 
 def _inside(interval: Interval, others: Intervals) -> bool:
     return any(start <= interval[0] and interval[1] <= end for start, end in others)
-
-
-def _outcome(forecast: Forecast, truth: Truth) -> tuple[bool, bool] | None:
-    """Whether a forecast was right and whether its interval held; ``None``: nobody knows."""
-    margin = -truth.hopf_margin
-    first = int(np.searchsorted(truth.time_ns, forecast.time_ns))
-    crossed = np.flatnonzero(margin[first:] > 0.0)
-    if crossed.size:
-        actual = (_crossing(truth, margin, first + int(crossed[0])) - forecast.time_ns) / 1e9
-    elif (truth.end_ns - forecast.time_ns) / 1e9 > max(2.0 * forecast.seconds, forecast.latest):
-        actual = math.inf
-    else:
-        return None
-    right = 0.5 * actual <= forecast.seconds <= 2.0 * actual
-    # Texts give whole seconds.
-    return right, forecast.earliest - 0.5 <= actual <= forecast.latest + 0.5
-
-
-def _crossing(truth: Truth, margin: NDArray[np.float64], k: int) -> float:
-    """When a margin that is above zero from sample ``k`` on passed it [ns], by a straight line."""
-    if k == 0 or not math.isfinite(margin[k - 1]) or margin[k - 1] > 0.0:
-        return float(truth.time_ns[k])
-    share = margin[k] / (margin[k] - margin[k - 1])
-    return float(truth.time_ns[k] - share * (truth.time_ns[k] - truth.time_ns[k - 1]))

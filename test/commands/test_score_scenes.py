@@ -111,7 +111,7 @@ def test_two_publishers_are_told(tmp_path: Path) -> None:
     other = {'second_publisher': {'speed': {'value': 3.0, 'unit': 'fold', 'rate': 5.0}}}
     document['effects'].append(other)
     Path(path).write_text(yaml.safe_dump(document), 'utf-8')
-    (voyage,) = judge(Call(path, None, forecasts=False))
+    (voyage,) = judge(Call(path, None))
     assert voyage.rules[OURS].wrong_source == 1
 
 

@@ -10,9 +10,9 @@ import pytest
 
 from stickslip_monitor.lab.score import Truth
 from stickslip_monitor.lab.warning_quality import (
-    Forecast,
     Quality,
     Said,
+    given_of,
     largest_burst,
     pooled,
     quality_of,
@@ -34,8 +34,10 @@ def truth(episodes: Spans, margin: Sequence[float] = ()) -> Truth:
     return Truth(0, HOUR * 10**9, ns(episodes), time, values, values)
 
 
-def said(warned: Spans = (), alarmed: Spans = (), changes: int = 0) -> Said:
-    return Said(ns(warned), ns(alarmed), [], changes)
+def said(
+    warned: Spans = (), alarmed: Spans = (), changes: int = 0, raised: Sequence[int] = ()
+) -> Said:
+    return Said(ns(warned), ns(alarmed), [time * 10**9 for time in raised], [], changes)
 
 
 def test_leads_misses_and_detection() -> None:
@@ -97,30 +99,32 @@ def test_largest_burst_in_ten_minutes(times: list[int], expected: int) -> None:
     assert largest_burst([time * 10**9 for time in times]) == expected
 
 
-@pytest.mark.parametrize(
-    ('seconds', 'earliest', 'latest', 'known', 'right', 'covered'),
-    [
-        # The margin of 0.2 crosses zero at 100.5 s, 90.5 s after the forecast.
-        (90.0, 85.0, 95.0, 1, 1, 1),
-        (46.0, 30.0, 60.0, 1, 1, 0),
-        (45.0, 30.0, 90.0, 1, 0, 1),
-        (182.0, 90.0, 200.0, 1, 0, 1),
-    ],
-)
-def test_forecast_of_the_begin(
-    seconds: float, earliest: float, latest: float, known: int, right: int, covered: int
-) -> None:
-    forecast = Forecast(10 * 10**9, seconds, earliest, latest)
-    margin = [0.2] * 101 + [-0.2] * 3500
-    quality = quality_of(said(), truth([], margin), True, [forecast])
-    assert (quality.forecasts, quality.right, quality.covered) == (known, right, covered)
+def test_a_warning_is_newly_given_in_time_and_after_the_episode_before() -> None:
+    """Of three bouts, one of two episodes: 11 s before; only held since then; 9 s before."""
+    quality = quality_of(
+        said(warned=[(50, 2000)], raised=[89, 100, 110, 2991]),
+        truth([(100, 120), (1000, 1010), (1040, 1050), (3000, 3010)]),
+        plain=True,
+    )
+    assert (quality.episodes, quality.bouts, quality.newly) == (4, 3, 1)
+    assert quality.figures()['newly_given'] == 1 / 3
 
 
-def test_forecast_of_what_never_happens_is_wrong_and_one_beyond_the_end_unknown() -> None:
-    never = Forecast(0, 100.0, 50.0, 200.0)
-    beyond = Forecast(3000 * 10**9, 400.0, 300.0, 500.0)
-    quality = quality_of(said(), truth([]), True, [never, beyond])
-    assert (quality.forecasts, quality.right, quality.covered) == (1, 0, 0)
+def test_holding_an_alarm_is_time_without_an_episode_and_time_under_a_warning() -> None:
+    """An episode of 50 s in an alarm of 200 s; of 1000 s far away 150 s are under a warning."""
+    quality = quality_of(
+        said(warned=[(850, 1100)], alarmed=[(1990, 2190)]),
+        truth([(2000, 2050)], [0.5] * 1000),
+        plain=True,
+    )
+    assert quality.unfounded == 150.0
+    assert (quality.far_warned, quality.figures()['far_warned']) == (150.0, 0.15)
+
+
+def test_what_comes_back_within_a_minute_is_the_alarm_that_was_given() -> None:
+    raised = [(0, 2), (30, 2), (91, 2), (92, 4), (300, 2), (361, 2)]
+    seconds = given_of((time * 10**9, rung) for time, rung in raised)
+    assert [time_ns // 10**9 for time_ns in seconds] == [0, 91, 92, 300, 361]
 
 
 def test_voyages_add_up() -> None:

@@ -1,15 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Refuses a curve that cannot identify the law, with what is missing.
+"""Fits the Stribeck law to a measured friction curve, or refuses one that cannot identify it.
 
-The fitted law with its uncertainty, and what a user should know before believing it.
-
-Fits the Stribeck law to a measured friction curve, and says how well the curve knows it.
-
-``mu(v) = mu_k + (mu_s - mu_k) exp(-beta v) [+ nu v]``. For a given ``beta`` the law is linear, so
-``beta`` is searched over all its decades first (``fit_start``) and no start value is asked for.
-From there Tukey's biweight is iterated to convergence (``fit_solve``), the viscous slope is put to
-the test (``fit_viscous``), the uncertainty follows (``fit_uncertainty``), and a curve that cannot
-identify the law is refused (``fit_identify``).
+``mu(v) = mu_k + (mu_s - mu_k) exp(-beta v) [+ nu v]``. The robust fit is that of ``solve``, the
+errors and the test of the viscous slope are those of ``uncertainty``; here it is decided what they
+are worth: a refusal with what is missing, or the law with warnings.
 """
 
 from __future__ import annotations
@@ -50,6 +44,12 @@ _FARTHEST = 5.0
 _LARGEST = 1e30
 # Above these a number looks like percent, or like revolutions a minute.
 _UNUSUAL_COEFFICIENT, _UNUSUAL_SPEED = 3.0, 30.0
+_MANY_OUTLIERS, _MUCH_LEVERAGE = 0.2, 0.9
+# Residuals of so few floors of scatter are rounding.
+_ROUNDING, _LACK_LEVEL = 1e3, 0.02
+_SIGNIFICANT = 2.0
+
+Viscous = Literal['auto', 'yes', 'no']
 
 
 def has_points(curve: FrictionCurve, model: Model) -> bool:
@@ -183,12 +183,6 @@ def require_distinct(solution: Solution, covariance: FloatArray) -> None:
         )
 
 
-_MANY_OUTLIERS = 0.2
-# Residuals of so few floors of scatter are rounding.
-_ROUNDING, _LACK_LEVEL = 1e3, 0.02
-_MUCH_LEVERAGE = 0.9
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class StribeckFit:
     """A fitted law with its uncertainty.
@@ -312,11 +306,6 @@ class StribeckFit:
         gradient = gradient_of(fall, self.law.decay, v, self.names)
         variance = np.einsum('ni,ij,nj->n', gradient, self.covariance, gradient)
         return self.t_quantile * np.sqrt(np.maximum(variance, 0.0))
-
-
-Viscous = Literal['auto', 'yes', 'no']
-
-_SIGNIFICANT = 2.0
 
 
 def fit_stribeck(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit:

@@ -1,15 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the parts of the fit hand to each other: the coefficients sought, and the best curve.
+"""The robust fit of a model to a curve, without a start value.
 
-Starts the fit without a start value: the rate of decay is searched over all its decades.
-
-For a given rate the law is linear (variable projection: Golub and Pereyra, SIAM J. Numer. Anal.
-10, 1973). Two criteria that outliers hardly move choose among the rates: the least sum, and the
-least median, of absolute residuals.
-
-The robust fit of a model: Tukey's biweight, iterated to convergence from robust starts.
-
-Beaton and Tukey, Technometrics 16, 1974, with the scale from the median absolute residual.
+For a given rate of decay the law is linear (variable projection: Golub and Pereyra, SIAM J. Numer.
+Anal. 10, 1973), so the rate is searched over all its decades by two criteria that outliers hardly
+move: the least sum, and the least median, of absolute residuals. From there Tukey's biweight
+(Beaton and Tukey, Technometrics 16, 1974) is iterated to convergence, with the scale from the
+median absolute residual.
 """
 
 from __future__ import annotations
@@ -28,6 +24,14 @@ TUKEY = 4.685
 """Residuals beyond this many scales count nothing; on clean data 95 % efficient."""
 FLOOR = 1e-14
 """Exact data keep a scatter of this share of the largest coefficient."""
+_PER_DECADE = 10
+_SUBSETS = 60
+_MEDIAN_POINTS = 200
+_MAD = 1.482602218505602
+_STEPS = 400
+_SMALL_SAMPLE = 2.0
+_NORMAL_SHARE = 0.8281
+_TOLERANCE = 1e-11
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,11 +99,6 @@ class Solution:
 def scale_floor(curve: FrictionCurve) -> float:
     """The least scale: what rounding leaves of exact data."""
     return FLOOR * max(float(np.max(np.abs(curve.coefficient / curve.std))), FLOOR)
-
-
-_PER_DECADE = 10
-_SUBSETS = 60
-_MEDIAN_POINTS = 200
 
 
 def rates(curve: FrictionCurve) -> FloatArray:
@@ -185,13 +184,6 @@ def least_median(curve: FrictionCurve, model: Model) -> tuple[float, FloatArray]
     i, j = np.unravel_index(int(np.argmin(median)), median.shape)
     fitted = columns_of(curve, model, rate[i : i + 1])[0] @ solved[i, j]
     return float(rate[i]), (curve.coefficient - fitted) / curve.std
-
-
-_MAD = 1.482602218505602
-_STEPS = 400
-_SMALL_SAMPLE = 2.0
-_NORMAL_SHARE = 0.8281
-_TOLERANCE = 1e-11
 
 
 def solve(curve: FrictionCurve, model: Model) -> Solution:

@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How well the curve knows the coefficients: their covariance, and the profile of the decay.
+"""How well a curve knows the coefficients, and whether it demands a viscous slope.
 
-Covariance: Huber and Ronchetti, Robust Statistics, 2nd ed., eq. (7.81). Profile interval: Bates
-and Watts, Nonlinear Regression Analysis, ch. 6.
-
-Whether the measured curve demands a viscous slope.
+Covariance: Huber and Ronchetti, Robust Statistics, 2nd ed., eq. (7.81). Profile interval of the
+decay: Bates and Watts, Nonlinear Regression Analysis, ch. 6.
 """
 
 from __future__ import annotations
@@ -27,6 +25,7 @@ from stickslip_monitor.lab.friction_fit.solve import (
 )
 
 CONFIDENCE = 0.95
+VISCOUS_LEVEL = 0.01
 
 
 def covariance_of(solution: Solution) -> FloatArray:
@@ -128,9 +127,6 @@ def squares_of(solution: Solution, columns: FloatArray) -> FloatArray:
     target = root * solution.curve.coefficient
     seen = np.einsum('bnk,n->bk', left, target) * (size > 1e-12 * size[:, :1])
     return np.sum((target - np.einsum('bnk,bk->bn', left, seen)) ** 2, axis=1)
-
-
-VISCOUS_LEVEL = 0.01
 
 
 @dataclass(frozen=True, slots=True)
