@@ -125,7 +125,7 @@ def _redefined_often() -> bytes:
     """65,000 channels, one of which changes its meaning in each of 300 chunks."""
     many = [channel(number, f'/topic{number}') for number in range(3, 65_003)]
     changes = [Piece([channel(9, f'/other{k}'), message(9, START, 0.0)]) for k in range(300)]
-    return file([Piece([*DEFINITIONS, *messages(0), *many]), *changes], summary=False)
+    return file([Piece([*DEFINITIONS, *messages(0, 60), *many]), *changes], summary=False)
 
 
 def _late_redefinition(record: bytes) -> bytes:

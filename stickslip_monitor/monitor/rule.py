@@ -59,6 +59,8 @@ LOUD_LAG, LOUD = 600.0, 0.02
 """A level tells nothing that is high for more than this share of the time outside, lag [s]."""
 APART = 120 * 10**9
 """A level that was high outside so shortly before tells nothing inside [ns]."""
+SHORT = 15 * 10**9
+"""A vibration that ends sooner than this tells nothing [ns]."""
 LEARNED = 60 * 10**9
 """For how long a level is watched before a threshold is learned from it [ns]."""
 STUCK = 300 * 10**9
@@ -454,7 +456,13 @@ def take_level(s: Any, c: Any, si: float, stamp: int, last: int) -> None:
     threshold = level_threshold(s, c)
     if not s.raised & (1 << CAUTION):
         watch_outside(s, c, level >= threshold, gap, stamp)
+    before = s.vibrating
     count_level(s, level >= threshold, level < threshold - c.hysteresis, min(gap, DUE // 2))
+    if s.vibrating == VIBRATING and before != VIBRATING:
+        s.spell = stamp
+    elif s.vibrating == QUIET and before == VIBRATING and stamp - s.spell < SHORT:
+        # Stick-slip would have gone on: what ends by itself so soon was something else.
+        s.outside = stamp
 
 
 def level_threshold(s: Any, c: Any) -> float:

@@ -100,6 +100,25 @@ def together(
     return found
 
 
+# Strips of speed of which the exact cycle is worked out.
+_STRIPS = 16
+
+
+def _outermost(speed: FloatArray, load: FloatArray) -> IndexArray:
+    """The fastest and the most loaded point of each strip of speed, shape (m,).
+
+    At one speed the amplitude of the exact cycle rises with the load, and at one load, as a rule,
+    with the speed: one of these has the greatest, or all but the greatest.
+    """
+    low, high = float(speed.min()), float(speed.max())
+    strip = ((speed - low) / (high - low or 1.0) * _STRIPS).astype(np.intp)
+    found = []
+    for column in (speed, load):
+        order = np.lexsort((column, strip))
+        found.append(order[np.append(np.diff(strip[order]) > 0, True)])
+    return np.unique(np.concatenate(found))
+
+
 @dataclass(frozen=True, slots=True)
 class Extreme:
     """The worst value of a quantity in a recording, and the operating point it came from."""
@@ -128,7 +147,8 @@ class Worst:
             self._take(name, scan, None, np.where(np.isfinite(margin), margin, np.inf))
         rows = np.flatnonzero(scan.sticking)
         if rows.size:
-            amplitude = at_indices(points, rows).amplitude
+            rows = rows[_outermost(np.abs(scan.speed[rows]), scan.load[rows])]
+            amplitude = at_indices(points, rows).amplitude_exact
             self._take('amplitude', scan, rows, np.where(np.isnan(amplitude), np.inf, -amplitude))
 
     def _take(self, name: str, scan: Scan, rows: IndexArray | None, badness: FloatArray) -> None:

@@ -27,7 +27,7 @@ from stickslip_monitor.physics.oscillator import Bearing
 Boundary = Callable[[FloatArray], FloatArray]
 """Speeds [m/s] at loads [N], shape (n,); ``nan`` where there is none, ``inf`` without an end."""
 # Octaves of load from the onset, and points: measured, twice as many gain nothing.
-_OCTAVES, _SMOOTH, _BROKEN = 12, 1401, 8193
+_OCTAVES, _SMOOTH, _BROKEN = 8, 801, 1025
 # Loads among which the onset is looked for [N], and how often the interval is divided by 64.
 _LEAST, _MOST, _ROUNDS = 1e-9, 1e15, 8
 
@@ -97,8 +97,11 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
         return np.asarray(exact_fold_speed(bearing, load))
 
     onset = _onset(averaged)
-    if onset == math.inf:
+    if onset == math.inf and not exact(np.array([_MOST]))[0] > 0.0:
         return BoundaryTable(math.inf, 1.0, np.zeros((2, 1, 4)))
+    if onset == math.inf:
+        # A law that falls at once, as Coulomb's, has a fold in proportion to every load.
+        onset = _LEAST
     broken = law_numbers(bearing.friction)[PIECES] > 0.0
     grid = np.linspace(0.0, _OCTAVES * math.log(2.0), _BROKEN if broken else _SMOOTH)
     load = np.exp(math.log(onset) + grid)

@@ -73,7 +73,8 @@ def test_a_check_takes_as_much_memory_whatever_the_length(tmp_path: Path) -> Non
         _peak(_recording(tmp_path / f'{n}.mcap', n * _MILLION), '--json') for n in (1, 4)
     )
     assert long < short + 25.0
-    assert long < 200.0
+    # Some 110 MB of it is numba, which runs the rule over a long recording.
+    assert long < 400.0
 
 
 @pytest.mark.slow

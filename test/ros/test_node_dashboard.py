@@ -93,6 +93,7 @@ def open_page(run: Any, tmp_path: Path) -> Iterator[Any]:
         found = first.peer.until(
             lambda: re.search(r'Dashboard on (http://127\.0\.0\.1:\d+/)\n', dashboard.output),
             'the dashboard',
+            120.0,  # on a busy machine its imports alone take long
         )
         return dashboard, Page(found[1], first.space)
 
