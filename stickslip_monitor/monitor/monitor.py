@@ -210,7 +210,8 @@ class BearingMonitor:
         state, settings = self.state, self._settings
         speed, load = state.value
         judge = partial(assessed, self.config, settings, speed, load, state.runs)
-        return Verdict(self.config.name, state.now, standing_of(state, settings.live), judge)
+        standing = standing_of(state, settings.live)
+        return Verdict(self.config.name, state.now, standing, judge, speed, load)
 
     def _event(self, before: int, time_ns: int, onset: bool = False) -> Event:
         point = self.verdict.assessment if self.verdict else None

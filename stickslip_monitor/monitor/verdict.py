@@ -91,12 +91,16 @@ class Verdict:
         time_ns: Time of the operating point: the later of its two measurements [ns].
         standing: What the alarm rests on.
         judge: Makes the assessment, when it is first asked for.
+        speed: Surface speed [m/s].
+        load: Load [N].
     """
 
     bearing: str
     time_ns: int
     standing: Standing
     judge: Callable[[], Assessment]
+    speed: float = math.nan
+    load: float = math.nan
 
     @cached_property
     def assessment(self) -> Assessment:

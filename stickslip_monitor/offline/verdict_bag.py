@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,8 @@ from stickslip_monitor.bags.reader import Request, Series
 from stickslip_monitor.bags.values import Payload, TimeSpans
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.assessment import assess
+from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.messages import (
     BearingState,
@@ -34,13 +35,15 @@ from stickslip_monitor.monitor.messages import (
     event_json,
     output_topics,
     state_of,
-    verdict_values,
+    topic_numbers,
+    topic_words,
 )
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.session import Moment, NoLog, Session, Sink
 from stickslip_monitor.monitor.verdict import Event, Verdict
 from stickslip_monitor.offline.check import CheckReport
 from stickslip_monitor.offline.follow import requests_of
+from stickslip_monitor.physics.boundary_table import known_table
 
 NODE = 'stickslip_monitor'
 TICK_NS = 10**9
@@ -200,7 +203,8 @@ class _Messages(Sink):
 
     def __init__(self, config: MonitorConfig, spans: TimeSpans) -> None:
         self._spans = spans
-        self._values = {b.name: verdict_values(b) for b in config.bearings}
+        self._bearings = config.bearings
+        self._verdicts: dict[str, list[Verdict]] = {b.name: [] for b in config.bearings}
         self._kinds = output_topics(config.bearings, f'/{NODE}')
         self._told: dict[str, list[tuple[int, bytes]]] = {name: [] for name in self._kinds}
 
@@ -210,6 +214,9 @@ class _Messages(Sink):
 
     def columns(self) -> Iterator[MessageColumn]:
         """What was told since the last call."""
+        for bearing in self._bearings:
+            self._tell_verdicts(bearing, self._verdicts[bearing.name])
+            self._verdicts[bearing.name].clear()
         for topic, told in self._told.items():
             if told:
                 times, payload = zip(*told, strict=True)
@@ -217,12 +224,26 @@ class _Messages(Sink):
                 told.clear()
 
     def take_verdict(self, verdict: Verdict) -> None:
-        """Numbers and words of one bearing."""
+        """One operating point; what is said of it is worked out with those that follow."""
         if self.wants(verdict.time_ns):
-            for name, value in self._values[verdict.bearing].items():
-                said = value(verdict)
-                data = encode_string(said) if isinstance(said, str) else encode_float64(said)
-                self._tell(f'/{NODE}/{verdict.bearing}/{name}', verdict.time_ns, data)
+            self._verdicts[verdict.bearing].append(verdict)
+
+    def _tell_verdicts(self, bearing: BearingConfig, verdicts: Sequence[Verdict]) -> None:
+        """Numbers and words of some verdicts on one bearing."""
+        if not verdicts:
+            return
+        speed = np.array([verdict.speed for verdict in verdicts])
+        load = np.array([verdict.load for verdict in verdicts])
+        table = known_table(bearing.bearing)
+        points = assess(bearing.bearing, speed, load, bearing.belief, table)
+        said: dict[str, Any] = {name: getattr(points, name) for name in topic_numbers(bearing)}
+        if bearing.belief is not None:
+            said['probability_runs'] = [v.assessment.probability_runs for v in verdicts]
+        said |= {'regime': points.regime, 'measured': [str(v.standing.measured) for v in verdicts]}
+        for name in (*topic_numbers(bearing), *topic_words(bearing)):
+            for verdict, value in zip(verdicts, said[name], strict=True):
+                data = encode_string(value) if isinstance(value, str) else _encoded(name, value)
+                self._tell(f'/{NODE}/{bearing.name}/{name}', verdict.time_ns, data)
 
     def take_event(self, event: Event) -> None:
         """One JSON warning."""
@@ -239,6 +260,11 @@ class _Messages(Sink):
 
     def _tell(self, topic: str, time_ns: int, data: bytes) -> None:
         self._told[topic].append((time_ns, data))
+
+
+def _encoded(name: str, value: float) -> bytes:
+    """A number as a message; an amplitude is 0 where there is no cycle."""
+    return encode_float64(0.0 if value != value and name.startswith('amplitude') else value)
 
 
 class _Course:
