@@ -118,25 +118,15 @@ _RPM = math.pi * 0.100 / 60.0
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """An operating point with the amplitude of its stable cycle.
+    """An operating point with the amplitude of its stable cycle."""
 
-    Attributes:
-        name: Short and unique.
-        what: What makes it easy or hard.
-        bearing: The bearing.
-        speed: Surface speed ``V`` [m/s].
-        load: Load ``N`` [N].
-        reference: Amplitude to 15 digits or more [m].
-        quick: Whether a quick look has it.
-    """
-
-    name: str
-    what: str
-    bearing: Bearing
-    speed: float
-    load: float
-    reference: float
-    quick: bool = False
+    name: str  # short and unique
+    what: str  # what makes it easy or hard
+    bearing: Bearing  # the bearing
+    speed: float  # surface speed ``V`` [m/s]
+    load: float  # load ``N`` [N]
+    reference: float  # amplitude to 15 digits or more [m]
+    quick: bool = False  # whether a quick look has it
 
 
 def _bench(rpm: float, what: str, reference: float, quick: bool = False) -> Case:

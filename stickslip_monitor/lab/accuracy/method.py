@@ -24,20 +24,14 @@ class MethodOutcome(Enum):
 
 @dataclass(frozen=True, slots=True)
 class MethodResult:
-    """What a method says of one operating point.
+    """What a method says of one operating point."""
 
-    Attributes:
-        amplitude: Half the peak-to-peak displacement of the stable cycle [m]; ``nan`` without.
-        outcome: How it ended.
-        evaluations: How often the friction law was asked, an array of speeds counting once;
-            ``None`` where it is not counted.
-        reason: Why it was refused; empty otherwise.
-    """
-
-    amplitude: float
-    outcome: MethodOutcome
+    amplitude: float  # half the peak-to-peak displacement of the stable cycle [m]; ``nan`` without
+    outcome: MethodOutcome  # how it ended
+    # How often the friction law was asked, an array of speeds counting once; ``None`` where it
+    # is not counted.
     evaluations: int | None
-    reason: str = ''
+    reason: str = ''  # why it was refused; empty otherwise
 
     @property
     def sentence(self) -> str:
@@ -62,24 +56,16 @@ def _applies(bearing: Bearing) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """A way to compute the amplitude of the stable cycle.
+    """A way to compute the amplitude of the stable cycle."""
 
-    Attributes:
-        name: Short and unique.
-        family: What it shares with its variants, which differ in accuracy only.
-        amplitude: Solves an operating point: bearing, surface speed ``V`` > 0 [m/s], load ``N``
-            > 0 [N].
-        refusal: Why it does not apply to a bearing; empty where it does.
-        points: Operating points solved together in one call; its time is shared among them.
-        slow: Whether a quick look leaves it out.
-    """
-
-    name: str
-    family: str
+    name: str  # short and unique
+    family: str  # what it shares with its variants, which differ in accuracy only
+    # Solves an operating point: bearing, surface speed ``V`` > 0 [m/s], load ``N`` > 0 [N].
     amplitude: Callable[[Bearing, float, float], MethodResult]
+    # Why it does not apply to a bearing; empty where it does.
     refusal: Callable[[Bearing], str] = _applies
-    points: int = 1
-    slow: bool = False
+    points: int = 1  # operating points solved together in one call; its time is shared among them
+    slow: bool = False  # whether a quick look leaves it out
 
     def solve(self, bearing: Bearing, speed: float, load: float) -> MethodResult:
         """Apply it where it applies, and say why where it does not."""

@@ -135,18 +135,13 @@ def slip_perturbation(points: int, bearing: Bearing, speed: float, load: float) 
 class Cubic:
     """The cubic law; see the module.
 
-    Args:
-        static: ``mu_s`` >= 0 [-].
-        minimum: ``mu_m`` >= 0, the least coefficient [-].
-        minimum_speed: ``v_m`` > 0, where it is reached [m/s].
-
     Raises:
         PhysicsError: A coefficient breaks its rule.
     """
 
-    static: float
-    minimum: float
-    minimum_speed: float
+    static: float  # ``mu_s`` >= 0 [-]
+    minimum: float  # ``mu_m`` >= 0, the least coefficient [-]
+    minimum_speed: float  # ``v_m`` > 0, where it is reached [m/s]
 
     def __post_init__(self) -> None:
         require_not_negative('static', self.static)

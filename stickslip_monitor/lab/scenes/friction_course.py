@@ -48,14 +48,10 @@ class FrictionCourse:
 
     It moves in steps of one second, each with the values at its start, so that the integrator has
     one law at a time; the steps are too small to affect the motion.
-
-    Attributes:
-        law: The law of the configuration.
-        drifts: By parameter, how it moves.
     """
 
-    law: FrictionLaw
-    drifts: dict[str, Profile] = field(default_factory=dict)
+    law: FrictionLaw  # the law of the configuration
+    drifts: dict[str, Profile] = field(default_factory=dict)  # by parameter, how it moves
 
     def at(self, time: float) -> FrictionLaw:
         """The law at a time since the scene's start [s]."""

@@ -38,45 +38,28 @@ LEAST_STICKS = 2
 
 @dataclass(frozen=True, slots=True)
 class EpisodeEvent:
-    """The start or the end of an episode.
+    """The start or the end of an episode."""
 
-    Attributes:
-        name: ``'first_stick'`` or ``'last_stick'``.
-        known: When it could be known [s].
-        time: When it was [s].
-        sticks: Stretches of sticking up to then.
-        sticking: Time of sticking in them [s].
-    """
-
-    name: str
-    known: float
-    time: float
-    sticks: int
-    sticking: float
+    name: str  # ``'first_stick'`` or ``'last_stick'``
+    known: float  # when it could be known [s]
+    time: float  # when it was [s]
+    sticks: int  # stretches of sticking up to then
+    sticking: float  # time of sticking in them [s]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Walk:
-    """How the lining moved over a stretch of time.
+    """How the lining moved over a stretch of time."""
 
-    Attributes:
-        end: Where it ends [s].
-        time: Times of the samples asked for, shape (n,) [s].
-        displacement: Shape (n,) [m].
-        velocity: Shape (n,) [m/s].
-        acceleration: Shape (n,) [m/s^2].
-        sticking: Whether it sticks, shape (n,).
-        changes: When it began to stick (True) or ceased to (False), and, before those of the same
-            time, when the shaft came to rest (True) or began to turn (False): time [s], whether
-            it is the lining's, and which.
-    """
-
-    end: float
-    time: FloatArray
-    displacement: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    sticking: BoolArray
+    end: float  # where it ends [s]
+    time: FloatArray  # times of the samples asked for, shape (n,) [s]
+    displacement: FloatArray  # shape (n,) [m]
+    velocity: FloatArray  # shape (n,) [m/s]
+    acceleration: FloatArray  # shape (n,) [m/s^2]
+    sticking: BoolArray  # whether it sticks, shape (n,)
+    # When it began to stick (True) or ceased to (False), and, before those of the same time,
+    # when the shaft came to rest (True) or began to turn (False): time [s], whether it is the
+    # lining's, and which.
     changes: list[tuple[float, bool, bool]]
 
     def at(self, own: IndexArray) -> Walk:

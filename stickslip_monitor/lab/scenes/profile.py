@@ -24,18 +24,12 @@ HEADER = ['time', 'value']
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Profile:
-    """A piecewise linear table; before its first and after its last point the value is held.
+    """A piecewise linear table; before its first and after its last point the value is held."""
 
-    Attributes:
-        times: Rising times since the scene's start, none before it, shape (n,) [s].
-        values: The value at each, shape (n,).
-        ways: The integral from the scene's start to each, shape (n,).
-        factor: What multiplies all that is asked of it, e.g. the SI value of the values' unit.
-    """
-
-    times: FloatArray
-    values: FloatArray
-    ways: FloatArray
+    times: FloatArray  # rising times since the scene's start, none before it, shape (n,) [s]
+    values: FloatArray  # the value at each, shape (n,)
+    ways: FloatArray  # the integral from the scene's start to each, shape (n,)
+    # What multiplies all that is asked of it, e.g. the SI value of the values' unit.
     factor: float = 1.0
 
     @classmethod
@@ -190,15 +184,10 @@ def _numbers(name: str, row: list[str]) -> list[float]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Windows:
-    """Stretches of time that do not overlap.
+    """Stretches of time that do not overlap."""
 
-    Attributes:
-        starts: Their starts, rising, shape (n,) [s].
-        ends: Their ends, which do not belong to them, shape (n,) [s].
-    """
-
-    starts: FloatArray
-    ends: FloatArray
+    starts: FloatArray  # their starts, rising, shape (n,) [s]
+    ends: FloatArray  # their ends, which do not belong to them, shape (n,) [s]
 
     def hold(self, time: FloatArray) -> BoolArray:
         """Whether some times [s] lie in a window."""
@@ -238,17 +227,11 @@ def read_windows(settings: Settings, duration: float) -> Windows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampleMask:
-    """Which samples an effect changes.
+    """Which samples an effect changes."""
 
-    Attributes:
-        windows: Where it acts; None: everywhere.
-        share: The probability that a sample there is hit, each by itself.
-        random: Its random stream, None where the share is 1.
-    """
-
-    windows: Windows | None
-    share: float
-    random: np.random.Generator | None
+    windows: Windows | None  # where it acts; None: everywhere
+    share: float  # the probability that a sample there is hit, each by itself
+    random: np.random.Generator | None  # its random stream, None where the share is 1
 
     def hit(self, time: FloatArray) -> BoolArray:
         """Whether the next samples, at some times [s], are hit."""

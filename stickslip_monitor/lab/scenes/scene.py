@@ -45,30 +45,18 @@ _EPOCH = dt.datetime(1970, 1, 1, tzinfo=dt.timezone.utc)
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A validated scene.
+    """A validated scene."""
 
-    Attributes:
-        description: What it shows.
-        duration: Its duration, > 0 [s].
-        start_ns: Time stamp of its start [ns since 1970].
-        seed: Seed of all random streams.
-        folder: Folder of the scene file.
-        config_path: File of the configuration.
-        config: The configuration of the bearings.
-        channels: The channels of telemetry.
-        effects: The settings of each effect, in the order in which they act.
-        parameter_error: By parameter the largest relative error of what the monitor is told.
-    """
-
-    description: str
-    duration: float
-    start_ns: int
-    seed: int
-    folder: Path
-    config_path: Path
-    config: MonitorConfig
-    channels: tuple[Channel, ...]
-    effects: tuple[Settings, ...]
+    description: str  # what it shows
+    duration: float  # its duration, > 0 [s]
+    start_ns: int  # time stamp of its start [ns since 1970]
+    seed: int  # seed of all random streams
+    folder: Path  # folder of the scene file
+    config_path: Path  # file of the configuration
+    config: MonitorConfig  # the configuration of the bearings
+    channels: tuple[Channel, ...]  # the channels of telemetry
+    effects: tuple[Settings, ...]  # the settings of each effect, in the order in which they act
+    # By parameter the largest relative error of what the monitor is told.
     parameter_error: Mapping[str, float] = field(default_factory=dict)
 
     def build(self) -> SceneRun:

@@ -65,16 +65,11 @@ class Channel:
     """One sensor: a topic, and the bearings that read it.
 
     Several bearings of one shaft read one speed topic; SI values are then those of the first.
-
-    Attributes:
-        quantity: ``'speed'``, ``'load'`` or ``'level'``.
-        bearings: The bearings that read it, at least one.
-        rate: Samples per second [Hz].
     """
 
-    quantity: str
-    bearings: tuple[BearingConfig, ...]
-    rate: float
+    quantity: str  # ``'speed'``, ``'load'`` or ``'level'``
+    bearings: tuple[BearingConfig, ...]  # the bearings that read it, at least one
+    rate: float  # samples per second [Hz]
 
     @property
     def input(self) -> InputConfig:
@@ -149,24 +144,16 @@ class Channel:
 
 @dataclass(slots=True, eq=False)
 class Signal:
-    """The samples of one channel over a stretch of time; effects change them.
+    """The samples of one channel over a stretch of time; effects change them."""
 
-    Attributes:
-        channel: The channel.
-        time: True instants of measurement since the scene's start, shape (n,) [s].
-        stamp_ns: Time stamps by the sensor's clock, shape (n,) [ns].
-        value: Surface speed [m/s] or load [N], shape (n,).
-        arrival_ns: When the recorder gets each message, by its own clock, shape (n,) [ns]; None
-            where messages have no stamp of their own, and the recorder's is all there is.
-        copies: How often each is recorded, shape (n,); None: once.
-    """
-
-    channel: Channel
-    time: FloatArray
-    stamp_ns: IntArray
-    value: FloatArray
+    channel: Channel  # the channel
+    time: FloatArray  # true instants of measurement since the scene's start, shape (n,) [s]
+    stamp_ns: IntArray  # time stamps by the sensor's clock, shape (n,) [ns]
+    value: FloatArray  # surface speed [m/s] or load [N], shape (n,)
+    # When the recorder gets each message, by its own clock, shape (n,) [ns]; None where
+    # messages have no stamp of their own, and the recorder's is all there is.
     arrival_ns: IntArray | None = None
-    copies: IntArray | None = None
+    copies: IntArray | None = None  # how often each is recorded, shape (n,); None: once
 
     @property
     def raw(self) -> FloatArray:
@@ -191,17 +178,11 @@ class Signal:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Messages:
-    """The messages of one channel over a stretch of time.
+    """The messages of one channel over a stretch of time."""
 
-    Attributes:
-        log_time_ns: When each was recorded, shape (n,) [ns].
-        stamp_ns: The stamps in their headers, shape (n,) [ns]; None: they have none.
-        raw: The numbers in them, shape (n,).
-    """
-
-    log_time_ns: IntArray
-    stamp_ns: IntArray | None
-    raw: FloatArray
+    log_time_ns: IntArray  # when each was recorded, shape (n,) [ns]
+    stamp_ns: IntArray | None  # the stamps in their headers, shape (n,) [ns]; None: they have none
+    raw: FloatArray  # the numbers in them, shape (n,)
 
 
 _LOWEST_RATE, _HIGHEST_RATE = 1e-6, 1000.0

@@ -34,31 +34,20 @@ UNITS: Mapping[str, Sequence[str]] = {
 
 @dataclass(slots=True)
 class SceneRun:
-    """One run of a scene: what effects may know of it while they are built, and what they add.
+    """One run of a scene: what effects may know of it while they are built, and what they add."""
 
-    Attributes:
-        duration: The scene's duration [s].
-        seed: The scene's seed.
-        channels: Its channels.
-        folder: The folder of the scene file, from which the paths in it count.
-        start_ns: Time stamp of the scene's start [ns since 1970].
-        shaft: Speed and load, with what the effects add to them.
-        courses: By bearing, the friction that moves in time.
-        sensors: By topic, the sensors with a memory.
-        effects: What changes the signals block after block; blocks come in order, each once.
-        cut: When the recorder ends in mid-write [s]; None: it does not.
-    """
-
-    duration: float
-    seed: int
-    channels: tuple[Channel, ...]
-    folder: Path
-    start_ns: int
-    shaft: Shaft
+    duration: float  # the scene's duration [s]
+    seed: int  # the scene's seed
+    channels: tuple[Channel, ...]  # its channels
+    folder: Path  # the folder of the scene file, from which the paths in it count
+    start_ns: int  # time stamp of the scene's start [ns since 1970]
+    shaft: Shaft  # speed and load, with what the effects add to them
+    # By bearing, the friction that moves in time.
     courses: dict[str, FrictionCourse] = field(default_factory=dict)
-    sensors: dict[str, Sensor] = field(default_factory=dict)
+    sensors: dict[str, Sensor] = field(default_factory=dict)  # by topic, the sensors with a memory
+    # What changes the signals block after block; blocks come in order, each once.
     effects: list[Callable[[TimeBlock], None]] = field(default_factory=list)
-    cut: float | None = None
+    cut: float | None = None  # when the recorder ends in mid-write [s]; None: it does not
     _claimed: set[tuple[str, str]] = field(default_factory=set)
 
     def claim(self, effect: str, place: str = '', part: str = '') -> None:
@@ -140,17 +129,11 @@ SensorEffect = Callable[[Settings, Channel, SceneRun], Callable[[Signal], None] 
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """What a scene file may ask for by a name.
+    """What a scene file may ask for by a name."""
 
-    Attributes:
-        stage: When it acts: see :data:`~.registry.STAGES`.
-        keys: The settings it takes.
-        build: Adds it to a run of a scene.
-    """
-
-    stage: str
-    keys: tuple[str, ...]
-    build: Builder
+    stage: str  # when it acts: see :data:`~.registry.STAGES`
+    keys: tuple[str, ...]  # the settings it takes
+    build: Builder  # adds it to a run of a scene
 
 
 DECLARED: dict[str, Effect] = {}
