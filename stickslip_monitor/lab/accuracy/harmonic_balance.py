@@ -161,12 +161,10 @@ def half_range(q: FloatArray) -> float:
     return 0.5 * abs(float(np.diff(derivative(0, at))[0]))
 
 
-def needs_resolvent(bearing: Bearing) -> str:
-    """Why the method does not apply: a jump of the coefficient on leaving stick."""
+def has_resolvent(bearing: Bearing) -> bool:
+    """Whether the method applies: a jump at breakaway leaves the stick force undetermined."""
     law = bearing.friction
-    if isinstance(law, Coulomb) and law.static != law.kinetic:
-        return 'friction that drops by a jump at breakaway leaves the stick force undetermined'
-    return ''
+    return not isinstance(law, Coulomb) or law.static == law.kinetic
 
 
 def harmonic_balance(harmonics: int, bearing: Bearing, speed: float, load: float) -> MethodResult:

@@ -57,14 +57,7 @@ def time_call(
     wall: Clock = time.perf_counter,
     cpu: Clock = time.process_time,
 ) -> Timing:
-    """Measure a call that has been made before, and so is warm.
-
-    Args:
-        call: What to measure.
-        effort: How long.
-        wall: Clock on the wall [s].
-        cpu: Clock of the process [s].
-    """
+    """Measure a call that has been made before, and so is warm, by two clocks [s]."""
     start = wall()
     call()
     once = max(wall() - start, 1e-9)
@@ -100,11 +93,6 @@ class Row:
     disturbed: bool  # whether the machine was busy with something else
 
 
-def relative_error(amplitude: float, reference: float) -> float:
-    """``A/A_ref - 1`` with its sign, free of cancellation."""
-    return (amplitude - reference) / reference
-
-
 def measure(method: Method, case: Case, effort: Effort) -> Row:
     """Error and time of a method at a case; the first call warms it up."""
     result = method.solve(case.bearing, case.speed, case.load)
@@ -116,8 +104,9 @@ def measure(method: Method, case: Case, effort: Effort) -> Row:
         family=method.family,
         case=case.name,
         amplitude=result.amplitude,
-        error=relative_error(result.amplitude, case.reference),
-        outcome=result.outcome.name.lower(),
+        # Free of cancellation.
+        error=(result.amplitude - case.reference) / case.reference,
+        outcome=result.outcome.value,
         evaluations=-1 if result.evaluations is None else result.evaluations,
         points=method.points,
         seconds=timing.seconds / method.points,
@@ -144,12 +133,7 @@ class Summary:
 
 
 def summarise(rows: Sequence[Row], base: str) -> list[Summary]:
-    """One summary a method, in the order of their first rows.
-
-    Args:
-        rows: The measurement.
-        base: Name of the method that times are compared with.
-    """
+    """One summary a method, in the order of their first rows; times over those of ``base``."""
     unit = {row.case: row.seconds for row in rows if row.method == base}
     groups: dict[str, list[Row]] = {}
     for row in rows:

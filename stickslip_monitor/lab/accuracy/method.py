@@ -14,12 +14,12 @@ from stickslip_monitor.physics.oscillator import Bearing
 
 
 class MethodOutcome(Enum):
-    """How a method ended, each with its sentence."""
+    """How a method ended; refused is a bearing whose law it is not made for."""
 
-    CYCLE = 'A limit cycle was found.'
-    NO_CYCLE = 'The method finds no limit cycle at this speed and load.'
-    NOT_CONVERGED = 'The method did not converge within its allowed number of steps.'
-    REFUSED = 'The method does not apply here.'
+    CYCLE = 'cycle'
+    NO_CYCLE = 'no_cycle'
+    NOT_CONVERGED = 'not_converged'
+    REFUSED = 'refused'
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,16 +27,10 @@ class MethodResult:
     """What a method says of one operating point."""
 
     amplitude: float  # half the peak-to-peak displacement of the stable cycle [m]; ``nan`` without
-    outcome: MethodOutcome  # how it ended
+    outcome: MethodOutcome
     # How often the friction law was asked, an array of speeds counting once; ``None`` where it
     # is not counted.
     evaluations: int | None
-    reason: str = ''  # why it was refused; empty otherwise
-
-    @property
-    def sentence(self) -> str:
-        """The outcome for a person."""
-        return self.reason or self.outcome.value
 
 
 def found(amplitude: float, evaluations: int | None = None) -> MethodResult:
@@ -46,12 +40,8 @@ def found(amplitude: float, evaluations: int | None = None) -> MethodResult:
 
 
 def not_converged(evaluations: int | None = None) -> MethodResult:
-    """A result of a method that gave up."""
+    """A result of a method that gave up within its allowed number of steps."""
     return MethodResult(math.nan, MethodOutcome.NOT_CONVERGED, evaluations)
-
-
-def _applies(bearing: Bearing) -> str:
-    return ''
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,23 +52,15 @@ class Method:
     family: str  # what it shares with its variants, which differ in accuracy only
     # Solves an operating point: bearing, surface speed ``V`` > 0 [m/s], load ``N`` > 0 [N].
     amplitude: Callable[[Bearing, float, float], MethodResult]
-    # Why it does not apply to a bearing; empty where it does.
-    refusal: Callable[[Bearing], str] = _applies
+    applies: Callable[[Bearing], bool] = lambda _: True  # whether it is made for a bearing's law
     points: int = 1  # operating points solved together in one call; its time is shared among them
     slow: bool = False  # whether a quick look leaves it out
 
     def solve(self, bearing: Bearing, speed: float, load: float) -> MethodResult:
-        """Apply it where it applies, and say why where it does not."""
-        reason = self.refusal(bearing) or _unusable(speed, load)
-        if reason:
-            return MethodResult(math.nan, MethodOutcome.REFUSED, None, reason)
+        """Apply it where it applies."""
+        if not self.applies(bearing):
+            return MethodResult(math.nan, MethodOutcome.REFUSED, None)
         return self.amplitude(bearing, speed, load)
-
-
-def _unusable(speed: float, load: float) -> str:
-    if speed > 0.0 and load > 0.0 and math.isfinite(speed) and math.isfinite(load):
-        return ''
-    return f'speed = {speed:g} m/s and load = {load:g} N must be finite and above 0'
 
 
 def breakaway(bearing: Bearing, speed: float, load: float) -> float:

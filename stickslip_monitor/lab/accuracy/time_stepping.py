@@ -23,7 +23,7 @@ from stickslip_monitor.lab.accuracy.method import (
     not_converged,
     typical_period,
 )
-from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
+from stickslip_monitor.physics.friction import FrictionLaw, Stribeck
 from stickslip_monitor.physics.motion.integrator import (
     Drive,
     MotionOutcome,
@@ -199,13 +199,6 @@ def _after_contact(
 _PER_CYCLE = 512
 _SETTLED = 1e-13
 _MOST_STRETCHES = 400
-
-
-def needs_expansion(bearing: Bearing) -> str:
-    """Why the event-driven integrator does not apply: it expands laws that it knows."""
-    if isinstance(bearing.friction, (Stribeck, Coulomb, Tabulated)):
-        return ''
-    return 'the integrator expands the Stribeck, Coulomb and tabulated laws, and no other'
 
 
 def event_driven(bearing: Bearing, speed: float, load: float) -> MethodResult:
