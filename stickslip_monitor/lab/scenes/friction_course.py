@@ -26,11 +26,7 @@ def parameters_of(law: FrictionLaw) -> tuple[str, ...]:
 
 
 def with_parameters(law: FrictionLaw, values: dict[str, float]) -> FrictionLaw:
-    """A law with some parameters replaced, and then multiplied by the factor.
-
-    Raises:
-        PhysicsError: A parameter breaks its rule.
-    """
+    """A law with some parameters replaced, and then multiplied by the factor."""
     own = {name: value for name, value in values.items() if name != FACTOR}
     # A dataclass, as above.
     changed: Any = replace(law, **own) if own else law  # type: ignore[type-var]

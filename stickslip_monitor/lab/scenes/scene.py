@@ -60,11 +60,7 @@ class Scene:
     parameter_error: Mapping[str, float] = field(default_factory=dict)
 
     def build(self) -> SceneRun:
-        """Build one run of the scene.
-
-        Raises:
-            SceneError: A setting breaks its rule, or an effect is listed twice for a channel.
-        """
+        """Build one run of the scene."""
         run = SceneRun(
             self.duration,
             self.seed,
@@ -181,11 +177,7 @@ def _sensors(
 
 
 def read_sensors(path: str | Path, seed: int) -> Settings:
-    """Read a file of sensors, with what varies drawn for a seed.
-
-    Raises:
-        SceneError: It cannot be read; the text names the file.
-    """
+    """Read a file of sensors, with what varies drawn for a seed."""
     try:
         document = load_yaml(path)
     except ConfigurationError as error:
@@ -201,11 +193,7 @@ def read_sensors(path: str | Path, seed: int) -> Settings:
 
 
 def load_sensors_description(path: str | Path) -> str:
-    """What a file of sensors says of itself.
-
-    Raises:
-        SceneError: It cannot be read; the text names the file.
-    """
+    """What a file of sensors says of itself."""
     given = read_sensors(path, 0)
     return given.text('description', 'what the sensors are')
 
@@ -251,21 +239,10 @@ BLOCK_LENGTH = 60.0
 def simulate(
     scene: Scene, block_length: float = BLOCK_LENGTH, run: SceneRun | None = None
 ) -> Iterator[TimeBlock]:
-    """Run a scene.
+    """Run a scene; its blocks come in order of time, to its end or where its recording is cut.
 
     Speeds and loads start at zero (a shaft at rest, no load), and each effect adds its own. The
-    outcome does not depend on the length of the blocks.
-
-    Args:
-        scene: The scene.
-        block_length: Length of the blocks, > 0 [s].
-        run: A fresh run of it; by default one is built.
-
-    Yields:
-        Its blocks, in order of time, up to its end or to where its recording is cut off.
-
-    Raises:
-        SceneError: A speed or load leaves what the telemetry can carry.
+    outcome does not depend on the length of the blocks, > 0 [s]. A run that is given is fresh.
     """
     run = scene.build() if run is None else run
     finish = scene.duration if run.cut is None else run.cut

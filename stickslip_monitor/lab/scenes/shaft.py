@@ -28,8 +28,7 @@ Term = Callable[[FloatArray], FloatArray]
 class Shaft:
     """Speed and load of every bearing, the sum of the terms that effects have added.
 
-    Args:
-        channels: The channels of the scene. Speeds are those of a channel's first bearing.
+    Speeds are those of a channel's first bearing.
     """
 
     def __init__(self, channels: Sequence[Channel]) -> None:
@@ -134,10 +133,6 @@ class Sensor:
     """A chain of memories between the shaft and the samples of one channel.
 
     It follows the shaft between its samples, on a finer regular grid.
-
-    Args:
-        shaft: The shaft.
-        channel: The channel.
     """
 
     def __init__(self, shaft: Shaft, channel: Channel) -> None:
