@@ -78,8 +78,8 @@ class Episodes:
     """Joins sticks to episodes; times must not fall.
 
     An episode is at least two sticks, each of which begins within ``gap`` [s] of the end of the
-    one before. A stick counts from where it begins, while the shaft turns, to the release or to where
-    the shaft comes to rest; one that begins at rest does not count.
+    one before. A stick counts from where it begins, while the shaft turns, to the release or to
+    where the shaft comes to rest; one that begins at rest does not count.
     """
 
     def __init__(self, gap: float) -> None:
