@@ -30,9 +30,8 @@ from stickslip_monitor.monitor.config_file import NODE_NAME, load_config
 
 if TYPE_CHECKING:
     from stickslip_monitor.dashboard.access import Access
-    from stickslip_monitor.dashboard.event_log import EventLog
     from stickslip_monitor.dashboard.replay import Replay
-    from stickslip_monitor.dashboard.state import DashboardState
+    from stickslip_monitor.dashboard.state import DashboardState, EventLog
     from stickslip_monitor.dashboard.watched import BearingView, WatchedMonitor
     from stickslip_monitor.ros.watcher import Listener, Watcher
 
@@ -151,7 +150,7 @@ def event_log(args: argparse.Namespace) -> Iterator[EventLog]:
         RosError: The file cannot be used, or another dashboard uses it.
         AlarmStateError: What is in it is not a log.
     """
-    from stickslip_monitor.dashboard.event_log import LOG_SCHEMA, EventLog
+    from stickslip_monitor.dashboard.state import LOG_SCHEMA, EventLog
 
     if args.log is None:
         yield EventLog()
@@ -290,7 +289,7 @@ def bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0.0) -
         speed: The least speed that the map goes to [m/s]; it goes past the fold in any case.
         load: The load that it goes to [N]; 0 for what suits the bearing.
     """
-    from stickslip_monitor.dashboard.watched import BearingView, Curves
+    from stickslip_monitor.dashboard.watched import BearingView
 
     bearing, alarm = config.bearing, config.alarm
     highest = map_ranges(bearing)[1][1]
@@ -303,10 +302,12 @@ def bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0.0) -
         rpm=float(bearing.speed.from_surface(1.0, 'rpm')),
         speeds=speeds,
         loads=loads,
-        curves=Curves(
-            [float(f'{v:.6g}') for v in curves.speed],
-            *(_column(c) for c in (curves.caution_load, curves.fold_load, curves.hopf_load)),
-        ),
+        curves={
+            'speed': _column(curves.speed),
+            'caution': _column(curves.caution_load),
+            'fold': _column(curves.fold_load),
+            'hopf': _column(curves.hopf_load),
+        },
         caution_margin=alarm.caution_margin,
         amplitude_limit=limit if math.isfinite(limit) else None,
         topics={name: source.topic for name, source in config.inputs.items()},
@@ -314,5 +315,5 @@ def bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0.0) -
     )
 
 
-def _column(loads: Any) -> list[float | None]:
-    return [float(f'{load:.6g}') if np.isfinite(load) else None for load in loads]
+def _column(values: Any) -> list[float | None]:
+    return [float(f'{value:.6g}') if np.isfinite(value) else None for value in values]

@@ -174,7 +174,7 @@ def test_it_comes_back_after_it_was_turned_away(
     """A browser by itself tries again after a broken connection, but not after a refusal."""
     dashboard.sail(60.0, 1000.0)
     with monkeypatch.context() as crowded:
-        crowded.setattr('stickslip_monitor.dashboard.hub.MOST_READERS', 0)
+        crowded.setattr('stickslip_monitor.dashboard.state.MOST_READERS', 0)
         browser.open(dashboard.url)
         browser.until('document.body.dataset.link === "lost"')
     browser.until(f'{STANDS} === "normal"')

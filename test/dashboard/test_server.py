@@ -149,7 +149,7 @@ def test_fifty_readers_and_one_that_never_reads(dashboard: Any, kit: Any) -> Non
 def test_more_readers_than_there_is_room_for(
     dashboard: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr('stickslip_monitor.dashboard.hub.MOST_READERS', 1)
+    monkeypatch.setattr('stickslip_monitor.dashboard.state.MOST_READERS', 1)
     # The last ones are kept for people who have signed in.
     with pytest.raises(DashboardError, match='are open already'):
         dashboard.board.hub.join(signed_in=False)

@@ -13,6 +13,7 @@ from stickslip_monitor import build_config
 from stickslip_monitor.links.live_monitor import LiveMonitor
 from stickslip_monitor.monitor.alarms.annunciator import Action
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
+from stickslip_monitor.monitor.signals import Input
 
 SECOND = 10**9
 
@@ -44,7 +45,7 @@ class Ship:
         self.record: dict[str, Any] = {}
         self.state: dict[str, Any] = {}
         log = logging.getLogger('ship')
-        self.live = LiveMonitor(build_config(names), [self], log, clock=lambda: self.now_ns)
+        self.live = LiveMonitor(build_config(names), self, log, clock=lambda: self.now_ns)
         self.live.begin()
 
     def take_record(self, record: dict[str, Any]) -> None:
@@ -59,9 +60,9 @@ class Ship:
             for _ in range(2):
                 self.now_ns += SECOND // 10
                 self.live.tick()
-            for is_load, value in enumerate((rpm, load)):
+            for which, value in ((Input.SPEED, rpm), (Input.LOAD, load)):
                 if value is not None:
-                    self.live.take('aft', is_load, value)
+                    self.live.take('aft', which, value)
         alarms = self.record.get('alarms', ())
         return {a['alarm']: a['state'] for a in alarms if a['state'] != 'normal'}
 

@@ -24,9 +24,10 @@ from stickslip_monitor.links.nmea import (
 from stickslip_monitor.monitor.alarms.annunciator import Action
 from stickslip_monitor.monitor.alarms.causes import AlarmKind
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
+from stickslip_monitor.monitor.signals import Input
 
-SPEED = NmeaInput('aft', 0, 'RPM', kind='S', number=1)
-LOAD = NmeaInput('aft', 1, 'XDR', kind='N', name='AFTLOAD')
+SPEED = NmeaInput('aft', Input.SPEED, 'RPM', kind='S', number=1)
+LOAD = NmeaInput('aft', Input.LOAD, 'XDR', kind='N', name='AFTLOAD')
 NAN = math.nan
 
 
@@ -62,7 +63,7 @@ def test_what_a_sentence_brings(body: str, expected: list[float]) -> None:
 
 
 def test_a_talker_is_chosen() -> None:
-    port = NmeaInput('aft', 0, 'RPM', talker='RC', kind='S', number=1)
+    port = NmeaInput('aft', Input.SPEED, 'RPM', talker='RC', kind='S', number=1)
     assert list(samples([port], sentence('IIRPM,S,1,74.6,30.0,A'))) == []
     assert list(samples([port], sentence('RCRPM,S,1,74.6,30.0,A'))) == [('aft', 0, 74.6)]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import os
 import pty
 import re
@@ -16,18 +17,18 @@ from typing import Any
 import pytest
 
 from stickslip_monitor.errors import LinkError
-from stickslip_monitor.links import ports
+from stickslip_monitor.links import nmea_client
 from stickslip_monitor.links.link_config import NmeaLink
 from stickslip_monitor.links.nmea import NmeaInput, sentence
-from stickslip_monitor.links.nmea_client import NmeaClient
-from stickslip_monitor.links.ports import Port, open_port
+from stickslip_monitor.links.nmea_client import KINDS, NmeaClient, Port
+from stickslip_monitor.monitor.signals import Input
 
 RPM = sentence('RCRPM,S,1,74.6,30.0,A')
 
 
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ports, 'AGAIN', 0.02)
+    monkeypatch.setattr(nmea_client, 'AGAIN', 0.02)
 
 
 class End:
@@ -37,9 +38,8 @@ class End:
         self.lines: list[str] = []
         self.states: list[bool] = []
         self.reasons: list[str] = []
-        self.port = open_port(
-            'nmea.listen', address, self.lines.append, self.tell, listens, silent
-        )
+        kind = KINDS[address.partition(':')[0]]
+        self.port = kind('nmea.listen', address, self.lines.append, self.tell, listens, silent)
 
     def tell(self, up: bool, why: str) -> None:
         if self.states[-1:] != [up]:
@@ -103,7 +103,7 @@ def test_datagrams_in_with_or_without_an_end_of_line() -> None:
 def test_datagrams_out_to_somebody_who_comes_late() -> None:
     async def work() -> None:
         number = free()
-        end = End(f'udp://127.0.0.1:{number}', listens=False)
+        end = End(f'udp://127.0.0.1:{number}', listens=False, silent=math.inf)
         await at_work(end.port)
         end.port.send([RPM])
         await until(lambda: False in end.states, lambda: end.reasons)
@@ -198,7 +198,7 @@ def test_a_serial_line_that_vanishes_and_comes_back(tmp_path: Path) -> None:
 def test_silence_is_a_fault_where_lines_are_expected() -> None:
     async def work() -> None:
         listens = End(f'udp://127.0.0.1:{free()}', silent=0.1)
-        sends = End(f'udp://127.0.0.1:{free()}', listens=False, silent=0.1)
+        sends = End(f'udp://127.0.0.1:{free()}', listens=False, silent=math.inf)
         await at_work(listens.port)
         await at_work(sends.port)
         await until(lambda: listens.states == [False])
@@ -283,7 +283,7 @@ def test_sentences_in_alerts_out_and_acknowledgements_back(
                 f'{scheme}://127.0.0.1:{display.alerts}',
                 *('II', '', 10001, 30.0, 60.0, True),
             ),
-            [NmeaInput('aft', 0, 'RPM', kind='S', number=1)],
+            [NmeaInput('aft', Input.SPEED, 'RPM', kind='S', number=1)],
             ['aft'],
             lambda *sample: samples.append(sample),
             act,

@@ -23,6 +23,7 @@ from stickslip_monitor.links.link_config import SignalKLink
 from stickslip_monitor.links.live_monitor import LiveMonitor
 from stickslip_monitor.links.signalk import SignalKInput, SignalKInputs
 from stickslip_monitor.links.signalk_client import SignalKClient, request_token
+from stickslip_monitor.monitor.signals import Input
 
 pytestmark = pytest.mark.slow
 
@@ -74,9 +75,9 @@ class Ship:
         self.seen: dict[str, Any] = {}
         self.links: dict[str, bool] = {}
         log = logging.getLogger('ship')
-        sinks: list[Any] = [self]
-        self.live = LiveMonitor(build_config(names), sinks, log)
-        inputs = [SignalKInput('aft', 0, SPEED, '', 2.0), SignalKInput('aft', 1, LOAD, '', 2.0)]
+        self.live = LiveMonitor(build_config(names), self, log)
+        paths = {Input.SPEED: SPEED, Input.LOAD: LOAD}
+        inputs = [SignalKInput('aft', which, path, '', 2.0) for which, path in paths.items()]
         self.client = SignalKClient(
             SignalKLink(server.url, '', '', PREFIX, True),
             token,
@@ -89,12 +90,12 @@ class Ship:
             log,
             heartbeat=heartbeat,
         )
-        sinks.append(self.client)
 
     def take_record(self, record: dict[str, Any]) -> None:
-        pass
+        self.client.take_record(record)
 
     def take_alarms(self, record: dict[str, Any]) -> None:
+        self.client.take_alarms(record)
         self.record = record
         self.changes += record['changes']
 
