@@ -32,7 +32,7 @@ from stickslip_monitor.monitor.alarms.alarm_records import alarms_record
 from stickslip_monitor.monitor.alarms.annunciator import Action, Annunciator
 from stickslip_monitor.monitor.alarms.causes import AlarmKind
 from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
-from stickslip_monitor.monitor.alarms.requests import ActionRequest, parse_request, request_record
+from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.input_watch import InputState
 from stickslip_monitor.monitor.messages import bearing_record, state_of
@@ -122,14 +122,6 @@ def test_what_is_no_number_has_no_value() -> None:
     assert speed == {'lost': False, 'age': None, 'rate': None, 'fault': ''}
 
 
-@pytest.mark.parametrize(
-    'document', [None, [], {}, status(text=None), status(time='now'), status(inputs=[])]
-)
-def test_what_is_no_record_changes_nothing(board: DashboardState, document: Any) -> None:
-    board.monitors[0].take_record(document)
-    assert not board.heard
-
-
 def test_memory_is_bounded(board: DashboardState) -> None:
     take = board.monitors[0].take_record
     rows = SPAN // STEP
@@ -166,43 +158,21 @@ def test_a_lost_input_is_a_gap_in_the_history(board: DashboardState) -> None:
     ]
 
 
-def test_silence_is_noticed(board: DashboardState, now: list[float]) -> None:
-    reader = board.hub.join()
-    assert board.monitors[0].silent_for is None
-    board.monitors[0].take_alarms(alarms())
-    board.monitors[0].take_record(status())
-    assert board.there
-    now[0] += 3.1
-    board.tick()
-    assert not board.there
-    assert board.monitor() == {
-        'there': False,
-        'finished': False,
-        'silent': 3.1,
-        'faults': ['The monitor test has been silent for 3 s.'],
-        'notices': [],
-        'unheard': ['aft_stern'],
-    }
-    assert b'"there":false' in reader._waiting['monitor ']
-
-
 @pytest.mark.parametrize(
     'document',
     [
         None,
         [],
         {},
-        alarms(schema='stickslip_monitor/alarm/2'),
-        alarms(time='now'),
-        alarms(alarms=None),
-        alarms(7),  # type: ignore[arg-type]
-        alarms(alarm(state=None)),
-        alarms(changes=[{}]),
-        alarms(rows=[7]),
+        *(status(text=None), status(time='now'), status(inputs=[])),
+        *(alarms(schema='stickslip_monitor/alarm/2'), alarms(time='now'), alarms(alarms=None)),
+        *(alarms(alarm(state=None)), alarms(changes=[{}]), alarms(rows=[7])),
     ],
 )
-def test_what_is_no_list_of_alarms_changes_nothing(board: DashboardState, document: Any) -> None:
+def test_what_is_none_changes_nothing(board: DashboardState, document: Any) -> None:
+    board.monitors[0].take_record(document)
     board.monitors[0].take_alarms(document)
+    assert not board.heard
     assert board.alarms is None
 
 
@@ -239,24 +209,6 @@ def test_one_matter_is_one_row(board: DashboardState) -> None:
     assert (row['text'], row['came_back'], row['came_back_since']) == ('now', 4, 5)
 
 
-def test_a_request_travels_there_and_back() -> None:
-    for request in (
-        ActionRequest(Action.SHELVE, 'Ada', 'aft_stern', AlarmKind.BISTABLE),
-        ActionRequest(Action.SILENCE, 'Éowyn 船長', reason='new oil'),
-    ):
-        assert parse_request(request_record(request), ['aft_stern']) == request
-
-
-def test_the_end_of_a_recording_is_told_once(board: DashboardState) -> None:
-    reader = board.hub.join()
-    board.monitors[0].take_record(status())
-    reader._waiting.clear()
-    board.finish()
-    assert b'"there":false,"finished":true' in reader._waiting.pop('monitor ')
-    board.tick()
-    assert reader._waiting == {}
-
-
 def test_what_another_did_is_no_answer(board: DashboardState) -> None:
     waiting = alarm(state='unacknowledged', sounding=True)
     (monitor,) = board.monitors
@@ -279,23 +231,20 @@ def wait(now: list[float], seconds: float) -> None:
     now[0] += seconds
 
 
+FOREIGN = 'fore: watched by test, but not in --config'
+IDLE = 'Not monitoring: test is not active'
 DOUBTS: list[tuple[Happening, str]] = [
     (lambda m, now: None, 'Nothing has been heard of the monitor test yet.'),
     (lambda m, now: m.take_other('port/monitor'), 'other monitors: /port/monitor; see --node'),
     (lambda m, now: hear(m), 'The list of alarms of test has not come'),
     (lambda m, now: (hear(m, 'fore'), m.take_alarms(alarms())), 'Nothing has been heard'),
-    (lambda m, now: hear(m, 'aft_stern', 'fore'), 'fore: watched by test, but not in --config'),
+    (lambda m, now: hear(m, 'aft_stern', 'fore'), FOREIGN),
+    (lambda m, now: (hear(m), m.take_alarms(alarms(alarm(bearing='fore')))), FOREIGN),
+    (lambda m, now: (hear(m), m.take_alarms(alarms(monitoring=False))), IDLE),
+    (lambda m, now: (hear(m, reason='not_monitoring'), wait(now, 60.0)), IDLE),
     (
-        lambda m, now: (hear(m), m.take_alarms(alarms(alarm(bearing='fore')))),
-        'fore: watched by test, but not in --config',
-    ),
-    (
-        lambda m, now: (hear(m), m.take_alarms(alarms(monitoring=False))),
-        'Not monitoring: test is not active',
-    ),
-    (
-        lambda m, now: (hear(m, reason='not_monitoring'), wait(now, 60.0)),
-        'Not monitoring: test is not active',
+        lambda m, now: (m.take_alarms(alarms()), hear(m), wait(now, 3.1)),
+        'The monitor test has been silent for 3 s.',
     ),
     (
         lambda m, now: (m.take_alarms(alarms()), wait(now, 200.0), hear(m)),
