@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import ipaddress
 import math
 import socket
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from rich.console import Console
 from stickslip_monitor.drawing.map import map_ranges
 from stickslip_monitor.drawing.map_curves import boundaries
 from stickslip_monitor.errors import AlarmStateError, ConfigurationError, DashboardError, RosError
+from stickslip_monitor.links.link_config import is_loopback
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME, load_config
 
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
 
 DEFAULT_PORT = 8370
 _SPEEDS_DRAWN = 120
-_LOCALHOST = 'localhost'
 # A map for an unloaded bearing has this share of the loads that suit the bearing.
 _LOWEST_MAP = 0.1
 
@@ -88,10 +88,9 @@ def add_page(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    try:
-        from stickslip_monitor.dashboard.state import DashboardState
-    except ImportError as error:
-        raise missing_extra(error) from error
+    need_extra()
+    from stickslip_monitor.dashboard.state import DashboardState
+
     if args.bag is not None and args.log is not None:
         raise ConfigurationError('--log is for a running monitor: a replay is not kept')
     nodes = _nodes(args)
@@ -173,12 +172,18 @@ def event_log(args: argparse.Namespace) -> Iterator[EventLog]:
         writer.close()
 
 
-def missing_extra(error: ImportError) -> DashboardError:
-    """What to install for a page."""
-    return DashboardError(
-        f"a dashboard needs the extra 'dashboard' ({error}):"
-        " pip install 'stickslip_monitor[dashboard]'"
-    )
+def need_extra() -> None:
+    """Make sure that what a page needs is installed.
+
+    Raises:
+        DashboardError: It is not; the text says how to install it.
+    """
+    for name in ('aiohttp', 'prometheus_client'):
+        if find_spec(name) is None:
+            raise DashboardError(
+                f"a dashboard needs the extra 'dashboard' (there is no {name}):"
+                " pip install 'stickslip_monitor[dashboard]'"
+            )
 
 
 def page_access(args: argparse.Namespace) -> Access:
@@ -188,14 +193,12 @@ def page_access(args: argparse.Namespace) -> Access:
         ConfigurationError: The port is none.
         DashboardError: The page would be open to others without a token.
     """
-    try:
-        from stickslip_monitor.dashboard.access import Access, read_token
-    except ImportError as error:
-        raise missing_extra(error) from error
+    from stickslip_monitor.dashboard.access import Access, read_token
+
     if not 0 <= args.port <= 65535:
         raise ConfigurationError(f'--port {args.port} must be from 0 to 65535')
     token = '' if args.token_file is None else read_token(args.token_file)
-    if not token and not _is_loopback(args.host):
+    if not token and not is_loopback(args.host):
         raise DashboardError(
             f'--host {args.host} lets others in: give --token-file, with a token that they know'
         )
@@ -203,22 +206,11 @@ def page_access(args: argparse.Namespace) -> Access:
     return Access(token, frozenset(names))
 
 
-def _is_loopback(host: str) -> bool:
-    if host == _LOCALHOST:
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
-
-
 async def _serve(
     args: argparse.Namespace, config: MonitorConfig, board: DashboardState, access: Access
 ) -> None:
-    try:
-        from stickslip_monitor.dashboard.server import Server, serve
-    except ImportError as error:
-        raise missing_extra(error) from error
+    from stickslip_monitor.dashboard.server import Server, serve
+
     feed = _replay if args.bag is not None else _live
     with feed(args, config, board) as player:
         application = Server(board, access, player).application()

@@ -30,7 +30,7 @@ from stickslip_monitor.commands.dashboard import (
     add_page,
     event_log,
     listen_to_nodes,
-    missing_extra,
+    need_extra,
     page_access,
     say_address,
     watched,
@@ -241,6 +241,7 @@ def _board(args: argparse.Namespace, config: MonitorConfig) -> Iterator[Dashboar
     if args.port is None:
         yield None
         return
+    need_extra()
     from stickslip_monitor.dashboard.state import DashboardState
 
     with event_log(args) as log:
@@ -250,10 +251,8 @@ def _board(args: argparse.Namespace, config: MonitorConfig) -> Iterator[Dashboar
 async def _serve(args: argparse.Namespace, board: DashboardState | None, feed: Feed) -> None:
     """Serve the page, or wait, until a signal comes."""
     if board is not None:
-        try:
-            from stickslip_monitor.dashboard.server import Server, serve
-        except ImportError as error:
-            raise missing_extra(error) from error
+        from stickslip_monitor.dashboard.server import Server, serve
+
         for monitor in board.monitors:
             monitor.act = feed.act
         application = Server(board, page_access(args)).application()

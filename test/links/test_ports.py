@@ -231,39 +231,24 @@ LOST = {'bearing': 'aft', 'alarm': 'input_lost', 'silenced': False, 'changed': 0
 
 
 class Display:
-    """The other end of both directions: what it got, and a way to say something."""
+    """The other end of both directions, by one connection: what it got, and a way to answer."""
 
     def __init__(self) -> None:
         self.got: list[bytes] = []
-        self.listen = self.alerts = 0
         self.say: Callable[[str], None] = lambda line: None
 
-    async def by_udp(self) -> None:
-        loop, made = asyncio.get_running_loop(), udp()
-        self.listen, self.alerts = free(), made.getsockname()[1]
-
-        async def hear() -> None:
-            with made:
-                while True:
-                    self.got.append(await loop.sock_recv(made, 1000))
-
-        self.task = loop.create_task(hear())
-        where = ('127.0.0.1', self.listen)
-        self.say = lambda line: made.sendto(f'{line}\r\n'.encode(), where) and None
-
-    async def by_tcp(self) -> None:
+    async def open(self) -> int:
         async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
             self.say = lambda line: writer.write(f'{line}\r\n'.encode())
             while line := await reader.readline():
                 self.got.append(line)
 
         self.server = await asyncio.start_server(serve, '127.0.0.1', 0)
-        self.listen = self.alerts = self.server.sockets[0].getsockname()[1]
+        return int(self.server.sockets[0].getsockname()[1])
 
 
-@pytest.mark.parametrize('scheme', ['udp', 'tcp'])
 def test_sentences_in_alerts_out_and_acknowledgements_back(
-    scheme: str, caplog: pytest.LogCaptureFixture
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     samples: list[Any] = []
     requests: list[str] = []
@@ -276,13 +261,9 @@ def test_sentences_in_alerts_out_and_acknowledgements_back(
 
     async def work() -> None:
         display = Display()
-        await (display.by_udp() if scheme == 'udp' else display.by_tcp())
+        port = f'tcp://127.0.0.1:{await display.open()}'
         client = NmeaClient(
-            NmeaLink(
-                f'{scheme}://127.0.0.1:{display.listen}',
-                f'{scheme}://127.0.0.1:{display.alerts}',
-                *('II', '', 10001, 30.0, 60.0, True),
-            ),
+            NmeaLink(port, port, 'II', '', 10001, 30.0, 60.0, True),
             [NmeaInput('aft', Input.SPEED, 'RPM', kind='S', number=1)],
             ['aft'],
             lambda *sample: samples.append(sample),
