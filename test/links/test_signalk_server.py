@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The links against the real signalk-server: rounds of an alarm, and a server that freezes and dies."""
+"""The links against the real signalk-server: an alarm again and again, and one that dies."""
 
 from __future__ import annotations
 
