@@ -66,9 +66,8 @@ def test_the_point_moves(dashboard: Any, page: Any) -> None:
 
 
 def test_an_alarm_appears_without_reloading_and_is_said(dashboard: Any, page: Any) -> None:
-    dashboard.do(lambda: dashboard.ship.sail(20.0, 1000.0, 2.0))
     assert not page.js(f'!!document.querySelector(`{ALARM}`)')
-    dashboard.sail(20.0, 1000.0, 2.0)
+    dashboard.sail(20.0, 1000.0, 5.0)
     page.until(f'document.querySelector(`{ALARM}`)')
     assert page.text(f'{ALARM} h3') == 'ALARM: Stick-slip predicted'
     assert 'not acknowledged' in page.text(f'{ALARM} .state')
