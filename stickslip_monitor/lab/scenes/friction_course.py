@@ -26,11 +26,7 @@ def parameters_of(law: FrictionLaw) -> tuple[str, ...]:
 
 
 def with_parameters(law: FrictionLaw, values: dict[str, float]) -> FrictionLaw:
-    """A law with some parameters replaced, and then multiplied by the factor.
-
-    Raises:
-        PhysicsError: A parameter breaks its rule.
-    """
+    """A law with some parameters replaced, and then multiplied by the factor."""
     own = {name: value for name, value in values.items() if name != FACTOR}
     # A dataclass, as above.
     changed: Any = replace(law, **own) if own else law  # type: ignore[type-var]
@@ -48,14 +44,10 @@ class FrictionCourse:
 
     It moves in steps of one second, each with the values at its start, so that the integrator has
     one law at a time; the steps are too small to affect the motion.
-
-    Attributes:
-        law: The law of the configuration.
-        drifts: By parameter, how it moves.
     """
 
-    law: FrictionLaw
-    drifts: dict[str, Profile] = field(default_factory=dict)
+    law: FrictionLaw  # the law of the configuration
+    drifts: dict[str, Profile] = field(default_factory=dict)  # by parameter, how it moves
 
     def at(self, time: float) -> FrictionLaw:
         """The law at a time since the scene's start [s]."""

@@ -38,45 +38,28 @@ LEAST_STICKS = 2
 
 @dataclass(frozen=True, slots=True)
 class EpisodeEvent:
-    """The start or the end of an episode.
+    """The start or the end of an episode."""
 
-    Attributes:
-        name: ``'first_stick'`` or ``'last_stick'``.
-        known: When it could be known [s].
-        time: When it was [s].
-        sticks: Stretches of sticking up to then.
-        sticking: Time of sticking in them [s].
-    """
-
-    name: str
-    known: float
-    time: float
-    sticks: int
-    sticking: float
+    name: str  # ``'first_stick'`` or ``'last_stick'``
+    known: float  # when it could be known [s]
+    time: float  # when it was [s]
+    sticks: int  # stretches of sticking up to then
+    sticking: float  # time of sticking in them [s]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Walk:
-    """How the lining moved over a stretch of time.
+    """How the lining moved over a stretch of time."""
 
-    Attributes:
-        end: Where it ends [s].
-        time: Times of the samples asked for, shape (n,) [s].
-        displacement: Shape (n,) [m].
-        velocity: Shape (n,) [m/s].
-        acceleration: Shape (n,) [m/s^2].
-        sticking: Whether it sticks, shape (n,).
-        changes: When it began to stick (True) or ceased to (False), and, before those of the same
-            time, when the shaft came to rest (True) or began to turn (False): time [s], whether
-            it is the lining's, and which.
-    """
-
-    end: float
-    time: FloatArray
-    displacement: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    sticking: BoolArray
+    end: float  # where it ends [s]
+    time: FloatArray  # times of the samples asked for, shape (n,) [s]
+    displacement: FloatArray  # shape (n,) [m]
+    velocity: FloatArray  # shape (n,) [m/s]
+    acceleration: FloatArray  # shape (n,) [m/s^2]
+    sticking: BoolArray  # whether it sticks, shape (n,)
+    # When it began to stick (True) or ceased to (False), and, before those of the same time,
+    # when the shaft came to rest (True) or began to turn (False): time [s], whether it is the
+    # lining's, and which.
     changes: list[tuple[float, bool, bool]]
 
     def at(self, own: IndexArray) -> Walk:
@@ -94,20 +77,14 @@ class Walk:
 class Episodes:
     """Joins sticks to episodes; times must not fall.
 
-    An episode is at least two sticks, each of which begins within ``gap`` of the end of the one
-    before. A stick counts from where it begins, while the shaft turns, to the release or to where
-    the shaft comes to rest; one that begins at rest does not count.
-
-    Args:
-        gap: Longest time between two sticks of an episode [s].
-
-    Attributes:
-        since: Since when the lining sticks [s]; None: it does not.
+    An episode is at least two sticks, each of which begins within ``gap`` [s] of the end of the
+    one before. A stick counts from where it begins, while the shaft turns, to the release or to
+    where the shaft comes to rest; one that begins at rest does not count.
     """
 
     def __init__(self, gap: float) -> None:
         self.gap = gap
-        self.since: float | None = None
+        self.since: float | None = None  # since when the lining sticks [s]; None: it does not
         self._resting = False
         self._first = self._last = 0.0
         self._sticks = 0
@@ -167,12 +144,7 @@ _STEPS = 16 * PERIODS
 
 
 class Regular:
-    """The instants ``k / rate`` of a scene, handed out in order.
-
-    Args:
-        rate: Instants per second [Hz].
-        duration: Duration of the scene [s].
-    """
+    """The instants ``k / rate`` of a scene of some duration [s], handed out in order."""
 
     def __init__(self, rate: float, duration: float) -> None:
         self._rate = rate
@@ -191,10 +163,7 @@ class Regular:
 class AmplitudeWindows:
     """The amplitude of a motion in a short window before each instant ``k / rate``, ``k > 0``.
 
-    Args:
-        rate: Windows per second, not above :meth:`highest_rate` [Hz].
-        period: Natural period [s].
-        duration: Duration of the scene [s].
+    Rates above :meth:`highest_rate` [Hz] would let windows overlap; period and duration are in s.
     """
 
     def __init__(self, rate: float, period: float, duration: float) -> None:
@@ -222,14 +191,10 @@ class AmplitudeWindows:
     def amplitudes(
         self, displacement: FloatArray, velocity: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Half the peak to peak of each window that is now complete.
+        """Half the peak to peak of each window that is now complete, shape (m,) [m].
 
-        Args:
-            displacement: At the instants handed out last, shape (n,) [m].
-            velocity: The same [m/s].
-
-        Returns:
-            The instants at the windows' ends [s], and the amplitudes [m], both of shape (m,).
+        Takes displacement and velocity at the instants handed out last, and gives the instants at
+        the windows' ends [s] with the amplitudes.
         """
         kept = np.concatenate([self._kept, [displacement, velocity]], axis=1)
         begin = self._next - kept.shape[1]
@@ -242,18 +207,11 @@ class AmplitudeWindows:
 
 
 def half_peak_to_peak(x: FloatArray, v: FloatArray, step: float) -> FloatArray:
-    """Half of the largest less the smallest displacement of sampled motions.
+    """Half of the largest less the smallest displacement of m sampled motions, shape (m,) [m].
 
-    Between two samples the motion is interpolated by the cubic through their displacements and
-    velocities; with sixteen samples in a period of a harmonic motion the error is 6e-5.
-
-    Args:
-        x: Displacements, shape (m, n) [m].
-        v: Velocities, shape (m, n) [m/s].
-        step: Time between samples [s].
-
-    Returns:
-        Shape (m,) [m].
+    Between two samples, ``step`` [s] apart, a motion is interpolated by the cubic through their
+    displacements ``x`` and velocities ``v``, shape (m, n); with sixteen samples in a period of a
+    harmonic motion the error is 6e-5.
     """
     before, after = step * v[:, :-1], step * v[:, 1:]
     rise = np.diff(x, axis=1)
@@ -296,14 +254,8 @@ class Lining:
     depend on how a scene is divided into stretches: the drive is a sequence of linear pieces on a
     fixed grid, and only whole pieces are followed.
 
-    Args:
-        config: The bearing.
-        shaft: Its speed and load.
-        course: Its friction.
-        deviation: Standard deviation of the load's fluctuation on the drive's grid, >= 0 [N].
-        knocks: Blows, in order of time.
-        random: The random stream of the fluctuation.
-        duration: Duration of the scene [s].
+    The load fluctuates on that grid with a standard deviation >= 0 [N], by its own random stream;
+    knocks are in order of time.
     """
 
     def __init__(
@@ -336,14 +288,9 @@ class Lining:
         return min(math.ceil(end * self.rate) / self.rate, self._duration)
 
     def follow(self, end: float, times: FloatArray) -> Walk:
-        """Follow the lining to a later time.
+        """Follow the lining to a later time, as :meth:`next_end` says [s].
 
-        Args:
-            end: As :meth:`next_end` says [s].
-            times: When to sample it, not falling, after the last end and up to this one [s].
-
-        Raises:
-            SceneError: The motion cannot be followed.
+        It is sampled at times that do not fall, after the last end and up to this one [s].
         """
         nodes = self._extend(end)
         motions: list[Motion] = []

@@ -220,12 +220,7 @@ def _level_channel(run: SceneRun, config: BearingConfig, period: float) -> Chann
 
 
 class Pending:
-    """Messages of one topic that are known and not yet due; times do not fall.
-
-    Args:
-        name: The topic.
-        kind: The type of its messages.
-    """
+    """Messages of one topic that are known and not yet due; times do not fall."""
 
     def __init__(self, name: str, kind: str) -> None:
         self._name, self._kind = name, kind
@@ -246,12 +241,7 @@ class Pending:
 
 
 class FollowedLining:
-    """One bearing: its lining, followed block by block, and what is recorded of it.
-
-    Args:
-        lining: The lining.
-        run: The run of the scene.
-    """
+    """One bearing: its lining, followed block by block, and what is recorded of it."""
 
     def __init__(self, lining: Lining, run: SceneRun) -> None:
         self.lining, self._run = lining, run

@@ -30,12 +30,7 @@ SENSOR_EFFECTS = (*STAGES['sensing'], *STAGES['sensor'], *STAGES['recording'])
 def read_effects(listed: Any) -> tuple[Settings, ...]:
     """The settings of the listed effects, in the order in which they act.
 
-    Args:
-        listed: The scene's list ``effects``: of mappings ``{name: {settings}}`` or
-            ``{effect: name, settings}``.
-
-    Raises:
-        SceneError: An entry is neither, or names an unknown effect or setting.
+    The list is of mappings ``{name: {settings}}`` or ``{effect: name, settings}``.
     """
     if not isinstance(listed, list):
         raise SceneError(f'effects = {listed!r} must be a list')
