@@ -34,6 +34,9 @@ HOLD, STEEPEST, KINETIC, GAP, DECAY, VISCOUS, EXPONENT, PIECES, EDGES = range(9)
 
 # The smallest speed that is not rest [m/s].
 ALMOST_REST = 1e-300
+# Decays of speed from which nothing is left, and whose powers are still numbers: Python's power
+# raises where it overflows.
+_FADED = 1e60
 # How many cubics are made at most.
 _MOST_SAMPLES = 20000
 
@@ -54,7 +57,7 @@ def decline(law: LawNumbers, speed: float) -> float:
     """``(beta v)^delta``, continued a little below ``v`` = 0 [-]."""
     if law[EXPONENT] == 1.0:
         return max(law[DECAY] * speed, -1.0)
-    return (law[DECAY] * speed) ** law[EXPONENT] if speed > 0.0 else 0.0
+    return min(law[DECAY] * speed, _FADED) ** law[EXPONENT] if speed > 0.0 else 0.0
 
 
 def forward_coefficient(law: LawNumbers, speed: float) -> float:
@@ -83,7 +86,7 @@ def friction_slope(law: LawNumbers, speed: float) -> float:
             if v == 0.0:
                 rate = 0.0 if power > 0.0 else math.inf
             else:
-                rate *= law[EXPONENT] * (law[DECAY] * v) ** power
+                rate *= law[EXPONENT] * min(law[DECAY] * v, _FADED) ** power
         return law[VISCOUS] - law[GAP] * rate * math.exp(-decline(law, v))
     i = law_piece(law, v)
     s, c = v - law[EDGES + i], EDGES + int(law[PIECES]) + 4 * i

@@ -223,6 +223,14 @@ def slip_event(
     return event, length, place, z, rate
 
 
+def motion_energy(e: float, z: float) -> float:
+    """Twice the energy of a displacement and a relative speed about steady sliding.
+
+    A power of floats raises where it overflows; a product is ``inf``.
+    """
+    return e * e + z * z
+
+
 def motion_fades(medium: Medium, direction: float, energy: float, now: float, z: float) -> int:
     """Whether a motion has come to rest or, back in time, has left for good; else ``GOES_ON``.
 
@@ -268,7 +276,7 @@ def follow_slip(
     speed, force, damping, _, origin, _, drift = medium
     stage, last, direction, mode, tolerance = orbit
     rest = steady_displacement(law, medium) if drift == 1.0 else 0.0
-    energy = (e - rest) ** 2 + (z - drift) ** 2
+    energy = motion_energy(e - rest, z - drift)
     r = acceleration(law, medium, e, z)
     slope = force * speed * friction_slope(law, origin + speed * z)
     h = direction * 0.1 / (1.0 + damping + abs(slope))
@@ -295,7 +303,7 @@ def follow_slip(
             if stage == last:
                 event = RETURNED if mode == TURNS else MISSED
         if event == GOES_ON and drift >= 0.0:
-            now = (e - rest) ** 2 + (z - drift) ** 2
+            now = motion_energy(e - rest, z - drift)
             event = motion_fades(medium, direction, energy, now, z)
         if event != GOES_ON:
             break
