@@ -16,13 +16,6 @@ import math
 from collections.abc import MutableSequence, Sequence
 from typing import TypeAlias
 
-from stickslip_monitor.physics.bracket import (
-    begun_bracket,
-    best_of,
-    is_found,
-    narrowed,
-    next_trial,
-)
 from stickslip_monitor.physics.cycle.step import Medium, acceleration, slip_step
 from stickslip_monitor.physics.law_numbers import (
     DECAY,
@@ -33,6 +26,13 @@ from stickslip_monitor.physics.law_numbers import (
     forward_coefficient,
     friction_drop,
     friction_slope,
+)
+from stickslip_monitor.physics.roots import (
+    begun_bracket,
+    best_of,
+    is_found,
+    narrowed,
+    next_trial,
 )
 
 Orbit: TypeAlias = tuple[float, float, float, float, float]
@@ -622,18 +622,6 @@ def fold_from_above(
             return fold_between(law, body, load, high * factor, high, orbit)
         high *= factor
     return math.nan
-
-
-def amplitudes_of_cycles(
-    law: LawNumbers,
-    body: tuple[float, float, float],
-    speeds: Sequence[float],
-    loads: Sequence[float],
-    out: MutableSequence[float],
-) -> None:
-    """Write :func:`amplitude_of_cycle` of many points."""
-    for i in range(len(speeds)):
-        out[i] = amplitude_of_cycle(law, body, speeds[i], loads[i])
 
 
 def cycles_of_points(
