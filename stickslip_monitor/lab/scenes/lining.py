@@ -64,14 +64,8 @@ class Walk:
 
     def at(self, own: IndexArray) -> Walk:
         """The same with some of the samples."""
-        return replace(
-            self,
-            time=self.time[own],
-            displacement=self.displacement[own],
-            velocity=self.velocity[own],
-            acceleration=self.acceleration[own],
-            sticking=self.sticking[own],
-        )
+        names = ('time', 'displacement', 'velocity', 'acceleration', 'sticking')
+        return replace(self, **{name: getattr(self, name)[own] for name in names})
 
 
 class Episodes:
@@ -259,15 +253,9 @@ class Lining:
     """
 
     def __init__(
-        self,
-        config: BearingConfig,
-        shaft: Shaft,
-        course: FrictionCourse,
-        deviation: float,
-        knocks: Sequence[Impulse],
-        random: np.random.Generator,
-        duration: float,
-    ) -> None:
+        self, config: BearingConfig, shaft: Shaft, course: FrictionCourse, deviation: float,
+        knocks: Sequence[Impulse], random: np.random.Generator, duration: float,
+    ) -> None:  # fmt: skip
         self.config, self._shaft, self._course = config, shaft, course
         self._deviation, self._knocks, self._random = deviation, knocks, random
         self._duration = duration
@@ -301,15 +289,12 @@ class Lining:
             motion = self._integrate(nodes[:, low : high + 1], times[taken:upto])
             sticks += self._changes(motion)
             motions.append(motion)
-        return Walk(
-            end,
-            times,
-            np.concatenate([motion.displacement for motion in motions]),
-            np.concatenate([motion.velocity for motion in motions]),
-            np.concatenate([motion.acceleration for motion in motions]),
-            np.concatenate([motion.sticking for motion in motions]),
-            list(heapq.merge(self._rests(nodes), sticks)),
-        )
+        sampled = {
+            name: np.concatenate([getattr(motion, name) for motion in motions])
+            for name in ('displacement', 'velocity', 'acceleration', 'sticking')
+        }
+        changes = list(heapq.merge(self._rests(nodes), sticks))
+        return Walk(end, times, changes=changes, **sampled)
 
     def _start(self) -> MotionState:
         _, speed, load = self._nodes[:, 0].tolist()

@@ -137,26 +137,18 @@ LEVEL_FACTORS = {'um': (0, 1e6), 'mm/s': (1, 1e3), 'm/s^2': (2, 1.0), 'g': (2, 1
 @effect('lining', 'bearing', 'disturbance', 'knocks', 'knock_unit', 'amplitude', 'motion')
 def lining_motion(settings: Settings, run: SceneRun) -> None:
     """Follows the lining: records when it sticks and what is asked for, and makes the level."""
-    own = settings.section(
-        'disturbance',
-        ['standard_deviation', 'unit'],
-        'the fluctuation of the load that the lining feels, {standard_deviation, unit}',
-    )
-    unit = own.choice('unit', UNITS['load'])
-    deviation = own.number('standard_deviation', unit, least=0.0)
+    what = 'the fluctuation of the load that the lining feels, {standard_deviation, unit}'
+    disturbance = settings.section('disturbance', ['standard_deviation', 'unit'], what)
+    unit = disturbance.choice('unit', UNITS['load'])
+    deviation = disturbance.number('standard_deviation', unit, least=0.0)
     knocks = _knocks(settings, run.duration)
     for config in run.bearings(settings):
         factor = run.shaft.channel(config.name, 'load').factor(unit)
         blow = _blow(settings, config)
-        lining = Lining(
-            config,
-            run.shaft,
-            run.course(config),
-            factor * deviation,
-            [Impulse(knock.time, knock.impulse * blow) for knock in knocks],
-            random_stream(run.seed, settings.name, config.name),
-            run.duration,
-        )
+        own = [Impulse(knock.time, knock.impulse * blow) for knock in knocks]
+        random = random_stream(run.seed, settings.name, config.name)
+        course = run.course(config)
+        lining = Lining(config, run.shaft, course, factor * deviation, own, random, run.duration)
         followed = FollowedLining(lining, run)
         _ask(followed, settings, run)
         run.effects.append(followed.apply)
@@ -311,13 +303,9 @@ class FollowedLining:
 
     def _follow(self, end: float) -> None:
         asked = [instants.until(end) for instants, _ in self._asked]
-        times = np.concatenate([np.empty(0), *asked])
-        order = np.argsort(times, kind='stable')
-        walk = self.lining.follow(end, times[order])
-        place = np.argsort(order, kind='stable')
-        parts = np.split(place, np.cumsum([part.size for part in asked])[:-1])
-        for (_, take), own in zip(self._asked, parts, strict=bool(asked)):
-            take(walk.at(own))
+        walk = self.lining.follow(end, np.unique(np.concatenate([np.empty(0), *asked])))
+        for (_, take), own in zip(self._asked, asked, strict=True):
+            take(walk.at(np.searchsorted(walk.time, own)))
         ended, events = self._episodes.see(walk)
         for time, duration in ended:
             self._pending['stick'].add(time, round(duration, _INSTANTS))

@@ -14,9 +14,8 @@ import yaml
 
 from stickslip_monitor.commands.simulate import write_bag
 from stickslip_monitor.errors import SceneError
+from stickslip_monitor.lab.scenes.effects import EFFECTS, STAGES, lining_motion
 from stickslip_monitor.lab.scenes.effects import effect as effect_module
-from stickslip_monitor.lab.scenes.effects import lining_motion
-from stickslip_monitor.lab.scenes.effects.registry import EFFECTS, STAGES
 from stickslip_monitor.lab.scenes.scene import KEYS, Scene, load_scene, simulate
 from stickslip_monitor.lab.scenes.telemetry import Messages
 from stickslip_monitor.lab.scenes.variation import random_stream
