@@ -19,17 +19,15 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import quad
 
-from stickslip_monitor.lab.scenes.friction_course import (
-    FrictionCourse,
-    parameters_of,
-    with_parameters,
-)
 from stickslip_monitor.lab.scenes.lining import (
     AmplitudeWindows,
     EpisodeEvent,
     Episodes,
+    FrictionCourse,
     Regular,
     half_peak_to_peak,
+    parameters_of,
+    with_parameters,
 )
 from stickslip_monitor.lab.scenes.profile import Profile
 from stickslip_monitor.lab.scenes.scene import Scene, simulate

@@ -19,7 +19,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -28,20 +27,18 @@ from numpy.typing import ArrayLike, NDArray
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError, SceneError
 from stickslip_monitor.lab.scenes.effects.effect import UNITS, SceneRun, effect
-from stickslip_monitor.lab.scenes.friction_course import (
-    STEP,
-    FrictionCourse,
-    parameters_of,
-    with_parameters,
-)
 from stickslip_monitor.lab.scenes.lining import (
     PERIODS,
+    STEP,
     AmplitudeWindows,
     Episodes,
+    FrictionCourse,
     Impulse,
     Lining,
     Regular,
     Walk,
+    parameters_of,
+    with_parameters,
 )
 from stickslip_monitor.lab.scenes.profile import Profile, check_points, read_profile
 from stickslip_monitor.lab.scenes.settings import Settings
@@ -108,15 +105,13 @@ def _operating_point(
 ) -> dict[str, FloatArray]:
     """Speed, load, and the margins with the true friction, each shape (n,)."""
     speed, load = block.shaft.speed(config.name, time), block.shaft.load(config.name, time)
-    step = time // STEP if course.moves else np.zeros(time.size)
-    felt = load * course.factor_at(time)
-    edges = [0, *(np.flatnonzero(np.diff(step)) + 1).tolist(), time.size]
+    step = time // STEP if course.drifts else np.zeros(time.size)
     hopf, fold = np.empty(time.size), np.empty(time.size)
-    for low, high in pairwise(edges):
-        if low < high:
-            bearing = replace(config.bearing, friction=course.shape_at(float(time[low])))
-            hopf[low:high] = hopf_speed(bearing, felt[low:high])
-            fold[low:high] = fold_speed(bearing, felt[low:high])
+    for own in np.split(np.arange(time.size), np.flatnonzero(np.diff(step)) + 1):
+        if own.size:
+            bearing = replace(config.bearing, friction=course.at(float(time[own[0]])))
+            hopf[own] = hopf_speed(bearing, load[own])
+            fold[own] = fold_speed(bearing, load[own])
     margins = {'hopf_margin': hopf, 'fold_margin': fold}
     return {'speed': speed, 'load': load} | {
         name: np.round(margin(np.abs(speed), boundary), _DIGITS)
