@@ -49,7 +49,6 @@ from stickslip_monitor.monitor.assessment import margin
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.offline.truth import BOOL, FLOAT64, STRING, Column, event_text, topic
 from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_speed
-from stickslip_monitor.physics.oscillator import Bearing
 
 # Decimals of margins, of durations [s], as fine as a time stamp, and of amplitudes [m]: beyond
 # them digits may differ between processors, and recordings must not.
@@ -247,11 +246,12 @@ class FollowedLining:
 
     def ask_amplitude(self, windows: AmplitudeWindows) -> None:
         """Record the amplitude of some windows."""
-        pending = self._record('amplitude', FLOAT64)
+        self._take_amplitudes(windows, self._record('amplitude', FLOAT64), 1.0)
 
+    def _take_amplitudes(self, windows: AmplitudeWindows, pending: Pending, scale: float) -> None:
         def take(walk: Walk) -> None:
             at, found = windows.amplitudes(walk.displacement, walk.velocity)
-            pending.add(at, np.round(found, _PLACES))
+            pending.add(at, np.round(found, _PLACES) * scale)
 
         self._asked.append((windows, take))
 
@@ -267,12 +267,11 @@ class FollowedLining:
         self._asked.append((instants, take))
 
     def ask_level(self, windows: AmplitudeWindows, channel: Channel) -> None:
-        """Add the effective value of the motion to the level that is sent."""
+        """Add to the level that is sent the RMS value of a harmonic motion of the amplitude."""
         pending, bearing = Pending('level', FLOAT64), self.lining.config.bearing
-
-        def take(walk: Walk) -> None:
-            at, found = windows.amplitudes(walk.displacement, walk.velocity)
-            pending.add(at, effective_value(channel.input.unit, bearing, found))
+        power, factor = LEVEL_FACTORS[channel.input.unit]
+        scale = bearing.natural_frequency**power * factor * math.sqrt(0.5)
+        self._take_amplitudes(windows, pending, scale)
 
         def send(block: TimeBlock) -> None:
             found = pending.due(block.end, block.end == block.duration)
@@ -282,7 +281,6 @@ class FollowedLining:
             own[np.searchsorted(signal.time, found.time)] = found.values
             signal.value[:] = np.hypot(signal.value, own)
 
-        self._asked.append((windows, take))
         self._send_level = send
 
     def apply(self, block: TimeBlock) -> None:
@@ -318,10 +316,3 @@ class FollowedLining:
         stamp = self._run.start_ns + round(time * 1e9)
         text = event_text(self.lining.config.name, name, stamp, **more)
         self._pending['events'].add(known, text)
-
-
-def effective_value(unit: str, bearing: Bearing, amplitude: FloatArray) -> FloatArray:
-    """The RMS value in a unit of a harmonic motion with some amplitudes [m]."""
-    power, factor = LEVEL_FACTORS[unit]
-    scale = bearing.natural_frequency**power * factor * math.sqrt(0.5)
-    return np.asarray(np.round(amplitude, _PLACES) * scale)
