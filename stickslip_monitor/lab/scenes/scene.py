@@ -18,13 +18,13 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import ConfigurationError, SceneError
 from stickslip_monitor.lab.scenes import telemetry
-from stickslip_monitor.lab.scenes.effects.effect import SceneRun
-from stickslip_monitor.lab.scenes.effects.registry import (
+from stickslip_monitor.lab.scenes.effects import (
     EFFECTS,
     SENSOR_EFFECTS,
     in_order,
     read_effects,
 )
+from stickslip_monitor.lab.scenes.effects.effect import SceneRun
 from stickslip_monitor.lab.scenes.settings import Settings
 from stickslip_monitor.lab.scenes.shaft import Shaft, TimeBlock
 from stickslip_monitor.lab.scenes.telemetry import Channel, Signal, read_channels
@@ -61,14 +61,8 @@ class Scene:
 
     def build(self) -> SceneRun:
         """Build one run of the scene."""
-        run = SceneRun(
-            self.duration,
-            self.seed,
-            self.channels,
-            self.folder,
-            self.start_ns,
-            Shaft(self.channels),
-        )
+        shaft = Shaft(self.channels)
+        run = SceneRun(self.duration, self.seed, self.channels, self.folder, self.start_ns, shaft)
         for settings in self.effects:
             EFFECTS[settings.name].build(settings, run)
         return run
