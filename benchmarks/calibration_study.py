@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import math
 import sys
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -270,17 +269,6 @@ def _calibrated(config: BearingConfig, learning: Sequence[Sailed]) -> BearingCon
     draws = found.posterior.draws()[:, [0, 1, 5]]
     belief = Belief.from_draws(draws, found.floor, prior.viscous, found.loads)
     return replace(config, bearing=belief.nominal(config.bearing), belief=belief)
-
-
-def speed() -> dict[str, Any]:
-    """Seconds that twenty passages take, with numba."""
-    ships, random = fleet(1, 606)
-    (own,) = sail(ships, 20, random)
-    dips = dips_of(own, random)
-    calibrate(dips[:1], PRIOR)
-    begin = time.process_time()
-    calibrate(dips, PRIOR)
-    return {'with numba': time.process_time() - begin}
 
 
 PARTS: dict[str, Callable[[], dict[str, Any]]] = {
