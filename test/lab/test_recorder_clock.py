@@ -34,10 +34,10 @@ def recording(shift_s: NDArray[np.float64]) -> tuple[Stream, IntArray]:
     """
     second = np.repeat(np.arange(shift_s.size), 2)
     log = START + second * S + np.tile([0, 200_000_000], shift_s.size)
-    is_load = np.tile([False, True], shift_s.size)
+    place = np.tile([0, 1], shift_s.size)
     speed = np.interp(second % 120, [0, 20, 60, 80, 120], [60.0, 60.0, 25.0, 25.0, 60.0])
     stamp = log + np.rint(np.repeat(shift_s, 2) * S).astype(np.int64)
-    return Stream(stamp, is_load, np.where(is_load, 1000.0, speed)), log
+    return Stream(stamp, place, np.where(place, 1000.0, speed)), log
 
 
 def heard(stream: Stream, log: IntArray) -> list[tuple[Event, int, int]]:
@@ -46,7 +46,7 @@ def heard(stream: Stream, log: IntArray) -> list[tuple[Event, int, int]]:
     monitor.advance(START)
     found = []
     rows = zip(
-        stream.is_load.astype(int).tolist(),
+        stream.inputs.astype(int).tolist(),
         stream.time_ns.tolist(),
         stream.value.tolist(),
         strict=True,
@@ -126,8 +126,8 @@ def test_a_constant_error_of_the_clock_is_none_of_the_recorder() -> None:
 def test_a_gap_lasts_as_long_as_the_clocks_agree() -> None:
     """Load silent from 60.2 to 90.2 s: lost 5 s later by its timeout, told between messages."""
     stream, log = recording(np.full(120, 2.0))
-    kept = ~(stream.is_load & (log > START + 61 * S) & (log < START + 90 * S))
-    stream = Stream(stream.time_ns[kept], stream.is_load[kept], stream.value[kept])
+    kept = ~(stream.inputs & (log > START + 61 * S) & (log < START + 90 * S))
+    stream = Stream(stream.time_ns[kept], stream.inputs[kept], stream.value[kept])
     scan = Monitor(CONFIG).scan({BEARING.name: stream}, START, None)[BEARING.name]
     moved = on_recorder_clock(BEARING, stream, log[kept], scan, START)
     (lost,) = [e for e in moved.events if e.lost]
@@ -140,7 +140,7 @@ def test_a_gap_lasts_as_long_as_the_clocks_agree() -> None:
 
 def test_nothing_believed_has_no_clock() -> None:
     stream, log = recording(np.full(20, 2.0))
-    silent = Stream(stream.time_ns, stream.is_load, np.full(stream.value.shape, np.nan))
+    silent = Stream(stream.time_ns, stream.inputs, np.full(stream.value.shape, np.nan))
     config = MonitorConfig((BEARING,))
     scan = Monitor(config).scan({BEARING.name: silent}, START, START + 20 * S)[BEARING.name]
     assert scan.events

@@ -105,11 +105,11 @@ def test_any_blocks_have_the_same_outline_and_it_has_every_extreme(
     time = np.cumsum(rng.choice([10**8, 20 * 10**9], size, p=[0.999, 0.001]))
     times = START + np.repeat(time, 2)
     values = np.column_stack([speed, rng.normal(900.0, 50.0, size)]).ravel()
-    is_load = np.tile([False, True], size)
+    place = np.tile([0, 1], size)
     edges = [0, *sorted(cuts), times.size]
-    parts = [Stream(times[a:b], is_load[a:b], values[a:b]) for a, b in pairwise(edges)]
-    whole = BearingScan(config, START).finish(Stream(times, is_load, values), None)
-    one = _outline(BearingScan(config, START), [Stream(times, is_load, values)])
+    parts = [Stream(times[a:b], place[a:b], values[a:b]) for a, b in pairwise(edges)]
+    whole = BearingScan(config, START).finish(Stream(times, place, values), None)
+    one = _outline(BearingScan(config, START), [Stream(times, place, values)])
     other = _outline(BearingScan(config, START), parts)
     for name in ('time_ns', 'until_ns', 'sticking'):
         assert getattr(one, name).tolist() == getattr(other, name).tolist()
