@@ -219,17 +219,10 @@ class Annunciator:
         return changes
 
     def take_fault(
-<<<<<<< HEAD
         self, bearing: str, place: int, status: Status, time_ns: int
     ) -> list[AlarmChange]:
         """A sample of one input  was refused for its value."""
         self.causes[bearing].take_fault(place, status, self.now_ns)
-=======
-        self, bearing: str, which: int, status: Status, time_ns: int
-    ) -> list[AlarmChange]:
-        """A sample of one input (0 speed, 1 load) was refused for its value."""
-        self.causes[bearing].take_fault(which, status, self.now_ns)
->>>>>>> main
         return self._sync(bearing, time_ns)
 
     def take_verdict(self, verdict: Verdict) -> list[AlarmChange]:
