@@ -25,8 +25,8 @@ def speed_lines(rpm: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
     """Label and (time [s], speed [rpm]) of each line of the panel; a speed each second."""
     bearing = CONFIG.bearings[0]
     time = np.repeat(np.arange(rpm.size) * S, 2)
-    is_load = np.tile([False, True], rpm.size)
-    stream = Stream(time, is_load, np.where(is_load, 1000.0, np.repeat(rpm, 2)))
+    place = np.tile([0, 1], rpm.size)
+    stream = Stream(time, place, np.where(place, 1000.0, np.repeat(rpm, 2)))
     scan = Monitor(CONFIG).scan({bearing.name: stream}, 0, None)[bearing.name]
     end = int(time[-1])
     none = NOTHING.astype(np.int64)

@@ -20,7 +20,7 @@ import pytest
 from scipy.integrate import quad
 
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.scenes.reproducible_math import cos_turns, exp
+from stickslip_monitor.lab.scenes.effects.ship import cos_turns, exp
 from stickslip_monitor.lab.scenes.scene import Scene, simulate
 from stickslip_monitor.lab.scenes.telemetry import Channel, Messages, nominal_load
 from stickslip_monitor.lab.scenes.variation import as_believed, drawn, random_stream
@@ -240,7 +240,7 @@ RANDOM = np.random.default_rng(3)
 CODE = """
 import hashlib
 import numpy as np
-from stickslip_monitor.lab.scenes.reproducible_math import cos_turns, exp
+from stickslip_monitor.lab.scenes.effects.ship import cos_turns, exp
 x = np.random.default_rng(3).uniform(-40.0, 0.0, 20_000)
 print(hashlib.sha256(exp(x).tobytes() + cos_turns(x * 1e4).tobytes()).hexdigest())
 """
