@@ -584,7 +584,7 @@ def run(
         row[CONDITION], row[STICKING] = condition(s), s.sticking
         if point:
             row[UNTIL], row[MEASURED] = standing_until(s, settings), measured_now(s, settings)
-            points[k][0], points[k][1] = s.value[SPEED], s.value[LOAD]
+            points[k][0], points[k][1], points[k][2] = s.value[SPEED], s.value[LOAD], s.runs
     return len(stamps), count
 
 
