@@ -132,7 +132,7 @@ def legend_below(
 
 def legend_above(axes: Axes, columns: int, **more: Any) -> None:
     """Name the curves of a panel along its upper edge."""
-    look = {'loc': 'lower left', 'bbox_to_anchor': (-0.008, 1.0), 'frameon': False,
+    look: dict[str, Any] = {'loc': 'lower left', 'bbox_to_anchor': (-0.008, 1.0), 'frameon': False,
             'fontsize': 9.5, 'handlelength': 2.2, 'columnspacing': 1.1, 'handletextpad': 0.5,
             'borderaxespad': 0.2}  # fmt: skip
     axes.legend(ncols=columns, **look | more)

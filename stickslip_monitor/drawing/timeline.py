@@ -254,9 +254,10 @@ def _margins(axes: Axes, lines: _Lines) -> None:
         highest = max(highest, float(np.nanmax(margin, initial=-np.inf)))
         lowest = min(lowest, float(np.nanmin(margin, initial=0.0)))
     if lines.config.belief is not None:
+        time, low, high = lines.line('fold_low', 'fold_high')
         axes.fill_between(
-            *lines.line('fold_low', 'fold_high'), color=REGIME_COLOUR[Regime.BISTABLE], alpha=0.3,
-            lw=0.0, zorder=3, label='5 to 95 %',
+            time, low, high, color=REGIME_COLOUR[Regime.BISTABLE], alpha=0.3, lw=0.0, zorder=3,
+            label='5 to 95 %',
         )  # fmt: skip
     caution = 100.0 * lines.config.alarm.caution_margin
     axes.axhspan(0.0, caution, color=CAUTION_FILL, lw=0.0, zorder=1)

@@ -193,11 +193,11 @@ def _course(axes: Axes, x: FloatArray, y: FloatArray) -> None:
         if np.isfinite(run[0]).all():
             starts = np.arange(0, run.shape[0], length)
             means = np.add.reduceat(run, starts) / np.diff([*starts, run.shape[0]])[:, None]
-            path = [run[0]]
+            kept = [run[0]]
             for point in means[1:-1]:
-                if np.hypot(*(point - path[-1])) >= stride:
-                    path.append(point)
-            paths.append(np.array([*path, run[-1]]))
+                if np.hypot(*(point - kept[-1])) >= stride:
+                    kept.append(point)
+            paths.append(np.array([*kept, run[-1]]))
     steps = [np.hypot(*np.diff(path, axis=0).T) for path in paths]
     total, done = sum(float(each.sum()) for each in steps) or 1.0, 0.0
     for path, each in zip(paths, steps, strict=True):
