@@ -61,7 +61,7 @@ _EXACT_GRID, _EXACT_LOADS = (48, 32), 32
 _FOLDS_APART = 0.005
 _NARROW = 5.0
 # The legend below the map [inch].
-_LEGEND_COLUMN, _LEGEND_ROW, _NAMES = 1.4, 0.2, 7
+_LEGEND_COLUMN, _LEGEND_ROW, _NAMES = 1.25, 0.2, 7
 # Room around the axes [inch], whatever the size of the figure.
 _LEFT, _BESIDE_AXES, _BELOW, _ABOVE = 0.855, 1.08, 0.64, 0.24
 

@@ -201,7 +201,6 @@ def _finite(values: FloatArray) -> FloatArray:
 
 def _speed(axes: Axes, lines: _Lines) -> None:
     """Speed, over the regions that its boundaries at the load of each instant make."""
-    time, speed = lines.line('speed')
     margin = 1.0 + lines.config.alarm.caution_margin
     for name, factor, colour in (
         ('fold_speed', margin, CAUTION_FILL),
@@ -215,15 +214,14 @@ def _speed(axes: Axes, lines: _Lines) -> None:
         ('fold_speed', 'fold', FOLD, DASHES),
     ):
         axes.plot(*lines.line(name), color=colour, lw=1.0, ls=dashes, zorder=2, label=label)
-    axes.plot(time, speed, color=INK, lw=1.4, zorder=4, label='measured')
     # Astern the same picture is mirrored: its boundaries are those of the speed's size.
     backwards = np.asarray(lines.timeline.scan.assessment.speed) < 0.0
-    if backwards.any():
-        lines.columns['astern'] = np.where(backwards, lines.columns['speed'], np.nan)
-        astern = lines.line('astern')
-        axes.plot(*astern, color=PAPER, lw=1.4, ls=(0, (2, 2)), zorder=5, label='astern')
+    for name, astern, dashes in (('measured', False, '-'), ('astern', True, (0, (2, 1)))):
+        if not astern or backwards.any():
+            lines.columns[name] = np.where(backwards == astern, lines.columns['speed'], np.nan)
+            axes.plot(*lines.line(name), color=INK, lw=1.4, ls=dashes, zorder=4, label=name)
     axes.set_facecolor(REGIME_FILL[Regime.STABLE])
-    top = float(np.nanmax(speed, initial=0.0))
+    top = float(np.nanmax(lines.columns['speed'], initial=0.0))
     edge = float(np.nanmax(_finite(lines.columns['fold_speed']), initial=0.0))
     axes.set_ylim(0.0, 1.08 * max(top, 1.15 * edge) or 1.0)
     axes.set_ylabel('speed [rpm]')

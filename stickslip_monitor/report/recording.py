@@ -28,7 +28,7 @@ from stickslip_monitor.report.summary import GRADES, Course, Fact, Finding, fact
 
 # A phone shows an inch of the narrow ones on a hundred pixels, so that letters can be read.
 _WIDE, _NARROW = 9.0, 3.6
-_MAP_WIDE, _MAP_NARROW = (9.0, 5.6), (3.6, 4.4)
+_MAP_WIDE, _MAP_NARROW = (9.0, 5.6), (3.6, 5.4)
 _MARKS = 60
 # Of a recording; a page with more takes minutes to make and nobody looks at them all.
 _MOST_DRAWN = 12

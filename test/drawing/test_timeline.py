@@ -140,11 +140,11 @@ def test_astern_is_drawn_by_its_size_and_as_what_it_is() -> None:
     rpm = np.linspace(60.0, -60.0, 121)
     axes = panels(draw_timeline(timeline(rpm, start=0)))['speed']
     lines = {line.get_label(): np.array(line.get_data()) for line in axes.lines}
-    np.testing.assert_allclose(lines['measured'][1], np.abs(rpm), atol=1e-9)
-    astern = lines['astern'][:, np.isfinite(lines['astern'][1])]
-    np.testing.assert_allclose(astern[1], -rpm[astern[0].astype(int)], atol=1e-9)
+    for name, sign in (('measured', 1.0), ('astern', -1.0)):
+        time, speed = lines[name][:, np.isfinite(lines[name][1])]
+        np.testing.assert_allclose(speed, sign * rpm[time.astype(int)], atol=1e-9)
     # Sixty of the 121 seconds; at rest it goes neither way.
-    assert np.unique(astern[0]).size == 60
+    assert np.isfinite(lines['astern'][1]).sum() == 60
     # Boundaries of the reference bearing at 1000 N.
     np.testing.assert_allclose(lines['Hopf'][1], 30.7380, atol=1e-4)
     np.testing.assert_allclose(lines['fold'][1], 40.7231, atol=1e-4)
