@@ -138,9 +138,10 @@ def bifurcation_diagram(
     Returns:
         The diagram.
     """
-    grid = _grid(bearing, speeds, points)
-    columns = np.union1d(_grid(bearing, speeds, min(points, _MOST_COLUMNS)), grid[:1])
-    levels = _LevelSet(bearing, load, columns)
+    grid = np.linspace(*speeds, points)
+    if speeds[0] == 0.0:
+        grid[0] = _LOW * grid[1]  # at rest nothing slides
+    levels = _LevelSet(bearing, load, _columns(bearing, grid))
     pieces = list(levels.pieces())
     marks = sorted(
         {mark for piece in pieces for mark in piece.marks}, key=lambda m: (m.speed, m.amplitude)
@@ -159,21 +160,18 @@ def bifurcation_diagram(
         growth_rate=np.asarray(growth_rate(bearing, speed, load)),
         branches=tuple(branches),
         marks=tuple(marks),
-        spans=_spans(bearing, load, sorted({speeds[0], *ends, speeds[1]})),
+        spans=_spans(bearing, load, sorted({speeds[0], *ends, *last, speeds[1]})),
         exact=np.asarray(exact_cycle(bearing, speed, load).amplitude),
         exact_fold=exact_fold,
     )
 
 
-def _grid(bearing: Bearing, speeds: Range, points: int) -> FloatArray:
-    """Even speeds and the law's break points, all above rest: at rest nothing slides."""
-    low, high = speeds
-    grid = np.linspace(low, high, points)
-    if low == 0.0:
-        grid[0] = _LOW * grid[1]
-    # On both sides of a break, where the balance may jump.
+def _columns(bearing: Bearing, grid: FloatArray) -> FloatArray:
+    """Some even speeds and both sides of the law's break points, where the balance may jump."""
+    low, high = grid[0], grid[-1]
+    even = np.linspace(low, high, min(grid.size, _MOST_COLUMNS))
     breaks = np.outer(bearing.friction.breakpoints, _BESIDE).ravel()
-    return np.union1d(grid, breaks[(breaks > grid[0]) & (breaks < high)])
+    return np.union1d(even, breaks[(breaks > low) & (breaks < high)])
 
 
 @dataclass(frozen=True, slots=True)

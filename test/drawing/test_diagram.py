@@ -69,8 +69,9 @@ def test_branches_end_exactly_at_hopf_and_fold(reference: Diagram) -> None:
         (hopf.speed, fold.speed, Regime.BISTABLE),
         (fold.speed, diagram_speeds(REFERENCE, LOAD)[1], Regime.STABLE),
     )
-    growing = reference.growth_rate > 0.0
-    assert growing.tolist() == (reference.speed < hopf.speed).tolist()
+    growing, slower = reference.growth_rate > 0.0, reference.speed < hopf.speed
+    usual = reference.speed != hopf.speed
+    assert growing[usual].tolist() == slower[usual].tolist()
 
 
 @pytest.mark.parametrize(
@@ -123,18 +124,21 @@ def test_a_measured_table_has_all_its_branches() -> None:
 
 
 @pytest.mark.parametrize(
-    'own',
+    ('own', 'regimes'),
     [
-        bearing(Coulomb(0.3, 0.1)),
-        bearing(Stribeck(0.1, 0.3, 10.0)),
-        bearing(Stribeck(0.3, 0.1, 10.0), damping=3000.0),
+        # Of dry friction only the exact model has a cycle.
+        (bearing(Coulomb(0.3, 0.1)), [Regime.BISTABLE, Regime.STABLE]),
+        (bearing(Stribeck(0.1, 0.3, 10.0)), [Regime.STABLE]),
+        (bearing(Stribeck(0.3, 0.1, 10.0), damping=3000.0), [Regime.STABLE]),
     ],
     ids=['coulomb', 'rising', 'damped'],
 )
-def test_without_stick_slip_only_the_equilibrium_is_left(own: Bearing) -> None:
+def test_without_an_averaged_cycle_there_are_no_branches(
+    own: Bearing, regimes: list[Regime]
+) -> None:
     diagram = diagram_of(own)
     assert diagram.branches == diagram.marks == ()
-    assert [regime for *_, regime in diagram.spans] == [Regime.STABLE]
+    assert [regime for *_, regime in diagram.spans] == regimes
     columns = diagram_columns(own, diagram)
     assert np.isnan(columns['stick_slip_amplitude [m]']).all()
 

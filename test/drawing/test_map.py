@@ -184,9 +184,10 @@ def test_a_track_is_a_course_without_zigzag_over_all_the_places_it_has_been_to(n
 
 def test_a_track_of_a_scan_is_interrupted_where_an_input_was_lost() -> None:
     second = 10**9
-    times = np.array([0, 0, 1, 1, 60, 60, 61, 61], np.int64) * second
-    stream = Stream(times, np.tile([False, True], 4), np.array([60.0, 900.0] * 4))
-    scan = Monitor(CONFIG).scan({'aft_stern': stream}, 0, 70 * second)['aft_stern']
+    stretch = np.repeat(np.arange(10, dtype=np.int64), 2) * second
+    times = np.concatenate([stretch, stretch + 60 * second])
+    stream = Stream(times, np.tile([False, True], 20), np.array([60.0, 900.0] * 20))
+    scan = Monitor(CONFIG).scan({'aft_stern': stream}, 0, 90 * second)['aft_stern']
     track = track_of_scan(scan)
     (gap,) = np.flatnonzero(np.isnan(track.speed))
     assert track.time[gap - 1] < 10.0 < 59.9 < track.time[gap + 1]
