@@ -23,7 +23,11 @@ from stickslip_monitor.commands.arguments import parse_load, parse_speed, the_be
 from stickslip_monitor.commands.declared import TABLE, add_config, add_force, check_output
 from stickslip_monitor.commands.output import ProgressBar, console
 from stickslip_monitor.drawing.canvas import save_figure, write_csv
-from stickslip_monitor.drawing.findings import draw_amplitudes, draw_friction_laws, draw_motion
+from stickslip_monitor.drawing.finding_pictures import (
+    draw_amplitudes,
+    draw_friction_laws,
+    draw_motion,
+)
 from stickslip_monitor.errors import ConfigurationError, DrawingError
 from stickslip_monitor.files import PICTURES
 from stickslip_monitor.lab.findings import (
@@ -104,7 +108,7 @@ class Point:
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class _Finding:
     """One finding: its data as columns, its picture, and what it says in one line."""
 
     columns: Mapping[str, FloatArray]
@@ -128,17 +132,17 @@ def _the_point(args: argparse.Namespace) -> Point:
 def _swept(
     sweep: Sweep, columns: Mapping[str, FloatArray], statement: str, footnote: str, label: str,
     unit: str = '', scale: float = 1.0,
-) -> Finding:  # fmt: skip
+) -> _Finding:  # fmt: skip
     """A finding on amplitudes; the picture's unit, with a space before it, is ``scale`` SI."""
     summary = (
         f'Hopf {sweep.hopf / scale:.6g}{unit}, fold {sweep.exact_fold / scale:.6g}{unit}'
         f' (KBM {sweep.averaged_fold / scale:.6g}{unit})'
     )
     draw = partial(draw_amplitudes, sweep, statement, footnote, label, unit, scale)
-    return Finding(columns, draw, summary)
+    return _Finding(columns, draw, summary)
 
 
-def _speed(point: Point) -> Finding:
+def _speed(point: Point) -> _Finding:
     sweep = over_speed(point.bearing, point.load)
     columns = sweep.columns('surface_speed [m/s]')
     rpm = {'shaft_speed [rpm]': columns['surface_speed [m/s]'] / point.rpm}
@@ -152,7 +156,7 @@ def _speed(point: Point) -> Finding:
     )
 
 
-def _load(point: Point) -> Finding:
+def _load(point: Point) -> _Finding:
     sweep = over_load(point.bearing, point.speed, point.load)
     statement = (
         'The amplitude of stick-slip rises slowly with the normal force; at a low force there is'
@@ -163,7 +167,7 @@ def _load(point: Point) -> Finding:
     return _swept(sweep, columns, statement, footnote, 'normal force [N]', ' N')
 
 
-def _kinetic(point: Point) -> Finding:
+def _kinetic(point: Point) -> _Finding:
     sweep = over_kinetic(point.bearing, point.speed, point.load)
     statement = (
         'The amplitude of stick-slip falls as the kinetic friction coefficient rises; beyond a'
@@ -174,7 +178,7 @@ def _kinetic(point: Point) -> Finding:
     return _swept(sweep, columns, statement, point.footnote, label)
 
 
-def _motion(point: Point) -> Finding:
+def _motion(point: Point) -> _Finding:
     history = stick_slip_history(point.bearing, point.speed, point.load)
     statement = (
         'A small disturbance of steady sliding grows into stick-slip: in the phase plane the'
@@ -186,10 +190,10 @@ def _motion(point: Point) -> Finding:
         f' sticking {history.stick_fraction * 100:.3g} % of it'
     )
     draw = partial(draw_motion, history, statement, point.footnote)
-    return Finding(history.columns(), draw, summary)
+    return _Finding(history.columns(), draw, summary)
 
 
-def _friction(point: Point) -> Finding:
+def _friction(point: Point) -> _Finding:
     curves = friction_curves(point.bearing, point.load)
     statement = (
         'The two friction curves of the study: with Coulomb’s law friction in motion is constant;'
@@ -201,10 +205,10 @@ def _friction(point: Point) -> Finding:
     )
     footnote = f'{point.name}, load {point.load:.6g} N'
     draw = partial(draw_friction_laws, curves, statement, footnote)
-    return Finding(curves.columns(), draw, summary)
+    return _Finding(curves.columns(), draw, summary)
 
 
-FINDINGS: Mapping[str, Callable[[Point], Finding]] = {
+FINDINGS: Mapping[str, Callable[[Point], _Finding]] = {
     'finding_1_speed': _speed,
     'finding_2_load': _load,
     'finding_3_kinetic': _kinetic,

@@ -46,12 +46,12 @@ def speeds() -> Sweep:
 
 @pytest.fixture(scope='module')
 def loads() -> Sweep:
-    return over_load(REFERENCE, V, REFERENCE_LOAD)
+    return over_load(REFERENCE, V, REFERENCE_LOAD, points=30)
 
 
 @pytest.fixture(scope='module')
 def kinetics() -> Sweep:
-    return over_kinetic(REFERENCE, V, REFERENCE_LOAD, points=16)
+    return over_kinetic(REFERENCE, V, REFERENCE_LOAD, points=8)
 
 
 @pytest.fixture(scope='module')
@@ -118,7 +118,7 @@ def test_reverse_time_finds_the_branch_of_the_return_map(speeds: Sweep) -> None:
 
 
 def test_averaging_is_better_at_the_unstable_branch(speeds: Sweep) -> None:
-    """The opposite of the published sentence, in the numbers of docs/findings.md."""
+    """The opposite of the published sentence, in the numbers of docs/physics.md."""
     rpm = np.array([32.0, 34.0, 36.0, 38.0, 40.0])
     exact = exact_unstable_cycle(REFERENCE, rpm * RPM, 1000.0).amplitude
     averaged = assess(REFERENCE, rpm * RPM, 1000.0).threshold_amplitude
@@ -133,8 +133,8 @@ def test_averaging_is_better_at_the_unstable_branch(speeds: Sweep) -> None:
     ('order', 'told'),
     [
         *((order, [np.nan] * 5) for order in (3, 4, 5, 6)),
-        (7, [-40, -35, -40, -46, -52]),
-        (9, [-2.8, -4.6, -7.7, -12, -16]),
+        (7, [-39.9, -35.3, -39.9, -45.9, -52.4]),
+        (9, [-2.9, -4.7, -7.7, -11.6, -16.3]),
     ],
 )
 def test_the_published_polynomial_misses_the_unstable_branch(
@@ -163,7 +163,7 @@ def test_the_published_polynomial_misses_the_unstable_branch(
         amplitude = brentq(drive, 1e-3, 1.0) * v / OMEGA
         exact = exact_unstable_cycle(REFERENCE, np.array([v]), 1000.0).amplitude[0]
         errors.append(100.0 * (amplitude / exact - 1.0))
-    assert errors == pytest.approx(told, rel=0.03, abs=0.05, nan_ok=True)
+    assert errors == pytest.approx(told, abs=0.05, nan_ok=True)
     # The same average as that of the ladder's polynomial, which begins at the belt's speed.
     assert averages(polynomial[::-1], 1.0 + 1e-12)[0] * 1000.0 == pytest.approx(
         drive(1.0) + 200.0 * v, rel=1e-5
@@ -208,7 +208,8 @@ def test_beyond_a_kinetic_coefficient_of_a_fifth_there_is_only_the_equilibrium(
     inside = np.isfinite(kinetics.exact_unstable)
     assert inside.any()
     unstable = exact_unstable_cycle(REFERENCE, V, load[inside]).amplitude
-    np.testing.assert_allclose(kinetics.exact_unstable[inside], unstable, rtol=1e-8, atol=1e-13)
+    # Next to the Hopf, 1e-9 away, rounding of the coefficient counts.
+    np.testing.assert_allclose(kinetics.exact_unstable[inside], unstable, rtol=1e-8, atol=1e-12)
     fold = 1000.0 * (0.3 - kinetics.exact_fold) / 0.2
     assert fold == pytest.approx(loads.exact_fold, rel=1e-9)
 
