@@ -19,6 +19,7 @@ import pytest
 from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links import nmea_client
 from stickslip_monitor.links.link_config import NmeaLink
+from stickslip_monitor.links.live_monitor import MonitorSide
 from stickslip_monitor.links.nmea import NmeaInput, sentence
 from stickslip_monitor.links.nmea_client import KINDS, NmeaClient, Port
 from stickslip_monitor.monitor.signals import Input
@@ -265,11 +266,13 @@ def test_sentences_in_alerts_out_and_acknowledgements_back(
         client = NmeaClient(
             NmeaLink(port, port, 'II', '', 10001, 30.0, 60.0, True),
             [NmeaInput('aft', Input.SPEED, 'RPM', kind='S', number=1)],
-            ['aft'],
-            lambda *sample: samples.append(sample),
-            act,
-            lambda *state: told.append(state),
-            logging.getLogger('test'),
+            MonitorSide(
+                ['aft'],
+                lambda *sample: samples.append(sample),
+                act,
+                lambda *state: told.append(state),
+                logging.getLogger('test'),
+            ),
         )
         await client.start()
         running = asyncio.get_running_loop().create_task(client.run())

@@ -20,6 +20,7 @@ from benchmarks.signalk_servers import SmallServer
 from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links import signalk_client
 from stickslip_monitor.links.link_config import SignalKLink
+from stickslip_monitor.links.live_monitor import MonitorSide
 from stickslip_monitor.links.signalk import SignalKInput, SignalKInputs
 from stickslip_monitor.links.signalk_client import SignalKClient, request_token
 from stickslip_monitor.monitor.alarms.causes import AlarmKind
@@ -61,12 +62,14 @@ class Ship:
             link,
             token,
             SignalKInputs([SignalKInput('aft', Input.SPEED, PATH, '', 5.0)], lambda text: None),
-            ['aft'],
             [],
-            lambda bearing, which, value: self.values.append(value),
-            lambda request: self.requests.append(str(request.action)),
-            self.tell,
-            logging.getLogger('test'),
+            MonitorSide(
+                ['aft'],
+                lambda bearing, which, value: self.values.append(value),
+                lambda request: self.requests.append(str(request.action)),
+                self.tell,
+                logging.getLogger('test'),
+            ),
             **times,
         )
         self.client.take_alarms(alarms('normal'))

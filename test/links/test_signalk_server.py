@@ -20,7 +20,7 @@ from benchmarks.signalk_servers import RealServer, missing
 from stickslip_monitor import build_config
 from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links.link_config import SignalKLink
-from stickslip_monitor.links.live_monitor import LiveMonitor
+from stickslip_monitor.links.live_monitor import LiveMonitor, MonitorSide
 from stickslip_monitor.links.signalk import SignalKInput, SignalKInputs
 from stickslip_monitor.links.signalk_client import SignalKClient, request_token
 from stickslip_monitor.monitor.alarms import annunciator
@@ -83,14 +83,13 @@ class Ship:
             SignalKLink(server.url, '', '', PREFIX, True),
             token,
             SignalKInputs(inputs, log.warning),
-            ['aft'],
             [],
-            self.live.take,
-            self.live.act,
-            lambda name, up, why: self.links.__setitem__(name, up),
-            log,
+            MonitorSide(['aft'], self.live.take, self.live.act, self.tell, log),
             heartbeat=heartbeat,
         )
+
+    def tell(self, name: str, up: bool, why: str) -> None:
+        self.links[name] = up
 
     def take_record(self, record: dict[str, Any]) -> None:
         self.client.take_record(record)
