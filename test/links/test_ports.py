@@ -209,6 +209,24 @@ def test_silence_is_a_fault_where_lines_are_expected() -> None:
     on_loop(work)
 
 
+def test_where_only_acknowledgements_may_come_silence_is_no_fault(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(nmea_client, 'SILENT', 0.05)
+    told: list[Any] = []
+    log = logging.getLogger('test')
+
+    async def work() -> None:
+        side = MonitorSide(['aft'], print, print, lambda *state: told.append(state), log)
+        client = NmeaClient(NmeaLink(f'udp://127.0.0.1:{free()}', accept_actions=True), [], side)
+        await client.start()
+        asyncio.get_running_loop().create_task(client.run())
+        await asyncio.sleep(0.2)
+
+    on_loop(work)
+    assert told == [('nmea_in', True, '')]
+
+
 def test_what_cannot_be_opened_at_the_start_is_an_error(tmp_path: Path) -> None:
     no_line = tmp_path / 'file'
     no_line.touch()
