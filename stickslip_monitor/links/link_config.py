@@ -49,10 +49,7 @@ class NmeaLink:
     talker: str = parameter('II', 'Talker identifier of our sentences.')
     manufacturer: str = parameter('', 'Manufacturer code of our alerts; empty for none.')
     first_alert: int = parameter(
-        10001,
-        'Identifier of our first alert; the six others follow.',
-        minimum=1,
-        maximum=999994,
+        10001, 'Identifier of our first alert; the six others follow.', minimum=1, maximum=999994
     )
     list_period: float = _period(30.0, 'Time between two lists of alerts.')
     heartbeat: float = _period(60.0, 'Time between two heartbeats.')

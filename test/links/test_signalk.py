@@ -33,11 +33,7 @@ HELLO = {
 
 
 def delta(
-    value: Any,
-    second: float = 0.0,
-    source: str = 'shaft.1',
-    path: str = PATH,
-    context: str = SHIP,
+    value: Any, second: float = 0.0, source: str = 'shaft.1', path: str = PATH, context: str = SHIP
 ) -> dict[str, Any]:
     """One value, stamped so many seconds after the greeting."""
     minute, rest = divmod(second, 60.0)
