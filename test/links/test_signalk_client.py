@@ -127,24 +127,6 @@ def at_sea(work: Work) -> None:
     asyncio.run(run())
 
 
-def test_only_fresh_values_of_our_own_ship_arrive() -> None:
-    async def work(server: SmallServer) -> None:
-        await server.publish(PATH, 9.0, stamp='2020-01-01T00:00:00.000Z')  # kept, and old
-        async with sailing(Ship(server)) as ship:
-            await ship.until(lambda: server.subscriptions)
-            await server.say("\"Only 'instant' and 'fixed' policies supported\"")
-            await server.say('no JSON {')
-            await server.publish(PATH, 8.0, context='vessels.urn:mrn:imo:mmsi:111')
-            for value in (1.0, None, 2.0):
-                await server.publish(PATH, value)
-                await asyncio.sleep(0.005)  # stamps are of milliseconds
-            await ship.until(lambda: len(ship.values) == 3)
-        assert ship.values[::2] == [1.0, 2.0]
-        assert ship.values[1] != ship.values[1]
-
-    at_sea(work)
-
-
 RECORD = {
     'bearing': 'aft',
     'reason': 'stick_slip',
@@ -269,25 +251,6 @@ def test_another_program_is_no_signal_k_server(greeting: str) -> None:
             await Ship(server).client.run()
 
     at_sea(work)
-
-
-def test_a_page_of_something_else_is_no_signal_k_server() -> None:
-    async def work(server: SmallServer) -> None:
-        ship = Ship(server)
-        await server.stop()
-        other = await asyncio.start_server(_not_found, '127.0.0.1', server.port)
-        async with other:
-            with pytest.raises(LinkError, match='is no Signal K server: it answers 404'):
-                await ship.client.run()
-
-    at_sea(work)
-
-
-async def _not_found(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    await reader.readuntil(b'\r\n\r\n')
-    writer.write(b'HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\n\r\n')
-    await writer.drain()
-    writer.close()
 
 
 @pytest.mark.parametrize(('version', 'works'), [('2.23.0', False), ('2.24.0', True)])
