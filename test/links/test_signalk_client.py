@@ -156,6 +156,8 @@ def test_a_server_that_forgets_gets_everything_back() -> None:
             await server.publish(PATH, 3.0)
             await ship.until(lambda: ship.values == [3.0])
             assert ship.requests == []
+            # No name that only Python has for a part of the connection.
+            assert not [why for why in ship.reasons if '<' in why or 'ssl' in why]
 
     at_sea(work)
 
@@ -276,19 +278,9 @@ def test_a_server_that_takes_an_acknowledgement_from_anybody(
 def certificate(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A server's certificate, signed by itself, with its key."""
     folder = tmp_path_factory.mktemp('tls')
-    command = [
-        'openssl',
-        'req',
-        '-x509',
-        '-newkey',
-        'rsa:2048',
-        '-nodes',
-        '-days',
-        '2',
-        '-subj',
-        '/CN=ship',
-    ]
-    command += ['-addext', 'subjectAltName=IP:127.0.0.1', '-keyout', 'key.pem', '-out', 'cert.pem']
+    made = ['-x509', '-newkey', 'rsa:2048', '-nodes', '-days', '2', '-subj', '/CN=ship']
+    files = ['-addext', 'subjectAltName=IP:127.0.0.1', '-keyout', 'key.pem', '-out', 'cert.pem']
+    command = ['openssl', 'req', *made, *files]
     subprocess.run(command, cwd=folder, check=True, capture_output=True)
     return folder
 
@@ -335,7 +327,7 @@ def test_a_token_is_asked_for(states: list[str], permission: str, expected: str 
             f'Approve stickslip_monitor in the pages of {link.url} (Security, Access Requests)'
         ]
         await server.stop()
-        with pytest.raises(LinkError, match='cannot be asked for a token'):
+        with pytest.raises(LinkError, match=r'cannot be asked for a token: [^<]+$'):
             await request_token(link, 'id', said.append)
 
     at_sea(work)

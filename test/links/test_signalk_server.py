@@ -7,6 +7,7 @@ import asyncio
 import logging
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from contextlib import asynccontextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -23,6 +24,7 @@ from stickslip_monitor.links.live_monitor import LiveMonitor, MonitorSide
 from stickslip_monitor.links.signalk import SignalKInput, SignalKInputs
 from stickslip_monitor.links.signalk_client import SignalKClient, request_token
 from stickslip_monitor.monitor.alarms import annunciator
+from stickslip_monitor.monitor.config_file import load_parameters
 from stickslip_monitor.monitor.signals import Input
 
 pytestmark = pytest.mark.slow
@@ -30,28 +32,13 @@ pytestmark = pytest.mark.slow
 DEADLINE = 60.0
 SPEED, LOAD = 'propulsion.port.revolutions', 'propulsion.port.shaft.aft.load'
 PREFIX = 'propulsion.port.shaft'
-STICK = f'notifications.{PREFIX}.aft.stickSlip'
+BEARING = 'aft_stern'
+STICK = f'notifications.{PREFIX}.aftStern.stickSlip'
 AHEAD, STUCK = 1.0, 20.0 / 60.0  # revolutions a second
-BEARING = {
-    'mass': 50.0,
-    'damping': 400.0,
-    'stiffness': 2.0e6,
-    'journal_diameter': 0.1,
-    'friction.law': 'stribeck',
-    'friction.static': 0.3,
-    'friction.kinetic': 0.1,
-    'friction.decay': 10.0,
-    'speed.topic': 'Signal_K/speed',
-    'speed.unit': 'Hz',
-    'speed.timeout': 2.0,
-    'load.topic': 'Signal_K/load',
-    'load.unit': 'N',
-    'load.timeout': 2.0,
-    'alarm.onset_growth': 0.0,
-    'alarm.on_delay': 0.0,
-    'alarm.off_delay': 0.0,
-    'alarm.input_off_delay': 0.0,
-}
+REFERENCE = Path(__file__).resolve().parents[2] / 'launch_configs' / 'reference_bearing.yaml'
+INPUTS = {'speed.unit': 'Hz', 'speed.timeout': 2.0, 'load.timeout': 2.0}
+AT_ONCE = ('onset_growth', 'on_delay', 'off_delay', 'input_off_delay')
+CHANGES = INPUTS | {f'alarm.{name}': 0.0 for name in AT_ONCE}
 
 
 @pytest.fixture(scope='module')
@@ -69,21 +56,22 @@ class Ship:
 
     def __init__(self, server: RealServer, token: str = '') -> None:
         self.server, self.rpm = server, AHEAD
-        names = {'bearings': ['aft']} | {f'aft.{key}': value for key, value in BEARING.items()}
+        changes = {f'{BEARING}.{name}': value for name, value in CHANGES.items()}
+        config = build_config(load_parameters(REFERENCE) | changes)
         self.record: dict[str, Any] = {'alarms': []}
         self.changes: list[dict[str, Any]] = []
         self.seen: dict[str, Any] = {}
         self.links: dict[str, bool] = {}
         log = logging.getLogger('ship')
-        self.live = LiveMonitor(build_config(names), self, log)
+        self.live = LiveMonitor(config, self, log)
         paths = {Input.SPEED: SPEED, Input.LOAD: LOAD}
-        inputs = [SignalKInput('aft', which, path, '', 2.0) for which, path in paths.items()]
+        inputs = [SignalKInput(BEARING, which, path, '', 2.0) for which, path in paths.items()]
         self.client = SignalKClient(
             SignalKLink(server.url, '', '', PREFIX, True),
             token,
             SignalKInputs(inputs, log.warning),
             [],
-            MonitorSide(['aft'], self.live.take, self.live.act, self.tell, log),
+            MonitorSide([BEARING], self.live.take, self.live.act, self.tell, log),
         )
 
     def tell(self, name: str, up: bool, why: str) -> None:
