@@ -124,7 +124,7 @@ _RECORD: dict[str, Reader] = {
     'time': _time,
     'sticking': _may(bool),
     'held_until': _milliseconds,
-    **dict.fromkeys(('regime', 'outcome', 'measured', 'unmeasured'), _may(str)),
+    **dict.fromkeys(('regime', 'measured', 'unmeasured'), _may(str)),
     **dict.fromkeys(NUMBERS, _finite),
     'inputs': lambda value: {
         str(name): _fields(own, _INPUT) for name, own in _must(dict)(value).items()
@@ -145,9 +145,7 @@ _ALARMS: dict[str, Reader] = {
         _ALARM | {'active': bool, 'suppressed_by': _texts, 'shelved_until': _milliseconds}
     ),
     'rows': _each(
-        _ALARM
-        | dict.fromkeys(('first_time', 'came_back_since'), _milliseconds)
-        | {'kinds': _texts, 'first_text': _may(str, ''), 'came_back': _may(int, 0)}
+        _ALARM | {'kinds': _texts, 'came_back': _may(int, 0), 'came_back_since': _milliseconds}
     ),
     'changes': _each(dict.fromkeys(_CHANGE, _must(str)) | {'time': _milliseconds}),
     'notes': _each(
