@@ -77,7 +77,7 @@ def alarm(**changes: Any) -> dict[str, Any]:
 def alarms(*own: dict[str, Any], **changes: Any) -> dict[str, Any]:
     """A list of alarms."""
     counts = {'time': 10**9, 'sounding': False, 'unacknowledged': 0, 'flood': {}, 'changes': []}
-    counts |= {'rows': []}
+    counts |= {'rows': [], 'notes': []}
     return {'schema': 'stickslip_monitor/alarm/1', **counts, 'alarms': list(own)} | changes
 
 
