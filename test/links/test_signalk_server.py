@@ -202,7 +202,7 @@ def test_rounds_with_none_invented_and_none_lost(
                     lambda: all(v['state'] == 'normal' for v in ship.seen.values()), 'normal'
                 )
             own = [c for c in ship.changes if c['by'] == 'signal k']
-            assert {c['alarm'] for c in own} == {'stick_slip'}
+            assert {c['alarm'] for c in own} == {'stick_slip'}, own
             assert [c['what'] for c in own].count('acknowledge') == 8
             assert [c['what'] for c in own].count('silence') == 2
             raised = [c for c in ship.changes if c['to'] == 'unacknowledged' != c['from']]
