@@ -46,12 +46,12 @@ def speeds() -> Sweep:
 
 @pytest.fixture(scope='module')
 def loads() -> Sweep:
-    return over_load(REFERENCE, V, REFERENCE_LOAD)
+    return over_load(REFERENCE, V, REFERENCE_LOAD, points=30)
 
 
 @pytest.fixture(scope='module')
 def kinetics() -> Sweep:
-    return over_kinetic(REFERENCE, V, REFERENCE_LOAD, points=16)
+    return over_kinetic(REFERENCE, V, REFERENCE_LOAD, points=8)
 
 
 @pytest.fixture(scope='module')
@@ -118,7 +118,7 @@ def test_reverse_time_finds_the_branch_of_the_return_map(speeds: Sweep) -> None:
 
 
 def test_averaging_is_better_at_the_unstable_branch(speeds: Sweep) -> None:
-    """The opposite of the published sentence, in the numbers of docs/findings.md."""
+    """The opposite of the published sentence, in the numbers of docs/physics.md."""
     rpm = np.array([32.0, 34.0, 36.0, 38.0, 40.0])
     exact = exact_unstable_cycle(REFERENCE, rpm * RPM, 1000.0).amplitude
     averaged = assess(REFERENCE, rpm * RPM, 1000.0).threshold_amplitude

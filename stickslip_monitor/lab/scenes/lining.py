@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The lining of one bearing, followed through a scene by the event-driven integrator.
 
-Also here: the episodes of stick-slip that follow from its sticks, and its sampled amplitude.
+Also here: its friction, whose parameters move in time, the episodes of stick-slip that follow from
+its sticks, and its sampled amplitude.
 """
 
 from __future__ import annotations
@@ -9,18 +10,19 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes import telemetry
-from stickslip_monitor.lab.scenes.friction_course import STEP, FrictionCourse
+from stickslip_monitor.lab.scenes.profile import Profile
 from stickslip_monitor.lab.scenes.shaft import Shaft
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.physics.friction import FrictionLaw
+from stickslip_monitor.physics.friction import FrictionLaw, Tabulated
 from stickslip_monitor.physics.motion.integrator import (
     FAST,
     Drive,
@@ -31,6 +33,50 @@ from stickslip_monitor.physics.motion.integrator import (
     integrate,
 )
 from stickslip_monitor.physics.oscillator import Bearing
+
+FACTOR = 'factor'
+# Of the parameters of all laws, those that a common factor multiplies.
+_COEFFICIENTS = ('static', 'kinetic', 'viscous')
+STEP = 1.0
+
+
+def parameters_of(law: FrictionLaw) -> tuple[str, ...]:
+    """What may move: the law's own numbers, and a factor on the whole coefficient."""
+    # The protocol does not say that a law is a dataclass; those a configuration can name are.
+    own = () if isinstance(law, Tabulated) else tuple(f.name for f in fields(law))  # type: ignore[arg-type]
+    return (*own, FACTOR)
+
+
+def with_parameters(law: FrictionLaw, values: dict[str, float]) -> FrictionLaw:
+    """A law with some parameters replaced, and then multiplied by the factor."""
+    own = {name: value for name, value in values.items() if name != FACTOR}
+    # A dataclass, as above.
+    changed: Any = replace(law, **own) if own else law  # type: ignore[type-var]
+    factor = values.get(FACTOR, 1.0)
+    if isinstance(changed, Tabulated):
+        return Tabulated(changed.speed, [factor * value for value in changed.values])
+    names = [f.name for f in fields(changed) if f.name in _COEFFICIENTS]
+    scaled: FrictionLaw = replace(changed, **{n: factor * getattr(changed, n) for n in names})
+    return scaled
+
+
+@dataclass(slots=True)
+class FrictionCourse:
+    """The friction law of one bearing over time.
+
+    It moves in steps of one second, each with the values at its start, so that the integrator has
+    one law at a time; the steps are too small to affect the motion.
+    """
+
+    law: FrictionLaw  # the law of the configuration
+    drifts: dict[str, Profile] = field(default_factory=dict)  # by parameter, how it moves
+
+    def at(self, time: float) -> FrictionLaw:
+        """The law at a time since the scene's start [s]."""
+        step = np.array([time // STEP * STEP])
+        values = {name: float(drift.at(step)[0]) for name, drift in self.drifts.items()}
+        return with_parameters(self.law, values) if values else self.law
+
 
 # A single stick, after a knock or as the shaft breaks away, is no oscillation.
 LEAST_STICKS = 2
@@ -64,14 +110,8 @@ class Walk:
 
     def at(self, own: IndexArray) -> Walk:
         """The same with some of the samples."""
-        return replace(
-            self,
-            time=self.time[own],
-            displacement=self.displacement[own],
-            velocity=self.velocity[own],
-            acceleration=self.acceleration[own],
-            sticking=self.sticking[own],
-        )
+        names = ('time', 'displacement', 'velocity', 'acceleration', 'sticking')
+        return replace(self, **{name: getattr(self, name)[own] for name in names})
 
 
 class Episodes:
@@ -259,15 +299,9 @@ class Lining:
     """
 
     def __init__(
-        self,
-        config: BearingConfig,
-        shaft: Shaft,
-        course: FrictionCourse,
-        deviation: float,
-        knocks: Sequence[Impulse],
-        random: np.random.Generator,
-        duration: float,
-    ) -> None:
+        self, config: BearingConfig, shaft: Shaft, course: FrictionCourse, deviation: float,
+        knocks: Sequence[Impulse], random: np.random.Generator, duration: float,
+    ) -> None:  # fmt: skip
         self.config, self._shaft, self._course = config, shaft, course
         self._deviation, self._knocks, self._random = deviation, knocks, random
         self._duration = duration
@@ -301,15 +335,12 @@ class Lining:
             motion = self._integrate(nodes[:, low : high + 1], times[taken:upto])
             sticks += self._changes(motion)
             motions.append(motion)
-        return Walk(
-            end,
-            times,
-            np.concatenate([motion.displacement for motion in motions]),
-            np.concatenate([motion.velocity for motion in motions]),
-            np.concatenate([motion.acceleration for motion in motions]),
-            np.concatenate([motion.sticking for motion in motions]),
-            list(heapq.merge(self._rests(nodes), sticks)),
-        )
+        sampled = {
+            name: np.concatenate([getattr(motion, name) for motion in motions])
+            for name in ('displacement', 'velocity', 'acceleration', 'sticking')
+        }
+        changes = list(heapq.merge(self._rests(nodes), sticks))
+        return Walk(end, times, changes=changes, **sampled)
 
     def _start(self) -> MotionState:
         _, speed, load = self._nodes[:, 0].tolist()

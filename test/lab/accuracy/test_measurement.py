@@ -161,6 +161,9 @@ def test_what_is_no_measurement_is_refused(tmp_path, text, words):
 
 
 def test_the_page_shows_the_stored_measurement():
-    table = markdown(read_rows(DOCS / 'accuracy.csv'))
-    command = 'stickslip accuracy --from docs/accuracy.csv --markdown'
-    assert table in (DOCS / 'accuracy.md').read_text('utf-8'), f'paste `{command}` into the page'
+    page = (DOCS / 'accuracy.md').read_text('utf-8')
+    mark = '<!-- lines of: stickslip accuracy --from docs/accuracy.csv --markdown -->\n'
+    shown = page.partition(mark)[2].partition('\n\n')[0].splitlines()
+    assert len(shown) > 10
+    # The page leaves some methods out.
+    assert set(shown) <= set(markdown(read_rows(DOCS / 'accuracy.csv')).splitlines())

@@ -15,7 +15,7 @@ import numpy as np
 
 from stickslip_monitor.bags.encode import STAMPED_FIELDS
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.scenes.friction_course import FrictionCourse
+from stickslip_monitor.lab.scenes.lining import FrictionCourse
 from stickslip_monitor.lab.scenes.settings import Settings
 from stickslip_monitor.lab.scenes.shaft import Memory, Sensor, Shaft, TimeBlock
 from stickslip_monitor.lab.scenes.telemetry import Channel, Signal
@@ -37,8 +37,8 @@ class SceneRun:
     """One run of a scene: what effects may know of it while they are built, and what they add."""
 
     duration: float  # the scene's duration [s]
-    seed: int  # the scene's seed
-    channels: tuple[Channel, ...]  # its channels
+    seed: int
+    channels: tuple[Channel, ...]
     folder: Path  # the folder of the scene file, from which the paths in it count
     start_ns: int  # time stamp of the scene's start [ns since 1970]
     shaft: Shaft  # speed and load, with what the effects add to them
@@ -111,7 +111,7 @@ SensorEffect = Callable[[Settings, Channel, SceneRun], Callable[[Signal], None] 
 class Effect:
     """What a scene file may ask for by a name."""
 
-    stage: str  # when it acts: see :data:`~.registry.STAGES`
+    stage: str  # when it acts: see ``effects.STAGES``
     keys: tuple[str, ...]  # the settings it takes
     build: Builder  # adds it to a run of a scene
 
