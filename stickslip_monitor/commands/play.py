@@ -94,7 +94,7 @@ def _play(player: Player, bag: Bag, options: _Options) -> None:
         )
         for _ in range(options.loop):
             count = player.play(
-                bag.messages(),
+                ((m.topic, m.log_time_ns, m.data) for m in bag.messages()),
                 options.rate,
                 lambda now: bar.update(task, completed=(now - start) * 1e-9),
             )

@@ -44,7 +44,7 @@ from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME, load_parameters, load_section
 from stickslip_monitor.monitor.configure import bearing_names, build_config
 from stickslip_monitor.monitor.signals import QUANTITIES
-from stickslip_monitor.ros.state_file import StateFile
+from stickslip_monitor.state_file import StateFile
 
 if TYPE_CHECKING:
     from stickslip_monitor.dashboard.state import DashboardState

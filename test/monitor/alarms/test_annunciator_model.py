@@ -131,7 +131,7 @@ class Life(RuleBasedStateMachine):
     @rule(turning=st.integers(0, 1))
     def operating_point(self, turning: int) -> None:
         point = self.points[turning]
-        verdict = Verdict('b', self.now, QUIET, lambda: point)
+        verdict = Verdict('b', self.now, QUIET, lambda: point, point.speed)
         self.heard(self.annunciator.take_verdict(verdict))
 
     @rule(
