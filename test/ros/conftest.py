@@ -292,55 +292,60 @@ class Monitor(Named, Program):
 
 
 class Telemetry:
-    """Operating points for a node configured with STAMPED, and the values it answers with.
+    """Operating points at 10 Hz for a node configured with STAMPED, and what it answers.
 
     It begins with some points of 60 rpm and 1000 N, until node and test hear each other.
+
+    Attributes:
+        now: The latest stamp, after T0 [s].
     """
 
     def __init__(self, monitor: Named, bearing: str = 'aft') -> None:
         from sensor_msgs.msg import JointState
 
-        self.peer = monitor.peer
+        self.peer, self.now = monitor.peer, 0.0
         self._publisher = self.peer.talk(JointState, monitor.input('shaft'))
         numbers = ('amplitude', 'amplitude_exact', 'hopf_margin', 'fold_margin')
         kinds = dict.fromkeys(numbers, 'Float64') | {'regime': 'String'}
         self.heard = {
             name: monitor.listen(f'{bearing}/{name}', kind) for name, kind in kinds.items()
         }
-        for second in range(-900, -700):
-            self.send(60.0, 1000.0, second)
+        while not all(self.heard.values()):
+            self.send(60.0, 1000.0)
             self.peer.spin(0.1)
-            if all(self.heard.values()):
-                break
         # Whatever is still on its way belongs to the greeting.
-        self.step(60.0, 1000.0, second + 1)
+        self.hold(60.0, 1000.0, 0.5)
 
-    def send(self, rpm: float | None, load: float | None, seconds: float) -> None:
-        """Publish one message; ``None`` leaves the array empty."""
+    def send(self, rpm: float | None, load: float | None, at: float | None = None) -> None:
+        """Publish one message, a tenth of a second after the one before or at a time of its own.
+
+        ``None`` leaves an array empty.
+        """
         from sensor_msgs.msg import JointState
 
-        message = stamped(JointState(), seconds)
+        if at is None:
+            self.now = at = round(self.now + 0.1, 9)
+        message = stamped(JointState(), at)
         message.velocity = [] if rpm is None else [float(rpm)]
         message.effort = [] if load is None else [float(load)]
         self._publisher.publish(message)
 
-    def step(self, rpm: float, load: float, seconds: float, answers: int = 2) -> dict[str, Any]:
+    def step(self, rpm: float, load: float) -> dict[str, Any]:
         """Publish one operating point and return the answer to its load, which comes second.
 
-        The first answer is to the new speed with the load before, unless that is too old.
+        The first answer is to the new speed with the load before.
         """
-        due = {name: len(heard) + answers for name, heard in self.heard.items()}
-        self.send(rpm, load, seconds)
+        due = {name: len(heard) + 2 for name, heard in self.heard.items()}
+        self.send(rpm, load)
         self.peer.until(
             lambda: all(len(heard) >= due[name] for name, heard in self.heard.items()),
-            f'answer to {rpm} rpm, {load} N at {seconds} s',
+            f'answer to {rpm} rpm, {load} N at {self.now} s',
         )
         return {name: heard[-1].data for name, heard in self.heard.items()}
 
-    def hold(self, rpm: float, load: float, start: float, seconds: float) -> dict[str, Any]:
-        """An operating point at 10 Hz for so long; the last answer."""
-        steps = range(round(seconds * 10))
-        return [self.step(rpm, load, start + 0.1 * step) for step in steps][-1]
+    def hold(self, rpm: float, load: float, seconds: float) -> dict[str, Any]:
+        """An operating point for so long; the last answer."""
+        return [self.step(rpm, load) for _ in range(round(seconds * 10))][-1]
 
 
 def stamped(message: Any, seconds: float) -> Any:

@@ -52,7 +52,7 @@ def test_the_services(host: Any, kit: Any) -> None:
     monitor = host(kit.parameters(kit.STAMPED, shelve_time=1.0))
     panel, telemetry = Panel(monitor), kit.Telemetry(monitor)
     assert panel.ask('acknowledge') == (False, 'there is nothing to acknowledge')
-    telemetry.hold(20.0, 1000.0, 0.0, 2.0)
+    telemetry.hold(20.0, 1000.0, 2.0)
     panel.until(stick_slip='unacknowledged', **COVERED)
     assert panel.lists[-1]['sounding']
     assert panel.ask('silence') == (True, 'silence: aft/stick_slip')
@@ -114,8 +114,8 @@ def test_absurd_values_and_a_lost_input(host: Any, kit: Any) -> None:
     monitor = host(kit.parameters(kit.STAMPED, fast))
     panel, telemetry = Panel(monitor), kit.Telemetry(monitor)
     # The greeting of the telemetry is over: from here on nothing believable comes.
-    for tenth in range(10):
-        telemetry.send(float('nan'), 1000.0, tenth / 10.0)
+    for _ in range(10):
+        telemetry.send(float('nan'), 1000.0)
         panel.peer.spin(0.1)
     panel.peer.until(lambda: 'input_implausible' in panel.states(), 'absurd values')
     panel.peer.until(lambda: panel.states().get('input_lost') == 'unacknowledged', 'the loss')
@@ -137,7 +137,7 @@ def test_an_acknowledged_alarm_survives_a_restart(host: Any, kit: Any, tmp_path:
     values = kit.parameters(kit.STAMPED, state_file=str(file))
     first = host(values)
     panel, telemetry = Panel(first), kit.Telemetry(first)
-    telemetry.hold(20.0, 1000.0, 0.0, 2.0)
+    telemetry.hold(20.0, 1000.0, 2.0)
     panel.until(stick_slip='unacknowledged', **COVERED)
     assert panel.ask('acknowledge')[0]
     panel.until(stick_slip='acknowledged', **COVERED)
@@ -149,7 +149,7 @@ def test_an_acknowledged_alarm_survives_a_restart(host: Any, kit: Any, tmp_path:
     # Without the greeting at 60 rpm, which would end the stick-slip.
     quiet = SimpleNamespace(_publisher=panel.peer.talk(JointState, second.input('shaft')))
     for tenth in range(30):
-        kit.Telemetry.send(quiet, 20.0, 1000.0, 10.0 + tenth / 10.0)
+        kit.Telemetry.send(quiet, 20.0, 1000.0, telemetry.now + tenth / 10.0)
         panel.peer.spin(0.02)
     # The condition goes on, and so does the alarm: somebody knows already.
     panel.peer.until(lambda: kit.status(diagnostics).get('reason') == 'stick_slip', 'stick-slip')

@@ -108,14 +108,14 @@ def test_it_shows_the_node_and_acts_on_it(start: Any, open_page: Any, kit: Any) 
     monitor = start(kit.parameters(kit.STAMPED))
     telemetry = kit.Telemetry(monitor)
     shown, peer = open_page(monitor)[1], monitor.peer
-    heard = telemetry.step(45.0, 1000.0, 0.0)
+    heard = telemetry.hold(45.0, 1000.0, 1.0)
     peer.until(lambda: shown.status().get('rpm') == pytest.approx(45.0), 'the operating point')
     status = shown.status()
     assert status['load'] == 1000.0
     assert status['fold_margin'] == pytest.approx(heard['fold_margin'], rel=1e-8)
     assert shown.state()['monitor']['there']
 
-    telemetry.hold(20.0, 1000.0, 1.0, 2.0)
+    telemetry.hold(20.0, 1000.0, 2.0)
     peer.until(lambda: shown.alarms().get('stick_slip') == 'unacknowledged', 'the alarm')
     assert shown.act('acknowledge', 'stick_slip') == (200, 'acknowledge: 1 alarm')
     peer.until(lambda: shown.alarms()['stick_slip'] == 'acknowledged', 'the acknowledgement')
@@ -155,8 +155,8 @@ def test_twin_screws_are_two_things(start: Any, open_page: Any, kit: Any, tmp_pa
     dashboard, shown = open_page(port, starboard, more=keep)
     other = Page(shown.url, starboard.space)
     sick, well = kit.Telemetry(port), kit.Telemetry(starboard)
-    sick.hold(20.0, 1000.0, 0.0, 2.0)
-    well.hold(60.0, 1000.0, 0.0, 2.0)
+    sick.hold(20.0, 1000.0, 2.0)
+    well.hold(60.0, 1000.0, 2.0)
     peer.until(lambda: shown.figure('predicted') == 1.0, 'the alarm')
 
     def reasons() -> dict[str, str]:

@@ -32,26 +32,26 @@ def test_thresholds_are_tuned_while_active(host: Any, kit: Any) -> None:
     peer, warnings = monitor.peer, monitor.warnings()
     telemetry = kit.Telemetry(monitor)
 
-    telemetry.hold(46.0, 1000.0, 1.0, 1.0)  # fold margin 0.13
+    telemetry.hold(46.0, 1000.0, 1.0)  # fold margin 0.13
     assert not warnings
     assert monitor.set(aft__alarm__caution_margin=0.2) == [(True, '')]
     assert monitor.get('aft.alarm.caution_margin') == [0.2]
-    telemetry.hold(46.0, 1000.0, 2.0, 1.0)
+    telemetry.hold(46.0, 1000.0, 1.0)
     peer.until(lambda: [e['to'] for e in kit.events(warnings)] == ['caution'], 'caution')
 
     # Two together, where each rests on the other; an integer for a number; the amplitude alarm.
     assert monitor.set(
         atomically=True, aft__alarm__minimum_speed=150, aft__speed__maximum=200
     ) == [(True, '')]
-    at_rest = telemetry.hold(20.0, 1000.0, 3.0, 1.0)
+    at_rest = telemetry.hold(20.0, 1000.0, 1.0)
     assert at_rest['regime'] == 'undetermined'
     assert monitor.set(atomically=True, aft__alarm__minimum_speed=0, aft__speed__maximum=0.15) == [
         (True, '')
     ]
-    assert telemetry.hold(20.0, 1000.0, 4.0, 1.0)['regime'] == 'unstable'
+    assert telemetry.hold(20.0, 1000.0, 1.0)['regime'] == 'unstable'
     # The load that stands is converted: the same number is twice the load from now on.
     assert monitor.set(aft__alarm__amplitude_limit=0.5e-3, aft__load__scale=2) == [(True, '')] * 2
-    answer = telemetry.hold(20.0, 500.0, 5.0, 1.0)
+    answer = telemetry.hold(20.0, 500.0, 1.0)
     assert answer['amplitude'] == pytest.approx(0.52688e-3, abs=5e-9)
     peer.until(lambda: kit.events(warnings)[-1]['to'] == 'amplitude_limit', 'the amplitude alarm')
 
@@ -110,7 +110,7 @@ def test_geometry_and_topics_change_between_activations(host: Any, kit: Any) -> 
 
     monitor = host(kit.parameters(kit.STAMPED))
     telemetry = kit.Telemetry(monitor)
-    before = telemetry.step(20.0, 1000.0, 1)
+    before = telemetry.step(20.0, 1000.0)
     assert monitor.go('deactivate')
     refusals = monitor.set(aft__mass=-1.0, aft__speed__field='velocity')
     assert [ok for ok, _ in refusals] == [False, False]

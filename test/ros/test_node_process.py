@@ -92,8 +92,8 @@ def test_what_cannot_be_used_is_refused(run: Any, start: Any, kit: Any, tmp_path
 def test_signals_end_the_node_cleanly(start: Any, kit: Any, signals: list[Any]) -> None:
     monitor = start(kit.parameters(kit.STAMPED))
     telemetry = kit.Telemetry(monitor)
-    for second in range(5):
-        telemetry.send(20.0, 1000.0, second)
+    for _ in range(5):
+        telemetry.send(20.0, 1000.0)
     for item in signals:
         if isinstance(item, signal.Signals):
             monitor.process.send_signal(item)
