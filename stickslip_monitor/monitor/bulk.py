@@ -121,7 +121,7 @@ def lost_inputs(s: Any, c: Any, now: int) -> dict[str, float]:
         came = s.came[place]
         begun = s.began if came == NEVER else came
         if now >= begun + rule.age_limit(s, c, place):
-            found[name] = math.inf if came == NEVER else (now - came) * 1e-9
+            found[name] = math.inf if came == NEVER else (now - came) / 1e9
     return found
 
 

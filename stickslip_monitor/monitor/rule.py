@@ -353,7 +353,7 @@ def judge_lining(s: Any, c: Any, measured: int, near: bool) -> None:
         measured: What the level says.
         near: Whether the point is within the range of caution.
     """
-    starts = max(s.rate, s.median_rate) > 0.0
+    starts = s.median_rate > 0.0
     if near and measured == VIBRATING and s.raised & (1 << CAUTION) and not was_apart(s):
         s.course, starts = WITHIN, True
         s.growth = max(s.growth, c.onset_growth)
