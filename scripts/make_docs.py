@@ -245,7 +245,7 @@ def render_life() -> str:
         f'| {", ".join(states)} | {trigger} | {_targets(choices)} |'
         for (trigger, choices), states in rows.items()
     ]
-    lines += ['', 'Anything else changes nothing, and a person is told so.', '']
+    lines += ['', 'Anything else changes nothing.', '']
     return '\n'.join(lines) + '\n'
 
 
