@@ -220,13 +220,13 @@ def _check_element(member: Field, steps: list[str | int]) -> None:
 
 
 class Token(NamedTuple):
-    """A stretch of CDR data: ``count`` numbers of numpy type ``code``.
+    """A stretch of CDR data: ``length`` numbers of numpy type ``code``.
 
-    Where there is no ``count``, it stands before them. A text is such a sequence of bytes.
+    Where there is no ``length``, it stands before them. A text is such a sequence of bytes.
     """
 
     code: str
-    count: int | None = 1
+    length: int | None = 1
 
 
 class Layout(NamedTuple):

@@ -382,10 +382,10 @@ class _Heads:
         self.strange += kind == 0
         self._has_bare = self._has_bare or kind == Opcode.MESSAGE
         if kind == Opcode.MESSAGE_INDEX and run is not None and run.is_chunk:
-            channel, size = int.from_bytes(begin[9:11], 'little'), begin[11:15]
+            channel = int.from_bytes(begin[9:11], 'little')
             run.channels = (run.channels or 0) | 1 << channel
             run.index_length += length
-            self.indexed[channel] += int.from_bytes(size, 'little') // 16
+            self.indexed[channel] += int.from_bytes(begin[11:15], 'little') // 16
             return run
         if kind in _BARE and run is not None and not run.is_chunk and run.length < _RUN:
             run.length += length

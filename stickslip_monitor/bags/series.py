@@ -266,7 +266,8 @@ def merged_messages(way: Pass, types: Mapping[str, str], spans: TimeSpans) -> It
             numbers = zip(*(column.tolist() for column in columns), strict=True)
             for time, topic, own, offset, size in numbers:
                 data = tables[own].data[offset : offset + size]
-                yield Message(*names[topic], time, data)
+                name, kind = names[topic]
+                yield Message(name, kind, time, data)
 
 
 def payloads(
@@ -388,8 +389,9 @@ class Reading:
                 if channel.topic == each.topic
             ]
             # What does not fit beside what does is not read.
-            if known and all(isinstance(reader, BagError) for reader in known):
-                raise known[0]
+            errors = [reader for reader in known if isinstance(reader, BagError)]
+            if errors and len(errors) == len(known):
+                raise errors[0]
 
     def __iter__(self) -> Iterator[dict[Request, Series]]:
         """Yield the series, without faults, of one stretch of time after the other.
