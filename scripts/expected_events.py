@@ -7,11 +7,10 @@ knows the Stribeck law without viscous rise. With ``K = N Delta beta / c``, ``w 
 
     growth rate                   g = (c/2m) (K exp(-w) - 1)
     within (1 + m) times the fold K 2 I1e(x)/x > 1,  x = w/(1 + m)
-    amplitude above A             N S(a; V) > c a/2,  a = omega A; for a <= V always, since
-                                  a cycle, where there is one, is larger than V
-    S(a; V) = (1/pi) integral_0^pi mu(V - a cos t) cos t dt, in two pieces about arccos(V/a)
 
-The rule of the decision is followed from sample to sample in the plainest way: the growth of a
+and the amplitude of a stick-slip cycle is half the stroke of its slip phase, integrated by scipy
+from break-away to its end. The rule of the decision (docs/alarms.md) is
+followed from sample to sample in the plainest way: two means of the speed, the growth of a
 disturbance, the time since the fold, and a counter for each condition.
 """
 
@@ -20,11 +19,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.special import ive
 
@@ -33,10 +34,13 @@ from stickslip_monitor.bags.values import Request
 from stickslip_monitor.lab.scenes.scene import Scene
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.physics.oscillator import Bearing
 
 # Noise of this many standard deviations, on both signals at once, is allowed for.
 SIGMAS = 4.0
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
+# The decision's constants: docs/alarms.md, "Why these numbers".
+_DECAY, _HOLD, _FAST, _SLOW = 4.8, 6, 1.0, 4.0
+_SLOW_ON, _SLOW_OFF = 4, 30
 _LADDER = ('normal', 'caution', 'bistable', 'stick_slip', 'amplitude_limit')
 
 FloatArray = NDArray[np.float64]
@@ -109,10 +113,9 @@ def boundaries(config: BearingConfig) -> dict[str, Inside]:
 
     def amplitude(limit: float) -> Inside:
         def inside(speed: float, load: float) -> float:
-            a = bearing.natural_frequency * limit
-            if a <= speed:
-                return 1.0
-            return load * _work(law, a, speed) - bearing.damping * a / 2.0
+            if fold(0.0)(speed, load) <= 0.0:
+                return -1.0
+            return _amplitude(bearing, speed, load) / limit - 1.0
 
         return inside
 
@@ -133,16 +136,32 @@ def boundaries(config: BearingConfig) -> dict[str, Inside]:
     return {name: turning(inside) for name, inside in found.items()}
 
 
-def _work(law: Stribeck, a: float, speed: float) -> float:
-    """``S(a; V)`` for ``a > V > 0``."""
-    turn = math.acos(speed / a)
-    total = 0.0
-    for low, high, sign in ((0.0, turn, -1.0), (turn, math.pi, 1.0)):
-        t = 0.5 * (high - low) * _NODES + 0.5 * (high + low)
-        slip = np.abs(speed - a * np.cos(t))
-        friction = law.kinetic + (law.static - law.kinetic) * np.exp(-law.decay * slip)
-        total += sign * 0.5 * (high - low) * float(_WEIGHTS @ (friction * np.cos(t)))
-    return total / math.pi
+@lru_cache(4096)
+def _amplitude(bearing: Bearing, speed: float, load: float) -> float:
+    """Half the stroke of the slip phase of a stick-slip cycle [m]."""
+    law, m, c, k = bearing.friction, bearing.mass, bearing.damping, bearing.stiffness
+
+    def motion(_: float, state: FloatArray) -> list[float]:
+        x, v = state
+        slip = abs(speed - v)
+        friction = law.kinetic + (law.static - law.kinetic) * math.exp(-law.decay * slip)
+        return [v, (load * friction - c * v - k * x) / m]
+
+    def crest(_: float, state: FloatArray) -> float:
+        return float(state[1])
+
+    def trough(_: float, state: FloatArray) -> float:
+        return float(state[1])
+
+    crest.direction, trough.direction = -1.0, 1.0  # type: ignore[attr-defined]
+    trough.terminal = True  # type: ignore[attr-defined]
+    start = [(load * law.static - c * speed) / k, speed]
+    span = 20.0 * math.sqrt(m / k) + 10.0 * abs(start[0]) / speed
+    slip = solve_ivp(
+        motion, (0.0, span), start, 'DOP853', events=(crest, trough), rtol=1e-9, atol=1e-12
+    )
+    (high,), (low,) = slip.y_events
+    return float(high[0] - low[0]) / 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,8 +205,8 @@ def noise(scene: Scene, config: BearingConfig) -> tuple[float, float]:
             if quantity in settings:
                 section = settings.value(quantity, '')
                 unit, size = section['unit'], section['standard_deviation']
-                is_load = quantity == 'load'
-                factor = factors[unit] if is_load else config.bearing.speed.factor(unit)
+                own_factors = factors if quantity == 'load' else {}
+                factor = own_factors.get(unit) or config.bearing.speed.factor(unit)
                 deviation[quantity] = size * factor
     return deviation['speed'], deviation['load']
 
@@ -241,6 +260,8 @@ def _crossing(
     name = (None, 'caution', 'fold', 'hopf', 'amplitude')[after] if raised else 'fold'
     name = 'caution_clear' if not raised and after == 0 else name
     assert name is not None
+    near = np.abs(track.time - time) < 60.0
+    track = Track(track.time[near], track.speed[near], track.load[near])
     roots = [at for at, is_in in _roots(boundaries(config)[name], track) if is_in is raised]
     return name, min(roots, key=lambda at: abs(at - time), default=0.0)
 
@@ -260,35 +281,26 @@ def _follow(
 
 
 class _Counter:
-    """A condition with an integrating delay, which keeps longer when it keeps returning."""
+    """A condition with its delays, held longer where it comes back soon."""
 
-    def __init__(self, on_delay: float, off_delay: float, holds: tuple[int, ...]) -> None:
-        self.on_delay, self.off_delay, self.holds = on_delay, off_delay, holds
-        self.on = False
+    def __init__(self, on_delay: float, off_delay: float) -> None:
+        self.on_delay, self.off_delay = on_delay, off_delay
+        self.on = self.held = False
         self.seconds = 0.0
-        self.times = 0
         self.cleared = -math.inf
 
-    def due(self) -> float:
-        """The delay that runs [s]."""
-        if not self.on:
-            return self.on_delay
-        return self.off_delay * self.holds[min(self.times, len(self.holds)) - 1]
-
-    def count(self, up: bool, seconds: float, rhythm: float) -> None:
+    def count(self, up: bool, seconds: float) -> None:
         """Time passes after a point that asks for a change, or not."""
-        share = min(1.0, self.due() / 3.0 / rhythm)
-        self.seconds = max(0.0, self.seconds + (1.0 if up else -1.0) * share * seconds)
+        self.seconds = max(0.0, self.seconds + (seconds if up else -seconds))
 
     def look(self, asks: bool, now: float) -> None:
         """Change where a point asks for it and the delay is over."""
-        if not asks or self.seconds < self.due() - 1e-9:
-            return
-        self.on, self.seconds = not self.on, 0.0
-        if self.on:
-            self.times = self.times + 1 if now - self.cleared < 60 * self.off_delay else 1
-        else:
-            self.cleared = now
+        hold = _HOLD * self.off_delay
+        due = self.on_delay if not self.on else hold if self.held else self.off_delay
+        if asks and self.seconds >= due - 1e-9:
+            self.on, self.seconds = not self.on, 0.0
+            self.held = self.on and now - self.cleared < hold
+            self.cleared = self.cleared if self.on else now
 
 
 class _Rule:
@@ -318,78 +330,103 @@ class _Rule:
             for name, own in boundaries(config).items()
         }
         self.speed_error = speed_error
-        on, off = alarm.on_delay_ns * 1e-9, alarm.off_delay_ns * 1e-9
-        delays = [on, on, 0.0 if alarm.onset_growth else on, on]
-        holds = [(1, 60), (1, 60), (1, 6, 30), (1, 60)]
-        self.counters = [_Counter(own, off, hold) for own, hold in zip(delays, holds, strict=True)]
+        on = max(alarm.on_delay_ns * 1e-9, _SLOW_ON * period)
+        off = max(alarm.off_delay_ns * 1e-9, _SLOW_OFF * period)
+        self.counters = [_Counter(0.0 if rung == 2 else on, off) for rung in range(4)]
         self.sticking = False
-        self.grown = self.gone = 0.0
+        self.grown = self.gone = self.rate = 0.0
         self.speeds: list[float] = []
-        self.before: tuple[dict[str, float], list[tuple[bool, bool]]] | None = None
+        self.loads: list[float] = []
+        self.fast = self.slow = 0.0
+        self.depths: dict[str, float] = {}
+        self.asks = [False] * 4
+        self.sizes: dict[str, float] = {}
+        self.sized = -math.inf
         self.now = -period
 
     def take(self, speed: float, load: float) -> int:
-        """Take a point; return the rung."""
+        """Take a sample of each input; return the rung."""
         self.now += self.period
-        # The first value of an input does not count: nothing is known of its rhythm.
-        if self.before is not None and self.now > self.rhythm + 0.5 * self.period:
-            self._pass(*self.before)
-        self.speeds.append(speed + self.speed_error)
-        depths = {name: inside(speed, load) for name, inside in self.inside.items()}
-        self._latch(depths)
-        asks = self._asks(depths, load)
-        for counter, own in zip(self.counters, asks, strict=True):
-            counter.look(own[counter.on], self.now)
-        self.before = depths, asks
+        self.speeds = [*self.speeds[-2:], speed + self.speed_error]
+        self.loads = [*self.loads[-2:], load]
+        own_speed, own_load = (
+            sorted(own)[1] if len(own) > 2 else own[-1] for own in (self.speeds, self.loads)
+        )
+        self._follow_speed(own_speed)
+        if self.now < self.rhythm - 0.5 * self.period:
+            return 0  # the slower input has not come yet
+        self._pass()
+        # Errors are in the boundaries already.
+        self.depths = {
+            name: inside(own_speed - self.speed_error, own_load)
+            for name, inside in self.inside.items()
+            if not name.startswith('amplitude')
+        }
+        running = self.sticking and self.depths['fold'] > 0.0
+        if running and self.now - self.sized >= 1.0 - 1e-9:
+            self.sized = self.now
+            own = ('amplitude', 'amplitude_clear')
+            self.sizes = {
+                name: self.inside[name](own_speed - self.speed_error, own_load)
+                for name in own
+                if name in self.inside
+            }
+        self.depths |= self.sizes
+        self.rate = self.half * self.inside['hopf'](speed, load)
+        self._latch()
+        asked = self._asks(own_load)
+        self.asks = [own[counter.on] for counter, own in zip(self.counters, asked, strict=True)]
+        for counter, own in zip(self.counters, self.asks, strict=True):
+            counter.look(own, self.now)
+        self.asks = [
+            own[counter.on] and asks
+            for counter, own, asks in zip(self.counters, asked, self.asks, strict=True)
+        ]
         on = [counter.on for counter in self.counters]
         on[3] = on[3] and on[2]
         return max((k for k, own in enumerate(on, 1) if own), default=0)
 
-    def _pass(self, depths: dict[str, float], asks: list[tuple[bool, bool]]) -> None:
-        """The period after the point before has passed."""
-        most = self.alarm.onset_growth / 2.0 / (1.5 * self.rhythm)
-        rate = min(max(self.half * depths['hopf'], -most), most)
-        self.grown = 0.0 if self.sticking else max(0.0, self.grown + rate * self.period)
-        share = min(1.0, 4.8 / self.half / 3.0 / self.rhythm) * self.period
-        self.gone = max(0.0, self.gone + (-share if depths['fold'] > 0.0 else share))
-        for counter, own in zip(self.counters, asks, strict=True):
-            counter.count(own[counter.on], self.period, self.rhythm)
+    def _follow_speed(self, speed: float) -> None:
+        if len(self.speeds) == 1:
+            self.fast = self.slow = speed
+        self.fast += (speed - self.fast) * -math.expm1(-self.period / _FAST)
+        self.slow += (speed - self.slow) * -math.expm1(-self.period / _SLOW)
 
-    def _latch(self, depths: dict[str, float]) -> None:
+    def _pass(self) -> None:
+        """The period after the point before has passed."""
+        if not self.depths:
+            return
+        grown = self.grown + self.rate * self.period
+        self.grown = 0.0 if self.sticking else max(0.0, grown)
+        inside = self.depths['fold'] > 0.0
+        self.gone = max(0.0, self.gone + (-self.period if inside else self.period))
+        for counter, own in zip(self.counters, self.asks, strict=True):
+            counter.count(own, self.period)
+
+    def _latch(self) -> None:
         if self.sticking:
-            over = self.gone >= (4.8 / self.half if self.alarm.onset_growth else 0.0) - 1e-9
-            self.sticking = depths['fold'] > 0.0 or not over
-        elif depths['hopf'] > 0.0 and self.grown >= self.alarm.onset_growth:
+            over = self.gone >= _DECAY / self.half - 1e-9
+            self.sticking = self.depths['fold'] > 0.0 or not over
+        elif self.rate > 0.0 and self.grown >= self.alarm.onset_growth:
             self.sticking, self.gone = True, 0.0
 
-    def _asks(self, depths: dict[str, float], load: float) -> list[tuple[bool, bool]]:
+    def _asks(self, load: float) -> list[tuple[bool, bool]]:
         """For each condition whether it holds, and whether it is clear of it."""
-        sticking = self.sticking
+        sticking, depths = self.sticking, self.depths
         coming = sticking or self._coming(load)
         inside = sticking or depths['fold'] > 0.0
+        if not sticking:
+            self.sizes, self.sized = {}, -math.inf
         over = sticking and depths.get('amplitude', -1.0) > 0.0
         small = not sticking or depths.get('amplitude_clear', -1.0) <= 0.0
         near, wide = (coming or depths[n] > 0.0 for n in ('caution', 'caution_clear'))
         return [(near, not wide), (inside, not inside), (sticking, not sticking), (over, small)]
 
     def _coming(self, load: float) -> bool:
-        """Whether the trend of the last seconds takes the speed below the fold."""
-        late, early = self._mean(0.0, 1.75), self._mean(5.0, 10.0)
-        ahead = self.alarm.look_ahead_ns * 1e-9
-        if early is None or late is None or not ahead:
-            return False
-        slope = (late[1] - early[1]) / (early[0] - late[0])
-        future = late[1] + slope * (late[0] + ahead)
-        # The errors are in the speeds already.
+        """Whether the slope of the speed leads below the fold within the time looked ahead."""
+        slope = (self.fast - self.slow) / (_SLOW - _FAST)
+        future = self._middle() + slope * self.alarm.look_ahead_ns * 1e-9
         return self.inside['fold'](max(future, 1e-9) - self.speed_error, load) > 0.0
 
-    def _mean(self, first: float, last: float) -> tuple[float, float] | None:
-        """Mean age [s] and mean of the speeds between two ages [s]."""
-        ages = range(round(first / self.period), round(last / self.period) + 1)
-        ages = range(ages.start, min(ages.stop, len(self.speeds)))
-        if not ages:
-            return None
-        known = self.speeds
-        values = [sorted(known[max(0, len(known) - k - 3) : len(known) - k]) for k in ages]
-        middle = [v[len(v) // 2] for v in values]
-        return sum(ages) / len(ages) * self.period, sum(middle) / len(middle)
+    def _middle(self) -> float:
+        return sorted(self.speeds)[1] if len(self.speeds) > 2 else self.speeds[-1]

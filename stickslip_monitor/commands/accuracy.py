@@ -12,6 +12,7 @@ import argparse
 import math
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 from rich.console import Console
@@ -40,7 +41,6 @@ from stickslip_monitor.lab.accuracy.measurement import (
     QUICK,
     Effort,
     Row,
-    Summary,
     columns,
     measure,
     pareto,
@@ -100,14 +100,13 @@ def measured(quick: bool) -> list[Row]:
 def to_json(rows: Sequence[Row]) -> dict[str, Any]:
     """The measurement as the documented JSON object."""
     table = columns(rows)
+    lines = zip(*([_plain(value) for value in values] for values in table.values()), strict=True)
     return {
         'schema': SCHEMA,
         'base': BASE.name,
-        'rows': [
-            {name: _plain(values[i]) for name, values in table.items()} for i in range(len(rows))
-        ],
+        'rows': [dict(zip(table, line, strict=True)) for line in lines],
         'methods': [
-            {name: _plain(getattr(summary, name)) for name in Summary.__slots__}
+            {name: _plain(value) for name, value in asdict(summary).items()}
             for summary in summarise(rows, BASE.name)
         ],
     }
@@ -138,17 +137,9 @@ def _panel_marks(points: list[tuple[str, str, int, float, float]]) -> tuple[Meth
     alone = [seconds if count == 1 else math.nan for _, _, count, seconds, _ in points]
     front = pareto(alone, errors)
     return tuple(
-        MethodMark(_short(name), family, seconds, errors[i], i in front, count > 1)
-        for i, (name, family, count, seconds, _) in enumerate(points)
+        MethodMark(family, seconds, errors[i], i in front, count > 1)
+        for i, (_, family, count, seconds, _) in enumerate(points)
     )
-
-
-def _short(name: str) -> str:
-    """The part of a method's name that its family's colour does not tell."""
-    for head in ('harmonic balance, ', 'KBM, polynomial of ', 'tanh '):
-        if name.startswith(head):
-            return name.removeprefix(head).replace(' m/s', '')
-    return name
 
 
 def footnote(rows: Sequence[Row]) -> str:
@@ -201,12 +192,12 @@ def markdown(rows: Sequence[Row]) -> str:
 
 def _print(out: Console, rows: Sequence[Row]) -> None:
     headings, lines = table_cells(rows)
-    table = Table(
-        title='Relative error of the stick-slip amplitude',
-        title_justify='left',
-        caption='-: does not apply; none: finds no cycle; fails: does not converge.'
-        ' time: median per operating point.',
+    caption = (
+        '-: does not apply; none: finds no cycle; fails: does not converge.'
+        ' time: median per operating point.'
     )
+    title = 'Relative error of the stick-slip amplitude'
+    table = Table(title=title, title_justify='left', caption=caption)
     for i, heading in enumerate(headings):
         table.add_column(heading, justify='right' if i else 'left')
     for line in lines:

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who may see the page and act on it, whatever the network between is like.
+"""Who may see the page and act on it, and how many connections there may be.
 
-Three doors: the Host must be one of ours (a name that an attacker rebinds to this machine is
-not), what changes anything must come from a page of ours, and where there is a token, whoever
-comes must know it.
+The Host must be one of ours (a name that an attacker rebinds to this machine is not), what changes
+anything must come from a page of ours, and where there is a token, whoever comes must know it.
 """
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import hmac
 import ipaddress
@@ -17,6 +17,7 @@ from collections import deque
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 from aiohttp import web
@@ -31,6 +32,10 @@ SHORTEST_TOKEN = 16
 _MOST_ENDED = 1000
 OPEN_PATHS = ('/login', '/page.css', '/icon.svg')
 """What is given without a token: it says nothing of the ship."""
+MOST_CONNECTIONS = 400
+"""More than pages, and less than the files that a process may have open."""
+IDLE = 30.0
+"""A connection without a request, or with half of one, is closed after so long [s]."""
 _HEADERS = {
     'Content-Security-Policy': (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self';"
@@ -174,3 +179,116 @@ async def add_headers(_: web.Request, response: web.StreamResponse) -> None:
     """Give an answer the headers that keep its page by itself."""
     for name, value in _HEADERS.items():
         response.headers.setdefault(name, value)
+
+
+class _Door(asyncio.Protocol):
+    """Stands before the server's protocol, and knows when no request is being answered.
+
+    Args:
+        inner: The server's own protocol of the connection.
+        others: All that are open, in the order in which they last did something.
+        most: See :data:`MOST_CONNECTIONS`.
+        idle: See :data:`IDLE` [s].
+    """
+
+    def __init__(self, inner: Any, others: dict[_Door, None], most: int, idle: float) -> None:
+        self._inner, self._others, self._most, self._idle = inner, others, most, idle
+        self._transport: asyncio.Transport | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        self._busy = 0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        if len(self._others) >= self._most:
+            idlest = next((each for each in self._others if not each._busy), None)
+            if idlest is None:
+                transport.abort()
+                return
+            idlest.close()
+        self._transport = transport
+        self._others[self] = None
+        self._wait()
+        self._inner.connection_made(transport)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._stop()
+        self._others.pop(self, None)
+        if self._transport is not None:
+            self._inner.connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        self._inner.data_received(data)
+
+    def eof_received(self) -> bool | None:
+        return bool(self._inner.eof_received())
+
+    def pause_writing(self) -> None:
+        self._inner.pause_writing()
+
+    def resume_writing(self) -> None:
+        self._inner.resume_writing()
+
+    def count(self, change: int) -> None:
+        """One more request has come whole, or has been answered."""
+        self._busy += change
+        if self._others.pop(self, self) is None:
+            self._others[self] = None
+        self._wait()
+
+    def close(self) -> None:
+        """End the connection, whatever is under way."""
+        self._others.pop(self, None)
+        if self._transport is not None:
+            self._transport.abort()
+
+    def _wait(self) -> None:
+        """Close it when it has been idle for too long from now on."""
+        self._stop()
+        if not self._busy and self._transport is not None and not self._transport.is_closing():
+            self._timer = asyncio.get_running_loop().call_later(self._idle, self.close)
+
+    def _stop(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+
+@web.middleware
+async def count_requests(request: web.Request, handler: Handler) -> web.StreamResponse:
+    """The middleware that tells a connection when a request is being answered."""
+    transport = request.transport
+    door = None if transport is None else transport.get_protocol()
+    if not isinstance(door, _Door):
+        return await handler(request)
+    door.count(1)
+    try:
+        return await handler(request)
+    finally:
+        door.count(-1)
+
+
+async def listen(
+    runner: web.AppRunner,
+    address: str,
+    port: int,
+    most: int = MOST_CONNECTIONS,
+    idle: float = IDLE,
+) -> asyncio.Server:
+    """Listen at an address; when there are too many connections the idlest goes.
+
+    Args:
+        runner: The server.
+        address: The address.
+        port: The port; 0 for any.
+        most: See :data:`MOST_CONNECTIONS`.
+        idle: See :data:`IDLE` [s].
+
+    Raises:
+        OSError: It cannot be listened at.
+        OverflowError: The port is none.
+    """
+    make, others = runner.server, dict[_Door, None]()
+    assert make is not None
+    return await asyncio.get_running_loop().create_server(
+        lambda: _Door(make(), others, most, idle), address, port, backlog=128
+    )

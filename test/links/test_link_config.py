@@ -12,16 +12,13 @@ import yaml
 
 from stickslip_monitor.commands.watch import load_watch
 from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.monitor.signals import Input
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / 'launch_configs' / 'examples' / 'ship.yaml'
 PAGE = ROOT / 'docs' / 'ship.md'
-BEARING = {
-    'mass': 50.0,
-    'damping': 400.0,
-    'stiffness': 2.0e6,
-    'journal_diameter': 0.1,
-    'friction': {'law': 'stribeck', 'static': 0.3, 'kinetic': 0.1, 'decay': 10.0},
+REFERENCE = yaml.safe_load((ROOT / 'launch_configs' / 'reference_bearing.yaml').read_text())
+BEARING = REFERENCE['/**']['ros__parameters']['aft_stern'] | {
     'speed': {'unit': 'Hz'},
     'load': {'unit': 'N'},
 }
@@ -79,7 +76,7 @@ def test_the_example_and_the_docs_are_configurations(files: Files) -> None:
     document['/**']['ros__parameters']['aft_stern']['speed'] = {'unit': 'rpm'}
     files.path.write_text(yaml.safe_dump(document))
     _, links = load_watch(str(files.path), False)
-    assert [item.label for item in links.nmea_inputs] == ['RPM S 1', 'XDR AFTLOAD']
+    assert [item.label for item in links.nmea_inputs] == ['NMEA RPM S 1', 'NMEA XDR AFTLOAD']
 
 
 def test_beside_a_node_topics_are_the_nodes_and_inputs_may_come_from_elsewhere(
@@ -89,7 +86,7 @@ def test_beside_a_node_topics_are_the_nodes_and_inputs_may_come_from_elsewhere(
     links = {key: value for key, value in SIGNALK.items() if key != 'aft.load'}
     config, made = load_watch(files.write(links, **topics), True)
     assert config.bearings[0].speed.topic == '/s'
-    assert list(made.labels) == [('aft', 0)]
+    assert list(made.labels) == [('aft', Input.SPEED)]
     with pytest.raises(ConfigurationError, match=r"'aft\.load' is missing: without --node"):
         load_watch(files.write(links), False)
     with pytest.raises(ConfigurationError, match=r"parameter 'aft\.speed\.topic' is missing"):

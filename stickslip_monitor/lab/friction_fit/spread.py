@@ -13,7 +13,7 @@ from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.lab.friction_fit.fit import StribeckFit
 from stickslip_monitor.lab.friction_fit.solve import UNITS
 from stickslip_monitor.lab.friction_fit.uncertainty import CONFIDENCE
-from stickslip_monitor.physics.averaging import dimensionless
+from stickslip_monitor.physics.averaging import closed_form
 from stickslip_monitor.physics.friction import Stribeck, require_positive
 
 
@@ -146,7 +146,7 @@ def _boundaries(laws: FloatArray, q: float) -> tuple[FloatArray, FloatArray]:
     bounded = np.isfinite(number) & (number > 0.0)
     hopf, fold = np.zeros_like(decay), np.zeros_like(decay)
     hopf[bounded] = number[bounded] / decay[bounded]
-    fold[bounded] = dimensionless.speed_for_decline(number[bounded]) / decay[bounded]
+    fold[bounded] = closed_form.speed_for_decline(number[bounded]) / decay[bounded]
     return hopf, fold
 
 

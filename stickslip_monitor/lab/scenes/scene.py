@@ -18,13 +18,13 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import ConfigurationError, SceneError
 from stickslip_monitor.lab.scenes import telemetry
-from stickslip_monitor.lab.scenes.effects.effect import SceneRun
-from stickslip_monitor.lab.scenes.effects.registry import (
+from stickslip_monitor.lab.scenes.effects import (
     EFFECTS,
     SENSOR_EFFECTS,
     in_order,
     read_effects,
 )
+from stickslip_monitor.lab.scenes.effects.effect import SceneRun
 from stickslip_monitor.lab.scenes.settings import Settings
 from stickslip_monitor.lab.scenes.shaft import Shaft, TimeBlock
 from stickslip_monitor.lab.scenes.telemetry import Channel, Signal, read_channels
@@ -45,46 +45,24 @@ _EPOCH = dt.datetime(1970, 1, 1, tzinfo=dt.timezone.utc)
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A validated scene.
+    """A validated scene."""
 
-    Attributes:
-        description: What it shows.
-        duration: Its duration, > 0 [s].
-        start_ns: Time stamp of its start [ns since 1970].
-        seed: Seed of all random streams.
-        folder: Folder of the scene file.
-        config_path: File of the configuration.
-        config: The configuration of the bearings.
-        channels: The channels of telemetry.
-        effects: The settings of each effect, in the order in which they act.
-        parameter_error: By parameter the largest relative error of what the monitor is told.
-    """
-
-    description: str
-    duration: float
-    start_ns: int
-    seed: int
-    folder: Path
-    config_path: Path
-    config: MonitorConfig
-    channels: tuple[Channel, ...]
-    effects: tuple[Settings, ...]
+    description: str  # what it shows
+    duration: float  # its duration, > 0 [s]
+    start_ns: int  # time stamp of its start [ns since 1970]
+    seed: int  # seed of all random streams
+    folder: Path  # folder of the scene file
+    config_path: Path  # file of the configuration
+    config: MonitorConfig  # the configuration of the bearings
+    channels: tuple[Channel, ...]  # the channels of telemetry
+    effects: tuple[Settings, ...]  # the settings of each effect, in the order in which they act
+    # By parameter the largest relative error of what the monitor is told.
     parameter_error: Mapping[str, float] = field(default_factory=dict)
 
     def build(self) -> SceneRun:
-        """Build one run of the scene.
-
-        Raises:
-            SceneError: A setting breaks its rule, or an effect is listed twice for a channel.
-        """
-        run = SceneRun(
-            self.duration,
-            self.seed,
-            self.channels,
-            self.folder,
-            self.start_ns,
-            Shaft(self.channels),
-        )
+        """Build one run of the scene."""
+        shaft = Shaft(self.channels)
+        run = SceneRun(self.duration, self.seed, self.channels, self.folder, self.start_ns, shaft)
         for settings in self.effects:
             EFFECTS[settings.name].build(settings, run)
         return run
@@ -110,18 +88,27 @@ def load_scene(
         ConfigurationError: The configuration it refers to cannot be read or breaks a rule.
     """
     path = Path(path)
-    try:
-        document = load_yaml(path)
-    except ConfigurationError as error:
-        raise SceneError(str(error)) from error
+    document = _document(path, 'scene', 'scene file', SCHEMA)
     try:
         return _build(path, document, seed, sensors)
     except SceneError as error:
         raise SceneError(f'{path}: {error}') from error
 
 
+def _document(path: str | Path, kind: str, what: str, schema: str) -> Any:
+    """The mapping in a file of a kind, which its first key tells."""
+    try:
+        document = load_yaml(path)
+    except ConfigurationError as error:
+        raise SceneError(str(error)) from error
+    if not isinstance(document, dict) or kind not in document:
+        raise SceneError(f"{path}: not a {what}: it must begin with '{kind}: {schema}'")
+    if document[kind] != schema:
+        raise SceneError(f"{path}: {kind} = {document[kind]!r} must be '{schema}'")
+    return document
+
+
 def _build(path: Path, document: Any, seed: int | None, sensors: str | Path | None) -> Scene:
-    _check_schema(document)
     seed = _seed(Settings('', document, document)) if seed is None else seed
     settings = Settings('', drawn(document, seed), KEYS)
     given = _sensors(path.parent, settings, seed, sensors)
@@ -130,9 +117,12 @@ def _build(path: Path, document: Any, seed: int | None, sensors: str | Path | No
     start_ns = _start_ns(settings, duration)
     config_path = _config_path(path.parent, settings, seed)
     config = load_config(config_path)
-    rates = settings if 'telemetry' in settings or given is None else given
-    telemetry = rates.value('telemetry', '{speed: {rate: Hz}, load: {rate: Hz}}')
-    channels = read_channels(config, telemetry)
+    telemetry, errors = (
+        settings if given is None or key in settings else given
+        for key in ('telemetry', 'parameter_error')
+    )
+    rates = telemetry.value('telemetry', '{speed: {rate: Hz}, load: {rate: Hz}}')
+    channels = read_channels(config, rates)
     for channel in channels:
         if start_ns + round(duration * 1e9) >= channel.stamps_end_ns:
             rule = f'in 2038 the time stamps in the headers of topic {channel.topic} end'
@@ -147,20 +137,11 @@ def _build(path: Path, document: Any, seed: int | None, sensors: str | Path | No
         config=config,
         channels=channels,
         effects=_effects(settings, given),
-        parameter_error=read_parameter_error(
-            settings if 'parameter_error' in settings or given is None else given
-        ),
+        parameter_error=read_parameter_error(errors),
     )
     # Built here only to hear of wrong settings before anything is written.
     scene.build()
     return scene
-
-
-def _check_schema(document: Any) -> None:
-    if not isinstance(document, dict) or 'scene' not in document:
-        raise SceneError(f"not a scene file: it must begin with 'scene: {SCHEMA}'")
-    if document['scene'] != SCHEMA:
-        raise SceneError(f"scene = {document['scene']!r} must be '{SCHEMA}'")
 
 
 def _seed(settings: Settings) -> int:
@@ -189,37 +170,11 @@ def _sensors(
         if 'sensors' not in settings:
             return None
         path = folder / settings.text('sensors', 'the path of a file of sensors')
-    return read_sensors(path, seed)
-
-
-def read_sensors(path: str | Path, seed: int) -> Settings:
-    """Read a file of sensors, with what varies drawn for a seed.
-
-    Raises:
-        SceneError: It cannot be read; the text names the file.
-    """
-    try:
-        document = load_yaml(path)
-    except ConfigurationError as error:
-        raise SceneError(str(error)) from error
-    if not isinstance(document, dict) or document.get('sensors') != SENSORS_SCHEMA:
-        raise SceneError(
-            f"{path}: not a file of sensors: it must begin with 'sensors: {SENSORS_SCHEMA}'"
-        )
+    document = _document(path, 'sensors', 'file of sensors', SENSORS_SCHEMA)
     try:
         return Settings('', drawn(document, seed, 'sensors'), SENSORS_KEYS)
     except SceneError as error:
         raise SceneError(f'{path}: {error}') from error
-
-
-def load_sensors_description(path: str | Path) -> str:
-    """What a file of sensors says of itself.
-
-    Raises:
-        SceneError: It cannot be read; the text names the file.
-    """
-    given = read_sensors(path, 0)
-    return given.text('description', 'what the sensors are')
 
 
 def _effects(settings: Settings, sensors: Settings | None) -> tuple[Settings, ...]:
@@ -263,21 +218,10 @@ BLOCK_LENGTH = 60.0
 def simulate(
     scene: Scene, block_length: float = BLOCK_LENGTH, run: SceneRun | None = None
 ) -> Iterator[TimeBlock]:
-    """Run a scene.
+    """Run a scene; its blocks come in order of time, to its end or where its recording is cut.
 
     Speeds and loads start at zero (a shaft at rest, no load), and each effect adds its own. The
-    outcome does not depend on the length of the blocks.
-
-    Args:
-        scene: The scene.
-        block_length: Length of the blocks, > 0 [s].
-        run: A fresh run of it; by default one is built.
-
-    Yields:
-        Its blocks, in order of time, up to its end or to where its recording is cut off.
-
-    Raises:
-        SceneError: A speed or load leaves what the telemetry can carry.
+    outcome does not depend on the length of the blocks, > 0 [s]. A run that is given is fresh.
     """
     run = scene.build() if run is None else run
     finish = scene.duration if run.cut is None else run.cut

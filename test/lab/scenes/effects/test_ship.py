@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the ship does: profiles, orders and ripple in closed form, the sea by its spectrum."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import quad, solve_ivp
+from scipy.signal import welch
+
+from stickslip_monitor.lab.scenes.effects.ship import Sea
+from stickslip_monitor.lab.scenes.scene import Scene
+
+MakeScene = Callable[..., Scene]
+RPM = math.pi * 0.1 / 60.0  # m/s of one rpm
+TIME = np.linspace(0.0, 100.0, 401)
+ORDERS: dict[str, Any] = {
+    'unit': 'rpm',
+    'ahead': {'dead slow': 20, 'half': 60, 'full': 90},
+    'astern': {'slow': 30, 'full': 70},
+    'orders': [[10, 'half ahead'], [20, 'stop'], [45, 'full astern'], [70, 'dead slow ahead']],
+    'time_constant': 8.0,
+}
+
+
+def speed_of(make_scene: MakeScene, *effects: dict[str, Any]) -> Any:
+    return make_scene(effects=list(effects)).build().shaft.speed('aft', TIME) / RPM
+
+
+def test_table_is_the_points_in_a_file(make_scene: MakeScene, tmp_path: Path) -> None:
+    text = '\ufeff# from the log\n\ntime,value\n0, 60\n 40,20\n\n90.5,3e1\n'
+    (tmp_path / 'speeds.csv').write_text(text, 'utf-8')
+    table = speed_of(make_scene, {'speed_profile': {'unit': 'rpm', 'table': 'speeds.csv'}})
+    expected = np.interp(TIME, [0.0, 40.0, 90.5], [60.0, 20.0, 30.0])
+    np.testing.assert_allclose(table, expected, rtol=1e-14)
+    load = {'load_profile': {'unit': 'kN', 'table': str(tmp_path / 'speeds.csv')}}
+    shaft = make_scene(effects=[load]).build().shaft
+    np.testing.assert_allclose(shaft.load('aft', TIME), 1000.0 * expected, rtol=1e-14)
+
+
+def test_steps_go_from_level_to_level_in_the_rise(make_scene: MakeScene) -> None:
+    steps = {'unit': 'rpm', 'steps': [[5, 50], [20, 40], [24, 10], [80, -30]], 'rise': 4.0}
+    found = speed_of(make_scene, {'speed_steps': steps})
+    expected = (
+        50.0
+        - 10.0 * np.clip((TIME - 20.0) / 4.0, 0.0, 1.0)
+        - 30.0 * np.clip((TIME - 24.0) / 4.0, 0.0, 1.0)
+        - 40.0 * np.clip((TIME - 80.0) / 4.0, 0.0, 1.0)
+    )
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    load = {'load_steps': steps | {'unit': 'N', 'steps': [[0, 900], [50, 1300]]}}
+    shaft = make_scene(effects=[load]).build().shaft
+    expected = 900.0 + 400.0 * np.clip((TIME - 50.0) / 4.0, 0.0, 1.0)
+    np.testing.assert_allclose(shaft.load('aft', TIME), expected, rtol=1e-13)
+
+
+def test_shaft_follows_the_telegraph_with_a_lag(make_scene: MakeScene) -> None:
+    """Against a solver of the lag's equation, started anew at each order."""
+    shaft = make_scene(effects=[{'manoeuvre': ORDERS}]).build().shaft
+    targets = [(10.0, 60.0), (20.0, 0.0), (45.0, -70.0), (70.0, 20.0), (100.0, 0.0)]
+    time, state = 0.0, [60.0, 0.0]
+    speeds, ways = [], []
+    for (_, target), (until, _) in zip([(0.0, 60.0), *targets], targets, strict=False):
+        at = TIME[(time <= TIME) & (until > TIME)]
+        solved = solve_ivp(
+            lambda _, y, goal=target: [(goal - y[0]) / 8.0, y[0]],
+            (time, until),
+            state,
+            t_eval=[*at, until],
+            rtol=1e-11,
+            atol=1e-11,
+        )
+        time, state = until, solved.y[:, -1].tolist()
+        speeds += solved.y[0, :-1].tolist()
+        ways += solved.y[1, :-1].tolist()
+    count = len(speeds)
+    assert count == TIME.size - 1
+    np.testing.assert_allclose(shaft.speed('aft', TIME)[:count] / RPM, speeds, atol=1e-7)
+    np.testing.assert_allclose(shaft.turns('aft', TIME)[:count] * 60.0, ways, atol=1e-5)
+    # The first order holds from long before.
+    before = np.array([-1e5, -1.0, 0.0, 9.9])
+    np.testing.assert_allclose(shaft.speed('aft', before), 60.0 * RPM, rtol=1e-14)
+    np.testing.assert_allclose(shaft.turns('aft', before), before, rtol=1e-12)
+
+
+# From 90 rpm ahead through zero to 30 rpm astern.
+RAMP = {'speed_profile': {'unit': 'rpm', 'points': [[0, 90], [100, -30]]}}
+ANGLE = 2.0 * math.pi / 60.0 * (90.0 * TIME - 0.6 * TIME**2)
+BLADES = {'blade_ripple': {'blades': 4, 'amplitude': 0.02}}
+BENT = {'misalignment': {'amplitude': 40.0, 'unit': 'N'}}
+KILO = {'load_profile': {'unit': 'N', 'points': [[0, 1000]]}}
+TURNS_ON = {'speed_steps': {'unit': 'rpm', 'steps': [[0, 0], [50, 60]], 'rise': 10.0}}
+
+
+def test_ripple_follows_the_angle_of_the_shaft(make_scene: MakeScene) -> None:
+    """Of every effect that turns it; ripple of the speed does not, and at rest it stands still."""
+    speed = speed_of(make_scene, BLADES, RAMP)
+    expected = (90.0 - 1.2 * TIME) * (1.0 + 0.02 * np.cos(4.0 * ANGLE))
+    np.testing.assert_allclose(speed, expected, atol=1e-9)
+    # The steps add one turn a second from 60 s, and five turns until then.
+    extra = 2.0 * math.pi * np.where(TIME >= 60.0, TIME - 55.0, 0.05 * (TIME - 50.0) ** 2)
+    further = ANGLE + np.where(TIME >= 50.0, extra, 0.0)
+    for effects, angle in (
+        ([BENT, KILO, RAMP], ANGLE),
+        ([KILO, BLADES, RAMP, BENT], ANGLE),
+        ([KILO, RAMP, TURNS_ON, BENT], further),
+        ([KILO, BLADES, BENT], 0.0 * TIME),
+    ):
+        load = make_scene(effects=effects).build().shaft.load('aft', TIME)
+        np.testing.assert_allclose(load, 1000.0 + 40.0 * np.cos(angle), atol=1e-7)
+
+
+HEIGHT, PERIOD = 2.5, 8.0
+PEAK = 2.0 * math.pi / PERIOD
+WAVES: dict[str, Any] = {
+    'unit': 'N',
+    'significant_height': HEIGHT,
+    'peak_period': PERIOD,
+    'gamma': 3.3,
+    'load_per_metre': 120.0,
+}
+STEADY = {'load_profile': {'unit': 'N', 'points': [[0, 5000]]}}
+
+
+def sea(gamma: float, seed: int = 1) -> Sea:
+    return Sea.of(HEIGHT, PERIOD, gamma, np.random.default_rng(seed))
+
+
+def jonswap(omega: float, gamma: float) -> float:
+    """DNV-RP-C205, 3.5.5.1, with its fit 1 - 0.287 ln(gamma) of the normalising factor."""
+    x = omega / PEAK
+    width = 0.07 if x <= 1.0 else 0.09
+    moskowitz = 5.0 / 16.0 * HEIGHT**2 * PEAK**4 * omega**-5.0 * math.exp(-1.25 * x**-4.0)
+    peak = gamma ** math.exp(-0.5 * ((x - 1.0) / width) ** 2)
+    return (1.0 - 0.287 * math.log(gamma)) * moskowitz * peak
+
+
+@pytest.mark.parametrize('gamma', [1.0, 3.3, 7.0])
+def test_variance_is_a_sixteenth_of_the_height_squared(gamma: float) -> None:
+    waves = sea(gamma)
+    assert waves.frequency.size * waves.amplitude**2 / 2.0 == pytest.approx(HEIGHT**2 / 16.0)
+    time = np.arange(40_000) * 0.97
+    # 80 000 wave periods' worth of independent groups: some percent.
+    assert waves.elevation(time).var() == pytest.approx(HEIGHT**2 / 16.0, rel=0.05)
+    assert abs(waves.elevation(time).mean()) < 0.02
+
+
+def test_components_share_the_energy_of_pierson_and_moskowitz() -> None:
+    """With gamma = 1 the share below a frequency is exp(-1.25 x^-4) in closed form."""
+    frequency = np.sort(sea(1.0).frequency)
+    below = np.exp(-1.25 * (frequency * PERIOD) ** -4.0) / math.exp(-1.25 * 5.0**-4.0)
+    number = np.arange(frequency.size)
+    # Each has its frequency somewhere in its own part of the energy.
+    assert np.all(number / frequency.size <= below + 1e-6)
+    assert np.all(below <= (number + 1) / frequency.size + 1e-6)
+
+
+@pytest.mark.parametrize('gamma', [1.5, 3.3, 7.0])
+def test_mean_period_is_that_of_jonswap(gamma: float) -> None:
+    """The fit of DNV-RP-C205, 3.5.5.4, for T1/Tp.
+
+    Beyond five times the peak frequency lie 0.2 % of the energy and so 1 % of the mean frequency.
+    """
+    ratio = 0.7303 + 0.04936 * gamma - 0.006556 * gamma**2 + 0.0003610 * gamma**3
+    means = [sea(gamma, seed).frequency.mean() for seed in range(20)]
+    assert 1.0 / np.mean(means) / PERIOD == pytest.approx(ratio, rel=0.01)
+
+
+def test_spectrum_of_the_record_is_jonswap() -> None:
+    """Energy in bands, by Welch's method, against the integral of the formula."""
+    rate, gamma = 2.0, 3.3
+    record = sea(gamma, 5).elevation(np.arange(200_000) / rate)
+    frequency, density = welch(record, rate, nperseg=1024)
+    for low, high in ((0.6, 0.85), (0.85, 1.0), (1.0, 1.15), (1.15, 1.6), (1.6, 2.5)):
+        inside = (frequency >= low / PERIOD) & (frequency < high / PERIOD)
+        edges = frequency[inside][0], frequency[inside][-1]
+        half = 0.5 * (frequency[1] - frequency[0])
+        omegas = 2.0 * math.pi * (edges[0] - half), 2.0 * math.pi * (edges[1] + half)
+        expected = quad(jonswap, *omegas, args=(gamma,))[0]
+        found = density[inside].sum() * 2.0 * half
+        assert found == pytest.approx(expected, rel=0.12, abs=0.003 * HEIGHT**2 / 16.0)
+
+
+def test_record_does_not_repeat_and_is_normal() -> None:
+    waves = sea(3.3)
+    first = waves.elevation(np.arange(7200.0))
+    for later in (600.0, 3600.0, 86_400.0):
+        again = waves.elevation(np.arange(7200.0) + later)
+        assert abs(np.corrcoef(first, again)[0, 1]) < 0.3
+    long = waves.elevation(np.arange(200_000) * 1.3)
+    assert np.mean(long**4) / long.var() ** 2 == pytest.approx(3.0, abs=0.15)
+
+
+def test_load_is_the_elevation_times_its_factor(make_scene: MakeScene) -> None:
+    time = np.linspace(0.0, 100.0, 501)
+
+    def ripple(**changes: Any) -> Any:
+        effects = [{'load_in_waves': WAVES | changes}, STEADY]
+        return make_scene(effects=effects).build().shaft.load('aft', time) - 5000.0
+
+    base = ripple()
+    np.testing.assert_allclose(ripple(significant_height=5.0), 2.0 * base, atol=1e-9)
+    np.testing.assert_allclose(ripple(load_per_metre=-240.0), -2.0 * base, atol=1e-9)
+    np.testing.assert_allclose(ripple(unit='kN', load_per_metre=0.12), base, atol=1e-9)
+    assert np.abs(base).max() > 100.0
+    assert not ripple(significant_height=0.0).any()
+
+
+def test_bearings_of_one_ship_meet_the_same_sea(make_scene: MakeScene) -> None:
+    two: dict[str, Any] = {'aft': {}, 'fwd': {'load': {'topic': '/fwd'}}}
+    time = np.linspace(0.0, 100.0, 501)
+    each = [
+        {'effect': 'load_in_waves', 'bearing': name, **WAVES, 'load_per_metre': factor}
+        for name, factor in (('fwd', 50.0), ('aft', 100.0))
+    ]
+    shaft = make_scene(two, effects=[STEADY, *each]).build().shaft
+    aft, fwd = (shaft.load(name, time) - 5000.0 for name in ('aft', 'fwd'))
+    np.testing.assert_allclose(aft, 2.0 * fwd, atol=1e-9)
+    shaft = make_scene(two, seed=8, effects=[STEADY, *each]).build().shaft
+    assert np.abs(shaft.load('aft', time) - 5000.0 - aft).max() > 10.0
+
+
+def test_an_instant_has_the_same_bits_whoever_asks() -> None:
+    waves, time = sea(3.3), np.linspace(0.0, 1e5, 501)
+    for sizes in ((1, 500), (250, 251), (7,) * 71 + (4,)):
+        parts = np.split(time, np.cumsum(sizes)[:-1])
+        found = np.concatenate([waves.elevation(part) for part in parts])
+        assert found.tolist() == waves.elevation(time).tolist()

@@ -1,0 +1,508 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The lining's motion in a scene: against the exact cycle, linear theory, reference numbers.
+
+The reference bearing at 1000 N has its Hopf speed at 30.738 rpm, the exact fold at 40.718 rpm, and
+at 34 rpm an exact threshold of 0.592815 mm. Also here: episodes from sticks laid out by hand,
+windows of motions known in closed form, and friction that moves in time.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import quad
+
+from stickslip_monitor.lab.scenes.lining import (
+    AmplitudeWindows,
+    EpisodeEvent,
+    Episodes,
+    FrictionCourse,
+    Regular,
+    half_peak_to_peak,
+    parameters_of,
+    with_parameters,
+)
+from stickslip_monitor.lab.scenes.profile import Profile
+from stickslip_monitor.lab.scenes.scene import Scene, simulate
+from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
+from stickslip_monitor.physics.motion import integrator
+
+MASS, DAMPING, STIFFNESS, OMEGA = 50.0, 400.0, 2.0e6, 200.0
+DROP, DECAY, KINETIC = 0.2, 10.0, 0.1
+RPM = math.pi * 0.1 / 60.0
+
+Make = Callable[..., Scene]
+
+
+def effects(
+    speed: list[list[float]], load: float = 1000.0, deviation: float = 1.0, **motion: Any
+) -> list[dict[str, Any]]:
+    disturbance = {'standard_deviation': deviation, 'unit': 'N'}
+    return [
+        {'speed_profile': {'unit': 'rpm', 'points': speed}},
+        {'load_profile': {'unit': 'N', 'points': [[0.0, load]]}},
+        {'lining_motion': {'disturbance': disturbance} | motion},
+    ]
+
+
+def told(scene: Scene, block_length: float = 60.0) -> dict[str, tuple[NDArray[Any], list[Any]]]:
+    """Times and values of each truth topic of the bearing, by the topic's last part."""
+    found: dict[str, tuple[list[float], list[Any]]] = {}
+    for block in simulate(scene, block_length):
+        for column in block.truth:
+            times, values = found.setdefault(column.topic.rpartition('/')[2], ([], []))
+            assert np.all(column.time >= block.start)
+            assert np.all(column.time < block.end) or block.end == scene.duration
+            times += column.time.tolist()
+            values += list(column.values)
+    return {name: (np.array(times), values) for name, (times, values) in found.items()}
+
+
+def events(
+    found: dict[str, tuple[NDArray[Any], list[Any]]], scene: Scene
+) -> dict[str, list[float]]:
+    """Seconds of each kind of event."""
+    kinds: dict[str, list[float]] = {}
+    for text in found['events'][1]:
+        event = json.loads(text)
+        assert event['schema'] == 'stickslip_monitor/truth/1'
+        kinds.setdefault(event['event'], []).append((event['time'] - scene.start_ns) / 1e9)
+    return kinds
+
+
+def growth(speed: NDArray[np.float64], load: float = 1000.0) -> NDArray[np.float64]:
+    """Growth rate of a small disturbance, in closed form."""
+    return (load * DROP * DECAY * np.exp(-DECAY * speed) - DAMPING) / (2.0 * MASS)
+
+
+@pytest.mark.parametrize(
+    ('rpm', 'amplitude'), [(10.0, 0.296953e-3), (20.0, 0.556755e-3), (30.0, 0.804800e-3)]
+)
+def test_the_cycle_is_the_exact_one(make_scene: Make, rpm: float, amplitude: float) -> None:
+    """From rest in a second; numbers of the exact cycle from the reference table."""
+    scene = make_scene(
+        effects=effects([[0, 0], [1, rpm]], deviation=0.0, amplitude={'rate': 2.0}), duration=12.0
+    )
+    found = told(scene)
+    times, values = found['amplitude']
+    assert np.array_equal(times, np.arange(1, 25) / 2.0)
+    assert values[-4:] == pytest.approx([amplitude] * 4, rel=1e-4)
+    if rpm == 20.0:
+        ends, lengths = found['stick']
+        assert np.diff(ends[-20:]) == pytest.approx(31.5903e-3, rel=1e-5)
+        # All but the first stick, in which the shaft breaks away, are shorter than a period.
+        assert max(lengths[1:]) < 31.6e-3
+        assert lengths[0] > 1e-2
+
+
+def test_steady_sliding_trembles_as_linear_theory_says(make_scene: Make) -> None:
+    """White noise on a grid, joined linearly, has density ``sigma^2 dt sinc^4(omega dt/2)``."""
+    rpm, sigma = 60.0, 5.0
+    scene = make_scene(
+        effects=effects([[0, rpm]], deviation=sigma, motion={'rate': 50.0}), duration=80.0
+    )
+    speed = rpm * RPM
+    found = told(scene)
+    x = np.array(found['displacement'][1])
+    mu = KINETIC + DROP * math.exp(-DECAY * speed)
+    step = 1.0 / 128.0
+    damping = DAMPING - 1000.0 * DROP * DECAY * math.exp(-DECAY * speed)
+
+    def density(omega: float) -> float:
+        force = (sigma * mu) ** 2 * step * np.sinc(omega * step / (2.0 * np.pi)) ** 4
+        stiff = STIFFNESS - MASS * omega * omega
+        return float(force / (stiff * stiff + (damping * omega) ** 2) / np.pi)
+
+    variance = sum(
+        quad(density, a, b, limit=500)[0] for a, b in ((0, 190), (190, 210), (210, 2000))
+    )
+    assert x.mean() == pytest.approx(1000.0 * mu / STIFFNESS, rel=1e-3)
+    # Some 80 s * sigma = 3 per second of independent energy: 10 % in the standard deviation.
+    assert x.std() == pytest.approx(math.sqrt(variance), rel=0.2)
+    assert events(found, scene) == {'start': [0.0], 'end': [80.0]}
+    assert found['stick'][1] == []
+
+
+def test_onset_is_delayed_by_the_growth_that_it_needs(make_scene: Make) -> None:
+    """Through Hopf at 1 rpm/s: the amplitude grows by ``exp(integral sigma dt)``, then sticks."""
+    scene = make_scene(
+        effects=effects([[0, 34], [16, 18]], amplitude={'rate': 4.0}, deviation=0.2), duration=16.0
+    )
+    found = told(scene)
+    time, values = found['amplitude'][0], np.array(found['amplitude'][1])
+    (first,) = events(found, scene)['first_stick']
+    # Far above the disturbance, far below the limit: the linear range of the growth.
+    linear = (values > 2e-5) & (values < 1e-4) & (time < first)
+    assert linear.sum() >= 3
+    fine = np.linspace(0.0, 16.0, 16001)
+    gained = np.cumsum(growth((34.0 - fine) * RPM)) * 1e-3
+    expected = np.interp(time[linear], fine, gained)
+    assert np.diff(np.log(values[linear])) == pytest.approx(np.diff(expected), rel=0.03)
+    # At Hopf (3.26 s) the amplitude is a small part of the sliding limit, V/omega = 0.8 mm.
+    assert first > 3.26 + 3.0
+    needed = np.interp(time[linear][0], fine, gained) + np.log(7e-4 / values[linear][0])
+    assert first == pytest.approx(np.interp(needed, gained[4000:], fine[4000:]), abs=0.6)
+
+
+@pytest.mark.parametrize(('part', 'sticks'), [(0.97, False), (1.03, True)])
+def test_a_knock_beyond_the_threshold_starts_stick_slip(
+    make_scene: Make, part: float, sticks: bool
+) -> None:
+    """At 34 rpm the unstable cycle's amplitude is 0.592815 mm; a blow J gives ``J/(m omega)``."""
+    impulse = part * 0.592815e-3 * MASS * OMEGA
+    scene = make_scene(
+        effects=effects([[0, 34]], deviation=0.0, knocks=[[1.005, impulse]]), duration=8.0
+    )
+    kinds = events(told(scene), scene)
+    assert ('first_stick' in kinds) is sticks
+    assert 'last_stick' not in kinds
+
+
+def test_a_knock_rings_down_above_the_fold(make_scene: Make) -> None:
+    """At 60 rpm: ``J/(m omega) exp(sigma t)`` with the growth rate sigma < 0."""
+    scene = make_scene(
+        effects=effects([[0, 60]], deviation=0.0, knocks=[[1.0, 1.0]], amplitude={'rate': 5.0}),
+        duration=3.0,
+    )
+    time, values = told(scene)['amplitude']
+    sigma = float(growth(np.array([60 * RPM]))[0])
+    late = time > 1.3
+    since = time[late] - 1.0 - 3.5 * 2.0 * np.pi / OMEGA
+    expected = 1.0 / (MASS * OMEGA) * np.exp(sigma * since)
+    assert np.array(values)[late] == pytest.approx(expected, rel=0.03)
+
+
+def test_the_same_speed_sticks_or_not_by_its_history(make_scene: Make) -> None:
+    """36 rpm is bistable: from above it stays quiet, from below it goes on to stick."""
+    for start, sticks in ((60.0, False), (15.0, True)):
+        speed = [[0.0, start], [2.0, start], [6.0, 36.0]]
+        scene = make_scene(effects=effects(speed, deviation=5.0), duration=12.0)
+        found = told(scene)
+        late = found['stick'][0] > 10.0
+        assert late.any() == sticks
+        assert ('first_stick' in events(found, scene)) is sticks
+        assert 'last_stick' not in events(found, scene)
+
+
+def test_stick_slip_ends_at_the_exact_fold(make_scene: Make) -> None:
+    """Upwards at 0.5 rpm/s: at 40.718 rpm but for the few cycles that the end takes."""
+    scene = make_scene(effects=effects([[0, 0], [1, 38], [9, 42]], deviation=0.0), duration=10.0)
+    found = told(scene)
+    last = events(found, scene)['last_stick'][-1]
+    assert 38.0 + 0.5 * (last - 1.0) == pytest.approx(40.718, abs=0.12)
+    assert last == pytest.approx(found['stick'][0][-1], abs=1e-9)
+
+
+def test_a_shaft_at_rest_is_no_stick_slip(make_scene: Make) -> None:
+    """It stops with the lining stuck to it, and that is told as sticking, not as an episode."""
+    scene = make_scene(
+        effects=effects([[0, 60], [4, 60], [5, 0], [8, 0]], motion={'rate': 10.0}), duration=8.0
+    )
+    found = told(scene)
+    ends, lengths = found['stick']
+    assert ends[-1] == 8.0
+    assert lengths[-1] == pytest.approx(3.0, abs=0.1)
+    assert found['sticking'][1][-20:] == [True] * 20
+    kinds = events(found, scene)
+    if 'first_stick' in kinds:  # the last cycles before the stop, which is at 5 s
+        assert kinds['last_stick'][0] <= 5.0
+
+
+def test_the_wait_before_the_first_turn_is_no_stick_slip(make_scene: Make) -> None:
+    """At rest for 3 s, then to 25 rpm in 1 s: 0.003 m/s, where the shaft turns, at 3.023 s."""
+    scene = make_scene(effects=effects([[3, 0], [4, 25]]), duration=8.0)
+    found = told(scene)
+    (first,) = events(found, scene)['first_stick']
+    assert first > 3.023
+    # The interval of sticking is told as it was, from the scene's start to the breaking away.
+    assert found['stick'][1][0] == pytest.approx(found['stick'][0][0], abs=1e-9)
+
+
+def test_samples_tell_one_motion(make_scene: Make) -> None:
+    """Velocity and acceleration against differences of the displacement; ``x' = V`` in sticks."""
+    scene = make_scene(
+        effects=effects([[0, 0], [1, 20]], deviation=0.0, motion={'rate': 4000.0}), duration=4.0
+    )
+    found = told(scene)
+    time = found['displacement'][0]
+    assert np.array_equal(time, np.arange(16001) / 4000.0)
+    x, v, a = (np.array(found[n][1]) for n in ('displacement', 'velocity', 'acceleration'))
+    stuck = np.array(found['sticking'][1])
+    whole = stuck[2:] == stuck[:-2]
+    assert (x[2:] - x[:-2])[whole] * 2000.0 == pytest.approx(v[1:-1][whole], abs=2e-4)
+    assert (v[2:] - v[:-2])[whole] * 2000.0 == pytest.approx(a[1:-1][whole], abs=0.5)
+    running = stuck & (time > 1.0)
+    assert v[running] == pytest.approx(20 * RPM, rel=1e-12)
+    in_sticks = [np.any((e - d <= t) & (t <= e)) for t, e, d in
+                 ((t, *map(np.array, found['stick'])) for t in time[::37])]  # fmt: skip
+    assert in_sticks == stuck[::37].tolist()
+
+
+def assert_same(found: dict[str, Any], expected: dict[str, Any]) -> None:
+    assert found.keys() == expected.keys()
+    for name, (times, values) in expected.items():
+        assert np.array_equal(times, found[name][0]), name
+        assert values == found[name][1], name
+
+
+def test_the_outcome_does_not_depend_on_the_blocks(make_scene: Make) -> None:
+    """Bit for bit, with a disturbance, a knock, a drift, and an end off every grid."""
+    listed = effects(
+        [[0, 40], [4, 24], [9, 46]],
+        knocks=[[5.0, 0.5], [6.123, -0.3]],
+        amplitude={'rate': 3.0},
+        motion={'rate': 31.0},
+    )
+    listed.append({'friction_drift': {'parameter': 'static', 'points': [[1, 0.3], [8, 0.34]]}})
+    listed.append({'operating_point': {'rate': 3.0}})
+    scene = make_scene(effects=listed, duration=9.777)
+    whole = told(scene, 100.0)
+    for length in (60.0, 7.3, 0.37):
+        assert_same(told(scene, length), whole)
+
+
+@pytest.mark.skipif(find_spec('numba') is None, reason='compares with numba')
+def test_with_and_without_numba_the_bits_are_the_same(
+    make_scene: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    listed = effects([[0, 30], [8, 20]], motion={'rate': 100.0}, amplitude={'rate': 2.0})
+    listed.append({'friction_drift': {'parameter': 'decay', 'points': [[0, 10], [8, 14]]}})
+    scene = make_scene(effects=listed, duration=8.0)
+    compiled = told(scene)
+    monkeypatch.setattr(integrator, 'is_compiled', lambda _: False)
+    plain = told(scene)
+    assert len(plain['stick'][1]) > 50
+    assert_same(compiled, plain)
+
+
+def test_telemetry_and_the_lining_do_not_feel_each_other(make_scene: Make) -> None:
+    """Random numbers are its own, and only the lining feels a friction that drifts."""
+    noise = {'sensor_noise': {'speed': {'standard_deviation': 0.1, 'unit': 'rpm'}}}
+    alone = effects([[0, 45]], motion={'rate': 50.0})
+    drifts = [*alone, noise, drift('factor', [[0, 1.3]])]
+    listed = {
+        'alone': alone,
+        'both': [*alone, noise],
+        'drifts': drifts,
+        'still': [*alone[:2], noise],
+    }
+    scenes = {name: make_scene(effects=own, duration=5.0) for name, own in listed.items()}
+    motion = {name: told(scenes[name])['displacement'][1] for name in ('alone', 'both', 'drifts')}
+    assert motion['alone'] == motion['both'] != motion['drifts']
+    (first, *others) = (
+        next(iter(simulate(scenes[name]))).signals['/shaft/speed'].value.tolist()
+        for name in ('both', 'drifts', 'still')
+    )
+    assert others == [first] * 2
+
+
+def test_two_bearings_move_each_for_itself(make_scene: Make) -> None:
+    """The one with thrice the load sticks; each draws its own disturbance."""
+    bearings = {'aft': {}, 'fore': {'load': {'topic': '/bearing/fore/load'}}}
+    listed = [
+        {'speed_profile': {'unit': 'rpm', 'points': [[0, 0], [1, 25]]}},
+        {'load_profile': {'unit': 'N', 'points': [[0, 1000.0]], 'bearing': 'aft'}},
+        {'load_profile': {'unit': 'N', 'points': [[0, 300.0]], 'bearing': 'fore'}},
+        {'lining_motion': {'disturbance': {'standard_deviation': 0.001, 'unit': 'kN'}}},
+    ]
+    found: dict[str, list[float]] = {}
+    for block in simulate(make_scene(bearings, effects=listed, duration=8.0)):
+        for column in block.truth:
+            if column.topic.endswith('stick'):
+                found.setdefault(column.topic, []).extend(column.time.tolist())
+    late = {topic: sum(t > 4.0 for t in times) for topic, times in found.items()}
+    assert late == {'/truth/aft/stick': pytest.approx(126, abs=2), '/truth/fore/stick': 0}
+
+
+# Episodes, with a gap of one second allowed.
+
+
+def watch(
+    *sticks: tuple[float, float], until: float = 100.0
+) -> list[tuple[str, float, float, int, float]]:
+    """Name, when known, when it was, number of sticks and time of sticking of each event."""
+    episodes = Episodes(1.0)
+    events: list[EpisodeEvent] = []
+    for start, end in sticks:
+        events += episodes.stick(start)
+        if math.isfinite(end):
+            episodes.release(end)
+    events += episodes.passed(until)
+    return [(e.name, e.known, e.time, e.sticks, e.sticking) for e in events]
+
+
+@pytest.mark.parametrize(
+    ('sticks', 'until', 'expected'),
+    [
+        # Sticks with short gaps are one episode.
+        (
+            [(10.0, 10.25), (11.0, 11.25), (12.25, 12.5)], 100.0,
+            [('first_stick', 11.0, 10.0, 1, 0.25), ('last_stick', 13.5, 12.5, 3, 0.75)],
+        ),
+        # A longer gap parts two.
+        (
+            [(10.0, 10.25), (11.0, 11.25), (12.5, 12.75), (13.0, 13.5)], 100.0,
+            [
+                ('first_stick', 11.0, 10.0, 1, 0.25), ('last_stick', 12.25, 11.25, 2, 0.5),
+                ('first_stick', 13.0, 12.5, 1, 0.25), ('last_stick', 14.5, 13.5, 2, 0.75),
+            ],
+        ),
+        # Single sticks are none.
+        ([(10.0, 10.2), (20.0, 20.2), (30.0, 30.2)], 100.0, []),
+        # It is not over before the gap, nor while a stick lasts.
+        ([(10.0, 10.25), (11.0, 11.5)], 12.5, [('first_stick', 11.0, 10.0, 1, 0.25)]),
+        ([(10.0, 10.25), (11.0, math.inf)], 50.0, [('first_stick', 11.0, 10.0, 1, 0.25)]),
+    ],
+)  # fmt: skip
+def test_sticks_are_joined_to_episodes(
+    sticks: list[tuple[float, float]], until: float, expected: list[Any]
+) -> None:
+    assert watch(*sticks, until=until) == expected
+
+
+# Instants and windows of a motion.
+PERIOD = 0.03
+
+
+@pytest.mark.parametrize(
+    'ends', [[10.0], [0.0, 0.1, 3.3, 3.3, 9.99, 10.0], [0.05 * k for k in range(201)]]
+)
+def test_regular_instants_do_not_depend_on_the_cuts(ends: list[float]) -> None:
+    regular = Regular(30.0, 10.0)
+    parts = [regular.until(end) for end in ends]
+    assert np.array_equal(np.concatenate(parts), np.arange(301) / 30.0)
+    for end, part in zip(ends, parts, strict=True):
+        assert np.all(part <= end)
+
+
+@pytest.mark.parametrize('ends', [[10.0], [0.07, 0.61, 3.3, 3.3, 9.99, 10.0]])
+def test_windows_give_the_amplitude_of_a_motion_that_grows(ends: list[float]) -> None:
+    """``x = e t + A exp(t/5) sin(omega t)``: half the peak to peak over the last four periods."""
+    omega, rate = 2.0 * np.pi / PERIOD, 2.0
+    windows = AmplitudeWindows(rate, PERIOD, 10.0)
+    times, found = [], []
+    for end in ends:
+        t = windows.until(end)
+        grown = 1e-3 * np.exp(t / 5.0)
+        x = 1e-6 * t + grown * np.sin(omega * t)
+        v = 1e-6 + grown * (np.sin(omega * t) / 5.0 + omega * np.cos(omega * t))
+        at, amplitude = windows.amplitudes(x, v)
+        assert np.all(at <= end)
+        times.append(at)
+        found.append(amplitude)
+    time = np.concatenate(times)
+    assert np.array_equal(time, np.arange(1, 21) / rate)
+    # The last maximum and minimum lie within the last period.
+    expected = 1e-3 * np.exp((time - 0.5 * PERIOD) / 5.0)
+    assert np.concatenate(found) == pytest.approx(expected, rel=4e-3)
+
+
+def test_peaks_between_samples_are_found_to_the_order_of_the_cubic() -> None:
+    """A sine at 16 samples a period, at every phase: 6e-5 by the cubic, 2e-2 without it."""
+    step = 1.0 / 16.0
+    t = np.arange(65) * step
+    phase = np.linspace(0.0, 1.0, 50)[:, None]
+    x, v = np.sin(2 * np.pi * (t + phase)), 2 * np.pi * np.cos(2 * np.pi * (t + phase))
+    assert half_peak_to_peak(x, v, step) == pytest.approx(1.0, abs=7e-5)
+    # It is exact for a cubic: x = s^3 - s has its turning points at 1/sqrt(3).
+    s = np.linspace(-1.1, 1.1, 8)
+    found = half_peak_to_peak((s**3 - s)[None], (3 * s * s - 1)[None], float(s[1] - s[0]))
+    assert found == pytest.approx(2.0 / 3.0 / np.sqrt(3.0), rel=1e-12)
+
+
+# Friction that moves in time.
+SPEEDS = np.linspace(-0.5, 0.5, 11)
+
+
+def drift(parameter: str, points: list[list[float]], **more: Any) -> dict[str, Any]:
+    return {'friction_drift': {'parameter': parameter, 'points': points} | more}
+
+
+@pytest.mark.parametrize(
+    'law',
+    [
+        Stribeck(0.3, 0.1, 10.0, 0.02),
+        Coulomb(0.3, 0.1),
+        Tabulated([0.0, 0.1, 0.3], [0.3, 0.2, 0.1]),
+    ],
+)
+def test_the_factor_multiplies_the_whole_coefficient(law: Any) -> None:
+    scaled = with_parameters(law, {'factor': 1.3})
+    assert type(scaled) is type(law)
+    assert scaled.static == pytest.approx(1.3 * law.static)
+    assert scaled.coefficient(SPEEDS) == pytest.approx(1.3 * law.coefficient(SPEEDS))
+    assert scaled.slope(SPEEDS) == pytest.approx(1.3 * law.slope(SPEEDS))
+    own = ['static', 'kinetic', 'decay', 'viscous'] if isinstance(law, Stribeck) else []
+    own = ['static', 'kinetic'] if isinstance(law, Coulomb) else own
+    assert parameters_of(law) == (*own, 'factor')
+
+
+def test_the_law_moves_in_steps_of_a_second() -> None:
+    course = FrictionCourse(
+        Stribeck(0.3, 0.1, 10.0),
+        {
+            'kinetic': Profile.of([(10.0, 0.1), (20.0, 0.2)]),
+            'factor': Profile.of([(0.0, 2.0)]),
+        },
+    )
+    for time, kinetic in ((0.0, 0.1), (10.0, 0.1), (15.0, 0.15), (15.99, 0.15), (30.0, 0.2)):
+        law = course.at(time)
+        assert isinstance(law, Stribeck)
+        assert law.kinetic == pytest.approx(2.0 * kinetic)
+        assert (law.static, law.decay) == (0.6, 10.0)
+
+
+def test_stick_slip_dies_where_kinetic_friction_has_risen_enough(make_scene: Make) -> None:
+    """At 20 rpm and 1000 N: at mu_k = 0.2003 by the averages; 0.005 a second from 0.18 on."""
+    listed = [
+        *effects([[0, 0], [1, 20]], deviation=0.0),
+        drift('kinetic', [[0, 0.1], [2, 0.18], [10, 0.22]]),
+    ]
+    scene = make_scene(effects=listed, duration=10.0)
+    last = events(told(scene), scene)['last_stick'][-1]
+    assert 0.18 + 0.005 * (last - 2.0) == pytest.approx(0.2003, abs=0.006)
+
+
+def test_a_factor_does_what_the_load_does(make_scene: Make) -> None:
+    """1.25 times the friction at 1000 N has the sticks and the margins of 1250 N."""
+    point = {'operating_point': {'rate': 1.0}}
+    found = [
+        told(make_scene(effects=[*listed, point], duration=4.0))
+        for listed in (
+            effects([[0, 0], [1, 20]], 1250.0, deviation=0.0),
+            [*effects([[0, 0], [1, 20]], deviation=0.0), drift('factor', [[0, 1.25]])],
+        )
+    ]
+    assert found[0]['stick'][0].size > 50
+    assert found[1]['stick'][0] == pytest.approx(found[0]['stick'][0], abs=1e-9)
+    for name in ('hopf_margin', 'fold_margin'):
+        assert found[1][name][1] == pytest.approx(found[0][name][1], abs=2e-9)
+
+
+def test_the_true_margins_follow_the_friction_there_is(make_scene: Make) -> None:
+    """With beta halved and the drop doubled ``v_H = -ln(kappa)`` stays, and ``V_H`` doubles."""
+    listed = [
+        *effects([[0, 0], [1, 60]])[:2],
+        {'operating_point': {'rate': 2.0}},
+        drift('decay', [[4, 10], [5, 5]]),
+        drift('static', [[4, 0.3], [5, 0.5]]),
+    ]
+    scene = make_scene(effects=listed, duration=10.0)
+    found = {name: values for name, (_, values) in told(scene, 3.3).items()}
+    assert {len(values) for values in found.values()} == {21}
+    hopf, fold = 30.7380, 40.7231
+    assert np.array(found['hopf_margin'])[[4, 12, 20]] == pytest.approx(
+        [60 / hopf - 1, 60 / (2 * hopf) - 1, 60 / (2 * hopf) - 1], rel=1e-4
+    )
+    assert np.array(found['fold_margin'])[[4, 12, 20]] == pytest.approx(
+        [60 / fold - 1, 60 / (2 * fold) - 1, 60 / (2 * fold) - 1], rel=1e-4
+    )
+    assert found['speed'][20] == pytest.approx(60 * np.pi * 0.1 / 60)
+    assert found['load'][20] == 1000.0
