@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.drawing.canvas import HEIGHT, WIDTH, new_figure, style
+from stickslip_monitor.drawing.canvas import labelled, style
 from stickslip_monitor.drawing.palette import DASHES, FOLD, HOPF, INK, MUTED, PAPER, REGIME_COLOUR
 from stickslip_monitor.monitor.assessment import Regime
 
@@ -65,8 +65,7 @@ class CalibrationPicture:
 def draw_calibration(picture: CalibrationPicture) -> Figure:
     """The stability map with the bands (5 to 95 %) of both boundaries, and the dips as tracks."""
     with style():
-        figure = new_figure(WIDTH, HEIGHT)
-        axes = figure.add_subplot()
+        figure, axes = labelled('shaft speed [rpm]', 'load [N]', title=picture.title)
         for dip in picture.dips:
             _draw_dip(axes, dip)
         for k, (name, regime, colour, dashes) in enumerate(_BOUNDARIES):
@@ -105,7 +104,4 @@ def _label(axes: Axes, picture: CalibrationPicture) -> None:
     top = max([1.15 * float(picture.posterior[:, 2].max()), *fastest])
     axes.set_xlim(0.0, min(top, 2.0 * float(picture.posterior[0, 2].max()) + 1.0))
     axes.set_ylim(float(picture.load[0]), float(picture.load[-1]))
-    axes.set_xlabel('shaft speed [rpm]')
-    axes.set_ylabel('load [N]')
-    axes.set_title(picture.title, loc='left', fontsize=11.0)
     axes.legend(loc='best', frameon=True, fontsize=9.0)

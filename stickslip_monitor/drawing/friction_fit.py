@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.drawing.canvas import new_figure, style
+from stickslip_monitor.drawing.canvas import labelled, style
 from stickslip_monitor.drawing.palette import (
     DASHES,
     FOLD,
@@ -87,16 +87,16 @@ def draw_friction_fit(picture: FrictionFitPicture) -> Figure:
         DrawingError: matplotlib is not installed.
     """
     with style():
-        figure = new_figure()
-        axes = figure.add_axes((0.085, 0.125, 0.89, 0.81))
+        figure, axes = labelled(
+            'sliding speed [m/s]', 'coefficient of friction [-]', title=picture.title,
+            footnote=picture.footnote,
+        )  # fmt: skip
         _curve(axes, picture)
         _points(axes, picture)
         _frame(axes, picture)
         for boundary in picture.boundaries:
             _boundary(axes, boundary)
         axes.legend(loc='upper right', frameon=True, framealpha=0.9, edgecolor='none')
-        axes.set_title(picture.title, loc='left', size=11.0, color=INK)
-        figure.text(0.975, 0.012, picture.footnote, ha='right', va='bottom', size=9.0, color=MUTED)
         return figure
 
 
@@ -142,8 +142,6 @@ def _frame(axes: Axes, picture: FrictionFitPicture) -> None:
     values = np.concatenate([picture.coefficient, picture.curve])
     room = _ROOM * float(np.ptp(values))
     axes.set_ylim(min(0.0, float(values.min()) - room), float(values.max()) + 2.0 * room)
-    axes.set_xlabel('sliding speed [m/s]')
-    axes.set_ylabel('coefficient of friction [-]')
 
 
 def _boundary(axes: Axes, boundary: Boundary) -> None:
