@@ -19,7 +19,7 @@ from stickslip_monitor import Coulomb, FrictionLaw, Monitor, Stream, Stribeck, T
 from stickslip_monitor.drawing.calibration import CalibrationPicture, DipTrack, draw_calibration
 from stickslip_monitor.drawing.canvas import save_figure
 from stickslip_monitor.drawing.diagram import draw_diagram
-from stickslip_monitor.drawing.friction_fit import Boundary, FrictionFitPicture, draw_friction_fit
+from stickslip_monitor.drawing.friction_fit import draw_friction_fit
 from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.drawing.palette import (
     CONDITION_COLOUR,
@@ -31,6 +31,9 @@ from stickslip_monitor.drawing.palette import (
 )
 from stickslip_monitor.drawing.track import Track, TrackEvent, track_of_scan
 from stickslip_monitor.errors import DrawingError, OutputError
+from stickslip_monitor.lab.friction_fit.curve_file import FrictionCurve
+from stickslip_monitor.lab.friction_fit.fit import fit_stribeck
+from stickslip_monitor.lab.friction_fit.spread import boundary_spread
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.config_file import load_config
@@ -215,19 +218,13 @@ def test_each_boundary_has_one_colour_in_all_pictures() -> None:
     dip = DipTrack(np.ones(2), np.ones(2), np.zeros(2, bool), np.zeros(2, bool))
     calibration = CalibrationPicture('', np.array([500.0, 900.0]), band, band, [dip])
     curve = np.linspace(0.0, 0.5, 9)
-    marks = (
-        Boundary('Hopf speed', 0.1, 0.09, 0.11, Regime.UNSTABLE),
-        Boundary('fold speed', 0.2, 0.19, 0.21, Regime.BISTABLE),
-    )
-    law = Stribeck(0.3, 0.1, 10.0).coefficient(curve)
-    fit = FrictionFitPicture(
-        '', curve, law, None, np.ones(9, bool), np.arange(9), curve, law, 0.01 * law, marks, ''
-    )
+    fit = fit_stribeck(FrictionCurve.of(curve, Stribeck(0.3, 0.1, 10.0).coefficient(curve)))
+    spread = boundary_spread(fit, 400.0, 1000.0, draws=100)
     for figure in (
         draw_map(REFERENCE),
         draw_diagram(REFERENCE, 1000.0, points=50),
         draw_calibration(calibration),
-        draw_friction_fit(fit),
+        draw_friction_fit(fit, '', spread),
     ):
         lines = [line for axes in figure.axes for line in axes.lines]
         colours = {line.get_color() for line in lines} | {
