@@ -278,7 +278,7 @@ def _lessons(
     meter: ProgressBar,
 ) -> list[str]:
     """What all bags together teach of each bearing."""
-    from stickslip_monitor.lab.calibration.proposal import learned
+    from stickslip_monitor.lab.calibration.recordings import learned
 
     reports = () if args.learn in ('level', 'truth') else ('--reports', args.learn)
     lessons = []

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from stickslip_monitor import Coulomb, FrictionLaw, Monitor, Stream, Stribeck, Tabulated
-from stickslip_monitor.drawing.calibration import CalibrationPicture, DipTrack, draw_calibration
+from stickslip_monitor.drawing.calibration import draw_calibration
 from stickslip_monitor.drawing.canvas import save_figure
 from stickslip_monitor.drawing.diagram import draw_diagram
 from stickslip_monitor.drawing.friction_fit import draw_friction_fit
@@ -31,6 +31,9 @@ from stickslip_monitor.drawing.palette import (
 )
 from stickslip_monitor.drawing.track import Track, TrackEvent, track_of_scan
 from stickslip_monitor.errors import DrawingError, OutputError
+from stickslip_monitor.lab.calibration.calibrate import Calibration, DipResult
+from stickslip_monitor.lab.calibration.dips import Dip, VibrationReport, path_of
+from stickslip_monitor.lab.calibration.posterior import prior_of, sample_posterior
 from stickslip_monitor.lab.friction_fit.curve_file import FrictionCurve
 from stickslip_monitor.lab.friction_fit.fit import fit_stribeck
 from stickslip_monitor.lab.friction_fit.spread import boundary_spread
@@ -214,16 +217,18 @@ def test_start_and_end_are_told_apart_where_they_are_one_place() -> None:
 
 
 def test_each_boundary_has_one_colour_in_all_pictures() -> None:
-    band = np.array([[[30.0] * 2, [31.0] * 2, [32.0] * 2]] * 2)
-    dip = DipTrack(np.ones(2), np.ones(2), np.zeros(2, bool), np.zeros(2, bool))
-    calibration = CalibrationPicture('', np.array([500.0, 900.0]), band, band, [dip])
+    second, prior = np.array([0, 10**9]), prior_of(REFERENCE.bearing)
+    squeal = VibrationReport('', 0, 10**9, True, 0.0, 0.9, '')
+    path = path_of(second, np.full(2, 0.2), np.full(2, 1000.0), [squeal], (0, 10**9))
+    dip = DipResult(Dip('', 0, 10**9, (squeal,), second, path), 0.0, (0.5,), ())
+    calibration = Calibration(prior, sample_posterior(prior, []), (dip,))
     curve = np.linspace(0.0, 0.5, 9)
     fit = fit_stribeck(FrictionCurve.of(curve, Stribeck(0.3, 0.1, 10.0).coefficient(curve)))
     spread = boundary_spread(fit, 400.0, 1000.0, draws=100)
     for figure in (
         draw_map(REFERENCE),
         draw_diagram(REFERENCE, 1000.0, points=50),
-        draw_calibration(calibration),
+        draw_calibration(REFERENCE, calibration),
         draw_friction_fit(fit, '', spread),
     ):
         lines = [line for axes in figure.axes for line in axes.lines]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -26,7 +27,7 @@ TUKEY = 4.685
 _FLOOR = 1e-14
 _PER_DECADE, _SUBSETS, _MEDIAN_POINTS = 10, 100, 200
 _MAD = 1.482602218505602
-_ROUNDS = 20
+_ROUNDS = 10
 _SMALL_SAMPLE, _NORMAL_SHARE = 2.0, 0.8281
 _TOLERANCE = 1e-15
 
@@ -338,9 +339,10 @@ def descend(
     def gradient(part: FloatArray) -> FloatArray:
         return (_gradient(whole(part), curve.speed, slowest) * rows[:, None])[:, free]
 
+    loss: Any = _biweight if robust else 'linear'
     found = least_squares(
-        misfit, values[free], gradient, x_scale='jac', loss=_biweight if robust else 'linear',
-        f_scale=TUKEY, ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=_TOLERANCE, max_nfev=200,
+        misfit, values[free], gradient, x_scale='jac', loss=loss,
+        f_scale=TUKEY, ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=_TOLERANCE, max_nfev=100,
     )  # fmt: skip
     return whole(found.x)
 

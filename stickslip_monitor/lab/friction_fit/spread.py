@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -91,7 +92,8 @@ def boundary_spread(
     best = [float(at[0]) for at in _boundaries(_as_row(fit.law), q)]
     drawn = _boundaries(drawn_laws(fit, draws, seed), q)
     both = list(zip(best, _delta_errors(fit, q), drawn, strict=True))
-    result = BoundarySpread(*(_spread(*each) for each in both), float(np.mean(drawn[1] == 0.0)))
+    hopf, fold = (_spread(*each) for each in both)
+    result = BoundarySpread(hopf, fold, float(np.mean(drawn[1] == 0.0)))
     if speed is None:
         return result
     require_positive('speed', speed, 'm/s')
@@ -119,9 +121,10 @@ def drawn_laws(fit: StribeckFit, draws: int, seed: int) -> FloatArray:
     They are drawn in ``ln beta``, so that no decay is negative; a negative slope counts as 0.
     """
     scaling = np.where(np.array(fit.names) == 'decay', 1.0 / fit.law.decay, 1.0)
+    freedom: Any = fit.degrees_of_freedom  # scipy's types want a whole number
     distribution = stats.multivariate_t(
         shape=fit.covariance * np.outer(scaling, scaling),
-        df=fit.degrees_of_freedom,
+        df=freedom,
         allow_singular=True,
         seed=seed,
     )
