@@ -25,10 +25,11 @@ CONFIDENCE = 0.95
 TUKEY = 4.685
 """Residuals beyond this many scales count nothing; on clean data 95 % efficient."""
 _FLOOR = 1e-14
-_PER_DECADE, _SUBSETS, _MEDIAN_POINTS = 10, 100, 200
+_PER_DECADE = 10
 _MAD = 1.482602218505602
-_ROUNDS = 10
-_SMALL_SAMPLE, _NORMAL_SHARE = 2.0, 0.8281
+_SMALL_SAMPLE = 2.0
+# Residuals beyond this share of the scale count by their amount and not by their square.
+_ABSOLUTE = 0.1
 _TOLERANCE = 1e-15
 
 
@@ -242,71 +243,23 @@ def _gradient(values: FloatArray, speed: FloatArray, slowest: float) -> FloatArr
 
 
 def solve(curve: FrictionCurve, model: Model) -> Solution:
-    """The robust fit of a model, whether or not it makes sense.
+    """The robust fit of a model, whether or not it makes sense: an MM-estimate (Yohai 1987).
 
-    Squares yield to outliers, and the median of good points scatters: where points are in doubt
-    both starts are tried, and the one that ends with the smaller scale counts.
+    From the best decay of the scan by least squares nearly absolute residuals are minimised, which
+    outliers move little. Their median makes the scale at which Tukey's biweight is minimised.
     """
-    solution = _robust(curve, model, *_least_squares_start(curve, model))
-    if np.all(solution.weight > 0.5):
-        return solution
-    other = _robust(curve, model, *_least_median_start(curve, model))
-    return min(solution, other, key=lambda found: found.scale)
-
-
-def _robust(curve: FrictionCurve, model: Model, rate: float, misfit: FloatArray) -> Solution:
-    """The biweight's minimum from a start on.
-
-    The scale follows from the median absolute residual, which no outlier moves but which scatters
-    by itself, until it stays; at the end it is held at what the points that count say.
-    """
-    scale = _scale(curve, model, misfit)
-    values = np.array([0.0, 0.0, math.log(rate / np.ptp(curve.speed)), 0.0])
+    rate = rates(curve)
+    unit = Solution(curve, model, np.zeros(4), np.ones(curve.speed.size), 1.0)
+    values = np.array([0.0, 0.0, 0.0, 0.0])
+    values[2] = math.log(rate[int(np.argmin(unit.profile(rate)))] / np.ptp(curve.speed))
     linear = model.free & [True, True, False, True]
-    root = np.sqrt(_tukey(misfit / scale)) / curve.std
-    rows = _gradient(values, curve.speed, curve.speed.min())[:, linear] * root[:, None]
-    values[linear] = np.linalg.lstsq(rows, root * curve.coefficient, rcond=None)[0]
-    for _ in range(_ROUNDS):
-        values = descend(curve, model, values, 1.0 / scale, robust=True)
-        before, scale = scale, _scale(curve, model, _misfit(curve, values))
-        if abs(scale - before) <= 1e-6 * before:
-            break
-    scale = _sharper_scale(curve, model, _misfit(curve, values), scale)
-    values = descend(curve, model, values, 1.0 / scale, robust=True)
-    return Solution(curve, model, values, _tukey(_misfit(curve, values) / scale), scale)
-
-
-def _least_squares_start(curve: FrictionCurve, model: Model) -> tuple[float, FloatArray]:
-    """The rate with the least squares of all points, and their residuals by their std."""
-    rate = rates(curve)
-    rows = columns_of(curve, model, rate) / curve.std[:, None]
-    orthogonal, _ = np.linalg.qr(rows)
-    target = curve.coefficient / curve.std
-    seen = np.einsum('bnk,bk->bn', orthogonal, np.einsum('bnk,n->bk', orthogonal, target))
-    best = int(np.argmin(np.sum((target - seen) ** 2, axis=1)))
-    return float(rate[best]), target - seen[best]
-
-
-def _least_median_start(curve: FrictionCurve, model: Model) -> tuple[float, FloatArray]:
-    """The rate with the least median absolute residual, and the residuals by their std.
-
-    At every rate the law is laid through the same sets of as few points as it takes.
-    """
-    order = np.argsort(curve.speed, kind='stable')
-    few = order[np.linspace(0, order.size - 1, min(order.size, _MEDIAN_POINTS)).astype(int)]
-    rate = rates(curve)
-    columns, target = columns_of(curve, model, rate)[:, few], curve.coefficient[few]
-    linear, generator = columns.shape[2], np.random.default_rng(0)
-    picks = generator.random((_SUBSETS, few.size)).argsort(axis=1)[:, :linear]
-    # Where points coincide the ridge decides.
-    square = columns[:, picks] + 1e-13 * np.eye(linear)
-    solved = np.linalg.solve(square, target[picks][..., None])[..., 0]
-    misfit = np.abs(target - np.einsum('bnk,bsk->bsn', columns, solved)) / curve.std[few]
-    middle = (few.size + linear) // 2
-    median = np.partition(misfit, middle, axis=2)[:, :, middle]
-    i, j = np.unravel_index(int(np.argmin(median)), median.shape)
-    fitted = columns_of(curve, model, rate[i : i + 1])[0] @ solved[i, j]
-    return float(rate[i]), (curve.coefficient - fitted) / curve.std
+    rows = _gradient(values, curve.speed, curve.speed.min())[:, linear] / curve.std[:, None]
+    values[linear] = np.linalg.lstsq(rows, curve.coefficient / curve.std, rcond=None)[0]
+    for loss in ('soft_l1', 'soft_l1', _biweight):
+        scale = _scale(curve, model, values)
+        values = descend(curve, model, values, 1.0 / scale, loss)
+    weight = _tukey(_misfit(curve, values) / scale)
+    return Solution(curve, model, values, weight, scale)
 
 
 def descend(
@@ -314,7 +267,7 @@ def descend(
     model: Model,
     values: FloatArray,
     root: FloatArray | float,
-    robust: bool = False,
+    loss: Any = 'linear',
 ) -> FloatArray:
     """The values that fit best from a start on.
 
@@ -323,7 +276,7 @@ def descend(
         model: What is free.
         values: The start, as :attr:`Solution.values`.
         root: Factor of each residual by its std, such as to make it of the order of 1.
-        robust: Whether Tukey's biweight is minimised in place of the squares.
+        loss: What of it is minimised, as scipy names it.
     """
     free, rows, slowest = model.free, root / curve.std, curve.speed.min()
 
@@ -339,10 +292,10 @@ def descend(
     def gradient(part: FloatArray) -> FloatArray:
         return (_gradient(whole(part), curve.speed, slowest) * rows[:, None])[:, free]
 
-    loss: Any = _biweight if robust else 'linear'
     found = least_squares(
         misfit, values[free], gradient, x_scale='jac', loss=loss,
-        f_scale=TUKEY, ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=_TOLERANCE, max_nfev=100,
+        f_scale=_ABSOLUTE if loss == 'soft_l1' else TUKEY, ftol=_TOLERANCE, xtol=_TOLERANCE,
+        gtol=_TOLERANCE, max_nfev=100,
     )  # fmt: skip
     return whole(found.x)
 
@@ -361,29 +314,13 @@ def _misfit(curve: FrictionCurve, values: FloatArray) -> FloatArray:
     return (curve.coefficient - coefficient_at(curve, values)) / curve.std
 
 
-def _scale(curve: FrictionCurve, model: Model, misfit: FloatArray) -> float:
+def _scale(curve: FrictionCurve, model: Model, values: FloatArray) -> float:
     """Standard deviation from the median absolute residual.
 
     k residuals are small by construction, so the smallest k - 1 are left out (Street, Carroll and
     Ruppert 1988). The median of few residuals scatters: the last factor, 1 for many, keeps it
     from setting good points aside.
     """
-    median = float(np.median(np.sort(np.abs(misfit))[model.size - 1 :]))
-    return max(_MAD * _caution(misfit.size, model) * median, scale_floor(curve))
-
-
-def _sharper_scale(curve: FrictionCurve, model: Model, misfit: FloatArray, rough: float) -> float:
-    """Standard deviation from the weighted squares of the points that count.
-
-    On normal scatter these are 0.83 of the squares that their weights would have.
-    """
-    weight = _tukey(misfit / rough)
-    freedom = float(weight.sum()) - model.size
-    if freedom <= 1.0:
-        return rough
-    sharp = math.sqrt(float(np.sum(weight * misfit**2)) / freedom / _NORMAL_SHARE)
-    return max(sharp * _caution(misfit.size, model), scale_floor(curve))
-
-
-def _caution(points: int, model: Model) -> float:
-    return 1.0 + _SMALL_SAMPLE / (points - model.size)
+    ordered = np.sort(np.abs(_misfit(curve, values)))
+    caution = 1.0 + _SMALL_SAMPLE / (ordered.size - model.size)
+    return max(_MAD * caution * float(np.median(ordered[model.size - 1 :])), scale_floor(curve))
