@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy import stats
 from scipy.special import ndtr
 
@@ -74,61 +73,28 @@ class ViscousTest:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StribeckFit:
+class StribeckFit(Solution):
     """A fitted law with its uncertainty.
 
     Attributes:
         law: The fitted law.
-        curve: What it was fitted to.
-        names: The estimated coefficients, k of ``static``, ``kinetic``, ``decay``, ``viscous``.
-        covariance: Their covariance matrix, shape (k, k).
         decay_interval: 95 % profile interval of ``decay`` [s/m].
-        solution: The numbers behind it.
         viscous_test: The test of the viscous slope; ``None`` with too few points for it.
     """
 
     law: Stribeck
-    curve: FrictionCurve
-    names: tuple[str, ...]
-    covariance: FloatArray
     decay_interval: tuple[float, float]
-    solution: Solution
-    viscous_test: ViscousTest | None = None
+    viscous_test: ViscousTest | None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The estimated coefficients, k of ``static``, ``kinetic``, ``decay``, ``viscous``."""
+        return self.model.names
 
     @property
     def estimate(self) -> FloatArray:
-        """The estimated coefficients, shape (k,)."""
+        """Their values, shape (k,)."""
         return np.array([getattr(self.law, name) for name in self.names])
-
-    @property
-    def weight(self) -> FloatArray:
-        """Tukey's weight of each point, 1 counts fully, 0 not at all, shape (n,)."""
-        return self.solution.weight
-
-    @property
-    def residual(self) -> FloatArray:
-        """Measured minus fitted coefficient, shape (n,) [-]."""
-        return self.solution.residual
-
-    @property
-    def leverage(self) -> FloatArray:
-        """How far each point draws the curve to itself, 0 to 1, shape (n,)."""
-        return self.solution.leverage
-
-    @property
-    def scale(self) -> float:
-        """Standard deviation of a point, in units of its ``std`` [-]."""
-        return math.sqrt(self.solution.variance)
-
-    @property
-    def degrees_of_freedom(self) -> float:
-        """Sum of the weights less k."""
-        return self.solution.freedom
-
-    @property
-    def t_quantile(self) -> float:
-        """How many standard errors make a 95 % interval."""
-        return self.solution.t_quantile
 
     @property
     def standard_error(self) -> FloatArray:
@@ -156,7 +122,7 @@ class StribeckFit:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a user should know before believing the fit, one sentence each."""
-        curve, found = self.curve, list(_questions(self.curve))
+        curve, found = self.curve, _questions(self.curve)
         share = self.outliers.size / self.weight.size
         if share > _MANY_OUTLIERS:
             found.append(
@@ -205,13 +171,6 @@ class StribeckFit:
             ' another shape than the Stribeck law, so that errors and intervals are too small'
         ]
 
-    def band(self, speed: ArrayLike) -> FloatArray:
-        """Half width of the curve's pointwise 95 % confidence band at speeds >= 0 [-]."""
-        v = np.asarray(speed, dtype=float)
-        gradient = self.solution.gradient(v)
-        variance = np.einsum('ni,ij,nj->n', gradient, self.solution.covariance, gradient)
-        return self.t_quantile * np.sqrt(np.maximum(variance, 0.0))
-
 
 def fit_stribeck(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit:
     """Fit the Stribeck law to a measured curve.
@@ -245,9 +204,11 @@ def fit_stribeck(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit
 
 def _fitted(curve: FrictionCurve, viscous: Viscous) -> StribeckFit:
     """The fit of a curve of sound numbers."""
-    _require_points(curve, Model(viscous=viscous == 'yes'))
+    lack = _lack_of_points(curve, Model(viscous=viscous == 'yes'))
+    if lack:
+        raise FitError(lack)
     test = None
-    if _lack_of_points(curve, Model(viscous=True)) is None:
+    if not _lack_of_points(curve, Model(viscous=True)):
         full = solve(curve, Model(viscous=True))
         test = _viscous_test(full)
         if viscous == 'yes' and test.t_value < -_SIGNIFICANT:
@@ -264,19 +225,18 @@ def _identified(free: Solution, test: ViscousTest | None) -> StribeckFit:
     """The fit, if the curve identifies it."""
     _require_kept(free)
     _require_fall(free)
-    interval = free.decay_interval()
+    interval = free.profile_interval()
     _require_decay(free, interval)
-    solution = free
+    best = free
     if free.values[1] < 0.0:
-        solution = solve(free.curve, replace(free.model, kinetic=False))
-        _require_kept(solution)
-        interval = solution.decay_interval()
-    covariance = solution.by_name @ solution.covariance @ solution.by_name.T
-    _require_distinct(solution, covariance)
-    kinetic, viscous = (max(float(value), 0.0) for value in solution.values[[1, 3]])
-    law = Stribeck(kinetic + solution.fall, kinetic, solution.decay, viscous)
-    names = solution.model.names
-    return StribeckFit(law, solution.curve, names, covariance, interval, solution, test)
+        best = solve(free.curve, replace(free.model, kinetic=False))
+        _require_kept(best)
+        interval = best.profile_interval()
+    _require_distinct(best)
+    kinetic, viscous = (max(float(value), 0.0) for value in best.values[[1, 3]])
+    law = Stribeck(kinetic + best.fall, kinetic, best.decay, viscous)
+    numbers = (best.curve, best.model, best.values, best.weight, best.median_scale)
+    return StribeckFit(*numbers, law, interval, test)
 
 
 def _viscous_test(full: Solution) -> ViscousTest:
@@ -286,11 +246,11 @@ def _viscous_test(full: Solution) -> ViscousTest:
     best = rate[int(np.argmin(plain.profile(rate)))]
     start = np.array([full.values[0], full.values[1], math.log(best / np.ptp(curve.speed)), 0.0])
     root = np.sqrt(full.weight)
-    values = descend(curve, plain.model, start, root / full.scale)
+    values = descend(curve, plain.model, start, root / full.median_scale)
     residual = curve.coefficient - coefficient_at(curve, values)
     gain = max(float(np.sum(full.row_weight * residual**2)) - full.squares, 0.0)
     f_value, error = gain / full.variance, math.sqrt(full.covariance[3, 3])
-    p_value = float(stats.f.sf(f_value, 1.0, max(full.freedom, 1.0)))
+    p_value = float(stats.f.sf(f_value, 1.0, max(full.degrees_of_freedom, 1.0)))
     count = float(full.weight.sum())
     floor = count * scale_floor(curve) ** 2
     lower = count * math.log(max(full.squares + gain, floor) / max(full.squares, floor))
@@ -321,7 +281,7 @@ def _require_numbers(curve: FrictionCurve) -> None:
             )
 
 
-def _questions(curve: FrictionCurve) -> tuple[str, ...]:
+def _questions(curve: FrictionCurve) -> list[str]:
     """What a user is asked about numbers that look like another unit, one question each."""
     found = []
     top = int(np.argmax(np.abs(curve.coefficient))) if curve.coefficient.size else 0
@@ -335,17 +295,11 @@ def _questions(curve: FrictionCurve) -> tuple[str, ...]:
         found.append(
             f'a sliding speed of {fastest:.3g} m/s is unusual: is it in rpm (--speed-unit rpm)?'
         )
-    return tuple(found)
+    return found
 
 
-def _require_points(curve: FrictionCurve, model: Model) -> None:
-    """Refuse a curve with too few points or too few different speeds."""
-    lacking = _lack_of_points(curve, model)
-    if lacking is not None:
-        raise FitError(lacking)
-
-
-def _lack_of_points(curve: FrictionCurve, model: Model) -> str | None:
+def _lack_of_points(curve: FrictionCurve, model: Model) -> str:
+    """Whether there are too few points or too few different speeds, as a sentence."""
     n, k = curve.speed.size, model.size
     coefficients = f'{k} coefficients ({", ".join(model.names)})'
     if n < k + SPARE_POINTS:
@@ -354,11 +308,7 @@ def _lack_of_points(curve: FrictionCurve, model: Model) -> str | None:
             f' {SPARE_POINTS} more to judge them by'
         )
     distinct = np.unique(curve.speed).size
-    return (
-        None
-        if distinct >= k
-        else f'different speeds = {distinct} must be at least {k}: {coefficients}'
-    )
+    return f'different speeds = {distinct} must be at least {k}: {coefficients}' * (distinct < k)
 
 
 def _require_kept(solution: Solution) -> None:
@@ -385,7 +335,7 @@ def _require_fall(solution: Solution) -> None:
         constant = np.concatenate([constant, solution.curve.speed[None, :, None]], axis=2)
     gain = solution.least_squares_of(constant)[0] - solution.squares
     f_value = gain / 2.0 / solution.variance
-    least = float(stats.f.isf(FALL_LEVEL, 2.0, solution.freedom))
+    least = float(stats.f.isf(FALL_LEVEL, 2.0, solution.degrees_of_freedom))
     if not f_value > least:
         raise FitError(
             f'F = {f_value:.3g} of the falling part must be above {least:.3g} (0.1 % level): no'
@@ -417,8 +367,9 @@ def _require_decay(solution: Solution, interval: tuple[float, float]) -> None:
         )
 
 
-def _require_distinct(solution: Solution, covariance: FloatArray) -> None:
+def _require_distinct(solution: Solution) -> None:
     """Refuse coefficients of which the curve knows only a combination."""
+    covariance = solution.covariance
     if not np.all(np.isfinite(covariance)):
         raise FitError(
             f'decay = {solution.decay:.3g} s/m: the covariance of the coefficients must be finite,'

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import stats
 from scipy.optimize import brentq, least_squares
 
@@ -66,14 +67,14 @@ class Solution:
         values: The drop of the decaying part at the lowest speed [-], ``mu_k`` [-], ``ln beta``
             [ln s/m] and ``nu`` [s/m], shape (4,).
         weight: Tukey's weight of each point, shape (n,).
-        scale: Standard deviation of a point, in units of its ``std`` [-].
+        median_scale: Standard deviation by the median residual that the weights go by [-].
     """
 
     curve: FrictionCurve
     model: Model
     values: FloatArray
     weight: FloatArray
-    scale: float
+    median_scale: float
 
     @property
     def decay(self) -> float:
@@ -96,7 +97,12 @@ class Solution:
         return self.weight / self.curve.std**2
 
     @property
-    def freedom(self) -> float:
+    def scale(self) -> float:
+        """Standard deviation of a point, in units of its ``std`` [-]."""
+        return math.sqrt(self.variance)
+
+    @property
+    def degrees_of_freedom(self) -> float:
         """Degrees of freedom: the sum of the weights less k."""
         return float(self.weight.sum()) - self.model.size
 
@@ -112,7 +118,7 @@ class Solution:
         Huber and Ronchetti, Robust Statistics, 2nd ed., eq. (7.81).
         """
         n, p = self.weight.size, self.model.size
-        ratio = (self.residual / (self.scale * self.curve.std * TUKEY)) ** 2
+        ratio = (self.residual / (self.median_scale * self.curve.std * TUKEY)) ** 2
         slope = np.where(ratio < 1.0, (1.0 - ratio) * (1.0 - 5.0 * ratio), 0.0)
         mean = max(float(slope.mean()), 0.1)
         correction = 1.0 + p / n * float(slope.var()) / mean**2
@@ -123,7 +129,7 @@ class Solution:
     @property
     def t_quantile(self) -> float:
         """How many standard errors make a 95 % interval."""
-        return float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, self.freedom))
+        return float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, self.degrees_of_freedom))
 
     @property
     def leverage(self) -> FloatArray:
@@ -134,7 +140,15 @@ class Solution:
 
     @property
     def covariance(self) -> FloatArray:
-        """``s^2 (J'WJ)^-1`` of the free values, shape (k, k); ``inf`` where it is singular."""
+        """``s^2 (J'WJ)^-1`` of the named coefficients, (k, k); ``inf`` where it is singular."""
+        away = self.decay * float(self.curve.speed.min())
+        by_value = np.diag([math.exp(away), 1.0, self.decay, 1.0])
+        by_value[0, 1:3] = 1.0, self.fall * away
+        free = self.model.free
+        return by_value[np.ix_(free, free)] @ self._covariance() @ by_value[np.ix_(free, free)].T
+
+    def _covariance(self) -> FloatArray:
+        """The same of the free values."""
         rows, size = self._scaled_gradient()
         if np.all(np.isfinite(rows)) and np.all(size > 0.0):
             triangle = np.linalg.qr(rows / size, mode='r')
@@ -143,13 +157,11 @@ class Solution:
                 return self.variance * (inverse @ inverse.T)
         return np.full((size.size, size.size), np.inf)
 
-    @property
-    def by_name(self) -> FloatArray:
-        """Derivatives of static, kinetic, decay and viscous by the free values, (k, k)."""
-        away = self.decay * float(self.curve.speed.min())
-        matrix = np.diag([math.exp(away), 1.0, self.decay, 1.0])
-        matrix[0, 1:3] = 1.0, self.fall * away
-        return matrix[np.ix_(self.model.free, self.model.free)]
+    def band(self, speed: ArrayLike) -> FloatArray:
+        """Half width of the curve's pointwise 95 % confidence band at speeds >= 0 [-]."""
+        gradient = self.gradient(np.asarray(speed, dtype=float))
+        variance = np.einsum('ni,ij,nj->n', gradient, self._covariance(), gradient)
+        return self.t_quantile * np.sqrt(np.maximum(variance, 0.0))
 
     def gradient(self, speed: FloatArray) -> FloatArray:
         """Derivatives of the law at speeds, shape (n,), by the free values, shape (n, k)."""
@@ -172,7 +184,7 @@ class Solution:
         seen = np.einsum('bnk,n->bk', left, target) * (size > 1e-12 * size[:, :1])
         return np.sum((target - np.einsum('bnk,bk->bn', left, seen)) ** 2, axis=1)
 
-    def decay_interval(self) -> tuple[float, float]:
+    def profile_interval(self) -> tuple[float, float]:
         """95 % profile interval of ``beta`` [s/m]; 0 or ``inf`` where it has no end.
 
         Bates and Watts, Nonlinear Regression Analysis, ch. 6.

@@ -90,13 +90,6 @@ def test_a_level_that_tells_nothing_is_refused(level: np.ndarray, words: str) ->
         level_threshold('/level', level)
 
 
-def test_the_core_of_a_short_report_is_its_middle() -> None:
-    report = VibrationReport('aft', 10 * BIN_NS, 30 * BIN_NS, True, 4.0, 0.9, '')
-    assert report.core == (14 * BIN_NS, 26 * BIN_NS)
-    short = VibrationReport('aft', 10 * BIN_NS, 16 * BIN_NS, True, 4.0, 0.9, '')
-    assert short.core == (13 * BIN_NS, 13 * BIN_NS)
-
-
 def test_a_dip_begins_anew_after_rest_a_gap_and_fast_stretches(coast: Coast) -> None:
     course, reports = coast()
     speed = course.speed.copy()
