@@ -64,7 +64,7 @@ docs: $(VENV)/.docs  ## Build the docs as a site in build/site; a warning is an 
 bags: $(VENV)/.run  ## Make the recordings of bags/ again from their scenes
 	$(BIN)/python scripts/make_bags.py
 
-bench: $(VENV)/.bench  ## Compare with what others use, some minutes; writes docs/benchmarks.md
+bench: $(VENV)/.bench  ## Compare with what others use, some minutes; writes docs/accuracy.md
 	$(BIN)/python -m benchmarks $(BENCH_ARGS)
 
 warning-quality: $(VENV)/.bench  ## Judge the warnings over 280 voyages, three minutes; writes docs/warning_quality.md
@@ -73,7 +73,7 @@ warning-quality: $(VENV)/.bench  ## Judge the warnings over 280 voyages, three m
 calibration-study: $(VENV)/.bench  ## What calibration reaches, 25 minutes; writes docs/calibration.md
 	$(BIN)/python -m benchmarks.calibration_study
 
-bench-soak: $(VENV)/.bench  ## Add ten minutes of telemetry at 1 kHz to docs/benchmarks.md
+bench-soak: $(VENV)/.bench  ## Add ten minutes of telemetry at 1 kHz to docs/accuracy.md
 	$(BIN)/python -m benchmarks --soak
 
 fuzz: $(VENV)/.test  ## Read thousands of damaged recordings beside MCAP's own reader

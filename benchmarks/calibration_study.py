@@ -46,7 +46,7 @@ from stickslip_monitor.lab.scenes.scene import load_scene
 from stickslip_monitor.lab.voyages import OURS, Sailed, cases_of
 from stickslip_monitor.lab.warning_quality import Quality, pooled
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.physics.averaging.dimensionless import decline, speed_for_decline
+from stickslip_monitor.physics.averaging.closed_form import decline, speed_for_decline
 from stickslip_monitor.physics.belief import Belief, probability_runs
 
 Array = NDArray[np.float64]

@@ -66,22 +66,7 @@ def _table(found: dict[int, dict[str, float]], start: float) -> Table:
             'ratio', '--mcap', '--clips', 'peak memory',
         ),
         rows=[_row(messages, parts) for messages, parts in found.items()],
-        notes=_NOTES,
     )  # fmt: skip
-
-
-_NOTES = """\
-2.59 million messages are a day. Cost and memory are linear and flat: from a million messages to a
-hundred million a check takes 0.43 to 0.47 us of processor time a message, and 140 to 155 MB.
-
-What is left of a check: reading, which is two fifths of it; the physics, a quarter (the
-boundaries of a load are worked out once); pairing, delays and sums, a third. 1.6 times reading is
-the aim, and is missed: it would take one pass over each block in compiled code where numpy makes
-some sixty.
-
-With `--mcap` a day is 20 million messages, 86,400 of them diagnostics of two bearings with some
-seventy texts each. 5 s is the aim, and is missed: two thirds of the time are these texts, made one
-by one in Python; it would take columns of texts of one length, or a tick every ten seconds."""
 
 
 def _row(messages: int, parts: dict[str, float]) -> list[str]:

@@ -14,19 +14,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import aiohttp
-from aiohttp import web
 
 from benchmarks.table import NOT_INSTALLED, Table, absent
 from scripts.make_screenshot import CHROMIUM, Page, program
 from stickslip_monitor.commands.dashboard import watched
-from stickslip_monitor.dashboard.access import Access
-from stickslip_monitor.dashboard.doors import listen
-from stickslip_monitor.dashboard.server import Server
+from stickslip_monitor.dashboard.access import Access, listen
+from stickslip_monitor.dashboard.server import Server, make_runner
 from stickslip_monitor.dashboard.state import DashboardState
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME, load_config
 from stickslip_monitor.monitor.messages import bearing_record, state_of
 from stickslip_monitor.monitor.monitor import Monitor
+from stickslip_monitor.monitor.signals import Input
 
 REFERENCE = Path(__file__).parents[1] / 'launch_configs' / 'reference_bearing.yaml'
 COLUMNS = ('bearings, each told', 'tabs', 'main thread of a tab', 'dashboard')
@@ -67,7 +66,7 @@ async def _measure(bearings: int, rate: float, tabs: int, seconds: float) -> tup
     """Busy shares of the first tab's main thread and of this process."""
     config = _fleet(bearings)
     board = DashboardState([watched(config, f'/{NODE_NAME}')])
-    runner = web.AppRunner(Server(board, Access()).application(), access_log=None)
+    runner = make_runner(Server(board, Access()).application())
     await runner.setup()
     listening = await listen(runner, '127.0.0.1', 0)
     url = f'http://127.0.0.1:{listening.sockets[0].getsockname()[1]}/'
@@ -88,8 +87,8 @@ async def _feed(config: MonitorConfig, board: DashboardState, rate: float) -> No
         now_ns = time.time_ns()
         for k, bearing in enumerate(monitor.bearings.values()):
             rpm = 40.0 + 20.0 * math.sin(0.1 * step / rate + k)
-            for is_load, value in enumerate((rpm, 1000.0)):
-                bearing.update(is_load, now_ns, value)
+            bearing.update(Input.SPEED, now_ns, rpm)
+            bearing.update(Input.LOAD, now_ns, 1000.0)
             shown.take_record(bearing_record(state_of(bearing)))
         late = asyncio.get_running_loop().time() - begin
         await asyncio.sleep(max((step + 1) / rate - late, 0.0))

@@ -169,11 +169,4 @@ def _table(found: dict[str, _Result | str]) -> Table:
         ),
         columns=('method', 'time', 'Hopf [rpm]', 'fold [rpm]', 'error', 'ratio'),
         rows=rows,
-        notes=_NOTES,
     )
-
-
-_NOTES = """\
-What remains of the exact cycles is the unstable branch, whose turning points are roots of the
-return map, some 30 turns for each cycle. With a sharper law AUTO does not come around the fold,
-where the branch turns within the width of smoothing."""

@@ -132,12 +132,4 @@ def _table(found: dict[str, _Result | str]) -> Table:
         ),
         columns=('integrator', 'per simulated second', 'error of the amplitude', 'ratio'),
         rows=rows,
-        notes=_NOTES,
     )
-
-
-_NOTES = """\
-What remains of ours in a call as short as ten cycles is not the motion (a fifth of the time) but
-making arrays for the inner loops and working out 2000 samples; the long call shows the motion,
-above all the products of series in its Taylor steps: the 0.2 ms that were asked for are met to 5 %
-on a machine with nothing else to do."""

@@ -57,7 +57,6 @@ def run(quick: bool) -> Table:
             'answered',
         ),
         rows=rows,
-        notes=_NOTES,
     )
 
 
@@ -68,21 +67,6 @@ of its topics, which are all listened to. Latency is from the publication of a s
 of its answer (of the monitor, the Hopf margin). CPU is the share of a core of the node's process
 with all threads of DDS. Lost is what the node has not counted as a sample; where it was late, the
 last of the samples that waited has the answer. The ratio is that of the CPU."""
-
-_NOTES = """\
-What remains, of a profile of the node's callbacks at 100 Hz: publishing five messages 35 %, nearly
-all of it in DDS; evaluating (the monitor's update) 28 %; working out the numbers that are
-published, the amplitudes above all, 12 %; taking messages and putting those that wait in order.
-`publish_period`, and topics that nobody listens to, spare the first and the third. The bare node
-publishes one message for each that it hears, the monitor five: with one topic listened to the two
-are close. The node's executor wakes for work only where rclpy has one that does (EventsExecutor,
-from Kilted on); the bare node spins as rclpy's tutorials do.
-
-Asked for were at most 1.6 times the CPU and 1.5 times p50, and 60 % of a core at 1 kHz with p99
-below 20 ms. At 10 Hz a fifth of the CPU is what the node does without any message, ten looks at
-the inputs and a set of diagnostics a second; below 1.6 times it would take publishing fewer
-messages. At 1 kHz p50 is that of a burst: the messages that wait are taken together, and the last
-has the answer."""
 
 
 def _row(stretches: list[Stretch]) -> tuple[float, ...]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""docs/benchmarks.md: a head that says on what machine, and a section for each part."""
+"""The end of docs/accuracy.md: on what machine, and a section for each part."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'benchmarks.md'
+PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'accuracy.md'
 PACKAGES = (
     'numpy',
     'scipy',
@@ -26,17 +26,8 @@ PACKAGES = (
     'ros-kilted-rmw-fastrtps-cpp',
 )
 DEBIAN = ('auto-07p', 'gfortran', 'python3-siconos')
-INTRO = """\
-# Benchmarks
-
-Made by `make bench`, which installs what it compares with (the extra `bench`), runs every
-comparison and writes this page. AUTO-07p takes part where Debian's `auto-07p` and `gfortran` are
-installed, Siconos where `python3-siconos` is. `python -m benchmarks --quick` prints a short run
-instead, `--only reading,diagram` makes some sections again, and `make bench-soak` adds ten minutes
-at 1 kHz. The programs compared take turns within one run, so that other load on the machine
-affects them alike. A ratio is the other program's time divided by ours, unless its heading says
-otherwise.
-"""
+MARK = '<!-- benchmarks -->\n'
+"""What stands above it on the page is kept."""
 
 
 def machine() -> str:
@@ -62,7 +53,7 @@ def render(sections: Mapping[str, str], order: tuple[str, ...], old: str = '') -
     kept = _sections(old) if where in old else {}
     found = kept | dict(sections)
     body = [f'<!-- part: {name} -->\n\n{found[name].strip()}\n' for name in order if name in found]
-    return '\n'.join([INTRO, where + '\n', *body])
+    return '\n'.join([old.partition(MARK)[0] + MARK + where + '\n', *body])
 
 
 def _sections(page: str) -> dict[str, str]:

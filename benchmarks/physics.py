@@ -83,14 +83,6 @@ def run(quick: bool = False) -> Table:
         ),
         columns=('what', 'points a second', 'a point takes', 'ratio to exp'),
         rows=rows,
-        notes=(
-            'In bulk the Bessel functions, the gather of polynomials and the nodes of the averages'
-            ' remain. One by one everything is worked out in Python numbers, with the bits that it'
-            ' has in arrays; numpy gives logarithms, exponentials and the ten nodes of an average.'
-            ' A point at the load of the one before takes its boundaries over, as the first of'
-            ' these do; the updates bring a new load every other time. Of an update a third is'
-            ' making its immutable results, a third the decision, a quarter the boundaries.'
-        ),
     )
 
 

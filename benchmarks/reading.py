@@ -167,10 +167,4 @@ def _table(times: dict[str, Times], count: int) -> Table:
         ),
         columns=('reader', 'million/s, median of 3', 'best', 'time', 'ratio'),
         rows=rows,
-        notes=_NOTES,
     )
-
-
-_NOTES = """\
-What remains of ours: decompression, a third of the processor time, by a second thread ahead of the
-first; then the message index, copying fields out of the chunks, and joining the parts."""

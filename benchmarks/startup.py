@@ -50,16 +50,7 @@ def run(quick: bool) -> Table:
         ),
         columns=('command', 'CPU, best', 'CPU, median', 'wall, best', 'wall, median'),
         rows=rows,
-        notes=_NOTES,
     )
-
-
-_NOTES = """\
-Help loads neither numpy nor the monitor. Of a check numpy takes a quarter, the rest are the
-modules of the monitor, most of all making their dataclasses, and the bag's libraries; the Bessel
-functions come from scipy's compiled module alone, as the package takes longer to import than all
-of ours. Asked for were 0.3 s: help is well below them, a whole check is not, and would be only if
-the monitor were imported in parts."""
 
 
 def _once(arguments: tuple[str, ...]) -> tuple[float, float]:

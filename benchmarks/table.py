@@ -12,7 +12,7 @@ NOT_INSTALLED = 'not installed'
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A section of docs/benchmarks.md.
+    """A section of docs/accuracy.md.
 
     Attributes:
         title: Its heading.

@@ -11,7 +11,7 @@ knows the Stribeck law without viscous rise. With ``K = N Delta beta / c``, ``w 
                                   a cycle, where there is one, is larger than V
     S(a; V) = (1/pi) integral_0^pi mu(V - a cos t) cos t dt, in two pieces about arccos(V/a)
 
-The rule of the decision is followed from sample to sample in the plainest way: the growth of a
+The rule of docs/alarms.md is followed from sample to sample in the plainest way: the growth of a
 disturbance, the time since the fold, and a counter for each condition.
 """
 
@@ -37,6 +37,11 @@ from stickslip_monitor.physics.friction import Stribeck
 # Noise of this many standard deviations, on both signals at once, is allowed for.
 SIGMAS = 4.0
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
+# Averaging gives amplitudes that are up to 2 % too small from 30 rpm on (docs/findings.md).
+_AVERAGED = 0.98
+# A cycle outlives the fold by so many 2 m/c; what returns within so many off-delays is held for as
+# many; lags of the speed's two means [s].
+_DECAY, _HOLD, _FAST, _SLOW = 4.8, 6.0, 1.0, 4.0
 _LADDER = ('normal', 'caution', 'bistable', 'stick_slip', 'amplitude_limit')
 
 FloatArray = NDArray[np.float64]
@@ -90,8 +95,11 @@ def expected_events(scene: Scene, bag: Bag) -> list[ExpectedEvent]:
     return sorted(found, key=lambda event: event.time)
 
 
-def boundaries(config: BearingConfig) -> dict[str, Inside]:
-    """By name, functions of speed [m/s] and load [N] that are above 0 inside a boundary."""
+def boundaries(config: BearingConfig, small: float = 1.0) -> dict[str, Inside]:
+    """By name, functions of speed [m/s] and load [N] that are above 0 inside a boundary.
+
+    Averaging takes amplitudes for ``small`` times what they are.
+    """
     bearing, alarm, law = config.bearing, config.alarm, config.bearing.friction
     if not isinstance(law, Stribeck) or law.viscous:
         raise ValueError(f'{config.name}: closed forms need a Stribeck law without viscous rise')
@@ -128,8 +136,10 @@ def boundaries(config: BearingConfig) -> dict[str, Inside]:
         'caution_clear': fold(alarm.caution_margin + alarm.hysteresis),
     }
     if math.isfinite(alarm.amplitude_limit):
-        found['amplitude'] = amplitude(alarm.amplitude_limit)
-        found['amplitude_clear'] = amplitude(alarm.amplitude_limit * (1.0 - alarm.hysteresis))
+        found['amplitude'] = amplitude(small * alarm.amplitude_limit)
+        found['amplitude_clear'] = amplitude(
+            small * alarm.amplitude_limit * (1.0 - alarm.hysteresis)
+        )
     return {name: turning(inside) for name, inside in found.items()}
 
 
@@ -192,10 +202,6 @@ def noise(scene: Scene, config: BearingConfig) -> tuple[float, float]:
     return deviation['speed'], deviation['load']
 
 
-def _shifted(inside: Inside, speed_error: float, load_error: float) -> Inside:
-    return lambda speed, load: inside(speed + speed_error, load + load_error)
-
-
 def _roots(inside: Inside, track: Track) -> list[tuple[float, bool]]:
     """Where a track crosses a boundary, and whether it is inside from there on."""
     points = zip(track.time.tolist(), track.speed.tolist(), track.load.tolist(), strict=True)
@@ -209,12 +215,16 @@ def _roots(inside: Inside, track: Track) -> list[tuple[float, bool]]:
 
 def _of_bearing(scene: Scene, config: BearingConfig, track: Track) -> Iterator[ExpectedEvent]:
     """Follow the rule without noise, and with it at its worst on both signals."""
-    rates = [channel.rate for channel in scene.channels if config in channel.bearings]
+    rates = {
+        channel.quantity: channel.rate
+        for channel in scene.channels
+        if config in channel.bearings and channel.quantity != 'level'
+    }
     spread = noise(scene, config)
     nominal = _follow(config, track, rates, 0.0, 0.0)
     shifted = [
-        _follow(config, track, rates, up * spread[0], more * spread[1])
-        for up, more in product((-SIGMAS, SIGMAS), repeat=2)
+        _follow(config, track, rates, up * spread[0], more * spread[1], small)
+        for up, more, small in product((-SIGMAS, SIGMAS), (-SIGMAS, SIGMAS), (1.0, _AVERAGED))
     ]
     if any([row[1:] for row in other] != [row[1:] for row in nominal] for other in shifted):
         raise ValueError(f'{config.name}: noise decides which alarms are due')
@@ -228,8 +238,11 @@ def _of_bearing(scene: Scene, config: BearingConfig, track: Track) -> Iterator[E
             boundary=boundary,
             crossing=crossing,
             time=time,
-            earliest=min(times) - 1.0 / max(rates),
-            latest=max(times) + sum(1.0 / rate for rate in rates),
+            earliest=min(times) - 1.0 / max(rates.values()),
+            # An amplitude is worked out once a second.
+            latest=max(times)
+            + sum(1.0 / rate for rate in rates.values())
+            + (1.0 if 'amplitude_limit' in (_LADDER[before], _LADDER[after]) else 0.0),
         )
 
 
@@ -246,150 +259,148 @@ def _crossing(
 
 
 def _follow(
-    config: BearingConfig, track: Track, rates: list[float], speed_error: float, load_error: float
+    config: BearingConfig,
+    track: Track,
+    rates: dict[str, float],
+    speed_error: float,
+    load_error: float,
+    small: float = 1.0,
 ) -> list[tuple[float, int, int]]:
-    """The changes of rung of a track sampled at two rates [Hz]: time [s], before, after."""
-    rate = max(rates)
-    rule = _Rule(config, 1.0 / rate, 1.0 / min(rates), speed_error, load_error)
+    """The changes of rung of a track sampled at some rates [Hz]: time [s], before, after."""
+    period = 1.0 / max(rates.values())
+    rule = _Rule(config, period, 1.0 / rates['speed'], speed_error, small)
+    speeds: list[float] = []
+    loads: list[float] = []
     found, rung = [], 0
-    for k in range(math.floor(float(track.time[-1]) * rate + 1e-9) + 1):
-        before, rung = rung, rule.take(*track.at(k / rate))
+    for k in range(math.floor(float(track.time[-1]) / period + 1e-9) + 1):
+        # Each value holds until the next of its input.
+        at_speed, at_load = (
+            math.floor(k * period * rate + 1e-9) / rate for rate in (rates['speed'], rates['load'])
+        )
+        if at_speed > k * period - 1e-9:
+            speeds = [*speeds[-2:], track.at(at_speed)[0] + speed_error]
+        if at_load > k * period - 1e-9:
+            loads = [*loads[-2:], track.at(at_load)[1] + load_error]
+        before, rung = rung, rule.take(speeds, loads)
         if rung != before:
-            found.append((k / rate, before, rung))
+            found.append((k * period, before, rung))
     return found
 
 
 class _Counter:
-    """A condition with an integrating delay, which keeps longer when it keeps returning."""
+    """A condition that changes after a net time; what returns soon is held for longer."""
 
-    def __init__(self, on_delay: float, off_delay: float, holds: tuple[int, ...]) -> None:
-        self.on_delay, self.off_delay, self.holds = on_delay, off_delay, holds
+    def __init__(self, on_delay: float, off_delay: float) -> None:
+        self.on_delay, self.off_delay = on_delay, off_delay
         self.on = False
         self.seconds = 0.0
-        self.times = 0
         self.cleared = -math.inf
+        self.hold = 1.0
 
-    def due(self) -> float:
-        """The delay that runs [s]."""
-        if not self.on:
-            return self.on_delay
-        return self.off_delay * self.holds[min(self.times, len(self.holds)) - 1]
-
-    def count(self, up: bool, seconds: float, rhythm: float) -> None:
+    def count(self, up: bool, seconds: float) -> None:
         """Time passes after a point that asks for a change, or not."""
-        share = min(1.0, self.due() / 3.0 / rhythm)
-        self.seconds = max(0.0, self.seconds + (1.0 if up else -1.0) * share * seconds)
+        self.seconds = max(0.0, self.seconds + (seconds if up else -seconds))
 
     def look(self, asks: bool, now: float) -> None:
         """Change where a point asks for it and the delay is over."""
-        if not asks or self.seconds < self.due() - 1e-9:
+        if not asks or self.seconds < self.hold * (self.off_delay if self.on else self.on_delay):
             return
-        self.on, self.seconds = not self.on, 0.0
-        if self.on:
-            self.times = self.times + 1 if now - self.cleared < 60 * self.off_delay else 1
-        else:
+        self.on, self.seconds, self.hold = not self.on, 0.0, 1.0
+        if not self.on:
             self.cleared = now
+        elif now - self.cleared < _HOLD * self.off_delay:
+            self.hold = _HOLD
 
 
 class _Rule:
-    """The rule of the decision on the samples of one bearing.
+    """The rule of the decision on the samples of one bearing, without a level or a belief.
 
     Args:
         config: The bearing.
         period: Of the input that comes more often [s].
-        rhythm: Period of the other one [s].
-        speed_error: Added to each speed [m/s].
-        load_error: Added to each load [N].
+        pace: Period of the speed [s].
+        speed_error: Contained in each speed [m/s].
+        small: See :func:`boundaries`.
     """
 
     def __init__(
-        self,
-        config: BearingConfig,
-        period: float,
-        rhythm: float,
-        speed_error: float,
-        load_error: float,
+        self, config: BearingConfig, period: float, pace: float, speed_error: float, small: float
     ) -> None:
         alarm, bearing = config.alarm, config.bearing
-        self.alarm, self.period, self.rhythm = alarm, period, rhythm
+        self.alarm, self.period, self.pace = alarm, period, pace
+        self.still = config.speed.deadband
         self.half = bearing.damping / (2.0 * bearing.mass)
-        self.inside = {
-            name: _shifted(own, speed_error, load_error)
-            for name, own in boundaries(config).items()
-        }
-        self.speed_error = speed_error
-        on, off = alarm.on_delay_ns * 1e-9, alarm.off_delay_ns * 1e-9
+        self.inside = boundaries(config, small)
+        # To half a rounding of the sum of periods.
+        on = max(alarm.on_delay_ns * 1e-9, 4.0 * pace) - 1e-6
+        self.off = max(alarm.off_delay_ns * 1e-9, 30.0 * pace) - 1e-6
         delays = [on, on, 0.0 if alarm.onset_growth else on, on]
-        holds = [(1, 60), (1, 60), (1, 6, 30), (1, 60)]
-        self.counters = [_Counter(own, off, hold) for own, hold in zip(delays, holds, strict=True)]
+        self.counters = [_Counter(own, self.off) for own in delays]
+        self.decay = _DECAY / self.half if alarm.onset_growth else 0.0
         self.sticking = False
-        self.grown = self.gone = 0.0
-        self.speeds: list[float] = []
-        self.before: tuple[dict[str, float], list[tuple[bool, bool]]] | None = None
-        self.now = -period
+        self.growth = self.dying = self.idle = self.now = 0.0
+        self.fast = self.slow = math.nan
+        self.before: tuple[float, bool, bool, list[tuple[bool, bool]]] | None = None
+        self.speed_error = speed_error
 
-    def take(self, speed: float, load: float) -> int:
-        """Take a point; return the rung."""
-        self.now += self.period
-        # The first value of an input does not count: nothing is known of its rhythm.
-        if self.before is not None and self.now > self.rhythm + 0.5 * self.period:
+    def take(self, speeds: list[float], loads: list[float]) -> int:
+        """Take the last three values of each input, at the next instant; return the rung."""
+        if self.before is not None:
             self._pass(*self.before)
-        self.speeds.append(speed + self.speed_error)
-        depths = {name: inside(speed, load) for name, inside in self.inside.items()}
-        self._latch(depths)
-        asks = self._asks(depths, load)
+        speed, load = (sorted(values)[len(values) // 2] for values in (speeds, loads))
+        still = speeds[-1] - self.speed_error <= self.still
+        depths = {
+            name: -1.0 if still else inside(speed, load) for name, inside in self.inside.items()
+        }
+        rate = -self.half if still else self.half * self.inside['hopf'](speeds[-1], loads[-1])
+        self._follow(speed)
+        beyond = not still and depths['fold'] <= 0.0
+        self._judge(rate, beyond, still)
+        asks = self._asks(depths, speed, load, still)
         for counter, own in zip(self.counters, asks, strict=True):
             counter.look(own[counter.on], self.now)
-        self.before = depths, asks
+        self.before = rate, beyond, still, asks
         on = [counter.on for counter in self.counters]
         on[3] = on[3] and on[2]
         return max((k for k, own in enumerate(on, 1) if own), default=0)
 
-    def _pass(self, depths: dict[str, float], asks: list[tuple[bool, bool]]) -> None:
+    def _pass(self, rate: float, beyond: bool, still: bool, asks: list[tuple[bool, bool]]) -> None:
         """The period after the point before has passed."""
-        most = self.alarm.onset_growth / 2.0 / (1.5 * self.rhythm)
-        rate = min(max(self.half * depths['hopf'], -most), most)
-        self.grown = 0.0 if self.sticking else max(0.0, self.grown + rate * self.period)
-        share = min(1.0, 4.8 / self.half / 3.0 / self.rhythm) * self.period
-        self.gone = max(0.0, self.gone + (-share if depths['fold'] > 0.0 else share))
-        for counter, own in zip(self.counters, asks, strict=True):
-            counter.count(own[counter.on], self.period, self.rhythm)
-
-    def _latch(self, depths: dict[str, float]) -> None:
+        self.now += self.period
         if self.sticking:
-            over = self.gone >= (4.8 / self.half if self.alarm.onset_growth else 0.0) - 1e-9
-            self.sticking = depths['fold'] > 0.0 or not over
-        elif depths['hopf'] > 0.0 and self.grown >= self.alarm.onset_growth:
-            self.sticking, self.gone = True, 0.0
+            self.dying = max(0.0, self.dying + (self.period if beyond else -self.period))
+            self.idle = max(0.0, self.idle + (self.period if still else -self.period))
+        else:
+            self.growth = max(0.0, self.growth + rate * self.period)
+        for counter, own in zip(self.counters, asks, strict=True):
+            counter.count(own[counter.on], self.period)
 
-    def _asks(self, depths: dict[str, float], load: float) -> list[tuple[bool, bool]]:
+    def _follow(self, speed: float) -> None:
+        """Two lags of the speed [1 s and 4 s], whose difference is its slope."""
+        if math.isnan(self.fast):
+            self.fast = self.slow = speed
+        self.fast += (speed - self.fast) * (1.0 - math.exp(-self.period / _FAST))
+        self.slow += (speed - self.slow) * (1.0 - math.exp(-self.period / _SLOW))
+
+    def _judge(self, rate: float, beyond: bool, still: bool) -> None:
+        """Whether stick-slip runs."""
+        if not self.sticking:
+            if rate > 0.0 and self.growth >= self.alarm.onset_growth:
+                self.sticking, self.dying, self.idle = True, 0.0, 0.0
+        elif (beyond and self.dying >= self.decay - 1e-6) or (still and self.idle >= self.off):
+            self.sticking, self.growth = False, 0.0
+
+    def _asks(
+        self, depths: dict[str, float], speed: float, load: float, still: bool
+    ) -> list[tuple[bool, bool]]:
         """For each condition whether it holds, and whether it is clear of it."""
         sticking = self.sticking
-        coming = sticking or self._coming(load)
+        slope = (self.fast - self.slow) / (_SLOW - _FAST)
+        future = speed + slope * self.alarm.look_ahead_ns * 1e-9
+        comes = not still and self.inside['fold'](max(future, 1e-9), load) > 0.0
+        coming = sticking or comes
         inside = sticking or depths['fold'] > 0.0
         over = sticking and depths.get('amplitude', -1.0) > 0.0
         small = not sticking or depths.get('amplitude_clear', -1.0) <= 0.0
         near, wide = (coming or depths[n] > 0.0 for n in ('caution', 'caution_clear'))
         return [(near, not wide), (inside, not inside), (sticking, not sticking), (over, small)]
-
-    def _coming(self, load: float) -> bool:
-        """Whether the trend of the last seconds takes the speed below the fold."""
-        late, early = self._mean(0.0, 1.75), self._mean(5.0, 10.0)
-        ahead = self.alarm.look_ahead_ns * 1e-9
-        if early is None or late is None or not ahead:
-            return False
-        slope = (late[1] - early[1]) / (early[0] - late[0])
-        future = late[1] + slope * (late[0] + ahead)
-        # The errors are in the speeds already.
-        return self.inside['fold'](max(future, 1e-9) - self.speed_error, load) > 0.0
-
-    def _mean(self, first: float, last: float) -> tuple[float, float] | None:
-        """Mean age [s] and mean of the speeds between two ages [s]."""
-        ages = range(round(first / self.period), round(last / self.period) + 1)
-        ages = range(ages.start, min(ages.stop, len(self.speeds)))
-        if not ages:
-            return None
-        known = self.speeds
-        values = [sorted(known[max(0, len(known) - k - 3) : len(known) - k]) for k in ages]
-        middle = [v[len(v) // 2] for v in values]
-        return sum(ages) / len(ages) * self.period, sum(middle) / len(middle)

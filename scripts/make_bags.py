@@ -119,10 +119,13 @@ def _episodes(scene: Scene, bag: Bag) -> list[dict[str, Any]]:
 
 
 def _events(scene: Scene, bag: Bag) -> list[dict[str, Any]] | None:
-    """The alarms that are due; None where no closed form knows them."""
+    """The alarms that are due; None where no closed form knows them, or noise decides."""
     if not {settings.name for settings in scene.effects} <= PLAIN:
         return None
-    return [event.record() for event in expected_events(scene, bag)]
+    try:
+        return [event.record() for event in expected_events(scene, bag)]
+    except ValueError:
+        return None
 
 
 def content_digest(bag: Path) -> str:

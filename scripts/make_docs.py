@@ -159,12 +159,7 @@ invalid change is refused with the same sentence as in a file.
 
 LIFE = re.compile(r'(?<=-->\n).*?(?=<!-- /lifecycle -->)', re.DOTALL)
 LINKS = re.compile(r'(?<=-->\n)[^<]*(?=<!-- /links -->)')
-FACTS = {
-    'suppressed': 'a reason for suppression holds',
-    'covered': 'a worse alarm covers it',
-    'active': 'the cause is there',
-    'held': 'it latches and its cause has been there',
-}
+FACTS = {'suppressed': 'suppressed', 'covered': 'covered', 'active': 'active', 'held': 'latching'}
 
 
 def _number(value: float) -> str:
@@ -255,14 +250,21 @@ def render_life() -> str:
     """The states and transitions of an alarm."""
     lines = ['', '| state | ISA-18.2 | meaning |', '|---|---|---|']
     lines += [f'| `{state}` | {state.letter} | {state.sentence} |' for state in AlarmState]
-    lines += ['', '| what happens | |', '|---|---|']
-    lines += [f'| `{trigger}` | {trigger.sentence} |' for trigger in Trigger]
-    lines += ['', '| in state | when | it becomes |', '|---|---|---|']
     lines += [
-        f'| {state} | {trigger} | {_targets(choices)} |'
-        for (state, trigger), choices in TABLE.items()
+        '',
+        '*Active*: the cause is there. *Suppressed*: it means nothing now. *Covered*: a worse'
+        ' alarm stands for it.\n*Latching*: it latches and has been active. *Recur*:'
+        f' {Trigger.RECUR.sentence}.',
     ]
-    lines += ['', 'Whatever is not in the table changes nothing, and a person is told so.', '']
+    lines += ['', '| in state | at | it becomes |', '|---|---|---|']
+    rows: dict[tuple[Trigger, tuple[Choice, ...]], list[str]] = {}
+    for (state, trigger), choices in TABLE.items():
+        rows.setdefault((trigger, choices), []).append(str(state))
+    lines += [
+        f'| {", ".join(states)} | {trigger} | {_targets(choices)} |'
+        for (trigger, choices), states in rows.items()
+    ]
+    lines += ['', 'Anything else changes nothing, and a person is told so.', '']
     return '\n'.join(lines) + '\n'
 
 

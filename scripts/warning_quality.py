@@ -14,10 +14,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from stickslip_monitor.commands.score_scenes import FIGURES, RULES, grouped, judge_all, written
+from stickslip_monitor.commands.score_scenes import FIGURES, RULES, judge_all, written
 from stickslip_monitor.drawing.canvas import save_figure
 from stickslip_monitor.drawing.trade_off import Curve, TradeOff, draw_trade_offs
-from stickslip_monitor.lab.scenes.scene import load_sensors_description
 from stickslip_monitor.lab.voyages import BELOW_FOLD, BELOW_HOPF, OURS, Call, Voyage
 from stickslip_monitor.lab.warning_quality import Quality, pooled
 from stickslip_monitor.monitor.config import BEARING_PARAMETERS, AlarmConfig
@@ -46,9 +45,11 @@ VARIED: dict[str, tuple[float, ...]] = {
 }
 _OF_ALARM = ('alarm.onset_growth', 'alarm.on_delay')
 _OF_WARNING = ('alarm.caution_margin', 'alarm.look_ahead')
-_SCENE_COLUMNS = (
-    'episodes', 'warned', 'newly_given', 'missed', 'detected', 'false_per_100h', 'unfounded_hours',
-    'far_warned', 'changes_per_hour', 'largest_burst', 'largest_given',
+# Rows of the page, and its columns beside those of the grades of sensors.
+_SHOWN = (
+    'hours', 'episodes', 'warned', 'newly_given', 'lead_median', 'missed', 'detected', 'told',
+    'detected_plain', 'false_per_100h', 'wrong_hours', 'unfounded_hours', 'far_warned',
+    'changes_per_hour', 'largest_burst', 'largest_given',
 )  # fmt: skip
 
 
@@ -106,26 +107,9 @@ def _is_main(voyage: Voyage) -> bool:
 
 def _page(voyages: Sequence[Voyage], seeds: range) -> Iterable[str]:
     own = [voyage for voyage in voyages if _is_main(voyage)]
-    yield f'Seeds {seeds[0]} to {seeds[-1]} of each scene.'
-    for sensors in SENSORS:
-        yield ''
-        yield f'### {load_sensors_description(sensors)}'
-        yield ''
-        yield from _totals([v for v in own if v.sensors == str(sensors)])
+    yield f'Seeds {seeds[0]} to {seeds[-1]} of each scene; the bare rules with ordinary sensors.'
     yield ''
-    yield '### Scene by scene'
-    yield ''
-    yield 'The monitor with ordinary sensors.'
-    yield ''
-    yield from _scenes([v for v in own if v.sensors == str(ORDINARY)])
-    yield ''
-    yield '### Measured vibration'
-    yield ''
-    yield 'The monitor with ordinary sensors, and with a level of measured vibration beside them.'
-    yield ''
-    yield from _with_level(own)
-    yield ''
-    yield '### A wrong source'
+    yield from _totals(own)
     yield ''
     yield from _wrong_source(voyages)
 
@@ -135,41 +119,16 @@ def _row(*cells: str) -> str:
 
 
 def _totals(voyages: Sequence[Voyage]) -> Iterable[str]:
-    yield _row('', *(f'`{label}`' if '<' in label else label for label in RULES.values()))
-    yield _row('---', *('---:' for _ in RULES))
-    rows = [pooled(v.rules[rule] for v in voyages).figures() for rule in RULES]
-    for name, (label, _) in FIGURES.items():
-        yield _row(label, *(written(name, row[name]) for row in rows))
-
-
-def _scenes(voyages: Sequence[Voyage]) -> Iterable[str]:
-    yield _row('scene', *(FIGURES[name][0] for name in _SCENE_COLUMNS))
-    yield _row('---', *('---:' for _ in _SCENE_COLUMNS))
-    for (scene,), quality in grouped(voyages, OURS, 'scene').items():
-        figures = quality.figures()
-        cells = (written(name, figures[name]) for name in _SCENE_COLUMNS)
-        yield _row(f'`{Path(scene).stem}`', *cells)
-
-
-_LEVEL_COLUMNS = ('episodes', 'detected', 'told', 'false_per_100h', 'wrong_hours')
-
-
-def _with_level(voyages: Sequence[Voyage]) -> Iterable[str]:
-    """Scene by scene without and with a level, and in all."""
-    labels = [FIGURES[name][0] for name in _LEVEL_COLUMNS]
-    with_level = [f'{label}, with a level' for label in labels[1:]]
-    yield _row('scene', *labels, *with_level)
-    yield _row('---', *('---:' for _ in (*labels, *with_level)))
-    parts = [
-        [v for v in voyages if v.sensors == str(sensors)] for sensors in (ORDINARY, WITH_LEVEL)
+    columns = {path.stem.replace('_', ', '): (OURS, path) for path in (*SENSORS, WITH_LEVEL)}
+    columns |= {f'`{RULES[rule]}`': (rule, ORDINARY) for rule in (BELOW_FOLD, BELOW_HOPF)}
+    yield _row('', *columns)
+    yield _row('---', *('---:' for _ in columns))
+    found = [
+        pooled(v.rules[rule] for v in voyages if v.sensors == str(path)).figures()
+        for rule, path in columns.values()
     ]
-    scenes = [grouped(part, OURS, 'scene') for part in parts]
-    rows = {f'`{Path(key[0]).stem}`': [own[key] for own in scenes] for key in scenes[0]}
-    rows['all'] = [pooled(v.rules[OURS] for v in part) for part in parts]
-    for name, pair in rows.items():
-        plain, level = (quality.figures() for quality in pair)
-        cells = [written(name, plain[name]) for name in _LEVEL_COLUMNS]
-        yield _row(name, *cells, *(written(n, level[n]) for n in _LEVEL_COLUMNS[1:]))
+    for name in _SHOWN:
+        yield _row(FIGURES[name][0], *(written(name, figures[name]) for figures in found))
 
 
 def _wrong_source(voyages: Sequence[Voyage]) -> Iterable[str]:

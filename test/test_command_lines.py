@@ -51,7 +51,12 @@ LINES = {(page.relative_to(ROOT).as_posix(), line) for page in PAGES for line in
 COMMANDS = sorted({' '.join(line.split()) for _, line in LINES if line.startswith('stickslip ')})
 # Those that need a cluster, a ship's bus or a node are run in test/offline, test/links and
 # test/ros, which have one; a line with an ellipsis is a pattern.
-RUN = [line for line in COMMANDS if not re.search(r'--scheduler| watch | health|\.\.\.', line)]
+# The quick page's lines build on one another.
+RUN = [
+    line
+    for line in COMMANDS
+    if not re.search(r'--scheduler| watch | health|\.\.\.|slow_down', line)
+]
 
 
 def faults(line: str) -> str:
@@ -85,7 +90,7 @@ def test_a_negative_value_needs_no_equals_sign(capsys: pytest.CaptureFixture[str
 
 def test_docs_have_command_lines() -> None:
     pages = {page for page, line in LINES if line.startswith('stickslip ')}
-    assert {'README.md', 'docs/fit.md', 'docs/dashboard.md'} <= pages
+    assert {'README.md', 'docs/quick.md', 'docs/fit.md', 'docs/dashboard.md'} <= pages
 
 
 def test_what_is_not_run_here_names_what_exists() -> None:
@@ -152,3 +157,24 @@ def test_command_line_runs_as_written(line: str, scratch: Path) -> None:
     # 1 says that warnings were found.
     assert program.returncode in (0, 1), printed
     assert 'Traceback' not in printed
+
+
+@pytest.mark.slow
+def test_the_quick_page_leads_to_the_first_alarm(tmp_path: Path) -> None:
+    (tmp_path / 'launch_configs').symlink_to(ROOT / 'launch_configs')
+    (block,) = re.findall(r'^```\n(.*?)^```', (ROOT / 'docs/quick.md').read_text(), re.M | re.S)
+    lines = [re.sub(r'\s+#\s.*', '', line) for line in block.splitlines()]
+    for line in lines:
+        if line.startswith('cp '):
+            shutil.copy(*(tmp_path / name for name in line.split()[1:]))
+        elif line.startswith('stickslip '):
+            program = start(line, tmp_path)
+            assert program.stdout is not None
+            if ' dashboard ' in line:
+                assert program.stdout.readline().startswith('Dashboard on http://')
+                program.send_signal(signal.SIGINT)
+            printed = program.communicate(timeout=300.0)[0]
+            # The bearing is unstable at the point, and the recording has warnings.
+            assert program.returncode == int(line.split()[1] in ('assess', 'check')), printed
+            if ' check ' in line:
+                assert re.search(r'bistable +stick_slip +Stick-slip predicted\.', printed)

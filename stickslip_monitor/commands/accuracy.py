@@ -12,6 +12,7 @@ import argparse
 import math
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 from rich.console import Console
@@ -40,7 +41,6 @@ from stickslip_monitor.lab.accuracy.measurement import (
     QUICK,
     Effort,
     Row,
-    Summary,
     columns,
     measure,
     pareto,
@@ -100,14 +100,13 @@ def measured(quick: bool) -> list[Row]:
 def to_json(rows: Sequence[Row]) -> dict[str, Any]:
     """The measurement as the documented JSON object."""
     table = columns(rows)
+    lines = zip(*([_plain(value) for value in values] for values in table.values()), strict=True)
     return {
         'schema': SCHEMA,
         'base': BASE.name,
-        'rows': [
-            {name: _plain(values[i]) for name, values in table.items()} for i in range(len(rows))
-        ],
+        'rows': [dict(zip(table, line, strict=True)) for line in lines],
         'methods': [
-            {name: _plain(getattr(summary, name)) for name in Summary.__slots__}
+            {name: _plain(value) for name, value in asdict(summary).items()}
             for summary in summarise(rows, BASE.name)
         ],
     }
@@ -201,12 +200,12 @@ def markdown(rows: Sequence[Row]) -> str:
 
 def _print(out: Console, rows: Sequence[Row]) -> None:
     headings, lines = table_cells(rows)
-    table = Table(
-        title='Relative error of the stick-slip amplitude',
-        title_justify='left',
-        caption='-: does not apply; none: finds no cycle; fails: does not converge.'
-        ' time: median per operating point.',
+    caption = (
+        '-: does not apply; none: finds no cycle; fails: does not converge.'
+        ' time: median per operating point.'
     )
+    title = 'Relative error of the stick-slip amplitude'
+    table = Table(title=title, title_justify='left', caption=caption)
     for i, heading in enumerate(headings):
         table.add_column(heading, justify='right' if i else 'left')
     for line in lines:

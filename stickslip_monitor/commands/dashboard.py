@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import ipaddress
 import math
 import socket
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,20 +25,19 @@ from rich.console import Console
 from stickslip_monitor.drawing.map import map_ranges
 from stickslip_monitor.drawing.map_curves import boundaries
 from stickslip_monitor.errors import AlarmStateError, ConfigurationError, DashboardError, RosError
+from stickslip_monitor.links.link_config import is_loopback
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME, load_config
 
 if TYPE_CHECKING:
     from stickslip_monitor.dashboard.access import Access
-    from stickslip_monitor.dashboard.event_log import EventLog
     from stickslip_monitor.dashboard.replay import Replay
-    from stickslip_monitor.dashboard.state import DashboardState
+    from stickslip_monitor.dashboard.state import DashboardState, EventLog
     from stickslip_monitor.dashboard.watched import BearingView, WatchedMonitor
     from stickslip_monitor.ros.watcher import Listener, Watcher
 
 DEFAULT_PORT = 8370
 _SPEEDS_DRAWN = 120
-_LOCALHOST = 'localhost'
 # A map for an unloaded bearing has this share of the loads that suit the bearing.
 _LOWEST_MAP = 0.1
 
@@ -89,10 +88,9 @@ def add_page(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    try:
-        from stickslip_monitor.dashboard.state import DashboardState
-    except ImportError as error:
-        raise missing_extra(error) from error
+    need_extra()
+    from stickslip_monitor.dashboard.state import DashboardState
+
     if args.bag is not None and args.log is not None:
         raise ConfigurationError('--log is for a running monitor: a replay is not kept')
     nodes = _nodes(args)
@@ -151,7 +149,7 @@ def event_log(args: argparse.Namespace) -> Iterator[EventLog]:
         RosError: The file cannot be used, or another dashboard uses it.
         AlarmStateError: What is in it is not a log.
     """
-    from stickslip_monitor.dashboard.event_log import LOG_SCHEMA, EventLog
+    from stickslip_monitor.dashboard.state import LOG_SCHEMA, EventLog
 
     if args.log is None:
         yield EventLog()
@@ -174,12 +172,18 @@ def event_log(args: argparse.Namespace) -> Iterator[EventLog]:
         writer.close()
 
 
-def missing_extra(error: ImportError) -> DashboardError:
-    """What to install for a page."""
-    return DashboardError(
-        f"a dashboard needs the extra 'dashboard' ({error}):"
-        " pip install 'stickslip_monitor[dashboard]'"
-    )
+def need_extra() -> None:
+    """Make sure that what a page needs is installed.
+
+    Raises:
+        DashboardError: It is not; the text says how to install it.
+    """
+    for name in ('aiohttp', 'prometheus_client'):
+        if find_spec(name) is None:
+            raise DashboardError(
+                f"a dashboard needs the extra 'dashboard' (there is no {name}):"
+                " pip install 'stickslip_monitor[dashboard]'"
+            )
 
 
 def page_access(args: argparse.Namespace) -> Access:
@@ -189,14 +193,12 @@ def page_access(args: argparse.Namespace) -> Access:
         ConfigurationError: The port is none.
         DashboardError: The page would be open to others without a token.
     """
-    try:
-        from stickslip_monitor.dashboard.access import Access, read_token
-    except ImportError as error:
-        raise missing_extra(error) from error
+    from stickslip_monitor.dashboard.access import Access, read_token
+
     if not 0 <= args.port <= 65535:
         raise ConfigurationError(f'--port {args.port} must be from 0 to 65535')
     token = '' if args.token_file is None else read_token(args.token_file)
-    if not token and not _is_loopback(args.host):
+    if not token and not is_loopback(args.host):
         raise DashboardError(
             f'--host {args.host} lets others in: give --token-file, with a token that they know'
         )
@@ -204,22 +206,11 @@ def page_access(args: argparse.Namespace) -> Access:
     return Access(token, frozenset(names))
 
 
-def _is_loopback(host: str) -> bool:
-    if host == _LOCALHOST:
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
-
-
 async def _serve(
     args: argparse.Namespace, config: MonitorConfig, board: DashboardState, access: Access
 ) -> None:
-    try:
-        from stickslip_monitor.dashboard.server import Server, serve
-    except ImportError as error:
-        raise missing_extra(error) from error
+    from stickslip_monitor.dashboard.server import Server, serve
+
     feed = _replay if args.bag is not None else _live
     with feed(args, config, board) as player:
         application = Server(board, access, player).application()
@@ -290,7 +281,7 @@ def bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0.0) -
         speed: The least speed that the map goes to [m/s]; it goes past the fold in any case.
         load: The load that it goes to [N]; 0 for what suits the bearing.
     """
-    from stickslip_monitor.dashboard.watched import BearingView, Curves
+    from stickslip_monitor.dashboard.watched import BearingView
 
     bearing, alarm = config.bearing, config.alarm
     highest = map_ranges(bearing)[1][1]
@@ -303,10 +294,12 @@ def bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0.0) -
         rpm=float(bearing.speed.from_surface(1.0, 'rpm')),
         speeds=speeds,
         loads=loads,
-        curves=Curves(
-            [float(f'{v:.6g}') for v in curves.speed],
-            *(_column(c) for c in (curves.caution_load, curves.fold_load, curves.hopf_load)),
-        ),
+        curves={
+            'speed': _column(curves.speed),
+            'caution': _column(curves.caution_load),
+            'fold': _column(curves.fold_load),
+            'hopf': _column(curves.hopf_load),
+        },
         caution_margin=alarm.caution_margin,
         amplitude_limit=limit if math.isfinite(limit) else None,
         topics={name: source.topic for name, source in config.inputs.items()},
@@ -314,5 +307,5 @@ def bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0.0) -
     )
 
 
-def _column(loads: Any) -> list[float | None]:
-    return [float(f'{load:.6g}') if np.isfinite(load) else None for load in loads]
+def _column(values: Any) -> list[float | None]:
+    return [float(f'{value:.6g}') if np.isfinite(value) else None for value in values]

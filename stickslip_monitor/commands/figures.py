@@ -16,65 +16,36 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.markup import escape
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.commands.arguments import parse_load, parse_speed, the_bearing
 from stickslip_monitor.commands.declared import TABLE, add_config, add_force, check_output
 from stickslip_monitor.commands.output import ProgressBar, console
-from stickslip_monitor.drawing.amplitudes import AmplitudePicture, draw_amplitudes
 from stickslip_monitor.drawing.canvas import save_figure, write_csv
-from stickslip_monitor.drawing.findings_curves import draw_friction_laws, draw_motion
+from stickslip_monitor.drawing.finding_pictures import (
+    draw_amplitudes,
+    draw_friction_laws,
+    draw_motion,
+)
 from stickslip_monitor.errors import ConfigurationError, DrawingError
 from stickslip_monitor.files import PICTURES
-from stickslip_monitor.lab.findings.published import (
+from stickslip_monitor.lab.findings import (
     REFERENCE,
     REFERENCE_LOAD,
     REFERENCE_RPM,
+    Sweep,
     check_point,
     friction_curves,
+    over_kinetic,
+    over_load,
+    over_speed,
     stick_slip_history,
 )
-from stickslip_monitor.lab.findings.sweeps import Sweep, over_kinetic, over_load, over_speed
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.physics.oscillator import Bearing
 
 FORMATS = ('png', 'svg')
-
-
-@dataclass(frozen=True, slots=True)
-class _Point:
-    """The bearing and the operating point the findings are drawn for; SI units."""
-
-    name: str
-    bearing: Bearing
-    speed: float
-    load: float
-
-    @property
-    def rpm(self) -> float:
-        """Surface speed of one rpm [m/s]."""
-        return self.bearing.speed.factor('rpm')
-
-    @property
-    def at_speed(self) -> str:
-        """The shaft speed for a person."""
-        return f'{self.speed / self.rpm:.6g} rpm'
-
-    @property
-    def at_load(self) -> str:
-        """The load for a person."""
-        return f'{self.load:.6g} N'
-
-
-@dataclass(frozen=True, slots=True)
-class _Finding:
-    """One finding: its data as columns, its picture, and what it says in one line."""
-
-    columns: Mapping[str, FloatArray]
-    draw: Callable[[], Any]
-    summary: str
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -96,7 +67,11 @@ def run(args: argparse.Namespace) -> int:
     """Run the command."""
     point = _the_point(args)
     check_point(point.bearing, point.speed, point.load)
-    folder = _made(Path(args.output))
+    folder = Path(args.output)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DrawingError(f'{folder}: {error.strerror or error}') from error
     for name in FINDINGS:
         check_output(folder / f'{name}.csv', TABLE, args)
         check_output(folder / f'{name}.{args.format}', PICTURES, args)
@@ -112,7 +87,36 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _the_point(args: argparse.Namespace) -> _Point:
+@dataclass(frozen=True, slots=True)
+class Point:
+    """The bearing and the operating point the findings are drawn for [m/s, N]."""
+
+    name: str
+    bearing: Bearing
+    speed: float
+    load: float
+
+    @property
+    def rpm(self) -> float:
+        """Surface speed of one rpm [m/s]."""
+        return self.bearing.speed.factor('rpm')
+
+    @property
+    def footnote(self) -> str:
+        """All of it for a person."""
+        return f'{self.name}, {self.speed / self.rpm:.6g} rpm, load {self.load:.6g} N'
+
+
+@dataclass(frozen=True, slots=True)
+class _Finding:
+    """One finding: its data as columns, its picture, and what it says in one line."""
+
+    columns: Mapping[str, FloatArray]
+    draw: Callable[[], Any]
+    summary: str
+
+
+def _the_point(args: argparse.Namespace) -> Point:
     name, bearing = 'reference bearing', REFERENCE
     if args.config is not None:
         config = the_bearing(load_config(args.config), args.bearing)
@@ -122,117 +126,89 @@ def _the_point(args: argparse.Namespace) -> _Point:
     load = parse_load(args.load)
     if load <= 0.0:
         raise ConfigurationError(f"load '{args.load}' must be above 0: without load, no friction")
-    return _Point(name, bearing, parse_speed(args.speed, bearing.speed), load)
+    return Point(name, bearing, parse_speed(args.speed, bearing.speed), load)
 
 
-def _made(folder: Path) -> Path:
-    """The folder, made with its parents if it is not there."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DrawingError(f'{folder}: {error.strerror or error}') from error
-    return folder
-
-
-def _amplitudes(
-    sweep: Sweep, unit: float, statement: str, footnote: str, x_label: str, suffix: str
-) -> Callable[[], Any]:
-    return lambda: draw_amplitudes(
-        AmplitudePicture(
-            statement=statement,
-            footnote=footnote,
-            x_label=x_label,
-            unit=suffix,
-            x=sweep.value / unit,
-            exact=sweep.exact,
-            exact_unstable=sweep.exact_unstable,
-            averaged=sweep.averaged,
-            averaged_unstable=sweep.averaged_unstable,
-            hopf=sweep.hopf / unit,
-            exact_fold=sweep.exact_fold / unit,
-            averaged_fold=sweep.averaged_fold / unit,
-            fold_amplitude=sweep.fold_amplitude,
-            reverse_x=sweep.reverse_value / unit,
-            reverse=sweep.reverse,
-        )
+def _swept(
+    sweep: Sweep, columns: Mapping[str, FloatArray], statement: str, footnote: str, label: str,
+    unit: str = '', scale: float = 1.0,
+) -> _Finding:  # fmt: skip
+    """A finding on amplitudes; the picture's unit, with a space before it, is ``scale`` SI."""
+    summary = (
+        f'Hopf {sweep.hopf / scale:.6g}{unit}, fold {sweep.exact_fold / scale:.6g}{unit}'
+        f' (KBM {sweep.averaged_fold / scale:.6g}{unit})'
     )
+    draw = partial(draw_amplitudes, sweep, statement, footnote, label, unit, scale)
+    return _Finding(columns, draw, summary)
 
 
-def _ends(sweep: Sweep, unit: float, suffix: str) -> str:
-    return (
-        f'Hopf {sweep.hopf / unit:.6g}{suffix}, fold {sweep.exact_fold / unit:.6g}{suffix}'
-        f' (KBM {sweep.averaged_fold / unit:.6g}{suffix})'
-    )
-
-
-def _speed(point: _Point) -> _Finding:
+def _speed(point: Point) -> _Finding:
     sweep = over_speed(point.bearing, point.load)
-    columns = {
-        'shaft_speed [rpm]': np.sort(np.append(sweep.value, sweep.reverse_value)) / point.rpm
-    } | sweep.columns('surface_speed [m/s]')
-    draw = _amplitudes(
-        sweep, point.rpm,
+    columns = sweep.columns('surface_speed [m/s]')
+    rpm = {'shaft_speed [rpm]': columns['surface_speed [m/s]'] / point.rpm}
+    statement = (
         'The amplitude of stick-slip grows with the belt speed up to a fold, where it meets an'
-        ' unstable cycle; steady sliding is lost in a subcritical Hopf bifurcation.',
-        f'{point.name}, load {point.at_load}', 'shaft speed [rpm]', ' rpm',
-    )  # fmt: skip
-    return _Finding(columns, draw, _ends(sweep, point.rpm, ' rpm'))
+        ' unstable cycle; steady sliding is lost in a subcritical Hopf bifurcation.'
+    )
+    footnote = f'{point.name}, load {point.load:.6g} N'
+    return _swept(
+        sweep, rpm | columns, statement, footnote, 'shaft speed [rpm]', ' rpm', point.rpm
+    )
 
 
-def _load(point: _Point) -> _Finding:
+def _load(point: Point) -> _Finding:
     sweep = over_load(point.bearing, point.speed, point.load)
-    draw = _amplitudes(
-        sweep, 1.0,
+    statement = (
         'The amplitude of stick-slip rises slowly with the normal force; at a low force there is'
-        ' only the equilibrium.',
-        f'{point.name}, {point.at_speed}', 'normal force [N]', ' N',
-    )  # fmt: skip
-    return _Finding(sweep.columns('load [N]'), draw, _ends(sweep, 1.0, ' N'))
+        ' only the equilibrium.'
+    )
+    footnote = f'{point.name}, {point.speed / point.rpm:.6g} rpm'
+    columns = sweep.columns('load [N]')
+    return _swept(sweep, columns, statement, footnote, 'normal force [N]', ' N')
 
 
-def _kinetic(point: _Point) -> _Finding:
+def _kinetic(point: Point) -> _Finding:
     sweep = over_kinetic(point.bearing, point.speed, point.load)
-    draw = _amplitudes(
-        sweep, 1.0,
+    statement = (
         'The amplitude of stick-slip falls as the kinetic friction coefficient rises; beyond a'
-        f' coefficient of about {sweep.averaged_fold:.2g} there is only the equilibrium.',
-        f'{point.name}, {point.at_speed}, load {point.at_load}',
-        'kinetic friction coefficient $\\mu_k$ [-]', '',
-    )  # fmt: skip
-    return _Finding(sweep.columns('kinetic_coefficient [-]'), draw, _ends(sweep, 1.0, ''))
+        f' coefficient of about {sweep.averaged_fold:.2g} there is only the equilibrium.'
+    )
+    label = 'kinetic friction coefficient $\\mu_k$ [-]'
+    columns = sweep.columns('kinetic_coefficient [-]')
+    return _swept(sweep, columns, statement, point.footnote, label)
 
 
-def _motion(point: _Point) -> _Finding:
+def _motion(point: Point) -> _Finding:
     history = stick_slip_history(point.bearing, point.speed, point.load)
     statement = (
         'A small disturbance of steady sliding grows into stick-slip: in the phase plane the'
         ' motion runs onto a limit cycle with a straight piece, the stick phase.'
     )
-    footnote = f'{point.name}, {point.at_speed}, load {point.at_load}'
     summary = (
         f'amplitude {history.exact_amplitude * 1e3:.6g} mm'
         f' (KBM {history.averaged_amplitude * 1e3:.6g} mm), period {history.period * 1e3:.6g} ms,'
         f' sticking {history.stick_fraction * 100:.3g} % of it'
     )
-    return _Finding(history.columns(), lambda: draw_motion(history, statement, footnote), summary)
+    draw = partial(draw_motion, history, statement, point.footnote)
+    return _Finding(history.columns(), draw, summary)
 
 
-def _friction(point: _Point) -> _Finding:
+def _friction(point: Point) -> _Finding:
     curves = friction_curves(point.bearing, point.load)
     statement = (
         'The two friction curves of the study: with Coulomb’s law friction in motion is constant;'
         ' with the Stribeck law it falls with speed and feeds the vibration.'
     )
-    footnote = f'{point.name}, load {point.at_load}'
     summary = (
-        f'static {curves.static:g}, kinetic {curves.kinetic:g}, slope at the Hopf speed'
+        f'static {curves.law.static:g}, kinetic {curves.law.kinetic:g}, slope at the Hopf speed'
         f' {curves.hopf_slope:.6g} s/m'
     )
+    footnote = f'{point.name}, load {point.load:.6g} N'
     draw = partial(draw_friction_laws, curves, statement, footnote)
     return _Finding(curves.columns(), draw, summary)
 
 
-FINDINGS: Mapping[str, Callable[[_Point], _Finding]] = {
+FINDINGS: Mapping[str, Callable[[Point], _Finding]] = {
     'finding_1_speed': _speed,
     'finding_2_load': _load,
     'finding_3_kinetic': _kinetic,

@@ -4,8 +4,8 @@
 A bag must hold the truth, as those of a scene with the effect lining_motion do. For each episode
 of stick-slip: how long before its first stick the monitor warned (lead), and how long before it
 predicted stick-slip (alarm lead); the table has the least of each. A warning is false if what it
-says never was true. docs/truth.md has the rules. The exit code is 1 where an episode was missed
-or warned of too late, or a warning was false.
+says never was true: docs/warning_quality.md. The exit code is 1 where an episode was missed or
+warned of too late, or a warning was false.
 
 Of scenes (.yaml) no bag is written: each is simulated with several seeds, in processes, and judged
 as a whole, with the bare rules V < V_F and V < V_H beside the monitor.

@@ -7,14 +7,11 @@ The same scene file always gives the same bag. Nothing is overwritten.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.markup import escape
-from rich.progress import Progress
 
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.encode import (
@@ -25,7 +22,7 @@ from stickslip_monitor.bags.encode import (
 )
 from stickslip_monitor.bags.values import Payload
 from stickslip_monitor.bags.writer import BagWriter
-from stickslip_monitor.commands.output import console
+from stickslip_monitor.commands.output import ProgressBar, console
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.scene import Scene, load_scene, simulate
 from stickslip_monitor.lab.scenes.telemetry import Signal
@@ -36,31 +33,22 @@ _ENCODERS: Mapping[str, Callable[[Any], Payload]] = {
     FLOAT64: encode_float64s,
     STRING: lambda values: [encode_string(value) for value in values],
 }
-# Messages above which it takes seconds.
-_LONG = 200_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('scene', metavar='SCENE', help='scene file')
-    parser.add_argument(
-        '--output',
-        '-o',
-        required=True,
-        metavar='BAG',
-        help='the bag to write: a rosbag2 folder, or one file if the name ends in .mcap',
-    )
+    text = 'the bag to write: a rosbag2 folder, or one file if the name ends in .mcap'
+    parser.add_argument('--output', '-o', required=True, metavar='BAG', help=text)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     scene = load_scene(args.scene)
-    shown = sys.stderr.isatty() and scene.message_count > _LONG
-    with Progress(console=Console(stderr=True), transient=True, disable=not shown) as progress:
-        task = progress.add_task('simulating', total=scene.duration)
+    with ProgressBar() as bar:
         try:
             written = write_bag(
-                scene, args.output, lambda done: progress.update(task, completed=done)
+                scene, args.output, lambda done: bar.show('simulating', done, scene.duration)
             )
         except SceneError as error:
             raise SceneError(f'{args.scene}: {error}') from error
@@ -75,16 +63,13 @@ def _summary(path: str, scene: Scene, written: Mapping[str, int]) -> str:
     cuts = [settings.value('time', '') for settings in scene.effects if settings.name == 'cut_off']
     text = f'{path}: {scene.duration:g} s, ' + ''.join(f'cut off at {cut:g} s, ' for cut in cuts)
     text += f'{telemetry} messages on {", ".join(topics)}'
-    truth = len(written) - len(topics)
-    return (
-        f'{text}, {sum(written.values()) - telemetry} on {truth} of the truth' if truth else text
-    )
+    if truth := len(written) - len(topics):
+        text += f', {sum(written.values()) - telemetry} on {truth} of the truth'
+    return text
 
 
 def write_bag(
-    scene: Scene,
-    path: str | Path,
-    progress: Callable[[float], None] | None = None,
+    scene: Scene, path: str | Path, progress: Callable[[float], None] | None = None
 ) -> dict[str, int]:
     """Write a scene's telemetry; the bag appears under its name when it is complete.
 

@@ -30,7 +30,7 @@ from stickslip_monitor.commands.dashboard import (
     add_page,
     event_log,
     listen_to_nodes,
-    missing_extra,
+    need_extra,
     page_access,
     say_address,
     watched,
@@ -43,13 +43,13 @@ from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME, load_parameters, load_section
 from stickslip_monitor.monitor.configure import bearing_names, build_config
-from stickslip_monitor.monitor.signals import QUANTITIES
+from stickslip_monitor.monitor.session import Display
+from stickslip_monitor.monitor.signals import QUANTITIES, Input
 from stickslip_monitor.ros.state_file import StateFile
 
 if TYPE_CHECKING:
     from stickslip_monitor.dashboard.state import DashboardState
     from stickslip_monitor.dashboard.watched import WatchedMonitor
-    from stickslip_monitor.links.live_monitor import Display
     from stickslip_monitor.links.nmea_client import NmeaClient, Take
     from stickslip_monitor.links.signalk_client import SignalKClient
 
@@ -123,19 +123,19 @@ def _labelled(config: MonitorConfig, links: LinksConfig) -> MonitorConfig:
                 f'{bearing.name}.level.topic = {bearing.level.topic!r}: without --node only speed'
                 ' and load come from a bus, and no level; leave it out'
             )
-        for is_load, quantity in enumerate(QUANTITIES):
-            if (bearing.name, is_load) not in labels:
+        for which in (Input.SPEED, Input.LOAD):
+            if (bearing.name, which) not in labels:
                 raise ConfigurationError(
-                    f"{SECTION}: '{bearing.name}.{quantity}' is missing: without --node every"
-                    ' input comes from a bus'
+                    f"{SECTION}: '{bearing.name}.{which.name.lower()}' is missing: without --node"
+                    ' every input comes from a bus'
                 )
     return replace(
         config,
         bearings=tuple(
             replace(
                 b,
-                speed=replace(b.speed, topic=labels[b.name, 0]),
-                load=replace(b.load, topic=labels[b.name, 1]),
+                speed=replace(b.speed, topic=labels[b.name, Input.SPEED]),
+                load=replace(b.load, topic=labels[b.name, Input.LOAD]),
             )
             for b in config.bearings
         ),
@@ -241,6 +241,7 @@ def _board(args: argparse.Namespace, config: MonitorConfig) -> Iterator[Dashboar
     if args.port is None:
         yield None
         return
+    need_extra()
     from stickslip_monitor.dashboard.state import DashboardState
 
     with event_log(args) as log:
@@ -250,10 +251,8 @@ def _board(args: argparse.Namespace, config: MonitorConfig) -> Iterator[Dashboar
 async def _serve(args: argparse.Namespace, board: DashboardState | None, feed: Feed) -> None:
     """Serve the page, or wait, until a signal comes."""
     if board is not None:
-        try:
-            from stickslip_monitor.dashboard.server import Server, serve
-        except ImportError as error:
-            raise missing_extra(error) from error
+        from stickslip_monitor.dashboard.server import Server, serve
+
         for monitor in board.monitors:
             monitor.act = feed.act
         application = Server(board, page_access(args)).application()
@@ -292,7 +291,7 @@ def _monitor(
     store = StateFile(config.state_file) if config.state_file else None
     if store is not None:
         store.check()
-    live = LiveMonitor(config, [feed], _log, store)
+    live = LiveMonitor(config, feed, _log, store)
     feed.act = live.act
     yield live.take, live.run
 
@@ -310,7 +309,7 @@ def _clients(
     if links.signalk is not None:
         token = _token(links.signalk.token_file)
         inputs = SignalKInputs(links.signalk_inputs, _log.warning)
-        theirs = {item.bearing for item in links.signalk_inputs if item.is_load}
+        theirs = {item.bearing for item in links.signalk_inputs if item.which is Input.LOAD}
         own_load = [name for name in names if name not in theirs]
         clients.append(
             SignalKClient(

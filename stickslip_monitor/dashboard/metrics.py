@@ -15,9 +15,8 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.exposition import choose_encoder
 from prometheus_client.registry import Collector
 
-from stickslip_monitor.dashboard.received import NOT_MONITORING
 from stickslip_monitor.dashboard.state import DashboardState
-from stickslip_monitor.dashboard.watched import WatchedMonitor
+from stickslip_monitor.dashboard.watched import NOT_MONITORING, WatchedMonitor
 from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.ladder import Condition

@@ -13,14 +13,12 @@ from typing import Any
 
 from stickslip_monitor.bags.reader import Request, Series, open_bag
 from stickslip_monitor.dashboard.state import DashboardState
-from stickslip_monitor.dashboard.watched import WatchedMonitor
 from stickslip_monitor.errors import BagError, ConfigurationError
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
-from stickslip_monitor.monitor.config import InputConfig, MonitorConfig
+from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.input_watch import Graph
-from stickslip_monitor.monitor.messages import BearingState, bearing_record
-from stickslip_monitor.monitor.session import Moment, NoLog, Session, Sink
-from stickslip_monitor.monitor.signals import LEVEL
+from stickslip_monitor.monitor.session import Moment, NoLog, Session, Shown
+from stickslip_monitor.monitor.signals import Input
 
 _SHOWN_EVERY = 0.2
 _TURN = 0.01
@@ -34,25 +32,8 @@ class _Sample:
     stamp_ns: int
     place: int
     bearing: str
-    input: int
+    input: Input
     value: float
-
-
-class _Shown(Sink):
-    """Shows a session on the page."""
-
-    def __init__(self, monitor: WatchedMonitor) -> None:
-        self._monitor = monitor
-
-    def take_alarms(self, record: dict[str, Any]) -> None:
-        """Show the list of alarms."""
-        self._monitor.take_alarms(record)
-
-    def take_states(self, states: list[BearingState], whole: bool) -> None:
-        """Show the state of bearings."""
-        del whole
-        for state in states:
-            self._monitor.take_record(bearing_record(state))
 
 
 class Replay:
@@ -92,7 +73,7 @@ class Replay:
 
     def _begin(self) -> None:
         """Stand before the first sample, with a monitor that knows nothing."""
-        sink = _Shown(self._shown)
+        sink = Shown(self._shown)
         self._session = Session(self._config, sink, NoLog(), lambda: self._log_ns, None, Graph())
         self._next = 0
         self._log_ns = self._start_ns
@@ -189,9 +170,9 @@ class Replay:
         return Moment(self._log_ns, self._log_ns)
 
     def _take(self, sample: _Sample) -> None:
-        name, place, time_ns = sample.bearing, sample.input, sample.stamp_ns
-        update = self._session.take(name, place, time_ns, sample.value, self._now())
-        if update.status.believed and place != LEVEL:
+        name, time_ns = sample.bearing, sample.stamp_ns
+        update = self._session.take(name, sample.input, time_ns, sample.value, self._now())
+        if update.status.believed and sample.input != Input.LEVEL:
             self._ahead_ns[name] = time_ns - sample.log_ns
 
     def _show(self) -> None:
@@ -211,20 +192,16 @@ def _samples(path: str, config: MonitorConfig) -> Iterator[_Sample]:
     """The numbers of a recording in its order."""
     bag = open_bag(path)
     sources = [
-        (b.name, is_load, _request(source))
+        (b.name, which, Request(source.topic, source.field_text, source.type))
         for b in config.bearings
-        for is_load, source in enumerate(b.inputs.values())
+        for which, source in zip(Input, b.inputs.values(), strict=False)
     ]
     series = bag.read({request for *_, request in sources})
-    own = [_column(name, is_load, series[request]) for name, is_load, request in sources]
+    own = [_column(name, which, series[request]) for name, which, request in sources]
     return merge(*own, key=lambda sample: sample.place)
 
 
-def _request(source: InputConfig) -> Request:
-    return Request(source.topic, source.field_text, source.type)
-
-
-def _column(name: str, is_load: int, series: Series) -> Iterator[_Sample]:
+def _column(name: str, which: Input, series: Series) -> Iterator[_Sample]:
     columns = (series.log_time_ns, series.stamp_ns, series.sequence, series.value)
     for log_ns, stamp_ns, place, value in zip(*(c.tolist() for c in columns), strict=True):
-        yield _Sample(log_ns, stamp_ns, place, name, is_load, value)
+        yield _Sample(log_ns, stamp_ns, place, name, which, value)

@@ -6,22 +6,35 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import logging
 import math
 import signal
 from collections.abc import Callable, Iterator
 from importlib import resources
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from aiohttp import web
+from aiohttp.http_exceptions import HttpProcessingError
 
-from stickslip_monitor.dashboard.access import COOKIE, Access, add_headers, guard
-from stickslip_monitor.dashboard.doors import listen, watch
+from stickslip_monitor.dashboard.access import (
+    COOKIE,
+    Access,
+    add_headers,
+    count_requests,
+    guard,
+    listen,
+)
 from stickslip_monitor.dashboard.metrics import Metrics
-from stickslip_monitor.dashboard.received import OFFERED
 from stickslip_monitor.dashboard.state import DashboardState
+from stickslip_monitor.dashboard.watched import OFFERED
 from stickslip_monitor.errors import ConfigurationError, DashboardError, StickslipError
-from stickslip_monitor.monitor.alarms.requests import parse_request
+from stickslip_monitor.monitor.alarms.requests import ActionRequest, parse_request
+
+if TYPE_CHECKING:
+    from stickslip_monitor.dashboard.replay import Replay
+
+T = TypeVar('T')
 
 HEARTBEAT = 5.0
 """A stream is never silent for longer [s], so that both ends notice when the other has gone."""
@@ -30,6 +43,7 @@ STALLED = 30.0
 PATIENCE = 3.0
 """How long an action may take [s]."""
 LARGEST_REQUEST = 4096
+_JSON = 'application/json'
 SLOWEST_REQUEST = 10.0
 """How long the content of a request may take to come [s]."""
 KINDS = {
@@ -52,23 +66,13 @@ def page_files() -> Iterator[tuple[str, bytes, str]]:
             yield f'/{_NAMES.get(file.name, file.name)}', file.read_bytes(), kind
 
 
-class RecordingPlayer(Protocol):
-    """What plays a recording."""
-
-    def hold(self, paused: bool) -> None:
-        """Stand still, or go on."""
-
-    def seek(self, seconds: float) -> None:
-        """Go to a time since its beginning [s]."""
-
-
 class Server:
     """The dashboard's handlers.
 
     Args:
         board: What is shown.
         access: Who may come in.
-        player: What can be held and sent to another place; ``None`` but for a replay.
+        player: What plays the recording; ``None`` but for a replay.
         heartbeat: See :data:`HEARTBEAT` [s].
         stalled: See :data:`STALLED` [s].
     """
@@ -77,7 +81,7 @@ class Server:
         self,
         board: DashboardState,
         access: Access,
-        player: RecordingPlayer | None = None,
+        player: Replay | None = None,
         heartbeat: float = HEARTBEAT,
         stalled: float = STALLED,
     ) -> None:
@@ -88,7 +92,7 @@ class Server:
     def application(self) -> web.Application:
         """The application to serve."""
         app = web.Application(
-            middlewares=[watch, guard(self._access)], client_max_size=LARGEST_REQUEST
+            middlewares=[count_requests, guard(self._access)], client_max_size=LARGEST_REQUEST
         )
         for path, body, kind in page_files():
             app.router.add_get(path, _file(body, kind))
@@ -159,14 +163,7 @@ class Server:
             return self._board.hub.event('beat', self._board.monitor())
 
     async def _act(self, request: web.Request) -> web.Response:
-        try:
-            asked = parse_request(await _document(request), self._board.bearings)
-            if asked.action not in OFFERED:
-                raise ConfigurationError(f'{asked.action} is not for a dashboard')
-        except asyncio.TimeoutError:
-            return _answer(408, 'the request did not come whole in time: nothing was done')
-        except (ValueError, RecursionError) as error:
-            return _answer(400, str(error))
+        asked = await _asked(request, self._action)
         try:
             count = await self._board.ask(asked, PATIENCE)
         except DashboardError as error:
@@ -175,14 +172,15 @@ class Server:
             return _answer(503, str(error))
         return _answer(200, f'{asked.action}: {count} alarm{"s" if count != 1 else ""}')
 
+    def _action(self, document: Any) -> ActionRequest:
+        asked = parse_request(document, self._board.bearings)
+        if asked.action not in OFFERED:
+            raise ConfigurationError(f'{asked.action} is not for a dashboard')
+        return asked
+
     async def _replay(self, request: web.Request) -> web.Response:
         assert self._player is not None
-        try:
-            paused, place = _course(await _document(request))
-        except asyncio.TimeoutError:
-            return _answer(408, 'the request did not come whole in time: nothing was done')
-        except (ValueError, RecursionError) as error:
-            return _answer(400, str(error))
+        paused, place = await _asked(request, _course)
         if paused is not None:
             self._player.hold(paused)
         if place is not None:
@@ -216,16 +214,21 @@ def _file(body: bytes, kind: str) -> Callable[[web.Request], Any]:
     return serve
 
 
-async def _document(request: web.Request) -> Any:
-    """What a request to do something says.
+async def _asked(request: web.Request, read: Callable[[Any], T]) -> T:
+    """What a request asks for, as it is read from its document.
 
     Raises:
-        ValueError: It is no JSON.
-        asyncio.TimeoutError: It does not come whole in time.
+        web.HTTPException: It is none, or does not come whole in time: the answer to it.
     """
     if request.content_type != 'application/json':
         raise web.HTTPUnsupportedMediaType(text='a request must be application/json\n')
-    return json.loads(await asyncio.wait_for(request.read(), SLOWEST_REQUEST))
+    try:
+        return read(json.loads(await asyncio.wait_for(request.read(), SLOWEST_REQUEST)))
+    except asyncio.TimeoutError as error:
+        why = 'the request did not come whole in time: nothing was done'
+        raise web.HTTPRequestTimeout(text=_text(False, why), content_type=_JSON) from error
+    except (ValueError, RecursionError) as error:
+        raise web.HTTPBadRequest(text=_text(False, str(error)), content_type=_JSON) from error
 
 
 def _course(document: Any) -> tuple[bool | None, float | None]:
@@ -246,8 +249,27 @@ def _course(document: Any) -> tuple[bool | None, float | None]:
     return paused, float(place)
 
 
+def _text(done: bool, text: str) -> str:
+    return json.dumps({'ok': done, 'text': text})
+
+
 def _answer(code: int, text: str) -> web.Response:
-    return web.json_response({'ok': code == 200, 'text': text}, status=code)
+    return web.Response(text=_text(code == 200, text), status=code, content_type=_JSON)
+
+
+def make_runner(application: web.Application) -> web.AppRunner:
+    """What runs the application.
+
+    It has no access log, which would fill up with a line for every scrape and says who reads what;
+    and what is no HTTP, as a port scan sends it, is refused without a word in the log.
+    """
+    log = logging.getLogger(f'{__name__}.http')
+    log.addFilter(_is_own_fault)
+    return web.AppRunner(application, access_log=None, shutdown_timeout=2.0, logger=log)
+
+
+def _is_own_fault(record: logging.LogRecord) -> bool:
+    return not (record.exc_info and isinstance(record.exc_info[1], HttpProcessingError))
 
 
 async def serve(
@@ -273,8 +295,7 @@ async def serve(
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
-    # No access log: it would fill up with a line for every scrape, and says who reads what.
-    runner = web.AppRunner(application, access_log=None, shutdown_timeout=2.0)
+    runner = make_runner(application)
     await runner.setup()
     try:
         try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the page shows: the newest of everything, and who is to be told when it changes.
+"""What the page shows: the newest of everything, what happened, and who is to be told of changes.
 
 All of it happens on one event loop; whoever knows something from another thread hands it over
 with ``call_soon_threadsafe``.
@@ -8,18 +8,212 @@ with ``call_soon_threadsafe``.
 from __future__ import annotations
 
 import asyncio
+import csv
+import io
+import json
 import time
 from collections.abc import Iterable
-from typing import Any
+from datetime import datetime, timezone
+from itertools import islice
+from typing import Any, Protocol
 
-from stickslip_monitor.dashboard.event_log import EventLog
-from stickslip_monitor.dashboard.history import COLUMNS
-from stickslip_monitor.dashboard.hub import Hub
-from stickslip_monitor.dashboard.watched import Watched, WatchedMonitor
+from stickslip_monitor.dashboard.watched import COLUMNS, Watched, WatchedMonitor
 from stickslip_monitor.errors import DashboardError, StickslipError
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
 
 PAGE_SCHEMA = 'stickslip_monitor/dashboard/3'
+KEPT = 5000
+"""Entries of the log that are kept; the page shows the latest, a file of CSV has all."""
+SHOWN = 60
+LOG_SCHEMA = 'stickslip_monitor/log/1'
+LOG_TEXTS = ('node', 'bearing', 'alarm', 'priority', 'what', 'from', 'to', 'by', 'text')
+_LONGEST = 300
+# What a spreadsheet would compute.
+_FORMULA = ('=', '+', '-', '@', '\t', '\r')
+MOST_READERS = 200
+KEPT_READERS = 12
+"""Of these so many are kept for people who have signed in, however many programs listen."""
+
+
+class LogStore(Protocol):
+    """Keeps one document over a restart, and tries again where it cannot."""
+
+    fault: str
+
+    def read(self) -> Any:
+        """The document; ``None`` where there is none yet."""
+
+    def write(self, document: Any) -> None:
+        """Have a new document written in the place of the old one."""
+
+
+class EventLog:
+    """The newest entries, oldest first; each is there once, however often it is told.
+
+    A latched topic tells a dashboard that starts again what the file knows already.
+
+    Args:
+        store: What keeps the entries over a restart; ``None`` for nothing.
+    """
+
+    def __init__(self, store: LogStore | None = None) -> None:
+        self._entries: dict[tuple[Any, ...], dict[str, Any]] = {}
+        self._store: LogStore | None = None
+        if store is not None:
+            document = store.read()
+            known = document.get('entries') if isinstance(document, dict) else None
+            self.extend(known if isinstance(known, list) else ())
+            self._store = store
+
+    @property
+    def fault(self) -> str:
+        """Why the newest entries are not on disk; empty where they are, or need not be."""
+        return self._store.fault if self._store is not None else ''
+
+    def extend(self, entries: Iterable[Any]) -> None:
+        """Add entries; what is none, or is there already, is passed over."""
+        before = len(self._entries)
+        checked = [entry for entry in map(_checked, entries) if entry is not None]
+        for entry in checked:
+            self._entries.setdefault(_key(entry), entry)
+        new = len(self._entries) > before
+        while len(self._entries) > KEPT:
+            del self._entries[next(iter(self._entries))]
+        if new and self._store is not None:
+            self._store.write({'schema': LOG_SCHEMA, 'entries': list(self._entries.values())})
+
+    def clear(self) -> None:
+        """Forget everything: a recording begins anew."""
+        self._entries.clear()
+
+    def latest(self) -> list[dict[str, Any]]:
+        """What the page shows."""
+        return list(islice(reversed(self._entries.values()), SHOWN))[::-1]
+
+    def csv(self) -> str:
+        """All that is kept as a table, times in UTC by ISO 8601."""
+        text = io.StringIO()
+        table = csv.writer(text)
+        table.writerow(('time', *LOG_TEXTS))
+        table.writerows(
+            (_iso(entry['time']), *(_cell(entry[key]) for key in LOG_TEXTS))
+            for entry in self._entries.values()
+        )
+        return text.getvalue()
+
+
+def _key(entry: dict[str, Any]) -> tuple[Any, ...]:
+    return entry['time'], *(entry[key] for key in LOG_TEXTS)
+
+
+def _checked(entry: Any) -> dict[str, Any] | None:
+    """An entry with a time [ms] or ``None``, and texts that are not too long."""
+    if not isinstance(entry, dict):
+        return None
+    time = entry.get('time')
+    texts = {key: str(entry.get(key, ''))[:_LONGEST] for key in LOG_TEXTS}
+    return {'time': time if isinstance(time, int) else None, **texts}
+
+
+def _iso(time_ms: int | None) -> str:
+    if time_ms is None:
+        return ''
+    try:
+        when = datetime.fromtimestamp(time_ms / 1000.0, timezone.utc)
+    except (OverflowError, ValueError, OSError):
+        return ''
+    return when.isoformat(timespec='milliseconds').replace('+00:00', 'Z')
+
+
+def _cell(text: str) -> str:
+    return f"'{text}" if text.startswith(_FORMULA) else text
+
+
+class Reader:
+    """One open stream: of each kind of event the newest that it has not been sent yet.
+
+    So what waits for a reader that does not read is bounded by the number of kinds, and one that
+    is slow skips what is out of date.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: dict[str, bytes] = {}
+        self._something = asyncio.Event()
+        self.closed = False
+
+    def put(self, key: str, event: bytes) -> None:
+        """Let an event wait, in place of an older one of its kind."""
+        self._waiting.pop(key, None)
+        self._waiting[key] = event
+        self._something.set()
+
+    def close(self) -> None:
+        """End the stream."""
+        self.closed = True
+        self._something.set()
+
+    async def take(self) -> bytes:
+        """All that waits, as soon as there is something."""
+        await self._something.wait()
+        self._something.clear()
+        events, self._waiting = self._waiting, {}
+        return b''.join(events.values())
+
+
+class Hub:
+    """Hands events to every reader.
+
+    Args:
+        run: What tells the events of this process from those of another.
+    """
+
+    def __init__(self, run: str) -> None:
+        self._run = run
+        self._number = 0
+        self.readers: set[Reader] = set()
+
+    def join(self, signed_in: bool = True) -> Reader:
+        """A new reader.
+
+        Args:
+            signed_in: Whether it is somebody who has signed in at the page.
+
+        Raises:
+            DashboardError: There are too many.
+        """
+        most = MOST_READERS if signed_in else MOST_READERS - KEPT_READERS
+        if len(self.readers) >= most:
+            raise DashboardError(f'{most} pages are open already; close one')
+        reader = Reader()
+        self.readers.add(reader)
+        return reader
+
+    def leave(self, reader: Reader) -> None:
+        """A reader has gone."""
+        self.readers.discard(reader)
+
+    def close(self) -> None:
+        """End all streams."""
+        for reader in self.readers:
+            reader.close()
+
+    def send(self, kind: str, document: dict[str, Any], key: str = '') -> None:
+        """Give an event to every reader.
+
+        Args:
+            kind: Its name.
+            document: What it says.
+            key: What tells it from others of that name that do not replace it.
+        """
+        event = self.event(kind, document)
+        for reader in self.readers:
+            reader.put(f'{kind} {key}', event)
+
+    def event(self, kind: str, document: dict[str, Any]) -> bytes:
+        """An event as it goes over the wire, under a number of its own."""
+        self._number += 1
+        data = json.dumps(document, allow_nan=False, separators=(',', ':'))
+        return f'id: {self._run}-{self._number}\nevent: {kind}\ndata: {data}\n\n'.encode()
 
 
 class DashboardState:
@@ -170,7 +364,7 @@ class DashboardState:
     def history(self, bearing: str) -> dict[str, Any] | None:
         """The last ten minutes of a bearing, oldest first; ``None`` where there is none."""
         own = self.bearings.get(bearing)
-        return None if own is None else {'columns': COLUMNS, 'rows': list(own.history.rows)}
+        return None if own is None else {'columns': COLUMNS, 'rows': list(own.history)}
 
     def _alarms(self) -> dict[str, Any]:
         return {'alarms': self.alarms, 'log': self.log.latest()}

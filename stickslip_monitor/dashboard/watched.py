@@ -1,24 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One monitor as the dashboard knows it: its bearings, its alarms, and what is missing of them."""
+"""One monitor as the dashboard knows it: its bearings, its alarms, and what is missing of them.
+
+What comes from a monitor may come from anybody on its network: it is checked field by field.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import math
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections import deque
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from stickslip_monitor.dashboard.history import TenMinutes, row_of
-from stickslip_monitor.dashboard.received import (
-    NOT_MONITORING,
-    checked_alarms,
-    checked_record,
-    log_entries,
-    offered,
-)
 from stickslip_monitor.errors import DashboardError
+from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA
+from stickslip_monitor.monitor.alarms.annunciator import Action
+from stickslip_monitor.monitor.alarms.lifecycle import TABLE, AlarmState
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
+from stickslip_monitor.monitor.signals import Status
 
 SILENT = 3.0
 """A monitor of which nothing has been heard for so long is not believed to be there [s]."""
@@ -32,21 +33,206 @@ _ROOM = (1.2, 1.5)
 _NO_ANSWER = 'no answer from the monitor: it may not have been done'
 _NO_ALARMS = 'the list of alarms has not come from the monitor: nothing was done'
 
+# --- what comes, field by field --------------------------------------------------------------
 
-@dataclass(frozen=True, slots=True)
-class Curves:
-    """The stability map as loads over speed; ``None`` where there is no boundary.
+Reader = Callable[[Any], Any]
+"""Takes the value of a field, or ``None`` where there is none."""
 
-    Attributes:
-        speed: Surface speeds, rising [m/s].
-        caution, fold, hopf: Load from which the fold margin is below the caution margin, a cycle
-            exists, and the equilibrium is unstable [N].
+
+def _must(kind: type) -> Reader:
+    """Reads a field without which there is nothing to show."""
+
+    def read(value: Any) -> Any:
+        if not isinstance(value, kind):
+            raise ValueError(f'{value!r} is no {kind.__name__}')
+        return value
+
+    return read
+
+
+def _may(kind: type, default: Any = None) -> Reader:
+    """Reads a field that may be missing, or be anything."""
+    return lambda value: value if isinstance(value, kind) else default
+
+
+def _finite(value: Any) -> float | None:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return value if number and math.isfinite(value) else None
+
+
+def _milliseconds(time_ns: Any) -> int | None:
+    return time_ns // 1_000_000 if isinstance(time_ns, int) else None
+
+
+def _time(time_ns: Any) -> int:
+    return int(_must(int)(time_ns)) // 1_000_000
+
+
+def _texts(value: Any) -> list[str]:
+    return [str(each) for each in value] if isinstance(value, list) else []
+
+
+def _fields(document: Any, readers: Mapping[str, Reader]) -> dict[str, Any]:
+    """The fields of a document that have a reader.
+
+    Raises:
+        ValueError: It is none, or lacks what must be there.
     """
+    own = _must(dict)(document)
+    return {name: read(own.get(name)) for name, read in readers.items()}
 
-    speed: list[float]
-    caution: list[float | None]
-    fold: list[float | None]
-    hopf: list[float | None]
+
+def _each(readers: Mapping[str, Reader], must: bool = True) -> Reader:
+    """Reads a list of documents."""
+
+    def read(value: Any) -> list[dict[str, Any]]:
+        documents = _must(list)(value) if must else _may(list, [])(value)
+        return [_fields(document, readers) for document in documents]
+
+    return read
+
+
+NUMBERS = (
+    'speed',
+    'rpm',
+    'load',
+    'hopf_speed',
+    'fold_speed',
+    'hopf_margin',
+    'fold_margin',
+    'growth_rate',
+    'amplitude',
+    'amplitude_exact',
+    'threshold_amplitude',
+    'probability_can',
+    'probability_will',
+    'probability_runs',
+)
+"""The numbers of an operating point that page and metrics show."""
+NOT_MONITORING = 'not_monitoring'
+"""The reason of a bearing whose node is not active."""
+_COUNTS = {status.name.lower(): _may(int, 0) for status in Status}
+_INPUT: dict[str, Reader] = {
+    'lost': _may(bool, False),
+    'age': _finite,
+    'rate': _finite,
+    'fault': _may(str, ''),
+    'counts': lambda value: _fields(_may(dict, {})(value), _COUNTS),
+}
+_RECORD: dict[str, Reader] = {
+    **dict.fromkeys(('bearing', 'text', 'reason'), _must(str)),
+    'time': _time,
+    'sticking': _may(bool),
+    'held_until': _milliseconds,
+    **dict.fromkeys(('regime', 'outcome', 'measured', 'unmeasured'), _may(str)),
+    **dict.fromkeys(NUMBERS, _finite),
+    'inputs': lambda value: {
+        str(name): _fields(own, _INPUT) for name, own in _must(dict)(value).items()
+    },
+}
+_ALARM = dict.fromkeys(('bearing', 'alarm', 'priority', 'state', 'by', 'text'), _must(str)) | {
+    **dict.fromkeys(('sounding', 'silenced'), bool),
+    **dict.fromkeys(('since', 'changed'), _milliseconds),
+}
+_CHANGE = ('bearing', 'alarm', 'priority', 'what', 'from', 'to', 'by', 'text')
+_ALARMS: dict[str, Reader] = {
+    'time': _time,
+    'monitoring': lambda value: value is not False,
+    'sounding': _must(bool),
+    'unacknowledged': _must(int),
+    'flood': lambda value: _fields(value, {'flooding': bool, 'alarms_10min': _may(int, 0)}),
+    'alarms': _each(
+        _ALARM | {'active': bool, 'suppressed_by': _texts, 'shelved_until': _milliseconds}
+    ),
+    'rows': _each(
+        _ALARM
+        | dict.fromkeys(('first_time', 'came_back_since'), _milliseconds)
+        | {'kinds': _texts, 'first_text': _may(str, ''), 'came_back': _may(int, 0)}
+    ),
+    'changes': _each(dict.fromkeys(_CHANGE, _must(str)) | {'time': _milliseconds}),
+    'notes': _each(
+        dict.fromkeys(('what', 'text'), _must(str)) | {'time': _milliseconds}, must=False
+    ),
+}
+
+
+def checked_record(document: Any) -> dict[str, Any] | None:
+    """The record of a bearing for the page, times in milliseconds; ``None`` where it is none.
+
+    A number without a value is ``None``; so is what is no number.
+    """
+    try:
+        return _fields(document, _RECORD)
+    except ValueError:
+        return None
+
+
+OFFERED = (Action.ACKNOWLEDGE, Action.SILENCE, Action.RESET, Action.SHELVE, Action.UNSHELVE)
+"""What a dashboard may ask for. To lock the shaft or to take an alarm out of service is left to
+the services: it makes alarms mean nothing, and is not for a tap on a phone."""
+_TABLE = {(state.value, trigger.value) for state, trigger in TABLE}
+_NOT_ACTIVE = (AlarmState.NORMAL, AlarmState.SUPPRESSED)
+_OFF_SHOW = (*_NOT_ACTIVE, AlarmState.SHELVED, AlarmState.OUT_OF_SERVICE)
+
+
+def checked_alarms(document: Any, bearings: Collection[str]) -> dict[str, Any] | None:
+    """A list of alarms for the page, times in milliseconds; ``None`` where it is none.
+
+    Args:
+        document: What should be the monitor's list.
+        bearings: Names of the bearings that are shown; those of others are left out.
+    """
+    if not isinstance(document, dict) or document.get('schema') != ALARM_SCHEMA:
+        return None
+    try:
+        record = _fields(document, _ALARMS)
+    except ValueError:
+        return None
+    for kind in ('alarms', 'rows'):
+        record[kind] = [each for each in record[kind] if each['bearing'] in bearings]
+    for alarm in record['alarms']:
+        alarm['actions'] = [action.value for action in OFFERED if _possible(alarm, action)]
+    for row in record['rows']:
+        # A row is all that a bearing has on show: what can be done about any of it is offered.
+        own = [a for a in record['alarms'] if a['bearing'] == row['bearing']]
+        possible = {do for a in own if a['state'] not in _OFF_SHOW for do in a['actions']}
+        row['actions'] = [action.value for action in OFFERED if action.value in possible]
+    return record
+
+
+def _possible(alarm: dict[str, Any], action: Action) -> bool:
+    if action is Action.SILENCE:
+        return bool(alarm['sounding'])
+    # To shelve what is not active is possible, but nothing to offer.
+    quiet = action is Action.SHELVE and alarm['state'] in _NOT_ACTIVE
+    return (alarm['state'], action.value) in _TABLE and not quiet
+
+
+# --- a bearing -------------------------------------------------------------------------------
+
+SPAN = 600_000
+"""How far back the history of a bearing goes [ms]."""
+STEP = 1000
+"""Its rows are so far apart, or further [ms]."""
+_OF_POINT = (
+    'fold_speed',
+    'hopf_speed',
+    'fold_margin',
+    'hopf_margin',
+    'probability_can',
+    'probability_will',
+    'probability_runs',
+)
+COLUMNS = ('time', 'speed', 'load', *_OF_POINT)
+"""Time [ms], speed [m/s], load [N], boundaries [m/s], margins and probabilities [-]."""
+Row = list[Any]
+
+
+def _row(record: dict[str, Any]) -> Row:
+    """A row; what rests on a lost input has no value, though the last one is still told."""
+    lost = {name for name in ('speed', 'load') if record['inputs'].get(name, {}).get('lost')}
+    hidden = lost | (set(_OF_POINT) if lost else set())
+    return [None if name in hidden else record[name] for name in COLUMNS]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +242,10 @@ class BearingView:
     Attributes:
         name: Name of the bearing.
         rpm: Shaft speed at a surface speed of 1 m/s [rpm].
-        speeds, loads: Ends of the map [m/s], [N].
-        curves: What divides it.
+        speeds, loads: Ends of the stability map [m/s], [N].
+        curves: What divides it: ``speed``, rising [m/s], and for each the load from which the fold
+            margin is below the ``caution`` margin, a cycle exists (``fold``), and the equilibrium
+            is unstable (``hopf``) [N]; ``None`` where there is no such load.
         caution_margin: Fold margin below which the alarm says caution.
         amplitude_limit: Amplitude that raises the amplitude alarm [m]; ``None`` for none.
         topics: Where speed and load are read, by quantity.
@@ -69,7 +257,7 @@ class BearingView:
     rpm: float
     speeds: tuple[float, float]
     loads: tuple[float, float]
-    curves: Curves
+    curves: dict[str, list[float | None]]
     caution_margin: float
     amplitude_limit: float | None
     topics: dict[str, str]
@@ -84,7 +272,7 @@ class Watched:
         key: Its name with the namespace of its node, as the page knows it: ``port/aft``.
         view: What the page is told of it once.
         record: The newest, for the page; ``None`` before it came.
-        history: The last ten minutes.
+        history: The last ten minutes, a row a second.
         at: When the newest came [s].
         fitted: Whether the map is made for an operating point.
     """
@@ -92,15 +280,23 @@ class Watched:
     key: str
     view: BearingView
     record: dict[str, Any] | None = None
-    history: TenMinutes = field(default_factory=TenMinutes)
+    history: deque[Row] = field(default_factory=lambda: deque(maxlen=SPAN // STEP))
     at: float | None = None
     fitted: bool = False
 
     def take(self, record: dict[str, Any], now: float) -> None:
-        """Take a new record."""
-        row = row_of(record)
+        """Take a new record.
+
+        In the history it replaces one of the same second. Where the clock has stepped back, what
+        lies in its future is dropped.
+        """
+        row, rows = _row(record), self.history
         self.record, self.at = record | {'row': row}, now
-        self.history.add(row)
+        while rows and rows[-1][0] // STEP >= row[0] // STEP:
+            rows.pop()
+        while rows and rows[0][0] < row[0] - SPAN:
+            rows.popleft()
+        rows.append(row)
 
     @property
     def idle(self) -> bool:
@@ -109,9 +305,7 @@ class Watched:
 
     def map(self) -> dict[str, Any]:
         """The stability map for the page."""
-        curves = self.view.curves
-        columns = {name: getattr(curves, name) for name in ('speed', 'caution', 'fold', 'hopf')}
-        return {'speeds': self.view.speeds, 'loads': self.view.loads, 'curves': columns}
+        return {name: getattr(self.view, name) for name in ('speeds', 'loads', 'curves')}
 
     def state(self) -> dict[str, Any]:
         """All that the page shows of it, but for its history."""
@@ -125,7 +319,7 @@ class Watched:
         A single wrong sample does not make a map on which nothing can be seen. The first points
         make a map of their own size.
         """
-        wider, rows = self.view.wider, list(self.history.rows)[-_BEYOND:]
+        wider, rows = self.view.wider, list(self.history)[-_BEYOND:]
         lately = [row for row in rows if row[1] is not None and row[2] is not None]
         if wider is None or len(lately) < (_BEYOND if self.fitted else 1):
             return False
@@ -142,6 +336,8 @@ class Watched:
         self.fitted = True
         return True
 
+
+# --- a monitor -------------------------------------------------------------------------------
 
 Send = Callable[[str, dict[str, Any], str], None]
 
@@ -292,7 +488,8 @@ class WatchedMonitor:
         for alarm in document['alarms']:
             if alarm['bearing'] not in self.bearings:
                 self._remember(self._foreign, self.key(alarm['bearing']))
-        self.log(log_entries(record, self.source))
+        entries = [each | {'node': self.source} for each in record['notes'] + record['changes']]
+        self.log(sorted(entries, key=lambda entry: entry['time'] or 0))
         self.told('alarms', {}, '')
         for request, done in self._expected:
             if not done.done() and (count := _answers(record['changes'], request)):
@@ -313,7 +510,13 @@ class WatchedMonitor:
 
     def concerned(self, request: ActionRequest) -> bool:
         """Whether there is anything that a request could change, as far as is known here."""
-        return offered(self.alarms, request)
+        alarms = () if self.alarms is None else self.alarms['alarms']
+        return any(
+            request.action.value in alarm['actions']
+            and request.bearing in (None, alarm['bearing'])
+            and request.kind in (None, alarm['alarm'])
+            for alarm in alarms
+        )
 
     def bare(self, request: ActionRequest) -> ActionRequest:
         """A request as the node itself knows the bearing."""

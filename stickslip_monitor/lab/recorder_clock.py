@@ -16,7 +16,7 @@ import numpy as np
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.signals import Stream
+from stickslip_monitor.monitor.signals import Status, Stream
 from stickslip_monitor.offline.follow import WholeBag
 
 
@@ -29,14 +29,8 @@ def scan_on_recorder_clock(whole: WholeBag, config: BearingConfig) -> Scan:
 def on_recorder_clock(stream: Stream, log_time_ns: IntArray, scan: Scan) -> Scan:
     """The verdicts of a scan of a whole recording, with times of the recorder.
 
-    Args:
-        stream: The samples that were scanned, m of them.
-        log_time_ns: When the recorder got each, not falling, shape (m,) [ns].
-        scan: Their scan.
-
-    Returns:
-        The scan with other ``time_ns``, ``until_ns`` and times of events; where the samples bear
-        the recorder's time already, it itself.
+    The recorder got sample k of the stream at ``log_time_ns[k]``, which does not fall. Where the
+    samples bear its time already, the scan itself is returned.
     """
     if np.array_equal(stream.time_ns, log_time_ns):
         return scan
@@ -45,8 +39,13 @@ def on_recorder_clock(stream: Stream, log_time_ns: IntArray, scan: Scan) -> Scan
     # A point that held until the next one still does.
     joined = scan.until_ns[:-1] == scan.time_ns[1:]
     until[:-1] = np.where(joined, time[1:], np.minimum(until[:-1], time[1:]))
+    believed = np.array([status.believed for status in Status])[scan.status]
+    # Until a sample is believed, the monitor's time is that of the start, by the recorder.
+    first = int(np.argmax(believed)) if believed.any() else believed.size
     events = [
-        replace(event, time_ns=_log_time(event.time_ns, k, log_time_ns, scan))
+        event
+        if k < first
+        else replace(event, time_ns=_log_time(event.time_ns, k, log_time_ns, scan))
         for event, k in zip(scan.events, scan.at, strict=True)
     ]
     return replace(scan, time_ns=time, until_ns=until, events=events)

@@ -20,7 +20,7 @@ import numpy as np
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.recorder_clock import on_recorder_clock
-from stickslip_monitor.lab.scenes.effects.registry import STAGES
+from stickslip_monitor.lab.scenes.effects import STAGES
 from stickslip_monitor.lab.scenes.scene import Scene, load_scene, simulate
 from stickslip_monitor.lab.scenes.telemetry import Messages
 from stickslip_monitor.lab.scenes.variation import as_believed

@@ -15,7 +15,7 @@ from stickslip_monitor.links.nmea import NmeaInput
 from stickslip_monitor.links.signalk import SignalKInput
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
-from stickslip_monitor.monitor.signals import QUANTITIES
+from stickslip_monitor.monitor.signals import QUANTITIES, Input
 from stickslip_monitor.physics.oscillator import SPEED_UNITS
 
 SECTION = '/stickslip_links'
@@ -114,10 +114,9 @@ class LinksConfig:
     nmea_inputs: tuple[NmeaInput, ...]
 
     @property
-    def labels(self) -> dict[tuple[str, int], str]:
+    def labels(self) -> dict[tuple[str, Input], str]:
         """Of each input where it comes from, for a person."""
-        paths = {(i.bearing, i.is_load): f'Signal K {i.path}' for i in self.signalk_inputs}
-        return paths | {(i.bearing, i.is_load): f'NMEA {i.label}' for i in self.nmea_inputs}
+        return {(i.bearing, i.which): i.label for i in self.signalk_inputs + self.nmea_inputs}
 
 
 def is_loopback(host: str | None) -> bool:
@@ -142,23 +141,19 @@ def build_links(values: Mapping[str, Any], config: MonitorConfig) -> LinksConfig
     """
     _refuse_unknown(values, [bearing.name for bearing in config.bearings])
     own = {p.name: p.checked(p.name, values) for p in LINK_PARAMETERS}
-    given = [
-        (bearing, is_load, f'{bearing.name}.{quantity}')
+    inputs = [
+        _input(bearing, Input[quantity.upper()], f'{bearing.name}.{quantity}', values)
         for bearing in config.bearings
-        for is_load, quantity in enumerate(QUANTITIES)
+        for quantity in QUANTITIES
         if any(key.startswith(f'{bearing.name}.{quantity}.') for key in values)
     ]
-    inputs = [_input(*item, values) for item in given]
     if not (own['signalk.url'] or own['nmea.listen'] or own['nmea.alerts'] or inputs):
         raise ConfigurationError(
             f'{SECTION} uses no bus: give signalk.url, nmea.listen or nmea.alerts'
         )
-    return LinksConfig(
-        _signalk(own, any(isinstance(item, SignalKInput) for item in inputs)),
-        _nmea(own, any(isinstance(item, NmeaInput) for item in inputs)),
-        tuple(item for item in inputs if isinstance(item, SignalKInput)),
-        tuple(item for item in inputs if isinstance(item, NmeaInput)),
-    )
+    signalk = tuple(item for item in inputs if isinstance(item, SignalKInput))
+    nmea = tuple(item for item in inputs if isinstance(item, NmeaInput))
+    return LinksConfig(_signalk(own, bool(signalk)), _nmea(own, bool(nmea)), signalk, nmea)
 
 
 def _refuse_unknown(values: Mapping[str, Any], bearings: Iterable[str]) -> None:
@@ -200,9 +195,7 @@ def _signalk(own: Mapping[str, Any], used: bool) -> SignalKLink | None:
     actions = own['signalk.accept_actions']
     rule = 'false without signalk.prefix: nothing is sent that somebody could act on'
     _require(prefix or not actions, 'signalk.accept_actions', actions, rule)
-    return SignalKLink(
-        value.rstrip('/'), own['signalk.token_file'], own['signalk.ca_file'], prefix, actions
-    )
+    return SignalKLink(**_part(own, SIGNALK) | {'url': value.rstrip('/')})
 
 
 def _nmea(own: Mapping[str, Any], used: bool) -> NmeaLink | None:
@@ -226,7 +219,13 @@ def _nmea(own: Mapping[str, Any], used: bool) -> NmeaLink | None:
     )
     if not (listen or alerts):
         return None
-    return NmeaLink(**{key.partition('.')[2]: own[key] for key in own if key.startswith('nmea.')})
+    return NmeaLink(**_part(own, NMEA))
+
+
+def _part(own: Mapping[str, Any], bus: str) -> dict[str, Any]:
+    """The parameters of one bus, by their last names."""
+    parts = {key.partition('.'): value for key, value in own.items()}
+    return {name: value for (of, _, name), value in parts.items() if of == bus}
 
 
 def check_port(name: str, value: str) -> SplitResult:
@@ -248,31 +247,31 @@ def check_port(name: str, value: str) -> SplitResult:
 
 
 def _input(
-    bearing: BearingConfig, is_load: int, name: str, values: Mapping[str, Any]
+    bearing: BearingConfig, which: Input, name: str, values: Mapping[str, Any]
 ) -> SignalKInput | NmeaInput:
     own = {p.name: p.checked(f'{name}.{p.name}', values) for p in INPUT_PARAMETERS}
+    load = which is Input.LOAD
     if own['from'] == SIGNALK:
-        _check_unit(bearing, is_load, name, 'N' if is_load else 'Hz', 'Signal K')
+        _check_unit(bearing, which, name, 'N' if load else 'Hz', 'Signal K')
         path = own['path']
         _require(_PATH.fullmatch(path), f'{name}.path', path, 'a Signal K path, without *')
-        timeout = (bearing.load if is_load else bearing.speed).timeout_ns * 1e-9
-        return SignalKInput(bearing.name, is_load, path, own['source'], timeout)
-    sentence = 'XDR' if is_load else 'RPM'
+        timeout = bearing.inputs[which.name.lower()].timeout_ns * 1e-9
+        return SignalKInput(bearing.name, which, path, own['source'], timeout)
+    sentence = 'XDR' if load else 'RPM'
+    kinds = ('N',) if load else ('S', 'E')
     _require(own['sentence'] == sentence, f'{name}.sentence', own['sentence'], sentence)
-    kinds = ('N',) if is_load else ('S', 'E')
-    rule = 'N, a force' if is_load else 'S for a shaft or E for an engine'
+    rule = 'N, a force' if load else 'S for a shaft or E for an engine'
     _require(own['kind'] in kinds, f'{name}.kind', own['kind'], rule)
     rule = 'given: the name of the transducer'
-    _require(own['name'] or not is_load, f'{name}.name', own['name'], rule)
-    _check_unit(bearing, is_load, name, 'N' if is_load else 'rpm', sentence)
-    return NmeaInput(
-        bearing.name, is_load, sentence, own['talker'], own['kind'], own['number'], own['name']
-    )
+    _require(own['name'] or not load, f'{name}.name', own['name'], rule)
+    _check_unit(bearing, which, name, 'N' if load else 'rpm', sentence)
+    fields = {key: own[key] for key in ('sentence', 'talker', 'kind', 'number', 'name')}
+    return NmeaInput(bearing.name, which, **fields)
 
 
-def _check_unit(bearing: BearingConfig, is_load: int, name: str, unit: str, who: str) -> None:
+def _check_unit(bearing: BearingConfig, which: Input, name: str, unit: str, who: str) -> None:
     """The number goes to the monitor as it comes, so the monitor must be told its unit."""
-    if is_load:
+    if which is Input.LOAD:
         fits, actual = bearing.load.factor == 1.0, 'kN'
     else:
         factor = bearing.speed.factor

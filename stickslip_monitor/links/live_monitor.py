@@ -5,15 +5,14 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from collections.abc import Callable
 
 from stickslip_monitor.monitor.alarms.live_alarms import Log, Store
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.input_watch import Graph
-from stickslip_monitor.monitor.messages import BearingState, bearing_record
-from stickslip_monitor.monitor.session import Moment, Session, Sink
+from stickslip_monitor.monitor.session import Display, Moment, Session, Shown
+from stickslip_monitor.monitor.signals import Input
 
 TICK = 0.1
 """Time between two looks at the inputs [s]."""
@@ -22,17 +21,7 @@ BEHIND_NS = 500_000_000
 _SHOWN_EVERY_NS = 10**9
 
 
-class Display(Protocol):
-    """What shows bearings and alarms: a bus, or the dashboard's page."""
-
-    def take_record(self, record: dict[str, Any]) -> None:
-        """The state of a bearing has come; see :func:`.messages.bearing_record`."""
-
-    def take_alarms(self, record: dict[str, Any]) -> None:
-        """The list of alarms has changed."""
-
-
-class LiveMonitor(Sink):
+class LiveMonitor:
     """A session that samples are measured for now.
 
     Stamps are of this machine's clock as it was at the start, carried on by one that never
@@ -40,7 +29,7 @@ class LiveMonitor(Sink):
 
     Args:
         config: The configuration.
-        displays: What shows bearings and alarms.
+        display: What shows bearings and alarms.
         log: Where events and people's actions are told.
         store: What keeps the alarms over a restart; ``None`` for nothing.
         clock: Time that never steps [ns].
@@ -49,25 +38,25 @@ class LiveMonitor(Sink):
     def __init__(
         self,
         config: MonitorConfig,
-        displays: Sequence[Display],
+        display: Display,
         log: Log,
         store: Store | None = None,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        self._displays, self._clock = displays, clock
-        self._begun_ns = clock()
+        self._clock, self._begun_ns = clock, clock()
         self._ahead_ns = time.time_ns() - self._begun_ns
-        self._session = Session(config, self, log, lambda: self._now().time_ns, store, Graph())
+        own = Shown(display)
+        self._session = Session(config, own, log, lambda: self._now().time_ns, store, Graph())
         self._shown_ns = -_SHOWN_EVERY_NS
 
     def _now(self) -> Moment:
         steady_ns = self._clock()
         return Moment(steady_ns, steady_ns + self._ahead_ns)
 
-    def take(self, bearing: str, place: int, value: float) -> None:
+    def take(self, bearing: str, which: Input, value: float) -> None:
         """Take one number of one input, measured now."""
         now = self._now()
-        self._session.take(bearing, place, now.time_ns, value, now)
+        self._session.take(bearing, which, now.time_ns, value, now)
 
     def act(self, request: ActionRequest) -> None:
         """Do what a person asks for."""
@@ -99,16 +88,3 @@ class LiveMonitor(Sink):
         while True:
             self.tick()
             await asyncio.sleep(TICK)
-
-    def take_alarms(self, record: dict[str, Any]) -> None:
-        """Show the list of alarms."""
-        for display in self._displays:
-            display.take_alarms(record)
-
-    def take_states(self, states: list[BearingState], whole: bool) -> None:
-        """Show the state of bearings."""
-        del whole
-        for state in states:
-            record = bearing_record(state)
-            for display in self._displays:
-                display.take_record(record)

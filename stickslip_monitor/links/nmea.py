@@ -18,6 +18,7 @@ from stickslip_monitor.monitor.alarms.annunciator import Action
 from stickslip_monitor.monitor.alarms.causes import AlarmKind, Priority
 from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
+from stickslip_monitor.monitor.signals import Input
 
 BY = 'nmea'
 """Who acts, as far as a sentence tells."""
@@ -76,7 +77,7 @@ class NmeaInput:
 
     Attributes:
         bearing: Name of the bearing.
-        is_load: Whether it is the load (else the speed).
+        which: What is measured.
         sentence: ``RPM`` or ``XDR``.
         talker: Its talker; empty for any.
         kind: ``S`` shaft or ``E`` engine of RPM; type of transducer of XDR.
@@ -85,7 +86,7 @@ class NmeaInput:
     """
 
     bearing: str
-    is_load: int
+    which: Input
     sentence: str
     talker: str = ''
     kind: str = ''
@@ -95,7 +96,7 @@ class NmeaInput:
     @property
     def label(self) -> str:
         """What it is, for a person."""
-        return f'{self.sentence} {self.name or f"{self.kind} {self.number}"}'
+        return f'NMEA {self.sentence} {self.name or f"{self.kind} {self.number}"}'
 
     def read(self, fields: Sequence[str]) -> list[float]:
         """The numbers of a sentence of the right kind; NaN where it says that it has none."""
@@ -114,8 +115,8 @@ def _number(text: str) -> float:
     return float(text) if _NUMBER.fullmatch(text) else math.nan
 
 
-def samples(inputs: Sequence[NmeaInput], line: str) -> Iterator[tuple[str, int, float]]:
-    """Bearing, whether load, and number of every input that a line brings."""
+def samples(inputs: Sequence[NmeaInput], line: str) -> Iterator[tuple[str, Input, float]]:
+    """Bearing, input and number of every input that a line brings."""
     parsed = parse(line)
     if parsed is None:
         return
@@ -123,7 +124,7 @@ def samples(inputs: Sequence[NmeaInput], line: str) -> Iterator[tuple[str, int, 
     for item in inputs:
         if item.sentence == formatter and item.talker in ('', talker):
             for value in item.read(fields):
-                yield item.bearing, item.is_load, value
+                yield item.bearing, item.which, value
 
 
 @dataclass(slots=True)

@@ -1,25 +1,255 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The NMEA 0183 side of the ship: the ports, and what goes in and out of them."""
+"""The NMEA 0183 side of the ship: UDP, TCP and serial ports, and what goes in and out of them.
+
+A port that dies is opened again for ever.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
+import os
+import termios
 import time
-from collections.abc import Callable, Sequence
+import tty
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from stickslip_monitor.errors import StickslipError
-from stickslip_monitor.links.link_config import NmeaLink
+from stickslip_monitor.errors import LinkError, StickslipError
+from stickslip_monitor.links.link_config import NmeaLink, check_port
 from stickslip_monitor.links.nmea import Alerts, NmeaInput, samples
-from stickslip_monitor.links.ports import SILENT, Port, open_port
 from stickslip_monitor.monitor.alarms.live_alarms import Log
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
+from stickslip_monitor.monitor.signals import Input
 
-Take = Callable[[str, int, float], None]
-"""Takes bearing, whether it is the load, and number of a sample."""
+Take = Callable[[str, Input, float], None]
+"""Takes bearing, input and number of a sample."""
 TellLink = Callable[[str, bool, str], None]
 """Told whether the link of that name works, and if not, why."""
+SILENT = 30.0
+"""A port that should bring lines and has brought none for so long is opened again [s]."""
+AGAIN = 1.0
+"""Time between two attempts to open a port [s]."""
+LONGEST_LINE = 1024
+_NO_ANSWER = 5.0
+OnLine = Callable[[str], None]
+OnLink = Callable[[bool, str], None]
+"""Told whether a port works, and if not, why."""
+
+
+class Port(asyncio.DatagramProtocol, asyncio.Protocol):
+    """A place where lines come from and go to: a datagram socket.
+
+    Args:
+        name: The parameter that has the address.
+        address: The address.
+        on_line: Called with every line that comes.
+        on_link: Told when the port begins or ceases to work.
+        listens: Whether lines come in; datagrams go one way only.
+        silent: After so long without a line it is opened again; infinite where none need come [s].
+
+    Raises:
+        ConfigurationError: The address is none.
+    """
+
+    waits = False
+    """Whether the other end may come later than we do."""
+
+    def __init__(
+        self,
+        name: str,
+        address: str,
+        on_line: OnLine,
+        on_link: OnLink,
+        listens: bool,
+        silent: float,
+    ) -> None:
+        self.name, self.address = name, address
+        self.url = check_port(name, address)
+        self._on_line, self._on_link = on_line, on_link
+        self._listens, self._silent = listens, silent
+        self._buffer = b''
+        self._heard_at = 0.0
+        self._fault: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        self._transport: Any = None
+
+    async def start(self) -> None:
+        """Open it for the first time.
+
+        Raises:
+            LinkError: It cannot be opened, in a way that waiting does not mend.
+        """
+        try:
+            await self._open()
+        except OSError as error:
+            if not self.waits:
+                raise LinkError(
+                    f"{self.name} = '{self.address}' cannot be opened: {_reason(error)}"
+                ) from error
+            self._fail(_reason(error))
+
+    async def run(self) -> None:
+        """Keep it open until cancelled."""
+        try:
+            while True:
+                self._on_link(False, await self._end())
+                self.close()
+                await asyncio.sleep(AGAIN)
+                try:
+                    await self._open()
+                except OSError as error:
+                    self._fail(_reason(error))
+        finally:
+            self.close()
+
+    def send(self, lines: Iterable[str]) -> None:
+        """Send lines; one that cannot be sent is lost, and told."""
+        for line in lines:
+            try:
+                self._write(f'{line}\r\n'.encode('ascii', 'replace'))
+            except OSError as error:
+                self._fail(_reason(error))
+
+    def close(self) -> None:
+        """Close it, whatever state it is in."""
+        if self._transport is not None:
+            self._transport.abort()
+            self._transport = None
+
+    async def _open(self) -> None:
+        self._fault = asyncio.get_running_loop().create_future()
+        self._buffer = b''
+        await self._connect()
+        if self._silent == math.inf:
+            self._on_link(True, '')
+
+    async def _connect(self) -> None:
+        where: Any = (self.url.hostname, self.url.port)
+        ends = {'local_addr': where} if self._listens else {'remote_addr': where}
+        # A socket that may broadcast is not connected, and then hears of no refusal.
+        broadcast = None if self._listens else (self.url.hostname or '').endswith('.255')
+        make = asyncio.get_running_loop().create_datagram_endpoint
+        self._transport, _ = await make(lambda: self, **ends, allow_broadcast=broadcast)
+
+    def _write(self, data: bytes) -> None:
+        if self._transport is not None and not self._listens:
+            self._transport.sendto(data)
+
+    async def _end(self) -> str:
+        """Wait until the port is at its end; return why."""
+        clock = asyncio.get_running_loop().time
+        self._heard_at = clock()
+        while True:
+            left = self._heard_at + self._silent - clock()
+            if left <= 0.0:
+                return f'nothing heard for {self._silent:g} s'
+            done, _ = await asyncio.wait({self._fault}, timeout=None if left == math.inf else left)
+            if done:
+                return self._fault.result()
+
+    def _fail(self, reason: str) -> None:
+        if not self._fault.done():
+            self._fault.set_result(reason)
+
+    def _take(self, data: bytes) -> None:
+        """Bytes have come; whole lines are handed on, of one that never ends its end."""
+        self._heard_at = asyncio.get_running_loop().time()
+        self._on_link(True, '')
+        *lines, rest = (self._buffer + data).split(b'\n')
+        self._buffer = rest[-LONGEST_LINE:]
+        for line in lines:
+            self._on_line(line.decode('ascii', 'replace'))
+
+    def datagram_received(self, data: bytes, _: Any) -> None:
+        """A datagram has come, which holds whole lines."""
+        self._take(data.rstrip(b'\n') + b'\n')
+
+    def error_received(self, error: Exception) -> None:
+        """The other end of our datagrams is not there."""
+        self._fail(_reason(error))
+
+
+class TcpPort(Port):
+    """A connection to a server, such as a multiplexer."""
+
+    waits = True
+
+    async def _connect(self) -> None:
+        where: Any = (self.url.hostname, self.url.port)
+        opened = asyncio.get_running_loop().create_connection(lambda: self, *where)
+        try:
+            self._transport, _ = await asyncio.wait_for(opened, _NO_ANSWER)
+        except asyncio.TimeoutError as error:
+            raise OSError(f'no answer for {_NO_ANSWER:g} s') from error
+
+    def data_received(self, data: bytes) -> None:
+        """Part of the stream has come."""
+        self._take(data)
+
+    def connection_lost(self, error: Exception | None) -> None:
+        """The connection is over."""
+        self._fail(_reason(error) if error else 'the other end closed the connection')
+
+    def _write(self, data: bytes) -> None:
+        if self._transport is None:
+            return
+        # What a frozen server does not take is not kept for it.
+        if self._transport.get_write_buffer_size() > 64 * LONGEST_LINE:
+            raise OSError('the other end takes nothing')
+        self._transport.write(data)
+
+
+class SerialPort(Port):
+    """A serial line, 8N1."""
+
+    async def _connect(self) -> None:
+        descriptor = os.open(self.url.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        try:
+            tty.setraw(descriptor)
+            settings = termios.tcgetattr(descriptor)
+            rate = getattr(termios, f'B{self.url.query.partition("=")[2] or 4800}')
+            settings[4] = settings[5] = rate
+            termios.tcsetattr(descriptor, termios.TCSANOW, settings)
+        except termios.error as error:
+            os.close(descriptor)
+            raise OSError('it is no serial line') from error
+        asyncio.get_running_loop().add_reader(descriptor, self._readable, descriptor)
+        self._transport = descriptor
+
+    def _readable(self, descriptor: int) -> None:
+        try:
+            data = os.read(descriptor, 4096)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            data = b''
+            self._fail(_reason(error))
+        if data:
+            self._take(data)
+        else:
+            self._fail('the line is closed')
+            asyncio.get_running_loop().remove_reader(descriptor)
+
+    def close(self) -> None:
+        """Close the device."""
+        if self._transport is not None:
+            asyncio.get_running_loop().remove_reader(self._transport)
+            with contextlib.suppress(OSError):
+                os.close(self._transport)
+            self._transport = None
+
+    def _write(self, data: bytes) -> None:
+        if self._transport is not None and os.write(self._transport, data) < len(data):
+            raise OSError('the line does not take so much')
+
+
+def _reason(error: Exception) -> str:
+    return getattr(error, 'strerror', None) or str(error)
+
+
+KINDS = {'udp': Port, 'tcp': TcpPort, 'serial': SerialPort}
+"""The ports by the schemes of their addresses."""
 
 
 class NmeaClient:
@@ -78,8 +308,9 @@ class NmeaClient:
 
         address = getattr(self._link, role)
         # Where only acknowledgements may come, silence is nothing wrong.
-        silent = SILENT if self._inputs or not listens else math.inf
-        return open_port(f'nmea.{role}', address, self._on_line, on_link, listens, silent)
+        silent = SILENT if self._inputs and listens else math.inf
+        kind = KINDS[check_port(f'nmea.{role}', address).scheme]
+        return kind(f'nmea.{role}', address, self._on_line, on_link, listens, silent)
 
     async def run(self) -> None:
         """Keep the ports open until cancelled."""

@@ -17,6 +17,7 @@ from stickslip_monitor.monitor.alarms.annunciator import Action
 from stickslip_monitor.monitor.alarms.causes import AlarmKind, Priority
 from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
+from stickslip_monitor.monitor.signals import Input
 
 BY = 'signal k'
 """Who acts: the server does not tell which of its users."""
@@ -79,7 +80,7 @@ class SignalKInput:
 
     Attributes:
         bearing: Name of the bearing.
-        is_load: Whether it is the load (else the speed).
+        which: What is measured.
         path: The path.
         source: The only source to believe; empty to stay with the first that is heard.
         timeout: After so long without a value it is silent [s].
@@ -87,11 +88,16 @@ class SignalKInput:
     """
 
     bearing: str
-    is_load: int
+    which: Input
     path: str
     source: str
     timeout: float
     heard: tuple[str, float] | None = None
+
+    @property
+    def label(self) -> str:
+        """What it is, for a person."""
+        return f'Signal K {self.path}'
 
     def admits(self, source: str, now: float) -> bool:
         """Whether a value of a source is to be taken."""
@@ -130,8 +136,8 @@ class SignalKInputs:
         paths = dict.fromkeys([*(item.path for item in self._inputs), *extra])
         return {'context': 'vessels.self', 'subscribe': [{'path': path} for path in paths]}
 
-    def take(self, frame: object, now: float) -> Iterator[tuple[str, int, float]]:
-        """Bearing, whether load, and number (NaN for what is none) of every sample."""
+    def take(self, frame: object, now: float) -> Iterator[tuple[str, Input, float]]:
+        """Bearing, input and number (NaN for what is none) of every sample."""
         for update in _updates(frame, self._own):
             source, stamp = str(update.get('$source', '')), update.get('timestamp')
             for path, value in _values(update):
@@ -139,7 +145,7 @@ class SignalKInputs:
                 if items and self._fresh((path, source), stamp, items, now):
                     for item in items:
                         if item.admits(source, now):
-                            yield item.bearing, item.is_load, _number(value)
+                            yield item.bearing, item.which, _number(value)
                         else:
                             self._tell_aside(path, source)
 

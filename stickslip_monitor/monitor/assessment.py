@@ -18,11 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray, flatten, in_blocks, restore
 from stickslip_monitor.physics.averaging import boundaries
-from stickslip_monitor.physics.averaging.solver import averaged_solver, damping_per_load
 from stickslip_monitor.physics.belief import Belief, probability_runs
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
 from stickslip_monitor.physics.cycle.cycles import exact_amplitude, exact_fold_speed
-from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.oscillator import Bearing, damping_per_load
 
 # Points from which on a table of the exact fold pays.
 _FEW = 64
@@ -437,20 +436,21 @@ def _judge(
     bearing: Bearing, table: BoundaryTable | None, speed: FloatArray, load: FloatArray
 ) -> tuple[NDArray[Any], ...]:
     """Outcome, Hopf speed and both fold speeds of flat arrays."""
-    solver = averaged_solver(bearing.friction)
+    law = bearing.friction
+    solver = boundaries.averaged(law)
     size = np.abs(speed)
     q = damping_per_load(bearing.damping, load)
     # Speed and load come in turns as a rule, so that a load is met twice.
     first = np.append(0, np.flatnonzero(load[1:] != load[:-1]) + 1)[: load.size]
-    hopf, fold = solver.boundaries(q[first])
+    hopf, fold = solver.boundaries(law, q[first])
     exact = exact_fold_speed(bearing, load[first]) if table is None else table.exact(load[first])
     times = np.diff(np.append(first, load.size))
     hopf, fold, exact = (np.repeat(limit, times) for limit in (hopf, fold, exact))
     code = np.where((fold != fold) & (exact != exact), NO_BOUNDARY, NO_CYCLE)
     # A law with several ranges of speed is quiet between them, as averaging tells.
-    cycle = solver.has_cycle(size, q, fold) | ((size < exact) & ~(size < fold))
+    cycle = solver.has_cycle(law, size, q, fold) | ((size < exact) & ~(size < fold))
     code = np.where(cycle, BISTABLE, code)
-    code = np.where(solver.is_unstable(size, q, hopf), STICK_SLIP, code)
+    code = np.where(solver.is_unstable(law, size, q, hopf), STICK_SLIP, code)
     # 0, or nan where an input is not finite.
     missing = (speed - speed) + (load - load)
     code = np.where(load <= 0.0, NO_CONTACT, code)

@@ -11,14 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from stickslip_monitor.monitor.alarms.live_alarms import LiveAlarms, Log, Store
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.input_watch import Graph, InputWatch
 from stickslip_monitor.monitor.ladder import Condition, Level
-from stickslip_monitor.monitor.messages import BearingState, state_of
+from stickslip_monitor.monitor.messages import BearingState, bearing_record, state_of
 from stickslip_monitor.monitor.monitor import Monitor, Update
 from stickslip_monitor.monitor.rule_state import State
 from stickslip_monitor.monitor.verdict import Event, Verdict
@@ -53,6 +53,32 @@ class Sink:
 
     def take_states(self, states: list[BearingState], whole: bool) -> None:
         """The state of some bearings, or of the whole ship."""
+
+
+class Display(Protocol):
+    """What shows bearings and alarms by their records: a bus, or the dashboard's page."""
+
+    def take_record(self, record: dict[str, Any]) -> None:
+        """The state of a bearing; see :func:`.messages.bearing_record`."""
+
+    def take_alarms(self, record: dict[str, Any]) -> None:
+        """The list of alarms has changed."""
+
+
+class Shown(Sink):
+    """Gives the records of a session to a display."""
+
+    def __init__(self, display: Display) -> None:
+        self._display = display
+
+    def take_alarms(self, record: dict[str, Any]) -> None:
+        """Show the list of alarms."""
+        self._display.take_alarms(record)
+
+    def take_states(self, states: list[BearingState], whole: bool) -> None:
+        """Show the state of each bearing."""
+        for state in states:
+            self._display.take_record(bearing_record(state))
 
 
 class Session:
@@ -132,22 +158,22 @@ class Session:
         self.config = config
 
     def take(
-        self, name: str, place: int, time_ns: int, value: float, now: Moment, latest: bool = True
+        self, name: str, which: int, time_ns: int, value: float, now: Moment, latest: bool = True
     ) -> Update:
         """Take one number of one input.
 
         Args:
             name: The bearing.
-            place: The input, a place in :data:`.signals.INPUTS`.
+            which: The input, a place in :data:`.signals.INPUTS`.
             time_ns: When it was measured [ns].
             value: The number, in the input's own scale.
             now: When it came.
             latest: Whether no later number of this bearing waits already: what one that waits
                 will outdate is said only where it changes something.
         """
-        update = self.monitor.bearings[name].update(place, time_ns, value)
+        update = self.monitor.bearings[name].update(which, time_ns, value)
         if self._inputs is not None:
-            self._inputs.take(name, place, time_ns, value, update.status.believed, now.steady_ns)
+            self._inputs.take(name, which, time_ns, value, update.status.believed, now.steady_ns)
         if update.events:
             update = replace(update, events=self._explained(update.events, now))
         if update.verdict is not None:
@@ -155,7 +181,7 @@ class Session:
         if latest or update.events:
             self._say(name, bool(update.events), now)
         self._announce(update.events)
-        self.alarms.feed(name, place, time_ns, update)
+        self.alarms.feed(name, which, time_ns, update)
         return update
 
     def pass_time(self, name: str, time_ns: int, now: Moment) -> None:

@@ -31,13 +31,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import i0e, i1e, ndtr, ndtri
 
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import FloatArray, flatten, restore
 from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.physics import chances
-from stickslip_monitor.physics.averaging.dimensionless import decline, speed_for_decline
-from stickslip_monitor.physics.bessel import i0e, i1e, ndtr, ndtri
+from stickslip_monitor.physics.averaging.closed_form import decline, speed_for_decline
 from stickslip_monitor.physics.chances import (
     CURVE_FIRST,
     CURVE_LAST,

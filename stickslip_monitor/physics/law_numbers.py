@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TypeAlias
 
@@ -34,6 +35,15 @@ HOLD, STEEPEST, KINETIC, GAP, DECAY, VISCOUS, EXPONENT, PIECES, EDGES = range(9)
 
 # The smallest speed that is not rest [m/s].
 ALMOST_REST = 1e-300
+# Decays of speed from which nothing is left, and whose powers are still numbers: Python's power
+# raises where it overflows.
+_FADED = 1e60
+# How far cubics may be off a law that has no series, in units of its largest coefficient, where a
+# motion is followed.
+_SAMPLED = 1e-9
+# In units of 1/beta: a series sees from above that the exponential rises below such a speed, and
+# above the last one it is less than the rounding of one.
+_EXPONENTIAL_EDGES = (0.0, 12.0, 40.0, np.inf)
 # How many cubics are made at most.
 _MOST_SAMPLES = 20000
 
@@ -54,7 +64,7 @@ def decline(law: LawNumbers, speed: float) -> float:
     """``(beta v)^delta``, continued a little below ``v`` = 0 [-]."""
     if law[EXPONENT] == 1.0:
         return max(law[DECAY] * speed, -1.0)
-    return (law[DECAY] * speed) ** law[EXPONENT] if speed > 0.0 else 0.0
+    return min(law[DECAY] * speed, _FADED) ** law[EXPONENT] if speed > 0.0 else 0.0
 
 
 def forward_coefficient(law: LawNumbers, speed: float) -> float:
@@ -64,13 +74,6 @@ def forward_coefficient(law: LawNumbers, speed: float) -> float:
     i = law_piece(law, speed)
     s, c = speed - law[EDGES + i], EDGES + int(law[PIECES]) + 4 * i
     return law[c] + s * (law[c + 1] + s * (law[c + 2] + s * law[c + 3]))
-
-
-def friction_coefficient(law: LawNumbers, speed: float) -> float:
-    """``mu(v)`` of any relative speed [-]; its positive end at ``v`` = 0."""
-    if speed == 0.0:
-        return law[HOLD]
-    return math.copysign(forward_coefficient(law, abs(speed)), speed)
 
 
 def friction_slope(law: LawNumbers, speed: float) -> float:
@@ -83,7 +86,7 @@ def friction_slope(law: LawNumbers, speed: float) -> float:
             if v == 0.0:
                 rate = 0.0 if power > 0.0 else math.inf
             else:
-                rate *= law[EXPONENT] * (law[DECAY] * v) ** power
+                rate *= law[EXPONENT] * min(law[DECAY] * v, _FADED) ** power
         return law[VISCOUS] - law[GAP] * rate * math.exp(-decline(law, v))
     i = law_piece(law, v)
     s, c = v - law[EDGES + i], EDGES + int(law[PIECES]) + 4 * i
@@ -178,3 +181,45 @@ def sampled_cubics(law: FrictionLaw, tolerance: float = 1e-12) -> tuple[FloatArr
         if not off.any() or edges.size > _MOST_SAMPLES:
             return edges, np.vstack([cubics, [[mu[-1], slope[-1], 0.0, 0.0]]])
         edges = np.sort(np.append(edges, middle[off]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeriesLaw:
+    """A friction law whose series the integrator of the motion can work out.
+
+    Attributes:
+        hold: Largest coefficient that sticking can carry [-]: by Filippov's convex hull never
+            less than that of slow sliding.
+        steepest: Upper bound of ``|d mu / d|v||`` [s/m].
+        exponential: ``mu_k, mu_s - mu_k, beta, nu`` of Stribeck's law.
+        edges: Lower ends of the smooth pieces and infinity, shape (pieces + 1,) [m/s].
+        cubics: Coefficients on each piece in ``|v| - edge``, shape (pieces, 4); empty for an
+            exponential.
+    """
+
+    hold: float
+    steepest: float
+    exponential: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    edges: FloatArray = field(default_factory=lambda: np.array([0.0, np.inf]))
+    cubics: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))
+
+    @property
+    def is_cubic(self) -> bool:
+        """Whether the law is given by cubics."""
+        return self.cubics.size > 0
+
+
+def series_law(law: FrictionLaw) -> SeriesLaw:
+    """A friction law in pieces with series; one that has none as cubics, right to 1e-9."""
+    if computes_as(law, Stribeck):
+        gap = law.static - law.kinetic
+        numbers = (law.kinetic, gap, law.decay, law.viscous)
+        edges = np.array(_EXPONENTIAL_EDGES) / law.decay
+        return SeriesLaw(law.static, abs(gap) * law.decay + law.viscous, numbers, edges)
+    if computes_as(law, Coulomb):
+        return SeriesLaw(max(law.static, law.kinetic), 0.0, (law.kinetic, 0.0, 0.0, 0.0))
+    begins, cubics = _table(law) if computes_as(law, Tabulated) else sampled_cubics(law, _SAMPLED)
+    # A monotone cubic is nowhere steeper than three times its chord (Fritsch and Carlson).
+    steepest = 3.0 * float(np.max(np.abs(np.diff(cubics[:, 0]) / np.diff(begins))))
+    hold = max(law.static, float(cubics[0, 0]))
+    return SeriesLaw(hold, steepest, edges=np.append(begins, np.inf), cubics=cubics)

@@ -146,6 +146,11 @@ class Bearing:
         return self.damping / (2.0 * (root or math.sqrt(self.stiffness) * math.sqrt(self.mass)))
 
     @property
+    def momentum(self) -> float:
+        """``m omega`` [kg/s]: the inertial force for each unit of velocity amplitude."""
+        return self.mass * self.natural_frequency
+
+    @property
     def speed(self) -> BearingSpeed:
         """Conversions between shaft speed and this bearing's surface speed."""
         return BearingSpeed(self.journal_diameter)
@@ -159,3 +164,8 @@ class Bearing:
         """
         coefficient = self.friction.coefficient(speed)
         return np.asarray(load, dtype=float) * coefficient / self.stiffness
+
+
+def damping_per_load(damping: float, load: FloatArray) -> FloatArray:
+    """``q = c/N`` [s/m]; ``inf`` where there is no load. What it warns of means nothing."""
+    return np.where(load > 0.0, damping / load, np.inf)

@@ -11,6 +11,7 @@ from std_msgs.msg import Float64
 
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.ros.message_types import ROS_FAULTS
 
 TYPE, FIELD = 'std_msgs/msg/Float64', 'data'
@@ -24,7 +25,7 @@ class Bridge:
         node: The node that publishes.
         monitor: Full name of the monitor's node, to which names of topics are relative.
         config: The configuration of the monitor.
-        inputs: Bearing and whether it is the load, of each input.
+        inputs: Bearing and input, of each that comes from a bus.
 
     Raises:
         RosError: An input is configured for other messages, or its topic's name is none.
@@ -35,16 +36,17 @@ class Bridge:
         node: Node,
         monitor: str,
         config: MonitorConfig,
-        inputs: Iterable[tuple[str, int]],
+        inputs: Iterable[tuple[str, Input]],
     ) -> None:
-        self._publishers: dict[tuple[str, int], Publisher[Float64]] = {}
+        self._publishers: dict[tuple[str, Input], Publisher[Float64]] = {}
         topics = set()
-        for name, is_load in inputs:
+        for name, which in inputs:
             bearing = config.bearing(name)
-            source = bearing.load if is_load else bearing.speed
+            quantity = which.name.lower()
+            source = bearing.inputs[quantity]
             if (source.type, source.field_text) != (TYPE, FIELD):
                 raise RosError(
-                    f"{name}.{'load' if is_load else 'speed'}.type = '{source.type}' must be"
+                    f"{name}.{quantity}.type = '{source.type}' must be"
                     f" {TYPE}, field '{FIELD}': what a bus brings is published so"
                 )
             # Of two bearings on one shaft the first brings the speed for both.
@@ -57,12 +59,12 @@ class Bridge:
                 )
             except ROS_FAULTS as error:
                 raise RosError(f'{source.topic} cannot be published: {error}') from error
-            self._publishers[name, is_load] = publisher
+            self._publishers[name, which] = publisher
 
-    def take(self, bearing: str, is_load: int, value: float) -> None:
+    def take(self, bearing: str, which: Input, value: float) -> None:
         """Publish one number."""
-        if (bearing, is_load) in self._publishers:
-            self._publishers[bearing, is_load].publish(Float64(data=value))
+        if (bearing, which) in self._publishers:
+            self._publishers[bearing, which].publish(Float64(data=value))
 
 
 def _resolved(topic: str, monitor: str) -> str:

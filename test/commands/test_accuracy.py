@@ -80,9 +80,6 @@ def test_bad_input(arguments: list[str], words: str, capsys: pytest.CaptureFixtu
     assert words in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ('seconds', 'text'),
-    [(2.5, '2.5 s'), (0.0025, '2.5 ms'), (2.5e-6, '2.5 us'), (float('nan'), '-')],
-)
-def test_times_in_words(seconds: float, text: str) -> None:
-    assert accuracy.time_text(seconds) == text
+def test_times_in_words() -> None:
+    found = [accuracy.time_text(seconds) for seconds in (2.5, 2.5e-3, 2.5e-6, float('nan'))]
+    assert found == ['2.5 s', '2.5 ms', '2.5 us', '-']

@@ -44,16 +44,7 @@ class Ship:
     def __init__(self, shown: Any) -> None:
         from stickslip_monitor.monitor.config_file import load_config
         from stickslip_monitor.monitor.input_watch import Graph
-        from stickslip_monitor.monitor.messages import bearing_record
-        from stickslip_monitor.monitor.session import Session, Sink
-
-        class Shown(Sink):
-            def take_alarms(self, record: Any) -> None:
-                shown.take_alarms(record)
-
-            def take_states(self, states: Any, whole: bool) -> None:
-                for state in states:
-                    shown.take_record(bearing_record(state))
+        from stickslip_monitor.monitor.session import Session, Shown
 
         self.shown = shown
         shown.act = self.act
@@ -61,7 +52,7 @@ class Ship:
         self.asked: list[Any] = []
         self.deaf = False
         log, clock = logging.getLogger('ship'), lambda: self.time_ns
-        self.session = Session(load_config(REFERENCE), Shown(), log, clock, None, Graph())
+        self.session = Session(load_config(REFERENCE), Shown(shown), log, clock, None, Graph())
         self.session.begin()
 
     @property
@@ -116,12 +107,9 @@ class Dashboard:
         player: Any = None,
         **limits: float,
     ) -> None:
-        from aiohttp import web
-
         from stickslip_monitor.commands.dashboard import watched
-        from stickslip_monitor.dashboard.access import Access
-        from stickslip_monitor.dashboard.doors import listen
-        from stickslip_monitor.dashboard.server import Server
+        from stickslip_monitor.dashboard.access import Access, listen
+        from stickslip_monitor.dashboard.server import Server, make_runner
         from stickslip_monitor.dashboard.state import DashboardState
         from stickslip_monitor.monitor.config_file import load_config
 
@@ -132,7 +120,7 @@ class Dashboard:
         self.ship = self.ships[0]
         access = Access(token, frozenset({'ship.test'}))
         self._app = Server(self.board, access, player, 0.3, 2.0).application()
-        self._runner = web.AppRunner(self._app, access_log=None, shutdown_timeout=1.0)
+        self._runner = make_runner(self._app)
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
         self.run(self._runner.setup())

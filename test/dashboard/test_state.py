@@ -16,26 +16,30 @@ from typing import Any
 
 import pytest
 
-from stickslip_monitor.dashboard.event_log import KEPT, SHOWN, EventLog
-from stickslip_monitor.dashboard.history import SPAN, STEP
-from stickslip_monitor.dashboard.received import NUMBERS, OFFERED, checked_alarms, checked_record
-from stickslip_monitor.dashboard.state import DashboardState
-from stickslip_monitor.dashboard.watched import BearingView, Curves, WatchedMonitor
+from stickslip_monitor.dashboard.state import KEPT, SHOWN, DashboardState, EventLog
+from stickslip_monitor.dashboard.watched import (
+    NUMBERS,
+    OFFERED,
+    SPAN,
+    STEP,
+    BearingView,
+    WatchedMonitor,
+    checked_alarms,
+    checked_record,
+)
 from stickslip_monitor.errors import DashboardError, RosError
 from stickslip_monitor.monitor.alarms.alarm_records import alarms_record
 from stickslip_monitor.monitor.alarms.annunciator import Action, Annunciator
 from stickslip_monitor.monitor.alarms.causes import AlarmKind
 from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
-from stickslip_monitor.monitor.alarms.requests import ActionRequest, parse_request, request_record
+from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.input_watch import InputState
 from stickslip_monitor.monitor.messages import bearing_record, state_of
 from stickslip_monitor.monitor.monitor import Monitor
 from stickslip_monitor.ros.state_file import StateFile, StateWriter
 
-VIEW = BearingView(
-    'aft_stern', 190.0, (0.0, 1.0), (0.0, 1.0), Curves([], [], [], []), 0.1, None, {}
-)
+VIEW = BearingView('aft_stern', 190.0, (0.0, 1.0), (0.0, 1.0), {}, 0.1, None, {})
 Happening = Callable[[WatchedMonitor, list[float]], Any]
 
 
@@ -73,6 +77,7 @@ def alarm(**changes: Any) -> dict[str, Any]:
 def alarms(*own: dict[str, Any], **changes: Any) -> dict[str, Any]:
     """A list of alarms."""
     counts = {'time': 10**9, 'sounding': False, 'unacknowledged': 0, 'flood': {}, 'changes': []}
+    counts |= {'rows': []}
     return {'schema': 'stickslip_monitor/alarm/1', **counts, 'alarms': list(own)} | changes
 
 
@@ -112,17 +117,9 @@ def test_what_is_no_number_has_no_value() -> None:
     assert record is not None
     assert [record[name] for name in NUMBERS] == [None] * len(NUMBERS)
     assert record['sticking'] is None
-    assert record['inputs']['speed'] == {
-        'lost': False, 'age': None, 'rate': None, 'fault': '', 'counts': {}
-    }  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    'document', [None, [], {}, status(text=None), status(time='now'), status(inputs=[])]
-)
-def test_what_is_no_record_changes_nothing(board: DashboardState, document: Any) -> None:
-    board.monitors[0].take_record(document)
-    assert not board.heard
+    speed = record['inputs']['speed']
+    assert not any(speed.pop('counts').values())
+    assert speed == {'lost': False, 'age': None, 'rate': None, 'fault': ''}
 
 
 def test_memory_is_bounded(board: DashboardState) -> None:
@@ -161,42 +158,21 @@ def test_a_lost_input_is_a_gap_in_the_history(board: DashboardState) -> None:
     ]
 
 
-def test_silence_is_noticed(board: DashboardState, now: list[float]) -> None:
-    reader = board.hub.join()
-    assert board.monitors[0].silent_for is None
-    board.monitors[0].take_alarms(alarms())
-    board.monitors[0].take_record(status())
-    assert board.there
-    now[0] += 3.1
-    board.tick()
-    assert not board.there
-    assert board.monitor() == {
-        'there': False,
-        'finished': False,
-        'silent': 3.1,
-        'faults': ['The monitor test has been silent for 3 s.'],
-        'notices': [],
-        'unheard': ['aft_stern'],
-    }
-    assert b'"there":false' in reader._waiting['monitor ']
-
-
 @pytest.mark.parametrize(
     'document',
     [
         None,
         [],
         {},
-        alarms(schema='stickslip_monitor/alarm/2'),
-        alarms(time='now'),
-        alarms(alarms=None),
-        alarms(7),  # type: ignore[arg-type]
-        alarms(alarm(state=None)),
-        alarms(changes=[{}]),
+        *(status(text=None), status(time='now'), status(inputs=[])),
+        *(alarms(schema='stickslip_monitor/alarm/2'), alarms(time='now'), alarms(alarms=None)),
+        *(alarms(alarm(state=None)), alarms(changes=[{}]), alarms(rows=[7])),
     ],
 )
-def test_what_is_no_list_of_alarms_changes_nothing(board: DashboardState, document: Any) -> None:
+def test_what_is_none_changes_nothing(board: DashboardState, document: Any) -> None:
+    board.monitors[0].take_record(document)
     board.monitors[0].take_alarms(document)
+    assert not board.heard
     assert board.alarms is None
 
 
@@ -225,34 +201,12 @@ def test_one_matter_is_one_row(board: DashboardState) -> None:
         alarm(alarm='amplitude_limit', state='shelved'),
         alarm(alarm='vibration', state='normal'),
     ]
-    board.monitors[0].take_alarms(alarms(*own))
+    told = alarm(state='unacknowledged', text='now', came_back=4, came_back_since=5 * 10**6)
+    board.monitors[0].take_alarms(alarms(*own, rows=[told, alarm(bearing='fore')]))
     assert board.alarms is not None
     (row,) = board.alarms['rows']
-    assert (row['alarm'], row['kinds']) == ('stick_slip', ['margin_low', 'bistable', 'stick_slip'])
     assert row['actions'] == ['acknowledge', 'silence', 'shelve']
-    # What the monitor itself says of the row counts.
-    told = alarm(state='unacknowledged', text='now', came_back=4, came_back_since=5 * 10**6)
-    board.monitors[0].take_alarms(alarms(*own, rows=[told, 7, alarm(bearing='fore')]))
-    (row,) = board.alarms['rows']
     assert (row['text'], row['came_back'], row['came_back_since']) == ('now', 4, 5)
-
-
-def test_a_request_travels_there_and_back() -> None:
-    for request in (
-        ActionRequest(Action.SHELVE, 'Ada', 'aft_stern', AlarmKind.BISTABLE),
-        ActionRequest(Action.SILENCE, 'Éowyn 船長', reason='new oil'),
-    ):
-        assert parse_request(request_record(request), ['aft_stern']) == request
-
-
-def test_the_end_of_a_recording_is_told_once(board: DashboardState) -> None:
-    reader = board.hub.join()
-    board.monitors[0].take_record(status())
-    reader._waiting.clear()
-    board.finish()
-    assert b'"there":false,"finished":true' in reader._waiting.pop('monitor ')
-    board.tick()
-    assert reader._waiting == {}
 
 
 def test_what_another_did_is_no_answer(board: DashboardState) -> None:
@@ -277,23 +231,20 @@ def wait(now: list[float], seconds: float) -> None:
     now[0] += seconds
 
 
+FOREIGN = 'fore: watched by test, but not in --config'
+IDLE = 'Not monitoring: test is not active'
 DOUBTS: list[tuple[Happening, str]] = [
     (lambda m, now: None, 'Nothing has been heard of the monitor test yet.'),
     (lambda m, now: m.take_other('port/monitor'), 'other monitors: /port/monitor; see --node'),
     (lambda m, now: hear(m), 'The list of alarms of test has not come'),
     (lambda m, now: (hear(m, 'fore'), m.take_alarms(alarms())), 'Nothing has been heard'),
-    (lambda m, now: hear(m, 'aft_stern', 'fore'), 'fore: watched by test, but not in --config'),
+    (lambda m, now: hear(m, 'aft_stern', 'fore'), FOREIGN),
+    (lambda m, now: (hear(m), m.take_alarms(alarms(alarm(bearing='fore')))), FOREIGN),
+    (lambda m, now: (hear(m), m.take_alarms(alarms(monitoring=False))), IDLE),
+    (lambda m, now: (hear(m, reason='not_monitoring'), wait(now, 60.0)), IDLE),
     (
-        lambda m, now: (hear(m), m.take_alarms(alarms(alarm(bearing='fore')))),
-        'fore: watched by test, but not in --config',
-    ),
-    (
-        lambda m, now: (hear(m), m.take_alarms(alarms(monitoring=False))),
-        'Not monitoring: test is not active',
-    ),
-    (
-        lambda m, now: (hear(m, reason='not_monitoring'), wait(now, 60.0)),
-        'Not monitoring: test is not active',
+        lambda m, now: (m.take_alarms(alarms()), hear(m), wait(now, 3.1)),
+        'The monitor test has been silent for 3 s.',
     ),
     (
         lambda m, now: (m.take_alarms(alarms()), wait(now, 200.0), hear(m)),
@@ -404,7 +355,7 @@ def test_twin_screws_are_two_things(now: list[float]) -> None:
     for monitor in board.monitors:
         hear(monitor, text='aft_stern: fine')
     waiting = alarm(state='unacknowledged', active=True, text='aft_stern: bad')
-    port.take_alarms(alarms(waiting, unacknowledged=1))
+    port.take_alarms(alarms(waiting, unacknowledged=1, rows=[waiting]))
     assert (board.heard, board.there) == (True, False)
     starboard.take_alarms(alarms(alarm()))
     assert board.there

@@ -12,10 +12,10 @@ import pytest
 from numpy.typing import NDArray
 
 from stickslip_monitor.lab.recorder_clock import on_recorder_clock
-from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.monitor import BearingMonitor, Monitor
-from stickslip_monitor.monitor.signals import Stream
+from stickslip_monitor.monitor.signals import Input, Stream
 from stickslip_monitor.monitor.verdict import Event
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -34,55 +34,10 @@ def recording(shift_s: NDArray[np.float64]) -> tuple[Stream, IntArray]:
     """
     second = np.repeat(np.arange(shift_s.size), 2)
     log = START + second * S + np.tile([0, 200_000_000], shift_s.size)
-    is_load = np.tile([False, True], shift_s.size)
+    inputs = np.tile([Input.SPEED, Input.LOAD], shift_s.size)
     speed = np.interp(second % 120, [0, 20, 60, 80, 120], [60.0, 60.0, 25.0, 25.0, 60.0])
     stamp = log + np.rint(np.repeat(shift_s, 2) * S).astype(np.int64)
-    return Stream(stamp, is_load, np.where(is_load, 1000.0, speed)), log
-
-
-def heard(stream: Stream, log: IntArray) -> list[tuple[Event, int, int]]:
-    """Each event of the monitor's other door, with when the message before it and its own came."""
-    monitor = BearingMonitor(BEARING)
-    monitor.advance(START)
-    found = []
-    rows = zip(
-        stream.is_load.astype(int).tolist(),
-        stream.time_ns.tolist(),
-        stream.value.tolist(),
-        strict=True,
-    )
-    before = START
-    for row, now in zip(rows, log.tolist(), strict=True):
-        found += [(event, before, now) for event in monitor.update(*row).events]
-        before = now
-    return found
-
-
-@pytest.mark.parametrize(
-    'jumps',
-    [
-        {100: -30.0},
-        {30: -20.0, 55: -50.0, 90: 0.0},
-        {50: 3600.0, 90: -3600.0, 200: 0.0},
-        {40: -3.0, 41: -40.0, 42: -80.0},
-        {0: -1e6},
-    ],
-    ids=str,
-)
-def test_events_come_with_the_message_that_brings_them(jumps: dict[int, float]) -> None:
-    check_events(*recording(shifted(jumps, 240)))
-
-
-@pytest.mark.slow
-def test_what_falls_due_just_before_a_jump_came_before_it() -> None:
-    """Delays and time-outs end at all distances from the jump, some of them just before it."""
-    for second in range(24, 62):
-        check_events(*recording(shifted({second: -25.0}, 90)), least=1)
-
-
-def test_points_bear_the_time_of_their_message_whatever_the_clock_runs_like() -> None:
-    for rate in (-0.1, 0.1):
-        check_events(*recording(rate * np.arange(240)))
+    return Stream(stamp, inputs, np.where(inputs == Input.LOAD, 1000.0, speed)), log
 
 
 def shifted(jumps: dict[int, float], seconds: int) -> NDArray[np.float64]:
@@ -93,10 +48,43 @@ def shifted(jumps: dict[int, float], seconds: int) -> NDArray[np.float64]:
     return shift
 
 
-def check_events(stream: Stream, log: IntArray, least: int = 3) -> None:
-    """Compare the scan on the recorder's clock with messages that come one after the other."""
-    scan = Monitor(CONFIG).scan({BEARING.name: stream}, START, None)[BEARING.name]
-    moved = on_recorder_clock(BEARING, stream, log, scan, START)
+def scanned(stream: Stream, start_ns: int = START, end_ns: int | None = None) -> Scan:
+    return Monitor(CONFIG).scan({BEARING.name: stream}, start_ns, end_ns)[BEARING.name]
+
+
+def heard(stream: Stream, log: IntArray) -> list[tuple[Event, int, int]]:
+    """Each event of the monitor's other door, with when the message before it and its own came."""
+    monitor = BearingMonitor(BEARING)
+    monitor.advance(START)
+    found, before = [], START
+    rows = zip(stream.inputs, stream.time_ns.tolist(), stream.value.tolist(), log, strict=True)
+    for *sample, now in rows:
+        found += [(event, before, int(now)) for event in monitor.update(*sample).events]
+        before = int(now)
+    return found
+
+
+@pytest.mark.parametrize(
+    ('shift', 'least'),
+    [
+        (shifted({100: -30.0}, 240), 3),
+        (shifted({30: -20.0, 55: -50.0, 90: 0.0}, 240), 3),
+        (shifted({50: 3600.0, 90: -3600.0, 200: 0.0}, 240), 3),
+        (shifted({40: -3.0, 41: -40.0, 42: -80.0}, 240), 3),
+        (shifted({0: -1e6}, 240), 3),
+        # A clock that runs slow or fast.
+        (-0.1 * np.arange(240), 3),
+        (0.1 * np.arange(240), 3),
+        # Delays and time-outs end at all distances from the jump, some of them just before it.
+        *((shifted({second: -25.0}, 90), 1) for second in range(24, 62, 3)),
+    ],
+    ids=lambda value: '' if isinstance(value, np.ndarray) else None,
+)
+def test_events_come_with_the_message_that_brings_them(
+    shift: NDArray[np.float64], least: int
+) -> None:
+    stream, log = recording(shift)
+    moved = on_recorder_clock(stream, log, scanned(stream))
     expected = heard(stream, log)
     assert len(moved.events) == len(expected) >= least
     for event, (told, before, now) in zip(moved.events, expected, strict=True):
@@ -112,37 +100,30 @@ def check_events(stream: Stream, log: IntArray, least: int = 3) -> None:
 def test_a_constant_error_of_the_clock_is_none_of_the_recorder() -> None:
     right, log = recording(np.zeros(240))
     wrong, _ = recording(np.full(240, -12.3))
-    scans = [
-        Monitor(CONFIG).scan({BEARING.name: stream}, int(stream.time_ns[0]), None)[BEARING.name]
-        for stream in (right, wrong)
-    ]
-    assert on_recorder_clock(BEARING, right, log, scans[0], START) is scans[0]
-    moved = on_recorder_clock(BEARING, wrong, log, scans[1], int(wrong.time_ns[0]))
-    assert [e.time_ns for e in moved.events] == [e.time_ns for e in scans[0].events]
-    np.testing.assert_array_equal(moved.time_ns, scans[0].time_ns)
-    np.testing.assert_array_equal(moved.until_ns, scans[0].until_ns)
+    scan = scanned(right)
+    assert on_recorder_clock(right, log, scan) is scan
+    moved = on_recorder_clock(wrong, log, scanned(wrong, int(wrong.time_ns[0])))
+    assert [e.time_ns for e in moved.events] == [e.time_ns for e in scan.events]
+    np.testing.assert_array_equal(moved.time_ns, scan.time_ns)
+    np.testing.assert_array_equal(moved.until_ns, scan.until_ns)
 
 
 def test_a_gap_lasts_as_long_as_the_clocks_agree() -> None:
     """Load silent from 60.2 to 90.2 s: lost 5 s later by its timeout, told between messages."""
     stream, log = recording(np.full(120, 2.0))
-    kept = ~(stream.is_load & (log > START + 61 * S) & (log < START + 90 * S))
-    stream = Stream(stream.time_ns[kept], stream.is_load[kept], stream.value[kept])
-    scan = Monitor(CONFIG).scan({BEARING.name: stream}, START, None)[BEARING.name]
-    moved = on_recorder_clock(BEARING, stream, log[kept], scan, START)
+    kept = ~((stream.inputs == Input.LOAD) & (log > START + 61 * S) & (log < START + 90 * S))
+    stream = Stream(stream.time_ns[kept], stream.inputs[kept], stream.value[kept])
+    moved = on_recorder_clock(stream, log[kept], scanned(stream))
     (lost,) = [e for e in moved.events if e.lost]
-    timeout = BEARING.load.timeout_ns
     last_load = START + 60 * S + 200_000_000
-    assert lost.time_ns == last_load + timeout
+    assert lost.time_ns == last_load + BEARING.load.timeout_ns
     gap = np.flatnonzero(moved.until_ns[:-1] < moved.time_ns[1:])
-    assert moved.until_ns[gap].tolist() == [last_load + timeout]
+    assert moved.until_ns[gap].tolist() == [last_load + BEARING.load.timeout_ns]
 
 
 def test_nothing_believed_has_no_clock() -> None:
     stream, log = recording(np.full(20, 2.0))
-    silent = Stream(stream.time_ns, stream.is_load, np.full(stream.value.shape, np.nan))
-    config = MonitorConfig((BEARING,))
-    scan = Monitor(config).scan({BEARING.name: silent}, START, START + 20 * S)[BEARING.name]
+    silent = Stream(stream.time_ns, stream.inputs, np.full(stream.value.shape, np.nan))
+    scan = scanned(silent, end_ns=START + 20 * S)
     assert scan.events
-    moved = on_recorder_clock(BEARING, silent, log, scan, START)
-    assert moved.events == scan.events
+    assert on_recorder_clock(silent, log, scan).events == scan.events

@@ -12,6 +12,7 @@ import yaml
 
 from stickslip_monitor.commands.watch import load_watch
 from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.monitor.signals import Input
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / 'launch_configs' / 'examples' / 'ship.yaml'
@@ -79,7 +80,7 @@ def test_the_example_and_the_docs_are_configurations(files: Files) -> None:
     document['/**']['ros__parameters']['aft_stern']['speed'] = {'unit': 'rpm'}
     files.path.write_text(yaml.safe_dump(document))
     _, links = load_watch(str(files.path), False)
-    assert [item.label for item in links.nmea_inputs] == ['RPM S 1', 'XDR AFTLOAD']
+    assert [item.label for item in links.nmea_inputs] == ['NMEA RPM S 1', 'NMEA XDR AFTLOAD']
 
 
 def test_beside_a_node_topics_are_the_nodes_and_inputs_may_come_from_elsewhere(
@@ -89,7 +90,7 @@ def test_beside_a_node_topics_are_the_nodes_and_inputs_may_come_from_elsewhere(
     links = {key: value for key, value in SIGNALK.items() if key != 'aft.load'}
     config, made = load_watch(files.write(links, **topics), True)
     assert config.bearings[0].speed.topic == '/s'
-    assert list(made.labels) == [('aft', 0)]
+    assert list(made.labels) == [('aft', Input.SPEED)]
     with pytest.raises(ConfigurationError, match=r"'aft\.load' is missing: without --node"):
         load_watch(files.write(links), False)
     with pytest.raises(ConfigurationError, match=r"parameter 'aft\.speed\.topic' is missing"):

@@ -24,9 +24,10 @@ from stickslip_monitor.links.nmea import (
 from stickslip_monitor.monitor.alarms.annunciator import Action
 from stickslip_monitor.monitor.alarms.causes import AlarmKind
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
+from stickslip_monitor.monitor.signals import Input
 
-SPEED = NmeaInput('aft', 0, 'RPM', kind='S', number=1)
-LOAD = NmeaInput('aft', 1, 'XDR', kind='N', name='AFTLOAD')
+SPEED = NmeaInput('aft', Input.SPEED, 'RPM', kind='S', number=1)
+LOAD = NmeaInput('aft', Input.LOAD, 'XDR', kind='N', name='AFTLOAD')
 NAN = math.nan
 
 
@@ -62,7 +63,7 @@ def test_what_a_sentence_brings(body: str, expected: list[float]) -> None:
 
 
 def test_a_talker_is_chosen() -> None:
-    port = NmeaInput('aft', 0, 'RPM', talker='RC', kind='S', number=1)
+    port = NmeaInput('aft', Input.SPEED, 'RPM', talker='RC', kind='S', number=1)
     assert list(samples([port], sentence('IIRPM,S,1,74.6,30.0,A'))) == []
     assert list(samples([port], sentence('RCRPM,S,1,74.6,30.0,A'))) == [('aft', 0, 74.6)]
 
@@ -142,44 +143,29 @@ def test_the_life_of_an_alarm_in_golden_sentences() -> None:
 
 
 @pytest.mark.parametrize(
-    ('kind', 'state', 'priority', 'letter', 'identifier'),
+    ('kind', 'identifier', 'priority', 'states', 'letters'),
     [
-        (AlarmKind.AMPLITUDE_LIMIT, 'unacknowledged', 'A', 'V', 10001),
-        (AlarmKind.BISTABLE, 'acknowledged', 'W', 'A', 10003),
-        (AlarmKind.BISTABLE, 'unacknowledged', 'W', 'V', 10003),
-        (AlarmKind.MARGIN_LOW, 'unacknowledged', 'C', 'A', 10004),
-        (AlarmKind.INPUT_LOST, 'unacknowledged', 'W', 'V', 10005),
-        (AlarmKind.INPUT_IMPLAUSIBLE, 'acknowledged', 'C', 'A', 10006),
+        (AlarmKind.AMPLITUDE_LIMIT, 10001, 'A', ['unacknowledged'], 'V'),
+        (AlarmKind.BISTABLE, 10003, 'W', ['unacknowledged', 'acknowledged'], 'VA'),
+        # Nobody has to acknowledge a caution, nor its end.
+        (AlarmKind.MARGIN_LOW, 10004, 'C', ['unacknowledged', 'returned_unacknowledged'], 'AN'),
+        (AlarmKind.INPUT_LOST, 10005, 'W', ['unacknowledged', 'returned_unacknowledged'], 'VU'),
+        (AlarmKind.INPUT_IMPLAUSIBLE, 10006, 'C', ['acknowledged'], 'A'),
+        # What is put aside is normal to a display.
+        *(
+            (AlarmKind.STICK_SLIP, 10002, 'A', ['acknowledged', aside], 'AN')
+            for aside in ('latched', 'suppressed', 'shelved', 'out_of_service')
+        ),
     ],
 )
 def test_every_kind(
-    kind: AlarmKind, state: str, priority: str, letter: str, identifier: int
+    kind: AlarmKind, identifier: int, priority: str, states: list[str], letters: str
 ) -> None:
-    line, _ = Panel().show(kind, state, '06:00:00.00', text='aft: text')
-    parsed = parse(line)
-    assert parsed is not None
-    assert parsed[2][3:9] == ['060000.00', 'B', priority, letter, 'XXX', f'{identifier}']
-
-
-@pytest.mark.parametrize('state', ['latched', 'suppressed', 'shelved', 'out_of_service'])
-def test_what_is_put_aside_is_normal_to_a_display(state: str) -> None:
     panel = Panel()
-    assert panel.show(AlarmKind.STICK_SLIP, state, '06:00:00.00') == []
-    panel.show(AlarmKind.STICK_SLIP, 'acknowledged', '06:00:01.00')
-    (line,) = panel.show(AlarmKind.STICK_SLIP, state, '06:00:02.00')
-    assert ',B,A,N,' in line
-
-
-def test_a_caution_that_is_over_is_normal() -> None:
-    panel = Panel()
-    panel.show(AlarmKind.MARGIN_LOW, 'unacknowledged', '06:00:00.00')
-    (line,) = panel.show(AlarmKind.MARGIN_LOW, 'returned_unacknowledged', '06:00:09.00')
-    assert ',B,C,N,' in line
-
-
-def test_no_manufacturer_code() -> None:
-    line, _ = Panel(manufacturer='').show(AlarmKind.STICK_SLIP, 'unacknowledged', '06:00:55.50')
-    assert line == sentence('IIALF,2,1,1,060055.50,B,A,V,,10002,1,1,0,STICK-SLIP AFT')
+    for state, letter in zip(states, letters, strict=True):
+        parsed = parse(panel.show(kind, state, '06:00:00.00')[0])
+        assert parsed is not None
+        assert parsed[2][4:9] == ['B', priority, letter, 'XXX', f'{identifier}']
 
 
 def test_the_cyclic_list_and_the_heartbeat() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import os
 import pty
 import re
@@ -16,18 +17,18 @@ from typing import Any
 import pytest
 
 from stickslip_monitor.errors import LinkError
-from stickslip_monitor.links import ports
+from stickslip_monitor.links import nmea_client
 from stickslip_monitor.links.link_config import NmeaLink
 from stickslip_monitor.links.nmea import NmeaInput, sentence
-from stickslip_monitor.links.nmea_client import NmeaClient
-from stickslip_monitor.links.ports import Port, open_port
+from stickslip_monitor.links.nmea_client import KINDS, NmeaClient, Port
+from stickslip_monitor.monitor.signals import Input
 
 RPM = sentence('RCRPM,S,1,74.6,30.0,A')
 
 
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ports, 'AGAIN', 0.02)
+    monkeypatch.setattr(nmea_client, 'AGAIN', 0.02)
 
 
 class End:
@@ -37,9 +38,8 @@ class End:
         self.lines: list[str] = []
         self.states: list[bool] = []
         self.reasons: list[str] = []
-        self.port = open_port(
-            'nmea.listen', address, self.lines.append, self.tell, listens, silent
-        )
+        kind = KINDS[address.partition(':')[0]]
+        self.port = kind('nmea.listen', address, self.lines.append, self.tell, listens, silent)
 
     def tell(self, up: bool, why: str) -> None:
         if self.states[-1:] != [up]:
@@ -103,7 +103,7 @@ def test_datagrams_in_with_or_without_an_end_of_line() -> None:
 def test_datagrams_out_to_somebody_who_comes_late() -> None:
     async def work() -> None:
         number = free()
-        end = End(f'udp://127.0.0.1:{number}', listens=False)
+        end = End(f'udp://127.0.0.1:{number}', listens=False, silent=math.inf)
         await at_work(end.port)
         end.port.send([RPM])
         await until(lambda: False in end.states, lambda: end.reasons)
@@ -198,7 +198,7 @@ def test_a_serial_line_that_vanishes_and_comes_back(tmp_path: Path) -> None:
 def test_silence_is_a_fault_where_lines_are_expected() -> None:
     async def work() -> None:
         listens = End(f'udp://127.0.0.1:{free()}', silent=0.1)
-        sends = End(f'udp://127.0.0.1:{free()}', listens=False, silent=0.1)
+        sends = End(f'udp://127.0.0.1:{free()}', listens=False, silent=math.inf)
         await at_work(listens.port)
         await at_work(sends.port)
         await until(lambda: listens.states == [False])
@@ -231,39 +231,24 @@ LOST = {'bearing': 'aft', 'alarm': 'input_lost', 'silenced': False, 'changed': 0
 
 
 class Display:
-    """The other end of both directions: what it got, and a way to say something."""
+    """The other end of both directions, by one connection: what it got, and a way to answer."""
 
     def __init__(self) -> None:
         self.got: list[bytes] = []
-        self.listen = self.alerts = 0
         self.say: Callable[[str], None] = lambda line: None
 
-    async def by_udp(self) -> None:
-        loop, made = asyncio.get_running_loop(), udp()
-        self.listen, self.alerts = free(), made.getsockname()[1]
-
-        async def hear() -> None:
-            with made:
-                while True:
-                    self.got.append(await loop.sock_recv(made, 1000))
-
-        self.task = loop.create_task(hear())
-        where = ('127.0.0.1', self.listen)
-        self.say = lambda line: made.sendto(f'{line}\r\n'.encode(), where) and None
-
-    async def by_tcp(self) -> None:
+    async def open(self) -> int:
         async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
             self.say = lambda line: writer.write(f'{line}\r\n'.encode())
             while line := await reader.readline():
                 self.got.append(line)
 
         self.server = await asyncio.start_server(serve, '127.0.0.1', 0)
-        self.listen = self.alerts = self.server.sockets[0].getsockname()[1]
+        return int(self.server.sockets[0].getsockname()[1])
 
 
-@pytest.mark.parametrize('scheme', ['udp', 'tcp'])
 def test_sentences_in_alerts_out_and_acknowledgements_back(
-    scheme: str, caplog: pytest.LogCaptureFixture
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     samples: list[Any] = []
     requests: list[str] = []
@@ -276,14 +261,10 @@ def test_sentences_in_alerts_out_and_acknowledgements_back(
 
     async def work() -> None:
         display = Display()
-        await (display.by_udp() if scheme == 'udp' else display.by_tcp())
+        port = f'tcp://127.0.0.1:{await display.open()}'
         client = NmeaClient(
-            NmeaLink(
-                f'{scheme}://127.0.0.1:{display.listen}',
-                f'{scheme}://127.0.0.1:{display.alerts}',
-                *('II', '', 10001, 30.0, 60.0, True),
-            ),
-            [NmeaInput('aft', 0, 'RPM', kind='S', number=1)],
+            NmeaLink(port, port, 'II', '', 10001, 30.0, 60.0, True),
+            [NmeaInput('aft', Input.SPEED, 'RPM', kind='S', number=1)],
             ['aft'],
             lambda *sample: samples.append(sample),
             act,

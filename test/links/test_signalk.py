@@ -20,6 +20,7 @@ from stickslip_monitor.links.signalk import (
 from stickslip_monitor.monitor.alarms.annunciator import Action
 from stickslip_monitor.monitor.alarms.causes import AlarmKind
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
+from stickslip_monitor.monitor.signals import Input
 
 SHIP = 'vessels.urn:mrn:imo:mmsi:230099999'
 PATH = 'propulsion.port.revolutions'
@@ -55,15 +56,15 @@ class Reader:
 
     def __init__(self, source: str = '') -> None:
         self.said: list[str] = []
-        speed = SignalKInput('aft', 0, PATH, source, 5.0)
-        other = SignalKInput('fwd', 0, PATH, '', 5.0)
+        speed = SignalKInput('aft', Input.SPEED, PATH, source, 5.0)
+        other = SignalKInput('fwd', Input.SPEED, PATH, '', 5.0)
         self.inputs = SignalKInputs([speed, other], self.said.append)
         self.inputs.greet(HELLO, 100.0)
 
     def take(self, frame: object, second: float = 0.0) -> list[float]:
         """The values that the first bearing gets."""
         found = self.inputs.take(frame, 100.0 + second)
-        return [value for bearing, is_load, value in found if (bearing, is_load) == ('aft', 0)]
+        return [value for bearing, _, value in found if bearing == 'aft']
 
 
 def test_the_subscription_names_its_context_and_no_period() -> None:

@@ -23,6 +23,7 @@ from stickslip_monitor.links.link_config import SignalKLink
 from stickslip_monitor.links.signalk import SignalKInput, SignalKInputs
 from stickslip_monitor.links.signalk_client import SignalKClient, request_token
 from stickslip_monitor.monitor.alarms.causes import AlarmKind
+from stickslip_monitor.monitor.signals import Input
 
 DEADLINE = 20.0
 PATH = 'propulsion.port.revolutions'
@@ -59,10 +60,10 @@ class Ship:
         self.client = SignalKClient(
             link,
             token,
-            SignalKInputs([SignalKInput('aft', 0, PATH, '', 5.0)], lambda text: None),
+            SignalKInputs([SignalKInput('aft', Input.SPEED, PATH, '', 5.0)], lambda text: None),
             ['aft'],
             [],
-            lambda bearing, is_load, value: self.values.append(value),
+            lambda bearing, which, value: self.values.append(value),
             lambda request: self.requests.append(str(request.action)),
             self.tell,
             logging.getLogger('test'),

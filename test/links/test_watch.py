@@ -143,7 +143,7 @@ def test_a_ship_without_ros(watch: Callable[..., Watch], tmp_path: Path) -> None
     metrics = urllib.request.urlopen(f'{page}metrics', timeout=10.0).read().decode()
     assert 'stickslip_link_up{link="nmea_in"} 1.0' in metrics
     assert 'condition="input_stale",namespace="/"} 1.0' in metrics
-    assert 'aft_stern: Input speed lost: nothing believable on NMEA RPM S 1 for' in ship.output
+    assert 'aft_stern: Input speed lost: no valid value on NMEA RPM S 1 for' in ship.output
     ship.process.send_signal(signal.SIGINT)
     assert ship.process.wait(DEADLINE) == 0
     listen()
@@ -214,7 +214,7 @@ def test_what_a_server_or_its_token_ends(tmp_path: Path) -> None:
         said = await asyncio.to_thread(refusal, path)
         assert f"token file '{token}' cannot be read: No such file or directory" in said
         token.write_text('a-wrong-token-of-somebody')
-        token.chmod(0o644)
+        token.chmod(0o640)
         assert 'can be read by others: chmod 600 it' in await asyncio.to_thread(refusal, path)
         token.chmod(0o600)
         assert 'the token is refused' in await asyncio.to_thread(refusal, path)

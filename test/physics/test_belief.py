@@ -14,7 +14,7 @@ from scipy.special import ndtr
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.monitor.assessment import assess
-from stickslip_monitor.physics.averaging.dimensionless import decline
+from stickslip_monitor.physics.averaging.closed_form import decline
 from stickslip_monitor.physics.belief import Belief, Tolerance, probability_runs
 from stickslip_monitor.physics.chances import FOLD, HOPF
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck

@@ -52,12 +52,6 @@ def test_shapes_follow_the_input(law: FrictionLaw) -> None:
     assert isinstance(law, FrictionLaw)
 
 
-@each_law
-def test_at_rest_friction_can_reach_the_static_coefficient(law: FrictionLaw) -> None:
-    """``mu(0)`` is set-valued; the laws give its positive end (module's convention)."""
-    assert float(law.coefficient(0.0)) == law.static
-
-
 @pytest.mark.parametrize('v', [1e-9, 0.01, 0.5, 3.0, 70.0])
 def test_stribeck_is_the_law_of_the_specification(v: float) -> None:
     """PHYSICS.md's formula and its derivative at 40 digits, viscous rise added."""
@@ -77,13 +71,6 @@ def test_coulomb_has_two_values_and_no_slope() -> None:
         law.coefficient([0.0, 5e-324, -5e-324, 9.0]), [0.3, 0.1, -0.1, 0.1]
     )
     np.testing.assert_array_equal(law.slope([0.0, 1.0]), [0.0, 0.0])
-
-
-def test_table_passes_through_its_points() -> None:
-    law = Tabulated(*TABLE)
-    np.testing.assert_allclose(law.coefficient(TABLE[0]), TABLE[1], rtol=2e-16)
-    assert law.static == 0.31
-    assert law.breakpoints == TABLE[0][1:]
 
 
 def test_table_is_scipys_monotone_cubic() -> None:
@@ -116,12 +103,6 @@ def test_table_is_monotone_between_its_points(points: list[tuple[float, float]])
             assert np.all(law.slope(inside[1:-1]) == 0.0)
 
 
-def test_level_end_of_a_rising_table_never_falls() -> None:
-    """The end slope of this table is exactly 0 by Fritsch and Carlson's end rule."""
-    law = Tabulated((0.0, 0.1, 0.2, 0.5), (0.1, 0.2, 0.25, 0.3))
-    assert float(law.slope(0.5)) == 0.0
-
-
 @pytest.mark.parametrize(
     ('name', 'value', 'rule'),
     [
@@ -148,18 +129,6 @@ def test_stribeck_refuses_a_slope_beyond_floats() -> None:
         PhysicsError, match=r'\(static - kinetic\) \* decay = inf s/m must be a fin'
     ):
         Stribeck(1e200, 0.0, 1e200)
-
-
-def test_stribeck_accepts_kinetic_above_static() -> None:
-    """The stated rule of the law: friction then rises with speed."""
-    assert float(Stribeck(0.1, 0.3, 10.0).slope(0.0)) == pytest.approx(2.0, rel=1e-15)
-
-
-@pytest.mark.parametrize('name', ['static', 'kinetic'])
-def test_coulomb_refuses_by_name_value_and_rule(name: str) -> None:
-    with pytest.raises(PhysicsError) as caught:
-        Coulomb(**({'static': 0.3, 'kinetic': 0.1} | {name: -2.0}))
-    assert str(caught.value) == f'{name} = -2 must not be negative'
 
 
 @pytest.mark.parametrize(

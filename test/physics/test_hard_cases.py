@@ -104,29 +104,6 @@ def test_the_exact_cycle_of_a_sharp_law(taylor):
     assert cycle.stick_fraction == pytest.approx(float(stick), rel=1e-12)
 
 
-def test_an_ever_sharper_law_becomes_coulombs():
-    """The layer of width ``1/beta`` is passed twice a cycle: its effect falls in proportion."""
-    limit = exact_cycle(unit_bearing(0.02, Coulomb(0.3, 0.1)), 1.0, 10.0).amplitude
-    errors = [
-        exact_cycle(unit_bearing(0.02, Stribeck(0.3, 0.1, decay)), 1.0, 10.0).amplitude / limit - 1
-        for decay in (1e2, 1e3, 1e4, 1e5)
-    ]
-    falls = np.divide(errors[:-1], errors[1:])
-    assert np.all(falls > 6.0)
-    assert np.all(falls < 12.0)
-
-
-@pytest.mark.parametrize('beta_v', [1e-9, 1.0, 600.0, 707.0, 712.0, 746.0])
-def test_hopf_load_of_a_sharp_law(beta_v):
-    """``N_H = c exp(beta V)/(Delta beta)``, also where the law's slope has underflowed."""
-    law = Stribeck(0.5, 0.25, 1024.0)
-    bearing = Bearing(50.0, 1e-20, 2.0e6, law, 0.1)
-    speed = beta_v / law.decay
-    expected = mp.mpf(1e-20) * mp.exp(mp.mpf(speed) * 1024) / 256
-    got = hopf_load(bearing, np.array([speed, -speed]))
-    assert got == pytest.approx(float(expected), rel=3e-16 * (3.0 + beta_v))
-
-
 def test_hopf_load_beyond_the_floats():
     bearing = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, 1e4), 0.1)
     loads = hopf_load(bearing, np.linspace(0.0, 0.5, 1001))
@@ -141,31 +118,6 @@ def test_hopf_load_beyond_the_floats():
 
 
 # Friction that hardly falls
-
-
-@pytest.mark.parametrize(
-    ('gap', 'speed'),
-    [(2.0**-3, 1e-9), (2.0**-3, 1e-3), (2.0**-3, 1.0), (2.0**-20, 1e-9), (2.0**-20, 1e-3)],
-)
-def test_static_friction_that_comes_down_to_the_kinetic(gap, speed):
-    """Undamped Coulomb slip is an arc about steady sliding: closed form for every gap > 0."""
-    cycle = exact_cycle(unit_bearing(0.0, Coulomb(0.25 + gap, 0.25)), speed, 8.0)
-    g = 8.0 * gap / speed
-    period = math.pi + 2.0 * math.atan2(1.0, g) + 2.0 * g
-    assert cycle.kind is CycleKind.STICK_SLIP
-    assert cycle.amplitude == pytest.approx(speed * math.hypot(1.0, g), rel=1e-9)
-    assert cycle.period == pytest.approx(period, rel=1e-9)
-    assert cycle.stick_fraction == pytest.approx(2.0 * g / period, rel=1e-9, abs=1e-12)
-
-
-def test_without_a_fall_there_is_nothing():
-    for law in (Stribeck(0.3, 0.3, 1e4), Stribeck(0.1, 0.3, 1e4), Coulomb(0.25, 0.25)):
-        bearing = unit_bearing(0.02, law)
-        speed, load = np.array([1e-9, 1.0, 1e4])[:, None], np.array([1e-6, 1.0, 1e9])
-        assert_array_equal(exact_cycle(bearing, speed, load).kind, CycleKind.NONE)
-        assert stationary_amplitudes(bearing, speed, load).amplitude.shape == (3, 3, 0)
-        assert np.all(np.isnan([hopf_speed(bearing, load), fold_speed(bearing, load)]))
-        assert np.all(growth_rate(bearing, speed, load) <= -0.02)
 
 
 # A table of two points
@@ -269,41 +221,11 @@ def test_every_exact_cycle_ends_named(law):
         assert_array_equal(cycle.kind[1:, 0], CycleKind.NO_CONTACT)
 
 
-@pytest.mark.parametrize('kappa', [0.9, 1e-3])
-def test_the_law_is_asked_a_bounded_number_of_times(sampled, kappa):
-    """Also for the scan for averaged cycles."""
-    law = sampled(Stribeck(0.3, 0.1, 1.0))
-    bearing, load = unit_bearing(0.1 * kappa, law), 1.0
-    for function, bound in (
-        (lambda: fold_speed(bearing, load), 1_000),
-        (lambda: hopf_speed(bearing, load), 500),
-        (lambda: stationary_amplitudes(bearing, 0.1, load), 1_000),
-    ):
-        law.calls = 0
-        function()
-        assert 0 < law.calls < bound
-
-
 # Monotone and continuous
 
 
 @pytest.mark.slow
-def test_the_exact_fold_is_monotone_and_smooth_in_the_load():
-    """eta from 1e-4 to 10; a slip of the solver would show as a step in its logarithm.
-
-    At the light end ``kappa`` is 1 and there is no fold.
-    """
-    bearing = unit_bearing(5e-5, Stribeck(0.3, 0.1, 1.0))
-    load = np.geomspace(6e-4, 5e1, 31)
-    fold = np.asarray(exact_fold_speed(bearing, load))
-    slope = np.diff(np.log(fold)) / np.diff(np.log(load))
-    assert np.all(slope > 0.0)
-    assert np.all(np.diff(slope[10:]) < 0.02)
-    assert np.max(np.abs(np.diff(slope[10:]))) < 0.05
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('beta_v', [1e2, 1e4, 1e5])
+@pytest.mark.parametrize('beta_v', [1e2, 1e4, 1e5, 1e7])
 def test_the_layer_of_a_sharp_law_is_never_stepped_over(beta_v):
     """Its grazing passage feeds the cycle; weak friction must give averaging's fold.
 

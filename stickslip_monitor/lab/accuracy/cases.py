@@ -15,25 +15,23 @@ from functools import partial
 
 import numpy as np
 
-from stickslip_monitor.lab.accuracy.harmonic_balance import harmonic_balance, needs_resolvent
+from stickslip_monitor.lab.accuracy.harmonic_balance import harmonic_balance, has_resolvent
 from stickslip_monitor.lab.accuracy.method import Method, MethodResult, found, not_converged
 from stickslip_monitor.lab.accuracy.perturbation import (
     Cubic,
-    needs_exponential,
-    needs_falling_cubic,
+    is_falling_cubic,
     polynomial_averaging,
     slip_perturbation,
     thomsen_fidlin,
 )
 from stickslip_monitor.lab.accuracy.time_stepping import (
     event_driven,
-    needs_expansion,
     smoothed,
     switching,
 )
 from stickslip_monitor.physics.averaging.boundaries import stationary_amplitudes
 from stickslip_monitor.physics.cycle.cycles import CycleKind, exact_cycle
-from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
 from stickslip_monitor.physics.oscillator import Bearing
 
 
@@ -53,6 +51,11 @@ def exact(points: int, bearing: Bearing, speed: float, load: float) -> MethodRes
     if np.ravel(cycle.kind)[0] == CycleKind.UNRESOLVED:
         return not_converged(None)
     return found(float(np.ravel(cycle.amplitude)[0]), None)
+
+
+def has_law(*laws: type) -> Callable[[Bearing], bool]:
+    """Whether a bearing has one of some friction laws."""
+    return lambda bearing: isinstance(bearing.friction, laws)
 
 
 AT_ONCE = 1000
@@ -89,16 +92,16 @@ METHODS = (
     *(
         Method(
             f'KBM, polynomial of order {order}', 'KBM, polynomial',
-            partial(polynomial_averaging, order), needs_exponential,
+            partial(polynomial_averaging, order), has_law(Stribeck),
         )
         for order in ORDERS
     ),
-    Method('Thomsen and Fidlin', 'Thomsen and Fidlin', thomsen_fidlin, needs_falling_cubic),
+    Method('Thomsen and Fidlin', 'Thomsen and Fidlin', thomsen_fidlin, is_falling_cubic),
     *_single_and_bulk('slip perturbation', slip_perturbation),
     *(
         Method(
             f'harmonic balance, H = {harmonics}', 'harmonic balance',
-            partial(harmonic_balance, harmonics), needs_resolvent, slow=harmonics > 31,
+            partial(harmonic_balance, harmonics), has_resolvent, slow=harmonics > 31,
         )
         for harmonics in HARMONICS
     ),
@@ -106,7 +109,11 @@ METHODS = (
     _switching('default', False),
     _switching('tight', True),
     _switching('tight, bounded step', True, 0.1),
-    Method('event-driven integrator', 'event-driven integrator', event_driven, needs_expansion),
+    Method(
+        'event-driven integrator', 'event-driven integrator', event_driven,
+        # It expands the laws that it knows.
+        has_law(Stribeck, Coulomb, Tabulated),
+    ),
     *_single_and_bulk('exact cycle', exact),
 )  # fmt: skip
 """All methods, in the order of the tables."""
@@ -118,25 +125,15 @@ _RPM = math.pi * 0.100 / 60.0
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """An operating point with the amplitude of its stable cycle.
+    """An operating point with the amplitude of its stable cycle."""
 
-    Attributes:
-        name: Short and unique.
-        what: What makes it easy or hard.
-        bearing: The bearing.
-        speed: Surface speed ``V`` [m/s].
-        load: Load ``N`` [N].
-        reference: Amplitude to 15 digits or more [m].
-        quick: Whether a quick look has it.
-    """
-
-    name: str
-    what: str
-    bearing: Bearing
-    speed: float
-    load: float
-    reference: float
-    quick: bool = False
+    name: str  # short and unique
+    what: str  # what makes it easy or hard
+    bearing: Bearing  # the bearing
+    speed: float  # surface speed ``V`` [m/s]
+    load: float  # load ``N`` [N]
+    reference: float  # amplitude to 15 digits or more [m]
+    quick: bool = False  # whether a quick look has it
 
 
 def _bench(rpm: float, what: str, reference: float, quick: bool = False) -> Case:

@@ -32,11 +32,6 @@ _LINEAR, _ROOT = 2.0, 4.0
 _FINE = 4096
 
 
-def _samples(harmonics: int) -> int:
-    wanted = max(_FEWEST, _SAMPLES_PER_HARMONIC * (harmonics + 1))
-    return 2 ** math.ceil(math.log2(wanted))
-
-
 class _Law:
     """The friction force in units of ``m omega V`` over relative speeds in units of ``V``."""
 
@@ -74,7 +69,8 @@ class _Series:
     """Fourier series with H harmonics: ``[a_0, a_1, b_1, a_2, b_2, ...]`` on a grid of phases."""
 
     def __init__(self, harmonics: int) -> None:
-        count = _samples(harmonics)
+        wanted = max(_FEWEST, _SAMPLES_PER_HARMONIC * (harmonics + 1))
+        count = 2 ** math.ceil(math.log2(wanted))
         phase = 2.0 * np.pi * np.arange(count) / count
         self.order = np.repeat(np.arange(1, harmonics + 1), 2)
         angle = phase[:, None] * np.arange(1, harmonics + 1)
@@ -150,29 +146,25 @@ def _solved(matrix: FloatArray, value: FloatArray) -> FloatArray:
 def half_range(q: FloatArray) -> float:
     """Half the peak-to-peak of a series, its extremes refined by Newton's method."""
     n = np.arange(1, (q.size - 1) // 2 + 1)
-    count = max(_FINE, 16 * n.size)
+    series = q[1::2] - 1j * q[2::2]
 
-    def derivatives(phase: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        c, s = np.cos(np.multiply.outer(phase, n)), np.sin(np.multiply.outer(phase, n))
-        a, b = q[1::2], q[2::2]
-        return c @ a + s @ b, c @ (n * b) - s @ (n * a), -c @ (n * n * a) - s @ (n * n * b)
+    def derivative(order: int, phase: FloatArray) -> FloatArray:
+        waves = np.exp(1j * np.multiply.outer(phase, n))
+        return np.asarray(np.real(waves @ ((1j * n) ** order * series)))
 
-    grid = 2.0 * np.pi * np.arange(count) / count
-    x = derivatives(grid)[0]
+    grid = np.linspace(0.0, 2.0 * np.pi, max(_FINE, 16 * n.size), endpoint=False)
+    x = derivative(0, grid)
     at = grid[[int(np.argmax(x)), int(np.argmin(x))]]
     for _ in range(3):
-        _, slope, bend = derivatives(at)
-        at = at - slope / np.where(bend == 0.0, 1.0, bend)
-    top, bottom = derivatives(at)[0]
-    return 0.5 * float(top - bottom)
+        bend = derivative(2, at)
+        at = at - derivative(1, at) / np.where(bend == 0.0, 1.0, bend)
+    return 0.5 * abs(float(np.diff(derivative(0, at))[0]))
 
 
-def needs_resolvent(bearing: Bearing) -> str:
-    """Why the method does not apply: a jump of the coefficient on leaving stick."""
+def has_resolvent(bearing: Bearing) -> bool:
+    """Whether the method applies: a jump at breakaway leaves the stick force undetermined."""
     law = bearing.friction
-    if isinstance(law, Coulomb) and law.static != law.kinetic:
-        return 'friction that drops by a jump at breakaway leaves the stick force undetermined'
-    return ''
+    return not isinstance(law, Coulomb) or law.static == law.kinetic
 
 
 def harmonic_balance(harmonics: int, bearing: Bearing, speed: float, load: float) -> MethodResult:
@@ -184,7 +176,8 @@ def harmonic_balance(harmonics: int, bearing: Bearing, speed: float, load: float
         return found(math.nan, 0)
     q = np.array([law.force * float(law.law.coefficient(speed)), 0.0, 0.0])
     q[1], frequency, good = float(stable[-1]) * omega / speed, 1.0, False
-    for rung in _rungs(harmonics):
+    # By way of 1, 3, 7, ... harmonics.
+    for rung in [2**k - 1 for k in range(1, harmonics.bit_length())] + [harmonics]:
         q = np.concatenate([q, np.zeros(2 * rung + 1 - q.size)])
         problem = _Problem(_Series(rung), law, bearing.damping_ratio)
         q, frequency, good = problem.solved(q, frequency)
@@ -193,11 +186,3 @@ def harmonic_balance(harmonics: int, bearing: Bearing, speed: float, load: float
     size = half_range(q)
     # The solver may fall to steady sliding, which balances too.
     return found(size * speed / omega if size > 0.5 else math.nan, law.evaluations)
-
-
-def _rungs(harmonics: int) -> list[int]:
-    """1, 3, 7, ... up to the number asked for."""
-    rungs = [harmonics]
-    while rungs[0] > 1:
-        rungs.insert(0, (rungs[0] - 1) // 2 if rungs[0] > 2 else 1)
-    return rungs

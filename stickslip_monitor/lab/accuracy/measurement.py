@@ -30,19 +30,12 @@ _LARGEST = 16 << 20
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """How long to measure.
+    """How long to measure."""
 
-    Args:
-        budget: Time to spend on one method at one case [s].
-        sample: Shortest sample; faster calls are repeated within it [s].
-        fewest: Fewest samples.
-        most: Most samples.
-    """
-
-    budget: float = 0.5
-    sample: float = 2e-3
-    fewest: int = 5
-    most: int = 101
+    budget: float = 0.5  # time to spend on one method at one case [s]
+    sample: float = 2e-3  # shortest sample; faster calls are repeated within it [s]
+    fewest: int = 5  # fewest samples
+    most: int = 101  # most samples
 
 
 QUICK = Effort(budget=0.02, sample=1e-3, fewest=3, most=15)
@@ -50,17 +43,12 @@ QUICK = Effort(budget=0.02, sample=1e-3, fewest=3, most=15)
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """How long a call takes.
+    """How long a call takes."""
 
-    Attributes:
-        seconds: Median of the undisturbed samples; of process time where most were disturbed [s].
-        samples: Number of samples that count.
-        disturbed: Whether most samples were disturbed.
-    """
-
+    # Median of the undisturbed samples; of process time where most were disturbed [s].
     seconds: float
-    samples: int
-    disturbed: bool
+    samples: int  # number of samples that count
+    disturbed: bool  # whether most samples were disturbed
 
 
 def time_call(
@@ -69,14 +57,7 @@ def time_call(
     wall: Clock = time.perf_counter,
     cpu: Clock = time.process_time,
 ) -> Timing:
-    """Measure a call that has been made before, and so is warm.
-
-    Args:
-        call: What to measure.
-        effort: How long.
-        wall: Clock on the wall [s].
-        cpu: Clock of the process [s].
-    """
+    """Measure a call that has been made before, and so is warm, by two clocks [s]."""
     start = wall()
     call()
     once = max(wall() - start, 1e-9)
@@ -97,38 +78,19 @@ def time_call(
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A method at a case.
+    """A method at a case."""
 
-    Attributes:
-        method: Name of the method.
-        family: Its family.
-        case: Name of the case.
-        amplitude: What it says [m]; ``nan`` for nothing.
-        error: Relative error of the amplitude, with its sign [-]; ``nan`` without one.
-        outcome: Name of its :class:`MethodOutcome`, in lower case.
-        evaluations: Evaluations of the friction law; -1 where they are not counted.
-        points: Operating points solved in one call.
-        seconds: Time per operating point [s]; ``nan`` where it was refused.
-        samples: Samples behind that time.
-        disturbed: Whether the machine was busy with something else.
-    """
-
-    method: str
-    family: str
-    case: str
-    amplitude: float
-    error: float
-    outcome: str
-    evaluations: int
-    points: int
-    seconds: float
-    samples: int
-    disturbed: bool
-
-
-def relative_error(amplitude: float, reference: float) -> float:
-    """``A/A_ref - 1`` with its sign, free of cancellation."""
-    return (amplitude - reference) / reference
+    method: str  # name of the method
+    family: str  # its family
+    case: str  # name of the case
+    amplitude: float  # what it says [m]; ``nan`` for nothing
+    error: float  # relative error of the amplitude, with its sign [-]; ``nan`` without one
+    outcome: str  # name of its :class:`MethodOutcome`, in lower case
+    evaluations: int  # evaluations of the friction law; -1 where they are not counted
+    points: int  # operating points solved in one call
+    seconds: float  # time per operating point [s]; ``nan`` where it was refused
+    samples: int  # samples behind that time
+    disturbed: bool  # whether the machine was busy with something else
 
 
 def measure(method: Method, case: Case, effort: Effort) -> Row:
@@ -142,8 +104,9 @@ def measure(method: Method, case: Case, effort: Effort) -> Row:
         family=method.family,
         case=case.name,
         amplitude=result.amplitude,
-        error=relative_error(result.amplitude, case.reference),
-        outcome=result.outcome.name.lower(),
+        # Free of cancellation.
+        error=(result.amplitude - case.reference) / case.reference,
+        outcome=result.outcome.value,
         evaluations=-1 if result.evaluations is None else result.evaluations,
         points=method.points,
         seconds=timing.seconds / method.points,
@@ -154,39 +117,23 @@ def measure(method: Method, case: Case, effort: Effort) -> Row:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """A method over the cases that it was given.
+    """A method over the cases that it was given."""
 
-    Attributes:
-        method: Its name.
-        family: Its family.
-        points: Operating points solved in one call.
-        seconds: Median time per operating point [s]; ``nan`` if it was refused everywhere.
-        ratio: Median of its time over that of the base method at the same case [-].
-        worst: Largest absolute relative error; ``inf`` where it found nothing at some case that
-            it did not refuse.
-        middle: Median absolute relative error, a failure counting as infinite.
-        answered: Number of cases at which it found a cycle.
-        refused: Number of cases at which it was refused.
-    """
-
-    method: str
-    family: str
-    points: int
-    seconds: float
-    ratio: float
+    method: str  # its name
+    family: str  # its family
+    points: int  # operating points solved in one call
+    seconds: float  # median time per operating point [s]; ``nan`` if it was refused everywhere
+    ratio: float  # median of its time over that of the base method at the same case [-]
+    # Largest absolute relative error; ``inf`` where it found nothing at some case that it did
+    # not refuse.
     worst: float
-    middle: float
-    answered: int
-    refused: int
+    middle: float  # median absolute relative error, a failure counting as infinite
+    answered: int  # number of cases at which it found a cycle
+    refused: int  # number of cases at which it was refused
 
 
 def summarise(rows: Sequence[Row], base: str) -> list[Summary]:
-    """One summary a method, in the order of their first rows.
-
-    Args:
-        rows: The measurement.
-        base: Name of the method that times are compared with.
-    """
+    """One summary a method, in the order of their first rows; times over those of ``base``."""
     unit = {row.case: row.seconds for row in rows if row.method == base}
     groups: dict[str, list[Row]] = {}
     for row in rows:

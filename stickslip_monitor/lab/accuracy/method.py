@@ -14,35 +14,23 @@ from stickslip_monitor.physics.oscillator import Bearing
 
 
 class MethodOutcome(Enum):
-    """How a method ended, each with its sentence."""
+    """How a method ended; refused is a bearing whose law it is not made for."""
 
-    CYCLE = 'A limit cycle was found.'
-    NO_CYCLE = 'The method finds no limit cycle at this speed and load.'
-    NOT_CONVERGED = 'The method did not converge within its allowed number of steps.'
-    REFUSED = 'The method does not apply here.'
+    CYCLE = 'cycle'
+    NO_CYCLE = 'no_cycle'
+    NOT_CONVERGED = 'not_converged'
+    REFUSED = 'refused'
 
 
 @dataclass(frozen=True, slots=True)
 class MethodResult:
-    """What a method says of one operating point.
+    """What a method says of one operating point."""
 
-    Attributes:
-        amplitude: Half the peak-to-peak displacement of the stable cycle [m]; ``nan`` without.
-        outcome: How it ended.
-        evaluations: How often the friction law was asked, an array of speeds counting once;
-            ``None`` where it is not counted.
-        reason: Why it was refused; empty otherwise.
-    """
-
-    amplitude: float
+    amplitude: float  # half the peak-to-peak displacement of the stable cycle [m]; ``nan`` without
     outcome: MethodOutcome
+    # How often the friction law was asked, an array of speeds counting once; ``None`` where it
+    # is not counted.
     evaluations: int | None
-    reason: str = ''
-
-    @property
-    def sentence(self) -> str:
-        """The outcome for a person."""
-        return self.reason or self.outcome.value
 
 
 def found(amplitude: float, evaluations: int | None = None) -> MethodResult:
@@ -52,47 +40,27 @@ def found(amplitude: float, evaluations: int | None = None) -> MethodResult:
 
 
 def not_converged(evaluations: int | None = None) -> MethodResult:
-    """A result of a method that gave up."""
+    """A result of a method that gave up within its allowed number of steps."""
     return MethodResult(math.nan, MethodOutcome.NOT_CONVERGED, evaluations)
-
-
-def _applies(bearing: Bearing) -> str:
-    return ''
 
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """A way to compute the amplitude of the stable cycle.
+    """A way to compute the amplitude of the stable cycle."""
 
-    Attributes:
-        name: Short and unique.
-        family: What it shares with its variants, which differ in accuracy only.
-        amplitude: Solves an operating point: bearing, surface speed ``V`` > 0 [m/s], load ``N``
-            > 0 [N].
-        refusal: Why it does not apply to a bearing; empty where it does.
-        points: Operating points solved together in one call; its time is shared among them.
-        slow: Whether a quick look leaves it out.
-    """
-
-    name: str
-    family: str
+    name: str  # short and unique
+    family: str  # what it shares with its variants, which differ in accuracy only
+    # Solves an operating point: bearing, surface speed ``V`` > 0 [m/s], load ``N`` > 0 [N].
     amplitude: Callable[[Bearing, float, float], MethodResult]
-    refusal: Callable[[Bearing], str] = _applies
-    points: int = 1
-    slow: bool = False
+    applies: Callable[[Bearing], bool] = lambda _: True  # whether it is made for a bearing's law
+    points: int = 1  # operating points solved together in one call; its time is shared among them
+    slow: bool = False  # whether a quick look leaves it out
 
     def solve(self, bearing: Bearing, speed: float, load: float) -> MethodResult:
-        """Apply it where it applies, and say why where it does not."""
-        reason = self.refusal(bearing) or _unusable(speed, load)
-        if reason:
-            return MethodResult(math.nan, MethodOutcome.REFUSED, None, reason)
+        """Apply it where it applies."""
+        if not self.applies(bearing):
+            return MethodResult(math.nan, MethodOutcome.REFUSED, None)
         return self.amplitude(bearing, speed, load)
-
-
-def _unusable(speed: float, load: float) -> str:
-    if speed > 0.0 and load > 0.0 and math.isfinite(speed) and math.isfinite(load):
-        return ''
-    return f'speed = {speed:g} m/s and load = {load:g} N must be finite and above 0'
 
 
 def breakaway(bearing: Bearing, speed: float, load: float) -> float:

@@ -95,13 +95,6 @@ def _power(alpha: float, k: int, integrals: FloatArray) -> float:
     return math.fsum(terms)
 
 
-def needs_exponential(bearing: Bearing) -> str:
-    """Why the polynomial does not apply: it expands an exponential."""
-    if isinstance(bearing.friction, Stribeck):
-        return ''
-    return 'the expansion is that of an exponential: it needs the Stribeck law'
-
-
 def polynomial_averaging(order: int, bearing: Bearing, speed: float, load: float) -> MethodResult:
     """KBM with the exponential expanded to a polynomial of some order >= 1."""
     law = bearing.friction
@@ -135,18 +128,13 @@ def slip_perturbation(points: int, bearing: Bearing, speed: float, load: float) 
 class Cubic:
     """The cubic law; see the module.
 
-    Args:
-        static: ``mu_s`` >= 0 [-].
-        minimum: ``mu_m`` >= 0, the least coefficient [-].
-        minimum_speed: ``v_m`` > 0, where it is reached [m/s].
-
     Raises:
         PhysicsError: A coefficient breaks its rule.
     """
 
-    static: float
-    minimum: float
-    minimum_speed: float
+    static: float  # ``mu_s`` >= 0 [-]
+    minimum: float  # ``mu_m`` >= 0, the least coefficient [-]
+    minimum_speed: float  # ``v_m`` > 0, where it is reached [m/s]
 
     def __post_init__(self) -> None:
         require_not_negative('static', self.static)
@@ -180,14 +168,10 @@ class Cubic:
         return 3.0 * self.cubic * v * v - self.linear
 
 
-def needs_falling_cubic(bearing: Bearing) -> str:
-    """Why the formulas of Thomsen and Fidlin do not apply: for friction that falls first."""
+def is_falling_cubic(bearing: Bearing) -> bool:
+    """Whether Thomsen and Fidlin's formulas apply: to their law, where it falls at first."""
     law = bearing.friction
-    if not isinstance(law, Cubic):
-        return "the formulas are those of Thomsen and Fidlin's cubic law and of no other"
-    if law.minimum >= law.static:
-        return 'the minimum coefficient must lie below the static one'
-    return ''
+    return isinstance(law, Cubic) and law.minimum < law.static
 
 
 def thomsen_fidlin(bearing: Bearing, speed: float, load: float) -> MethodResult:

@@ -10,11 +10,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 
 from stickslip_monitor.arrays import FloatArray
@@ -25,7 +23,7 @@ from stickslip_monitor.lab.accuracy.method import (
     not_converged,
     typical_period,
 )
-from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
+from stickslip_monitor.physics.friction import FrictionLaw, Stribeck
 from stickslip_monitor.physics.motion.integrator import (
     Drive,
     MotionOutcome,
@@ -38,29 +36,6 @@ from stickslip_monitor.physics.oscillator import Bearing
 Flow = Callable[[float, FloatArray], tuple[float, float]]
 Event = Callable[[float, FloatArray], float]
 
-_solve_ivp: Any = solve_ivp
-
-
-@dataclass(frozen=True, slots=True)
-class SolverRun:
-    """What is needed of a run.
-
-    Attributes:
-        good: Whether it came to its end or to a terminal event.
-        evaluations: Of the flow.
-        turn_times: When the velocity vanished, shape (n,) [s].
-        turns: Displacement there, shape (n,) [m].
-        time: At the end [s].
-        x: Displacement at the end [m].
-    """
-
-    good: bool
-    evaluations: int
-    turn_times: FloatArray
-    turns: FloatArray
-    time: float
-    x: float
-
 
 def run(
     flow: Flow,
@@ -68,30 +43,13 @@ def run(
     start: tuple[float, float],
     more: Sequence[Event] = (),
     **options: Any,
-) -> SolverRun:
-    """Integrate from a displacement [m] and a velocity [m/s].
+) -> Any:
+    """What ``solve_ivp`` finds from a displacement [m] and a velocity [m/s] over a span [s].
 
-    Args:
-        flow: ``(x', x'')`` of time and ``(x, x')``.
-        span: Begin and end [s].
-        start: ``x`` and ``x'`` at the begin.
-        more: Events besides the turning points.
-        options: Handed to ``solve_ivp``.
+    Turning points are its first event. The options are handed on.
     """
-    found = _solve_ivp(flow, span, list(start), events=[_velocity, *more], **options)
-    turns = np.asarray(found.y_events[0], dtype=float).reshape(-1, 2)[:, 0]
-    return SolverRun(
-        good=bool(found.success),
-        evaluations=int(found.nfev),
-        turn_times=np.asarray(found.t_events[0], dtype=float),
-        turns=turns,
-        time=float(found.t[-1]),
-        x=float(found.y[0, -1]),
-    )
-
-
-def _velocity(_: float, y: FloatArray) -> float:
-    return float(y[1])
+    solve: Any = solve_ivp
+    return solve(flow, span, list(start), events=[lambda _, y: y[1], *more], **options)
 
 
 _CYCLES = 10.0
@@ -112,11 +70,12 @@ def scalar_law(law: FrictionLaw) -> Callable[[float], float]:
     return lambda v: float(law.coefficient(v))
 
 
-def _late_range(
-    times: ArrayLike, turns: ArrayLike, span: float, speed: float, omega: float
-) -> float:
+def _late_range(runs: Sequence[Any], span: float, speed: float, omega: float) -> float:
     """Half the range of the turning points of the last cycles [m]; ``nan`` where it settles."""
-    late = np.asarray(turns)[np.asarray(times) > _WATCHED * span]
+    turns = [
+        (t, y[0]) for way in runs for t, y in zip(way.t_events[0], way.y_events[0], strict=True)
+    ]
+    late = np.array([x for t, x in turns if t > _WATCHED * span])
     if late.size < 2 or abs(late[-1] - late[-2]) < _DECAYS * abs(late[1] - late[0]):
         return math.nan
     amplitude = 0.5 * float(np.ptp(late))
@@ -126,41 +85,40 @@ def _late_range(
 def smoothed(
     width: float, tight: bool, bearing: Bearing, speed: float, load: float
 ) -> MethodResult:
-    """Regularised friction: the sign of the relative speed becomes ``tanh(v/width)``.
+    """Regularised friction: the sign of the relative speed becomes ``tanh(v/width)`` [m/s].
 
     LSODA integrates in SI units from breakaway for ten cycles, the last four of which are
-    measured. Common practice; Vigue, Vergez, Karkar and Cochelin, J. Sound Vib. 389 (2017)
-    350-363. It says nothing about its error.
-
-    Args:
-        width: Speed over which the sign turns, > 0 [m/s].
-        tight: Whether tolerances are tightened from scipy's (1e-3 relative, 1e-6 absolute in
-            metres and metres a second) to 1e-10 and 1e-14.
-        bearing: The bearing.
-        speed: Surface speed [m/s].
-        load: Load [N].
+    measured, with tolerances of scipy's (1e-3 relative, 1e-6 absolute in metres and metres a
+    second) or tight (1e-10 and 1e-14). Common practice; Vigue, Vergez, Karkar and Cochelin,
+    J. Sound Vib. 389 (2017) 350-363. It says nothing about its error.
     """
     span = _CYCLES * typical_period(bearing, speed, load)
     start = (breakaway(bearing, speed, load), speed)
     rtol, atol = (1e-10, 1e-14) if tight else (1e-3, 1e-6)
     flow = smoothed_flow(width, bearing, speed, load)
     way = run(flow, (0.0, span), start, method='LSODA', rtol=rtol, atol=atol)
-    if not way.good:
-        return not_converged(way.evaluations)
-    omega = bearing.natural_frequency
-    return found(_late_range(way.turn_times, way.turns, span, speed, omega), way.evaluations)
+    if not way.success:
+        return not_converged(way.nfev)
+    return found(_late_range([way], span, speed, bearing.natural_frequency), way.nfev)
 
 
 def smoothed_flow(width: float, bearing: Bearing, speed: float, load: float) -> Flow:
     """``(x', x'')`` with smoothed friction."""
-    mass, damping, stiffness = bearing.mass, bearing.damping, bearing.stiffness
     law = scalar_law(bearing.friction)
+
+    def friction(relative: float) -> float:
+        return load * math.tanh(relative / width) * law(abs(relative))
+
+    return _flow(bearing, speed, friction)
+
+
+def _flow(bearing: Bearing, speed: float, friction: Callable[[float], float]) -> Flow:
+    """``(x', x'')`` with a friction force [N] of the relative speed [m/s]."""
+    mass, damping, stiffness = bearing.mass, bearing.damping, bearing.stiffness
 
     def flow(_: float, y: FloatArray) -> tuple[float, float]:
         x, v = float(y[0]), float(y[1])
-        relative = speed - v
-        friction = load * math.tanh(relative / width) * law(abs(relative))
-        return v, (friction - damping * v - stiffness * x) / mass
+        return v, (friction(speed - v) - damping * v - stiffness * x) / mass
 
     return flow
 
@@ -177,48 +135,36 @@ def switching(
 
     Sticking is a straight line; ten cycles from breakaway in SI units, the last four of which are
     measured. Common practice; Leine, van Campen, de Kraker and van den Steen, Nonlinear Dyn. 16
-    (1998) 41-54.
-
-    Args:
-        tight: DOP853 with tolerances 1e-12 and 1e-15, instead of RK45 with scipy's own.
-        longest: Longest step in units of ``1/omega``, > 0; ``inf`` as users leave it.
-        bearing: The bearing.
-        speed: Surface speed [m/s].
-        load: Load [N].
+    (1998) 41-54. Tight is DOP853 with tolerances 1e-12 and 1e-15, else it is RK45 with scipy's
+    own; the longest step is in units of ``1/omega``, ``inf`` as users leave it.
     """
     omega = bearing.natural_frequency
     method, rtol, atol = ('DOP853', 1e-12, 1e-15) if tight else ('RK45', 1e-3, 1e-6)
     span = _CYCLES * typical_period(bearing, speed, load)
     time, x, side = 0.0, breakaway(bearing, speed, load), 1.0
-    evaluations, times, turns = 0, np.empty(0), np.empty(0)
-    for _ in range(_MOST_PHASES):
+    ways: list[Any] = []
+    while time < span and len(ways) < _MOST_PHASES:
         way = run(
             _slip_flow(side, bearing, speed, load), (time, span), (x, speed),
             [_contact(speed, side, time + _DEAF / omega)],
             method=method, rtol=rtol, atol=atol, max_step=longest / omega,
         )  # fmt: skip
-        evaluations += way.evaluations
-        if not way.good:
-            return not_converged(evaluations)
-        times, turns = np.append(times, way.turn_times), np.append(turns, way.turns)
-        time, x = way.time, way.x
-        if time >= span:
+        ways.append(way)
+        if not way.success:
             break
-        time, x, side = _after_contact(bearing, speed, load, time, x)
-    return found(_late_range(times, turns, span, speed, omega), evaluations)
+        time, x = float(way.t[-1]), float(way.y[0, -1])
+        if time < span:
+            time, x, side = _after_contact(bearing, speed, load, time, x)
+    evaluations = sum(way.nfev for way in ways)
+    if not ways[-1].success:
+        return not_converged(evaluations)
+    return found(_late_range(ways, span, speed, omega), evaluations)
 
 
 def _slip_flow(side: float, bearing: Bearing, speed: float, load: float) -> Flow:
     """``(x', x'')`` while it slips behind (side 1) or ahead (-1) of the belt."""
-    mass, damping, stiffness = bearing.mass, bearing.damping, bearing.stiffness
     law = scalar_law(bearing.friction)
-
-    def flow(_: float, y: FloatArray) -> tuple[float, float]:
-        x, v = float(y[0]), float(y[1])
-        friction = load * side * law(side * (speed - v))
-        return v, (friction - damping * v - stiffness * x) / mass
-
-    return flow
+    return _flow(bearing, speed, lambda relative: load * side * law(side * relative))
 
 
 def _contact(speed: float, side: float, earliest: float) -> Event:
@@ -255,13 +201,6 @@ _SETTLED = 1e-13
 _MOST_STRETCHES = 400
 
 
-def needs_expansion(bearing: Bearing) -> str:
-    """Why the event-driven integrator does not apply: it expands laws that it knows."""
-    if isinstance(bearing.friction, (Stribeck, Coulomb, Tabulated)):
-        return ''
-    return 'the integrator expands the Stribeck, Coulomb and tabulated laws, and no other'
-
-
 def event_driven(bearing: Bearing, speed: float, load: float) -> MethodResult:
     """The package's integrator of the motion, from breakaway until the motion repeats.
 
@@ -296,11 +235,8 @@ def event_driven(bearing: Bearing, speed: float, load: float) -> MethodResult:
 def turning_points(x: FloatArray, v: FloatArray, a: FloatArray, step: float) -> FloatArray:
     """Displacements where the velocity vanishes, by quintic Hermite interpolation [m].
 
-    Args:
-        x: Displacement, evenly sampled, shape (n,) [m].
-        v: Velocity, shape (n,) [m/s].
-        a: Acceleration, shape (n,) [m/s^2].
-        step: Time between two samples [s].
+    Of an evenly sampled motion: displacement, velocity and acceleration, shape (n,), SI units,
+    and the time between two samples [s].
     """
     at = np.flatnonzero((v[:-1] > 0.0) != (v[1:] > 0.0))
     # Displacement, velocity and acceleration as polynomials in s = t/step, from both ends' values.

@@ -36,7 +36,7 @@ from stickslip_monitor.lab.calibration.posterior import (
     Progress,
     sample_posterior,
 )
-from stickslip_monitor.physics.averaging.dimensionless import speed_for_decline
+from stickslip_monitor.physics.averaging.closed_form import speed_for_decline
 from stickslip_monitor.physics.belief import QUANTILES, Belief
 
 FLOOR = 0.006

@@ -13,7 +13,7 @@ from scipy import stats
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.lab.friction_fit.fit import StribeckFit
 from stickslip_monitor.lab.friction_fit.solve import CONFIDENCE, UNITS
-from stickslip_monitor.physics.averaging import dimensionless
+from stickslip_monitor.physics.averaging import closed_form
 from stickslip_monitor.physics.friction import Stribeck, require_positive
 
 # Of a standard error, for the gradient of the delta method.
@@ -145,7 +145,7 @@ def _boundaries(laws: FloatArray, q: float) -> tuple[FloatArray, FloatArray]:
     bounded = np.isfinite(number) & (number > 0.0)
     hopf, fold = np.zeros_like(decay), np.zeros_like(decay)
     hopf[bounded] = number[bounded] / decay[bounded]
-    fold[bounded] = dimensionless.speed_for_decline(number[bounded]) / decay[bounded]
+    fold[bounded] = closed_form.speed_for_decline(number[bounded]) / decay[bounded]
     return hopf, fold
 
 

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The lining of one bearing, followed through a scene by the event-driven integrator.
 
-Also here: the episodes of stick-slip that follow from its sticks, and its sampled amplitude.
+Also here: its friction, whose parameters move in time, the episodes of stick-slip that follow from
+its sticks, and its sampled amplitude.
 """
 
 from __future__ import annotations
@@ -9,18 +10,19 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes import telemetry
-from stickslip_monitor.lab.scenes.friction_course import STEP, FrictionCourse
+from stickslip_monitor.lab.scenes.profile import Profile
 from stickslip_monitor.lab.scenes.shaft import Shaft
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.physics.friction import FrictionLaw
+from stickslip_monitor.physics.friction import FrictionLaw, Tabulated
 from stickslip_monitor.physics.motion.integrator import (
     FAST,
     Drive,
@@ -32,82 +34,97 @@ from stickslip_monitor.physics.motion.integrator import (
 )
 from stickslip_monitor.physics.oscillator import Bearing
 
+FACTOR = 'factor'
+# Of the parameters of all laws, those that a common factor multiplies.
+_COEFFICIENTS = ('static', 'kinetic', 'viscous')
+STEP = 1.0
+
+
+def parameters_of(law: FrictionLaw) -> tuple[str, ...]:
+    """What may move: the law's own numbers, and a factor on the whole coefficient."""
+    # The protocol does not say that a law is a dataclass; those a configuration can name are.
+    own = () if isinstance(law, Tabulated) else tuple(f.name for f in fields(law))  # type: ignore[arg-type]
+    return (*own, FACTOR)
+
+
+def with_parameters(law: FrictionLaw, values: dict[str, float]) -> FrictionLaw:
+    """A law with some parameters replaced, and then multiplied by the factor."""
+    own = {name: value for name, value in values.items() if name != FACTOR}
+    # A dataclass, as above.
+    changed: Any = replace(law, **own) if own else law  # type: ignore[type-var]
+    factor = values.get(FACTOR, 1.0)
+    if isinstance(changed, Tabulated):
+        return Tabulated(changed.speed, [factor * value for value in changed.values])
+    names = [f.name for f in fields(changed) if f.name in _COEFFICIENTS]
+    scaled: FrictionLaw = replace(changed, **{n: factor * getattr(changed, n) for n in names})
+    return scaled
+
+
+@dataclass(slots=True)
+class FrictionCourse:
+    """The friction law of one bearing over time.
+
+    It moves in steps of one second, each with the values at its start, so that the integrator has
+    one law at a time; the steps are too small to affect the motion.
+    """
+
+    law: FrictionLaw  # the law of the configuration
+    drifts: dict[str, Profile] = field(default_factory=dict)  # by parameter, how it moves
+
+    def at(self, time: float) -> FrictionLaw:
+        """The law at a time since the scene's start [s]."""
+        step = np.array([time // STEP * STEP])
+        values = {name: float(drift.at(step)[0]) for name, drift in self.drifts.items()}
+        return with_parameters(self.law, values) if values else self.law
+
+
 # A single stick, after a knock or as the shaft breaks away, is no oscillation.
 LEAST_STICKS = 2
 
 
 @dataclass(frozen=True, slots=True)
 class EpisodeEvent:
-    """The start or the end of an episode.
+    """The start or the end of an episode."""
 
-    Attributes:
-        name: ``'first_stick'`` or ``'last_stick'``.
-        known: When it could be known [s].
-        time: When it was [s].
-        sticks: Stretches of sticking up to then.
-        sticking: Time of sticking in them [s].
-    """
-
-    name: str
-    known: float
-    time: float
-    sticks: int
-    sticking: float
+    name: str  # ``'first_stick'`` or ``'last_stick'``
+    known: float  # when it could be known [s]
+    time: float  # when it was [s]
+    sticks: int  # stretches of sticking up to then
+    sticking: float  # time of sticking in them [s]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Walk:
-    """How the lining moved over a stretch of time.
+    """How the lining moved over a stretch of time."""
 
-    Attributes:
-        end: Where it ends [s].
-        time: Times of the samples asked for, shape (n,) [s].
-        displacement: Shape (n,) [m].
-        velocity: Shape (n,) [m/s].
-        acceleration: Shape (n,) [m/s^2].
-        sticking: Whether it sticks, shape (n,).
-        changes: When it began to stick (True) or ceased to (False), and, before those of the same
-            time, when the shaft came to rest (True) or began to turn (False): time [s], whether
-            it is the lining's, and which.
-    """
-
-    end: float
-    time: FloatArray
-    displacement: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    sticking: BoolArray
+    end: float  # where it ends [s]
+    time: FloatArray  # times of the samples asked for, shape (n,) [s]
+    displacement: FloatArray  # shape (n,) [m]
+    velocity: FloatArray  # shape (n,) [m/s]
+    acceleration: FloatArray  # shape (n,) [m/s^2]
+    sticking: BoolArray  # whether it sticks, shape (n,)
+    # When it began to stick (True) or ceased to (False), and, before those of the same time,
+    # when the shaft came to rest (True) or began to turn (False): time [s], whether it is the
+    # lining's, and which.
     changes: list[tuple[float, bool, bool]]
 
     def at(self, own: IndexArray) -> Walk:
         """The same with some of the samples."""
-        return replace(
-            self,
-            time=self.time[own],
-            displacement=self.displacement[own],
-            velocity=self.velocity[own],
-            acceleration=self.acceleration[own],
-            sticking=self.sticking[own],
-        )
+        names = ('time', 'displacement', 'velocity', 'acceleration', 'sticking')
+        return replace(self, **{name: getattr(self, name)[own] for name in names})
 
 
 class Episodes:
     """Joins sticks to episodes; times must not fall.
 
-    An episode is at least two sticks, each of which begins within ``gap`` of the end of the one
-    before. A stick counts from where it begins, while the shaft turns, to the release or to where
-    the shaft comes to rest; one that begins at rest does not count.
-
-    Args:
-        gap: Longest time between two sticks of an episode [s].
-
-    Attributes:
-        since: Since when the lining sticks [s]; None: it does not.
+    An episode is at least two sticks, each of which begins within ``gap`` [s] of the end of the
+    one before. A stick counts from where it begins, while the shaft turns, to the release or to
+    where the shaft comes to rest; one that begins at rest does not count.
     """
 
     def __init__(self, gap: float) -> None:
         self.gap = gap
-        self.since: float | None = None
+        self.since: float | None = None  # since when the lining sticks [s]; None: it does not
         self._resting = False
         self._first = self._last = 0.0
         self._sticks = 0
@@ -167,12 +184,7 @@ _STEPS = 16 * PERIODS
 
 
 class Regular:
-    """The instants ``k / rate`` of a scene, handed out in order.
-
-    Args:
-        rate: Instants per second [Hz].
-        duration: Duration of the scene [s].
-    """
+    """The instants ``k / rate`` of a scene of some duration [s], handed out in order."""
 
     def __init__(self, rate: float, duration: float) -> None:
         self._rate = rate
@@ -191,10 +203,7 @@ class Regular:
 class AmplitudeWindows:
     """The amplitude of a motion in a short window before each instant ``k / rate``, ``k > 0``.
 
-    Args:
-        rate: Windows per second, not above :meth:`highest_rate` [Hz].
-        period: Natural period [s].
-        duration: Duration of the scene [s].
+    Rates above :meth:`highest_rate` [Hz] would let windows overlap; period and duration are in s.
     """
 
     def __init__(self, rate: float, period: float, duration: float) -> None:
@@ -222,14 +231,10 @@ class AmplitudeWindows:
     def amplitudes(
         self, displacement: FloatArray, velocity: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Half the peak to peak of each window that is now complete.
+        """Half the peak to peak of each window that is now complete, shape (m,) [m].
 
-        Args:
-            displacement: At the instants handed out last, shape (n,) [m].
-            velocity: The same [m/s].
-
-        Returns:
-            The instants at the windows' ends [s], and the amplitudes [m], both of shape (m,).
+        Takes displacement and velocity at the instants handed out last, and gives the instants at
+        the windows' ends [s] with the amplitudes.
         """
         kept = np.concatenate([self._kept, [displacement, velocity]], axis=1)
         begin = self._next - kept.shape[1]
@@ -242,18 +247,11 @@ class AmplitudeWindows:
 
 
 def half_peak_to_peak(x: FloatArray, v: FloatArray, step: float) -> FloatArray:
-    """Half of the largest less the smallest displacement of sampled motions.
+    """Half of the largest less the smallest displacement of m sampled motions, shape (m,) [m].
 
-    Between two samples the motion is interpolated by the cubic through their displacements and
-    velocities; with sixteen samples in a period of a harmonic motion the error is 6e-5.
-
-    Args:
-        x: Displacements, shape (m, n) [m].
-        v: Velocities, shape (m, n) [m/s].
-        step: Time between samples [s].
-
-    Returns:
-        Shape (m,) [m].
+    Between two samples, ``step`` [s] apart, a motion is interpolated by the cubic through their
+    displacements ``x`` and velocities ``v``, shape (m, n); with sixteen samples in a period of a
+    harmonic motion the error is 6e-5.
     """
     before, after = step * v[:, :-1], step * v[:, 1:]
     rise = np.diff(x, axis=1)
@@ -296,26 +294,14 @@ class Lining:
     depend on how a scene is divided into stretches: the drive is a sequence of linear pieces on a
     fixed grid, and only whole pieces are followed.
 
-    Args:
-        config: The bearing.
-        shaft: Its speed and load.
-        course: Its friction.
-        deviation: Standard deviation of the load's fluctuation on the drive's grid, >= 0 [N].
-        knocks: Blows, in order of time.
-        random: The random stream of the fluctuation.
-        duration: Duration of the scene [s].
+    The load fluctuates on that grid with a standard deviation >= 0 [N], by its own random stream;
+    knocks are in order of time.
     """
 
     def __init__(
-        self,
-        config: BearingConfig,
-        shaft: Shaft,
-        course: FrictionCourse,
-        deviation: float,
-        knocks: Sequence[Impulse],
-        random: np.random.Generator,
-        duration: float,
-    ) -> None:
+        self, config: BearingConfig, shaft: Shaft, course: FrictionCourse, deviation: float,
+        knocks: Sequence[Impulse], random: np.random.Generator, duration: float,
+    ) -> None:  # fmt: skip
         self.config, self._shaft, self._course = config, shaft, course
         self._deviation, self._knocks, self._random = deviation, knocks, random
         self._duration = duration
@@ -336,14 +322,9 @@ class Lining:
         return min(math.ceil(end * self.rate) / self.rate, self._duration)
 
     def follow(self, end: float, times: FloatArray) -> Walk:
-        """Follow the lining to a later time.
+        """Follow the lining to a later time, as :meth:`next_end` says [s].
 
-        Args:
-            end: As :meth:`next_end` says [s].
-            times: When to sample it, not falling, after the last end and up to this one [s].
-
-        Raises:
-            SceneError: The motion cannot be followed.
+        It is sampled at times that do not fall, after the last end and up to this one [s].
         """
         nodes = self._extend(end)
         motions: list[Motion] = []
@@ -354,15 +335,12 @@ class Lining:
             motion = self._integrate(nodes[:, low : high + 1], times[taken:upto])
             sticks += self._changes(motion)
             motions.append(motion)
-        return Walk(
-            end,
-            times,
-            np.concatenate([motion.displacement for motion in motions]),
-            np.concatenate([motion.velocity for motion in motions]),
-            np.concatenate([motion.acceleration for motion in motions]),
-            np.concatenate([motion.sticking for motion in motions]),
-            list(heapq.merge(self._rests(nodes), sticks)),
-        )
+        sampled = {
+            name: np.concatenate([getattr(motion, name) for motion in motions])
+            for name in ('displacement', 'velocity', 'acceleration', 'sticking')
+        }
+        changes = list(heapq.merge(self._rests(nodes), sticks))
+        return Walk(end, times, changes=changes, **sampled)
 
     def _start(self) -> MotionState:
         _, speed, load = self._nodes[:, 0].tolist()

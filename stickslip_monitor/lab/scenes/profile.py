@@ -24,18 +24,12 @@ HEADER = ['time', 'value']
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Profile:
-    """A piecewise linear table; before its first and after its last point the value is held.
+    """A piecewise linear table; before its first and after its last point the value is held."""
 
-    Attributes:
-        times: Rising times since the scene's start, none before it, shape (n,) [s].
-        values: The value at each, shape (n,).
-        ways: The integral from the scene's start to each, shape (n,).
-        factor: What multiplies all that is asked of it, e.g. the SI value of the values' unit.
-    """
-
-    times: FloatArray
-    values: FloatArray
-    ways: FloatArray
+    times: FloatArray  # rising times since the scene's start, none before it, shape (n,) [s]
+    values: FloatArray  # the value at each, shape (n,)
+    ways: FloatArray  # the integral from the scene's start to each, shape (n,)
+    # What multiplies all that is asked of it, e.g. the SI value of the values' unit.
     factor: float = 1.0
 
     @classmethod
@@ -59,17 +53,9 @@ class Profile:
 
 
 def read_profile(settings: Settings, unit: str, duration: float, folder: Path) -> Profile:
-    """Read ``points`` or, in its place, ``table`` of an effect, numbers in a unit.
+    """The ``points`` or, in its place, the ``table`` of an effect, with numbers in a unit.
 
-    Args:
-        settings: The effect's settings.
-        unit: The unit.
-        duration: The scene's duration [s].
-        folder: The folder that the table's path counts from.
-
-    Raises:
-        SceneError: A point is no pair of numbers, times do not rise, or lie outside the scene, or
-            the table cannot be read.
+    The table's path counts from the folder of the scene file.
     """
     if 'table' in settings and 'points' in settings:
         raise SceneError(f'{settings.name} has points and a table: give one of them')
@@ -84,19 +70,10 @@ def read_profile(settings: Settings, unit: str, duration: float, folder: Path) -
 
 
 def read_steps(settings: Settings, unit: str, duration: float) -> Profile:
-    """Read ``steps`` and ``rise`` of an effect.
+    """The ``steps`` and ``rise`` of an effect, with levels in a unit.
 
     Each step [time in s, level] begins at its time and takes ``rise`` [s]: neither a shaft nor
     the load on a bearing jumps. The first level holds from the scene's start.
-
-    Args:
-        settings: The effect's settings.
-        unit: The unit of the levels.
-        duration: The scene's duration [s].
-
-    Raises:
-        SceneError: A step is no pair of numbers, its time breaks a rule, or it begins before the
-            one before it has ended.
     """
     rise = settings.number('rise', 's', above=0.0)
     rows = settings.rows('steps', 'step', f'a list of steps [time in s, value in {unit}]')
@@ -112,14 +89,9 @@ def read_steps(settings: Settings, unit: str, duration: float) -> Profile:
 
 
 def check_points(rows: Sequence[tuple[str, Any]], duration: float) -> list[tuple[float, float]]:
-    """Points (time, value) that rise in time and lie within the scene.
+    """Points (time, value) that must rise in time and lie within the scene.
 
-    Args:
-        rows: What each is called in sentences, and what it is.
-        duration: The scene's duration [s].
-
-    Raises:
-        SceneError: A point is no pair of numbers, or its time breaks a rule.
+    Each row is what a point is called in sentences, and what it is.
     """
     for name, point in rows:
         _check_pair(name, point, '[time in s, value]')
@@ -134,15 +106,7 @@ def _check_pair(name: str, pair: Any, what: str) -> None:
 
 
 def check_times(rows: Sequence[tuple[str, Any]], duration: float) -> None:
-    """Check that times rise and lie within the scene.
-
-    Args:
-        rows: What each is called in sentences, and the time [s].
-        duration: The scene's duration [s].
-
-    Raises:
-        SceneError: They do not.
-    """
+    """Refuse times [s] that do not rise or lie outside the scene."""
     for name, time in rows:
         if not is_number(time):
             raise SceneError(f'{name} is at {time!r}, which is no time in s')
@@ -190,15 +154,10 @@ def _numbers(name: str, row: list[str]) -> list[float]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Windows:
-    """Stretches of time that do not overlap.
+    """Stretches of time that do not overlap."""
 
-    Attributes:
-        starts: Their starts, rising, shape (n,) [s].
-        ends: Their ends, which do not belong to them, shape (n,) [s].
-    """
-
-    starts: FloatArray
-    ends: FloatArray
+    starts: FloatArray  # their starts, rising, shape (n,) [s]
+    ends: FloatArray  # their ends, which do not belong to them, shape (n,) [s]
 
     def hold(self, time: FloatArray) -> BoolArray:
         """Whether some times [s] lie in a window."""
@@ -208,16 +167,7 @@ class Windows:
 
 
 def read_windows(settings: Settings, duration: float) -> Windows:
-    """Read ``windows``: pairs [start, end] in s, in order of time.
-
-    Args:
-        settings: What has them.
-        duration: The scene's duration [s].
-
-    Raises:
-        SceneError: A window is no pair, ends before it starts, leaves the scene or overlaps the
-            one before.
-    """
+    """The ``windows``: pairs [start, end] in s, in order of time."""
     rows = settings.rows('windows', 'window', 'a list of windows [start in s, end in s]')
     for name, window in rows:
         _check_pair(name, window, '[start in s, end in s]')
@@ -238,17 +188,11 @@ def read_windows(settings: Settings, duration: float) -> Windows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampleMask:
-    """Which samples an effect changes.
+    """Which samples an effect changes."""
 
-    Attributes:
-        windows: Where it acts; None: everywhere.
-        share: The probability that a sample there is hit, each by itself.
-        random: Its random stream, None where the share is 1.
-    """
-
-    windows: Windows | None
-    share: float
-    random: np.random.Generator | None
+    windows: Windows | None  # where it acts; None: everywhere
+    share: float  # the probability that a sample there is hit, each by itself
+    random: np.random.Generator | None  # its random stream, None where the share is 1
 
     def hit(self, time: FloatArray) -> BoolArray:
         """Whether the next samples, at some times [s], are hit."""
@@ -262,15 +206,9 @@ class SampleMask:
 def read_sample_mask(
     settings: Settings, duration: float, random: np.random.Generator
 ) -> SampleMask:
-    """Read ``windows`` and ``share``, of which at least one is there.
+    """The ``windows`` and the ``share`` of samples, of which at least one is there.
 
-    Args:
-        settings: What has them.
-        duration: The scene's duration [s].
-        random: The effect's random stream, drawn from only where there is a share.
-
-    Raises:
-        SceneError: There is neither, or one breaks its rule.
+    The random stream is drawn from only where there is a share.
     """
     if 'windows' not in settings and 'share' not in settings:
         raise SceneError(f'{settings.name} must have windows, a share of the samples, or both')

@@ -18,13 +18,13 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import ConfigurationError, SceneError
 from stickslip_monitor.lab.scenes import telemetry
-from stickslip_monitor.lab.scenes.effects.effect import SceneRun
-from stickslip_monitor.lab.scenes.effects.registry import (
+from stickslip_monitor.lab.scenes.effects import (
     EFFECTS,
     SENSOR_EFFECTS,
     in_order,
     read_effects,
 )
+from stickslip_monitor.lab.scenes.effects.effect import SceneRun
 from stickslip_monitor.lab.scenes.settings import Settings
 from stickslip_monitor.lab.scenes.shaft import Shaft, TimeBlock
 from stickslip_monitor.lab.scenes.telemetry import Channel, Signal, read_channels
@@ -45,46 +45,24 @@ _EPOCH = dt.datetime(1970, 1, 1, tzinfo=dt.timezone.utc)
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A validated scene.
+    """A validated scene."""
 
-    Attributes:
-        description: What it shows.
-        duration: Its duration, > 0 [s].
-        start_ns: Time stamp of its start [ns since 1970].
-        seed: Seed of all random streams.
-        folder: Folder of the scene file.
-        config_path: File of the configuration.
-        config: The configuration of the bearings.
-        channels: The channels of telemetry.
-        effects: The settings of each effect, in the order in which they act.
-        parameter_error: By parameter the largest relative error of what the monitor is told.
-    """
-
-    description: str
-    duration: float
-    start_ns: int
-    seed: int
-    folder: Path
-    config_path: Path
-    config: MonitorConfig
-    channels: tuple[Channel, ...]
-    effects: tuple[Settings, ...]
+    description: str  # what it shows
+    duration: float  # its duration, > 0 [s]
+    start_ns: int  # time stamp of its start [ns since 1970]
+    seed: int  # seed of all random streams
+    folder: Path  # folder of the scene file
+    config_path: Path  # file of the configuration
+    config: MonitorConfig  # the configuration of the bearings
+    channels: tuple[Channel, ...]  # the channels of telemetry
+    effects: tuple[Settings, ...]  # the settings of each effect, in the order in which they act
+    # By parameter the largest relative error of what the monitor is told.
     parameter_error: Mapping[str, float] = field(default_factory=dict)
 
     def build(self) -> SceneRun:
-        """Build one run of the scene.
-
-        Raises:
-            SceneError: A setting breaks its rule, or an effect is listed twice for a channel.
-        """
-        run = SceneRun(
-            self.duration,
-            self.seed,
-            self.channels,
-            self.folder,
-            self.start_ns,
-            Shaft(self.channels),
-        )
+        """Build one run of the scene."""
+        shaft = Shaft(self.channels)
+        run = SceneRun(self.duration, self.seed, self.channels, self.folder, self.start_ns, shaft)
         for settings in self.effects:
             EFFECTS[settings.name].build(settings, run)
         return run
@@ -193,11 +171,7 @@ def _sensors(
 
 
 def read_sensors(path: str | Path, seed: int) -> Settings:
-    """Read a file of sensors, with what varies drawn for a seed.
-
-    Raises:
-        SceneError: It cannot be read; the text names the file.
-    """
+    """Read a file of sensors, with what varies drawn for a seed."""
     try:
         document = load_yaml(path)
     except ConfigurationError as error:
@@ -213,11 +187,7 @@ def read_sensors(path: str | Path, seed: int) -> Settings:
 
 
 def load_sensors_description(path: str | Path) -> str:
-    """What a file of sensors says of itself.
-
-    Raises:
-        SceneError: It cannot be read; the text names the file.
-    """
+    """What a file of sensors says of itself."""
     given = read_sensors(path, 0)
     return given.text('description', 'what the sensors are')
 
@@ -263,21 +233,10 @@ BLOCK_LENGTH = 60.0
 def simulate(
     scene: Scene, block_length: float = BLOCK_LENGTH, run: SceneRun | None = None
 ) -> Iterator[TimeBlock]:
-    """Run a scene.
+    """Run a scene; its blocks come in order of time, to its end or where its recording is cut.
 
     Speeds and loads start at zero (a shaft at rest, no load), and each effect adds its own. The
-    outcome does not depend on the length of the blocks.
-
-    Args:
-        scene: The scene.
-        block_length: Length of the blocks, > 0 [s].
-        run: A fresh run of it; by default one is built.
-
-    Yields:
-        Its blocks, in order of time, up to its end or to where its recording is cut off.
-
-    Raises:
-        SceneError: A speed or load leaves what the telemetry can carry.
+    outcome does not depend on the length of the blocks, > 0 [s]. A run that is given is fresh.
     """
     run = scene.build() if run is None else run
     finish = scene.duration if run.cut is None else run.cut

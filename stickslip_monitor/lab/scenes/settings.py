@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One mapping of a scene file, read key by key; every error names key, value and rule."""
+"""One mapping of a scene file, read key by key.
+
+Whatever breaks a rule is a SceneError, here and in all of this room, that names key, value and
+rule.
+"""
 
 from __future__ import annotations
 
@@ -15,15 +19,9 @@ LARGEST = 1e15
 
 
 class Settings:
-    """The keys and values of one mapping.
+    """The keys and values of one mapping, of which any other key than the known ones is an error.
 
-    Args:
-        name: What the mapping is called in sentences; empty for the scene itself.
-        content: The parsed YAML.
-        keys: The keys it may have.
-
-    Raises:
-        SceneError: It is not a mapping, or has a key that is not among them.
+    The name is what it is called in sentences; empty for the scene itself.
     """
 
     def __init__(self, name: str, content: Any, keys: Iterable[str]) -> None:
@@ -82,13 +80,7 @@ class Settings:
         return float(value)
 
     def rows(self, key: str, name: str, what: str) -> list[tuple[str, Any]]:
-        """The entries of a list that is not empty, each with what it is called in sentences.
-
-        Args:
-            key: The list's key.
-            name: What one entry is called.
-            what: What the list is.
-        """
+        """The entries of a list that is not empty, each with its name for sentences."""
         listed = self.value(key, what)
         if not isinstance(listed, list) or not listed:
             raise self.broken(key, f'must be {what}')

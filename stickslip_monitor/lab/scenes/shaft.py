@@ -28,8 +28,7 @@ Term = Callable[[FloatArray], FloatArray]
 class Shaft:
     """Speed and load of every bearing, the sum of the terms that effects have added.
 
-    Args:
-        channels: The channels of the scene. Speeds are those of a channel's first bearing.
+    Speeds are those of a channel's first bearing.
     """
 
     def __init__(self, channels: Sequence[Channel]) -> None:
@@ -96,22 +95,14 @@ def _sum(terms: Iterable[Term], time: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeBlock:
-    """A stretch of a scene; effects change its signals.
+    """A stretch of a scene; effects change its signals."""
 
-    Attributes:
-        start: Its start, from the scene's start [s].
-        end: Its end [s].
-        duration: Duration of the scene [s].
-        shaft: The true operating point, at any instant.
-        signals: What the sensor of each topic sends.
-        truth: What no sensor measures; a channel is there even if it has no messages.
-    """
-
-    start: float
-    end: float
-    duration: float
-    shaft: Shaft
-    signals: dict[str, Signal]
+    start: float  # its start, from the scene's start [s]
+    end: float  # its end [s]
+    duration: float  # duration of the scene [s]
+    shaft: Shaft  # the true operating point, at any instant
+    signals: dict[str, Signal]  # what the sensor of each topic sends
+    # What no sensor measures; a channel is there even if it has no messages.
     truth: list[Column] = field(default_factory=list)
 
     def instants(self, rate: float) -> FloatArray:
@@ -129,17 +120,12 @@ _STEPS_IN_SCALE = 20.0
 
 @dataclass(frozen=True, slots=True)
 class Memory:
-    """One transformation of a sensor's signal that depends on its past.
+    """One transformation of a sensor's signal that depends on its past."""
 
-    Attributes:
-        length: Time after which the past is negligible [s].
-        scale: Time over which it resolves the past [s].
-        start: Given the time between samples [s] and the value that was constant until now,
-            returns what transforms the next samples, shape (n,), again and again.
-    """
-
-    length: float
-    scale: float
+    length: float  # time after which the past is negligible [s]
+    scale: float  # time over which it resolves the past [s]
+    # Given the time between samples [s] and the value that was constant until now, returns
+    # what transforms the next samples, shape (n,), again and again.
     start: Callable[[float, float], Term]
 
 
@@ -147,10 +133,6 @@ class Sensor:
     """A chain of memories between the shaft and the samples of one channel.
 
     It follows the shaft between its samples, on a finer regular grid.
-
-    Args:
-        shaft: The shaft.
-        channel: The channel.
     """
 
     def __init__(self, shaft: Shaft, channel: Channel) -> None:

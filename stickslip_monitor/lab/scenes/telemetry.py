@@ -25,16 +25,10 @@ def count(rate: float, duration: float) -> int:
 
 
 def numbers(rate: float, start: float, end: float, duration: float) -> range:
-    """The ``k`` of the instants from ``start`` to before ``end``.
+    """The ``k`` of the instants ``k / rate`` from ``start`` to before ``end`` [s].
 
     Stretches that join cover every instant of the scene once, and the last one, which ends at
     ``duration``, has the instant at its end too.
-
-    Args:
-        rate: Instants per second [Hz].
-        start: Begin of the stretch [s].
-        end: Its end [s].
-        duration: Duration of the scene [s].
     """
     whole = count(rate, duration)
     stop = whole if end == duration else min(whole, math.ceil(end * rate))
@@ -46,11 +40,7 @@ _NOMINAL = 5.0
 
 
 def nominal_load(config: BearingConfig) -> float:
-    """Five times the least load at which any speed of a bearing is unstable [N].
-
-    Raises:
-        SceneError: Its friction law has none.
-    """
+    """Five times the least load at which any speed of a bearing is unstable [N]."""
     load = _NOMINAL * float(hopf_load(config.bearing, 0.0))
     if not 0.0 < load < math.inf:
         raise SceneError(
@@ -65,16 +55,11 @@ class Channel:
     """One sensor: a topic, and the bearings that read it.
 
     Several bearings of one shaft read one speed topic; SI values are then those of the first.
-
-    Attributes:
-        quantity: ``'speed'``, ``'load'`` or ``'level'``.
-        bearings: The bearings that read it, at least one.
-        rate: Samples per second [Hz].
     """
 
-    quantity: str
-    bearings: tuple[BearingConfig, ...]
-    rate: float
+    quantity: str  # ``'speed'``, ``'load'`` or ``'level'``
+    bearings: tuple[BearingConfig, ...]  # the bearings that read it, at least one
+    rate: float  # samples per second [Hz]
 
     @property
     def input(self) -> InputConfig:
@@ -104,11 +89,6 @@ class Channel:
         """SI value (surface speed [m/s] or load [N], a level in its own unit) of one unit.
 
         ``nominal`` is a load, :func:`nominal_load`, and ``fold`` the fold speed at that load.
-
-        Raises:
-            SceneError: The unit of a level is not its own; that of a speed is m/s, and the topic
-                serves bearings of different diameters, or is one that the first of them does not
-                have.
         """
         if self.quantity == 'level':
             if unit != self.input.unit:
@@ -149,24 +129,16 @@ class Channel:
 
 @dataclass(slots=True, eq=False)
 class Signal:
-    """The samples of one channel over a stretch of time; effects change them.
+    """The samples of one channel over a stretch of time; effects change them."""
 
-    Attributes:
-        channel: The channel.
-        time: True instants of measurement since the scene's start, shape (n,) [s].
-        stamp_ns: Time stamps by the sensor's clock, shape (n,) [ns].
-        value: Surface speed [m/s] or load [N], shape (n,).
-        arrival_ns: When the recorder gets each message, by its own clock, shape (n,) [ns]; None
-            where messages have no stamp of their own, and the recorder's is all there is.
-        copies: How often each is recorded, shape (n,); None: once.
-    """
-
-    channel: Channel
-    time: FloatArray
-    stamp_ns: IntArray
-    value: FloatArray
+    channel: Channel  # the channel
+    time: FloatArray  # true instants of measurement since the scene's start, shape (n,) [s]
+    stamp_ns: IntArray  # time stamps by the sensor's clock, shape (n,) [ns]
+    value: FloatArray  # surface speed [m/s] or load [N], shape (n,)
+    # When the recorder gets each message, by its own clock, shape (n,) [ns]; None where
+    # messages have no stamp of their own, and the recorder's is all there is.
     arrival_ns: IntArray | None = None
-    copies: IntArray | None = None
+    copies: IntArray | None = None  # how often each is recorded, shape (n,); None: once
 
     @property
     def raw(self) -> FloatArray:
@@ -191,35 +163,21 @@ class Signal:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Messages:
-    """The messages of one channel over a stretch of time.
+    """The messages of one channel over a stretch of time."""
 
-    Attributes:
-        log_time_ns: When each was recorded, shape (n,) [ns].
-        stamp_ns: The stamps in their headers, shape (n,) [ns]; None: they have none.
-        raw: The numbers in them, shape (n,).
-    """
-
-    log_time_ns: IntArray
-    stamp_ns: IntArray | None
-    raw: FloatArray
+    log_time_ns: IntArray  # when each was recorded, shape (n,) [ns]
+    stamp_ns: IntArray | None  # the stamps in their headers, shape (n,) [ns]; None: they have none
+    raw: FloatArray  # the numbers in them, shape (n,)
 
 
 _LOWEST_RATE, _HIGHEST_RATE = 1e-6, 1000.0
 
 
 def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
-    """The channels of a scene, in the configuration's order.
+    """The channels of a scene, one for each topic, in the configuration's order.
 
-    Args:
-        config: The configuration; its inputs give topics, units, scales and offsets.
-        telemetry: The scene's section ``telemetry``: ``{speed: {rate: Hz}, load: {rate: Hz}}``,
-            or one such mapping for each bearing.
-
-    Returns:
-        One channel for each topic.
-
-    Raises:
-        SceneError: A rate is missing or breaks its rule, or an input cannot be simulated.
+    The scene's section ``telemetry`` is ``{speed: {rate: Hz}, load: {rate: Hz}}``, or one such
+    mapping for each bearing.
     """
     channels: dict[str, Channel] = {}
     for bearing in config.bearings:

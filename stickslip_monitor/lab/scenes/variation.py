@@ -23,14 +23,9 @@ PARAMETERS = (*_OWN, *_LAW, *_SCALES)
 
 
 def random_stream(seed: int, *names: str) -> np.random.Generator:
-    """The random stream of a name.
+    """The random stream of a name: of the effect, and within it the topic.
 
-    Args:
-        seed: The scene's seed, not negative.
-        names: Who draws: the effect, and within it the topic.
-
-    Returns:
-        A generator that depends on the seed and the names alone, on every machine.
+    It depends on the scene's seed and the names alone, on every machine.
     """
     digest = hashlib.sha256('\0'.join(names).encode()).digest()
     key = tuple(int.from_bytes(digest[k : k + 4], 'little') for k in range(0, 16, 4))
@@ -41,9 +36,6 @@ def drawn(document: Any, seed: int, place: str = '') -> Any:
     """A parsed scene with a number in place of each ``{between: [low, high]}``.
 
     Each is drawn evenly from a random stream of its own, named after its place in the file.
-
-    Raises:
-        SceneError: The two are no numbers, or the first is above the second.
     """
     if isinstance(document, Mapping):
         if list(document) == [BETWEEN]:
@@ -86,11 +78,7 @@ def _names(entries: list[Any]) -> list[str]:
 
 
 def read_parameter_error(settings: Settings) -> dict[str, float]:
-    """Read ``parameter_error``: by parameter the largest relative error.
-
-    Raises:
-        SceneError: A parameter is unknown, or an error is not between 0 and 0.9.
-    """
+    """The ``parameter_error``: by parameter the largest relative error."""
     if 'parameter_error' not in settings:
         return {}
     own = settings.section('parameter_error', PARAMETERS, 'the largest relative errors')
@@ -100,13 +88,7 @@ def read_parameter_error(settings: Settings) -> dict[str, float]:
 def as_believed(config: BearingConfig, errors: Mapping[str, float], seed: int) -> BearingConfig:
     """The configuration of a bearing as the monitor gets it, with errors drawn for a seed.
 
-    Args:
-        config: The true configuration.
-        errors: By parameter the largest relative error; each is drawn evenly up to it, either way.
-        seed: The scene's seed.
-
-    Raises:
-        SceneError: The bearing has no such parameter, or a law cannot have the drawn values.
+    Errors are given by parameter; each is drawn evenly up to it, either way.
     """
     factor = {
         name: 1.0

@@ -216,10 +216,10 @@ class Annunciator:
         return changes
 
     def take_fault(
-        self, bearing: str, is_load: int, status: Status, time_ns: int
+        self, bearing: str, which: int, status: Status, time_ns: int
     ) -> list[AlarmChange]:
         """A sample of one input (0 speed, 1 load) was refused for its value."""
-        self.causes[bearing].take_fault(is_load, status, self.now_ns)
+        self.causes[bearing].take_fault(which, status, self.now_ns)
         return self._sync(bearing, time_ns)
 
     def take_verdict(self, verdict: Verdict) -> list[AlarmChange]:

@@ -29,25 +29,27 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray, flatten, mapped
-from stickslip_monitor.physics.averaging import closed_form
-from stickslip_monitor.physics.averaging.dimensionless import harmonic_beyond_limit
-from stickslip_monitor.physics.averaging.quadrature import crossing_angle, friction_harmonic
-from stickslip_monitor.physics.averaging.solver import averaged_solver, damping_per_load
-from stickslip_monitor.physics.bessel import i1e
-from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, computes_as
-from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.averaging import closed_form, numerical
+from stickslip_monitor.physics.averaging.quadrature import friction_harmonic
+from stickslip_monitor.physics.friction import FrictionLaw, Stribeck, computes_as
+from stickslip_monitor.physics.oscillator import Bearing, damping_per_load
+
+
+def averaged(law: FrictionLaw) -> Any:
+    """The module that solves the averaged equations of a law: in closed form for Stribeck's."""
+    return closed_form if computes_as(law, Stribeck) else numerical
 
 
 def hopf_speed(bearing: Bearing, load: ArrayLike) -> Any:
     """Hopf speed ``V_H`` [m/s] at a load [N]: below it steady sliding is unstable."""
-    solver = averaged_solver(bearing.friction)
-    return mapped(lambda n: solver.hopf_speed(damping_per_load(bearing.damping, n)), load)
+    law, c = bearing.friction, bearing.damping
+    return mapped(lambda n: averaged(law).hopf_speed(law, damping_per_load(c, n)), load)
 
 
 def fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
     """Fold speed ``V_F`` [m/s] at a load [N]: above it no stick-slip cycle exists."""
-    solver = averaged_solver(bearing.friction)
-    return mapped(lambda n: solver.boundaries(damping_per_load(bearing.damping, n))[1], load)
+    law, c = bearing.friction, bearing.damping
+    return mapped(lambda n: averaged(law).boundaries(law, damping_per_load(c, n))[1], load)
 
 
 def _load_at(bearing: Bearing, slope: FloatArray) -> FloatArray:
@@ -69,8 +71,8 @@ def hopf_load(bearing: Bearing, speed: ArrayLike) -> Any:
 
 def fold_load(bearing: Bearing, speed: ArrayLike) -> Any:
     """Load [N] above which a stick-slip cycle exists at a surface speed [m/s]."""
-    solver = averaged_solver(bearing.friction)
-    return mapped(lambda v: _load_at(bearing, solver.peak_slope(np.abs(v))), speed)
+    law = bearing.friction
+    return mapped(lambda v: _load_at(bearing, averaged(law).peak_slope(law, np.abs(v))), speed)
 
 
 def growth_rate(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
@@ -87,13 +89,6 @@ def growth_rate(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
         return (drive - bearing.damping) / (2.0 * bearing.mass)
 
     return mapped(rate, speed, load)
-
-
-def growth_rate_of_number(bearing: Bearing, law: Stribeck, speed: float, load: float) -> float:
-    """:func:`growth_rate` of one point of finite numbers, to the last bit, of Stribeck's law."""
-    fall = (law.static - law.kinetic) * law.decay * float(np.exp(-law.decay * abs(speed)))
-    drive = max(load, 0.0) * -(law.viscous - fall)
-    return (drive - bearing.damping) / (2.0 * bearing.mass)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,8 +122,8 @@ def stationary_amplitudes(
     v = np.abs(v)
     usable = np.isfinite(v) & np.isfinite(n) & (v > 0.0)
     with np.errstate(all='ignore'):
-        solver = averaged_solver(bearing.friction)
-        a, stable = solver.cycles(v[usable], bearing.damping, n[usable])
+        law = bearing.friction
+        a, stable = averaged(law).cycles(law, v[usable], bearing.damping, n[usable])
         width = a.shape[1]
         amplitude, stability = np.full((v.size, width), np.nan), np.zeros((v.size, width))
         amplitude[usable] = a / bearing.natural_frequency
@@ -144,17 +139,16 @@ def stationary_amplitudes(
 def stable_amplitude(bearing: Bearing, speed: FloatArray, load: FloatArray) -> FloatArray:
     """Amplitude of the largest stable cycle [m] where there is one, each shape (n,)."""
     q = damping_per_load(bearing.damping, load)
-    velocity = averaged_solver(bearing.friction).stable_amplitude(speed, q)
+    law = bearing.friction
+    velocity: FloatArray = averaged(law).stable_amplitude(law, speed, q)
     return velocity / bearing.natural_frequency
 
 
 def threshold_amplitude(bearing: Bearing, speed: FloatArray, load: FloatArray) -> FloatArray:
     """Amplitude of the smallest unstable cycle [m] of bistable points, each shape (n,)."""
-    solver = averaged_solver(bearing.friction)
-    return solver.threshold_amplitude(speed, bearing.damping, load) / bearing.natural_frequency
-
-
-_CLOSED_FORM_REACH, _CLOSED_FORM_RATIO = 2.0, 8.0
+    law = bearing.friction
+    velocity: FloatArray = averaged(law).threshold_amplitude(law, speed, bearing.damping, load)
+    return velocity / bearing.natural_frequency
 
 
 def harmonic(law: FrictionLaw, speed: ArrayLike, amplitude: ArrayLike) -> FloatArray:
@@ -173,37 +167,10 @@ def harmonic(law: FrictionLaw, speed: ArrayLike, amplitude: ArrayLike) -> FloatA
     result = np.zeros(v.shape)
     v, a = v[moving], a[moving]
     if computes_as(law, Stribeck):
-        result[moving] = _stribeck(law, v, a)
-    elif computes_as(law, Coulomb):
-        result[moving] = _coulomb(law, v, a)
+        result[moving] = closed_form.harmonic(law, v, a)
     else:
         result[moving] = friction_harmonic(law, v, a)
     return result
-
-
-def _coulomb(law: Coulomb, speed: FloatArray, amplitude: FloatArray) -> FloatArray:
-    reach = np.maximum(amplitude, speed)
-    sine = np.sqrt((reach - speed) * (reach + speed)) / reach
-    return -(2.0 / np.pi) * law.kinetic * sine
-
-
-def _stribeck(law: Stribeck, speed: FloatArray, amplitude: FloatArray) -> FloatArray:
-    delta = law.static - law.kinetic
-    v, alpha = law.decay * speed, law.decay * amplitude
-    result = np.empty_like(v)
-    near = alpha <= v
-    result[near] = delta * i1e(alpha[near]) * np.exp(alpha[near] - v[near])
-    # An angle close to pi/2 no longer tells the amplitude to the last digit.
-    close = (alpha <= v + _CLOSED_FORM_REACH) & (amplitude <= _CLOSED_FORM_RATIO * speed)
-    beyond = ~near & close & (delta != 0.0)
-    if beyond.any():
-        theta = crossing_angle(speed[beyond], amplitude[beyond], 0.0)
-        ratio = law.kinetic / delta
-        result[beyond] = delta * harmonic_beyond_limit(v[beyond], theta, ratio)
-    far = ~near & ~beyond
-    falling = Stribeck(law.static, law.kinetic, law.decay)
-    result[far] = friction_harmonic(falling, speed[far], amplitude[far])
-    return result - 0.5 * law.viscous * amplitude
 
 
 def amplitude_rate(

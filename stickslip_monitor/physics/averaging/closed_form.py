@@ -1,79 +1,209 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Boundaries and amplitudes of a bearing with the Stribeck law, from its closed forms.
+"""KBM averages of the exponential Stribeck law, from its closed forms.
 
-All functions take the damping for each unit of load, ``q = c/N`` [s/m] (``inf`` without load), as
-an array of shape (n,), and surface speeds ``V`` > 0 [m/s] of the same shape. What would warn on
-the way to ``inf`` and ``nan`` is for the caller to silence.
+With ``Delta = mu_s - mu_k`` and the damping left after the viscous rise ``c + N nu``:
+``v = beta V``, ``alpha = beta a``, ``kappa = (c + N nu) / (N Delta beta)``, ``r = mu_k / Delta``.
+Below the sliding limit the average is a modified Bessel function, so the Hopf and fold speeds and
+the unstable amplitude each follow from one function of one variable,
+
+    ``growth(alpha) = ln(2 I1(alpha) / alpha)``    and    ``decline(v) = v - growth(v)``,
+
+inverted here by Newton's method in a fixed number of steps: an element's value never depends on
+what else is in the array.
+
+The functions of a law are those that :mod:`.numerical` has for any other. They take arrays of
+shape (n,): surface speeds ``V`` > 0 [m/s] and the damping for each unit of load, ``q = c/N`` [s/m]
+(``inf`` without load). What would warn on the way to ``inf`` and ``nan`` is for the caller to
+silence.
 """
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
+from scipy.special import i0e, i1e
 
-from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.physics.averaging import dimensionless
-from stickslip_monitor.physics.bessel import i1e
+from stickslip_monitor.arrays import BoolArray, FloatArray
+from stickslip_monitor.physics.averaging.quadrature import (
+    crossing_angle,
+    friction_harmonic,
+    gauss_rule,
+)
 from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.physics.oscillator import damping_per_load
+from stickslip_monitor.physics.roots import newton_on_bracket
 
+_SERIES_LIMIT = 0.5
+_FAR = 1e6
+_NODES, _WEIGHTS = gauss_rule(14)
+# Newton's steps from first guesses that are off by a third at most.
+_STEPS = 5
 # Beyond these a dimensionless speed or its Bessel function leaves the range of a float.
 _TINY, _HUGE, _MOST_DECLINE = 1e-300, 1e200, 690.0
+# Where the closed form beyond the sliding limit has all its digits: so far past it, in units of
+# 1/beta and of the speed.
+_REACH, _RATIO = 2.0, 8.0
+
+
+def _log_excess(alpha: FloatArray) -> FloatArray:
+    """``ln(2 I1(alpha)/alpha)`` from the power series, for ``alpha <= 0.5``."""
+    quarter = 0.25 * alpha * alpha
+    total = np.zeros_like(alpha)
+    for k in range(8, 0, -1):
+        total = (total + 1.0) * quarter / (k * (k + 1.0))
+    return np.log1p(total)
+
+
+def growth(alpha: FloatArray) -> FloatArray:
+    """``ln(2 I1(alpha)/alpha)`` for ``alpha`` >= 0, to full relative precision."""
+    small, large = np.minimum(alpha, _SERIES_LIMIT), np.maximum(alpha, _SERIES_LIMIT)
+    bessel = np.log(2.0 * i1e(large) / large) + large
+    return np.where(alpha <= _SERIES_LIMIT, _log_excess(small), bessel)
+
+
+def decline(v: FloatArray) -> FloatArray:
+    """``-ln(2 exp(-v) I1(v)/v) = v - growth(v)``: rises from 0 with ``v``."""
+    small, large = np.minimum(v, _SERIES_LIMIT), np.maximum(v, _SERIES_LIMIT)
+    bessel = np.log(0.5 * large / i1e(large))
+    return np.where(v <= _SERIES_LIMIT, small - _log_excess(small), bessel)
+
+
+def _growth_slope(alpha: FloatArray) -> FloatArray:
+    """``d growth / d alpha = I2(alpha)/I1(alpha)``, as precise as Newton's method needs it."""
+    small, large = np.minimum(alpha, _SERIES_LIMIT), np.maximum(alpha, _SERIES_LIMIT)
+    bessel = i0e(large) / i1e(large) - 2.0 / large
+    return np.where(alpha <= _SERIES_LIMIT, small / 4.0 * (1.0 - small * small / 24.0), bessel)
+
+
+def _decline_slope(v: FloatArray) -> FloatArray:
+    # I2/I1 tends to 1 - 1.5/v; past _FAR the difference from 1 has no digits left.
+    return np.where(v < _FAR, 1.0 - _growth_slope(np.minimum(v, _FAR)), 1.5 / np.maximum(v, 1.0))
+
+
+def amplitude_for_growth(d: FloatArray) -> FloatArray:
+    """The ``alpha`` > 0 at which ``growth(alpha) = d``, for finite ``d`` > 0."""
+    alpha = np.sqrt(d) * np.sqrt(d + 8.0)  # between sqrt(8 d) and d + 1.5 ln d
+    for _ in range(_STEPS):
+        alpha = alpha + (d - growth(alpha)) / _growth_slope(alpha)
+    return alpha
+
+
+def speed_for_decline(decrement: FloatArray) -> FloatArray:
+    """The ``v`` > 0 at which ``decline(v) = decrement``, for finite ``decrement`` > 0."""
+    # Between ``decrement`` itself and (2/pi)^(1/3) exp(2/3 decrement). Another guess would change
+    # last bits, and with the nominal fold speed every bit of a level in the recordings of bags/.
+    v = np.expm1(decrement / 1.5) * (0.85 + 0.65 / (1.0 + decrement))
+    for _ in range(_STEPS):
+        # In ln v the curve is almost straight, from v << 1 (slope v) to v >> 1 (slope 1.5).
+        v = v * np.exp((decrement - decline(v)) / (v * _decline_slope(v)))
+    return v
+
+
+def _beyond_limit(
+    theta: FloatArray, v: FloatArray, kappa: FloatArray, r: float
+) -> tuple[FloatArray, FloatArray]:
+    """Balance ``S/Delta - kappa alpha/2`` at ``alpha = v / cos(theta)`` and its slope in theta.
+
+    ``S/Delta = exp(-v) I1(alpha)
+    - (2/pi) integral_0^theta (cosh(alpha cos t - v) + r) cos t dt``; the angle removes the
+    square root with which the average starts at the sliding limit.
+    """
+    cos_theta, sin_theta = np.cos(theta), np.sin(theta)
+    half = np.sin(0.5 * theta)
+    alpha = v / cos_theta
+    scale = np.exp(2.0 * v * half * half / cos_theta)
+    cos_t = np.cos(theta[:, None] * _NODES)
+    # cos t - cos theta without its cancellation.
+    above = np.sin(theta[:, None] * (0.5 * (1.0 + _NODES)))
+    above *= 2.0 * np.sin(theta[:, None] * (0.5 * (1.0 - _NODES)))
+    rise = np.exp(alpha[:, None] * above)
+    weighted = _WEIGHTS * cos_t
+    # cosh and sinh from one exponential; a row's sum does not depend on the other rows.
+    loss = np.add.reduce(weighted * (rise + 1.0 / rise), axis=1)
+    loss_slope = np.add.reduce(weighted * cos_t * (rise - 1.0 / rise), axis=1)
+    i1 = i1e(alpha) * scale
+    drag = 0.5 * kappa * alpha
+    balance = i1 - drag - (2.0 * r * sin_theta + theta * loss) / np.pi
+    feed = alpha * i0e(alpha) * scale - i1 - drag
+    slope = (sin_theta * feed - alpha * sin_theta * theta * loss_slope / np.pi) / cos_theta - (
+        2.0 / np.pi
+    ) * (r + 1.0) * cos_theta
+    return balance, slope
+
+
+def amplitude_of_cycle(v: FloatArray, kappa: FloatArray, r: float) -> FloatArray:
+    """The ``alpha`` >= v of the stable stick-slip cycle, for points below the fold.
+
+    There is exactly one: the balance is positive at the sliding limit, falls with infinite slope
+    in ``alpha`` there and is negative at ``alpha = v + 2`` for every ``kappa, r >= 0``.
+
+    Args:
+        v: ``beta V`` > 0, shape (n,).
+        kappa: Damping number >= 0 with ``2 I1e(v)/v >= kappa``, shape of ``v``.
+        r: ``mu_k/Delta`` >= 0.
+
+    Returns:
+        ``alpha`` >= v, shape of ``v``; exactly ``v`` where rounding leaves no room above it.
+    """
+    highest = 2.0 * np.arcsin(np.sqrt(1.0 / (v + 2.0)))
+    # To first order about the sliding limit.
+    sine = (0.5 * np.pi / (1.0 + r)) * np.maximum(i1e(v) - 0.5 * kappa * v, 0.0)
+    start = np.minimum(np.arcsin(np.minimum(sine, 1.0)), highest)
+    theta = newton_on_bracket(
+        lambda x, speed, drag: _beyond_limit(x, speed, drag, r),
+        np.zeros_like(v),
+        highest,
+        start,
+        (v, kappa),
+    )
+    half = np.sin(0.5 * theta)
+    amplitude: FloatArray = v + 2.0 * v * half * half / np.cos(theta)
+    return amplitude
+
+
+def harmonic(law: Stribeck, speed: FloatArray, amplitude: FloatArray) -> FloatArray:
+    """``S(a; V)`` [-] at velocity amplitudes ``a`` > 0 [m/s], shape of ``speed``."""
+    delta = law.static - law.kinetic
+    v, alpha = law.decay * speed, law.decay * amplitude
+    result = np.empty_like(v)
+    near = alpha <= v
+    result[near] = delta * i1e(alpha[near]) * np.exp(alpha[near] - v[near])
+    # Further out the two terms cancel, and an angle close to pi/2 does not tell the amplitude to
+    # the last digit: quadrature on each side of the reversal does better.
+    close = (alpha <= v + _REACH) & (amplitude <= _RATIO * speed)
+    beyond = ~near & close & (delta != 0.0)
+    if beyond.any():
+        theta, ratio = crossing_angle(speed[beyond], amplitude[beyond], 0.0), law.kinetic / delta
+        nothing = np.zeros_like(theta)
+        result[beyond] = delta * _beyond_limit(theta, v[beyond], nothing, ratio)[0]
+    far = ~near & ~beyond
+    falling = Stribeck(law.static, law.kinetic, law.decay)
+    result[far] = friction_harmonic(falling, speed[far], amplitude[far])
+    return result - 0.5 * law.viscous * amplitude
 
 
 def _fall(law: Stribeck) -> float:
     return (law.static - law.kinetic) * law.decay
 
 
-def _log_drive(law: Stribeck, q: FloatArray) -> FloatArray:
-    """``-ln kappa``: the dimensionless Hopf speed where it is positive."""
+def _hopf_number(law: Stribeck, q: FloatArray) -> FloatArray:
+    """``-ln kappa``: ``beta V`` of the Hopf speed; ``nan`` where there is none."""
     fall = _fall(law)
     if fall <= 0.0:
-        return np.full_like(q, -np.inf)
-    return -np.log((q + law.viscous) / fall)
-
-
-def _rise(law: Stribeck, speed: FloatArray, damping: float, load: FloatArray) -> FloatArray:
-    """``beta V + ln kappa``: how far the speed is past the Hopf speed.
-
-    Near ``kappa`` = 1 it is so small a difference that the amplitude would be off by 1e-10 with
-    the digits of a double: it is taken in extended precision, where the machine has it.
-    """
-    fall = (np.longdouble(law.static) - law.kinetic) * law.decay
-    kappa = (np.longdouble(damping) / load.astype(np.longdouble) + law.viscous) / fall
-    return (speed * np.longdouble(law.decay) + np.log(kappa)).astype(float)
+        return np.full_like(q, np.nan)
+    number = -np.log((q + law.viscous) / fall)
+    return np.where(number > 0.0, number, np.nan)
 
 
 def hopf_speed(law: Stribeck, q: FloatArray) -> FloatArray:
     """``V_H = -ln(kappa)/beta`` [m/s]; ``nan`` where there is none, ``inf`` without damping."""
-    return boundaries(law, q, with_fold=False)[0]
+    return _hopf_number(law, q) / law.decay
 
 
-def boundaries(
-    law: Stribeck, q: FloatArray, with_fold: bool = True
-) -> tuple[FloatArray, FloatArray]:
+def boundaries(law: Stribeck, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Hopf and fold speed, with ``2 I1e(v)/v = kappa`` [m/s]; ``nan`` and ``inf`` as for Hopf."""
-    number = _log_drive(law, q)
-    number = np.where(number > 0.0, number, np.nan)
-    hopf = number / law.decay
-    if not with_fold:
-        return hopf, hopf
-    fold = dimensionless.speed_for_decline(np.minimum(number, _MOST_DECLINE)) / law.decay
-    endless = number == np.inf
-    return hopf, np.where(endless, np.inf, fold) if endless.any() else fold
-
-
-def boundaries_of_number(law: Stribeck, q: float) -> tuple[float, float]:
-    """:func:`boundaries` of one number, finite and >= 0."""
-    fall = _fall(law)
-    kappa = (q + law.viscous) / fall if fall > 0.0 else math.inf
-    if kappa == 0.0:
-        return math.inf, math.inf
-    number = -float(np.log(kappa))
-    if not number > 0.0:
-        return math.nan, math.nan
-    fold = dimensionless.speed_for_decline_of_number(min(number, _MOST_DECLINE))
-    return number / law.decay, fold / law.decay
+    number = _hopf_number(law, q)
+    fold = speed_for_decline(np.minimum(number, _MOST_DECLINE))
+    return number / law.decay, np.where(number < np.inf, fold, number) / law.decay
 
 
 def hopf_load(law: Stribeck, speed: FloatArray, damping: float) -> FloatArray:
@@ -92,32 +222,39 @@ def hopf_load(law: Stribeck, speed: FloatArray, damping: float) -> FloatArray:
 
 def peak_slope(law: Stribeck, speed: FloatArray) -> FloatArray:
     """Largest averaged negative slope ``max_a 2 S/a``, reached at the sliding limit [s/m]."""
-    v = np.minimum(np.maximum(law.decay * speed, _TINY), _HUGE)
+    v = np.clip(law.decay * speed, _TINY, _HUGE)
     return _fall(law) * 2.0 * i1e(v) / v - law.viscous
+
+
+def has_cycle(law: Stribeck, speed: FloatArray, q: FloatArray, fold: FloatArray) -> BoolArray:
+    """Where a stable cycle exists, given the fold speed."""
+    return speed < fold
+
+
+def is_unstable(law: Stribeck, speed: FloatArray, q: FloatArray, hopf: FloatArray) -> BoolArray:
+    """Where a small disturbance of steady sliding grows: the Hopf speed cannot underflow."""
+    return speed < hopf
 
 
 def stable_amplitude(law: Stribeck, speed: FloatArray, q: FloatArray) -> FloatArray:
     """Velocity amplitude of the stable cycle [m/s], for speeds below the fold speed."""
-    v = np.minimum(np.maximum(law.decay * speed, _TINY), _HUGE)
+    v = np.clip(law.decay * speed, _TINY, _HUGE)
     kappa = (q + law.viscous) / _fall(law)
-    alpha = dimensionless.stable_amplitude(v, kappa, law.kinetic / (law.static - law.kinetic))
+    alpha = amplitude_of_cycle(v, kappa, law.kinetic / (law.static - law.kinetic))
     return np.maximum(alpha / law.decay, speed)
-
-
-def stable_amplitude_of_number(law: Stribeck, speed: float, q: float) -> float:
-    """:func:`stable_amplitude` of one point."""
-    v = min(max(law.decay * speed, _TINY), _HUGE)
-    kappa = (q + law.viscous) / _fall(law)
-    ratio = law.kinetic / (law.static - law.kinetic)
-    return max(dimensionless.stable_amplitude_of_number(v, kappa, ratio) / law.decay, speed)
 
 
 def threshold_amplitude(
     law: Stribeck, speed: FloatArray, damping: float, load: FloatArray
 ) -> FloatArray:
     """Velocity amplitude of the unstable cycle [m/s], for speeds between Hopf and fold."""
-    rise = np.minimum(np.maximum(_rise(law, speed, damping, load), _TINY), _HUGE)
-    return np.minimum(dimensionless.amplitude_for_growth(rise) / law.decay, speed)
+    # How far the speed is past the Hopf speed, beta V + ln kappa, is near kappa = 1 so small a
+    # difference that the amplitude would be off by 1e-10 with the digits of a double: it is taken
+    # in extended precision, where the machine has it.
+    fall = (np.longdouble(law.static) - law.kinetic) * law.decay
+    kappa = (np.longdouble(damping) / load.astype(np.longdouble) + law.viscous) / fall
+    rise = (speed * np.longdouble(law.decay) + np.log(kappa)).astype(float)
+    return np.minimum(amplitude_for_growth(np.clip(rise, _TINY, _HUGE)) / law.decay, speed)
 
 
 def cycles(
@@ -128,14 +265,13 @@ def cycles(
     Returns:
         Amplitudes [m/s] and stability (1.0 stable, 0.0 unstable), both of shape (n, 2).
     """
-    q = np.where(load > 0.0, damping / load, np.inf)
+    q = damping_per_load(damping, load)
     hopf, fold = boundaries(law, q)
     pair = np.full((speed.size, 2), np.nan)
     inside = speed < fold
-    if inside.any():
+    if inside.any():  # of a law that does not fall none is
         pair[inside, 1] = stable_amplitude(law, speed[inside], q[inside])
-    inside &= speed >= hopf
-    if inside.any():
+        inside &= speed >= hopf
         pair[inside, 0] = threshold_amplitude(law, speed[inside], damping, load[inside])
     order = np.argsort(pair, axis=1, kind='stable')
     stable = np.broadcast_to([0.0, 1.0], pair.shape)

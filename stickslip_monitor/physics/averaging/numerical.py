@@ -9,15 +9,14 @@ With ``q = c/N`` a cycle has ``rho = q`` and is stable where ``rho`` falls with 
 equilibrium is unstable where ``rho(0) > q``; the highest Hopf speed and the fold are the highest
 speeds at which ``rho(0)`` and ``max_a rho`` still reach ``q``. No number of roots is assumed.
 
-Arguments are as in :mod:`stickslip_monitor.physics.averaging.closed_form`.
+The functions of a law and their arguments are those of :mod:`.closed_form`.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
 from stickslip_monitor.physics.averaging.slope_table import (
     CUSP,
     FASTEST,
@@ -33,6 +32,7 @@ from stickslip_monitor.physics.averaging.slope_table import (
     surface_rows,
 )
 from stickslip_monitor.physics.friction import FrictionLaw
+from stickslip_monitor.physics.oscillator import damping_per_load
 from stickslip_monitor.physics.roots import newton_on_bracket, root_on_bracket
 
 _BLOCK = 1024
@@ -59,7 +59,7 @@ def peak_slope(law: FrictionLaw, speed: FloatArray) -> FloatArray:
     return peak_and_place(law, speed, rows)[0]
 
 
-def _last_above(heights: FloatArray, q: FloatArray) -> NDArray[np.intp]:
+def _last_above(heights: FloatArray, q: FloatArray) -> IndexArray:
     """Index of the last height that exceeds ``q``; -1 where none does."""
     from_right = np.maximum.accumulate(heights[::-1])[::-1]
     return np.searchsorted(-from_right, -q, side='left') - 1
@@ -83,7 +83,7 @@ def hopf_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
             speeds[index + 1],
             (heights[index] - level, heights[index + 1] - level),
             (level,),
-        ).value
+        )
     return result
 
 
@@ -99,8 +99,8 @@ def fold_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
         return result
     index, level = index[inside], q[inside]
     here, there = table.place[index], table.place[index + 1]
-    third = np.where(index > 0, index - 1, index + 2)
-    # Between peaks of two kinds another may be highest.
+    # The highest peak is steady sliding, the cusp at the sliding limit, or one that moves little
+    # from here to there; where its kind changes in between, all peaks are compared.
     ways = np.full(inside.shape, 3)
     ways[(np.abs(here - there) < _AROUND) & (np.minimum(here, there) > _AROUND)] = 2
     ways[(here - 1.0) * (there - 1.0) <= 0.0] = 3
@@ -110,7 +110,7 @@ def fold_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
         rows = np.flatnonzero(ways == way)
         if not rows.size:
             continue
-        i, own, other = index[rows], level[rows], third[rows]
+        i, own = index[rows], level[rows]
         low, high, place = table.speeds[i], table.speeds[i + 1], here[rows]
         drift = (there[rows] - place) / (high - low)
         result[inside[rows]] = root_on_bracket(
@@ -119,9 +119,13 @@ def fold_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
             high,
             (table.peak[i] - own, table.peak[i + 1] - own),
             (own, place, low, drift),
-            (table.speeds[other], table.peak[other] - own),
-        ).value
+        )
     return result
+
+
+def boundaries(law: FrictionLaw, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Hopf and fold speed [m/s]; ``nan`` where there is none, ``inf`` without an end."""
+    return hopf_speed(law, q), fold_speed(law, q)
 
 
 # Heights of the peak at some speeds [s/m], given the amplitude coordinate near which it stands.
@@ -164,9 +168,12 @@ def _anywhere(law: FrictionLaw, speed: FloatArray, near: FloatArray) -> FloatArr
     return peak_slope(law, speed)
 
 
-def has_cycle(
-    law: FrictionLaw, speed: FloatArray, q: FloatArray, fold: FloatArray
-) -> NDArray[np.bool_]:
+def is_unstable(law: FrictionLaw, speed: FloatArray, q: FloatArray, hopf: FloatArray) -> BoolArray:
+    """Where ``-mu'(V) > q``; there may be several such ranges of speed."""
+    return -law.slope(speed) > q
+
+
+def has_cycle(law: FrictionLaw, speed: FloatArray, q: FloatArray, fold: FloatArray) -> BoolArray:
     """Where a stable stick-slip cycle exists; there may be several such ranges of speed."""
     result = np.zeros(speed.shape, dtype=bool)
     inside = np.flatnonzero((speed > 0.0) & (speed < fold))
@@ -179,29 +186,38 @@ def has_cycle(
 
 def stable_amplitude(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> FloatArray:
     """Velocity amplitude of the largest stable cycle [m/s], ``nan`` for none."""
-    amplitude, stable = cycles(law, speed, q)
+    amplitude, stable = _cycles(law, speed, q)
     return np.fmax.reduce(np.where(stable > 0.0, amplitude, np.nan), axis=1, initial=np.nan)
 
 
-def threshold_amplitude(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> FloatArray:
+def threshold_amplitude(
+    law: FrictionLaw, speed: FloatArray, damping: float, load: FloatArray
+) -> FloatArray:
     """Velocity amplitude of the smallest unstable cycle [m/s] about a stable equilibrium.
 
     ``nan`` where steady sliding is not stable or no cycle surrounds it.
     """
-    amplitude, stable = cycles(law, speed, q)
+    q = damping_per_load(damping, load)
+    amplitude, stable = _cycles(law, speed, q)
     if not amplitude.shape[1]:
         return np.full(speed.shape, np.nan)
     surrounds = (stable[:, 0] == 0.0) & (-law.slope(speed) <= q)
     return np.where(surrounds, amplitude[:, 0], np.nan)
 
 
-def cycles(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+def cycles(
+    law: FrictionLaw, speed: FloatArray, damping: float, load: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Every cycle's velocity amplitude, ascending and padded with ``nan``, and its stability.
 
     Returns:
         Amplitudes [m/s] and stability (1.0 stable, 0.0 unstable), both of shape (n, w) with the
         ``w`` of the point that has most.
     """
+    return _cycles(law, speed, damping_per_load(damping, load))
+
+
+def _cycles(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     given, speed = speed, np.clip(speed, SLOWEST, FASTEST)
     found = [
         (first, *_brackets(law, speed[first : first + _BLOCK], q[first : first + _BLOCK]))
@@ -219,13 +235,13 @@ def cycles(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> tuple[FloatArr
 
     roots = newton_on_bracket(difference, left, right, start, (speed[point], q[point], rising))
     with np.errstate(over='ignore'):
-        a = amplitude_at(roots.value, given[point])
+        a = amplitude_at(roots, given[point])
     return _pad(speed.size, point, a, 1.0 - rising)
 
 
 def _brackets(
     law: FrictionLaw, speed: FloatArray, q: FloatArray
-) -> tuple[NDArray[np.intp], FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> tuple[IndexArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Stretches of the amplitude grid with one root.
 
     Returns:
@@ -262,7 +278,7 @@ def _brackets(
 
 def _excess(
     law: FrictionLaw, speed: FloatArray, q: FloatArray
-) -> tuple[FloatArray, tuple[NDArray[np.intp], NDArray[np.intp]]]:
+) -> tuple[FloatArray, tuple[IndexArray, IndexArray]]:
     """``rho - q`` on the amplitude grid, and where a turn next to a grid point may reach ``q``.
 
     From the law's table where that leaves no doubt about the sign, else from the average itself.
@@ -297,7 +313,7 @@ def _lines(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatArray]
     return low + (table.rows[i + 1] - low) * share[:, None], doubt
 
 
-def _bent(above: FloatArray, doubt: FloatArray | float) -> NDArray[np.bool_]:
+def _bent(above: FloatArray, doubt: FloatArray | float) -> BoolArray:
     """Triples of grid points on one side of ``q`` whose parabola may reach it."""
     left, here, right = above[:, :-2], above[:, 1:-1], above[:, 2:]
     side = (left > 0.0) == (right > 0.0)
@@ -311,9 +327,9 @@ def _turns(
     law: FrictionLaw,
     speed: FloatArray,
     above: FloatArray,
-    p: NDArray[np.intp],
-    c: NDArray[np.intp],
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    p: IndexArray,
+    c: IndexArray,
+) -> tuple[IndexArray, IndexArray]:
     """Those triples that turn towards ``q``, by point and middle column."""
     left, here, right = (above[p, c + k] for k in range(3))
     side = np.sign(here)
@@ -331,7 +347,7 @@ def _turns(
 
 
 def _pad(
-    points: int, point: NDArray[np.intp], amplitude: FloatArray, stable: FloatArray
+    points: int, point: IndexArray, amplitude: FloatArray, stable: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Group roots by their point, ascending: shape (points, most roots of any point)."""
     order = np.lexsort([amplitude, point])

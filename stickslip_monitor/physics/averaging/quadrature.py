@@ -19,22 +19,15 @@ from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.physics.friction import FrictionLaw, Tabulated, computes_as
 
 
-def unit_gauss(order: int) -> list[tuple[float, float]]:
-    """Gauss-Legendre nodes and weights on [0, 1] as ``(node, weight)`` pairs."""
+def gauss_rule(order: int) -> tuple[FloatArray, FloatArray]:
+    """Gauss-Legendre nodes and weights on [0, 1]."""
     nodes, weights = np.polynomial.legendre.leggauss(order)
-    return [(0.5 + 0.5 * float(x), 0.5 * float(w)) for x, w in zip(nodes, weights, strict=True)]
+    return 0.5 + 0.5 * nodes, 0.5 * weights
 
 
 _BLOCK = 8192
-
-
-def _rule(order: int) -> tuple[FloatArray, FloatArray]:
-    nodes, weights = zip(*unit_gauss(order), strict=True)
-    return np.array(nodes), np.array(weights)
-
-
 # A stretch of so few radians needs few nodes: between two points of a finely measured table.
-_NARROW, _FEW, _MANY = 0.02, _rule(3), _rule(16)
+_NARROW, _FEW, _MANY = 0.02, gauss_rule(3), gauss_rule(16)
 # Stretches for which memory is taken at a time.
 _STRETCHES = 400_000
 

@@ -28,8 +28,8 @@ from numpy.typing import ArrayLike
 
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import FloatArray, flatten, mapped, restore
-from stickslip_monitor.physics import bracket
 from stickslip_monitor.physics import law_numbers as law_module
+from stickslip_monitor.physics import roots
 from stickslip_monitor.physics.cycle import slip, step, waveform
 from stickslip_monitor.physics.cycle.exact_fold import exact_fold
 from stickslip_monitor.physics.law_numbers import law_numbers
@@ -62,7 +62,7 @@ class CycleKind(IntEnum):
 
 
 # Modules that are compiled together, and the points from which that repays itself.
-_MODULES = (law_module, bracket, step, slip)
+_MODULES = (law_module, roots, step, slip)
 _MANY = 2000
 # Exponent beyond which a Floquet multiplier is as good as infinite.
 _LARGEST = 700.0
@@ -145,7 +145,7 @@ def _cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike, wanted: float) -
     omega, period = bearing.natural_frequency, slipping + sticking
     kinds = restore(kind.astype(np.int8), shape)
     return Cycle(
-        amplitude=restore(0.5 * (crest - trough) * (np.abs(v) / omega), shape),
+        amplitude=restore(0.5 * (crest - trough) * np.abs(v) / omega, shape),
         period=restore(period / omega, shape),
         stick_fraction=restore(sticking / period, shape),
         multiplier=restore(np.exp(np.minimum(exponent, _LARGEST)), shape),
@@ -198,22 +198,13 @@ def exact_amplitude(
         load: Load ``N`` [N]; broadcasts with ``speed``.
         many: Whether many more numbers follow, so that it pays to compile.
     """
-    numbers, body = law_numbers(bearing.friction), _body(bearing)
     if isinstance(speed, float) and isinstance(load, float):
+        numbers, body = law_numbers(bearing.friction), _body(bearing)
         if many and jit.has_compiler():
             loop = jit.compiled('amplitude_of_cycle', *_MODULES, inline=False)
             return loop(np.array(numbers), body, speed, load)
         return slip.amplitude_of_cycle(numbers, body, speed, load)
-    shape, (v, n) = flatten(speed, load)
-    out = np.full(v.size, np.nan)
-    if v.size >= _MANY and jit.has_compiler():
-        loop = jit.compiled('amplitudes_of_cycles', *_MODULES, inline=False)
-        loop(np.array(numbers), body, v, n, out)
-    else:
-        rows = out.tolist()
-        slip.amplitudes_of_cycles(numbers, body, v.tolist(), n.tolist(), rows)
-        out[:] = rows
-    return restore(out, shape)
+    return exact_cycle(bearing, speed, load).amplitude
 
 
 def exact_fold_speed(bearing: Bearing, load: ArrayLike) -> Any:

@@ -42,9 +42,9 @@ _NODES, _CLOSE, _STEEP_CLOSE, _TABLE_CLOSE = 13, 3e-10, 3e-6, 5e-5
 _STEEP = 4.0
 # The narrowest interval that is halved: beyond it a fold jumps, and loads are solved one by one.
 _NARROW = 0.02
-# Loads in units of the least with a cycle up to which averaging has the fold to 1e-10, and orbits
-# gain too little to tell it better.
-_WEAKLY = 1.003
+# Loads in units of the least with a cycle, and forces ``N Delta/(m omega V)``, up to which
+# averaging has the fold to 1e-10, and orbits gain too little to tell it better.
+_WEAKLY, _SLIGHT = 1.003, 1e-6
 # How far beyond the scales of a law its fold is looked for.
 _SPREAD, _LARGEST_EXPONENT = 100.0, 700.0
 # Steps of the secant method from a good guess, and how close it has to come.
@@ -65,8 +65,10 @@ def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
     place, back = np.unique(load, return_inverse=True)
     out, height = np.full(place.size, np.nan), place * search.law[STEEPEST] / bearing.damping
     if search.is_closed:
-        near = (height > 1.0) & (height < _WEAKLY)
-        out[near] = boundaries.fold_speed(bearing, place[near])
+        averaged = np.asarray(boundaries.fold_speed(bearing, place))
+        drop = (search.law[HOLD] - search.law[KINETIC]) * place / bearing.momentum
+        near = (height > 1.0) & ((height < _WEAKLY) | (drop < _SLIGHT * averaged))
+        out[near] = averaged[near]
         height[near] = 0.0
     rows = np.flatnonzero(height > 1.0)
     steep = np.array([search.is_steep(math.log(n)) for n in place[rows]], dtype=bool)
@@ -197,7 +199,7 @@ class _Search:
         It starts ``N Delta/k`` from its middle at the belt's speed, and must have that speed again
         when it has lost ``exp(-2 pi zeta)`` of its amplitude: right to some percent.
         """
-        momentum = self.bearing.mass * self.bearing.natural_frequency
+        momentum = self.bearing.momentum
         if self.in_pieces:
             kinetic, viscous = self.law[EDGES + int(self.law[PIECES]) * 5 - 4], 0.0
         else:

@@ -16,13 +16,6 @@ import math
 from collections.abc import MutableSequence, Sequence
 from typing import TypeAlias
 
-from stickslip_monitor.physics.bracket import (
-    begun_bracket,
-    best_of,
-    is_found,
-    narrowed,
-    next_trial,
-)
 from stickslip_monitor.physics.cycle.step import Medium, acceleration, slip_step
 from stickslip_monitor.physics.law_numbers import (
     DECAY,
@@ -33,6 +26,13 @@ from stickslip_monitor.physics.law_numbers import (
     forward_coefficient,
     friction_drop,
     friction_slope,
+)
+from stickslip_monitor.physics.roots import (
+    begun_bracket,
+    best_of,
+    is_found,
+    narrowed,
+    next_trial,
 )
 
 Orbit: TypeAlias = tuple[float, float, float, float, float]
@@ -223,6 +223,14 @@ def slip_event(
     return event, length, place, z, rate
 
 
+def motion_energy(e: float, z: float) -> float:
+    """Twice the energy of a displacement and a relative speed about steady sliding.
+
+    A power of floats raises where it overflows; a product is ``inf``.
+    """
+    return e * e + z * z
+
+
 def motion_fades(medium: Medium, direction: float, energy: float, now: float, z: float) -> int:
     """Whether a motion has come to rest or, back in time, has left for good; else ``GOES_ON``.
 
@@ -268,7 +276,7 @@ def follow_slip(
     speed, force, damping, _, origin, _, drift = medium
     stage, last, direction, mode, tolerance = orbit
     rest = steady_displacement(law, medium) if drift == 1.0 else 0.0
-    energy = (e - rest) ** 2 + (z - drift) ** 2
+    energy = motion_energy(e - rest, z - drift)
     r = acceleration(law, medium, e, z)
     slope = force * speed * friction_slope(law, origin + speed * z)
     h = direction * 0.1 / (1.0 + damping + abs(slope))
@@ -295,7 +303,7 @@ def follow_slip(
             if stage == last:
                 event = RETURNED if mode == TURNS else MISSED
         if event == GOES_ON and drift >= 0.0:
-            now = (e - rest) ** 2 + (z - drift) ** 2
+            now = motion_energy(e - rest, z - drift)
             event = motion_fades(medium, direction, energy, now, z)
         if event != GOES_ON:
             break
@@ -614,18 +622,6 @@ def fold_from_above(
             return fold_between(law, body, load, high * factor, high, orbit)
         high *= factor
     return math.nan
-
-
-def amplitudes_of_cycles(
-    law: LawNumbers,
-    body: tuple[float, float, float],
-    speeds: Sequence[float],
-    loads: Sequence[float],
-    out: MutableSequence[float],
-) -> None:
-    """Write :func:`amplitude_of_cycle` of many points."""
-    for i in range(len(speeds)):
-        out[i] = amplitude_of_cycle(law, body, speeds[i], loads[i])
 
 
 def cycles_of_points(

@@ -9,57 +9,261 @@ The law is never smoothed: every change of phase is located to rounding.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from enum import Enum, IntEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from stickslip_monitor import jit
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError
-from stickslip_monitor.physics.motion import kernel
-from stickslip_monitor.physics.motion import step_series as layout
-from stickslip_monitor.physics.motion.compiled import is_compiled, march_function, vector
-from stickslip_monitor.physics.motion.kernel_law import KernelLaw, kernel_law
-from stickslip_monitor.physics.motion.motion import (
-    EXACT,
-    FAST,
-    Accuracy,
-    Drive,
-    Energy,
-    Motion,
-    MotionOutcome,
-    MotionState,
-    Phase,
-    PhaseChange,
-    Phases,
-    Transitions,
-    stored_energy,
-)
+from stickslip_monitor.physics.friction import require_finite, require_positive
+from stickslip_monitor.physics.law_numbers import SeriesLaw, series_law
+from stickslip_monitor.physics.motion import kernel, polynomial
 from stickslip_monitor.physics.oscillator import Bearing
 
-__all__ = [
-    'EXACT',
-    'FAST',
-    'Accuracy',
-    'Drive',
-    'Energy',
-    'Motion',
-    'MotionOutcome',
-    'MotionState',
-    'Phase',
-    'PhaseChange',
-    'Transitions',
-    'integrate',
-    'integrate_blocks',
-]
+Phases = NDArray[np.int8]
+
+
+class Phase(IntEnum):
+    """Sign of the relative speed ``v = V - x'``."""
+
+    BACKWARD = -1
+    STICK = 0
+    FORWARD = 1
+
+
+class MotionOutcome(Enum):
+    """How an integration ended, each with its sentence."""
+
+    COMPLETE = 'the motion was followed to the end of the drive'
+    EXHAUSTED = 'the motion needs more steps than its time scales allow for'
+    NOT_FINITE = 'the motion grew beyond the range of floating-point numbers'
+
+
+@dataclass(frozen=True, slots=True)
+class Accuracy:
+    """How accurate the steps of the slip phases are.
+
+    Args:
+        tolerance: Error of a step relative to the speeds of belt and lining, > 0 [-].
+        order: Order of the Taylor series, 3 to 40.
+        longest: Longest step in units of ``1/omega``, > 0.
+
+    Raises:
+        PhysicsError: A setting breaks its rule.
+    """
+
+    tolerance: float
+    order: int
+    longest: float = 2.0
+
+    def __post_init__(self) -> None:
+        require_positive('tolerance', self.tolerance)
+        require_positive('longest', self.longest)
+        if not 3 <= self.order <= 40:
+            raise PhysicsError(f'order = {self.order} must be between 3 and 40')
+
+
+EXACT = Accuracy(1e-13, 22)
+FAST = Accuracy(1e-10, 16)
+
+
+@dataclass(frozen=True, slots=True)
+class MotionState:
+    """The state of the lining.
+
+    Args:
+        displacement: ``x`` [m].
+        relative_speed: ``v = V - x'`` [m/s].
+        phase: Its phase; by default the one that follows from the numbers.
+
+    Raises:
+        PhysicsError: A number is not finite, or the phase contradicts the relative speed.
+    """
+
+    displacement: float
+    relative_speed: float
+    phase: Phase | None = None
+
+    def __post_init__(self) -> None:
+        require_finite('displacement', self.displacement, 'm')
+        require_finite('relative_speed', self.relative_speed, 'm/s')
+        if self.phase is Phase.STICK and self.relative_speed != 0.0:
+            raise PhysicsError(
+                f'relative_speed = {self.relative_speed:g} m/s must be 0 while the lining sticks'
+            )
+
+    @classmethod
+    def moving(cls, displacement: float, velocity: float, drive: Drive) -> MotionState:
+        """A displacement [m] and the lining's own velocity ``x'`` [m/s] as a drive begins."""
+        return cls(displacement, float(drive.speed[0, 0]) - velocity)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Transitions:
+    """The changes of phase of a motion, in order.
+
+    Attributes:
+        time: When, shape (n,) [s].
+        before: :class:`Phase` before, shape (n,).
+        after: :class:`Phase` after, shape (n,).
+    """
+
+    time: FloatArray
+    before: Phases
+    after: Phases
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """A motion of the lining: samples and transitions.
+
+    Attributes:
+        time: Times of the samples, shape (n,) [s].
+        displacement: ``x``, shape (n,) [m].
+        velocity: ``x'``, shape (n,) [m/s].
+        acceleration: ``x''``, shape (n,) [m/s^2]; at a transition that before it.
+        relative_speed: ``v = V - x'``, shape (n,) [m/s].
+        phase: :class:`Phase`, shape (n,).
+        transitions: The changes of phase.
+        start: State at the drive's begin, with its phase.
+        final: State at the drive's end, from which the next drive may go on.
+        outcome: How it ended; unless ``COMPLETE``, arrays end where the motion does.
+        steps: Steps taken in all phases.
+        expansions: Taylor expansions of the friction law, one for each step of a slip phase.
+        span: First and last instant [s].
+    """
+
+    time: FloatArray
+    displacement: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    relative_speed: FloatArray
+    phase: Phases
+    transitions: Transitions
+    start: MotionState
+    final: MotionState
+    outcome: MotionOutcome
+    steps: int
+    expansions: int
+    span: tuple[float, float]
+
+    @property
+    def sticking(self) -> NDArray[np.bool_]:
+        """Whether the lining sticks, shape (n,)."""
+        return np.equal(self.phase, Phase.STICK)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drive:
+    """Surface speed ``V`` and load ``N`` on the pieces between rising times.
+
+    Use :meth:`constant` or :meth:`sampled`. On piece ``i``, with ``s`` the time since
+    ``time[i]``, each is ``sum c[i, j] s^j``.
+
+    Attributes:
+        time: Ends of the pieces, shape (n + 1,) [s].
+        speed: Coefficients of ``V``, which is continuous, shape (n, 4) [m/s, m/s^2, ...].
+        load: Coefficients of ``N`` >= 0, which may jump between pieces, shape (n, 4)
+            [N, N/s, ...].
+    """
+
+    time: FloatArray
+    speed: FloatArray
+    load: FloatArray
+
+    @classmethod
+    def constant(cls, speed: float, load: float, duration: float, start: float = 0.0) -> Drive:
+        """A speed [m/s] and a load [N] for a while.
+
+        Args:
+            speed: ``V`` [m/s].
+            load: ``N`` >= 0 [N].
+            duration: > 0 [s].
+            start: Time at its begin [s].
+
+        Raises:
+            PhysicsError: A quantity breaks its rule.
+        """
+        return cls.sampled([start, start + duration], [speed] * 2, [load] * 2)
+
+    @classmethod
+    def sampled(cls, time: ArrayLike, speed: ArrayLike, load: ArrayLike) -> Drive:
+        """Samples on a grid of times, joined by straight lines.
+
+        Args:
+            time: Rising times, shape (n,), at least two [s].
+            speed: ``V`` at each, shape (n,) [m/s].
+            load: ``N`` >= 0 at each, shape (n,) [N].
+
+        Raises:
+            PhysicsError: A sample breaks its rule.
+        """
+        t = np.asarray(time, dtype=float)
+        v, n = np.asarray(speed, dtype=float), np.asarray(load, dtype=float)
+        _check_grid(t, v, n)
+        return cls(t, _lines(t, v), _lines(t, n))
+
+    @property
+    def start(self) -> float:
+        """Its first instant [s]."""
+        return float(self.time[0])
+
+    @property
+    def end(self) -> float:
+        """Its last instant [s]."""
+        return float(self.time[-1])
+
+    @property
+    def largest_load(self) -> float:
+        """An upper bound of ``N`` [N]."""
+        width = np.diff(self.time)[:, None]
+        return float(np.max(np.sum(np.abs(self.load) * width ** np.arange(4), axis=1)))
+
+
+def _check_grid(time: FloatArray, speed: FloatArray, load: FloatArray) -> None:
+    if time.ndim != 1 or time.shape != speed.shape or time.shape != load.shape:
+        raise PhysicsError(
+            f'drive has times of shape {time.shape}, speeds of {speed.shape} and loads of'
+            f' {load.shape}: give one speed and one load for each time'
+        )
+    if time.size < 2:
+        raise PhysicsError(f'drive has {time.size} samples: give at least two')
+    for name, values in (('time', time), ('speed', speed), ('load', load)):
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            raise PhysicsError(
+                f'drive {name}[{bad[0]}] = {values[bad[0]]:g} must be a finite number'
+            )
+    back = np.flatnonzero(np.diff(time) <= 0.0)
+    if back.size:
+        index = int(back[0])
+        raise PhysicsError(
+            f'drive time[{index + 1}] = {time[index + 1]:g} s does not exceed time[{index}] ='
+            f' {time[index]:g} s: times must rise strictly'
+        )
+    negative = np.flatnonzero(load < 0.0)
+    if negative.size:
+        index = int(negative[0])
+        raise PhysicsError(f'drive load[{index}] = {load[index]:g} N must not be negative')
+
+
+def _lines(time: FloatArray, values: FloatArray) -> FloatArray:
+    pieces = np.zeros((time.size - 1, 4))
+    pieces[:, 0] = values[:-1]
+    pieces[:, 1] = np.diff(values) / np.diff(time)
+    return pieces
+
 
 # Transitions that the inner loops log before they return to have the log emptied.
 _LOG = 4096
 _OUTCOMES = {
-    layout.DONE: MotionOutcome.COMPLETE,
-    layout.EXHAUSTED: MotionOutcome.EXHAUSTED,
-    layout.NOT_FINITE: MotionOutcome.NOT_FINITE,
+    kernel.DONE: MotionOutcome.COMPLETE,
+    kernel.EXHAUSTED: MotionOutcome.EXHAUSTED,
+    kernel.NOT_FINITE: MotionOutcome.NOT_FINITE,
 }
 
 
@@ -70,7 +274,6 @@ def integrate(
     times: ArrayLike = (),
     *,
     accuracy: Accuracy = EXACT,
-    energy: bool = False,
     compiled: bool | None = None,
 ) -> Motion:
     """Follow the lining's motion through a drive.
@@ -81,8 +284,6 @@ def integrate(
         state: The state at its begin.
         times: Times of the samples, which do not fall, within the drive, shape (n,) [s].
         accuracy: Of the steps.
-        energy: Whether to keep the energy accounts, for a third (compiled) to twice (in Python)
-            the computing time.
         compiled: Whether numba compiles the inner loops; by default, where it is installed. The
             results are the same.
 
@@ -93,45 +294,27 @@ def integrate(
     at = np.atleast_1d(np.asarray(times, dtype=float))
     _check_times(at, drive)
     run = _Run(bearing, drive, state, at, accuracy, is_compiled(compiled))
-    return run.motion(run.march(energy), energy)
+    return run.motion(run.march())
 
 
-def integrate_blocks(
-    bearing: Bearing,
-    blocks: Iterable[tuple[Drive, ArrayLike]],
-    state: MotionState,
-    *,
-    accuracy: Accuracy = EXACT,
-    energy: bool = False,
-    compiled: bool | None = None,
-) -> Iterator[Motion]:
-    """Follow a long motion block by block, in memory bounded by the longest block.
-
-    Cutting a drive between two of its pieces changes no bit of the motion; a cut within a piece
-    changes it as the accuracy of the steps allows.
-
-    Args:
-        bearing: The bearing.
-        blocks: Each a drive that begins where the one before ended, and its sample times [s].
-        state: The state at the first begin.
-        accuracy: See :func:`integrate`.
-        energy: See :func:`integrate`.
-        compiled: See :func:`integrate`.
-
-    Yields:
-        The motion of each block; the last is the first that is not ``COMPLETE``.
+def is_compiled(compiled: bool | None) -> bool:
+    """Whether to compile: as asked for, or where numba is installed.
 
     Raises:
-        PhysicsError: As :func:`integrate` does.
+        PhysicsError: It was asked for and numba is not installed.
     """
-    for drive, times in blocks:
-        motion = integrate(
-            bearing, drive, state, times, accuracy=accuracy, energy=energy, compiled=compiled
+    if compiled and not jit.has_compiler():
+        raise PhysicsError(
+            'compiled = True needs numba, which is not installed: pip install'
+            " 'stickslip_monitor[sim]', or leave compiled out"
         )
-        yield motion
-        if motion.outcome is not MotionOutcome.COMPLETE:
-            return
-        state = motion.final
+    return jit.has_compiler() if compiled is None else compiled
+
+
+def _vector(values: Any, compiled: bool, kind: type = float) -> Any:
+    """What the inner loops take for an array: an array if compiled, else lists, which are fast."""
+    array: NDArray[Any] = np.ascontiguousarray(values, dtype=kind)
+    return array if compiled else array.tolist()
 
 
 def _check_times(times: FloatArray, drive: Drive) -> None:
@@ -144,28 +327,28 @@ def _check_times(times: FloatArray, drive: Drive) -> None:
         )
 
 
-def _body(bearing: Bearing, law: KernelLaw, accuracy: Accuracy) -> list[float]:
-    body = [0.0] * layout.BODY
-    body[layout.MASS] = bearing.mass
-    body[layout.DAMPING] = bearing.damping
-    body[layout.STIFFNESS] = bearing.stiffness
-    body[layout.OMEGA] = bearing.natural_frequency
-    body[layout.HOLD] = law.hold
-    body[layout.TOLERANCE] = accuracy.tolerance
-    body[layout.LONGEST] = accuracy.longest
+def _body(bearing: Bearing, law: SeriesLaw, accuracy: Accuracy) -> list[float]:
+    body = [0.0] * kernel.BODY
+    body[kernel.MASS] = bearing.mass
+    body[kernel.DAMPING] = bearing.damping
+    body[kernel.STIFFNESS] = bearing.stiffness
+    body[kernel.OMEGA] = bearing.natural_frequency
+    body[kernel.HOLD] = law.hold
+    body[kernel.TOLERANCE] = accuracy.tolerance
+    body[kernel.LONGEST] = accuracy.longest
     return body
 
 
-def _options(bearing: Bearing, drive: Drive, law: KernelLaw, accuracy: Accuracy) -> list[int]:
-    options = [0] * layout.OPTIONS
-    options[layout.ORDER] = accuracy.order
-    options[layout.STEP_LIMIT] = _step_limit(bearing, drive, law, accuracy)
-    options[layout.EVENT_LIMIT] = _LOG
-    options[layout.CUBIC] = int(law.is_cubic)
+def _options(bearing: Bearing, drive: Drive, law: SeriesLaw, accuracy: Accuracy) -> list[int]:
+    options = [0] * kernel.OPTIONS
+    options[kernel.ORDER] = accuracy.order
+    options[kernel.STEP_LIMIT] = _step_limit(bearing, drive, law, accuracy)
+    options[kernel.EVENT_LIMIT] = _LOG
+    options[kernel.CUBIC] = int(law.is_cubic)
     return options
 
 
-def _step_limit(bearing: Bearing, drive: Drive, law: KernelLaw, accuracy: Accuracy) -> int:
+def _step_limit(bearing: Bearing, drive: Drive, law: SeriesLaw, accuracy: Accuracy) -> int:
     """Several times the steps that the fastest time scale of the motion can need."""
     fastest = bearing.natural_frequency + bearing.damping / bearing.mass
     fastest += drive.largest_load * law.steepest / bearing.mass
@@ -180,18 +363,18 @@ def _starting_phase(body: list[float], drive: Drive, state: MotionState) -> Phas
         return state.phase
     if state.relative_speed != 0.0:
         return Phase.FORWARD if state.relative_speed > 0.0 else Phase.BACKWARD
-    work: layout.Rows = [[0.0] * 4 for _ in range(layout.WORK)]
-    work[layout.XS][0] = state.displacement
-    work[layout.BELT_SPEED][:] = drive.speed[0].tolist()
-    work[layout.LOAD][:] = drive.load[0].tolist()
+    work: kernel.Rows = [[0.0] * 4 for _ in range(kernel.WORK)]
+    work[kernel.XS][0] = state.displacement
+    work[kernel.BELT_SPEED][:] = drive.speed[0].tolist()
+    work[kernel.LOAD][:] = drive.load[0].tolist()
     return Phase(kernel.phase_at_rest(0, body, work))
 
 
-def _where(law: KernelLaw, start: MotionState) -> list[int]:
-    where = [0] * layout.WHERE
-    where[layout.PHASE] = int(start.phase or 0)
+def _where(law: SeriesLaw, start: MotionState) -> list[int]:
+    where = [0] * kernel.WHERE
+    where[kernel.PHASE] = int(start.phase or 0)
     piece = np.searchsorted(law.edges, abs(start.relative_speed), side='right') - 1
-    where[layout.LAW_PIECE] = int(piece)
+    where[kernel.LAW_PIECE] = int(piece)
     return where
 
 
@@ -207,17 +390,18 @@ class _Run:
         accuracy: Accuracy,
         compiled: bool,
     ) -> None:
-        law = kernel_law(bearing.friction)
+        law = series_law(bearing.friction)
         body = _body(bearing, law, accuracy)
         phase = _starting_phase(body, drive, state)
         self.bearing, self.drive, self.times = bearing, drive, times
         self.start = MotionState(state.displacement, state.relative_speed, phase)
-        self.function = march_function(compiled)
+        # So short functions cost a third of the time in calls: they are copied into one another.
+        self.function = jit.compiled('march', polynomial, kernel) if compiled else kernel.march
         self.logs: list[FloatArray] = []
         self.afters: list[Phases] = []
 
         def numbers(values: Any, kind: type = float) -> Any:
-            return vector(values, compiled, kind)
+            return _vector(values, compiled, kind)
 
         self.inputs = (
             numbers(drive.time),
@@ -236,15 +420,13 @@ class _Run:
         self.phases = numbers(np.zeros(times.size), np.int8)
         self.log = numbers(np.zeros(_LOG))
         self.kinds = numbers(np.zeros(_LOG), np.int8)
-        self.sums = numbers(np.zeros(layout.SUMS))
-        columns = max(accuracy.order, layout.STICK_DEGREE) + 2
-        self.work = numbers(np.zeros((layout.WORK, columns)))
+        columns = max(accuracy.order, kernel.STICK_DEGREE) + 2
+        self.work = numbers(np.zeros((kernel.WORK, columns)))
 
-    def march(self, energy: bool) -> MotionOutcome:
+    def march(self) -> MotionOutcome:
         """Run the inner loops, emptying the log of transitions whenever it is full."""
-        self.options[layout.WITH_ENERGY] = int(energy)
-        status = layout.EVENTS_FULL
-        while status == layout.EVENTS_FULL:
+        status = kernel.EVENTS_FULL
+        while status == kernel.EVENTS_FULL:
             status = self.function(
                 *self.inputs,
                 self.options,
@@ -255,21 +437,20 @@ class _Run:
                 self.phases,
                 self.log,
                 self.kinds,
-                self.sums,
                 self.work,
             )
-            count = int(self.where[layout.EVENTS])
+            count = int(self.where[kernel.EVENTS])
             self.logs.append(np.array(self.log[:count], dtype=float))
             self.afters.append(np.array(self.kinds[:count], dtype=np.int8))
-            self.where[layout.EVENTS] = 0
+            self.where[kernel.EVENTS] = 0
         return _OUTCOMES[status]
 
-    def motion(self, outcome: MotionOutcome, energy: bool) -> Motion:
+    def motion(self, outcome: MotionOutcome) -> Motion:
         """What was found."""
-        count = int(self.where[layout.CURSOR])
+        count = int(self.where[kernel.CURSOR])
         out = np.array(self.out, dtype=float).reshape(4, -1)[:, :count]
-        phase = Phase(int(self.where[layout.PHASE]))
-        final = MotionState(float(self.state[layout.X]), float(self.state[layout.V]), phase)
+        phase = Phase(int(self.where[kernel.PHASE]))
+        final = MotionState(float(self.state[kernel.X]), float(self.state[kernel.V]), phase)
         return Motion(
             time=self.times[:count],
             displacement=out[0],
@@ -278,33 +459,20 @@ class _Run:
             relative_speed=out[3],
             phase=np.array(self.phases[:count], dtype=np.int8),
             transitions=self._transitions(),
-            energy=self._accounts(final) if energy else None,
             start=self.start,
             final=final,
             outcome=outcome,
-            steps=int(self.where[layout.STEPS]),
-            expansions=int(self.where[layout.EXPANSIONS]),
+            steps=int(self.where[kernel.STEPS]),
+            expansions=int(self.where[kernel.EXPANSIONS]),
             span=(self.drive.start, self._end()),
         )
 
     def _end(self) -> float:
-        piece = int(self.where[layout.PIECE])
-        within = float(self.state[layout.TIME]) + float(self.state[layout.TIME_REST])
+        piece = int(self.where[kernel.PIECE])
+        within = float(self.state[kernel.TIME]) + float(self.state[kernel.TIME_REST])
         return float(self.drive.time[piece]) + within
 
     def _transitions(self) -> Transitions:
         after = np.concatenate(self.afters)
         before = np.append(np.int8(self.start.phase or 0), after)[: after.size]
         return Transitions(np.concatenate(self.logs), before, after)
-
-    def _accounts(self, final: MotionState) -> Energy:
-        m, k = self.bearing.mass, self.bearing.stiffness
-        belt, friction, loss = (
-            float(self.sums[i]) + float(self.sums[i + 1])
-            for i in (layout.BELT, layout.FRICTION, layout.LOSS)
-        )
-        first = self.drive.speed_at(self.drive.start) - self.start.relative_speed
-        last = self.drive.speed_at(self._end()) - final.relative_speed
-        before = stored_energy(m, k, self.start.displacement, first)
-        after = stored_energy(m, k, final.displacement, last)
-        return Energy(belt, friction, loss, before, after)

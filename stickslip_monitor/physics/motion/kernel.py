@@ -1,81 +1,189 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The inner loops of the integrator: the march over the steps, and the events that end them.
+"""The inner loops of the integrator: the series of a step, the events that end it, the march.
 
-Events are looked for on the polynomial of the step (:mod:`.integrator_series`), and it is used up
-to the first of them only. numba may compile these functions; without it they work on lists of
-floats. Either way the same operations happen in the same order.
+While the lining slips in one direction the equations are analytic (on one piece of the friction
+law and of the inputs), so displacement and relative speed are series in the time whose
+coefficients follow from one another (Jorba and Zou, Experimental Mathematics 14, 2005). With the
+relative speed ``v = V - x'`` and ``s`` its sign,
+
+    x' = V - v        m v' = m V' + c (V - v) + k x - N s mu(|v|)
+
+and while it sticks ``x' = V``, which polynomials in the time satisfy exactly. Events are looked
+for on the polynomial of the step (:mod:`.polynomial`), and it is used up to the first of them
+only. numba may compile these functions; without it they work on lists of floats. Either way the
+same operations happen in the same order.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import MutableSequence
+from typing import TypeAlias
 
-from numpy.polynomial.legendre import leggauss
+from stickslip_monitor.physics.motion.polynomial import Vector, first_positive
 
-from stickslip_monitor.physics.motion.step_series import (
-    AUX,
-    BELT,
-    BELT_SPEED,
-    CONTACT,
-    CURSOR,
-    DAMPING,
-    DONE,
-    EVENT_LIMIT,
-    EVENTS,
-    EVENTS_FULL,
-    EXHAUSTED,
-    EXPANSIONS,
-    FRICTION,
-    FS,
-    HOLD,
-    LAW_PIECE,
-    LOAD,
-    LOSS,
-    LOWER_EDGE,
-    MASS,
-    NOT_FINITE,
-    NOTHING,
-    OMEGA,
-    ORDER,
-    PHASE,
-    PIECE,
-    RELEASE_BACKWARD,
-    RELEASE_FORWARD,
-    SCALED,
-    SCRATCH,
-    STALLED,
-    STEP_LIMIT,
-    STEPS,
-    STICK_DEGREE,
-    STIFFNESS,
-    TIME,
-    TIME_REST,
-    UPPER_EDGE,
-    VS,
-    WITH_ENERGY,
-    XS,
-    Counts,
-    Rows,
-    V,
-    Vector,
-    X,
-    expand_slip,
-    expand_stick,
-    first_positive,
-    horner,
-    shift_cubic,
-    slope,
-    step_length,
-)
+Counts: TypeAlias = MutableSequence[int]
+Rows: TypeAlias = MutableSequence[Vector]
 
+# body: the oscillator and the accuracy asked for
+MASS, DAMPING, STIFFNESS, OMEGA, HOLD, TOLERANCE, LONGEST = range(7)
+BODY = 7
+# law: an exponential, or (CUBIC) cubics; both on the pieces between `edges`
+KINETIC, GAP, DECAY, VISCOUS = range(4)
+LAW = 4
+# state: relative speed, and the time since the piece began in two parts
+X, V, TIME, TIME_REST = range(4)
+# where: what is counted
+PIECE, PHASE, LAW_PIECE, CURSOR, EVENTS, STEPS, EXPANSIONS, STALLED = range(8)
+WHERE = 8
+# options
+ORDER, STEP_LIMIT, EVENT_LIMIT, CUBIC = range(4)
+OPTIONS = 4
+# rows of `work`, each of which holds one series
+XS, VS, FS, MU, AUX, SQUARE, BELT_SPEED, LOAD, SCALED, SCRATCH = range(10)
+WORK = 10
+
+DONE, EVENTS_FULL, EXHAUSTED, NOT_FINITE = 0, 1, 2, 3
+NOTHING, RELEASE_FORWARD, RELEASE_BACKWARD, CONTACT, UPPER_EDGE, LOWER_EDGE = 0, 1, 2, 3, 4, 5
+
+STICK_DEGREE = 8
+
+# Speed [m/s] below which the accuracy of a step is not worth a number's last digits.
+_UNDERFLOW = 1e-280
 _ROUNDING = 2e-15
 # Events in a row, at one instant, after which sticking is let live for a while.
 _STALLED, _LET_LIVE = 8, 1e-6
 
-# Gauss quadrature on [0, 1]; exact in a stick phase.
-_GAUSS = leggauss(12)
-_NODES = tuple((0.5 + 0.5 * _GAUSS[0]).tolist())
-_WEIGHTS = tuple((0.5 * _GAUSS[1]).tolist())
+
+def horner(a: Vector, degree: int, t: float) -> float:
+    """Value of the series at a time after the step's begin."""
+    value = a[degree]
+    for i in range(degree - 1, -1, -1):
+        value = value * t + a[i]
+    return value
+
+
+def slope(a: Vector, degree: int, t: float) -> float:
+    """Rate of the series at a time after the step's begin."""
+    value = degree * a[degree]
+    for i in range(degree - 1, 0, -1):
+        value = value * t + i * a[i]
+    return value
+
+
+def shift_cubic(coefficients: Vector, piece: int, s: float, out: Vector) -> None:
+    """A cubic of the inputs as a series about the time ``s`` within its piece."""
+    c0, c1 = coefficients[4 * piece], coefficients[4 * piece + 1]
+    c2, c3 = coefficients[4 * piece + 2], coefficients[4 * piece + 3]
+    out[0] = ((c3 * s + c2) * s + c1) * s + c0
+    out[1] = (3.0 * c3 * s + 2.0 * c2) * s + c1
+    out[2] = 3.0 * c3 * s + c2
+    out[3] = c3
+
+
+def _mu_exponential(
+    n: int, sign: float, gap: float, law: Vector, v: Vector, w: Vector, rate: Vector
+) -> float:
+    """Coefficient ``n`` of ``s (mu_k + gap exp(-beta |v|)) + nu v``; ``w`` is the exponential."""
+    if n == 0:
+        w[0] = math.exp(-law[DECAY] * sign * v[0])
+        return sign * (law[KINETIC] + gap * w[0]) + law[VISCOUS] * v[0]
+    if gap == 0.0:
+        return law[VISCOUS] * v[n]
+    rate[n] = n * v[n]
+    total = 0.0
+    for j in range(1, n + 1):
+        total += rate[j] * w[n - j]
+    w[n] = -law[DECAY] * sign * total / n
+    return sign * gap * w[n] + law[VISCOUS] * v[n]
+
+
+def _mu_cubic(
+    n: int, sign: float, edge: float, cubics: Vector, piece: int, v: Vector, u: Vector, q: Vector
+) -> float:
+    """Coefficient ``n`` of ``s`` times a cubic in ``u = |v| - edge``; ``q`` is ``u^2``."""
+    u[n] = sign * v[n]
+    if n == 0:
+        u[0] -= edge
+    c2, c3 = cubics[4 * piece + 2], cubics[4 * piece + 3]
+    value = cubics[4 * piece + 1] * u[n]
+    if n == 0:
+        value += cubics[4 * piece]
+    if c2 != 0.0 or c3 != 0.0:
+        square = 0.0
+        for j in range(n + 1):
+            square += u[j] * u[n - j]
+        q[n] = square
+        cube = 0.0
+        for j in range(n + 1):
+            cube += q[j] * u[n - j]
+        value += c2 * square + c3 * cube
+    return sign * value
+
+
+def expand_slip(
+    state: Vector,
+    where: Counts,
+    options: Counts,
+    body: Vector,
+    law: Vector,
+    edges: Vector,
+    cubics: Vector,
+    work: Rows,
+) -> None:
+    """Write the series of displacement, relative speed and coefficient of a slip phase."""
+    x, v, mu = work[XS], work[VS], work[MU]
+    belt, load, aux, square = work[BELT_SPEED], work[LOAD], work[AUX], work[SQUARE]
+    order, piece = options[ORDER], where[LAW_PIECE]
+    sign = 1.0 if where[PHASE] > 0 else -1.0
+    c, k, m = body[DAMPING], body[STIFFNESS], body[MASS]
+    # Beyond the last edge the exponential is nothing, and must not be continued from there.
+    gap = law[GAP] if edges[piece + 1] < math.inf else 0.0
+    varies = load[1] != 0.0 or load[2] != 0.0 or load[3] != 0.0
+    x[0], v[0] = state[X], state[V]
+    for n in range(order):
+        if options[CUBIC]:
+            mu[n] = _mu_cubic(n, sign, edges[piece], cubics, piece, v, aux, square)
+        else:
+            mu[n] = _mu_exponential(n, sign, gap, law, v, aux, square)
+        force = load[0] * mu[n]
+        if varies:
+            for j in range(1, min(n, 3) + 1):
+                force += load[j] * mu[n - j]
+        own = belt[n] - v[n]
+        x[n + 1] = own / (n + 1.0)
+        pull = c * own + k * x[n] - force
+        v[n + 1] = belt[n + 1] + pull / (m * (n + 1.0))
+        if n == 0 and v[0] == 0.0 and sign * v[1] < 0.0:
+            v[1] = 0.0  # released at the limit: what is missing to it is rounding
+
+
+def expand_stick(state: Vector, options: Counts, body: Vector, work: Rows) -> None:
+    """Write the series of a stick phase: ``x' = V``, and the friction that this needs."""
+    x, v, f, belt = work[XS], work[VS], work[FS], work[BELT_SPEED]
+    for n in range(STICK_DEGREE + 1):
+        x[n] = v[n] = f[n] = 0.0
+    x[0] = state[X]
+    for n in range(4):
+        x[n + 1] = belt[n] / (n + 1.0)
+    for n in range(5):
+        own = body[DAMPING] * belt[n] + body[STIFFNESS] * x[n]
+        f[n] = own + body[MASS] * (n + 1.0) * belt[n + 1]
+
+
+def step_length(options: Counts, body: Vector, work: Rows) -> float:
+    """Longest step at which the last two terms of the series meet the tolerance."""
+    v, order, longest = work[VS], options[ORDER], body[LONGEST] / body[OMEGA]
+    scale, h, n = abs(work[BELT_SPEED][0]) + abs(v[0]), longest, 0
+    while scale == 0.0 and n < 3:  # all is at rest: what it gathers in the step
+        n += 1
+        scale = abs(v[n]) * longest ** (1.0 * n)
+    allowed = max(body[TOLERANCE] * scale, _UNDERFLOW)
+    for n in range(order - 1, order + 1):
+        last = abs(v[n])
+        if last > 0.0:
+            h = min(h, (allowed / last) ** (1.0 / n))
+    return h
 
 
 def _earlier(
@@ -153,33 +261,6 @@ def phase_at_rest(sign: int, body: Vector, work: Rows) -> int:
     if need < -limit and sign >= 0:
         return -1
     return 0
-
-
-def _add(sums: Vector, which: int, value: float) -> None:
-    """Compensated sum: Neumaier, Zeitschrift fuer Angewandte Mathematik und Mechanik 54, 1974."""
-    before = sums[which]
-    after = before + value
-    if abs(before) >= abs(value):
-        sums[which + 1] += (before - after) + value
-    else:
-        sums[which + 1] += (value - after) + before
-    sums[which] = after
-
-
-def add_energy(sums: Vector, degree: int, body: Vector, h: float, work: Rows) -> None:
-    """Add the work of a step: of the belt, of friction on the lining, and the damper's loss."""
-    given, taken, lost = 0.0, 0.0, 0.0
-    for i in range(len(_NODES)):
-        t = _NODES[i] * h
-        belt = horner(work[BELT_SPEED], 3, t)
-        own = belt - horner(work[VS], degree, t)
-        pull = _WEIGHTS[i] * horner(work[FS], degree, t)
-        given += pull * belt
-        taken += pull * own
-        lost += _WEIGHTS[i] * own * own
-    _add(sums, BELT, given * h)
-    _add(sums, FRICTION, taken * h)
-    _add(sums, LOSS, body[DAMPING] * lost * h)
 
 
 def emit(
@@ -271,7 +352,6 @@ def march(
     phases: Counts,
     log: Vector,
     kinds: Counts,
-    sums: Vector,
     work: Rows,
 ) -> int:
     """Follow the motion to the end of the inputs; may be called again when events are full."""
@@ -308,8 +388,6 @@ def march(
         last = event == NOTHING and h >= left
         end = grid[piece + 1] if last else math.inf
         emit(where, degree, base, state, h, end, times, out, phases, work)
-        if options[WITH_ENERGY]:
-            add_energy(sums, degree, body, h, work)
         state[X], state[V] = x, v
         advance_time(state, h)
         where[STALLED] = where[STALLED] + 1 if h == 0.0 else 0

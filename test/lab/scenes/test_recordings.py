@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -191,13 +191,14 @@ def test_telemetry_is_the_profile_and_its_noise(name: str) -> None:
             assert abs(off.std() - 1.0) < 5.0 / np.sqrt(2 * off.size)
 
 
-def scans(name: str) -> Iterator[tuple[BearingConfig, int, Scan]]:
+@functools.cache
+def scans(name: str) -> list[tuple[BearingConfig, int, Scan]]:
     """The monitor over a recording: each bearing, when it starts [ns], its scan."""
     config = load_scene(ROOT / ENTRIES[name]['scene']).config
     report = scan_whole(BAGS / name, config)
-    assert report.bag.start_ns is not None
-    for bearing in config.bearings:
-        yield bearing, report.bag.start_ns, report.bearings[bearing.name].scan
+    start_ns = report.bag.start_ns
+    assert start_ns is not None
+    return [(each, start_ns, report.bearings[each.name].scan) for each in config.bearings]
 
 
 def scan(name: str) -> tuple[BearingConfig, int, Scan]:
@@ -235,32 +236,6 @@ def test_monitor_gives_every_alarm_when_it_is_due_and_no_other(name: str) -> Non
                 assert earliest <= time <= latest
 
 
-def test_conditions_come_in_the_order_of_the_scene() -> None:
-    """Without what noise adds on the way down: a rest on a rung for less than two seconds."""
-    expected = {
-        'coast_down': [
-            'caution',
-            'bistable',
-            'stick_slip',
-            'amplitude_limit',
-            'caution',
-            'normal',
-        ],
-        'load_excursion': ['caution', 'bistable', 'stick_slip', 'caution', 'normal'],
-        'voyage': [],
-    }
-    for name, conditions in expected.items():
-        assert [event['after'] for event in ENTRIES[name]['events']] == conditions
-        events = scan(name)[2].events
-        ends = [event.time_ns for event in events[1:]] + [np.inf] * bool(events)
-        lasting = [
-            str(event.after)
-            for event, end in zip(events, ends, strict=True)
-            if end - event.time_ns > 2e9
-        ]
-        assert lasting == conditions
-
-
 def test_stick_slip_shows_hysteresis() -> None:
     """At 1000 N and between 31 and 40 rpm: quiet on the way down, sticking on the way up."""
     bearing, start_ns, found = scan('coast_down')
@@ -287,11 +262,12 @@ CROSSINGS = [
 ]
 
 
-@pytest.mark.parametrize(('name', 'number', 'seconds', 'tolerance'), CROSSINGS)
-def test_expected_crossings_follow_from_the_reference_numbers(
-    name: str, number: int, seconds: float, tolerance: float
-) -> None:
-    assert ENTRIES[name]['events'][number]['crossing'] == pytest.approx(seconds, abs=tolerance)
+def test_expected_crossings_follow_from_the_reference_numbers() -> None:
+    for name, number, seconds, tolerance in CROSSINGS:
+        assert ENTRIES[name]['events'][number]['crossing'] == pytest.approx(seconds, abs=tolerance)
+    down = ['caution', 'bistable', 'stick_slip', 'amplitude_limit', 'caution', 'normal']
+    assert [event['after'] for event in ENTRIES['coast_down']['events']] == down
+    assert ENTRIES['voyage']['events'] == []
 
 
 def test_the_pair_differs_in_its_history_only() -> None:
@@ -342,24 +318,16 @@ def test_the_level_is_the_effective_value_of_the_exact_cycle() -> None:
     assert quiet.max() < 5.0
 
 
-@pytest.mark.parametrize(
-    ('changes', 'words'),
-    [
-        ({'level': {'rate': 200.0}}, 'telemetry.level.rate = 200 Hz must not be above 7.96 Hz'),
-        ({'level': {'rate': -1.0}}, 'telemetry.level.rate = -1.0 must be a number'),
-    ],
-)
-def test_a_level_that_cannot_be_sent_is_refused(
-    tmp_path: Path, changes: dict[str, Any], words: str
-) -> None:
+def test_a_level_that_cannot_be_sent_is_refused(tmp_path: Path) -> None:
     scene = yaml.safe_load((ROOT / ENTRIES['measured_knock']['scene']).read_text('utf-8'))
-    scene['telemetry'] |= changes
-    scene['config'] = str(ROOT / 'launch_configs' / 'measured_bearing.yaml')
     path = tmp_path / 'scene.yaml'
-    path.write_text(yaml.safe_dump(scene), 'utf-8')
-    with pytest.raises(SceneError, match=words):
-        load_scene(path)
-    scene['config'] = str(ROOT / 'launch_configs' / 'reference_bearing.yaml')
-    path.write_text(yaml.safe_dump(scene), 'utf-8')
-    with pytest.raises(SceneError, match='the configuration has no aft_stern'):
-        load_scene(path)
+    for rate, config, words in (
+        (200.0, 'measured', 'telemetry.level.rate = 200 Hz must not be above 7.96 Hz'),
+        (-1.0, 'measured', 'telemetry.level.rate = -1.0 must be a number'),
+        (2.0, 'reference', 'the configuration has no aft_stern'),
+    ):
+        scene['telemetry']['level'] = {'rate': rate}
+        scene['config'] = str(ROOT / 'launch_configs' / f'{config}_bearing.yaml')
+        path.write_text(yaml.safe_dump(scene), 'utf-8')
+        with pytest.raises(SceneError, match=words):
+            load_scene(path)

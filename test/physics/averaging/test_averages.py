@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 
 from stickslip_monitor.physics.averaging.boundaries import amplitude_rate, harmonic
-from stickslip_monitor.physics.averaging.quadrature import friction_harmonic
+from stickslip_monitor.physics.averaging.quadrature import (
+    crossing_angle,
+    friction_harmonic,
+    friction_harmonic_and_slope,
+)
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
 from stickslip_monitor.physics.oscillator import Bearing
 
@@ -48,8 +52,8 @@ def test_closed_form_and_split_quadrature_agree(law: FrictionLaw) -> None:
     assert np.max(np.abs(harmonic(law, v, a) - quadrature) / scale) < 1e-12
 
 
-@pytest.mark.parametrize('beta_v', [1e-4, 0.02, 0.5, 2.1, 20.0, 300.0, 1e4])
-@pytest.mark.parametrize('ratio', [0.01, 0.8, 1.0 - 1e-14, 1.0 + 1e-14, 1.0 + 1e-6, 1.02, 1.6])
+@pytest.mark.parametrize('beta_v', [1e-4, 0.5, 20.0, 1e4])
+@pytest.mark.parametrize('ratio', [0.01, 1.0 - 1e-14, 1.0 + 1e-6, 1.6])
 def test_harmonic_is_the_averaging_integral(beta_v: float, ratio: float, oracle: Any) -> None:
     """PHYSICS.md's integral by mpmath at 40 digits, for the closed form and the quadrature.
 
@@ -65,14 +69,6 @@ def test_harmonic_is_the_averaging_integral(beta_v: float, ratio: float, oracle:
     assert abs(float(friction_harmonic(law, np.array(v), np.array(a))) - exact) < 1e-14
     if a <= v and abs(exact) > 1e-25:  # where 40 digits resolve it
         assert abs(closed - exact) <= 1e-12 * abs(exact)
-
-
-def test_below_the_limit_the_average_is_a_bessel_function() -> None:
-    """PHYSICS.md: ``S = Delta exp(-beta V) I1(beta a)`` with mpmath's Bessel function."""
-    for v, a in ((0.05, 0.049), (1.0, 0.3), (40.0, 39.9), (1e3, 999.0)):
-        exact = (mp.mpf(0.3) - mp.mpf(0.1)) * mp.besseli(1, 10 * mp.mpf(a))
-        exact *= mp.exp(-10 * mp.mpf(v))
-        assert float(harmonic(STRIBECK, v, a)) == pytest.approx(float(exact), rel=1e-12)
 
 
 def test_coulomb_average_is_elementary() -> None:
@@ -110,19 +106,6 @@ def test_table_average_is_its_integral(brute_force: Any) -> None:
             assert float(harmonic(law, v, v * ratio)) == pytest.approx(expected, abs=1e-12)
 
 
-def test_densely_sampled_table_approaches_the_closed_form() -> None:
-    """Halving the step of the table must shrink the error by the interpolant's order (> 2)."""
-    v, a = np.full(4, 0.15), np.array([0.05, 0.12, 0.16, 0.2])
-    errors = []
-    for count in (40, 80, 160):
-        speed = np.linspace(0.0, 1.0, count + 1)
-        table = Tabulated(speed, STRIBECK.coefficient(speed))
-        errors.append(np.max(np.abs(harmonic(table, v, a) - harmonic(STRIBECK, v, a))))
-    assert errors[0] < 2e-3
-    assert errors[1] < errors[0] / 3.5
-    assert errors[2] < errors[1] / 3.5
-
-
 def test_amplitude_rate_is_the_energy_balance(reference: Bearing) -> None:
     """``m omega^2 A dA/dt`` is the power that friction and damper put into ``u = A cos psi``.
 
@@ -147,3 +130,79 @@ def test_amplitude_rate_broadcasts_and_starts_at_the_growth_rate(reference: Bear
     sigma = (load * 0.2 * 10.0 * np.exp(-10.0 * speed) - 400.0) / 100.0
     np.testing.assert_allclose(rate, sigma * 1e-9, rtol=1e-9)
     np.testing.assert_array_equal(amplitude_rate(reference, speed, load, 0.0), np.zeros((2, 3)))
+
+
+SMOOTH = {
+    'stribeck': STRIBECK,
+    'viscous': Stribeck(0.30, 0.10, 10.0, 0.05),
+    'rising': Stribeck(0.10, 0.30, 10.0),
+    'coulomb': Coulomb(0.3, 0.3),
+    'table': Tabulated([0.0, 0.05, 0.12, 0.3, 0.8], [0.31, 0.22, 0.24, 0.10, 0.13]),
+}
+
+
+def friction_harmonic_slope(law: FrictionLaw, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    return friction_harmonic_and_slope(law, v, a)[1]
+
+
+@pytest.mark.parametrize('excess', [1e-15, 1e-12, 1e-6, 0.1, 5.0])
+@pytest.mark.parametrize('level', [0.0, 0.3])
+def test_crossing_angle_keeps_full_precision_at_grazing(excess: float, level: float) -> None:
+    """``arccos((V - level)/a)`` at 40 digits; plain arccos would have 1e-8 at grazing."""
+    v = 1.0
+    a = v - level + excess
+    exact = mp.acos((mp.mpf(v) - mp.mpf(level)) / mp.mpf(a))
+    got = float(crossing_angle(np.array(v), np.array(a), level))
+    rounding = 1e-16 / excess if level else 0.0  # of the sum of three numbers
+    assert got == pytest.approx(float(exact), rel=1e-14 + rounding)
+
+
+@pytest.mark.parametrize('law', SMOOTH.values(), ids=SMOOTH)
+@pytest.mark.parametrize('ratio', [0.1, 0.6, 0.97, 1.05, 1.5, 4.0])
+def test_slope_is_the_derivative_of_the_average(law: FrictionLaw, ratio: float) -> None:
+    """Fourth-order central difference of ``S`` in the amplitude."""
+    v = np.array([0.07, 0.2, 0.6])
+    a = ratio * v
+    h = 1e-4 * v
+    step = [friction_harmonic(law, v, a + k * h) for k in (-2, -1, 1, 2)]
+    expected = (step[0] - 8.0 * step[1] + 8.0 * step[2] - step[3]) / (12.0 * h)
+    got = friction_harmonic_slope(law, v, a)
+    np.testing.assert_allclose(got, expected, rtol=2e-6, atol=2e-6)
+
+
+@pytest.mark.parametrize('ratio', [0.3, 1.0, 1.0001, 1.02, 2.0])
+def test_stribeck_slope_to_twelve_digits(ratio: float, oracle: Any) -> None:
+    """Below the limit ``Delta beta e^-v (I0 - I1/alpha)``; beyond it mpmath's derivative of S."""
+    v = 0.2
+    a = v * ratio
+    g = oracle.groups(Bearing(1.0, 1.0, 1.0, STRIBECK, 0.1), v, 1.0)
+    alpha = g.decay * mp.mpf(a)
+    delta = mp.mpf(0.3) - mp.mpf(0.1)
+    if a <= v:
+        exact = mp.exp(-g.v) * (mp.besseli(0, alpha) - mp.besseli(1, alpha) / alpha)
+    else:
+        h = (alpha - g.v) / 10**8
+        rise = oracle.harmonic(g.v, alpha + h, g.r) - oracle.harmonic(g.v, alpha - h, g.r)
+        exact = rise / (2 * h)
+    got = float(friction_harmonic_slope(STRIBECK, np.array(v), np.array(a)))
+    assert got == pytest.approx(float(delta * g.decay * exact), rel=1e-11)
+
+
+def test_slope_survives_the_ends_of_the_float_range() -> None:
+    """Scale invariance: the Coulomb average depends on ``a/V`` only, so its slope goes as 1/V."""
+    law = Coulomb(0.3, 0.3)
+    one = float(friction_harmonic_slope(law, np.array(1.0), np.array(1.25)))
+    for scale in (1e-200, 1e-100, 1e100, 1e200):
+        got = float(friction_harmonic_slope(law, np.array(scale), np.array(1.25 * scale)))
+        assert got * scale == pytest.approx(one, rel=1e-12)
+
+
+def test_one_element_never_depends_on_its_neighbours() -> None:
+    rng = np.random.default_rng(7)
+    v, a = rng.uniform(0.01, 1.0, 200), rng.uniform(0.01, 2.0, 200)
+    for law in SMOOTH.values():
+        for function in (friction_harmonic, friction_harmonic_slope):
+            batch = function(law, v, a)
+            for i in (0, 3, 99, 199):
+                assert function(law, v[i : i + 1], a[i : i + 1])[0] == batch[i]
+                assert function(law, v[i:], a[i:])[0] == batch[i]

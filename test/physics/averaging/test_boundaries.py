@@ -103,22 +103,6 @@ def test_bistable_amplitudes_to_twelve_digits(
     assert oracle.balance(g, stable * (1 + tolerance)) < 0
 
 
-@spread
-@pytest.mark.parametrize('place', [1e-4, 0.05, 0.6, 0.999])
-def test_stick_slip_amplitude_below_the_hopf_speed(
-    size: tuple[float, ...], place: float, make_bearing: MakeBearing, oracle: Any
-) -> None:
-    """One cycle, stable, within 1e-12 of the sign change of the integrated balance."""
-    bearing, load = make_bearing(*size)
-    speed = place * hopf_speed(bearing, load)
-    cycles = stationary_amplitudes(bearing, speed, load)
-    assert cycles.stable.tolist() == [True]
-    g = oracle.groups(bearing, speed, load)
-    alpha = mp.mpf(cycles.amplitude[0]) * g.omega * g.decay
-    assert oracle.balance(g, max(alpha * (1 - mp.mpf('1e-12')), g.v)) > 0
-    assert oracle.balance(g, alpha * (1 + mp.mpf('1e-12'))) < 0
-
-
 def test_viscous_rise_acts_as_damping(reference: Bearing, oracle: Any) -> None:
     """PHYSICS.md's closed forms with ``c + N nu`` in place of ``c``: the same bearing."""
     load, nu = 1000.0, 0.05
@@ -171,11 +155,6 @@ def test_without_damping_no_speed_bounds_stick_slip() -> None:
     assert cycles.stable.all()
 
 
-def test_at_rest_no_cycle_is_stationary(reference: Bearing) -> None:
-    """``a > 0 = V``: friction only brakes."""
-    assert stationary_amplitudes(reference, 0.0, 1000.0).amplitude.size == 0
-
-
 @pytest.mark.parametrize('name', LAWS)
 def test_astern_mirrors_ahead(name: str) -> None:
     bearing, speed = _bearing(LAWS[name]), np.array([0.01, 0.1, 0.2, 0.24])
@@ -187,40 +166,6 @@ def test_astern_mirrors_ahead(name: str) -> None:
     np.testing.assert_array_equal(
         growth_rate(bearing, -speed, 900.0), growth_rate(bearing, speed, 900.0)
     )
-
-
-@given(load=st.floats(201.0, 1e9))
-def test_boundary_loads_invert_boundary_speeds(load: float) -> None:
-    """Inverse functions; an ulp of speed moves the load by beta V ulps."""
-    bearing = _bearing(LAWS['stribeck'])
-    for speed_of, load_of in ((hopf_speed, hopf_load), (fold_speed, fold_load)):
-        speed = speed_of(bearing, load)
-        tolerance = 1e-14 * (3.0 + 10.0 * speed)
-        assert load_of(bearing, speed) == pytest.approx(load, rel=tolerance)
-
-
-@settings(max_examples=15, deadline=None)
-@given(load=st.floats(300.0, 3e4))
-def test_boundary_loads_invert_boundary_speeds_of_a_table(load: float) -> None:
-    """For a convex falling table both boundaries are one to one."""
-    bearing = _bearing(LAWS['table'])
-    for speed_of, load_of in ((hopf_speed, hopf_load), (fold_speed, fold_load)):
-        speed = speed_of(bearing, load)
-        if not np.isnan(speed) and speed < 0.49:
-            assert load_of(bearing, speed) == pytest.approx(load, rel=1e-9)
-
-
-def test_boundary_loads_of_the_closed_forms(oracle: Any) -> None:
-    """PHYSICS.md: ``N_H = c exp(beta V)/(Delta beta)``; ``N_F = c V/(2 S(V; V))`` integrated."""
-    bearing, speed = _bearing(LAWS['stribeck']), 0.1047
-    delta = mp.mpf(0.3) - mp.mpf(0.1)
-    v = 10 * mp.mpf(speed)
-    assert hopf_load(bearing, speed) == pytest.approx(
-        float(400 * mp.exp(v) / (delta * 10)), rel=1e-14
-    )
-    limit = oracle.harmonic(v, v, mp.mpf(0.1) / delta)
-    expected = 400 * mp.mpf(speed) / (2 * delta * limit)
-    assert fold_load(bearing, speed) == pytest.approx(float(expected), rel=1e-14)
 
 
 def test_growth_rate_is_the_eigenvalue_of_the_linear_system(reference: Bearing) -> None:
@@ -256,9 +201,7 @@ def test_cycles_are_zeros_of_the_amplitude_rate(name: str, damping: float) -> No
         assert np.all(at <= rounding + 1e-6 * np.minimum(np.abs(inside), np.abs(outside)))
 
 
-@pytest.mark.parametrize(
-    'speed', [0.01, 0.06, 0.1, 0.175, 0.2, 0.21, 0.225, 0.25, 0.3, 0.34, 0.4, 1.0]
-)
+@pytest.mark.parametrize('speed', [0.01, 0.1, 0.2, 0.225, 0.25, 0.34])
 @pytest.mark.parametrize('load', [200.0, 1600.0])
 def test_every_cycle_of_a_table_with_two_falls_is_found(
     speed: float, load: float, brute_force: Any
@@ -299,15 +242,6 @@ def test_a_close_pair_of_cycles_is_not_lost(share: float, brute_force: Any) -> N
     np.testing.assert_allclose(pair, [top - half_width, top + half_width], atol=0.2 * half_width)
     fewer = stationary_amplitudes(_bearing(TWO_FALLS), speed, 400.0 / (height * (1.0 + share)))
     assert fewer.amplitude.size == cycles.amplitude.size - 2
-
-
-def test_table_with_two_falls_has_four_cycles() -> None:
-    """Three and four cycles really occur, so the test above tests what it says."""
-    counts = [
-        stationary_amplitudes(_bearing(TWO_FALLS), speed, 1600.0).amplitude.size
-        for speed in (0.2, 0.225, 0.25)
-    ]
-    assert counts == [4, 3, 4]
 
 
 @pytest.mark.slow
@@ -379,22 +313,6 @@ def test_fold_speed_of_a_table_is_the_last_with_a_cycle(load: float, brute_force
     assert max(above) < 0.0
 
 
-def test_dense_table_approaches_the_closed_form(reference: Bearing) -> None:
-    """A third of the step must give well under a third of every result's error."""
-    results = []
-    for count in (20, 60):
-        speed = np.linspace(0.0, 0.6, count + 1)
-        bearing = _bearing(Tabulated(speed, LAWS['stribeck'].coefficient(speed)))
-        cycles = stationary_amplitudes(bearing, 0.178, 1000.0).amplitude
-        results.append([hopf_speed(bearing, 1000.0), fold_speed(bearing, 1000.0), *cycles])
-    cycles = stationary_amplitudes(reference, 0.178, 1000.0).amplitude
-    exact = np.array([hopf_speed(reference, 1000.0), fold_speed(reference, 1000.0), *cycles])
-    coarse, fine = (np.abs(np.array(result) / exact - 1.0) for result in results)
-    assert coarse.max() < 2e-2
-    assert np.all(fine < coarse / 5.0)
-    assert fine.max() < 1e-3
-
-
 @pytest.mark.parametrize('name', LAWS)
 def test_shapes_and_scalar_types(name: str) -> None:
     bearing = _bearing(LAWS[name])
@@ -421,25 +339,13 @@ SPEED = st.one_of(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(
-    name=st.sampled_from(['stribeck', 'viscous', 'rising']),
-    speeds=st.lists(SPEED, min_size=1, max_size=12),
+    name=st.sampled_from(sorted(LAWS)),
+    speeds=st.lists(SPEED, min_size=2, max_size=6),
     load=st.floats(0.0, 5e3),
 )
 def test_an_element_is_bit_identical_to_its_scalar_call(
-    name: str, speeds: list[float], load: float
-) -> None:
-    _bit_identical(name, speeds, load)
-
-
-@settings(max_examples=8, deadline=None)
-@given(
-    name=st.sampled_from(['table', 'two falls', 'coulomb']),
-    speeds=st.lists(SPEED, min_size=2, max_size=4),
-    load=st.floats(0.0, 5e3),
-)
-def test_an_element_of_a_scan_is_bit_identical_to_its_scalar_call(
     name: str, speeds: list[float], load: float
 ) -> None:
     _bit_identical(name, speeds, load)
@@ -461,13 +367,3 @@ def _bit_identical(name: str, speeds: list[float], load: float) -> None:
         np.testing.assert_array_equal(
             growth_rate(bearing, batch, load)[i], growth_rate(bearing, speed, load)
         )
-
-
-@pytest.mark.parametrize('count', [1, 2, 3, 7, 8, 9, 17, 4095, 4097, 9001])
-def test_long_arrays_are_bit_identical_too(count: int, reference: Bearing) -> None:
-    """Lengths about every block and vector width."""
-    speed = np.linspace(0.001, 0.22, count)
-    cycles = stationary_amplitudes(reference, speed, 1000.0).amplitude
-    for i in {0, count // 2, count - 1}:
-        one = stationary_amplitudes(reference, speed[i], 1000.0).amplitude
-        np.testing.assert_array_equal(cycles[i, : one.size], one)

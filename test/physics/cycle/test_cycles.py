@@ -122,24 +122,6 @@ def test_the_fold_of_physics_md():
     assert BENCH.speed.from_surface(fold, 'rpm') == pytest.approx(40.7179, abs=6e-5)
 
 
-@pytest.mark.parametrize(
-    ('eta', 'kappa'), [(1e-3, 0.2), (1e-3, 0.9), (0.2, 0.01), (5.0, 0.2), (20.0, 0.01)]
-)
-def test_both_sides_of_the_fold(eta, kappa):
-    bearing, load = unit_bearing(kappa * eta / 2.0), eta / 0.2
-    fold = exact_fold_speed(bearing, load)
-    below, above = exact_cycle(bearing, fold * np.array([1.0 - 1e-9, 1.0 + 1e-9]), load).kind
-    assert below == CycleKind.STICK_SLIP
-    assert above == CycleKind.NONE
-
-
-def test_stick_grows_with_the_square_root_of_the_distance_from_the_fold():
-    # A grazing contact: the chord of a parabola. Closed form in the limit.
-    fold = exact_fold_speed(BENCH, 1000.0)
-    near, far = exact_cycle(BENCH, fold * (1.0 - np.array([1e-8, 1e-6])), 1000.0).stick_fraction
-    assert far / near == pytest.approx(10.0, rel=1e-2)
-
-
 @pytest.mark.parametrize('eta', [1e-6, 1e-4])
 def test_weak_friction_meets_averaging(eta):
     # Averaging is exact to first order in eta: its error falls with eta.
@@ -287,14 +269,6 @@ def test_overshoot_past_the_belt_and_sticking_again():
     assert cycle.period == pytest.approx(period, rel=1e-8)
 
 
-def test_a_turning_point_on_a_measured_speed(sampled):
-    # Steady sliding at a knot of the table: the same cycle as from the table's functions alone.
-    law = Tabulated([0.0, 0.1, 0.3, 1.0, 5.0], [0.3, 0.2, 0.12, 0.1, 0.11])
-    known = exact_cycle(unit_bearing(0.05, law), 0.3, 10.0)
-    other = exact_cycle(unit_bearing(0.05, sampled(law)), 0.3, 10.0)
-    assert known.amplitude == pytest.approx(other.amplitude, rel=1e-9)
-
-
 @pytest.mark.parametrize('speed', [0.05, 0.3, 1.0, 1.5])
 def test_a_law_known_by_its_two_functions_only(sampled, speed):
     # The same law twice: analytically, and sampled. Differences are formed by subtraction there.
@@ -329,17 +303,6 @@ def test_the_waveform_closes_and_obeys_the_equation():
     slipping = np.all([v[k : v.size - 2 + k] != 0.1 for k in range(3)], axis=0)
     # Central differences: their error is the step squared.
     assert_allclose(50.0 * acceleration[slipping], force[1:-1][slipping], atol=2e-2)
-
-
-def test_the_waveform_of_many_points():
-    cycle = exact_cycle(BENCH, [0.1, 0.3, -0.1], 1000.0)
-    time, x, v = cycle.waveform(11)
-    assert time.shape == x.shape == v.shape == (3, 11)
-    assert np.all(np.isnan(x[1]))
-    # Astern everything is mirrored.
-    assert_array_equal(x[2], -x[0])
-    assert_array_equal(v[2], -v[0])
-    assert cycle.amplitude[2] == cycle.amplitude[0]
 
 
 @pytest.mark.parametrize(
@@ -378,11 +341,6 @@ def test_friction_that_does_not_fall_has_no_cycle(bearing):
     assert math.isnan(exact_fold_speed(bearing, 50.0))
 
 
-def test_without_damping_there_is_a_cycle_at_every_speed():
-    assert exact_fold_speed(unit_bearing(0.0), 1.0) == math.inf
-    assert exact_fold_speed(unit_bearing(0.0, Coulomb(0.3, 0.1)), 1.0) == math.inf
-
-
 def test_fold_conventions():
     assert_array_equal(np.isnan(exact_fold_speed(BENCH, [0.0, -1.0, math.nan, 100.0])), True)
     assert exact_fold_speed(BENCH, [[900.0], [1100.0]]).shape == (2, 1)
@@ -407,16 +365,6 @@ def test_hard_cases_end_named_and_bounded(eta, kappa):
     assert np.all(np.isfinite(cycle.period[exists]))
     # Once gone with rising speed the cycle stays gone.
     assert np.all(np.diff(exists.astype(int)) <= 0)
-
-
-def test_amplitude_is_continuous_from_crawling_to_the_fold():
-    # A step in it would show as a second difference far from its neighbours'.
-    fold = exact_fold_speed(BENCH, 1000.0)
-    speed = np.linspace(0.0, fold, 402)[1:-1]
-    amplitude = exact_cycle(BENCH, speed, 1000.0).amplitude
-    assert np.all(np.diff(amplitude) > 0.0)
-    bend = np.diff(amplitude, 2)
-    assert np.max(np.abs(np.diff(bend))) < 0.03 * np.max(np.abs(bend))
 
 
 def test_a_table_has_a_cycle_at_every_speed_alone_and_together():

@@ -16,11 +16,10 @@ import pytest
 from scipy.optimize import brentq
 
 from stickslip_monitor.physics.cycle.cycles import CycleKind, exact_cycle, exact_fold_speed
-from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
+from stickslip_monitor.physics.friction import Stribeck, Tabulated
 from stickslip_monitor.physics.motion.integrator import (
     Drive,
     Motion,
-    MotionOutcome,
     MotionState,
     Phase,
     integrate,
@@ -121,24 +120,6 @@ def test_weak_friction_overtakes_the_belt_as_the_exact_cycle_does() -> None:
     assert motion.expansions < 30
 
 
-def test_undamped_crawl_in_closed_form() -> None:
-    """Coulomb at 1e-9 m/s: two days and seven hours of stick, then half a free swing."""
-    bearing, speed = replace(REFERENCE, friction=Coulomb(0.3, 0.1), damping=0.0), 1e-9
-    omega, reach = bearing.natural_frequency, 0.2 * LOAD / bearing.stiffness
-    slip = 2.0 * (math.pi - math.atan(reach * omega / speed)) / omega
-    stick = 2.0 * reach / speed
-    motion = integrate(
-        bearing,
-        Drive.constant(speed, LOAD, 2.5 * stick),
-        breakaway(bearing, speed, LOAD),
-        compiled=False,
-    )
-    expected = [0.0, slip, slip + stick, 2.0 * slip + stick]
-    expected += [2.0 * (slip + stick), 3.0 * slip + 2.0 * stick]
-    assert motion.transitions.time == pytest.approx(expected, rel=1e-13)
-    assert motion.steps < 40
-
-
 @pytest.mark.parametrize('load', [LOAD, 2.5e4])
 def test_rising_friction_damps_as_its_slope_says(load: float) -> None:
     """mu_k > mu_s: about steady sliding ``m u'' + (c + N mu') u' + k u = 0``, mu' > 0."""
@@ -201,11 +182,3 @@ def test_slow_passage_through_hopf_goes_out_as_far_as_it_came_in(
     # The onset is delayed: far below V_H the shaft still turns quietly.
     assert way_out < 0.94 * hopf
     assert plus.transitions.time.size == 0
-
-
-def test_every_outcome_is_named() -> None:
-    """A load of 1e300 N is beyond the numbers, and says so."""
-    motion = integrate(
-        REFERENCE, Drive.constant(0.1, 1e300, 0.1), MotionState(1e-3, 0.05), compiled=False
-    )
-    assert motion.outcome in (MotionOutcome.NOT_FINITE, MotionOutcome.EXHAUSTED)

@@ -8,17 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
 from stickslip_monitor.physics.motion.integrator import (
     Drive,
-    Motion,
     MotionOutcome,
     MotionState,
-    Phase,
-    PhaseChange,
     integrate,
 )
 from stickslip_monitor.physics.oscillator import Bearing
@@ -116,10 +113,9 @@ RIPPLE = Drive.sampled(
     np.linspace(0.0, 0.4, 41),
     0.08 + 0.02 * np.sin(np.linspace(0.0, 12.0, 41)),
     900.0 + 300.0 * np.cos(np.linspace(0.0, 20.0, 41)),
-    'cubic',
 )
-STEPS = Drive.sampled(
-    [0.0, 0.1, 0.2, 0.3], [0.05, 0.05, 0.08, 0.08], [1500.0, 200.0, 900.0, 900.0], load_rule='hold'
+LOAD_STEPS = Drive.sampled(
+    [0.0, 0.1, 0.2, 0.3], [0.05, 0.05, 0.08, 0.08], [1500.0, 200.0, 900.0, 900.0]
 )
 LAWS = {
     'stribeck': Stribeck(0.3, 0.1, 10.0, 0.02),
@@ -128,7 +124,12 @@ LAWS = {
     'coulomb': Coulomb(0.3, 0.12),
     'table': Tabulated([0.005, 0.03, 0.1, 0.2], [0.3, 0.22, 0.12, 0.1]),
 }
-DRIVES = {'stop and reverse': STOP, 'load gap': LOAD_GAP, 'ripple': RIPPLE, 'load steps': STEPS}
+DRIVES = {
+    'stop and reverse': STOP,
+    'load gap': LOAD_GAP,
+    'ripple': RIPPLE,
+    'load steps': LOAD_STEPS,
+}
 
 
 @pytest.mark.slow
@@ -144,16 +145,6 @@ def test_against_solve_ivp(name: str, law: str) -> None:
     assert motion.final.relative_speed == pytest.approx(v, abs=2e-10)
 
 
-def test_stopping_shaft_takes_the_lining_along_and_breaks_away_astern() -> None:
-    motion = integrate(REFERENCE, STOP, MotionState(1.4e-4, 0.0), compiled=False)
-    t = motion.transitions
-    still = (motion.stick_intervals[:, 0] < 0.21) & (motion.stick_intervals[:, 1] > 0.29)
-    assert still.sum() == 1
-    release = motion.stick_intervals[still][0, 1]
-    first = t.after[t.time > release - 1e-9][0]
-    assert first == Phase.BACKWARD
-
-
 def test_sticking_follows_the_travel_of_the_belt() -> None:
     times = np.linspace(0.0, 1.0, 21)
     drive = Drive.sampled([0.0, 0.5, 1.0], [0.0, 2e-4, -2e-4], [1000.0] * 3)
@@ -165,38 +156,8 @@ def test_sticking_follows_the_travel_of_the_belt() -> None:
     assert motion.displacement == pytest.approx(expected, abs=1e-19)
 
 
-def coast(sign: float, times: Array) -> Motion:
-    """Slowly from above the Hopf speed, 0.1609 m/s, to far below, with a small disturbance."""
-    drive = Drive.sampled([0.0, 10.0], [0.19, 0.14], [1000.0] * 2)
-    start = float(REFERENCE.equilibrium(0.19, 1000.0))
-    return integrate(
-        REFERENCE, drive, MotionState(start + sign * 1e-8, 0.19), times, compiled=False
-    )
-
-
-def growth(t: float) -> float:
-    """Rate [1/s] of PHYSICS.md along the coast-down."""
-    return float((2000.0 * np.exp(-10.0 * (0.19 - 0.005 * t)) - 400.0) / 100.0)
-
-
-def test_slow_passage_delays_the_onset_as_linear_theory_says() -> None:
-    """The disturbance shrinks until V_H, at 5.8 s, and must first grow back what it lost."""
-    times = np.linspace(0.0, 10.0, 20001)
-    plus, minus = coast(1.0, times), coast(-1.0, times)
-    x = 0.5 * (plus.displacement - minus.displacement)
-    v = 0.5 * (plus.velocity - minus.velocity) / REFERENCE.natural_frequency
-    size = np.hypot(x, v)
-    quiet = size < 1e-6
-    assert quiet[times < 8.0].all()
-    for t in (2.0, 5.8, 8.0):
-        near = np.abs(times - t) < 0.05
-        expected = 1e-8 * np.exp([quad(growth, 0.0, u)[0] for u in times[near]])
-        assert np.mean(size[near] / expected) == pytest.approx(1.0, abs=0.01)
-    assert plus.transitions.change.tolist().count(PhaseChange.RESTICK) == 0
-
-
 def random_case(seed: int) -> tuple[Bearing, Drive]:
-    """Any law, damping and load, with inputs that jump, stop and vanish."""
+    """Any law, damping and load, with inputs that stop and vanish."""
     rng = np.random.default_rng(seed)
     low, high = rng.uniform(0.05, 0.5, 2)
     points = np.sort(rng.uniform(0.0, 0.2, 5))
@@ -209,17 +170,16 @@ def random_case(seed: int) -> tuple[Bearing, Drive]:
     speed = np.where(rng.random(12) < 0.2, 0.0, 0.1 * rng.standard_normal(12))
     load = np.where(rng.random(12) < 0.2, 0.0, 10.0 ** rng.uniform(1.0, 4.5) * rng.random(12))
     damping = float(rng.choice([0.0, 400.0, 2.0e4]))
-    rule, load_rule = str(rng.choice(['linear', 'cubic'])), str(rng.choice(['linear', 'hold']))
     bearing = replace(REFERENCE, friction=law, damping=damping)
-    return bearing, Drive.sampled(time, speed, load, rule, load_rule)
+    return bearing, Drive.sampled(time, speed, load)
 
 
-@pytest.mark.parametrize('seed', range(30))
+@pytest.mark.parametrize('seed', range(12))
 def test_random_motions_keep_the_law(seed: int) -> None:
     """No contact is missed, sticking never exceeds its limit, slip has its friction."""
     bearing, drive = random_case(seed)
     times = np.linspace(drive.start, drive.end, 401)
-    motion = integrate(bearing, drive, MotionState(1e-4, 0.0), times, energy=True, compiled=False)
+    motion = integrate(bearing, drive, MotionState(1e-4, 0.0), times, compiled=False)
     assert motion.outcome is MotionOutcome.COMPLETE
     fastest = np.max(np.abs(motion.relative_speed)) + 0.1
     assert np.all(motion.relative_speed * motion.phase >= -1e-13 * fastest)
@@ -239,5 +199,3 @@ def test_random_motions_keep_the_law(seed: int) -> None:
         np.abs((inner + spring)[sticks]) <= limit * np.array(load)[sticks] + 1e-12 * scale
     )
     assert np.max(np.abs((inner + spring - sliding)[~sticks]), initial=0.0) < 1e-8 * scale
-    assert motion.energy is not None
-    assert motion.energy.closure < 1e-9

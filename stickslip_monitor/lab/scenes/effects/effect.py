@@ -15,7 +15,7 @@ import numpy as np
 
 from stickslip_monitor.bags.encode import STAMPED_FIELDS
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.scenes.friction_course import FrictionCourse
+from stickslip_monitor.lab.scenes.lining import FrictionCourse
 from stickslip_monitor.lab.scenes.settings import Settings
 from stickslip_monitor.lab.scenes.shaft import Memory, Sensor, Shaft, TimeBlock
 from stickslip_monitor.lab.scenes.telemetry import Channel, Signal
@@ -34,54 +34,31 @@ UNITS: Mapping[str, Sequence[str]] = {
 
 @dataclass(slots=True)
 class SceneRun:
-    """One run of a scene: what effects may know of it while they are built, and what they add.
+    """One run of a scene: what effects may know of it while they are built, and what they add."""
 
-    Attributes:
-        duration: The scene's duration [s].
-        seed: The scene's seed.
-        channels: Its channels.
-        folder: The folder of the scene file, from which the paths in it count.
-        start_ns: Time stamp of the scene's start [ns since 1970].
-        shaft: Speed and load, with what the effects add to them.
-        courses: By bearing, the friction that moves in time.
-        sensors: By topic, the sensors with a memory.
-        effects: What changes the signals block after block; blocks come in order, each once.
-        cut: When the recorder ends in mid-write [s]; None: it does not.
-    """
-
-    duration: float
-    seed: int
-    channels: tuple[Channel, ...]
-    folder: Path
-    start_ns: int
-    shaft: Shaft
+    duration: float  # the scene's duration [s]
+    seed: int  # the scene's seed
+    channels: tuple[Channel, ...]  # its channels
+    folder: Path  # the folder of the scene file, from which the paths in it count
+    start_ns: int  # time stamp of the scene's start [ns since 1970]
+    shaft: Shaft  # speed and load, with what the effects add to them
+    # By bearing, the friction that moves in time.
     courses: dict[str, FrictionCourse] = field(default_factory=dict)
-    sensors: dict[str, Sensor] = field(default_factory=dict)
+    sensors: dict[str, Sensor] = field(default_factory=dict)  # by topic, the sensors with a memory
+    # What changes the signals block after block; blocks come in order, each once.
     effects: list[Callable[[TimeBlock], None]] = field(default_factory=list)
-    cut: float | None = None
+    cut: float | None = None  # when the recorder ends in mid-write [s]; None: it does not
     _claimed: set[tuple[str, str]] = field(default_factory=set)
 
     def claim(self, effect: str, place: str = '', part: str = '') -> None:
-        """Take an effect for a topic or a bearing, or for one part of it.
-
-        Raises:
-            SceneError: It has been taken: the effect is listed twice.
-        """
+        """Take an effect for a topic or a bearing, or for one part of it, once."""
         what = f"'{effect}' with {part}" if part else f"'{effect}'"
         if (what, place) in self._claimed:
             raise SceneError(f'effect {what} is listed twice{place}')
         self._claimed.add((what, place))
 
     def pick(self, settings: Settings, quantity: str) -> Iterator[Channel]:
-        """The channels of a quantity that an effect is for: of its ``bearing``, else of all.
-
-        Args:
-            settings: The effect's settings, named as the effect.
-            quantity: ``'speed'``, ``'load'`` or ``'level'``.
-
-        Raises:
-            SceneError: There is no such bearing, or the effect is listed twice for a channel.
-        """
+        """The channels of a quantity that an effect is for: of its ``bearing``, else of all."""
         own = [b.name for b in self._asked(settings)]
         for channel in self.channels:
             if channel.quantity == quantity and any(map(channel.serves, own)):
@@ -91,12 +68,7 @@ class SceneRun:
     def bearings(self, settings: Settings, part: str = '') -> list[BearingConfig]:
         """The bearings that an effect on the lining is for: its ``bearing``, else all.
 
-        Args:
-            settings: The effect's settings, named as the effect.
-            part: What of the bearing it is for, where it may be listed once for each part.
-
-        Raises:
-            SceneError: There is no such bearing, or the effect is listed twice for one.
+        Where it may be listed once for each part of a bearing, ``part`` names it.
         """
         asked = self._asked(settings)
         for config in asked:
@@ -123,10 +95,7 @@ class SceneRun:
     ) -> np.random.Generator:
         """The random stream of an effect, its own whatever else the scene lists.
 
-        Args:
-            settings: The effect's settings, or a section of them.
-            channel: The channel it is for; None where it is one for the whole ship.
-            purpose: What it is for, where an effect needs several.
+        It is for a channel or for the whole ship; ``purpose`` tells several of one effect apart.
         """
         topic = () if channel is None else (channel.topic,)
         effect, _, _ = settings.name.partition('.')
@@ -140,17 +109,11 @@ SensorEffect = Callable[[Settings, Channel, SceneRun], Callable[[Signal], None] 
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """What a scene file may ask for by a name.
+    """What a scene file may ask for by a name."""
 
-    Attributes:
-        stage: When it acts: see :data:`~.registry.STAGES`.
-        keys: The settings it takes.
-        build: Adds it to a run of a scene.
-    """
-
-    stage: str
-    keys: tuple[str, ...]
-    build: Builder
+    stage: str  # when it acts: see ``effects.STAGES``
+    keys: tuple[str, ...]  # the settings it takes
+    build: Builder  # adds it to a run of a scene
 
 
 DECLARED: dict[str, Effect] = {}
@@ -189,13 +152,8 @@ def sensor_effect(
 ) -> Callable[[SensorEffect], SensorEffect]:
     """Declare an effect on sensors, which has a section of settings for each quantity.
 
-    The function returns what changes the signal of each next block, if it is of that kind.
-
-    Args:
-        stage: Its stage.
-        what: What a section says, for the sentence where it is wrong.
-        keys: The keys of a section.
-        quantities: The quantities that it can be for.
+    The function returns what changes the signal of each next block, if it is of that kind. The
+    keys are those of a section; ``what`` it says is for the sentence where it is wrong.
     """
 
     def declare(function: SensorEffect) -> SensorEffect:
@@ -226,11 +184,7 @@ def unit_of(settings: Settings, channel: Channel) -> tuple[str, float]:
 
 
 def require_header(channel: Channel, otherwise: str) -> None:
-    """Refuse a channel whose messages have no time stamp of their own.
-
-    Raises:
-        SceneError: They have none; the sentence says what cannot be ``otherwise``.
-    """
+    """Refuse a channel whose messages have no time stamp, and say what could not be otherwise."""
     if not channel.is_stamped:
         known = ' or '.join(STAMPED_FIELDS)
         raise SceneError(

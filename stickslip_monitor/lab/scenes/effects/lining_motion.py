@@ -19,7 +19,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -28,20 +27,18 @@ from numpy.typing import ArrayLike, NDArray
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError, SceneError
 from stickslip_monitor.lab.scenes.effects.effect import UNITS, SceneRun, effect
-from stickslip_monitor.lab.scenes.friction_course import (
-    STEP,
-    FrictionCourse,
-    parameters_of,
-    with_parameters,
-)
 from stickslip_monitor.lab.scenes.lining import (
     PERIODS,
+    STEP,
     AmplitudeWindows,
     Episodes,
+    FrictionCourse,
     Impulse,
     Lining,
     Regular,
     Walk,
+    parameters_of,
+    with_parameters,
 )
 from stickslip_monitor.lab.scenes.profile import Profile, check_points, read_profile
 from stickslip_monitor.lab.scenes.settings import Settings
@@ -52,7 +49,6 @@ from stickslip_monitor.monitor.assessment import margin
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.offline.truth import BOOL, FLOAT64, STRING, Column, event_text, topic
 from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_speed
-from stickslip_monitor.physics.oscillator import Bearing
 
 # Decimals of margins, of durations [s], as fine as a time stamp, and of amplitudes [m]: beyond
 # them digits may differ between processors, and recordings must not.
@@ -108,15 +104,13 @@ def _operating_point(
 ) -> dict[str, FloatArray]:
     """Speed, load, and the margins with the true friction, each shape (n,)."""
     speed, load = block.shaft.speed(config.name, time), block.shaft.load(config.name, time)
-    step = time // STEP if course.moves else np.zeros(time.size)
-    felt = load * course.factor_at(time)
-    edges = [0, *(np.flatnonzero(np.diff(step)) + 1).tolist(), time.size]
+    step = time // STEP if course.drifts else np.zeros(time.size)
     hopf, fold = np.empty(time.size), np.empty(time.size)
-    for low, high in pairwise(edges):
-        if low < high:
-            bearing = replace(config.bearing, friction=course.shape_at(float(time[low])))
-            hopf[low:high] = hopf_speed(bearing, felt[low:high])
-            fold[low:high] = fold_speed(bearing, felt[low:high])
+    for own in np.split(np.arange(time.size), np.flatnonzero(np.diff(step)) + 1):
+        if own.size:
+            bearing = replace(config.bearing, friction=course.at(float(time[own[0]])))
+            hopf[own] = hopf_speed(bearing, load[own])
+            fold[own] = fold_speed(bearing, load[own])
     margins = {'hopf_margin': hopf, 'fold_margin': fold}
     return {'speed': speed, 'load': load} | {
         name: np.round(margin(np.abs(speed), boundary), _DIGITS)
@@ -137,26 +131,18 @@ LEVEL_FACTORS = {'um': (0, 1e6), 'mm/s': (1, 1e3), 'm/s^2': (2, 1.0), 'g': (2, 1
 @effect('lining', 'bearing', 'disturbance', 'knocks', 'knock_unit', 'amplitude', 'motion')
 def lining_motion(settings: Settings, run: SceneRun) -> None:
     """Follows the lining: records when it sticks and what is asked for, and makes the level."""
-    own = settings.section(
-        'disturbance',
-        ['standard_deviation', 'unit'],
-        'the fluctuation of the load that the lining feels, {standard_deviation, unit}',
-    )
-    unit = own.choice('unit', UNITS['load'])
-    deviation = own.number('standard_deviation', unit, least=0.0)
+    what = 'the fluctuation of the load that the lining feels, {standard_deviation, unit}'
+    disturbance = settings.section('disturbance', ['standard_deviation', 'unit'], what)
+    unit = disturbance.choice('unit', UNITS['load'])
+    deviation = disturbance.number('standard_deviation', unit, least=0.0)
     knocks = _knocks(settings, run.duration)
     for config in run.bearings(settings):
         factor = run.shaft.channel(config.name, 'load').factor(unit)
         blow = _blow(settings, config)
-        lining = Lining(
-            config,
-            run.shaft,
-            run.course(config),
-            factor * deviation,
-            [Impulse(knock.time, knock.impulse * blow) for knock in knocks],
-            random_stream(run.seed, settings.name, config.name),
-            run.duration,
-        )
+        own = [Impulse(knock.time, knock.impulse * blow) for knock in knocks]
+        random = random_stream(run.seed, settings.name, config.name)
+        course = run.course(config)
+        lining = Lining(config, run.shaft, course, factor * deviation, own, random, run.duration)
         followed = FollowedLining(lining, run)
         _ask(followed, settings, run)
         run.effects.append(followed.apply)
@@ -220,12 +206,7 @@ def _level_channel(run: SceneRun, config: BearingConfig, period: float) -> Chann
 
 
 class Pending:
-    """Messages of one topic that are known and not yet due; times do not fall.
-
-    Args:
-        name: The topic.
-        kind: The type of its messages.
-    """
+    """Messages of one topic that are known and not yet due; times do not fall."""
 
     def __init__(self, name: str, kind: str) -> None:
         self._name, self._kind = name, kind
@@ -246,12 +227,7 @@ class Pending:
 
 
 class FollowedLining:
-    """One bearing: its lining, followed block by block, and what is recorded of it.
-
-    Args:
-        lining: The lining.
-        run: The run of the scene.
-    """
+    """One bearing: its lining, followed block by block, and what is recorded of it."""
 
     def __init__(self, lining: Lining, run: SceneRun) -> None:
         self.lining, self._run = lining, run
@@ -270,11 +246,12 @@ class FollowedLining:
 
     def ask_amplitude(self, windows: AmplitudeWindows) -> None:
         """Record the amplitude of some windows."""
-        pending = self._record('amplitude', FLOAT64)
+        self._take_amplitudes(windows, self._record('amplitude', FLOAT64), 1.0)
 
+    def _take_amplitudes(self, windows: AmplitudeWindows, pending: Pending, scale: float) -> None:
         def take(walk: Walk) -> None:
             at, found = windows.amplitudes(walk.displacement, walk.velocity)
-            pending.add(at, np.round(found, _PLACES))
+            pending.add(at, np.round(found, _PLACES) * scale)
 
         self._asked.append((windows, take))
 
@@ -290,12 +267,11 @@ class FollowedLining:
         self._asked.append((instants, take))
 
     def ask_level(self, windows: AmplitudeWindows, channel: Channel) -> None:
-        """Add the effective value of the motion to the level that is sent."""
+        """Add to the level that is sent the RMS value of a harmonic motion of the amplitude."""
         pending, bearing = Pending('level', FLOAT64), self.lining.config.bearing
-
-        def take(walk: Walk) -> None:
-            at, found = windows.amplitudes(walk.displacement, walk.velocity)
-            pending.add(at, effective_value(channel.input.unit, bearing, found))
+        power, factor = LEVEL_FACTORS[channel.input.unit]
+        scale = bearing.natural_frequency**power * factor * math.sqrt(0.5)
+        self._take_amplitudes(windows, pending, scale)
 
         def send(block: TimeBlock) -> None:
             found = pending.due(block.end, block.end == block.duration)
@@ -305,7 +281,6 @@ class FollowedLining:
             own[np.searchsorted(signal.time, found.time)] = found.values
             signal.value[:] = np.hypot(signal.value, own)
 
-        self._asked.append((windows, take))
         self._send_level = send
 
     def apply(self, block: TimeBlock) -> None:
@@ -321,13 +296,9 @@ class FollowedLining:
 
     def _follow(self, end: float) -> None:
         asked = [instants.until(end) for instants, _ in self._asked]
-        times = np.concatenate([np.empty(0), *asked])
-        order = np.argsort(times, kind='stable')
-        walk = self.lining.follow(end, times[order])
-        place = np.argsort(order, kind='stable')
-        parts = np.split(place, np.cumsum([part.size for part in asked])[:-1])
-        for (_, take), own in zip(self._asked, parts, strict=bool(asked)):
-            take(walk.at(own))
+        walk = self.lining.follow(end, np.unique(np.concatenate([np.empty(0), *asked])))
+        for (_, take), own in zip(self._asked, asked, strict=True):
+            take(walk.at(np.searchsorted(walk.time, own)))
         ended, events = self._episodes.see(walk)
         for time, duration in ended:
             self._pending['stick'].add(time, round(duration, _INSTANTS))
@@ -345,10 +316,3 @@ class FollowedLining:
         stamp = self._run.start_ns + round(time * 1e9)
         text = event_text(self.lining.config.name, name, stamp, **more)
         self._pending['events'].add(known, text)
-
-
-def effective_value(unit: str, bearing: Bearing, amplitude: FloatArray) -> FloatArray:
-    """The RMS value in a unit of a harmonic motion with some amplitudes [m]."""
-    power, factor = LEVEL_FACTORS[unit]
-    scale = bearing.natural_frequency**power * factor * math.sqrt(0.5)
-    return np.asarray(np.round(amplitude, _PLACES) * scale)

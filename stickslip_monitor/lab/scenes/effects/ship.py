@@ -105,21 +105,13 @@ def _orders(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Response:
-    """Follows targets: ``dV/dt = (target - V) / time_constant``.
+    """Follows targets: ``dV/dt = (target - V) / time_constant``."""
 
-    Attributes:
-        times: When each target is set, rising, shape (n,) [s].
-        targets: The targets; the first is held before it is set, shape (n,).
-        values: The value when each is set, shape (n,).
-        ways: The integral from 0 until then, shape (n,).
-        time_constant: The lag [s].
-    """
-
-    times: FloatArray
-    targets: FloatArray
-    values: FloatArray
-    ways: FloatArray
-    time_constant: float
+    times: FloatArray  # when each target is set, rising, shape (n,) [s]
+    targets: FloatArray  # the targets; the first is held before it is set, shape (n,)
+    values: FloatArray  # the value when each is set, shape (n,)
+    ways: FloatArray  # the integral from 0 until then, shape (n,)
+    time_constant: float  # the lag [s]
 
     @classmethod
     def to(cls, times: FloatArray, targets: FloatArray, time_constant: float) -> Response:
@@ -190,17 +182,11 @@ def load_in_waves(settings: Settings, channel: Channel, run: SceneRun) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sea:
-    """A sum of cosines.
+    """A sum of cosines."""
 
-    Attributes:
-        amplitude: Amplitude of each [m].
-        frequency: Frequencies, shape (n,) [Hz].
-        phase: Phases at the scene's start, shape (n,) [turns].
-    """
-
-    amplitude: float
-    frequency: FloatArray
-    phase: FloatArray
+    amplitude: float  # amplitude of each [m]
+    frequency: FloatArray  # frequencies, shape (n,) [Hz]
+    phase: FloatArray  # phases at the scene's start, shape (n,) [turns]
 
     @classmethod
     def of(cls, height: float, period: float, gamma: float, random: np.random.Generator) -> Sea:

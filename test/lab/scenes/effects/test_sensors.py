@@ -1,43 +1,119 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What becomes of samples: closed forms, counts by the binomial law, and a plain loop."""
+"""What sensors make of the shaft: closed forms of lag and mean, counts by the binomial law."""
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
-from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.scene import Scene
 from stickslip_monitor.lab.scenes.telemetry import Messages
 
 MakeScene = Callable[..., Scene]
 MessagesOf = Callable[..., dict[str, Messages]]
+Send = Callable[..., tuple[Any, Any]]
 SPEED, LOAD = '/shaft/speed', '/bearing/aft/load'
-RATES = {'speed': {'rate': 100.0}, 'load': {'rate': 100.0}}
-TIME = np.arange(10_001) / 100.0
-RAMP = {'speed_profile': {'unit': 'rpm', 'points': [[0, 60], [100, 20]]}}
-RPM = 60.0 - 0.4 * TIME
-STEADY = {'load_profile': {'unit': 'N', 'points': [[0, 1000]]}}
 
 
 @pytest.fixture
-def send(make_scene: MakeScene, messages_of: MessagesOf) -> Callable[..., Any]:
-    """The numbers that the two sensors send."""
+def send(make_scene: MakeScene, messages_of: MessagesOf) -> Send:
+    """The numbers that the two sensors send, at some rate [Hz]."""
 
-    def numbers(*effects: dict[str, Any], length: float = 60.0) -> Any:
-        scene = make_scene(effects=list(effects), telemetry=RATES)
+    def numbers(
+        *effects: dict[str, Any], rate: float = 100.0, length: float = 60.0
+    ) -> tuple[Any, Any]:
+        rates = {'speed': {'rate': rate}, 'load': {'rate': rate}}
+        scene = make_scene(effects=list(effects), telemetry=rates)
         sent = messages_of(scene, length)
         return sent[SPEED].raw, sent[LOAD].raw
 
     return numbers
 
 
-def test_bias_drifts_by_the_hour(send: Callable[..., Any]) -> None:
+# 60 rpm, then from 20 s on 0.5 rpm/s down.
+CORNER = {'speed_profile': {'unit': 'rpm', 'points': [[20, 60], [100, 20]]}}
+# 14.85 Hz at 99 rpm: sampled once a second it would look like something slow.
+BLADES = {'blade_ripple': {'blades': 9, 'amplitude': 0.1}}
+FAST = {'speed_profile': {'unit': 'rpm', 'points': [[0, 99]]}}
+SECONDS = np.arange(101.0)
+
+
+def filtering(**time_constant: float) -> dict[str, Any]:
+    return {'filtering': {q: {'time_constant': t} for q, t in time_constant.items()}}
+
+
+def averaging(**window: float) -> dict[str, Any]:
+    return {'averaging': {q: {'window': w} for q, w in window.items()}}
+
+
+@pytest.mark.parametrize('tau', [0.003, 0.7, 12.0])
+def test_filter_lags_behind_a_ramp(send: Send, tau: float) -> None:
+    """y = 60 - 0.5 (s - tau (1 - exp(-s/tau))), s the time since the ramp began."""
+    since = np.maximum(SECONDS - 20.0, 0.0)
+    expected = 60.0 - 0.5 * (since - tau * (1.0 - np.exp(-since / tau)))
+    found, _ = send(CORNER, filtering(speed=tau), rate=1.0)
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_filter_weakens_and_delays_ripple(send: Send) -> None:
+    """By 1/sqrt(1 + (omega tau)^2) and atan(omega tau), settled from the first sample on."""
+    tau, omega = 0.05, 2.0 * math.pi * 99.0 / 60.0 * 9.0
+    factor = 1.0 / math.hypot(1.0, omega * tau)
+    phase = omega * SECONDS - math.atan(omega * tau)
+    expected = 99.0 * (1.0 + 0.1 * factor * np.cos(phase))
+    found, _ = send(FAST, BLADES, filtering(speed=tau), rate=1.0)
+    # The grid of 400 Hz takes the ripple for linear between its instants: (omega h)^2 / 12.
+    np.testing.assert_allclose(found, expected, atol=9.9 * factor * (omega / 400.0) ** 2 / 10.0)
+
+
+@pytest.mark.parametrize('window', [0.0123, 1.0, 2.5, 17.3])
+def test_mean_follows_a_ramp(send: Send, window: float) -> None:
+    """The mean of a corner: the ramp's integral is a quarter rpm times the time squared."""
+    late, early = (np.maximum(SECONDS - back - 20.0, 0.0) for back in (0.0, window))
+    expected = 60.0 - 0.25 * (late**2 - early**2) / window
+    found, _ = send(CORNER, averaging(speed=window), rate=1.0)
+    np.testing.assert_allclose(found, expected, atol=2e-5)
+
+
+@pytest.mark.parametrize('window', [0.1, 0.5, 2.0])
+def test_mean_averages_ripple_instead_of_aliasing_it(send: Send, window: float) -> None:
+    """By sin(x)/x with x = omega window / 2, about the middle of the window."""
+    omega = 2.0 * math.pi * 99.0 / 60.0 * 9.0
+    x = 0.5 * omega * window
+    expected = 99.0 + 9.9 * math.sin(x) / x * np.cos(omega * SECONDS - x)
+    found, _ = send(FAST, BLADES, averaging(speed=window), rate=1.0)
+    rate = max(100.0, 20.0 / window)
+    np.testing.assert_allclose(found, expected, atol=3.0 * (omega / rate) ** 2 / x)
+
+
+def test_filter_comes_before_the_mean_and_both_see_no_blocks(send: Send) -> None:
+    """On a long ramp the lag of both together: tau + window/2."""
+    both = [filtering(speed=2.0), averaging(speed=3.0)]
+    one, _ = send(CORNER, *both, rate=1.0)
+    other, _ = send(*reversed(both), CORNER, rate=1.0, length=7.3)
+    assert one.tolist() == other.tolist()
+    np.testing.assert_allclose(one[60:], 60.0 - 0.5 * (SECONDS[60:] - 20.0 - 3.5), rtol=1e-7)
+
+
+def test_load_that_lifts_off_is_averaged_as_it_is(send: Send) -> None:
+    """100 cos, cut off below zero, has the mean 100/pi over a turn."""
+    bent = {'misalignment': {'amplitude': 100.0, 'unit': 'N'}}
+    turning = {'speed_profile': {'unit': 'Hz', 'points': [[0, 0.5]]}}
+    _, found = send(turning, bent, averaging(load=2.0), rate=4.0)
+    np.testing.assert_allclose(found, 100.0 / math.pi, rtol=1e-3)
+
+
+TIME = np.arange(10_001) / 100.0
+RAMP = {'speed_profile': {'unit': 'rpm', 'points': [[0, 60], [100, 20]]}}
+RPM = 60.0 - 0.4 * TIME
+STEADY = {'load_profile': {'unit': 'N', 'points': [[0, 1000]]}}
+
+
+def test_bias_drifts_by_the_hour(send: Send) -> None:
     load = {'bias': -0.02, 'drift': 0.36, 'unit': 'kN'}
     speed, found = send(RAMP, STEADY, {'bias': {'load': load}})
     np.testing.assert_allclose(found, 980.0 + 0.1 * TIME, rtol=1e-12)
@@ -46,7 +122,7 @@ def test_bias_drifts_by_the_hour(send: Callable[..., Any]) -> None:
     np.testing.assert_allclose(speed, RPM + 0.5, rtol=1e-12)
 
 
-def test_quantised_numbers_are_the_nearest_multiples(send: Callable[..., Any]) -> None:
+def test_quantised_numbers_are_the_nearest_multiples(send: Send) -> None:
     speed, _ = send(RAMP, {'quantisation': {'speed': {'step': 0.25, 'unit': 'rpm'}}})
     steps = speed / 0.25
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-9)
@@ -55,14 +131,14 @@ def test_quantised_numbers_are_the_nearest_multiples(send: Callable[..., Any]) -
     assert (speed - RPM).var() == pytest.approx(0.25**2 / 12.0, rel=1e-2)
 
 
-def test_quantisation_comes_after_the_noise(send: Callable[..., Any]) -> None:
+def test_quantisation_comes_after_the_noise(send: Send) -> None:
     noise = {'sensor_noise': {'load': {'standard_deviation': 7.0, 'unit': 'N'}}}
     _, found = send({'quantisation': {'load': {'step': 4, 'unit': 'N'}}}, noise, STEADY)
     np.testing.assert_allclose(found / 4.0, np.rint(found / 4.0), atol=1e-9)
     assert found.std() == pytest.approx(math.sqrt(7.0**2 + 4.0**2 / 12.0), rel=0.04)
 
 
-def test_spikes_are_as_many_and_as_large_as_stated(send: Callable[..., Any]) -> None:
+def test_spikes_are_as_many_and_as_large_as_stated(send: Send) -> None:
     spikes = {'spikes': {'load': {'size': 0.3, 'unit': 'kN', 'share': 0.05}}}
     _, found = send(STEADY, spikes)
     off = np.rint(found - 1000.0)
@@ -78,7 +154,7 @@ def test_spikes_are_as_many_and_as_large_as_stated(send: Callable[..., Any]) -> 
 
 
 @pytest.mark.parametrize('length', [60.0, 7.3, 0.05])
-def test_stuck_sensor_repeats_its_last_value(send: Callable[..., Any], length: float) -> None:
+def test_stuck_sensor_repeats_its_last_value(send: Send, length: float) -> None:
     windows = [[0, 3], [20, 61.5], [61.5, 70], [99, 100]]
     speed, _ = send(RAMP, {'stuck': {'speed': {'windows': windows}}}, length=length)
     expected: list[float] = []
@@ -89,7 +165,7 @@ def test_stuck_sensor_repeats_its_last_value(send: Callable[..., Any], length: f
     assert len(set(speed[2000:7000].tolist())) == 1
 
 
-def test_nan_comes_where_it_is_asked_for(send: Callable[..., Any]) -> None:
+def test_nan_comes_where_it_is_asked_for(send: Send) -> None:
     speed, load = send(
         {
             'not_a_number': {
@@ -110,93 +186,3 @@ def test_effect_may_be_for_one_bearing(make_scene: MakeScene, messages_of: Messa
     sent = messages_of(make_scene(two, effects=[STEADY, {'bias': bias}]))
     assert set(sent['/fwd'].raw.tolist()) == {1005.0}
     assert set(sent[LOAD].raw.tolist()) == {1000.0}
-
-
-def only(name: str, **settings: Any) -> dict[str, Any]:
-    return {name: {'load': settings}}
-
-
-@pytest.mark.parametrize(
-    ('effect', 'sentence'),
-    [
-        (only('bias', unit='N'), "key 'bias.load.bias' is missing: a number [N]"),
-        (
-            only('bias', bias=1, drift='much', unit='N'),
-            "bias.load.drift = 'much' must be a number",
-        ),
-        (
-            only('quantisation', step=0, unit='N'),
-            'quantisation.load.step = 0 must be a number [N] not below',
-        ),
-        (
-            only('spikes', size=1, unit='N'),
-            'spikes.load must have windows, a share of the samples',
-        ),
-        (
-            only('stuck', windows=[]),
-            'stuck.load.windows = [] must be a list of windows [start in s',
-        ),
-        (
-            only('stuck', windows=[[0, 30], [20, 40]]),
-            'stuck.load.windows: window 2 = [20, 40] overlaps or precedes window 1 = [0, 30];'
-            ' windows must follow one another',
-        ),
-        (
-            only('stuck', windows=[[50, 60], [0, 9]]),
-            'window 2 = [0, 9] overlaps or precedes window',
-        ),
-        (only('stuck', windows=[[5, 5]]), 'window 1 = [5, 5] must start before it ends, within'),
-        (
-            only('stuck', windows=[[5, 101]]),
-            'window 1 = [5, 101] must start before it ends, within',
-        ),
-        (only('stuck', windows=[[-1, 5]]), 'window 1 = [-1, 5] must start before it ends, within'),
-        (
-            only('stuck', windows=[5, 6]),
-            'window 1 = 5 must be a pair of numbers, [start in s, end',
-        ),
-        (
-            only('not_a_number', share=0),
-            'not_a_number.load.share = 0 must be a number [-] above 0',
-        ),
-        (
-            only('dropout', share=1.1),
-            'dropout.load.share = 1.1 must be a number [-] above 0 and not',
-        ),
-        (only('dropout'), 'dropout.load must have windows, a share of the samples, or both'),
-        (
-            only('clock_jitter', standard_deviation=-1),
-            'clock_jitter.load.standard_deviation = -1 must be a number [s] not below 0',
-        ),
-        ({'cut_off': {'time': 0}}, 'cut_off.time = 0 must be a number [s] above 0'),
-        (
-            {'cut_off': {'time': 101}},
-            'cut_off.time = 101 must be a number [s] above 0 and not abov',
-        ),
-        (
-            {'clock_jump': {'jumps': [[5, -40]]}},
-            'topic /shaft/speed is std_msgs/msg/Float64, without a time stamp: its clock can only'
-            ' jump forward; use geometry_msgs/msg/TwistStamped or geometry_msgs/msg/WrenchStamped',
-        ),
-        (
-            {'clock_jump': {'jumps': [[5, 0]]}},
-            'clock_jump.jumps: jump 1 is by 0 s, which must not',
-        ),
-        (
-            {'clock_jump': {'jumps': [[5, 1], [4, 1]]}},
-            'clock_jump.jumps: jump 2 is at 4 s, but times must rise',
-        ),
-        (
-            only('out_of_order', delay=1, share=0.1),
-            'topic /bearing/aft/load is std_msgs/msg/Float64, without a time stamp: none of its',
-        ),
-    ],
-)
-def test_wrong_settings_are_named(
-    make_scene: MakeScene, effect: dict[str, Any], sentence: str
-) -> None:
-    with pytest.raises(SceneError, match=re.escape(sentence)):
-        make_scene(effects=[effect])
-    name = next(iter(effect))
-    with pytest.raises(SceneError, match=f"unknown key 'sped' = 1 in {name}"):
-        make_scene(effects=[{name: {'sped': 1}}])

@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-from math import comb
-
 import numpy as np
 import pytest
 
-from stickslip_monitor.physics.motion.step_series import bernstein, first_positive
+from stickslip_monitor.physics.motion.polynomial import first_positive
 
 
 def coefficients(roots: list[float], lead: float = 1.0) -> list[float]:
@@ -15,16 +13,6 @@ def coefficients(roots: list[float], lead: float = 1.0) -> list[float]:
 
 def first(c: list[float]) -> float:
     return first_positive(c, len(c) - 1, [0.0] * len(c))
-
-
-@pytest.mark.parametrize('low', [0.0, 0.3])
-def test_bernstein_coefficients_give_the_polynomial_back(low: float) -> None:
-    c = [0.3, -1.0, 2.0, -0.7, 0.1]
-    b = [0.0] * 5
-    bernstein(c, 4, low, 0.5, b)
-    for u in np.linspace(0.0, 1.0, 7):
-        value = sum(b[i] * comb(4, i) * u**i * (1.0 - u) ** (4 - i) for i in range(5))
-        assert value == pytest.approx(np.polyval(c[::-1], low + 0.5 * u), rel=1e-14, abs=1e-15)
 
 
 @pytest.mark.parametrize('root', [1e-9, 1e-3, 0.3, 0.5, 0.999999, 1.0 - 1e-12])
@@ -43,21 +31,6 @@ def test_two_close_roots_are_not_jumped_over(gap: float) -> None:
 @pytest.mark.parametrize('gap', [0.0, 1e-12, 1e-6])
 def test_a_touch_without_crossing_is_no_event(gap: float) -> None:
     assert first([-0.25 - gap, 1.0, -1.0, 0.0]) == -1.0
-
-
-@pytest.mark.parametrize(
-    ('c', 'expected'),
-    [
-        ([0.0, 0.0, 0.0], -1.0),
-        ([0.0, 0.0, 1.0], 0.0),
-        ([0.0, -1.0, 2.0], 0.5),
-        ([0.0, -1.0, 1.0], -1.0),
-        ([1e-300, -1.0, 0.0], 0.0),
-        ([0.0, 0.0, -1.0, 2.0], 0.5),
-    ],
-)
-def test_starts_at_zero(c: list[float], expected: float) -> None:
-    assert first(c) == pytest.approx(expected, abs=1e-15)
 
 
 def test_random_polynomials_against_a_fine_scan() -> None:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stickslip_monitor.physics.averaging import dimensionless
+from stickslip_monitor.physics.averaging import closed_form
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
 
@@ -31,8 +31,8 @@ def test_growth_and_decline_keep_every_digit(x: float) -> None:
     """``ln(2 I1(x)/x)`` and ``x`` less it, both of which cancel at one end of the range."""
     with mp.workdps(60):
         growth, decline = float(_growth(mp.mpf(x))), float(_decline(mp.mpf(x)))
-    assert float(dimensionless.growth(np.array([x]))[0]) == pytest.approx(growth, rel=2e-15)
-    assert float(dimensionless.decline(np.array([x]))[0]) == pytest.approx(decline, rel=2e-15)
+    assert float(closed_form.growth(np.array([x]))[0]) == pytest.approx(growth, rel=2e-15)
+    assert float(closed_form.decline(np.array([x]))[0]) == pytest.approx(decline, rel=2e-15)
 
 
 @pytest.mark.parametrize('alpha', [1e-7, 1e-4, 0.01, 0.3, 0.5, 1.7, 12.0, 300.0, 9e3, 3e5, 1e8])
@@ -44,7 +44,7 @@ def test_amplitude_for_growth_inverts_the_bessel_function(alpha: float) -> None:
         # What rounding the exact growth to a float moves the amplitude by.
         slope = mp.besseli(2, mp.mpf(alpha)) / mp.besseli(1, mp.mpf(alpha))
         expected = float(mp.mpf(alpha) + (mp.mpf(d) - exact) / slope)
-    got = dimensionless.amplitude_for_growth(np.array([d]))[0]
+    got = closed_form.amplitude_for_growth(np.array([d]))[0]
     assert got == pytest.approx(expected, rel=2e-15)
 
 
@@ -55,7 +55,7 @@ def test_speed_for_decline_inverts_the_bessel_function(v: float) -> None:
         d = float(exact)
         slope = 1 - mp.besseli(2, mp.mpf(v)) / mp.besseli(1, mp.mpf(v))
         expected = float(mp.mpf(v) + (mp.mpf(d) - exact) / slope)
-    got = dimensionless.speed_for_decline(np.array([d]))[0]
+    got = closed_form.speed_for_decline(np.array([d]))[0]
     # Conditioning: at large v the decline is 1.5 ln v, so an ulp of it is ln v ulps of v.
     assert got == pytest.approx(expected, rel=4e-15 * max(1.0, np.log(v)))
 
@@ -65,36 +65,40 @@ def test_both_inversions_are_consistent(d: float) -> None:
     """Round trips through the two functions; the slope turns the residual into an error."""
     decrement = np.array([d])
     alpha, v = (
-        dimensionless.amplitude_for_growth(decrement),
-        dimensionless.speed_for_decline(decrement),
+        closed_form.amplitude_for_growth(decrement),
+        closed_form.speed_for_decline(decrement),
     )
-    assert dimensionless.growth(alpha)[0] == pytest.approx(d, rel=4e-15)
-    assert dimensionless.decline(v)[0] == pytest.approx(d, rel=4e-15)
+    assert closed_form.growth(alpha)[0] == pytest.approx(d, rel=4e-15)
+    assert closed_form.decline(v)[0] == pytest.approx(d, rel=4e-15)
     assert v[0] > d  # growth(v) > 0
     assert alpha[0] > d
 
 
-@pytest.mark.parametrize('v', [1e-5, 0.02, 0.9, 7.0, 150.0, 1e4])
-@pytest.mark.parametrize('excess', [1e-13, 1e-7, 1e-3, 0.2, 2.0])
-def test_harmonic_beyond_limit_is_the_integral(v: float, excess: float, oracle: Any) -> None:
-    theta = float(mp.acos(mp.mpf(v) / (mp.mpf(v) + mp.mpf(excess) * min(v, 1.0))))
-    for r in (0.0, 0.5, 80.0):
-        exact = oracle.harmonic(mp.mpf(v), mp.mpf(v) / mp.cos(mp.mpf(theta)), mp.mpf(r))
-        got = dimensionless.harmonic_beyond_limit(np.array([v]), np.array([theta]), r)[0]
+@pytest.mark.parametrize('v', [1e-5, 0.9, 150.0, 1e4])
+@pytest.mark.parametrize('excess', [1e-13, 1e-3, 2.0])
+def test_the_harmonic_beyond_the_limit_is_the_integral(
+    v: float, excess: float, oracle: Any
+) -> None:
+    alpha = v + excess * min(v, 1.0)
+    for r in (0.0, 80.0):
+        exact = oracle.harmonic(mp.mpf(v), mp.mpf(alpha), mp.mpf(r))
+        got = closed_form.harmonic(Stribeck(1.0 + r, r, 1.0), np.array([v]), np.array([alpha]))[0]
         assert abs(got - exact) < 2e-15 * (1.0 + r)
 
 
-@pytest.mark.parametrize('v', [1e-300, 1e-12, 1e-5, 1e-3, 0.02, 0.5, 2.0, 9.0, 80.0, 1e4])
+@pytest.mark.parametrize('v', [1e-300, 1e-5, 0.02, 2.0, 80.0, 1e4])
 @pytest.mark.parametrize('share', [0.0, 0.6, 0.9999])
 @pytest.mark.parametrize('r', [0.0, 50.0])
-def test_stable_amplitude_is_bracketed(v: float, share: float, r: float, oracle: Any) -> None:
+def test_the_amplitude_of_the_cycle_is_bracketed(
+    v: float, share: float, r: float, oracle: Any
+) -> None:
     """The directly integrated balance changes its sign within 1e-12 of the amplitude.
 
     ``share`` is kappa over its value at the fold; the result never lies inside ``a < V``.
     """
     limit = 2 * mp.exp(-mp.mpf(v)) * mp.besseli(1, mp.mpf(v)) / mp.mpf(v)
     kappa = float(share * limit)
-    alpha = dimensionless.stable_amplitude(np.array([v]), np.array([kappa]), r)[0]
+    alpha = closed_form.amplitude_of_cycle(np.array([v]), np.array([kappa]), r)[0]
     assert alpha >= v
     if v < 1e-9:
         assert alpha == pytest.approx(v, rel=1e-9)  # S/Delta -> v/2: theta is of that order

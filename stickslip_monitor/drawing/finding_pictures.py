@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Draws the published findings: amplitudes over a parameter, stick-slip in time, friction curves.
+
+Every picture has a published statement above its axes, a footnote below them, and a legend that
+names its curves. Figures are unknown to pyplot; :func:`~.canvas.save_figure` writes them. Each
+function raises a ``DrawingError`` where matplotlib is not installed.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stickslip_monitor.arrays import BoolArray, FloatArray
+from stickslip_monitor.drawing.canvas import WIDTH, new_figure, span_words, style
+from stickslip_monitor.drawing.palette import (
+    DASHES,
+    FOLD,
+    HOPF,
+    INK,
+    MUTED,
+    PAPER,
+    REGIME_COLOUR,
+    REGIME_FILL,
+)
+from stickslip_monitor.lab.findings import FrictionCurves, History, Sweep
+from stickslip_monitor.monitor.assessment import Regime
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+EXACT = REGIME_COLOUR[Regime.UNSTABLE]
+SLIDING = REGIME_COLOUR[Regime.STABLE]
+_TALL, _LETTERS = 6.6, 86
+_REGIMES = (Regime.UNSTABLE, Regime.BISTABLE, Regime.STABLE)
+
+
+def _stated_figure(statement: str, footnote: str) -> Figure:
+    figure = new_figure(WIDTH, _TALL)
+    figure.text(
+        0.085, 0.975, textwrap.fill(statement, _LETTERS), ha='left', va='top', size=11.5,
+        weight='bold', linespacing=1.35,
+    )  # fmt: skip
+    figure.text(0.975, 0.012, footnote, ha='right', va='bottom', size=9.0, color=MUTED)
+    return figure
+
+
+def _legend(axes: Axes, columns: int) -> None:
+    """A legend above the axes."""
+    axes.legend(
+        loc='lower left', bbox_to_anchor=(-0.008, 1.0), ncols=columns, frameon=False,
+        fontsize=9.5, handlelength=2.2, columnspacing=1.1, handletextpad=0.5, borderaxespad=0.2,
+    )  # fmt: skip
+
+
+_HEADROOM, _BELOW_ZERO, _FROM_ZERO = 1.16, 0.06, 0.02
+# The error of averaging is shown down to here [%].
+_WORST_SHOWN = -100.0
+
+
+def draw_amplitudes(
+    sweep: Sweep, statement: str, footnote: str, label: str, unit: str = '', scale: float = 1.0
+) -> Figure:
+    """Draw the branches over a parameter and, below them, the error of averaging.
+
+    Args:
+        sweep: The branches.
+        statement: The published statement.
+        footnote: What they hold for.
+        label: The parameter's name and unit.
+        unit: The unit behind a number, with a space before it; may be empty.
+        scale: How many of the sweep's units that is.
+    """
+    with style():
+        figure = _stated_figure(statement, footnote)
+        axes = figure.add_axes((0.085, 0.335, 0.89, 0.465))
+        below = figure.add_axes((0.085, 0.105, 0.89, 0.185))
+        value = sweep.value / scale
+        _frames(axes, below, sweep, value)
+        below.set_xlabel(label)
+        _bands(axes, below, sweep, scale)
+        _branches(axes, sweep, value, scale)
+        _marks(axes, sweep, scale, unit)
+        _errors(below, sweep, value)
+        _legend(axes, 4)
+        return figure
+
+
+def _frames(axes: Axes, below: Axes, sweep: Sweep, value: FloatArray) -> None:
+    top = float(np.nanmax([sweep.exact, sweep.averaged], initial=0.0)) * 1e3 or 1.0
+    low = 0.0 if value[0] < _FROM_ZERO * value[-1] else float(value[0])
+    for each, name in ((axes, 'amplitude [mm]'), (below, 'KBM error [%]')):
+        each.set_xlim(low, float(value[-1]))
+        each.set_ylabel(name)
+        each.yaxis.set_label_coords(-0.065, 0.5)
+    axes.set_ylim(-_BELOW_ZERO * top, _HEADROOM * top)
+    axes.tick_params(labelbottom=False)
+
+
+def _bands(axes: Axes, below: Axes, sweep: Sweep, scale: float) -> None:
+    """Which regime holds where, by the exact boundaries, and steady sliding along zero."""
+    low, high = axes.get_xlim()
+    rising = sweep.hopf < sweep.exact_fold
+    ends = sorted((sweep.hopf / scale, sweep.exact_fold / scale))
+    regimes = _REGIMES if rising else _REGIMES[::-1]
+    words = []
+    for (a, b), regime in zip(pairwise((low, *ends, high)), regimes, strict=True):
+        if b <= a:
+            continue
+        for each in (axes, below):
+            each.axvspan(a, b, color=REGIME_FILL[regime], lw=0.0, zorder=0)
+        stable = regime is not Regime.UNSTABLE
+        axes.plot(
+            (a, b), (0.0, 0.0), color=SLIDING, ls='-' if stable else DASHES, lw=2.4, zorder=3,
+            label='steady sliding' if regime is Regime.STABLE else None,
+        )  # fmt: skip
+        words.append((a, b, regime.value))
+    span_words(axes, words)
+
+
+def _branches(axes: Axes, sweep: Sweep, value: FloatArray, scale: float) -> None:
+    thick: dict[str, Any] = {'color': EXACT, 'lw': 3.0, 'zorder': 4}
+    thin: dict[str, Any] = {'color': INK, 'lw': 1.3, 'zorder': 5}
+    for y, name, look in (
+        (sweep.exact, 'exact, stable', thick),
+        (sweep.exact_unstable, 'exact, unstable', thick | {'ls': (0, (2.6, 1.3))}),
+        (sweep.averaged, 'KBM, stable', thin),
+        (sweep.averaged_unstable, 'KBM, unstable', thin | {'ls': DASHES}),
+    ):
+        axes.plot(value, y * 1e3, label=name, **look)
+    if sweep.reverse.size:
+        axes.plot(
+            sweep.reverse_value / scale, sweep.reverse * 1e3, 's', ms=6.5, mfc=PAPER,
+            mec=SLIDING, mew=1.6, zorder=6, label='unstable, reverse time',
+        )  # fmt: skip
+
+
+def _marks(axes: Axes, sweep: Sweep, scale: float, unit: str) -> None:
+    hopf, fold = sweep.hopf / scale, sweep.exact_fold / scale
+    error = 100.0 * (sweep.averaged_fold / sweep.exact_fold - 1.0)
+    look: dict[str, Any] = {'ls': 'none', 'ms': 7.5, 'mew': 1.4, 'zorder': 7, 'clip_on': False}
+    name = f'Hopf {hopf:.4g}{unit}'
+    axes.plot(hopf, 0.0, marker='o', mec=HOPF, mfc=PAPER, label=name, **look)
+    name = f'fold {fold:.4g}{unit} (KBM {error:+.2g} %)'
+    height = sweep.fold_amplitude * 1e3
+    axes.plot(fold, height, marker='D', mec=FOLD, mfc=FOLD, label=name, **look)
+
+
+def _errors(below: Axes, sweep: Sweep, value: FloatArray) -> None:
+    below.axhline(0.0, color=MUTED, lw=0.8, zorder=2)
+    errors = 100.0 * sweep.error, 100.0 * sweep.unstable_error
+    for error, line in zip(errors, ('-', DASHES), strict=True):
+        below.plot(value, error, color=INK, lw=1.8, ls=line, zorder=4)
+    shown = max(1.08 * float(np.nanmin(errors, initial=-0.1)), _WORST_SHOWN)
+    below.set_ylim(shown, -0.16 * shown)
+
+
+_ROOM, _TANGENT = 1.3, 0.45
+
+
+def draw_friction_laws(curves: FrictionCurves, statement: str, footnote: str) -> Figure:
+    """Draw both laws, ahead and astern, and the slope that damping balances."""
+    with style():
+        figure = _stated_figure(statement, footnote)
+        axes = figure.add_axes((0.085, 0.105, 0.89, 0.695))
+        static, kinetic = curves.law.static, curves.law.kinetic
+        highest = _ROOM * max(static, float(np.max(curves.stribeck)))
+        axes.set_xlim(float(curves.speed[0]), float(curves.speed[-1]))
+        axes.set_ylim(-highest, highest)
+        axes.set_xlabel("relative speed $v = V - x'$ [m/s]")
+        axes.set_ylabel('coefficient of friction [-]')
+        axes.axhline(0.0, color=MUTED, lw=0.8, zorder=1)
+        ahead = curves.speed > 0.0
+        for mu, name, colour, line in (
+            (curves.stribeck, 'Stribeck: falls with speed', SLIDING, '-'),
+            (curves.coulomb, f'Coulomb: $\\mu_k$ = {kinetic:g}', EXACT, DASHES),
+        ):
+            for side, label in ((ahead, name), (~ahead, None)):
+                axes.plot(curves.speed[side], mu[side], color=colour, ls=line, lw=2.6, label=label)
+        name = f'at rest: −$\\mu_s$ to $\\mu_s$ = {static:g}'
+        axes.plot((0.0, 0.0), (-static, static), color=INK, lw=2.6, label=name)
+        speed, coefficient = curves.hopf_speed, curves.hopf_coefficient
+        x = speed * np.array([1.0 - _TANGENT, 1.0, 1.0 + _TANGENT])
+        axes.plot(
+            x, coefficient + curves.hopf_slope * (x - speed), color=INK, lw=1.2, zorder=4,
+            marker='o', markevery=[1], ms=7.5, mec=INK, mew=1.4, mfc=PAPER,
+            label=f'Hopf, $V_H$ = {speed:.4g} m/s: falls by $c/N$ per m/s, what damping can take',
+        )  # fmt: skip
+        _legend(axes, 2)
+        return figure
+
+
+_PERIODS_SHOWN = 3.0
+_AT_BELT = 1e-9
+_MARGIN, _ABOVE = 1.25, 0.2
+
+
+def draw_motion(history: History, statement: str, footnote: str) -> Figure:
+    """Draw the growth, the last periods and the phase portrait, from steady sliding."""
+    with style():
+        figure = _stated_figure(statement, footnote)
+        _growth(figure.add_axes((0.085, 0.615, 0.89, 0.235)), history)
+        _last_periods(figure.add_axes((0.085, 0.105, 0.385, 0.345)), history)
+        _portrait(figure.add_axes((0.575, 0.105, 0.40, 0.345)), history)
+        return figure
+
+
+def _growth(axes: Axes, history: History) -> None:
+    offset = (history.displacement - history.equilibrium) * 1e3
+    scale = _MARGIN * float(np.max(np.abs(offset)))
+    axes.set_xlim(0.0, float(history.time[-1]))
+    axes.set_ylim(-scale, scale)
+    axes.set_xlabel('time [s]', labelpad=2.0)
+    axes.set_ylabel('$x - x_e$ [mm]')
+    axes.plot(history.time, offset, color=EXACT, lw=0.9, label='exact')
+    for sign, name in ((1e3, 'KBM: amplitude, and its cycle'), (-1e3, None)):
+        envelope = sign * history.envelope
+        axes.plot(history.time, envelope, color=INK, lw=1.6, ls=DASHES, label=name)
+    _legend(axes, 2)
+
+
+def _velocity_axis(axes: Axes, velocity: FloatArray, belt: float) -> None:
+    """Velocities [mm/s], with a line at the belt's."""
+    lowest = float(np.min(velocity))
+    axes.set_ylim(1.12 * lowest, belt + _ABOVE * (belt - lowest))
+    axes.set_ylabel("velocity $x'$ [mm/s]")
+    axes.axhline(belt, color=MUTED, lw=1.0, ls=':')
+
+
+def _stick(axes: Axes, x: FloatArray, velocity: FloatArray, sticking: BoolArray) -> None:
+    axes.plot(
+        x, np.where(sticking, velocity, np.nan), color=INK, lw=4.5, solid_capstyle='butt',
+        zorder=5, label="stick, $x' = V$",
+    )  # fmt: skip
+
+
+def _last_periods(axes: Axes, history: History) -> None:
+    begin = float(history.time[-1]) - _PERIODS_SHOWN * history.period
+    shown = history.time >= begin
+    time, velocity = (history.time[shown] - begin) * 1e3, history.velocity[shown] * 1e3
+    sticking = history.sticking[shown]
+    axes.set_xlim(0.0, float(time[-1]))
+    axes.set_xlabel('time, last three periods [ms]')
+    _velocity_axis(axes, velocity, history.speed * 1e3)
+    axes.plot(time, velocity, color=EXACT, lw=2.0)
+    axes.fill_between(
+        time, 0.0, 1.0, where=sticking.tolist(), transform=axes.get_xaxis_transform(),
+        color=REGIME_FILL[Regime.UNSTABLE], lw=0.0, zorder=0,
+    )  # fmt: skip
+    _stick(axes, time, velocity, sticking)
+    _legend(axes, 1)
+
+
+def _portrait(axes: Axes, history: History) -> None:
+    x = (history.cycle_displacement - history.equilibrium) * 1e3
+    velocity, belt = history.cycle_velocity * 1e3, history.speed * 1e3
+    axes.set_xlim(1.3 * float(x.min()), 1.3 * float(x.max()))
+    axes.set_xlabel('$x - x_e$ [mm]')
+    _velocity_axis(axes, velocity, belt)
+    offset = (history.displacement - history.equilibrium) * 1e3
+    axes.plot(offset, history.velocity * 1e3, color=EXACT, lw=0.5, alpha=0.45)
+    axes.plot(x, velocity, color=EXACT, lw=2.4, zorder=4)
+    _stick(axes, x, velocity, np.abs(velocity - belt) <= _AT_BELT * belt)
+    turn = np.linspace(0.0, 2.0 * np.pi, 181)
+    a = history.averaged_amplitude * 1e3
+    ellipse = a * np.cos(turn), -a * history.natural_frequency * np.sin(turn)
+    axes.plot(*ellipse, color=INK, lw=1.3, ls=DASHES, zorder=6)
+    axes.plot(0.0, 0.0, 'o', ms=6.0, mfc=SLIDING, mec='none', zorder=6, label='steady sliding')
+    _legend(axes, 2)

@@ -1,0 +1,422 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every way to get a scene wrong has a sentence that names key, value and rule."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from stickslip_monitor.cli import main
+from stickslip_monitor.errors import SceneError, StickslipError
+from stickslip_monitor.lab.scenes.scene import Scene, load_scene
+
+MakeScene = Callable[..., Scene]
+# What stands in the scene's file in place of its own keys (~: left out), and what is said of it.
+SCENES = [
+    ('{durations: 3}', "unknown key 'durations' = 3; did you mean 'duration'?"),
+    ('{scene: ~}', "not a scene file: it must begin with 'scene: stickslip_monitor/scene/1'"),
+    ('{scene: x/2}', "scene = 'x/2' must be 'stickslip_monitor/scene/1'"),
+    ('{description: ~}', "key 'description' is missing: "),
+    ('{duration: ~}', "key 'duration' is missing: "),
+    ('{start: ~}', "key 'start' is missing: "),
+    ('{seed: ~}', "key 'seed' is missing: "),
+    ('{config: ~}', "key 'config' is missing: "),
+    ('{telemetry: ~}', "key 'telemetry' is missing: "),
+    ('{effects: ~}', "key 'effects' is missing: "),
+    ('{description: 3}', 'description = 3 must be a text'),
+    ('{duration: 0}', 'duration = 0 must be a number [s] above 0'),
+    ('{duration: 5 min}', "duration = '5 min' must be a number [s] above 0"),
+    ('{duration: .nan}', 'duration = nan must be'),
+    ('{duration: .inf}', 'duration = inf must be'),
+    ('{duration: true}', 'duration = True must be'),
+    # Beyond the largest double: Python has no float for it.
+    (f'{{duration: 1{"0" * 400}}}', 'a number [s] above 0 and not above 9.22337e+09, of a size'),
+    ('{start: noon}', "start = 'noon' must be an ISO time"),
+    ('{start: 1.5}', 'start = 1.5 must be an ISO time'),
+    ('{start: 2026-05-04}', 'start = 2026-05-04 must be an ISO time'),
+    ('{start: 1969-12-31 23:59:00}', 'start = 1969-12-31T23:59:00 must lie'),
+    ('{start: 9223372036854775807}', 'must lie, with the whole scene, between'),
+    ('{seed: -1}', 'seed = -1 must be a whole number not below 0'),
+    ('{seed: 1.5}', 'seed = 1.5 must be a whole number not below 0'),
+    ('{telemetry: 3}', 'telemetry = 3 must be a mapping of keys'),
+    ('{telemetry: {speed: {rate: 1}}}', "key 'telemetry.load' is missing"),
+    (
+        '{telemetry: {speed: {rate: 1}, load: {rate: 1}, torque: {}}}',
+        "unknown key 'torque' = {} in telemetry",
+    ),
+    (
+        '{telemetry: {speed: {rate: 1}, load: {rate: -1}}}',
+        'telemetry.load.rate = -1 must be a number [Hz] not below 1e-06 and not above 1000',
+    ),
+    # A period of 1e300 s is longer than any stamp can tell.
+    (
+        '{telemetry: {speed: {rate: 1}, load: {rate: 1.0e-300}}}',
+        'telemetry.load.rate = 1e-300 must be',
+    ),
+    (
+        '{telemetry: {speed: {rate: 1}, load: {hz: 1}}}',
+        "unknown key 'hz' = 1 in telemetry.load",
+    ),
+    ('{effects: {}}', 'effects = {} must be a list'),
+    ('{effects: [speed_profile]}', "effects: entry 1 = 'speed_profile' must be {name:"),
+    ('{effects: [{bias: {}, stuck: {}}]}', 'effects: entry 1 = '),
+    (
+        '{effects: [{sped_profile: {}}]}',
+        "effects: entry 1 is unknown effect 'sped_profile'; did you mean 'speed_profile'?",
+    ),
+]
+DRIFT = 'friction_drift: {parameter: '
+ORDERS = 'manoeuvre: {unit: rpm, time_constant: 8, ahead: {half: 60, full: 90}, orders: '
+LINING = 'lining_motion: {disturbance: {standard_deviation: 1, unit: N}'
+NOISE = 'sensor_noise: {'
+SPEED = 'speed_profile: {unit: '
+STEPS = 'speed_steps: {unit: rpm, rise: '
+WAVES = 'load_in_waves: {load_per_metre: 1, significant_height: '
+# An effect, or two with a dash between them, and what is said of it.
+EFFECTS = [
+    ('speed_profile: ~', 'speed_profile = None must be a mapping of keys'),
+    ('speed_profile: {unit: rpm}', "key 'speed_profile.points' is missing"),
+    ('load_profile: {points: []}', "key 'load_profile.unit' is missing"),
+    (
+        SPEED + 'rpm, points: [[0, 1]]} - ' + SPEED + 'rpm, points: [[0, 1]]}',
+        "effect 'speed_profile' is listed twice for topic /shaft/speed",
+    ),
+    (SPEED + 'knots}', "speed_profile.unit = 'knots' must be one of rpm, rad/s, Hz, m/s"),
+    (SPEED + 'rpm, pionts: []}', "unknown key 'pionts' = [] in speed_profile; did you mean"),
+    (
+        SPEED + 'rpm, points: [[0, 1]], bearing: atf}',
+        "speed_profile.bearing = 'atf' must be one of aft; did you mean 'aft'?",
+    ),
+    (SPEED + 'rpm, points: []}', 'speed_profile.points = [] must be a list of points'),
+    (
+        SPEED + 'rpm, points: [[0, 1, 2]]}',
+        'speed_profile.points: point 1 = [0, 1, 2] must be a pair',
+    ),
+    (
+        SPEED + 'rpm, points: [[0, 1.0e+308]]}',
+        'point 1 = [0, 1e+308] must be a pair of numbers, [time in s, value], of a size up to',
+    ),
+    (SPEED + 'rpm, points: [[0, fast]]}', "points: point 1 = [0, 'fast'] must be a pair"),
+    (SPEED + 'rpm, points: [[0, .nan]]}', 'point 1 = [0, nan] must be a pair of numbers'),
+    (
+        SPEED + 'rpm, points: [[0, 1], [9, 2], [9, 3]]}',
+        'point 3 is at 9 s, but times must rise and the one before is at 9 s',
+    ),
+    (
+        SPEED + 'rpm, points: [[0, 1], [101, 2]]}',
+        'point 2 is at 101 s, outside the scene, which lasts from 0 to 100 s',
+    ),
+    (SPEED + 'rpm, points: [[-1, 1]]}', 'point 1 is at -1 s, outside the scene'),
+    (
+        SPEED + 'rpm, table: x.csv, points: [[0, 1]]}',
+        'speed_profile has points and a table: give one of them',
+    ),
+    (
+        STEPS + '4, steps: [[0, 1], [10, 2], [13, 3]]}',
+        'speed_steps.steps: step 3 is at 13 s, but the one before takes until 14 s',
+    ),
+    (STEPS + '4, steps: [[0, 1], [0, 2]]}', 'step 2 is at 0 s, but times must rise'),
+    (STEPS + '0, steps: [[0, 1]]}', 'speed_steps.rise = 0 must be a number [s] above 0'),
+    (ORDERS + '[[0, full speed]]}', "order 1 is 'full speed', which has no speed in this scene"),
+    (ORDERS + '[[5, stop], [5, stop]]}', 'order 2 is at 5 s, but times must rise'),
+    (ORDERS + '[[101, stop]]}', 'order 1 is at 101 s, outside the scene'),
+    (ORDERS + '[[now, stop]]}', "order 1 is at 'now', which is no time in s"),
+    (ORDERS + '[[0, [stop]]]}', "order 1 is ['stop'], which has no speed in this scene"),
+    (ORDERS + '[stop]}', "order 1 = 'stop' must be a pair, [time in s, 'slow ahead']"),
+    (
+        'manoeuvre: {unit: rpm, time_constant: 8, ahead: {slow: 40, half: 40}, orders: []}',
+        'manoeuvre.ahead.half = 40 must be a number [rpm] above 40',
+    ),
+    (
+        'manoeuvre: {unit: rpm, time_constant: 8, astern: {ful: 7}, orders: []}',
+        "unknown key 'ful' = 7 in manoeuvre.astern; did you mean 'full'",
+    ),
+    (WAVES + '-1, unit: N}', 'significant_height = -1 must be a number [m] not below 0'),
+    (WAVES + '1, peak_period: 0, unit: N}', 'peak_period = 0 must be a number [s] not below 0.1'),
+    (
+        WAVES + '1, peak_period: 8, gamma: 0.5, unit: N}',
+        'gamma = 0.5 must be a number [-] not below 1 and not above 10',
+    ),
+    (WAVES + '1, unit: rpm}', "load_in_waves.unit = 'rpm' must be one of N, kN"),
+    ('blade_ripple: {blades: 4.5, amplitude: 0}', 'blades = 4.5 must be a whole number'),
+    (
+        'blade_ripple: {blades: 4, amplitude: 2}',
+        'blade_ripple.amplitude = 2 must be a number [-] not below 0 and not above 1',
+    ),
+    ('misalignment: {amplitude: -4, unit: N}', 'amplitude = -4 must be a number [N] not below'),
+    (
+        'filtering: {speed: {time_constant: 0}}',
+        'filtering.speed.time_constant = 0 must be a number [s] not below 0.001',
+    ),
+    (
+        'averaging: {load: {window: 601}}',
+        'window = 601 must be a number [s] not below 0.001 and not above 600',
+    ),
+    ('averaging: {}', 'averaging must name speed, load or both'),
+    ('averaging: {speed: {}}', "key 'averaging.speed.window' is missing: a number [s]"),
+    (
+        NOISE + 'load: {standard_deviation: -1, unit: N}}',
+        'sensor_noise.load.standard_deviation = -1 must be a number [N] not below 0',
+    ),
+    (
+        NOISE + 'load: {standard_deviation: 1.0e+308, unit: N}}',
+        'standard_deviation = 1e+308 must be a number [N] not below 0, of a size up to 1e+15',
+    ),
+    (NOISE + 'load: {unit: rpm}}', "sensor_noise.load.unit = 'rpm' must be one of N, kN"),
+    (NOISE + 'sped: 1}', "unknown key 'sped' = 1 in sensor_noise"),
+    ('bias: {load: {unit: N}}', "key 'bias.load.bias' is missing: a number [N]"),
+    (
+        'quantisation: {load: {step: 0, unit: N}}',
+        'quantisation.load.step = 0 must be a number [N] not below',
+    ),
+    (
+        'spikes: {load: {size: 1, unit: N}}',
+        'spikes.load must have windows, a share of the samples, or both',
+    ),
+    ('stuck: {load: {windows: []}}', 'stuck.load.windows = [] must be a list of windows [start'),
+    (
+        'stuck: {load: {windows: [[0, 30], [20, 40]]}}',
+        'stuck.load.windows: window 2 = [20, 40] overlaps or precedes window 1 = [0, 30];'
+        ' windows must follow one another',
+    ),
+    ('stuck: {load: {windows: [[5, 5]]}}', 'window 1 = [5, 5] must start before it ends, within'),
+    ('stuck: {load: {windows: [[5, 101]]}}', 'window 1 = [5, 101] must start before it ends'),
+    ('stuck: {load: {windows: [5, 6]}}', 'window 1 = 5 must be a pair of numbers, [start in s'),
+    ('dropout: {load: {share: 0}}', 'dropout.load.share = 0 must be a number [-] above 0'),
+    ('dropout: {load: {share: 1.1}}', 'share = 1.1 must be a number [-] above 0 and not above'),
+    ('clock_jitter: {load: {standard_deviation: -1}}', '= -1 must be a number [s] not below 0'),
+    ('cut_off: {time: 101}', 'cut_off.time = 101 must be a number [s] above 0 and not above 100'),
+    (
+        'clock_jump: {jumps: [[5, -40]]}',
+        'topic /shaft/speed is std_msgs/msg/Float64, without a time stamp: its clock can only'
+        ' jump forward; use geometry_msgs/msg/TwistStamped or geometry_msgs/msg/WrenchStamped',
+    ),
+    ('clock_jump: {jumps: [[5, 0]]}', 'clock_jump.jumps: jump 1 is by 0 s, which must not'),
+    (
+        'out_of_order: {load: {delay: 1, share: 0.1}}',
+        'topic /bearing/aft/load is std_msgs/msg/Float64, without a time stamp: none of its',
+    ),
+    (
+        DRIFT + 'mass, points: [[0, 1]]}',
+        "friction_drift.parameter = 'mass' must be one of static, kinetic, decay, viscous, factor",
+    ),
+    (
+        DRIFT + 'static, points: [[0, 0.3], [5, -0.1]]}',
+        'friction_drift: static = -0.1 at 5 s must not be negative',
+    ),
+    (DRIFT + 'decay, points: [[0, 10], [5, 0]]}', 'friction_drift at 5 s: decay = 0'),
+    (
+        DRIFT + 'static, points: [[0, 0.3]]} - ' + DRIFT + 'static, points: [[0, 0.3]]}',
+        "effect 'friction_drift' with static is listed twice for bearing aft",
+    ),
+    ('operating_point: {rate: 0}', 'operating_point.rate = 0 must be a number [Hz] above 0'),
+    ('lining_motion: {}', "key 'lining_motion.disturbance' is missing"),
+    (LINING + '} - ' + LINING + '}', "effect 'lining_motion' is listed twice for bearing aft"),
+    (LINING + ', knocks: []}', 'lining_motion.knocks = []'),
+    (LINING + ', knocks: [[4, 1], [3, 1]]}', 'blow 2 is at 3 s, but times must rise'),
+    (LINING + ', knocks: [[100, 1]]}', 'no blow can follow at 100 s, where the scene ends'),
+    (
+        LINING + ', amplitude: {rate: 9.0}}',
+        'lining_motion.amplitude.rate = 9.0 must be a number [Hz] above 0 and not above 7.95775',
+    ),
+    (LINING + ', motion: {rate: -1.0}}', 'lining_motion.motion.rate = -1.0 must be'),
+    (LINING + ', bearing: stern}', "lining_motion.bearing = 'stern' must be one of aft"),
+]
+
+
+@pytest.mark.parametrize(('text', 'sentence'), SCENES, ids=[text[:50] for text, _ in SCENES])
+def test_a_wrong_scene_is_told_in_one_sentence(
+    scene_path: Callable[..., Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    text: str,
+    sentence: str,
+) -> None:
+    path = scene_path(**yaml.safe_load(text))
+    before = set(tmp_path.iterdir())
+    assert main(['simulate', str(path), '-o', str(tmp_path / 'bag')]) == 2
+    out, error = capsys.readouterr()
+    assert out == ''
+    assert error.startswith(f'ERROR: {path}: ')
+    assert sentence in error
+    assert error.count('\n') == 1
+    assert set(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize(('text', 'sentence'), EFFECTS, ids=[text[:70] for text, _ in EFFECTS])
+def test_a_wrong_effect_is_told(make_scene: MakeScene, text: str, sentence: str) -> None:
+    effects = [yaml.safe_load(part) for part in text.split(' - ')]
+    with pytest.raises(SceneError, match=re.escape(sentence)):
+        make_scene(effects=effects)
+
+
+@pytest.mark.parametrize(
+    ('text', 'sentence'),
+    [
+        (
+            'time,value\n0,1\n5,2\n\n5,3\n',
+            ' line 5 is at 5 s, but times must rise and the',
+        ),
+        ('time,value\n0,1\n101,2\n', ' line 3 is at 101 s, outside the scene, which lasts from 0'),
+        ('time,value\n0,fast\n', " line 2 = '0,fast' must be two numbers: time in s, value"),
+        ('time,value\n0,1,2\n', " line 2 = '0,1,2' must be two numbers"),
+        ('time,value\n0,nan\n', ' line 2 = [0.0, nan] must be a pair of numbers'),
+        ('time,value\n', ' has no rows'),
+        ('t,rpm\n0,1\n', " must begin with a line 'time,value'"),
+        (b'\xff\xfe\x00', ' cannot be read: it is not UTF-8 text'),
+        (None, ' cannot be read: No such file or directory'),
+    ],
+)
+def test_a_wrong_table_is_told_with_its_line(
+    make_scene: MakeScene, tmp_path: Path, text: str | bytes | None, sentence: str
+) -> None:
+    path = tmp_path / 'speeds.csv'
+    if text is not None:
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(SceneError, match=re.escape(f"table '{path}'{sentence}")):
+        make_scene(effects=[{'speed_profile': {'unit': 'rpm', 'table': 'speeds.csv'}}])
+
+
+FWD = 'fwd: {load: {topic: /fwd}'
+
+
+@pytest.mark.parametrize(
+    ('bearings', 'sentence'),
+    [
+        (
+            "{aft: {speed: {type: sensor_msgs/msg/JointState, field: 'velocity[0]'}}}",
+            'aft.speed is of type sensor_msgs/msg/JointState in the configuration: a scene can'
+            ' write std_msgs/msg/Float64, geometry_msgs/msg/TwistStamped,'
+            ' geometry_msgs/msg/WrenchStamped only',
+        ),
+        (
+            '{aft: {load: {type: geometry_msgs/msg/WrenchStamped, field: header.seq}}}',
+            "aft.load is field 'header.seq' of geometry_msgs/msg/WrenchStamped in the"
+            ' configuration: a scene can write wrench.force.x, wrench.force.y,',
+        ),
+        (
+            '{aft: {load: {type: geometry_msgs/msg/WrenchStamped, field: wrench.force.z}},'
+            ' fwd: {speed: {topic: /fwd}}}',
+            'topic /bearing/aft/load serves aft and fwd with different types or fields: they',
+        ),
+        (
+            '{aft: {load: {topic: /shaft/speed}}}',
+            'topic /shaft/speed serves aft and aft, as speed and as load: use two topics',
+        ),
+        (
+            '{aft: {}, ' + FWD + ', speed: {scale: 2.0}}}',
+            'topic /shaft/speed serves aft and fwd with different units, scales or offsets',
+        ),
+        (
+            '{aft: {}, ' + FWD + ', speed: {unit: Hz}}}',
+            'topic /shaft/speed serves aft and fwd with different units, scales or offsets',
+        ),
+    ],
+)
+def test_inputs_that_cannot_be_simulated_are_named(
+    make_scene: MakeScene, bearings: str, sentence: str
+) -> None:
+    with pytest.raises(SceneError, match=re.escape(sentence)):
+        make_scene(yaml.safe_load(bearings))
+
+
+def test_bearings_of_one_shaft_must_agree(make_scene: MakeScene) -> None:
+    two: dict[str, Any] = {'aft': {}, 'fwd': {'journal_diameter': 0.2, 'load': {'topic': '/fwd'}}}
+    assert len(make_scene(two).channels) == 3
+    rates = {'speed': {'rate': 10}, 'load': {'rate': 4}}
+    with pytest.raises(SceneError, match='its rate cannot be both 10 and 5 Hz'):
+        make_scene(two, telemetry={'aft': rates, 'fwd': rates | {'speed': {'rate': 5}}})
+    with pytest.raises(SceneError, match=r"key 'telemetry\.fwd' is missing: the rates of"):
+        make_scene(two, telemetry={'aft': rates})
+    profile = {'speed_profile': {'unit': 'm/s', 'points': [[0, 1]]}}
+    with pytest.raises(SceneError, match='unit m/s says nothing about topic /shaft/speed'):
+        make_scene(two, effects=[profile])
+
+
+STAMPED = (
+    '{aft: {speed: {type: geometry_msgs/msg/TwistStamped, field: twist.angular.x},'
+    ' load: {type: geometry_msgs/msg/WrenchStamped, field: wrench.force.z}}}'
+)
+NS = 10**9
+
+
+@pytest.mark.parametrize(
+    ('bearings', 'start', 'jumps', 'number'),
+    [
+        (STAMPED, 20 * NS, [[30, -40], [60, -50]], 2),
+        (STAMPED, (2**31 - 200) * NS, [[30, 10], [60, 100]], 2),
+        ('{aft: {}}', 2**63 - 200 * NS, [[30, 110]], 1),
+    ],
+)
+def test_a_jump_out_of_the_range_of_stamps_is_named(
+    make_scene: MakeScene, bearings: str, start: int, jumps: list[list[float]], number: int
+) -> None:
+    """Headers count seconds in 32 bits with a sign, recorders nanoseconds in 64."""
+    inputs, effects = yaml.safe_load(bearings), [{'clock_jump': {'jumps': jumps}}]
+    sentence = f'clock_jump.jumps: jump {number} takes the clock out of the range of time stamps'
+    with pytest.raises(SceneError, match=re.escape(sentence)):
+        make_scene(inputs, start=start, effects=effects)
+    # Ten seconds less is in the range.
+    jumps[-1][1] *= 0.8
+    make_scene(inputs, start=start, effects=effects)
+    late = (2**31 - 50) * NS
+    with pytest.raises(SceneError, match=r'start = .* in 2038 the time stamps'):
+        make_scene(yaml.safe_load(STAMPED), start=late)
+    make_scene({'aft': {}}, start=late)
+
+
+@pytest.mark.parametrize(
+    ('bearings', 'effect', 'sentence'),
+    [
+        (
+            '{aft: {speed: {maximum: 0.5}}}',
+            'speed_profile: {unit: m/s, points: [[0, 0.4], [40, 0.6]]}',
+            'speed = 0.505 m/s at 21 s is more than topic /shaft/speed can carry:'
+            ' aft.speed.maximum = 0.5 m/s in the configuration',
+        ),
+        (
+            '{aft: {speed: {maximum: 1.0}}, '
+            + FWD
+            + ', journal_diameter: 0.2, speed: {maximum: 1.0}}}',
+            'speed_profile: {unit: rpm, points: [[0, 90], [40, 130]]}',
+            'speed = 1.00531 m/s at 6 s is more than topic /shaft/speed can carry:'
+            ' fwd.speed.maximum = 1 m/s in the configuration',
+        ),
+        (
+            '{aft: {load: {maximum: 900.0}}}',
+            'load_profile: {unit: kN, points: [[0, 1]]}',
+            'load = 1000 N at 0 s is more than topic /bearing/aft/load can carry:'
+            ' aft.load.maximum = 900 N in the configuration',
+        ),
+    ],
+)
+def test_what_the_telemetry_cannot_carry_is_refused(
+    make_scene: MakeScene,
+    messages_of: Callable[..., Any],
+    bearings: str,
+    effect: str,
+    sentence: str,
+) -> None:
+    rates = {'speed': {'rate': 1.0}, 'load': {'rate': 1.0}}
+    scene = make_scene(yaml.safe_load(bearings), effects=[yaml.safe_load(effect)], telemetry=rates)
+    with pytest.raises(SceneError, match=re.escape(sentence)):
+        messages_of(scene, 7.0)
+
+
+def test_files_that_are_no_scenes_are_named(
+    tmp_path: Path, scene_path: Callable[..., Path]
+) -> None:
+    path = tmp_path / 'scene.yaml'
+    for text in ('scene: [', 'a: 1\na: 2\n', '', '3', '[]'):
+        path.write_text(text, 'utf-8')
+        with pytest.raises(SceneError, match=re.escape(str(path))):
+            load_scene(path)
+    with pytest.raises(SceneError, match=r'none\.yaml: No such file'):
+        load_scene(tmp_path / 'none.yaml')
+    with pytest.raises(StickslipError, match=r'other\.yaml: No such file'):
+        load_scene(scene_path(config='other.yaml'))

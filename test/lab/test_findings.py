@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The published findings, statement by statement, against numbers found elsewhere.
+
+Exact amplitudes and folds come from PHYSICS.md, computed there by another program. Scaling laws
+that the code does not use, and scipy's own integrator, check the rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from stickslip_monitor import Coulomb, Stribeck, Tabulated, assess, hopf_speed
+from stickslip_monitor.errors import PhysicsError
+from stickslip_monitor.lab.accuracy.perturbation import averages, taylor_coefficients
+from stickslip_monitor.lab.findings import (
+    REFERENCE,
+    REFERENCE_LOAD,
+    REFERENCE_RPM,
+    History,
+    Sweep,
+    check_point,
+    friction_curves,
+    over_kinetic,
+    over_load,
+    over_speed,
+    reverse_time_amplitudes,
+    stick_slip_history,
+)
+from stickslip_monitor.physics.cycle.cycles import exact_cycle, exact_unstable_cycle
+
+RPM = REFERENCE.speed.factor('rpm')
+V = REFERENCE_RPM * RPM
+LAW = REFERENCE.friction
+OMEGA = 200.0
+
+
+@pytest.fixture(scope='module')
+def speeds() -> Sweep:
+    return over_speed(REFERENCE, REFERENCE_LOAD)
+
+
+@pytest.fixture(scope='module')
+def loads() -> Sweep:
+    return over_load(REFERENCE, V, REFERENCE_LOAD)
+
+
+@pytest.fixture(scope='module')
+def kinetics() -> Sweep:
+    return over_kinetic(REFERENCE, V, REFERENCE_LOAD, points=16)
+
+
+@pytest.fixture(scope='module')
+def history() -> History:
+    return stick_slip_history(REFERENCE, V, REFERENCE_LOAD)
+
+
+# 1. Amplitude against belt speed.
+
+
+def test_the_stable_branches_pass_through_the_known_amplitudes(speeds: Sweep) -> None:
+    rpm = np.array([10.0, 20.0, 30.0, 38.0])
+    exact = np.array([0.296953, 0.556755, 0.804800, 1.000212]) * 1e-3
+    averaged = np.array([0.26352, 0.52688, 0.78708, 0.99499]) * 1e-3
+    alive = speeds.value < speeds.exact_fold
+    for known, column in ((exact, speeds.exact), (averaged, speeds.averaged)):
+        between = np.interp(rpm * RPM, speeds.value[alive], column[alive])
+        assert between == pytest.approx(known, rel=5e-5)
+    assert speeds.hopf == pytest.approx(0.1609438, abs=5e-8)
+    assert speeds.exact_fold / RPM == pytest.approx(40.7179, abs=5e-5)
+    assert speeds.averaged_fold / RPM == pytest.approx(40.7231, abs=5e-5)
+    assert speeds.fold_amplitude == pytest.approx(speeds.exact_fold / OMEGA, rel=2e-3)
+
+
+@pytest.mark.parametrize('parameter', ['speeds', 'loads', 'kinetics'])
+def test_stick_slip_is_on_one_side_of_the_fold(
+    parameter: str, request: pytest.FixtureRequest
+) -> None:
+    """The amplitude rises with speed and load, and falls with the kinetic coefficient."""
+    sweep = request.getfixturevalue(parameter)
+    side = -1.0 if parameter == 'loads' else 1.0
+    trend = -1.0 if parameter == 'kinetics' else 1.0
+    for amplitude, fold in (
+        (sweep.exact, sweep.exact_fold),
+        (sweep.averaged, sweep.averaged_fold),
+    ):
+        # Nearer to the fold than rounding, either side of it counts.
+        alive = side * (fold - sweep.value) > 1e-12 * fold
+        assert np.isfinite(amplitude[alive]).all()
+        assert np.isnan(amplitude[side * (sweep.value - fold) > 1e-12 * fold]).all()
+        assert np.all(trend * np.diff(amplitude[alive]) >= 0.0)
+
+
+def test_the_hopf_is_subcritical_and_the_branches_meet_at_the_fold(speeds: Sweep) -> None:
+    between = (speeds.value > speeds.hopf) & (speeds.value < speeds.exact_fold)
+    unstable = speeds.exact_unstable
+    assert np.isfinite(unstable[between]).all()
+    assert np.isnan(unstable[speeds.value < speeds.hopf]).all()
+    assert np.isnan(unstable[speeds.value > speeds.averaged_fold]).all()
+    assert np.all(np.diff(unstable[between]) > 0.0)
+    assert unstable[between][-1] == pytest.approx(speeds.fold_amplitude, rel=1e-7)
+    # Near the Hopf the amplitude is that of 2 I1(a)/a = kappa exp(v): a^2/8 = v - v_H.
+    first = speeds.value[between][0]
+    expected = np.sqrt(8.0 * 10.0 * (first - speeds.hopf)) / (10.0 * OMEGA)
+    assert unstable[between][0] == pytest.approx(expected, rel=2e-3)
+
+
+def test_reverse_time_finds_the_branch_of_the_return_map(speeds: Sweep) -> None:
+    mapped = exact_unstable_cycle(REFERENCE, speeds.reverse_value, 1000.0).amplitude
+    assert speeds.reverse_value.size == 9
+    np.testing.assert_allclose(speeds.reverse, mapped, rtol=1e-9)
+    found = reverse_time_amplitudes(REFERENCE, np.array([20.0, 34.0, 45.0]) * RPM, 1000.0)
+    assert found == pytest.approx([np.nan, 0.592815e-3, np.nan], abs=6e-10, nan_ok=True)
+
+
+def test_averaging_is_better_at_the_unstable_branch(speeds: Sweep) -> None:
+    """The opposite of the published sentence, in the numbers of docs/physics.md."""
+    rpm = np.array([32.0, 34.0, 36.0, 38.0, 40.0])
+    exact = exact_unstable_cycle(REFERENCE, rpm * RPM, 1000.0).amplitude
+    averaged = assess(REFERENCE, rpm * RPM, 1000.0).threshold_amplitude
+    told = np.array([-0.006, -0.016, -0.025, -0.035, -0.045])
+    assert 100.0 * (averaged / exact - 1.0) == pytest.approx(told, abs=6e-4)
+    error = speeds.error[np.isfinite(speeds.error)]
+    assert error[0] == np.min(error) < -0.2
+    assert np.abs(error[-1]) < 2e-3
+
+
+@pytest.mark.parametrize(
+    ('order', 'told'),
+    [
+        *((order, [np.nan] * 5) for order in (3, 4, 5, 6)),
+        (7, [-39.9, -35.3, -39.9, -45.9, -52.4]),
+        (9, [-2.9, -4.7, -7.7, -11.6, -16.3]),
+    ],
+)
+def test_the_published_polynomial_misses_the_unstable_branch(
+    order: int, told: list[float]
+) -> None:
+    """The likely reason for the published sentence: the expansion, not averaging [%].
+
+    The unstable cycle slips throughout, so with ``alpha = a/V < 1`` the average is the integral of
+    ``mu(1 - alpha cos t) cos t``; it balances damping where it falls short of it inside.
+    """
+    t = np.linspace(0.0, np.pi, 401)
+    errors = []
+    for rpm in (32.0, 34.0, 36.0, 38.0, 40.0):
+        v = rpm * RPM
+        polynomial = taylor_coefficients(LAW, v, order)[::-1]
+
+        def drive(alpha: float, v: float = v, polynomial: np.ndarray = polynomial) -> float:
+            mu = np.polyval(polynomial, 1.0 - alpha * np.cos(t))
+            force = np.trapezoid(mu * np.cos(t), t) / np.pi
+            return float(1000.0 * force / alpha - 0.5 * 400.0 * v)
+
+        inside, outside = drive(1e-3), drive(1.0)
+        if not inside < 0.0 < outside:
+            errors.append(np.nan)
+            continue
+        amplitude = brentq(drive, 1e-3, 1.0) * v / OMEGA
+        exact = exact_unstable_cycle(REFERENCE, np.array([v]), 1000.0).amplitude[0]
+        errors.append(100.0 * (amplitude / exact - 1.0))
+    assert errors == pytest.approx(told, abs=0.05, nan_ok=True)
+    # The same average as that of the ladder's polynomial, which begins at the belt's speed.
+    assert averages(polynomial[::-1], 1.0 + 1e-12)[0] * 1000.0 == pytest.approx(
+        drive(1.0) + 200.0 * v, rel=1e-5
+    )
+
+
+# 2. Amplitude against normal force.
+
+
+def test_the_amplitude_rises_slowly_with_the_load(loads: Sweep) -> None:
+    assert loads.value[-1] / loads.averaged_fold == pytest.approx(6.0)
+    # Six times the load, a third more vibration; by averaging 2 %.
+    assert loads.exact[-1] / loads.fold_amplitude == pytest.approx(1.33, abs=0.01)
+    assert loads.averaged[-1] / loads.fold_amplitude == pytest.approx(1.02, abs=0.01)
+
+
+def test_at_low_load_there_is_only_the_equilibrium(loads: Sweep) -> None:
+    assert loads.averaged_fold == pytest.approx(498.0, abs=0.5)
+    # Only N Delta counts at a speed; I1e(x) from its integral, by the trapezoidal rule.
+    x, t = 10.0 * V, np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
+    kappa = 2.0 * float(np.mean(np.exp(x * (np.cos(t) - 1.0)) * np.cos(t))) / x
+    assert loads.averaged_fold == pytest.approx(400.0 / (0.2 * 10.0 * kappa), rel=1e-10)
+    assert loads.exact_fold == pytest.approx(loads.averaged_fold, rel=1e-4)
+    assert hopf_speed(REFERENCE, loads.hopf) == pytest.approx(V, rel=1e-12)
+    assert np.isfinite(exact_cycle(REFERENCE, V, loads.exact_fold * (1 + 1e-9)).amplitude)
+    assert np.isnan(exact_cycle(REFERENCE, V, loads.exact_fold * (1 - 1e-9)).amplitude)
+
+
+# 3. Amplitude against the kinetic friction coefficient.
+
+
+def test_beyond_a_kinetic_coefficient_of_a_fifth_there_is_only_the_equilibrium(
+    kinetics: Sweep, loads: Sweep
+) -> None:
+    """The exact cycle depends on ``N (mu_s - mu_k)`` only, which the sweeps do not know."""
+    assert kinetics.averaged_fold == pytest.approx(0.2003, abs=5e-5)
+    assert kinetics.exact_fold == pytest.approx(0.2003, abs=5e-5)
+    assert kinetics.value[-1] > 0.22
+    load = 1000.0 * (0.3 - kinetics.value) / 0.2
+    stable = exact_cycle(REFERENCE, V, load).amplitude
+    np.testing.assert_allclose(kinetics.exact, stable, rtol=1e-9)
+    inside = np.isfinite(kinetics.exact_unstable)
+    assert inside.any()
+    unstable = exact_unstable_cycle(REFERENCE, V, load[inside]).amplitude
+    # Next to the Hopf, 1e-9 away, rounding of the coefficient counts.
+    np.testing.assert_allclose(kinetics.exact_unstable[inside], unstable, rtol=1e-8, atol=1e-12)
+    fold = 1000.0 * (0.3 - kinetics.exact_fold) / 0.2
+    assert fold == pytest.approx(loads.exact_fold, rel=1e-9)
+
+
+# 4. Time history and phase portrait.
+
+
+def test_stick_slip_grows_out_of_a_small_disturbance(history: History) -> None:
+    """Until the first stick the motion is smooth, and scipy has it; its crests follow KBM."""
+    offset = history.displacement - history.equilibrium
+    assert offset[0] == pytest.approx(0.05 * history.averaged_amplitude)
+    first = int(np.argmax(history.sticking))
+    early = history.time[: first - 10]
+
+    def flow(_: float, y: np.ndarray) -> list[float]:
+        friction = 1000.0 * float(LAW.coefficient(V - y[1]))
+        return [y[1], (friction - 400.0 * y[1] - 2.0e6 * y[0]) / 50.0]
+
+    start = [float(history.displacement[0]), 0.0]
+    found = solve_ivp(
+        flow, (0.0, early[-1]), start, method='DOP853', rtol=1e-11, atol=1e-14, t_eval=early
+    )
+    np.testing.assert_allclose(history.displacement[: early.size], found.y[0], atol=1e-10)
+    period = 2.0 * np.pi / OMEGA
+    for begin in np.arange(2, 20, 3) * period:
+        turn = (history.time >= begin) & (history.time <= begin + period)
+        crest = int(np.argmax(np.where(turn, offset, -np.inf)))
+        assert offset[crest] == pytest.approx(history.envelope[crest], rel=0.02)
+
+
+def test_the_stick_phase_is_the_straight_piece_at_belt_speed(history: History) -> None:
+    assert history.sticking.any()
+    np.testing.assert_allclose(history.velocity[history.sticking], V, rtol=1e-12)
+    assert np.max(history.velocity) <= V * (1.0 + 1e-12)
+    straight = np.abs(history.cycle_velocity - V) <= 1e-12 * V
+    assert np.mean(straight) == pytest.approx(history.stick_fraction, abs=0.01)
+    # While it sticks the lining is carried V t: nothing else decides the length of the piece.
+    carried = np.ptp(history.cycle_displacement[straight])
+    assert carried == pytest.approx(V * history.stick_fraction * history.period, rel=0.02)
+
+
+def test_the_history_ends_on_the_exact_cycle(history: History) -> None:
+    assert history.period == pytest.approx(31.5903e-3, abs=5e-8)
+    assert history.exact_amplitude == pytest.approx(0.556755e-3, abs=6e-10)
+    last = history.time > history.time[-1] - history.period
+    motion = np.column_stack([history.displacement[last] * OMEGA, history.velocity[last]])
+    cycle = np.column_stack([history.cycle_displacement * OMEGA, history.cycle_velocity])
+    distance = np.hypot(*(motion[:, None] - cycle[None]).transpose(2, 0, 1)).min(axis=1)
+    assert np.max(distance) < 6e-3 * V
+
+
+# 5. The friction curves.
+
+
+def test_the_two_friction_curves() -> None:
+    curves = friction_curves(REFERENCE, 1000.0)
+    ahead = curves.speed > 0.0
+    np.testing.assert_allclose(curves.stribeck, -curves.stribeck[::-1])
+    np.testing.assert_array_equal(np.abs(curves.coulomb), 0.1)
+    expected = 0.1 + 0.2 * np.exp(-10.0 * curves.speed[ahead])
+    np.testing.assert_allclose(curves.stribeck[ahead], expected)
+    assert curves.hopf_slope == pytest.approx(-400.0 / 1000.0, rel=1e-12)
+    assert curves.hopf_coefficient == pytest.approx(0.14, rel=1e-12)
+
+
+def test_with_constant_friction_nothing_starts_by_itself() -> None:
+    coulomb = replace(REFERENCE, friction=Coulomb(0.3, 0.1))
+    speed = np.array([1.0, 5.0, 20.0]) * RPM
+    assert np.isnan(hopf_speed(coulomb, 1000.0))
+    assert np.isnan(assess(coulomb, speed, 1000.0).amplitude).all()
+    # Yet a lining that once sticks goes on sticking, at low speed.
+    assert np.isfinite(exact_cycle(coulomb, speed, 1000.0).amplitude).tolist() == [1, 1, 0]
+
+
+# Tables and refusals.
+
+
+def test_the_table_of_a_sweep_has_every_point_once(speeds: Sweep) -> None:
+    columns = speeds.columns('surface_speed [m/s]')
+    speed = columns['surface_speed [m/s]']
+    assert speed.size == speeds.value.size + 9
+    assert np.all(np.diff(speed) >= 0.0)
+    assert {column.size for column in columns.values()} == {speed.size}
+    reverse = columns['reverse_time_unstable_amplitude [m]']
+    np.testing.assert_array_equal(reverse[np.isfinite(reverse)], speeds.reverse)
+    np.testing.assert_array_equal(speed[np.isfinite(reverse)], speeds.reverse_value)
+
+
+TABLE = Tabulated([0.0, 0.1], [0.3, 0.1])
+
+
+@pytest.mark.parametrize(
+    ('changes', 'rpm', 'load', 'words'),
+    [
+        ({'friction': Coulomb(0.3, 0.1)}, 20.0, 1e3, 'friction law = coulomb must be stribeck'),
+        ({'friction': TABLE}, 20.0, 1e3, 'friction law = tabulated must be stribeck'),
+        ({'friction': Stribeck(0.2, 0.2, 10.0)}, 20.0, 1e3, 'has no fold'),
+        ({'damping': 0.0}, 20.0, 1e3, 'load = 1000 N has no fold'),
+        ({}, 20.0, 100.0, 'load = 100 N has no fold'),
+        ({}, 35.0, 1e3, 'speed = 35 rpm must lie between 0 and the Hopf speed, 30.738 rpm'),
+        ({}, 0.0, 1e3, 'speed = 0 rpm must lie'),
+        ({}, -20.0, 1e3, 'speed = -20 rpm must lie'),
+    ],
+)
+def test_a_point_without_the_findings_is_refused(
+    changes: dict[str, object], rpm: float, load: float, words: str
+) -> None:
+    with pytest.raises(PhysicsError) as error:
+        check_point(replace(REFERENCE, **changes), rpm * RPM, load)  # type: ignore[arg-type]
+    assert words in str(error.value)
