@@ -45,7 +45,7 @@ _DOUBTFUL = 0.5
 _SURPRISING = 0.025
 _LAST, _TOO_MANY = 10, 3
 # Normal scores of the last ends, whose sum is beyond this with half a per cent.
-_RUN, _ONE_SIDED = 5, 2.8
+_SHORTEST_RUN, _LONGEST_RUN, _ONE_SIDED = 3, 5, 2.8
 _JUDGES = 256
 _LIMIT_SHARE, _LIMIT_FACTOR = 0.99, 1.5
 _LOADS, _PRIOR_DRAWS = 5, 512
@@ -169,9 +169,10 @@ class Calibration:
     def _has_changed(self) -> bool:
         """Whether many of the last dips surprise, or the last episodes end on one side."""
         surprising = sum(one.surprising for one in self.dips[-_LAST:])
-        late = [end.late for one in self.dips for end in one.ends][-_RUN:]
+        late = [end.late for one in self.dips for end in one.ends][-_LONGEST_RUN:]
         scores = ndtri(np.clip(late, 1e-6, 1.0 - 1e-6))
-        one_sided = len(late) == _RUN and abs(scores.sum()) > _ONE_SIDED * math.sqrt(_RUN)
+        runs = range(_SHORTEST_RUN, len(late) + 1)
+        one_sided = any(abs(scores[-n:].sum()) > _ONE_SIDED * math.sqrt(n) for n in runs)
         return surprising >= _TOO_MANY or one_sided
 
     @property
