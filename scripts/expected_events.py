@@ -7,11 +7,10 @@ knows the Stribeck law without viscous rise. With ``K = N Delta beta / c``, ``w 
 
     growth rate                   g = (c/2m) (K exp(-w) - 1)
     within (1 + m) times the fold K 2 I1e(x)/x > 1,  x = w/(1 + m)
-    amplitude above A             N S(a; V) > c a/2,  a = omega A; for a <= V always, since
-                                  a cycle, where there is one, is larger than V
-    S(a; V) = (1/pi) integral_0^pi mu(V - a cos t) cos t dt, in two pieces about arccos(V/a)
 
-The rule of docs/alarms.md is followed from sample to sample in the plainest way: the growth of a
+and the amplitude of a stick-slip cycle is half the stroke of its slip phase, integrated by scipy
+from break-away to its end. The rule of the decision (docs/alarms.md) is
+followed from sample to sample in the plainest way: two means of the speed, the growth of a
 disturbance, the time since the fold, and a counter for each condition.
 """
 
@@ -20,11 +19,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.special import ive
 
@@ -33,15 +34,13 @@ from stickslip_monitor.bags.values import Request
 from stickslip_monitor.lab.scenes.scene import Scene
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.physics.oscillator import Bearing
 
 # Noise of this many standard deviations, on both signals at once, is allowed for.
 SIGMAS = 4.0
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
-# Averaging gives amplitudes that are up to 2 % too small from 30 rpm on (docs/findings.md).
-_AVERAGED = 0.98
-# A cycle outlives the fold by so many 2 m/c; what returns within so many off-delays is held for as
-# many; lags of the speed's two means [s].
-_DECAY, _HOLD, _FAST, _SLOW = 4.8, 6.0, 1.0, 4.0
+# The decision's constants: docs/alarms.md, "Why these numbers".
+_DECAY, _HOLD, _FAST, _SLOW = 4.8, 6, 1.0, 4.0
+_SLOW_ON, _SLOW_OFF = 4, 30
 _LADDER = ('normal', 'caution', 'bistable', 'stick_slip', 'amplitude_limit')
 
 FloatArray = NDArray[np.float64]
@@ -95,11 +94,8 @@ def expected_events(scene: Scene, bag: Bag) -> list[ExpectedEvent]:
     return sorted(found, key=lambda event: event.time)
 
 
-def boundaries(config: BearingConfig, small: float = 1.0) -> dict[str, Inside]:
-    """By name, functions of speed [m/s] and load [N] that are above 0 inside a boundary.
-
-    Averaging takes amplitudes for ``small`` times what they are.
-    """
+def boundaries(config: BearingConfig) -> dict[str, Inside]:
+    """By name, functions of speed [m/s] and load [N] that are above 0 inside a boundary."""
     bearing, alarm, law = config.bearing, config.alarm, config.bearing.friction
     if not isinstance(law, Stribeck) or law.viscous:
         raise ValueError(f'{config.name}: closed forms need a Stribeck law without viscous rise')
@@ -117,10 +113,9 @@ def boundaries(config: BearingConfig, small: float = 1.0) -> dict[str, Inside]:
 
     def amplitude(limit: float) -> Inside:
         def inside(speed: float, load: float) -> float:
-            a = bearing.natural_frequency * limit
-            if a <= speed:
-                return 1.0
-            return load * _work(law, a, speed) - bearing.damping * a / 2.0
+            if fold(0.0)(speed, load) <= 0.0:
+                return -1.0
+            return _amplitude(bearing, speed, load) / limit - 1.0
 
         return inside
 
@@ -136,23 +131,37 @@ def boundaries(config: BearingConfig, small: float = 1.0) -> dict[str, Inside]:
         'caution_clear': fold(alarm.caution_margin + alarm.hysteresis),
     }
     if math.isfinite(alarm.amplitude_limit):
-        found['amplitude'] = amplitude(small * alarm.amplitude_limit)
-        found['amplitude_clear'] = amplitude(
-            small * alarm.amplitude_limit * (1.0 - alarm.hysteresis)
-        )
+        found['amplitude'] = amplitude(alarm.amplitude_limit)
+        found['amplitude_clear'] = amplitude(alarm.amplitude_limit * (1.0 - alarm.hysteresis))
     return {name: turning(inside) for name, inside in found.items()}
 
 
-def _work(law: Stribeck, a: float, speed: float) -> float:
-    """``S(a; V)`` for ``a > V > 0``."""
-    turn = math.acos(speed / a)
-    total = 0.0
-    for low, high, sign in ((0.0, turn, -1.0), (turn, math.pi, 1.0)):
-        t = 0.5 * (high - low) * _NODES + 0.5 * (high + low)
-        slip = np.abs(speed - a * np.cos(t))
-        friction = law.kinetic + (law.static - law.kinetic) * np.exp(-law.decay * slip)
-        total += sign * 0.5 * (high - low) * float(_WEIGHTS @ (friction * np.cos(t)))
-    return total / math.pi
+@lru_cache(4096)
+def _amplitude(bearing: Bearing, speed: float, load: float) -> float:
+    """Half the stroke of the slip phase of a stick-slip cycle [m]."""
+    law, m, c, k = bearing.friction, bearing.mass, bearing.damping, bearing.stiffness
+
+    def motion(_: float, state: FloatArray) -> list[float]:
+        x, v = state
+        slip = abs(speed - v)
+        friction = law.kinetic + (law.static - law.kinetic) * math.exp(-law.decay * slip)
+        return [v, (load * friction - c * v - k * x) / m]
+
+    def crest(_: float, state: FloatArray) -> float:
+        return float(state[1])
+
+    def trough(_: float, state: FloatArray) -> float:
+        return float(state[1])
+
+    crest.direction, trough.direction = -1.0, 1.0  # type: ignore[attr-defined]
+    trough.terminal = True  # type: ignore[attr-defined]
+    start = [(load * law.static - c * speed) / k, speed]
+    span = 20.0 * math.sqrt(m / k) + 10.0 * abs(start[0]) / speed
+    slip = solve_ivp(
+        motion, (0.0, span), start, 'DOP853', events=(crest, trough), rtol=1e-9, atol=1e-12
+    )
+    (high,), (low,) = slip.y_events
+    return float(high[0] - low[0]) / 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -196,10 +205,14 @@ def noise(scene: Scene, config: BearingConfig) -> tuple[float, float]:
             if quantity in settings:
                 section = settings.value(quantity, '')
                 unit, size = section['unit'], section['standard_deviation']
-                is_load = quantity == 'load'
-                factor = factors[unit] if is_load else config.bearing.speed.factor(unit)
+                own_factors = factors if quantity == 'load' else {}
+                factor = own_factors.get(unit) or config.bearing.speed.factor(unit)
                 deviation[quantity] = size * factor
     return deviation['speed'], deviation['load']
+
+
+def _shifted(inside: Inside, speed_error: float, load_error: float) -> Inside:
+    return lambda speed, load: inside(speed + speed_error, load + load_error)
 
 
 def _roots(inside: Inside, track: Track) -> list[tuple[float, bool]]:
@@ -215,16 +228,12 @@ def _roots(inside: Inside, track: Track) -> list[tuple[float, bool]]:
 
 def _of_bearing(scene: Scene, config: BearingConfig, track: Track) -> Iterator[ExpectedEvent]:
     """Follow the rule without noise, and with it at its worst on both signals."""
-    rates = {
-        channel.quantity: channel.rate
-        for channel in scene.channels
-        if config in channel.bearings and channel.quantity != 'level'
-    }
+    rates = [channel.rate for channel in scene.channels if config in channel.bearings]
     spread = noise(scene, config)
     nominal = _follow(config, track, rates, 0.0, 0.0)
     shifted = [
-        _follow(config, track, rates, up * spread[0], more * spread[1], small)
-        for up, more, small in product((-SIGMAS, SIGMAS), (-SIGMAS, SIGMAS), (1.0, _AVERAGED))
+        _follow(config, track, rates, up * spread[0], more * spread[1])
+        for up, more in product((-SIGMAS, SIGMAS), repeat=2)
     ]
     if any([row[1:] for row in other] != [row[1:] for row in nominal] for other in shifted):
         raise ValueError(f'{config.name}: noise decides which alarms are due')
@@ -238,11 +247,8 @@ def _of_bearing(scene: Scene, config: BearingConfig, track: Track) -> Iterator[E
             boundary=boundary,
             crossing=crossing,
             time=time,
-            earliest=min(times) - 1.0 / max(rates.values()),
-            # An amplitude is worked out once a second.
-            latest=max(times)
-            + sum(1.0 / rate for rate in rates.values())
-            + (1.0 if 'amplitude_limit' in (_LADDER[before], _LADDER[after]) else 0.0),
+            earliest=min(times) - 1.0 / max(rates),
+            latest=max(times) + sum(1.0 / rate for rate in rates),
         )
 
 
@@ -254,48 +260,34 @@ def _crossing(
     name = (None, 'caution', 'fold', 'hopf', 'amplitude')[after] if raised else 'fold'
     name = 'caution_clear' if not raised and after == 0 else name
     assert name is not None
+    near = np.abs(track.time - time) < 60.0
+    track = Track(track.time[near], track.speed[near], track.load[near])
     roots = [at for at, is_in in _roots(boundaries(config)[name], track) if is_in is raised]
     return name, min(roots, key=lambda at: abs(at - time), default=0.0)
 
 
 def _follow(
-    config: BearingConfig,
-    track: Track,
-    rates: dict[str, float],
-    speed_error: float,
-    load_error: float,
-    small: float = 1.0,
+    config: BearingConfig, track: Track, rates: list[float], speed_error: float, load_error: float
 ) -> list[tuple[float, int, int]]:
-    """The changes of rung of a track sampled at some rates [Hz]: time [s], before, after."""
-    period = 1.0 / max(rates.values())
-    rule = _Rule(config, period, 1.0 / rates['speed'], speed_error, small)
-    speeds: list[float] = []
-    loads: list[float] = []
+    """The changes of rung of a track sampled at two rates [Hz]: time [s], before, after."""
+    rate = max(rates)
+    rule = _Rule(config, 1.0 / rate, 1.0 / min(rates), speed_error, load_error)
     found, rung = [], 0
-    for k in range(math.floor(float(track.time[-1]) / period + 1e-9) + 1):
-        # Each value holds until the next of its input.
-        at_speed, at_load = (
-            math.floor(k * period * rate + 1e-9) / rate for rate in (rates['speed'], rates['load'])
-        )
-        if at_speed > k * period - 1e-9:
-            speeds = [*speeds[-2:], track.at(at_speed)[0] + speed_error]
-        if at_load > k * period - 1e-9:
-            loads = [*loads[-2:], track.at(at_load)[1] + load_error]
-        before, rung = rung, rule.take(speeds, loads)
+    for k in range(math.floor(float(track.time[-1]) * rate + 1e-9) + 1):
+        before, rung = rung, rule.take(*track.at(k / rate))
         if rung != before:
-            found.append((k * period, before, rung))
+            found.append((k / rate, before, rung))
     return found
 
 
 class _Counter:
-    """A condition that changes after a net time; what returns soon is held for longer."""
+    """A condition with its delays, held longer where it comes back soon."""
 
     def __init__(self, on_delay: float, off_delay: float) -> None:
         self.on_delay, self.off_delay = on_delay, off_delay
-        self.on = False
+        self.on = self.held = False
         self.seconds = 0.0
         self.cleared = -math.inf
-        self.hold = 1.0
 
     def count(self, up: bool, seconds: float) -> None:
         """Time passes after a point that asks for a change, or not."""
@@ -303,104 +295,138 @@ class _Counter:
 
     def look(self, asks: bool, now: float) -> None:
         """Change where a point asks for it and the delay is over."""
-        if not asks or self.seconds < self.hold * (self.off_delay if self.on else self.on_delay):
-            return
-        self.on, self.seconds, self.hold = not self.on, 0.0, 1.0
-        if not self.on:
-            self.cleared = now
-        elif now - self.cleared < _HOLD * self.off_delay:
-            self.hold = _HOLD
+        hold = _HOLD * self.off_delay
+        due = self.on_delay if not self.on else hold if self.held else self.off_delay
+        if asks and self.seconds >= due - 1e-9:
+            self.on, self.seconds = not self.on, 0.0
+            self.held = self.on and now - self.cleared < hold
+            self.cleared = self.cleared if self.on else now
 
 
 class _Rule:
-    """The rule of the decision on the samples of one bearing, without a level or a belief.
+    """The rule of the decision on the samples of one bearing.
 
     Args:
         config: The bearing.
         period: Of the input that comes more often [s].
-        pace: Period of the speed [s].
-        speed_error: Contained in each speed [m/s].
-        small: See :func:`boundaries`.
+        rhythm: Period of the other one [s].
+        speed_error: Added to each speed [m/s].
+        load_error: Added to each load [N].
     """
 
     def __init__(
-        self, config: BearingConfig, period: float, pace: float, speed_error: float, small: float
+        self,
+        config: BearingConfig,
+        period: float,
+        rhythm: float,
+        speed_error: float,
+        load_error: float,
     ) -> None:
         alarm, bearing = config.alarm, config.bearing
-        self.alarm, self.period, self.pace = alarm, period, pace
-        self.still = config.speed.deadband
+        self.alarm, self.period, self.rhythm = alarm, period, rhythm
         self.half = bearing.damping / (2.0 * bearing.mass)
-        self.inside = boundaries(config, small)
-        # To half a rounding of the sum of periods.
-        on = max(alarm.on_delay_ns * 1e-9, 4.0 * pace) - 1e-6
-        self.off = max(alarm.off_delay_ns * 1e-9, 30.0 * pace) - 1e-6
-        delays = [on, on, 0.0 if alarm.onset_growth else on, on]
-        self.counters = [_Counter(own, self.off) for own in delays]
-        self.decay = _DECAY / self.half if alarm.onset_growth else 0.0
-        self.sticking = False
-        self.growth = self.dying = self.idle = self.now = 0.0
-        self.fast = self.slow = math.nan
-        self.before: tuple[float, bool, bool, list[tuple[bool, bool]]] | None = None
-        self.speed_error = speed_error
-
-    def take(self, speeds: list[float], loads: list[float]) -> int:
-        """Take the last three values of each input, at the next instant; return the rung."""
-        if self.before is not None:
-            self._pass(*self.before)
-        speed, load = (sorted(values)[len(values) // 2] for values in (speeds, loads))
-        still = speeds[-1] - self.speed_error <= self.still
-        depths = {
-            name: -1.0 if still else inside(speed, load) for name, inside in self.inside.items()
+        self.inside = {
+            name: _shifted(own, speed_error, load_error)
+            for name, own in boundaries(config).items()
         }
-        rate = -self.half if still else self.half * self.inside['hopf'](speeds[-1], loads[-1])
-        self._follow(speed)
-        beyond = not still and depths['fold'] <= 0.0
-        self._judge(rate, beyond, still)
-        asks = self._asks(depths, speed, load, still)
-        for counter, own in zip(self.counters, asks, strict=True):
-            counter.look(own[counter.on], self.now)
-        self.before = rate, beyond, still, asks
+        self.speed_error = speed_error
+        on = max(alarm.on_delay_ns * 1e-9, _SLOW_ON * period)
+        off = max(alarm.off_delay_ns * 1e-9, _SLOW_OFF * period)
+        self.counters = [_Counter(0.0 if rung == 2 else on, off) for rung in range(4)]
+        self.sticking = False
+        self.grown = self.gone = self.rate = 0.0
+        self.speeds: list[float] = []
+        self.loads: list[float] = []
+        self.fast = self.slow = 0.0
+        self.depths: dict[str, float] = {}
+        self.asks = [False] * 4
+        self.sizes: dict[str, float] = {}
+        self.sized = -math.inf
+        self.now = -period
+
+    def take(self, speed: float, load: float) -> int:
+        """Take a sample of each input; return the rung."""
+        self.now += self.period
+        self.speeds = [*self.speeds[-2:], speed + self.speed_error]
+        self.loads = [*self.loads[-2:], load]
+        own_speed, own_load = (
+            sorted(own)[1] if len(own) > 2 else own[-1] for own in (self.speeds, self.loads)
+        )
+        self._follow_speed(own_speed)
+        if self.now < self.rhythm - 0.5 * self.period:
+            return 0  # the slower input has not come yet
+        self._pass()
+        # Errors are in the boundaries already.
+        self.depths = {
+            name: inside(own_speed - self.speed_error, own_load)
+            for name, inside in self.inside.items()
+            if not name.startswith('amplitude')
+        }
+        running = self.sticking and self.depths['fold'] > 0.0
+        if running and self.now - self.sized >= 1.0 - 1e-9:
+            self.sized = self.now
+            own = ('amplitude', 'amplitude_clear')
+            self.sizes = {
+                name: self.inside[name](own_speed - self.speed_error, own_load)
+                for name in own
+                if name in self.inside
+            }
+        self.depths |= self.sizes
+        self.rate = self.half * self.inside['hopf'](speed, load)
+        self._latch()
+        asked = self._asks(own_load)
+        self.asks = [own[counter.on] for counter, own in zip(self.counters, asked, strict=True)]
+        for counter, own in zip(self.counters, self.asks, strict=True):
+            counter.look(own, self.now)
+        self.asks = [
+            own[counter.on] and asks
+            for counter, own, asks in zip(self.counters, asked, self.asks, strict=True)
+        ]
         on = [counter.on for counter in self.counters]
         on[3] = on[3] and on[2]
         return max((k for k, own in enumerate(on, 1) if own), default=0)
 
-    def _pass(self, rate: float, beyond: bool, still: bool, asks: list[tuple[bool, bool]]) -> None:
-        """The period after the point before has passed."""
-        self.now += self.period
-        if self.sticking:
-            self.dying = max(0.0, self.dying + (self.period if beyond else -self.period))
-            self.idle = max(0.0, self.idle + (self.period if still else -self.period))
-        else:
-            self.growth = max(0.0, self.growth + rate * self.period)
-        for counter, own in zip(self.counters, asks, strict=True):
-            counter.count(own[counter.on], self.period)
-
-    def _follow(self, speed: float) -> None:
-        """Two lags of the speed [1 s and 4 s], whose difference is its slope."""
-        if math.isnan(self.fast):
+    def _follow_speed(self, speed: float) -> None:
+        if len(self.speeds) == 1:
             self.fast = self.slow = speed
-        self.fast += (speed - self.fast) * (1.0 - math.exp(-self.period / _FAST))
-        self.slow += (speed - self.slow) * (1.0 - math.exp(-self.period / _SLOW))
+        self.fast += (speed - self.fast) * -math.expm1(-self.period / _FAST)
+        self.slow += (speed - self.slow) * -math.expm1(-self.period / _SLOW)
 
-    def _judge(self, rate: float, beyond: bool, still: bool) -> None:
-        """Whether stick-slip runs."""
-        if not self.sticking:
-            if rate > 0.0 and self.growth >= self.alarm.onset_growth:
-                self.sticking, self.dying, self.idle = True, 0.0, 0.0
-        elif (beyond and self.dying >= self.decay - 1e-6) or (still and self.idle >= self.off):
-            self.sticking, self.growth = False, 0.0
+    def _pass(self) -> None:
+        """The period after the point before has passed."""
+        if not self.depths:
+            return
+        grown = self.grown + self.rate * self.period
+        self.grown = 0.0 if self.sticking else max(0.0, grown)
+        inside = self.depths['fold'] > 0.0
+        self.gone = max(0.0, self.gone + (-self.period if inside else self.period))
+        for counter, own in zip(self.counters, self.asks, strict=True):
+            counter.count(own, self.period)
 
-    def _asks(
-        self, depths: dict[str, float], speed: float, load: float, still: bool
-    ) -> list[tuple[bool, bool]]:
+    def _latch(self) -> None:
+        if self.sticking:
+            over = self.gone >= _DECAY / self.half - 1e-9
+            self.sticking = self.depths['fold'] > 0.0 or not over
+        elif self.rate > 0.0 and self.grown >= self.alarm.onset_growth:
+            self.sticking, self.gone = True, 0.0
+
+    def _asks(self, load: float) -> list[tuple[bool, bool]]:
         """For each condition whether it holds, and whether it is clear of it."""
-        sticking = self.sticking
-        slope = (self.fast - self.slow) / (_SLOW - _FAST)
-        future = speed + slope * self.alarm.look_ahead_ns * 1e-9
-        comes = not still and self.inside['fold'](max(future, 1e-9), load) > 0.0
-        coming = sticking or comes
+        sticking, depths = self.sticking, self.depths
+        coming = sticking or self._coming(load)
         inside = sticking or depths['fold'] > 0.0
+        if not sticking:
+            self.sizes, self.sized = {}, -math.inf
         over = sticking and depths.get('amplitude', -1.0) > 0.0
         small = not sticking or depths.get('amplitude_clear', -1.0) <= 0.0
         near, wide = (coming or depths[n] > 0.0 for n in ('caution', 'caution_clear'))
         return [(near, not wide), (inside, not inside), (sticking, not sticking), (over, small)]
+
+    def _coming(self, load: float) -> bool:
+        """Whether the slope of the speed leads below the fold within the time looked ahead."""
+        slope = (self.fast - self.slow) / (_SLOW - _FAST)
+        future = self._middle() + slope * self.alarm.look_ahead_ns * 1e-9
+        return self.inside['fold'](max(future, 1e-9) - self.speed_error, load) > 0.0
+
+    def _middle(self) -> float:
+        return sorted(self.speeds)[1] if len(self.speeds) > 2 else self.speeds[-1]

@@ -14,9 +14,10 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from trade_off import Curve, TradeOff, draw_trade_offs
+
 from stickslip_monitor.commands.score_scenes import FIGURES, RULES, judge_all, written
 from stickslip_monitor.drawing.canvas import save_figure
-from stickslip_monitor.drawing.trade_off import Curve, TradeOff, draw_trade_offs
 from stickslip_monitor.lab.voyages import BELOW_FOLD, BELOW_HOPF, OURS, Call, Voyage
 from stickslip_monitor.lab.warning_quality import Quality, pooled
 from stickslip_monitor.monitor.config import BEARING_PARAMETERS, AlarmConfig

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -21,19 +19,3 @@ def caches(tmp_path_factory: pytest.TempPathFactory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv('XDG_CACHE_HOME', str(tmp_path_factory.mktemp('caches')))
         yield
-
-
-@pytest.fixture
-def placed(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """The labellers of the pictures that a test draws."""
-    from stickslip_monitor.drawing.labels import Labeller
-
-    made: list[Any] = []
-    start = Labeller.__init__
-
-    def remember(self: Labeller, axes: Any) -> None:
-        start(self, axes)
-        made.append(self)
-
-    monkeypatch.setattr(Labeller, '__init__', remember)
-    return made

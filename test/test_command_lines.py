@@ -51,11 +51,12 @@ LINES = {(page.relative_to(ROOT).as_posix(), line) for page in PAGES for line in
 COMMANDS = sorted({' '.join(line.split()) for _, line in LINES if line.startswith('stickslip ')})
 # Those that need a cluster, a ship's bus or a node are run in test/offline, test/links and
 # test/ros, which have one; a line with an ellipsis is a pattern.
-# The quick page's lines build on one another.
+# Those of the quick page build on one another.
+QUICK = ROOT / 'docs' / 'quick.md'
 RUN = [
     line
     for line in COMMANDS
-    if not re.search(r'--scheduler| watch | health|\.\.\.|slow_down', line)
+    if not re.search(r'--scheduler| watch | health|\.\.\.', line) and line not in lines_of(QUICK)
 ]
 
 
@@ -124,6 +125,9 @@ def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / 'my_scene.yaml').write_text(
         scene.read_text('utf-8').replace('../', 'launch_configs/'), 'utf-8'
     )
+    shutil.copy(ROOT / 'launch_configs' / 'examples' / 'slow_down.yaml', folder)
+    program = start('stickslip simulate slow_down.yaml -o slow_down', folder)
+    assert program.wait(timeout=300.0) == 0
     (folder / 'token').write_text('abcdefghijklmnopqrstuvwxyz0123456789\n')
     (folder / 'token').chmod(0o600)
     return folder
@@ -162,7 +166,7 @@ def test_command_line_runs_as_written(line: str, scratch: Path) -> None:
 @pytest.mark.slow
 def test_the_quick_page_leads_to_the_first_alarm(tmp_path: Path) -> None:
     (tmp_path / 'launch_configs').symlink_to(ROOT / 'launch_configs')
-    (block,) = re.findall(r'^```\n(.*?)^```', (ROOT / 'docs/quick.md').read_text(), re.M | re.S)
+    block = QUICK.read_text('utf-8').partition('```\n')[2].partition('```')[0]
     lines = [re.sub(r'\s+#\s.*', '', line) for line in block.splitlines()]
     for line in lines:
         if line.startswith('cp '):

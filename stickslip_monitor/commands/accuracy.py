@@ -137,17 +137,9 @@ def _panel_marks(points: list[tuple[str, str, int, float, float]]) -> tuple[Meth
     alone = [seconds if count == 1 else math.nan for _, _, count, seconds, _ in points]
     front = pareto(alone, errors)
     return tuple(
-        MethodMark(_short(name), family, seconds, errors[i], i in front, count > 1)
-        for i, (name, family, count, seconds, _) in enumerate(points)
+        MethodMark(family, seconds, errors[i], i in front, count > 1)
+        for i, (_, family, count, seconds, _) in enumerate(points)
     )
-
-
-def _short(name: str) -> str:
-    """The part of a method's name that its family's colour does not tell."""
-    for head in ('harmonic balance, ', 'KBM, polynomial of ', 'tanh '):
-        if name.startswith(head):
-            return name.removeprefix(head).replace(' m/s', '')
-    return name
 
 
 def footnote(rows: Sequence[Row]) -> str:

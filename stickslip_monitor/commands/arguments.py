@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable
 
 from stickslip_monitor.commands.declared import TABLE, add_config, add_force, add_output
-from stickslip_monitor.drawing.map_curves import Range
+from stickslip_monitor.drawing.map import Range
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.files import PICTURES
 from stickslip_monitor.monitor.config import LOAD_UNITS, BearingConfig, MonitorConfig

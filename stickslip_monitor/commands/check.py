@@ -135,45 +135,26 @@ def _run(
     if args.bearing is not None:
         config = replace(config, bearings=(config.bearing(args.bearing),))
     if args.mcap is not None:
-        _check_mcap(args.mcap, bags)
+        if len(bags) > 1:
+            raise BagError(f"recording of verdicts '{args.mcap}' is for one bag, not {len(bags)}")
+        from stickslip_monitor.offline.verdict_bag import check_target
+
+        check_target(args.mcap)
     source = _source(args.learn, config)
     report = ending(args.report, REPORTS) if args.report else None
     task = Task(config, report, args.mcap, args.clips, source)
     # A folder's bags are a list, even where it holds one only.
     listed = len(bags) > 1 or bags != [Path(path) for path in args.bags]
-    output = _Output(args, listed)
-    if listed or args.scheduler is not None or args.resume is not None:
-        for found in _check_many(task, bags, args, meter):
-            output.take(found)
-    else:
-        output.take(_check_alone(task, bags[0], args.json, meter, shown))
+    output = _Output(args, listed, shown)
+    for found in _check_all(task, bags, args, meter):
+        output.take(found)
+    if not listed and output.failed:
+        return output.code
     if source is not None:
         output.tell(_lessons(args, config, source, output.evidence, meter))
     output.finish(config)
     say_written(args.report, args.mcap)
     return output.code
-
-
-def _check_alone(
-    task: Task, bag: Path, as_json: bool, meter: ProgressBar, shown: str | None
-) -> Found:
-    """Check the only bag.
-
-    Raises:
-        BagError: It cannot be checked; where JSON is asked for, its object is printed.
-    """
-    from stickslip_monitor.commands.check_results import attempt
-
-    found = attempt(task, bag, meter.show)
-    meter.hide()
-    if shown is not None:
-        found.document['path'] = shown
-    if found.error is not None:
-        text = found.error if shown is None else found.error.replace(str(bag), shown)
-        if as_json:
-            print_json(found.document | {'error': text})
-        raise BagError(text)
-    return found
 
 
 class _Output:
@@ -182,35 +163,45 @@ class _Output:
     Args:
         args: What is to be printed and written.
         listed: Whether JSON is a list, for several bags.
+        shown: What the only bag is called, where its path means nothing to anybody.
 
     Attributes:
         code: The exit code so far: 1 after a warning, 2 after a bag that could not be checked.
+        failed: Whether a bag could not be checked.
         evidence: Of each bag, to be learned from.
     """
 
-    def __init__(self, args: argparse.Namespace, listed: bool) -> None:
-        self._args, self._listed = args, listed
+    def __init__(self, args: argparse.Namespace, listed: bool, shown: str | None) -> None:
+        self._args, self._listed, self._shown = args, listed, shown
         self._coloured = sys.stdout.isatty() and 'NO_COLOR' not in os.environ
         self._documents: list[dict[str, Any]] = []
         self._parts: list[RecordingPart] = []
         self.evidence: list[dict[str, Evidence | str]] = []
-        self.code = 0
+        self.code, self.failed = 0, False
 
     def take(self, found: Found) -> None:
         """Take up one bag."""
         from stickslip_monitor.commands.check_results import to_text
 
-        self._documents.append(found.document)
+        document, error = found.document, found.error
+        if self._shown is not None:
+            error = error and error.replace(document['path'], self._shown)
+            document['path'] = self._shown
+        self._documents.append(document)
         self.evidence.append(found.evidence)
         self.code = max(self.code, found.code)
+        place = printable(document['path'])
+        if error:
+            document['error'], self.failed = error, True
+            where = f'{place}: ' if self._listed else ''
+            sys.stderr.write(f'ERROR: {where}{printable(error)}\n')
+            if self._args.json and not self._listed:
+                print_json(document)
+        elif not self._args.json:
+            sys.stdout.write(to_text(document, self._coloured, line_width()))
+            sys.stdout.flush()
         if found.part is not None:
             self._parts.append(found.part)
-        if not (self._args.json or found.error):
-            sys.stdout.write(to_text(found.document, self._coloured, line_width()))
-            sys.stdout.flush()
-        place = printable(found.document['path'])
-        if found.error:
-            sys.stderr.write(f'ERROR: {place}: {printable(found.error)}\n')
         for name in found.unjudged:
             sys.stderr.write(
                 f'ERROR: {place}: nothing is known of {name}: no message gave an operating point\n'
@@ -341,25 +332,19 @@ def _check_options(args: argparse.Namespace) -> None:
             )
 
 
-def _check_mcap(path: str, bags: Sequence[Path]) -> None:
-    if len(bags) > 1:
-        raise BagError(f"recording of verdicts '{path}' is for one bag, not {len(bags)}")
-    from stickslip_monitor.offline.verdict_bag import check_target
-
-    check_target(path)
-
-
-# --- many bags: on the cores of this machine, or on a cluster's ----------------------------------
-
-
-def _check_many(
+def _check_all(
     task: Task, bags: Sequence[Path], args: argparse.Namespace, meter: ProgressBar
 ) -> Iterator[Found]:
     """What came of each bag, in the order asked for."""
     # Processes and clusters are not needed for one bag, and cost time to import.
-    from stickslip_monitor.commands.check_results import Found, key_of
+    from stickslip_monitor.commands.check_results import Found, attempt, key_of
     from stickslip_monitor.offline.archive import stamp_of
 
+    if len(bags) == 1 and args.scheduler is None and args.resume is None:
+        found = attempt(task, bags[0], meter.show)
+        meter.hide()
+        yield found
+        return
     if args.scheduler is not None:
         bags = [bag.absolute() for bag in bags]
     stamps = [stamp_of(bag) for bag in bags]
@@ -367,11 +352,10 @@ def _check_many(
     keys = [key_of(task, bag, stamp) for bag, stamp in zip(bags, stamps, strict=True)]
     with contextlib.closing(_Kept(args.resume)) as kept:
         known = ((n, kept.documents[key]) for n, key in enumerate(keys) if key in kept.documents)
-        left = [n for n, key in enumerate(keys) if key not in kept.documents]
-        calls = {keys[number]: (task, bags[number]) for number in left}
+        calls = {n: (task, bags[n]) for n, key in enumerate(keys) if key not in kept.documents}
         waiting: dict[int, Found] = {}
         following = done = 0
-        with contextlib.closing(_called(calls, left, keys, args, meter)) as arriving:
+        with contextlib.closing(_called(calls, keys, args, meter)) as arriving:
             told = itertools.chain(((n, Found(document)) for n, document in known), arriving)
             for count, (number, outcome) in enumerate(told, 1):
                 waiting[number] = _as_found(task, bags[number], outcome)
@@ -385,13 +369,12 @@ def _check_many(
 
 
 def _called(
-    calls: dict[str, tuple[Task, Path]],
-    left: Sequence[int],
+    calls: dict[int, tuple[Task, Path]],
     keys: Sequence[str],
     args: argparse.Namespace,
     meter: ProgressBar,
 ) -> Generator[tuple[int, Any], None, None]:
-    """The number of each bag that is left, as it is done, and what came of it."""
+    """The number of each bag that is to be checked, as it is done, and what came of it."""
     from stickslip_monitor.commands.check_results import attempt
     from stickslip_monitor.offline.processes import core_count, run_in_processes
 
@@ -399,35 +382,33 @@ def _called(
     if args.scheduler is not None:
         from stickslip_monitor.offline.fleet import connected, on_cluster
 
-        numbers = {keys[number]: number for number in left}
+        numbers = {keys[number]: number for number in calls}
+        named = {keys[number]: call for number, call in calls.items()}
         with connected(args.scheduler) as client:
-            for key, outcome in on_cluster(client, attempt, calls):
+            for key, outcome in on_cluster(client, attempt, named):
                 yield numbers[key], outcome
     elif jobs == 1:
-        for number in left:
-            yield number, attempt(*calls[keys[number]], meter.show)
+        for number, call in calls.items():
+            yield number, attempt(*call, meter.show)
     else:
-        all_ = [calls[keys[number]] for number in left]
-        with contextlib.closing(run_in_processes(attempt, all_, jobs)) as arriving:
+        numbers_left = list(calls)
+        with contextlib.closing(run_in_processes(attempt, list(calls.values()), jobs)) as arriving:
             for place, outcome in arriving:
-                yield left[place], outcome
+                yield numbers_left[place], outcome
 
 
 def _as_found(task: Task, bag: Path, outcome: Any) -> Found:
-    from concurrent.futures.process import BrokenProcessPool
+    from stickslip_monitor.commands.check_results import Found, failed
 
-    from stickslip_monitor.commands.check_results import failed
-
-    if isinstance(outcome, BrokenProcessPool):
+    if isinstance(outcome, Found):
+        return outcome
+    if type(outcome).__name__ == 'BrokenProcessPool':
         return failed(task, bag, 'the process that checked it died (was there enough memory?)')
     if isinstance(outcome, MemoryError):
         return failed(task, bag, 'there is not enough memory for it')
     if isinstance(outcome, StickslipError | OSError):
         return failed(task, bag, cause(outcome))
-    if isinstance(outcome, BaseException):
-        return failed(task, bag, program_fault(outcome), faulty=True)
-    found: Found = outcome
-    return found
+    return failed(task, bag, program_fault(outcome), faulty=True)
 
 
 class _Kept:

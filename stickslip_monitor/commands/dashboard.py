@@ -22,8 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 
-from stickslip_monitor.drawing.map import map_ranges
-from stickslip_monitor.drawing.map_curves import boundaries
+from stickslip_monitor.drawing.map import boundaries, map_ranges
 from stickslip_monitor.errors import AlarmStateError, ConfigurationError, DashboardError, RosError
 from stickslip_monitor.links.link_config import is_loopback
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig

@@ -11,10 +11,9 @@ import argparse
 
 from stickslip_monitor.commands.arguments import add_drawing, parse_load, speed_range, the_bearing
 from stickslip_monitor.commands.declared import say_written
-from stickslip_monitor.drawing.branches import bifurcation_diagram, diagram_columns
 from stickslip_monitor.drawing.canvas import save_figure, write_csv
-from stickslip_monitor.drawing.diagram import draw_diagram
-from stickslip_monitor.drawing.map_curves import diagram_speeds
+from stickslip_monitor.drawing.diagram import bifurcation_diagram, diagram_columns, draw_diagram
+from stickslip_monitor.drawing.map import diagram_speeds
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.config_file import load_config
 

@@ -19,8 +19,7 @@ from stickslip_monitor.commands.arguments import (
 )
 from stickslip_monitor.commands.declared import add_input, say_written
 from stickslip_monitor.drawing.canvas import save_figure, write_csv
-from stickslip_monitor.drawing.map import draw_map, map_ranges
-from stickslip_monitor.drawing.map_curves import boundaries, map_columns
+from stickslip_monitor.drawing.map import boundaries, draw_map, map_columns, map_ranges
 from stickslip_monitor.drawing.track import Track, track_of_scan
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig

@@ -48,6 +48,7 @@ from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.offline.follow import WholeBag, scan_whole
+from stickslip_monitor.offline.intervals import condition_intervals
 from stickslip_monitor.offline.truth import TruthRecord, has_truth, read_truth
 
 SCHEMA = 'stickslip_monitor/score/1'
@@ -297,13 +298,11 @@ def _draw(path: str, judged: Sequence[Judged], force: bool) -> None:
             ' --bearing where it has several'
         )
     from stickslip_monitor.drawing.canvas import save_figure
-    from stickslip_monitor.drawing.judged_timeline import LiningTruth, draw_score
+    from stickslip_monitor.drawing.timeline import LiningTruth, Timeline, draw_timeline
 
     (one,) = judged
     record = one.truth
     lining = LiningTruth(
-        start_ns=record.start_ns,
-        end_ns=record.end_ns,
         episodes=record.episodes,
         margin_ns=record.fold_margin.time_ns,
         hopf_margin=record.hopf_margin.value,
@@ -311,5 +310,8 @@ def _draw(path: str, judged: Sequence[Judged], force: bool) -> None:
         amplitude_ns=record.amplitude.time_ns,
         amplitude=record.amplitude.value,
     )
-    save_figure(draw_score(Path(one.path).name, one.config, one.scan, lining), path, force)
+    spells = condition_intervals(one.scan.events, record.start_ns, record.end_ns)
+    title = f'{Path(one.path).name}: {one.config.name}'
+    timeline = Timeline(one.config, one.scan, spells, lining, title)
+    save_figure(draw_timeline(timeline), path, force)
     say_written(path)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stickslip_monitor.drawing.canvas import HEIGHT, WIDTH, new_figure, style
+from stickslip_monitor.drawing.canvas import labelled, style
 from stickslip_monitor.drawing.palette import DASHES, FOLD, HOPF, INK, MUTED, PAPER, REGIME_COLOUR
 from stickslip_monitor.errors import plural
 from stickslip_monitor.lab.calibration.calibrate import Calibration, DipResult
@@ -34,8 +34,10 @@ def draw_calibration(config: BearingConfig, found: Calibration) -> Figure:
     load, rpm = np.linspace(0.6 * low, 1.4 * high, _LOADS), config.bearing.speed.factor('rpm')
     before, now = found.prior_belief(), found.belief()
     with style():
-        figure = new_figure(WIDTH, HEIGHT)
-        axes = figure.add_subplot()
+        title = (
+            f'{config.name}: {plural(len(found.dips), "dip")}, {plural(found.episodes, "episode")}'
+        )
+        figure, axes = labelled('shaft speed [rpm]', 'load [N]', title=title)
         fastest, doubtful = 0.0, False
         for dip in found.dips:
             fastest = max(fastest, float(dip.dip.speed.max()) / rpm)
@@ -60,12 +62,6 @@ def draw_calibration(config: BearingConfig, found: Calibration) -> Figure:
         top = max(1.15 * max(highest.values()), fastest)
         axes.set_xlim(0.0, min(top, 2.0 * highest['fold'] + 1.0))
         axes.set_ylim(float(load[0]), float(load[-1]))
-        axes.set_xlabel('shaft speed [rpm]')
-        axes.set_ylabel('load [N]')
-        title = (
-            f'{config.name}: {plural(len(found.dips), "dip")}, {plural(found.episodes, "episode")}'
-        )
-        axes.set_title(title, loc='left', fontsize=11.0)
         axes.legend(loc='best', frameon=True, fontsize=9.0)
     return figure
 

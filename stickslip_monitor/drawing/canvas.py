@@ -89,6 +89,55 @@ def new_figure(width: float = WIDTH, height: float = HEIGHT) -> Figure:
     return figure
 
 
+def labelled(
+    x_label: str,
+    y_label: str,
+    *,
+    title: str = '',
+    footnote: str = '',
+    size: tuple[float, float] = (WIDTH, HEIGHT),
+    box: tuple[float, float, float, float] = (0.085, 0.125, 0.89, 0.81),
+) -> tuple[Figure, Axes]:
+    """A figure with one panel and its words; to be called inside :func:`style`.
+
+    Args:
+        x_label: Name and unit of the x axis.
+        y_label: Name and unit of the y axis.
+        title: Above the panel, at the left.
+        footnote: In the lower right corner.
+        size: Width and height [inch].
+        box: Left, bottom, width and height of the panel, as parts of the figure.
+    """
+    figure = new_figure(*size)
+    axes = figure.add_axes(box)
+    axes.set_xlabel(x_label)
+    axes.set_ylabel(y_label)
+    axes.set_title(title, loc='left', size=11.0, color=INK)
+    figure.text(0.985, 0.012, footnote, ha='right', va='bottom', size=9.0, color=MUTED)
+    return figure, axes
+
+
+def legend_below(
+    figure: Figure, columns: int, left: float = 0.085, bottom: float = 0.005, **more: Any
+) -> None:
+    """Name the curves below all panels of a figure."""
+    legend = figure.legend(
+        loc='lower left', bbox_to_anchor=(left, bottom), ncols=columns, frameon=False,
+        fontsize=9.5, handlelength=2.2, columnspacing=1.4, handletextpad=0.5, labelspacing=0.35,
+        borderaxespad=0.2, **more,
+    )  # fmt: skip
+    for patch in legend.get_patches():
+        patch.set(edgecolor=MUTED, linewidth=0.5)
+
+
+def legend_above(axes: Axes, columns: int, **more: Any) -> None:
+    """Name the curves of a panel along its upper edge."""
+    look: dict[str, Any] = {'loc': 'lower left', 'bbox_to_anchor': (-0.008, 1.0), 'frameon': False,
+            'fontsize': 9.5, 'handlelength': 2.2, 'columnspacing': 1.1, 'handletextpad': 0.5,
+            'borderaxespad': 0.2}  # fmt: skip
+    axes.legend(ncols=columns, **look | more)
+
+
 def span_words(axes: Axes, spans: Iterable[tuple[float, float, str]]) -> None:
     """Name stretches of the x axis along the upper edge, where they are wide enough."""
     top = axes.get_ylim()[1]
@@ -165,8 +214,6 @@ _IDS = re.compile(r'(\bid="|href="#|url\(#)')
 _COLOUR = re.compile('|'.join(ON_DARK))
 _PATH = re.compile(r'(?<= d=")[^"]+')
 _DECIMALS = re.compile(r'\.(\d)\d+')
-_STEP = re.compile(r'([MLz]) ?(?:(-?[\d.]+) (-?[\d.]+))?')
-_LINES = re.compile(r'\s*(?:[MLz](?: -?[\d.]+ -?[\d.]+)?\s*)*')
 _HEAD = re.compile(r'<svg [^>]*viewBox="([^"]*)"[^>]*>')
 
 
@@ -191,34 +238,12 @@ def inline_svg(figure: Figure, name: str, text: str) -> str:
     body = drawing[drawing.index('<defs>') : drawing.rindex('</svg>')]
     body = re.sub(r'<style.*?</style>', '', body, flags=re.DOTALL)
     body = _IDS.sub(lambda found: f'{found[0]}{name}-', body)
-    body = _PATH.sub(lambda path: _shorter(path[0]), body)
+    # Tenths of a point are finer than any screen shows.
+    body = _PATH.sub(lambda path: _DECIMALS.sub(r'.\1', path[0]), body)
     body = body.replace('xlink:href', 'href')
     body = _COLOUR.sub(lambda found: f'var({variable(found[0])})', body)
     body = re.sub(r'\n\s*', '\n', body)
     return f'<svg viewBox="{box}" role="img" aria-label="{escape(text)}">{body}</svg>'
-
-
-def _shorter(path: str) -> str:
-    """A path in tenths of a point, which is finer than any screen shows; lines as steps."""
-    if not _LINES.fullmatch(path):
-        return _DECIMALS.sub(r'.\1', path)
-    found, x, y = [], 0, 0
-    for command, right, down in _STEP.findall(path):
-        if not right:
-            found.append('z')
-            continue
-        to_x, to_y = round(10.0 * float(right)), round(10.0 * float(down))
-        if command == 'M':
-            found.append(f'M{_tenths(to_x)} {_tenths(to_y)}l')
-        elif (to_x, to_y) != (x, y):
-            found.append(f'{_tenths(to_x - x)} {_tenths(to_y - y)}')
-        x, y = to_x, to_y
-    # A sign parts two numbers as a space does.
-    return re.sub(r'l(?=[Mz]|$)', '', re.sub(r'(?<=l) | (?=[-Mz])', '', ' '.join(found)))
-
-
-def _tenths(count: int) -> str:
-    return re.sub(r'^(-?)0\.', r'\1.', f'{count / 10:g}')
 
 
 def variable(colour: str) -> str:

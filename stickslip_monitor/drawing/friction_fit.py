@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stickslip_monitor.drawing.canvas import new_figure, style
+from stickslip_monitor.drawing.canvas import labelled, style
 from stickslip_monitor.drawing.palette import (
     DASHES,
     FOLD,
@@ -52,16 +52,16 @@ def draw_friction_fit(
         DrawingError: matplotlib is not installed.
     """
     with style():
-        figure = new_figure()
-        axes = figure.add_axes((0.085, 0.125, 0.89, 0.81))
+        figure, axes = labelled(
+            'sliding speed [m/s]', 'coefficient of friction [-]', title=_title(fit.law),
+            footnote=footnote,
+        )  # fmt: skip
         _draw_law(axes, fit)
         _draw_points(axes, fit)
         if spread is not None:
             _mark(axes, 'Hopf speed', spread.hopf_speed, Regime.UNSTABLE)
             _mark(axes, 'fold speed', spread.fold_speed, Regime.BISTABLE)
         axes.legend(loc='upper right', frameon=True, framealpha=0.9, edgecolor='none')
-        axes.set_title(_title(fit.law), loc='left', size=11.0, color=INK)
-        figure.text(0.975, 0.012, footnote, ha='right', va='bottom', size=9.0, color=MUTED)
         return figure
 
 
@@ -84,8 +84,6 @@ def _draw_law(axes: Axes, fit: StribeckFit) -> None:
     room = _ROOM * float(np.ptp(values))
     axes.set_xlim(-0.02 * top, top)
     axes.set_ylim(min(0.0, float(values.min()) - room), float(values.max()) + 2.0 * room)
-    axes.set_xlabel('sliding speed [m/s]')
-    axes.set_ylabel('coefficient of friction [-]')
 
 
 def _draw_points(axes: Axes, fit: StribeckFit) -> None:

@@ -1,20 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws the stability map: which regime where, over shaft speed and load."""
+"""The stability map: which regime where, over shaft speed and load.
+
+At a given speed the averaged model's dissipation ``c a/2`` does not depend on the load, and its
+drive ``N S(a; V)`` is proportional to it. So at each speed the regimes follow each other with
+rising load as stable, bistable, unstable; each boundary is one load for any friction law; and a
+cycle of amplitude ``a`` exists at exactly one load, ``N = c a / (2 S(a; V))``.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stickslip_monitor.drawing.canvas import HEIGHT, WIDTH, new_figure, style
-from stickslip_monitor.drawing.map_curves import (
-    Boundaries,
-    Range,
-    boundaries,
-    map_loads,
-    map_speeds,
-)
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.drawing.canvas import HEIGHT, WIDTH, labelled, legend_below, style
 from stickslip_monitor.drawing.palette import (
     CAUTION_FILL,
     DASHES,
@@ -24,20 +27,33 @@ from stickslip_monitor.drawing.palette import (
     REGIME_COLOUR,
     REGIME_FILL,
 )
-from stickslip_monitor.drawing.track import Track, draw_track, legend_height
+from stickslip_monitor.drawing.track import Track, draw_track
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.physics.averaging.boundaries import fold_speed
-from stickslip_monitor.physics.belief import QUANTILES, Belief
+from stickslip_monitor.physics.averaging.boundaries import (
+    fold_load,
+    fold_speed,
+    hopf_load,
+    hopf_speed,
+)
+from stickslip_monitor.physics.belief import QUANTILES
 from stickslip_monitor.physics.cycle.cycles import exact_cycle, exact_fold_speed
+from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+Range = tuple[float, float]
 
+_ROOM = 1.25
+_LOADS_ABOVE_ONSET = 10.0
+_SPEEDS_TRIED = 200
+_RPM_WITHOUT_SCALE = 60.0
+_LOAD_WITHOUT_SCALE = 1000.0
+_BESIDE = (1.0 - 1e-9, 1.0, 1.0 + 1e-9)
+_FAR = np.geomspace(1.0, 30.0, 60)[1:]
 _BEYOND = 2.0
 _BAND_LOADS = 120
 # Where exact cycles and folds are worked out.
@@ -45,9 +61,39 @@ _EXACT_GRID, _EXACT_LOADS = (48, 32), 32
 _FOLDS_APART = 0.005
 _NARROW = 5.0
 # The legend below the map [inch].
-_LEGEND_COLUMN, _LEGEND_ROW, _MOST_NAMES = 1.25, 0.2, 7
+_LEGEND_COLUMN, _LEGEND_ROW, _NAMES = 1.25, 0.2, 7
 # Room around the axes [inch], whatever the size of the figure.
-_MARGIN_LEFT, _MARGINS_BESIDE, _MARGIN_BELOW, _MARGIN_ABOVE = 0.855, 1.08, 0.64, 0.24
+_LEFT, _BESIDE_AXES, _BELOW, _ABOVE = 0.855, 1.08, 0.64, 0.24
+
+
+def law_speed(bearing: Bearing) -> float:
+    """A surface speed [m/s] by which friction has done most of its falling."""
+    law = bearing.friction
+    if isinstance(law, Stribeck):
+        return 4.0 / law.decay
+    if law.breakpoints:
+        return law.breakpoints[-1]
+    return float(bearing.speed.to_surface(_RPM_WITHOUT_SCALE, 'rpm'))
+
+
+def _boundary_speed(bearing: Bearing, load: float) -> float:
+    """The highest finite boundary at a load [m/s]; the law's own speed without one."""
+    exact = float(exact_fold_speed(bearing, load))
+    every = (fold_speed(bearing, load), hopf_speed(bearing, load), exact)
+    return max((v for v in every if math.isfinite(v) and v > 0.0), default=law_speed(bearing))
+
+
+def diagram_speeds(bearing: Bearing, load: float) -> Range:
+    """Surface speeds [m/s] from rest to well past the fold at a load [N]."""
+    return 0.0, _ROOM * _boundary_speed(bearing, load)
+
+
+def onset_load(bearing: Bearing) -> float:
+    """Least load [N] with stick-slip at some speed; ``nan`` where no load has it."""
+    top = law_speed(bearing)
+    edges = [v for v in bearing.friction.breakpoints if v <= top]
+    speeds = np.concatenate([np.linspace(0.0, top, _SPEEDS_TRIED), edges])
+    return float(np.fmin.reduce(fold_load(bearing, speeds)))
 
 
 def map_ranges(
@@ -58,20 +104,96 @@ def map_ranges(
 ) -> tuple[Range, Range]:
     """The speeds [m/s] and loads [N] a map shows; what is not given is chosen.
 
-    Chosen ranges have the boundaries and the whole track inside.
+    Loads go from none to a good deal of stick-slip, speeds from rest past the fold at the highest
+    load: the map shows the way out. The whole track is inside.
     """
+    fastest = heaviest = 0.0
     if track is not None:
         fastest, heaviest = (
             float(np.nanmax(np.abs(column), initial=0.0)) for column in (track.speed, track.load)
         )
-    else:
-        fastest = heaviest = 0.0
-    loads = loads or map_loads(bearing, heaviest)
-    return speeds or map_speeds(bearing, loads[1], fastest), loads
+    if loads is None:
+        onset = onset_load(bearing)
+        top = _LOADS_ABOVE_ONSET * onset if onset > 0.0 else _LOAD_WITHOUT_SCALE
+        loads = 0.0, _ROOM * np.fmax(heaviest, onset) if heaviest > 0.0 else top
+    return speeds or (0.0, max(diagram_speeds(bearing, loads[1])[1], 1.05 * fastest)), loads
+
+
+@dataclass(frozen=True, slots=True)
+class Boundaries:
+    """What divides the plane of speed and load, as loads over speed.
+
+    Attributes:
+        speed: Surface speeds, rising, shape (n,) [m/s].
+        fold_load: Load above which a stick-slip cycle exists, ``nan`` for none, shape (n,) [N].
+        hopf_load: Load above which the equilibrium is unstable, ``nan`` for none, shape (n,) [N].
+        caution_load: Load above which the fold margin is below the caution margin, ``nan`` for
+            none, shape (n,) [N].
+    """
+
+    speed: FloatArray
+    fold_load: FloatArray
+    hopf_load: FloatArray
+    caution_load: FloatArray
+
+
+def boundaries(
+    bearing: Bearing, speeds: Range, caution_margin: float, points: int = 400
+) -> Boundaries:
+    """Compute the curves of a stability map.
+
+    Args:
+        bearing: The bearing.
+        speeds: Lowest and highest surface speed, 0 <= low < high [m/s].
+        caution_margin: Fold margin below which the alarm says caution [-].
+        points: Number of evenly spaced speeds; the curves' own corners come on top.
+
+    Returns:
+        The curves.
+    """
+    corners = np.outer(bearing.friction.breakpoints, _BESIDE).ravel()
+    inside = corners[(corners > speeds[0]) & (corners < speeds[1])]
+    speed = np.union1d(np.linspace(*speeds, points), inside)
+    return Boundaries(
+        speed=speed,
+        fold_load=np.asarray(fold_load(bearing, speed)),
+        hopf_load=np.asarray(hopf_load(bearing, speed)),
+        caution_load=caution_load(bearing, speed, caution_margin),
+    )
+
+
+def caution_load(bearing: Bearing, speed: FloatArray, margin: float) -> FloatArray:
+    """Load above which ``V / V_F(N) - 1 < margin``, ``nan`` for none [N].
+
+    The fold speed is the highest with a cycle, so a load is close to the fold as soon as a cycle
+    exists at any speed from ``V/(1 + margin)`` upwards.
+
+    Args:
+        bearing: The bearing.
+        speed: Surface speeds, rising, shape (n,) [m/s].
+        margin: The caution margin [-].
+    """
+    nearest = speed / (1.0 + margin)
+    higher = np.union1d(np.concatenate([nearest, speed]), speed[-1] * _FAR)
+    load = np.asarray(fold_load(bearing, higher))
+    load = np.where(np.isnan(load), np.inf, load)
+    least = np.minimum.accumulate(load[::-1])[::-1][np.searchsorted(higher, nearest)]
+    return np.where(np.isfinite(least), least, np.nan)
+
+
+def map_columns(bearing: Bearing, curves: Boundaries) -> dict[str, Sequence[object]]:
+    """The curves as the columns of a table, by heading, SI units but for the shaft speed."""
+    return {
+        'shaft_speed [rpm]': bearing.speed.from_surface(curves.speed, 'rpm').tolist(),
+        'surface_speed [m/s]': curves.speed.tolist(),
+        'fold_load [N]': curves.fold_load.tolist(),
+        'hopf_load [N]': curves.hopf_load.tolist(),
+        'caution_load [N]': curves.caution_load.tolist(),
+    }
 
 
 def draw_map(
-    bearing_config: BearingConfig,
+    config: BearingConfig,
     speeds: Range | None = None,
     loads: Range | None = None,
     track: Track | None = None,
@@ -80,7 +202,7 @@ def draw_map(
     """Draw the stability map of a bearing.
 
     Args:
-        bearing_config: The bearing; its alarm's caution margin is drawn too.
+        config: The bearing; its alarm's caution margin is drawn too.
         speeds: Lowest and highest surface speed [m/s]; chosen if ``None``.
         loads: Lowest and highest load [N]; chosen if ``None``.
         track: Operating points to draw on it.
@@ -93,98 +215,61 @@ def draw_map(
         DrawingError: matplotlib is not installed.
     """
     with style():
-        bearing, margin = bearing_config.bearing, bearing_config.alarm.caution_margin
+        bearing, (width, height) = config.bearing, size
         speeds, loads = map_ranges(bearing, speeds, loads, track)
-        curves = boundaries(bearing, speeds, margin)
-        figure = new_figure(*size)
-        columns = max(2, int(size[0] / _LEGEND_COLUMN))
-        above = legend_height(track, size[0]) if track is not None else 0.0
-        axes = figure.add_axes(_frame(size, above, -(-_MOST_NAMES // columns)))
+        columns = max(2, int(width / _LEGEND_COLUMN))
+        bottom = _BELOW + _LEGEND_ROW * -(-_NAMES // columns)
+        above = max(_ABOVE, 0.0 if track is None else track.legend_height(width))
+        figure, axes = labelled(
+            'shaft speed [rpm]', 'bearing load [kN]', size=size,
+            box=(_LEFT / width, bottom / height, 1.0 - _BESIDE_AXES / width,
+                 1.0 - (bottom + above) / height),
+        )  # fmt: skip
         x_unit, y_unit = bearing.speed.factor('rpm'), 1000.0
         axes.set_xlim(speeds[0] / x_unit, speeds[1] / x_unit)
         axes.set_ylim(loads[0] / y_unit, loads[1] / y_unit)
-        axes.set_xlabel('shaft speed [rpm]')
-        axes.set_ylabel('bearing load [kN]')
-        handles = _regions(axes, curves, loads, x_unit, y_unit)
-        if bearing_config.belief is not None:
-            _bands(axes, bearing_config.belief, loads, x_unit, y_unit)
-        handles += _lines(axes, curves, x_unit, y_unit)
-        handles += _exact_fold(axes, bearing, loads, x_unit, y_unit)
-        _amplitudes(axes, bearing, speeds, loads, 5 if size[0] > _NARROW else 3)
+        curves = boundaries(bearing, speeds, config.alarm.caution_margin)
+        _regions(axes, curves, loads, x_unit, y_unit)
+        _bands(axes, config, loads, x_unit, y_unit)
+        _exact_fold(axes, bearing, loads, x_unit, y_unit)
+        _amplitudes(axes, bearing, speeds, loads, 5 if width > _NARROW else 3)
+        legend_below(figure, columns, _LEFT / width - 0.01)
         if track is not None:
-            draw_track(axes, track, x_unit, y_unit, size[0])
+            draw_track(axes, track, x_unit, y_unit, width)
         if not np.isfinite([curves.fold_load, curves.hopf_load]).any():
             axes.text(
                 0.5, 0.5, 'no stick-slip in this range', transform=axes.transAxes, ha='center'
             )
-        figure.legend(
-            handles=handles, loc='lower left', bbox_to_anchor=(_MARGIN_LEFT / size[0] - 0.01, 0.0),
-            ncols=columns, frameon=False, fontsize=9.5, handlelength=1.8, columnspacing=1.2,
-            handletextpad=0.5, labelspacing=0.3,
-        )  # fmt: skip
-        figure.text(0.985, 0.995, bearing_config.name, ha='right', va='top', size=9.0, color=MUTED)
+        figure.text(0.985, 0.995, config.name, ha='right', va='top', size=9.0, color=MUTED)
         return figure
 
 
-def _frame(
-    size: tuple[float, float], above: float, rows: int
-) -> tuple[float, float, float, float]:
-    """Where the axes stand: left, bottom, width and height as parts of the figure."""
-    width, height = size
-    bottom = (_MARGIN_BELOW + _LEGEND_ROW * rows) / height
-    top = 1.0 - max(_MARGIN_ABOVE, above) / height
-    return _MARGIN_LEFT / width, bottom, 1.0 - _MARGINS_BESIDE / width, top - bottom
-
-
-def _regions(
-    axes: Axes, curves: Boundaries, loads: Range, x_unit: float, y_unit: float
-) -> list[Artist]:
-    """Fill the regions, each over the one below it; what names them in the legend."""
-    axes.set_facecolor(REGIME_FILL[Regime.STABLE])
+def _regions(axes: Axes, curves: Boundaries, loads: Range, x_unit: float, y_unit: float) -> None:
+    """Fill the regions, each over the one below it, and draw the lines between them."""
     x, ceiling = curves.speed / x_unit, _BEYOND * loads[1]
-    named: list[Artist] = [_patch(REGIME_FILL[Regime.STABLE], 'stable')]
     for load, colour, name in (
+        (np.zeros_like(x), REGIME_FILL[Regime.STABLE], 'stable'),
         (curves.caution_load, CAUTION_FILL, 'margin low'),
         (curves.fold_load, REGIME_FILL[Regime.BISTABLE], 'bistable'),
         (curves.hopf_load, REGIME_FILL[Regime.UNSTABLE], 'unstable'),
     ):
         bottom = np.minimum(np.nan_to_num(load, nan=ceiling), ceiling) / y_unit
-        axes.fill_between(x, bottom, ceiling / y_unit, color=colour, lw=0.0, zorder=1)
-        named.append(_patch(colour, name))
-    return named
-
-
-def _patch(colour: str, name: str) -> Artist:
-    from matplotlib.patches import Patch
-
-    return Patch(fc=colour, ec=MUTED, lw=0.5, label=name)
-
-
-def _lines(axes: Axes, curves: Boundaries, x_unit: float, y_unit: float) -> list[Artist]:
-    x = curves.speed / x_unit
+        axes.fill_between(x, bottom, ceiling / y_unit, color=colour, lw=0.0, zorder=1, label=name)
     axes.plot(x, curves.caution_load / y_unit, color=MUTED, lw=1.0, ls=':', zorder=3)
-    return [
-        axes.plot(x, load / y_unit, color=colour, lw=2.0, ls=dashes, zorder=3, label=name)[0]
-        for name, load, colour, dashes in (
-            ('Hopf', curves.hopf_load, HOPF, '-'),
-            ('fold', curves.fold_load, FOLD, DASHES),
-        )
-    ]
+    axes.plot(x, curves.hopf_load / y_unit, color=HOPF, zorder=3, label='Hopf')
+    axes.plot(x, curves.fold_load / y_unit, color=FOLD, ls=DASHES, zorder=3, label='fold')
 
 
-def _exact_fold(
-    axes: Axes, bearing: Bearing, loads: Range, x_unit: float, y_unit: float
-) -> list[Artist]:
+def _exact_fold(axes: Axes, bearing: Bearing, loads: Range, x_unit: float, y_unit: float) -> None:
     """The fold of the exact model, where it is another line than that of averaging."""
     load = np.linspace(loads[0], loads[1], _EXACT_LOADS + 1)[1:]
     exact = np.asarray(exact_fold_speed(bearing, load))
     averaged = np.asarray(fold_speed(bearing, load))
-    if not np.any(np.abs(exact - averaged) > _FOLDS_APART * exact):
-        return []
-    axes.plot(
-        exact / x_unit, load / y_unit, color=FOLD, lw=1.4, ls='-.', zorder=3, label='fold, exact'
-    )
-    return [axes.lines[-1]]
+    if np.any(np.abs(exact - averaged) > _FOLDS_APART * exact):
+        axes.plot(
+            exact / x_unit, load / y_unit, color=FOLD, lw=1.4, ls='-.', zorder=3,
+            label='fold, exact',
+        )  # fmt: skip
 
 
 def _amplitudes(axes: Axes, bearing: Bearing, speeds: Range, loads: Range, levels: int) -> None:
@@ -202,12 +287,14 @@ def _amplitudes(axes: Axes, bearing: Bearing, speeds: Range, loads: Range, level
     axes.clabel(lines, fmt='%g mm', fontsize=9.0)
 
 
-def _bands(axes: Axes, belief: Belief, loads: Range, x_unit: float, y_unit: float) -> None:
+def _bands(axes: Axes, config: BearingConfig, loads: Range, x_unit: float, y_unit: float) -> None:
     """Where 5 to 95 % of the belief have the Hopf and the fold speed."""
+    if config.belief is None:
+        return
     load = np.linspace(max(loads[0], 1e-6 * loads[1]), loads[1], _BAND_LOADS)
     for quantile, regime in (
-        (belief.fold_speed, Regime.BISTABLE),
-        (belief.hopf_speed, Regime.UNSTABLE),
+        (config.belief.fold_speed, Regime.BISTABLE),
+        (config.belief.hopf_speed, Regime.UNSTABLE),
     ):
         low, high = (quantile(load, p) / x_unit for p in (QUANTILES[0], QUANTILES[-1]))
         axes.fill_betweenx(

@@ -5,13 +5,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stickslip_monitor.drawing.canvas import new_figure, style
-from stickslip_monitor.drawing.labels import Labeller, around
-from stickslip_monitor.drawing.palette import INK, MUTED, PAPER
+from stickslip_monitor.drawing.canvas import legend_below, new_figure, style
+from stickslip_monitor.drawing.palette import DASHES, INK, MUTED, PAPER
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,7 +28,6 @@ _LOOKS = (
     ('#000000', '*'),
     ('#7a1f5c', 'h'),
 )
-_NEAR, _FAR = (9.0, 14.0), (9.0, 14.0, 19.0, 30.0)
 _FLOOR, _FAILED = 1e-16, 30.0
 _LEAST, _MOST = 3e-17, 100.0
 _FRONT = '#444444'
@@ -40,15 +38,13 @@ class MethodMark:
     """A method in a panel.
 
     Attributes:
-        label: Short, written at the mark.
-        family: Groups marks by colour.
+        family: Groups marks by colour and shape.
         seconds: Time per operating point [s].
         error: Relative error [-]; infinite where it fails.
         front: Whether no other method beats it.
         together: Whether many points were solved in one call; such marks are drawn hollow.
     """
 
-    label: str
     family: str
     seconds: float
     error: float
@@ -76,35 +72,26 @@ def draw_pareto(panels: tuple[Panel, ...], footnote: str = '') -> Figure:
     families = list(dict.fromkeys(mark.family for panel in panels for mark in panel.marks))
     looks = {family: _LOOKS[i % len(_LOOKS)] for i, family in enumerate(families)}
     times = [mark.seconds for panel in panels for mark in panel.marks]
-    limits = (0.4 * min(times, default=1e-6), 3.0 * max(times, default=1.0))
     with style():
-        figure = new_figure()
-        figure.set_size_inches(12.0, 7.2)
-        width = 0.91 / len(panels)
-        for i, panel in enumerate(panels):
-            axes = figure.add_axes((0.075 + i * width, 0.215, width - 0.02, 0.735))
-            _frame(axes, panel.title, limits, first=i == 0)
+        figure = new_figure(12.0, 7.2)
+        figure.subplots(1, len(panels), sharex=True, sharey=True)
+        figure.subplots_adjust(left=0.075, right=0.985, bottom=0.215, top=0.95, wspace=0.04)
+        for axes, panel in zip(figure.axes, panels, strict=True):
+            axes.set(
+                xscale='log', yscale='log', ylim=(_LEAST, _MOST),
+                xlim=(0.4 * min(times, default=1e-6), 3.0 * max(times, default=1.0)),
+                yticks=[10.0**k for k in range(-16, 1, 2)],
+                xlabel='time per operating point [s]',
+            )  # fmt: skip
+            axes.minorticks_off()
+            axes.grid(color='#e6e6e6', lw=0.6)
+            axes.axhspan(6.0, _MOST, color='#f0f0f0', lw=0.0)
+            axes.set_title(panel.title, loc='left', size=11.0, color=INK)
             _marks(axes, panel, looks)
+        figure.axes[0].set_ylabel('relative error of the amplitude [-]')
         _legend(figure, looks)
         figure.text(0.985, 0.012, footnote, ha='right', va='bottom', size=9.0, color=MUTED)
         return figure
-
-
-def _frame(axes: Axes, title: str, limits: tuple[float, float], first: bool) -> None:
-    axes.set_xscale('log')
-    axes.set_yscale('log')
-    axes.set_xlim(*limits)
-    axes.set_ylim(_LEAST, _MOST)
-    axes.set_yticks([10.0**k for k in range(-16, 1, 2)])
-    if not first:
-        axes.set_yticklabels([])
-    axes.minorticks_off()
-    axes.grid(color='#e6e6e6', lw=0.6)
-    axes.axhspan(6.0, _MOST, color='#f0f0f0', lw=0.0)
-    axes.set_xlabel('time per operating point [s]')
-    if first:
-        axes.set_ylabel('relative error of the amplitude [-]')
-    axes.set_title(title, loc='left', size=11.0, color=INK)
 
 
 def _height(error: float) -> float:
@@ -112,28 +99,17 @@ def _height(error: float) -> float:
 
 
 def _marks(axes: Axes, panel: Panel, looks: dict[str, tuple[str, str]]) -> None:
-    labeller = Labeller(axes)
     front = sorted((m for m in panel.marks if m.front), key=lambda m: m.seconds)
     x, y = [m.seconds for m in front], [_height(m.error) for m in front]
-    axes.step(x, y, where='post', color=_FRONT, lw=1.4, ls=(0, (4.5, 2.2)), zorder=2)
+    axes.step(x, y, where='post', color=_FRONT, lw=1.4, ls=DASHES, zorder=2)
     for mark in panel.marks:
         colour, shape = looks[mark.family]
+        edge = colour if mark.together else INK if mark.front else PAPER
         axes.plot(
             mark.seconds, _height(mark.error), shape, ms=_size(shape),
-            mfc=PAPER if mark.together else colour, mec=_edge(mark, colour),
+            mfc=PAPER if mark.together else colour, mec=edge,
             mew=1.4 if mark.front or mark.together else 0.8, zorder=4,
         )  # fmt: skip
-        labeller.reserve(mark.seconds, _height(mark.error), 7.0)
-    if len(x) > 1:
-        labeller.avoid(np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1])
-    # Crowded marks get no label: colour shows the family, and the table the rest.
-    for mark in sorted(panel.marks, key=lambda m: (not m.front, not m.together)):
-        if math.isfinite(mark.error):
-            near = not (mark.front or mark.together)
-            places = tuple(p for far in (_NEAR if near else _FAR) for p in around(far))
-            weight = 'bold' if mark.front else 'normal'
-            at = (mark.seconds, _height(mark.error))
-            labeller.point(mark.label, at, places, size=8.0, weight=weight)
     if any(math.isinf(mark.error) for mark in panel.marks):
         axes.text(
             0.012, 0.988, 'fails at some case', transform=axes.transAxes, va='top', size=8.5,
@@ -145,42 +121,16 @@ def _size(shape: str) -> float:
     return 13.0 if shape == '*' else 8.5
 
 
-def _edge(mark: MethodMark, colour: str) -> str:
-    return colour if mark.together else INK if mark.front else PAPER
-
-
 def _legend(figure: Figure, looks: dict[str, tuple[str, str]]) -> None:
     from matplotlib.lines import Line2D
 
-    handles = [
-        Line2D(
-            [],
-            [],
-            marker=shape,
-            ls='none',
-            ms=_size(shape),
-            mfc=colour,
-            mec=PAPER,
-            label=family,
-        )
-        for family, (colour, shape) in looks.items()
+    rows: list[tuple[str, dict[str, Any]]] = [
+        (name, {'marker': shape, 'ls': '', 'ms': _size(shape), 'mfc': colour, 'mec': PAPER})
+        for name, (colour, shape) in looks.items()
     ]
-    handles.append(
-        Line2D(
-            [], [], marker='o', ls='none', ms=8.0, mfc=PAPER, mec=INK, label='many points at once'
-        )
-    )
-    handles.append(
-        Line2D(
-            [],
-            [],
-            color=_FRONT,
-            lw=1.4,
-            ls=(0, (4.5, 2.2)),
-            label='Pareto front, one point at a time',
-        )
-    )
-    figure.legend(
-        handles=handles, loc='lower center', bbox_to_anchor=(0.52, 0.04), ncols=5, frameon=False,
-        fontsize=9.5,
-    )  # fmt: skip
+    hollow = {'marker': 'o', 'ls': '', 'ms': 8.0, 'mfc': PAPER, 'mec': INK}
+    rows.append(('many points at once', hollow))
+    line = {'color': _FRONT, 'lw': 1.4, 'ls': DASHES}
+    rows.append(('Pareto front, one point at a time', line))
+    handles = [Line2D([], [], label=name, **look) for name, look in rows]
+    legend_below(figure, 5, 0.075, 0.045, handles=handles)

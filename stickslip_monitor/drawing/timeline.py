@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws a recording over time: speed between its boundaries, load, margins, amplitude, alarm."""
+"""A recording over time: speed between its boundaries, load, margins, amplitude, alarm.
+
+Of a simulated recording what the lining did can be drawn beside what the monitor said.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.drawing.canvas import new_figure, style
 from stickslip_monitor.drawing.palette import (
     CAUTION_FILL,
@@ -49,6 +52,28 @@ _DATED_FROM = 10 * 365 * 86_400 * 10**9
 _ROWS = (('speed', 1.9), ('load', 0.9), ('margin', 1.5), ('amplitude', 1.2), ('alarm', 0.26))
 # Room around and between the panels [inch].
 _LEFT, _RIGHT, _ABOVE, _BELOW, _BETWEEN = 0.82, 0.28, 0.5, 0.62, 0.27
+_TRUTH = '#333333'
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiningTruth:
+    """What the lining did; the arrays may be empty.
+
+    Attributes:
+        episodes: First and last instant of sticking of each episode [ns].
+        margin_ns: When the true margins were taken, shape (n,) [ns].
+        hopf_margin: True Hopf margin, shape (n,).
+        fold_margin: True fold margin, shape (n,).
+        amplitude_ns: When the amplitude was taken, shape (m,) [ns].
+        amplitude: Half the peak to peak of the displacement, shape (m,) [m].
+    """
+
+    episodes: Sequence[tuple[int, int]]
+    margin_ns: IntArray
+    hopf_margin: FloatArray
+    fold_margin: FloatArray
+    amplitude_ns: IntArray
+    amplitude: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +84,15 @@ class Timeline:
         config: The bearing.
         scan: Its verdicts and events, or their outline.
         spells: The alarm's conditions, from the recording's start to its end.
+        lining: What the lining did, where that is known.
+        title: Above the panels.
     """
 
     config: BearingConfig
     scan: Verdicts
     spells: Sequence[ConditionInterval]
+    lining: LiningTruth | None = None
+    title: str = ''
 
     @property
     def has_cycle(self) -> bool:
@@ -85,17 +114,20 @@ def draw_timeline(timeline: Timeline, width: float = 9.0) -> Figure:
         DrawingError: matplotlib is not installed.
     """
     with style():
-        rows = [row for row in _ROWS if row[0] != 'amplitude' or timeline.has_cycle]
+        shown = timeline.has_cycle or timeline.lining is not None
+        rows = [row for row in _ROWS if row[0] != 'amplitude' or shown]
         height = sum(size + _BETWEEN for _, size in rows) - _BETWEEN + _ABOVE + _BELOW
         figure = new_figure(width, height)
+        figure.text(0.01, 0.99, timeline.title, va='top', size=11.0, weight='bold')
         top = height - _ABOVE
         panels: dict[str, Axes] = {}
         for name, size in rows:
-            frame = (_LEFT, top - size, width - _LEFT - _RIGHT, size)
-            parts = [side / whole for side, whole in zip(frame, (width, height) * 2, strict=True)]
+            box = (_LEFT, top - size, width - _LEFT - _RIGHT, size)
+            parts = [side / whole for side, whole in zip(box, (width, height) * 2, strict=True)]
             panels[name] = figure.add_axes((parts[0], parts[1], parts[2], parts[3]))
             top -= size + _BETWEEN
         lines = _Lines(timeline, int(width * _POINTS_PER_INCH))
+        _episodes(panels, lines)
         _speed(panels['speed'], lines)
         _load(panels['load'], lines)
         _margins(panels['margin'], lines)
@@ -112,10 +144,10 @@ class _Lines:
 
     def __init__(self, timeline: Timeline, most: int) -> None:
         self._most = most
-        self.timeline, scan, point = timeline, timeline.scan, timeline.scan.assessment
-        self.spells = timeline.spells
-        self.start_ns = self.spells[0].start_ns
-        self.end_ns = max(spell.end_ns for spell in self.spells)
+        self.timeline, self.config, self.lining = timeline, timeline.config, timeline.lining
+        scan, point = timeline.scan, timeline.scan.assessment
+        self.start_ns = timeline.spells[0].start_ns
+        self.end_ns = max(spell.end_ns for spell in timeline.spells)
         self.dated = self.start_ns >= _DATED_FROM
         # Interrupted where an input was lost or the clock jumped back.
         lost = scan.until_ns[:-1] < scan.time_ns[1:]
@@ -127,11 +159,11 @@ class _Lines:
             'speed': np.abs(point.speed) / rpm,
             'hopf_speed': point.hopf_speed / rpm,
             'fold_speed': point.fold_speed / rpm,
-            'load': np.asarray(point.load),
-            'hopf_margin': _finite(point.hopf_margin),
-            'fold_margin': _finite(point.fold_margin),
-            'fold_low': _finite(point.fold_margin_low),
-            'fold_high': _finite(point.fold_margin_high),
+            'load': np.asarray(point.load) / 1e3,
+            'hopf_margin': 100.0 * _finite(point.hopf_margin),
+            'fold_margin': 100.0 * _finite(point.fold_margin),
+            'fold_low': 100.0 * _finite(point.fold_margin_low),
+            'fold_high': 100.0 * _finite(point.fold_margin_high),
         }
 
     def at(self, time_ns: object) -> FloatArray:
@@ -153,22 +185,14 @@ class _Lines:
         possible = np.where(rows[kept] < 0, np.nan, exact)
         return self._time[kept], possible, np.where(sticking[kept], possible, 0.0)
 
-    def band(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Time, and what 5 and 95 % of the belief have the fold margin below."""
-        low, high = (
-            np.insert(self.columns[name], self._breaks, np.nan)
-            for name in ('fold_low', 'fold_high')
-        )
-        kept = envelope(self._most, low, high)
-        return self._time[kept], low[kept], high[kept]
-
-    def line(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """Time and value of a column, thinned to its envelope."""
-        value = np.insert(np.asarray(self.columns[name], dtype=float), self._breaks, np.nan)
-        kept = envelope(self._most, value)
-        time = self._time[kept]
-        # A break has no time of its own: it is nan in value already, and drawn nowhere.
-        return time, value[kept]
+    def line(self, *names: str) -> tuple[FloatArray, ...]:
+        """Time and values of columns, thinned to their envelope; a break is nan, drawn nowhere."""
+        values = [
+            np.insert(np.asarray(self.columns[n], dtype=float), self._breaks, np.nan)
+            for n in names
+        ]
+        kept = envelope(self._most, *values)
+        return (self._time[kept], *(value[kept] for value in values))
 
 
 def _finite(values: FloatArray) -> FloatArray:
@@ -177,8 +201,7 @@ def _finite(values: FloatArray) -> FloatArray:
 
 def _speed(axes: Axes, lines: _Lines) -> None:
     """Speed, over the regions that its boundaries at the load of each instant make."""
-    time, speed = lines.line('speed')
-    margin = 1.0 + lines.timeline.config.alarm.caution_margin
+    margin = 1.0 + lines.config.alarm.caution_margin
     for name, factor, colour in (
         ('fold_speed', margin, CAUTION_FILL),
         ('fold_speed', 1.0, REGIME_FILL[Regime.BISTABLE]),
@@ -186,80 +209,81 @@ def _speed(axes: Axes, lines: _Lines) -> None:
     ):
         when, boundary = lines.line(name)
         axes.fill_between(when, 0.0, boundary * factor, color=colour, lw=0.0, zorder=1)
-    for name, colour, dashes in (('hopf_speed', HOPF, '-'), ('fold_speed', FOLD, DASHES)):
-        axes.plot(*lines.line(name), color=colour, lw=1.0, ls=dashes, zorder=2)
-    axes.plot(time, speed, color=INK, lw=1.4, zorder=4)
+    for name, label, colour, dashes in (
+        ('hopf_speed', 'Hopf', HOPF, '-'),
+        ('fold_speed', 'fold', FOLD, DASHES),
+    ):
+        axes.plot(*lines.line(name), color=colour, lw=1.0, ls=dashes, zorder=2, label=label)
+    # Astern the same picture is mirrored: its boundaries are those of the speed's size.
+    backwards = np.asarray(lines.timeline.scan.assessment.speed) < 0.0
+    for name, astern, dashes in (('measured', False, '-'), ('astern', True, (0, (2, 1)))):
+        if not astern or backwards.any():
+            lines.columns[name] = np.where(backwards == astern, lines.columns['speed'], np.nan)
+            axes.plot(*lines.line(name), color=INK, lw=1.4, ls=dashes, zorder=4, label=name)
     axes.set_facecolor(REGIME_FILL[Regime.STABLE])
-    top = float(np.nanmax(speed, initial=0.0))
-    edge = float(np.nanmax(lines.columns['fold_speed'], initial=0.0))
+    top = float(np.nanmax(lines.columns['speed'], initial=0.0))
+    edge = float(np.nanmax(_finite(lines.columns['fold_speed']), initial=0.0))
     axes.set_ylim(0.0, 1.08 * max(top, 1.15 * edge) or 1.0)
     axes.set_ylabel('speed [rpm]')
-    _boundary_names(axes, lines)
-
-
-def _boundary_names(axes: Axes, lines: _Lines) -> None:
-    """Name the boundaries where they are far from each other and from the speed."""
-    speed, hopf, fold = (lines.columns[name] for name in ('speed', 'hopf_speed', 'fold_speed'))
-    room = np.fmin.reduce([fold - hopf, np.abs(fold - speed), np.abs(hopf - speed)])
-    inner = slice(room.size // 10, room.size - room.size // 10)
-    if not np.isfinite(room[inner]).any():
-        return
-    i = inner.start + int(np.nanargmax(room[inner]))
-    when = float(lines.at(lines.timeline.scan.time_ns[i]))
-    for value, word, up in ((hopf[i], 'Hopf', -2.0), (fold[i], 'fold', 2.0)):
-        axes.annotate(
-            word, (when, value), (0.0, up), textcoords='offset points', size=9.0, color=INK,
-            ha='center', va='top' if up < 0.0 else 'bottom', zorder=5,
-        )  # fmt: skip
+    # Numbers of events stand above.
+    axes.legend(loc='best', ncols=2, fontsize=8.5, framealpha=0.7, edgecolor='none')
 
 
 def _load(axes: Axes, lines: _Lines) -> None:
-    time, load = lines.line('load')
-    axes.plot(time, load / 1e3, color=INK, lw=1.2)
+    axes.plot(*lines.line('load'), color=INK, lw=1.2)
     axes.set_ylabel('load [kN]')
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, 0.0), max(high, 0.0) * 1.05 or 1.0)
 
 
 def _margins(axes: Axes, lines: _Lines) -> None:
-    highest, lowest = -np.inf, -0.1
-    for name, colour, dashes, word in (
-        ('hopf_margin', HOPF, '-', 'Hopf'),
-        ('fold_margin', FOLD, DASHES, 'fold'),
+    highest, lowest, most = 0.0, -10.0, 100.0 * _HIGHEST_MARGIN
+    for name, colour, dashes, wide, word in (
+        ('hopf_margin', HOPF, '-', REGIME_COLOUR[Regime.UNSTABLE], 'Hopf'),
+        ('fold_margin', FOLD, DASHES, REGIME_COLOUR[Regime.BISTABLE], 'fold'),
     ):
+        if lines.lining is not None and lines.lining.margin_ns.size:
+            when, true = lines.at(lines.lining.margin_ns), getattr(lines.lining, name)
+            axes.plot(
+                when, 100.0 * _finite(true), color=wide, alpha=0.4, lw=4.0, label=f'{word}, true'
+            )
         time, margin = lines.line(name)
-        (drawn,) = axes.plot(time, 100.0 * margin, color=colour, lw=1.4, zorder=4)
-        drawn.set(linestyle=dashes, label=f'{word} margin')
+        axes.plot(time, margin, color=colour, lw=1.4, zorder=4, ls=dashes, label=f'{word} margin')
         highest = max(highest, float(np.nanmax(margin, initial=-np.inf)))
         lowest = min(lowest, float(np.nanmin(margin, initial=0.0)))
-    if lines.timeline.config.belief is not None:
-        time, low, high = lines.band()
-        colour = REGIME_COLOUR[Regime.BISTABLE]
+    if lines.config.belief is not None:
+        time, low, high = lines.line('fold_low', 'fold_high')
         axes.fill_between(
-            time, 100.0 * low, 100.0 * high, color=colour, alpha=0.3, lw=0.0, zorder=3,
+            time, low, high, color=REGIME_COLOUR[Regime.BISTABLE], alpha=0.3, lw=0.0, zorder=3,
             label='5 to 95 %',
         )  # fmt: skip
-    caution = lines.timeline.config.alarm.caution_margin
-    axes.axhspan(0.0, 100.0 * caution, color=CAUTION_FILL, lw=0.0, zorder=1)
+    caution = 100.0 * lines.config.alarm.caution_margin
+    axes.axhspan(0.0, caution, color=CAUTION_FILL, lw=0.0, zorder=1)
     axes.axhspan(-1e4, 0.0, color=REGIME_FILL[Regime.BISTABLE], lw=0.0, zorder=1)
     axes.axhline(0.0, color=MUTED, lw=0.8, zorder=2)
-    room = 0.06 * (min(max(highest, _LOWEST_TOP), _HIGHEST_MARGIN) - lowest)
-    top = min(max(highest + room, _LOWEST_TOP), _HIGHEST_MARGIN)
-    axes.set_ylim(100.0 * (lowest - room), 100.0 * top)
+    top = min(max(highest, 100.0 * _LOWEST_TOP), most)
+    room = 0.06 * (top - lowest)
+    axes.set_ylim(lowest - room, min(top + room, most))
     axes.set_ylabel('margin [%]')
     _legend(axes)
 
 
 def _amplitude(axes: Axes, lines: _Lines) -> None:
-    colour = REGIME_COLOUR[Regime.UNSTABLE]
     time, possible, predicted = lines.amplitudes()
     axes.plot(time, possible, color=MUTED, lw=1.0, ls=(0, (1.5, 1.5)), label='if it ran', zorder=3)
     axes.fill_between(time, 0.0, predicted, color=REGIME_FILL[Regime.UNSTABLE], lw=0.0, zorder=1)
-    axes.plot(time, predicted, color=colour, lw=1.4, label='predicted', zorder=4)
-    limit = lines.timeline.config.alarm.amplitude_limit * 1e3
+    axes.plot(
+        time, predicted, color=REGIME_COLOUR[Regime.UNSTABLE], lw=1.4, label='predicted', zorder=4
+    )
+    limit = lines.config.alarm.amplitude_limit * 1e3
     greatest = max(float(np.nanmax(line, initial=0.0)) for line in (possible, predicted))
+    if lines.lining is not None:
+        true = 1e3 * lines.lining.amplitude
+        when = lines.at(lines.lining.amplitude_ns)
+        axes.plot(when, true, color=_TRUTH, lw=1.2, label='true', zorder=5)
+        greatest = max(greatest, float(np.nanmax(true, initial=0.01)))
     if np.isfinite(limit) and limit < 3.0 * greatest:
-        axes.axhline(limit, color=INK, lw=1.0, ls=(0, (4.5, 2.2)), label='limit', zorder=3)
+        axes.axhline(limit, color=INK, lw=1.0, ls=DASHES, label='limit', zorder=3)
         greatest = max(greatest, limit)
     axes.set_ylim(0.0, 1.12 * greatest or 1.0)
     axes.set_ylabel('ampl. [mm]')
@@ -268,8 +292,8 @@ def _amplitude(axes: Axes, lines: _Lines) -> None:
 
 def _legend(axes: Axes) -> None:
     axes.legend(
-        loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=4, fontsize=8.5, frameon=False,
-        borderpad=0.1, borderaxespad=0.0, handlelength=1.4, columnspacing=1.0, handletextpad=0.4,
+        loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=5, fontsize=8.5, frameon=False,
+        borderpad=0.1, borderaxespad=0.0, handlelength=1.8, columnspacing=1.0, handletextpad=0.4,
     )  # fmt: skip
 
 
@@ -277,7 +301,7 @@ def _alarm(axes: Axes, lines: _Lines, most: int) -> None:
     """The alarm's condition as a band of colours; its names stand where they fit."""
     low, high = float(lines.at(lines.start_ns)), float(lines.at(lines.end_ns))
     pixels = axes.get_window_extent().width / max(high - low, 1e-12)
-    for spell in coarsened(lines.spells, most):
+    for spell in coarsened(lines.timeline.spells, most):
         left = float(lines.at(spell.start_ns))
         right = float(lines.at(max(spell.end_ns, spell.start_ns)))
         axes.axvspan(left, right, color=CONDITION_COLOUR[spell.condition], lw=0.0, zorder=2)
@@ -290,6 +314,18 @@ def _alarm(axes: Axes, lines: _Lines, most: int) -> None:
     axes.set_ylim(0.0, 1.0)
     axes.set_yticks([])
     axes.set_ylabel('alarm', rotation=0.0, ha='right', va='center')
+
+
+def _episodes(panels: dict[str, Axes], lines: _Lines) -> None:
+    """Shade where the lining stuck, and draw that over the band of the alarm."""
+    for k, episode in enumerate(() if lines.lining is None else lines.lining.episodes):
+        first, last = map(float, lines.at(episode))
+        for name, axes in panels.items():
+            label = 'lining sticks' if name == 'speed' and not k else '_'
+            low, alpha = (0.7, 1.0) if name == 'alarm' else (0.0, 0.15)
+            axes.axvspan(
+                first, last, low, color=_TRUTH, alpha=alpha, lw=0.0, zorder=3, label=label
+            )
 
 
 def _time_axis(panels: dict[str, Axes], lines: _Lines, width: float) -> None:
@@ -338,7 +374,7 @@ def marked_events(events: Sequence[Event]) -> list[tuple[int, Event]]:
 def _event_lines(panels: dict[str, Axes], lines: _Lines) -> None:
     """A line through all panels at each event; numbers above, as far as they do not collide."""
     events = marked_events(lines.timeline.scan.events)
-    first = next(iter(panels.values()))
+    first = panels['speed']
     free = [-np.inf] * _NUMBER_ROWS
     for number, event in events:
         when = float(lines.at(event.time_ns))

@@ -380,8 +380,11 @@ def over_kinetic(bearing: Bearing, speed: float, load: float, points: int = 40) 
     lowest = _FALL_ROOM * averaged_fold
     falls = _grid(lowest, law.static, (hopf, fold, averaged_fold), points)[::-1]
     rows = [_amplitudes(with_fall(fall), speed, load) for fall in falls.tolist()]
-    ends = (law.static - hopf, law.static - fold, law.static - averaged_fold)
-    return Sweep(law.static - falls, *np.array(rows).T, *ends)
+    exact, unstable, averaged, averaged_unstable = np.array(rows).T
+    return Sweep(
+        law.static - falls, exact, unstable, averaged, averaged_unstable,
+        law.static - hopf, law.static - fold, law.static - averaged_fold,
+    )  # fmt: skip
 
 
 def _amplitudes(bearing: Bearing, speed: Any, load: Any) -> tuple[Any, Any, Any, Any]:

@@ -17,7 +17,7 @@ from typing import Any
 from stickslip_monitor.drawing.canvas import Pixels, drawn, heading, inline_svg
 from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
-from stickslip_monitor.drawing.track import Track, thinned, track_of_scan
+from stickslip_monitor.drawing.track import Track, track_of_scan
 from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.config import InputConfig, MonitorConfig
 from stickslip_monitor.monitor.source_faults import fault_text
@@ -28,8 +28,7 @@ from stickslip_monitor.report.summary import GRADES, Course, Fact, Finding, fact
 
 # A phone shows an inch of the narrow ones on a hundred pixels, so that letters can be read.
 _WIDE, _NARROW = 9.0, 3.6
-_MAP_WIDE, _MAP_NARROW = (9.0, 5.6), (3.6, 4.4)
-_TRACK_WIDE, _TRACK_NARROW = 600, 300
+_MAP_WIDE, _MAP_NARROW = (9.0, 5.6), (3.6, 5.4)
 _MARKS = 60
 # Of a recording; a page with more takes minutes to make and nobody looks at them all.
 _MOST_DRAWN = 12
@@ -166,8 +165,8 @@ def _course(config: MonitorConfig, checked: CheckReport, item: BearingReport) ->
     return Course(own, item, spells, doubts, asked)
 
 
-def _track(course: Course, most: int) -> Track:
-    track = thinned(track_of_scan(course.scan), most)
+def _track(course: Course) -> Track:
+    track = track_of_scan(course.scan)
     return Track(track.time, track.speed, track.load, track.events[:_MARKS])
 
 
@@ -178,7 +177,7 @@ def _timeline(course: Course) -> Timeline:
 def _figures(bag: str, course: Course, finding: Finding) -> Iterator[Any]:
     yield heading(f'{bag}, {course.name}', finding.sentences)
     if course.scan.time_ns.size:
-        yield draw_map(course.config, track=_track(course, _TRACK_WIDE))
+        yield draw_map(course.config, track=_track(course))
         yield draw_timeline(_timeline(course), _WIDE)
 
 
@@ -202,10 +201,8 @@ def _map_picture(anchor: str, course: Course, finding: Finding) -> Picture:
         f' operating points on it. {finding.sentences[0]}'
     )
     wide, narrow = (
-        inline_svg(
-            draw_map(course.config, track=_track(course, most), size=size), f'{anchor}-{k}', text
-        )
-        for k, size, most in (('m', _MAP_WIDE, _TRACK_WIDE), ('n', _MAP_NARROW, _TRACK_NARROW))
+        inline_svg(draw_map(course.config, track=_track(course), size=size), f'{anchor}-{k}', text)
+        for k, size in (('m', _MAP_WIDE), ('n', _MAP_NARROW))
     )
     return Picture(wide, narrow, _MAP_CAPTION)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``stickslip map``: its files, a recorded track on it, and what it says about bad input."""
+"""``stickslip map`` and ``stickslip diagram``: their files, and what they say about bad input."""
 
 from __future__ import annotations
 
@@ -11,50 +11,48 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from stickslip_monitor import fold_load, fold_speed, hopf_load
+from stickslip_monitor import assess, fold_load, fold_speed, hopf_load, hopf_speed
 from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.config_file import load_config
 
 ROOT = Path(__file__).parents[2]
 CONFIG = str(ROOT / 'launch_configs' / 'reference_bearing.yaml')
 BEARING = load_config(CONFIG).bearings[0].bearing
+DIAGRAM = ('diagram', '--load=1kN')
 
 
-def run(out: Path, *more: str) -> int:
-    return main(['map', '-c', CONFIG, '-o', str(out), *more])
+def run(command: tuple[str, ...], out: Path, *more: str) -> int:
+    return main([*command, '-c', CONFIG, '-o', str(out), *more])
 
 
 def read(path: Path) -> dict[str, np.ndarray]:
     with path.open(newline='') as file:
         head, *rows = csv.reader(file)
-    table = np.array([[float(cell) if cell else np.nan for cell in row] for row in rows])
-    return dict(zip(head, table.T, strict=True))
+    columns = dict(zip(head, zip(*rows, strict=True), strict=True))
+    return {
+        name: np.array(cells if name == 'regime' else [float(cell or 'nan') for cell in cells])
+        for name, cells in columns.items()
+    }
 
 
-def test_png_is_valid_and_wide_enough(tmp_path: Path) -> None:
+@pytest.mark.parametrize('command', [('map', '--loads', '0N:12kN'), DIAGRAM], ids=lambda c: c[0])
+def test_pictures_are_valid_and_wide_enough(command: tuple[str, ...], tmp_path: Path) -> None:
     pytest.importorskip('matplotlib')
-    assert run(tmp_path / 'a.png', '--speeds', '0rpm:60rpm', '--loads', '0N:12kN') == 0
+    assert run(command, tmp_path / 'a.png') == 0
     data = (tmp_path / 'a.png').read_bytes()
     assert data[:8] == b'\x89PNG\r\n\x1a\n'
     assert struct.unpack('>II', data[16:24]) == (1800, 1120)
+    assert run(command, tmp_path / 'a.SVG') == 0
+    assert ElementTree.parse(tmp_path / 'a.SVG').getroot().tag.endswith('}svg')
 
 
-def test_svg_is_valid(tmp_path: Path) -> None:
-    pytest.importorskip('matplotlib')
-    assert run(tmp_path / 'a.svg') == 0
-    assert ElementTree.parse(tmp_path / 'a.svg').getroot().tag.endswith('}svg')
-
-
-def test_csv_agrees_with_the_physics(tmp_path: Path) -> None:
-    assert run(tmp_path / 'a.csv', '--loads', '0N:2000N') == 0
+def test_the_table_of_a_map_agrees_with_the_physics(tmp_path: Path) -> None:
+    assert run(('map',), tmp_path / 'a.csv', '--loads', '0N:2000N') == 0
     table = read(tmp_path / 'a.csv')
-    assert list(table)[:5] == [
-        'shaft_speed [rpm]',
-        'surface_speed [m/s]',
-        'fold_load [N]',
-        'hopf_load [N]',
+    assert list(table) == [
+        'shaft_speed [rpm]', 'surface_speed [m/s]', 'fold_load [N]', 'hopf_load [N]',
         'caution_load [N]',
-    ]
+    ]  # fmt: skip
     speed = table['surface_speed [m/s]']
     np.testing.assert_array_equal(table['fold_load [N]'], fold_load(BEARING, speed))
     np.testing.assert_array_equal(table['hopf_load [N]'], hopf_load(BEARING, speed))
@@ -62,36 +60,72 @@ def test_csv_agrees_with_the_physics(tmp_path: Path) -> None:
     np.testing.assert_allclose(margin, 0.1, rtol=1e-5)
 
 
+def test_the_table_of_a_diagram_agrees_with_the_assessment(tmp_path: Path) -> None:
+    assert run(DIAGRAM, tmp_path / 'a.csv', '--speeds', '5rpm:45rpm', '--points', '41') == 0
+    table = read(tmp_path / 'a.csv')
+    speed = table['surface_speed [m/s]']
+    hopf, fold = hopf_speed(BEARING, 1000.0), fold_speed(BEARING, 1000.0)
+    assert {hopf, fold} <= set(speed.tolist())
+    assert set(range(5, 46)) <= set(table['shaft_speed [rpm]'].round(9).tolist())
+    point = assess(BEARING, speed, 1000.0)
+    assert table['regime'].tolist() == [str(regime) for regime in point.regime]
+    usual = (speed != hopf) & (speed != fold)
+    for column, expected in (
+        ('stick_slip_amplitude [m]', point.amplitude),
+        ('threshold_amplitude [m]', point.threshold_amplitude),
+        ('growth_rate [1/s]', point.growth_rate),
+        ('exact_amplitude [m]', point.amplitude_exact),
+    ):
+        np.testing.assert_allclose(table[column][usual], expected[usual], rtol=1e-12)
+
+
 def test_a_recorded_track_is_drawn(tmp_path: Path) -> None:
     pytest.importorskip('matplotlib')
     bag = str(ROOT / 'bags' / 'coast_down')
-    assert run(tmp_path / 'a.svg', '--track', bag) == 0
-    assert run(tmp_path / 'b.svg') == 0
+    assert run(('map',), tmp_path / 'a.svg', '--track', bag) == 0
+    assert run(('map',), tmp_path / 'b.svg') == 0
     sizes = [(tmp_path / name).stat().st_size for name in ('a.svg', 'b.svg')]
     assert sizes[0] > sizes[1]
 
 
+def test_one_of_several_bearings_is_chosen(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = Path(CONFIG).read_text('utf-8')
+    own = text[text.index('    aft_stern:') :].replace('aft_stern:', 'forward:', 1)
+    config, out = tmp_path / 'two.yaml', str(tmp_path / 'a.csv')
+    config.write_text(text.replace('[aft_stern]', '[aft_stern, forward]') + own, 'utf-8')
+    arguments = [*DIAGRAM, '--points=10', '-c', str(config), '-o', out]
+    assert main(arguments) == 2
+    assert 'choose --bearing from aft_stern, forward' in capsys.readouterr().err
+    assert main([*arguments, '--bearing', 'forward']) == 0
+
+
 @pytest.mark.parametrize(
-    ('out', 'more', 'text'),
+    ('command', 'out', 'more', 'text'),
     [
-        ('a.jpeg', (), "output '{out}' must end in one of .png, .svg, .csv"),
-        ('a.csv', ('--loads', '2kN'), "loads '2kN' must be LOW:HIGH, each with its unit"),
-        ('a.csv', ('--loads', '2kN:1kN'), "loads '2kN:1kN' must rise from its first value"),
-        ('a.csv', ('--loads', '1rpm:2kN'), "loads '1rpm' must be a number with a unit"),
-        ('a.csv', ('--speeds', '1N:2rpm'), "speeds '1N' must be a number with a unit"),
-        ('a.csv', ('--track', 'x'), "track 'x' is for pictures: write a .png or .svg"),
-        ('a.png', ('--track', '/nowhere/bag'), '/nowhere/bag'),
+        ('map', 'a.jpeg', (), "output '{out}' must end in one of .png, .svg, .csv"),
+        ('map', 'a', (), "output '{out}' must end in one of .png, .svg, .csv"),
+        ('map', 'a.csv', ('--loads', '2kN'), "loads '2kN' must be LOW:HIGH, each with its unit"),
+        ('map', 'a.csv', ('--loads', '2kN:1kN'), "loads '2kN:1kN' must rise from its first value"),
+        ('map', 'a.csv', ('--loads', '1rpm:2kN'), "loads '1rpm' must be a number with a unit"),
+        ('map', 'a.csv', ('--speeds=-1rpm:9rpm',), "speeds '-1rpm:9rpm' must rise"),
+        ('map', 'a.csv', ('--track', 'x'), "track 'x' is for pictures: write a .png or .svg"),
+        ('map', 'a.png', ('--track', '/nowhere/bag'), '/nowhere/bag'),
+        ('map', 'a.csv', ('--bearing', 'x'), "bearing 'x' is not configured; there are: aft"),
+        ('map', 'no/a.csv', (), "'{out}' cannot be written: there is no folder"),
+        ('diagram', 'a.csv', ('--load=-5N',), "load '-5N' must be above 0"),
+        ('diagram', 'a.csv', ('--load', '1000'), "load '1000' must be a number with a unit: one"),
+        ('diagram', 'a.csv', ('--load=1kN', '--points', '1'), 'points = 1 must be from 10 to 100'),
+        ('diagram', 'a.csv', (), 'required: --load'),
     ],
 )
 def test_bad_input_is_named_with_its_rule(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    out: str,
-    more: tuple[str, ...],
-    text: str,
-) -> None:
+    tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    command: str, out: str, more: tuple[str, ...], text: str,
+) -> None:  # fmt: skip
     path = tmp_path / out
-    assert run(path, *more) == 2
+    assert run((command,), path, *more) == 2
     error = capsys.readouterr().err
     assert error.startswith('ERROR: ')
     assert text.format(out=path) in error

@@ -196,7 +196,7 @@ def test_picture(tmp_path: Path, slowing: str, capsys: pytest.CaptureFixture[str
     assert run(capsys, slowing, '--picture', str(target))[0] == 0
     data = target.read_bytes()
     assert data[:8] == b'\x89PNG\r\n\x1a\n'
-    assert struct.unpack('>II', data[16:24]) == (1800, 1800)
+    assert struct.unpack('>II', data[16:24]) == (1800, 1592)
 
 
 def test_bad_input_is_named(

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,8 @@ import numpy as np
 import pytest
 
 from stickslip_monitor import Monitor, Stream
-from stickslip_monitor.drawing.palette import CONDITION_COLOUR, FOLD, HOPF
-from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
+from stickslip_monitor.drawing.palette import CONDITION_COLOUR, FOLD
+from stickslip_monitor.drawing.timeline import LiningTruth, Timeline, draw_timeline, marked_events
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.ladder import Condition
@@ -43,6 +44,10 @@ def panels(figure: Any) -> dict[str, Any]:
     return {axes.get_ylabel().split(' ')[0].rstrip('.'): axes for axes in figure.axes}
 
 
+def legend_of(axes: Any) -> list[str]:
+    return [text.get_text() for text in axes.get_legend().get_texts()]
+
+
 def lowest(axes: Any) -> float:
     named = [line for line in axes.lines if not line.get_label().startswith('_')]
     return min(float(np.nanmin(line.get_ydata())) for line in named)
@@ -54,6 +59,7 @@ def test_one_bad_second_of_a_day_is_seen() -> None:
     axes = panels(draw_timeline(timeline(speeds)))['margin']
     # 20 / 40.7231 - 1 = -0.50888, as a percentage
     assert lowest(axes) == pytest.approx(-50.888, abs=0.01)
+    assert {line.get_label(): line.get_color() for line in axes.lines}['fold margin'] == FOLD
     points = [len(line.get_xdata()) for line in axes.lines]
     assert max(points) < 2_000
 
@@ -69,18 +75,12 @@ def test_margins_amplitude_and_limit_are_drawn_in_their_units() -> None:
     assert np.all(np.asarray(lines['predicted'].get_ydata())[:10] == 0.0)
     assert np.nanmax(found['load'].lines[0].get_ydata()) == pytest.approx(1.0)
     assert 'limit' in lines
-    shown = [text.get_text() for text in found['speed'].texts]
-    assert {'Hopf', 'fold'} <= set(shown)
-
-
-def test_the_fold_has_its_colour_of_the_judged_course() -> None:
-    margins = panels(draw_timeline(timeline([60.0, 45.0, 36.0])))['margin']
-    colours = {line.get_label(): line.get_color() for line in margins.lines}
-    assert colours['fold margin'] == FOLD
-    assert colours['Hopf margin'] == HOPF
+    assert legend_of(found['speed']) == ['Hopf', 'fold', 'measured']
 
 
 def test_events_are_numbered_as_in_the_table() -> None:
+    from matplotlib.colors import to_rgba
+
     course = timeline([60.0] * 20 + [20.0] * 60 + [60.0] * 60)
     figure = draw_timeline(course)
     speed = panels(figure)['speed']
@@ -89,13 +89,7 @@ def test_events_are_numbered_as_in_the_table() -> None:
     days = course.scan.events[-1].time_ns / 86_400e9
     lines = [line.get_xdata()[0] for line in speed.lines if len(line.get_xdata()) == 2]
     assert any(abs(x - days) * 86_400 < 0.5 for x in lines)
-
-
-def test_the_band_has_the_colours_of_the_alarm() -> None:
-    from matplotlib.colors import to_rgba
-
-    band = panels(draw_timeline(timeline([60.0] * 20 + [20.0] * 20)))['alarm']
-    colours = {tuple(patch.get_facecolor()) for patch in band.patches}
+    colours = {tuple(patch.get_facecolor()) for patch in panels(figure)['alarm'].patches}
     for condition in (Condition.NORMAL, Condition.STICK_SLIP):
         assert to_rgba(CONDITION_COLOUR[condition]) in colours
 
@@ -140,3 +134,32 @@ def test_of_very_many_events_only_the_alarms_are_marked() -> None:
     ]
     assert [number for number, _ in marked_events(events)] == [51]
     assert [number for number, _ in marked_events(events[:30])] == list(range(1, 31))
+
+
+def test_astern_is_drawn_by_its_size_and_as_what_it_is() -> None:
+    rpm = np.linspace(60.0, -60.0, 121)
+    axes = panels(draw_timeline(timeline(rpm, start=0)))['speed']
+    lines = {line.get_label(): np.array(line.get_data()) for line in axes.lines}
+    for name, sign in (('measured', 1.0), ('astern', -1.0)):
+        time, speed = lines[name][:, np.isfinite(lines[name][1])]
+        np.testing.assert_allclose(speed, sign * rpm[time.astype(int)], atol=1e-9)
+    # Sixty of the 121 seconds; at rest it goes neither way.
+    astern = lines['astern']
+    assert np.unique(astern[0][np.isfinite(astern[1])]).size == 60
+    # Boundaries of the reference bearing at 1000 N.
+    np.testing.assert_allclose(lines['Hopf'][1], 30.7380, atol=1e-4)
+    np.testing.assert_allclose(lines['fold'][1], 40.7231, atol=1e-4)
+
+
+def test_what_the_lining_did_stands_beside_what_was_said() -> None:
+    course = timeline([60.0] * 20 + [20.0] * 20, start=0)
+    when = np.arange(40) * 10**9
+    lining = LiningTruth(
+        [(25 * 10**9, 39 * 10**9)], when, when * 1e-11, when * 2e-11, when, np.full(40, 5e-4)
+    )
+    found = panels(draw_timeline(replace(course, lining=lining)))
+    assert legend_of(found['speed'])[0] == 'lining sticks'
+    lines = {line.get_label(): np.array(line.get_data()) for line in found['margin'].lines}
+    assert lines['Hopf, true'][1].tolist() == pytest.approx(list(range(40)))
+    lines = {line.get_label(): np.array(line.get_data()) for line in found['ampl'].lines}
+    assert lines['true'][1].tolist() == pytest.approx([0.5] * 40)

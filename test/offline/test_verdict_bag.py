@@ -82,9 +82,9 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
         writer.add_topic('/shaft', 'std_msgs/msg/Float64')
         writer.add_topic('/load', 'geometry_msgs/msg/WrenchStamped')
         writer.add_topic('/other', 'std_msgs/msg/Float64')
-        for second, is_load, value in SAMPLES:
+        for second, place, value in SAMPLES:
             at = START + second * NS
-            if is_load:
+            if place:
                 kind = 'geometry_msgs/msg/WrenchStamped'
                 (data,) = encode_stamped(kind, 'wrench.force.z', [at], [value]).tolist()
                 writer.write('/load', at, data)
@@ -121,10 +121,10 @@ def live(until: int | None = None) -> tuple[list[Verdict], list[Event], Monitor]
     """The same samples one by one through the monitor as the node uses it."""
     monitor = Monitor(config_of())
     verdicts, events = [], monitor.advance(START)
-    for second, is_load, value in SAMPLES:
+    for second, place, value in SAMPLES:
         if until is not None and second > until:
             break
-        update = monitor.bearings['aft'].update(is_load, START + second * NS, value)
+        update = monitor.bearings['aft'].update(place, START + second * NS, value)
         verdicts += [update.verdict] if update.verdict else []
         events += update.events
     if until is not None:

@@ -129,7 +129,7 @@ class Case:
 
     name: str  # short and unique
     what: str  # what makes it easy or hard
-    bearing: Bearing  # the bearing
+    bearing: Bearing
     speed: float  # surface speed ``V`` [m/s]
     load: float  # load ``N`` [N]
     reference: float  # amplitude to 15 digits or more [m]

@@ -119,7 +119,7 @@ def measure(method: Method, case: Case, effort: Effort) -> Row:
 class Summary:
     """A method over the cases that it was given."""
 
-    method: str  # its name
+    method: str
     family: str  # its family
     points: int  # operating points solved in one call
     seconds: float  # median time per operating point [s]; ``nan`` if it was refused everywhere

@@ -2,8 +2,8 @@
 """Approximate closed forms: KBM with a polynomial, slip perturbation, Thomsen and Fidlin.
 
 **KBM with a polynomial** is the published route, with the root by Newton-Raphson:
-``exp(-beta |v|)`` is replaced by its Taylor polynomial of order ``n`` about zero speed. Every
-power of ``|V - a cos t|`` then integrates in closed form on both sides of ``t_s = arccos(V/a)``.
+``exp(-beta |v|)`` is replaced by its Taylor polynomial of order ``n`` about zero speed, whose
+powers of ``|V - a cos t|`` are integrated exactly on both sides of ``t_s = arccos(V/a)``.
 
 **Slip perturbation** is of first order from breakaway, for any friction law: a lining that sticks
 leaves the belt with the velocity ``V`` close to steady sliding, independent of its history. One
@@ -48,6 +48,8 @@ from stickslip_monitor.physics.oscillator import Bearing
 
 _STEPS = 60
 _FIRST_GUESS = 1.0001
+# Exact for the cosine polynomials of all orders in use.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(48)
 
 
 def taylor_coefficients(law: Stribeck, speed: float, order: int) -> FloatArray:
@@ -62,37 +64,21 @@ def taylor_coefficients(law: Stribeck, speed: float, order: int) -> FloatArray:
     return coefficients
 
 
-def cosine_integrals(angle: float, order: int) -> FloatArray:
-    """``integral_0^angle cos(t)^j dt`` for ``j`` from 0 to ``order``."""
-    values = np.empty(order + 1)
-    cosine, sine = math.cos(angle), math.sin(angle)
-    values[0], values[1] = angle, sine
-    for j in range(2, order + 1):
-        values[j] = (cosine ** (j - 1) * sine + (j - 1) * values[j - 2]) / j
-    return values
-
-
 def averages(coefficients: FloatArray, alpha: float) -> tuple[float, float]:
     """``S(a; V)`` and its slope ``dS/d alpha`` at ``alpha = a/V`` > 1 for a polynomial law."""
-    order = coefficients.size - 1
     crossing = math.acos(1.0 / alpha)
-    over = cosine_integrals(crossing, order + 2)
-    behind = cosine_integrals(math.pi, order + 2) - over
+    order = np.arange(coefficients.size)
+    rates = order[1:] * coefficients[1:]
     total = fall = 0.0
-    for k, coefficient in enumerate(coefficients):
-        # Beyond the belt's speed |v|^k sgn(v) has the sign (-1)^(k+1), its slope (-1)^(k-1).
-        ahead = behind + (1.0 if k % 2 else -1.0) * over
-        total += coefficient * _power(alpha, k, ahead[1:])
-        if k:
-            fall -= k * coefficient * _power(alpha, k - 1, ahead[2:])
+    for low, high, side in ((0.0, crossing, -1.0), (crossing, math.pi, 1.0)):
+        cosine = np.cos(0.5 * (low + high + (high - low) * _NODES))
+        weight = 0.5 * (high - low) * _WEIGHTS * cosine
+        relative = side * (1.0 - alpha * cosine)
+        powers = relative[:, None] ** order
+        total += side * float(weight @ (powers @ coefficients))
+        fall -= float((weight * cosine) @ (powers[:, :-1] @ rates))
     kink = 2.0 * coefficients[0] / (alpha**3 * math.sin(crossing))
     return total / math.pi, (fall - kink) / math.pi
-
-
-def _power(alpha: float, k: int, integrals: FloatArray) -> float:
-    """``integral (1 - alpha cos t)^k w dt`` from those of ``cos(t)^j w``."""
-    terms = [math.comb(k, j) * (-alpha) ** j * float(integrals[j]) for j in range(k + 1)]
-    return math.fsum(terms)
 
 
 def polynomial_averaging(order: int, bearing: Bearing, speed: float, load: float) -> MethodResult:

@@ -88,18 +88,27 @@ def load_scene(
         ConfigurationError: The configuration it refers to cannot be read or breaks a rule.
     """
     path = Path(path)
-    try:
-        document = load_yaml(path)
-    except ConfigurationError as error:
-        raise SceneError(str(error)) from error
+    document = _document(path, 'scene', 'scene file', SCHEMA)
     try:
         return _build(path, document, seed, sensors)
     except SceneError as error:
         raise SceneError(f'{path}: {error}') from error
 
 
+def _document(path: str | Path, kind: str, what: str, schema: str) -> Any:
+    """The mapping in a file of a kind, which its first key tells."""
+    try:
+        document = load_yaml(path)
+    except ConfigurationError as error:
+        raise SceneError(str(error)) from error
+    if not isinstance(document, dict) or kind not in document:
+        raise SceneError(f"{path}: not a {what}: it must begin with '{kind}: {schema}'")
+    if document[kind] != schema:
+        raise SceneError(f"{path}: {kind} = {document[kind]!r} must be '{schema}'")
+    return document
+
+
 def _build(path: Path, document: Any, seed: int | None, sensors: str | Path | None) -> Scene:
-    _check_schema(document)
     seed = _seed(Settings('', document, document)) if seed is None else seed
     settings = Settings('', drawn(document, seed), KEYS)
     given = _sensors(path.parent, settings, seed, sensors)
@@ -108,9 +117,12 @@ def _build(path: Path, document: Any, seed: int | None, sensors: str | Path | No
     start_ns = _start_ns(settings, duration)
     config_path = _config_path(path.parent, settings, seed)
     config = load_config(config_path)
-    rates = settings if 'telemetry' in settings or given is None else given
-    telemetry = rates.value('telemetry', '{speed: {rate: Hz}, load: {rate: Hz}}')
-    channels = read_channels(config, telemetry)
+    telemetry, errors = (
+        settings if given is None or key in settings else given
+        for key in ('telemetry', 'parameter_error')
+    )
+    rates = telemetry.value('telemetry', '{speed: {rate: Hz}, load: {rate: Hz}}')
+    channels = read_channels(config, rates)
     for channel in channels:
         if start_ns + round(duration * 1e9) >= channel.stamps_end_ns:
             rule = f'in 2038 the time stamps in the headers of topic {channel.topic} end'
@@ -125,20 +137,11 @@ def _build(path: Path, document: Any, seed: int | None, sensors: str | Path | No
         config=config,
         channels=channels,
         effects=_effects(settings, given),
-        parameter_error=read_parameter_error(
-            settings if 'parameter_error' in settings or given is None else given
-        ),
+        parameter_error=read_parameter_error(errors),
     )
     # Built here only to hear of wrong settings before anything is written.
     scene.build()
     return scene
-
-
-def _check_schema(document: Any) -> None:
-    if not isinstance(document, dict) or 'scene' not in document:
-        raise SceneError(f"not a scene file: it must begin with 'scene: {SCHEMA}'")
-    if document['scene'] != SCHEMA:
-        raise SceneError(f"scene = {document['scene']!r} must be '{SCHEMA}'")
 
 
 def _seed(settings: Settings) -> int:
@@ -167,29 +170,11 @@ def _sensors(
         if 'sensors' not in settings:
             return None
         path = folder / settings.text('sensors', 'the path of a file of sensors')
-    return read_sensors(path, seed)
-
-
-def read_sensors(path: str | Path, seed: int) -> Settings:
-    """Read a file of sensors, with what varies drawn for a seed."""
-    try:
-        document = load_yaml(path)
-    except ConfigurationError as error:
-        raise SceneError(str(error)) from error
-    if not isinstance(document, dict) or document.get('sensors') != SENSORS_SCHEMA:
-        raise SceneError(
-            f"{path}: not a file of sensors: it must begin with 'sensors: {SENSORS_SCHEMA}'"
-        )
+    document = _document(path, 'sensors', 'file of sensors', SENSORS_SCHEMA)
     try:
         return Settings('', drawn(document, seed, 'sensors'), SENSORS_KEYS)
     except SceneError as error:
         raise SceneError(f'{path}: {error}') from error
-
-
-def load_sensors_description(path: str | Path) -> str:
-    """What a file of sensors says of itself."""
-    given = read_sensors(path, 0)
-    return given.text('description', 'what the sensors are')
 
 
 def _effects(settings: Settings, sensors: Settings | None) -> tuple[Settings, ...]:

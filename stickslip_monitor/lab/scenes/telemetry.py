@@ -131,7 +131,7 @@ class Channel:
 class Signal:
     """The samples of one channel over a stretch of time; effects change them."""
 
-    channel: Channel  # the channel
+    channel: Channel
     time: FloatArray  # true instants of measurement since the scene's start, shape (n,) [s]
     stamp_ns: IntArray  # time stamps by the sensor's clock, shape (n,) [ns]
     value: FloatArray  # surface speed [m/s] or load [N], shape (n,)

@@ -15,7 +15,6 @@ from enum import Enum
 from stickslip_monitor.monitor.alarms.causes import LATCHING, RUNG_OF, AlarmKind, Causes, kinds_of
 from stickslip_monitor.monitor.alarms.flood import WINDOW_NS, Flood, FloodFigures
 from stickslip_monitor.monitor.alarms.lifecycle import AlarmState, Facts, Trigger, follow
-from stickslip_monitor.monitor.assessment import Outcome
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.monitor.verdict import Event, Verdict
@@ -208,24 +207,27 @@ class Annunciator:
         name, time_ns = event.bearing, event.time_ns
         self.causes[name].take_event(event, self.now_ns)
         changes = self._sync(name, time_ns)
-        standing = (alarm for alarm in self.alarms[name].values() if alarm.kind in RUNG_OF)
-        worst = next((alarm for alarm in standing if alarm.active), None)
+        standing = (
+            alarm
+            for alarm in self.alarms[name].values()
+            if alarm.kind in RUNG_OF and alarm.active and alarm.state in ON_SHOW
+        )
+        worst = next(standing, None)
         if event.onset and worst is not None and worst.kind not in {c.kind for c in changes}:
             worst.come(self.now_ns, time_ns)
             changes += self._fire(worst, Trigger.RECUR, time_ns, MONITOR)
         return changes
 
     def take_fault(
-        self, bearing: str, which: int, status: Status, time_ns: int
+        self, bearing: str, place: int, status: Status, time_ns: int
     ) -> list[AlarmChange]:
-        """A sample of one input (0 speed, 1 load) was refused for its value."""
-        self.causes[bearing].take_fault(which, status, self.now_ns)
+        """A sample of one input  was refused for its value."""
+        self.causes[bearing].take_fault(place, status, self.now_ns)
         return self._sync(bearing, time_ns)
 
     def take_verdict(self, verdict: Verdict) -> list[AlarmChange]:
         """An operating point was measured."""
-        resting = verdict.assessment.outcome is Outcome.AT_REST
-        if self.causes[verdict.bearing].take_point(resting, self.now_ns):
+        if self.causes[verdict.bearing].take_point(verdict.speed == 0.0, self.now_ns):
             return self._sync(verdict.bearing, verdict.time_ns)
         return []
 

@@ -150,14 +150,14 @@ class Causes:
             if before < rung <= self._rung or rung == self._rung:
                 self.texts[kind] = event.says or event.text
 
-    def take_fault(self, which: int, status: Status, now_ns: int) -> None:
+    def take_fault(self, place: int, status: Status, now_ns: int) -> None:
         """A sample's value could not be believed.
 
         One absurd value is a glitch: the cause is there when they keep coming, within the
         off-delay of one another, for the on-delay. It is gone when none has come for the inputs'
         own off-delay.
         """
-        alarm, quantity = self.config.alarm, INPUTS[which]
+        alarm, quantity = self.config.alarm, INPUTS[place]
         source = self.config.inputs[quantity]
         self._settle_absurd(now_ns)
         if self._absurd_since is None:

@@ -146,11 +146,11 @@ class LiveAlarms:
             if not changes:
                 self.keep()
 
-    def feed(self, bearing: str, which: int, time_ns: int, update: Update) -> None:
+    def feed(self, bearing: str, place: int, time_ns: int, update: Update) -> None:
         """Take what one sample (of input 0 speed, 1 load) brought to the monitor."""
         changes = []
         if update.status in _FAULTS:
-            changes += self.annunciator.take_fault(bearing, which, update.status, time_ns)
+            changes += self.annunciator.take_fault(bearing, place, update.status, time_ns)
         if update.verdict is not None:
             changes += self.annunciator.take_verdict(update.verdict)
         for event in update.events:

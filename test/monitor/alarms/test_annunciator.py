@@ -74,7 +74,8 @@ class Panel:
             speed = self.config.bearing.speed.to_surface(rpm, 'rpm')
             self._points[rpm] = assess(self.config.bearing, speed, 1000.0)
         point = self._points[rpm]
-        self.log += self.alarms.take_verdict(Verdict('aft', self.stamp, QUIET, lambda: point))
+        verdict = Verdict('aft', self.stamp, QUIET, lambda: point, point.speed, point.load)
+        self.log += self.alarms.take_verdict(verdict)
         return self
 
     def absurd(self) -> Panel:

@@ -124,14 +124,14 @@ class Life(RuleBasedStateMachine):
         worse = {k for k in LADDER_KINDS if self.own()[k].state is AlarmState.UNACKNOWLEDGED}
         assert not free or worse & set(LADDER_KINDS[: LADDER_KINDS.index(free[0]) + 1])
 
-    @rule(is_load=st.integers(0, 1))
-    def absurd_value(self, is_load: int) -> None:
-        self.heard(self.annunciator.take_fault('b', is_load, Status.NOT_FINITE, self.now))
+    @rule(place=st.integers(0, 1))
+    def absurd_value(self, place: int) -> None:
+        self.heard(self.annunciator.take_fault('b', place, Status.NOT_FINITE, self.now))
 
     @rule(turning=st.integers(0, 1))
     def operating_point(self, turning: int) -> None:
         point = self.points[turning]
-        verdict = Verdict('b', self.now, QUIET, lambda: point)
+        verdict = Verdict('b', self.now, QUIET, lambda: point, point.speed, point.load)
         self.heard(self.annunciator.take_verdict(verdict))
 
     @rule(

@@ -37,9 +37,11 @@ def _moves(
 ) -> Iterator[tuple[Annunciator, Condition]]:
     """All that can happen next: the cause, the shaft's lock, and what people do."""
     for after in (NORMAL, STICK_SLIP, AMPLITUDE):
-        if after is not condition:
+        # The same condition once more is a new onset while it stands.
+        if after is not condition or after is not NORMAL:
             twin = copy.deepcopy(annunciator)
-            twin.take_event(Event('aft', 0, condition, after, None, False, {}, ''))
+            onset = after is condition
+            twin.take_event(Event('aft', 0, condition, after, None, False, {}, '', onset=onset))
             yield twin, after
     for action in Action:
         if action is not Action.SILENCE:

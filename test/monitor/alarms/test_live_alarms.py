@@ -51,10 +51,10 @@ class Ship:
     def sail(self, rpm: float, load: float, seconds: int = 1) -> None:
         for _ in range(seconds):
             self.now_ns += SECOND
-            for is_load, value in enumerate((rpm, load)):
+            for place, value in enumerate((rpm, load)):
                 time_ns = T0 + self.now_ns
-                update = self.monitor.bearings['aft'].update(is_load, time_ns, value)
-                self.alarms.feed('aft', is_load, time_ns, update)
+                update = self.monitor.bearings['aft'].update(place, time_ns, value)
+                self.alarms.feed('aft', place, time_ns, update)
             self.alarms.advance(self.now_ns)
 
     def drift(self, seconds: int) -> None:

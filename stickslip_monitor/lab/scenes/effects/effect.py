@@ -37,8 +37,8 @@ class SceneRun:
     """One run of a scene: what effects may know of it while they are built, and what they add."""
 
     duration: float  # the scene's duration [s]
-    seed: int  # the scene's seed
-    channels: tuple[Channel, ...]  # its channels
+    seed: int
+    channels: tuple[Channel, ...]
     folder: Path  # the folder of the scene file, from which the paths in it count
     start_ns: int  # time stamp of the scene's start [ns since 1970]
     shaft: Shaft  # speed and load, with what the effects add to them

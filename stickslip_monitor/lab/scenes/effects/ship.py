@@ -28,9 +28,44 @@ from stickslip_monitor.lab.scenes.effects.effect import (
     unit_of,
 )
 from stickslip_monitor.lab.scenes.profile import Profile, check_times, read_profile, read_steps
-from stickslip_monitor.lab.scenes.reproducible_math import cos_turns, exp
 from stickslip_monitor.lab.scenes.settings import Settings, suggestion
 from stickslip_monitor.lab.scenes.telemetry import Channel
+
+# Exponential and cosine with the same bits on every machine: the last bits of numpy's depend on
+# the processor's vector instructions, and a scene must give the same recording everywhere. These
+# use only additions, multiplications and scaling by powers of two, which IEEE 754 rounds in one
+# way and numpy does not fuse.
+
+# exp(r) for |r| <= ln(2)/2, and cos(x) in powers of x^2 for |x| <= pi/2: Taylor's series, until
+# the next term is below half a unit in the last place.
+_EXP = [1.0 / math.factorial(k) for k in range(14)]
+_COS = [(-1.0) ** k / math.factorial(2 * k) for k in range(11)]
+# ln(2) in two parts; the first has so few digits that its multiples are exact.
+_LN2_HIGH, _LN2_LOW = float.fromhex('0x1.62e42feep-1'), float.fromhex('0x1.a39ef35793c76p-33')
+
+
+def exp(x: FloatArray) -> FloatArray:
+    """``e^x`` of numbers from -700 to 700, of any shape; below that range it is that of -700."""
+    x = np.maximum(x, -700.0)
+    twos = np.rint(x * (1.0 / math.log(2.0)))
+    rest = (x - twos * _LN2_HIGH) - twos * _LN2_LOW
+    return np.ldexp(_polynomial(_EXP, rest), twos.astype(np.int32))
+
+
+def cos_turns(turns: FloatArray) -> FloatArray:
+    """``cos(2 pi x)`` of numbers of turns, of any shape."""
+    away = np.abs(turns - np.rint(turns))
+    folded = np.minimum(away, 0.5 - away)
+    angle = (2.0 * math.pi) * np.abs(folded)
+    return np.where(away > 0.25, -1.0, 1.0) * _polynomial(_COS, angle * angle)
+
+
+def _polynomial(coefficients: list[float], x: FloatArray) -> FloatArray:
+    total = np.full_like(x, coefficients[-1])
+    for coefficient in reversed(coefficients[:-1]):
+        np.multiply(total, x, out=total)
+        np.add(total, coefficient, out=total)
+    return total
 
 
 def _add(channel: Channel, run: SceneRun, course: Profile | Response) -> None:

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Colours, files, and pictures inside a page: nothing from outside, no id twice."""
+
+from __future__ import annotations
+
+import builtins
+import colorsys
+import gc
+import re
+import sys
+import weakref
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from stickslip_monitor import Stribeck
+from stickslip_monitor.drawing.calibration import draw_calibration
+from stickslip_monitor.drawing.canvas import inline_svg, save_figure, variable
+from stickslip_monitor.drawing.diagram import draw_diagram
+from stickslip_monitor.drawing.friction_fit import draw_friction_fit
+from stickslip_monitor.drawing.map import draw_map
+from stickslip_monitor.drawing.palette import (
+    CAUTION_FILL,
+    CONDITION_COLOUR,
+    FOLD,
+    HOPF,
+    INK,
+    MUTED,
+    ON_DARK,
+    PAPER,
+    REGIME_COLOUR,
+    REGIME_FILL,
+)
+from stickslip_monitor.errors import DrawingError, OutputError
+from stickslip_monitor.lab.calibration.calibrate import Calibration, DipResult
+from stickslip_monitor.lab.calibration.dips import Dip, VibrationReport, path_of
+from stickslip_monitor.lab.calibration.posterior import prior_of, sample_posterior
+from stickslip_monitor.lab.friction_fit.curve_file import FrictionCurve
+from stickslip_monitor.lab.friction_fit.fit import fit_stribeck
+from stickslip_monitor.lab.friction_fit.spread import boundary_spread
+from stickslip_monitor.monitor.assessment import Regime
+from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.report.recording import _SPEED_CAPTION
+
+pytest.importorskip('matplotlib')
+CONFIG = load_config(Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml')
+REFERENCE = CONFIG.bearings[0]
+
+
+@pytest.fixture(scope='module')
+def drawings() -> list[str]:
+    return [inline_svg(draw_map(REFERENCE), name, 'a <map> & "more"') for name in 'ab']
+
+
+def test_pictures_that_share_a_page_share_no_id(drawings: list[str]) -> None:
+    first, second = (set(re.findall(r'\bid="([^"]+)"', drawing)) for drawing in drawings)
+    assert first
+    assert not first & second
+    for drawing, ids in zip(drawings, (first, second), strict=True):
+        used = re.findall(r'(?:href="|url\()#([^")]+)', drawing)
+        assert used
+        assert set(used) <= ids
+
+
+def test_an_inline_picture_is_well_formed_and_refers_to_nothing_outside(
+    drawings: list[str],
+) -> None:
+    root = ElementTree.fromstring(drawings[0])
+    assert root.get('role') == 'img'
+    assert root.get('aria-label') == 'a <map> & "more"'
+    assert not re.search(r'https?:|<style|<metadata|<image|<script', drawings[0])
+    # matplotlib draws a glyph in 1/64 of its size; rounding that factor would shrink all words.
+    assert 'scale(0.015625)' in drawings[0]
+    assert not re.search('|'.join(ON_DARK), drawings[0])
+    used = set(re.findall(r'var\((--c[0-9a-f]{6})\)', drawings[0]))
+    assert used <= {variable(colour) for colour in ON_DARK}
+    assert {variable(INK), variable(PAPER), variable(CAUTION_FILL)} <= used
+
+
+def luminance(colour: str) -> float:
+    parts = np.array([int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)])
+    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+def contrast(one: str, other: str) -> float:
+    """The ratio of WCAG 2: 4.5 for text, 3 for graphics."""
+    high, low = sorted((luminance(one), luminance(other)), reverse=True)
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_every_regime_and_condition_has_a_colour_by_day_and_night() -> None:
+    assert set(REGIME_COLOUR) == set(REGIME_FILL) == set(Regime)
+    assert set(CONDITION_COLOUR) == set(Condition)
+    assert len(set(CONDITION_COLOUR.values())) == len(Condition)
+    order = [luminance(REGIME_FILL[r]) for r in (Regime.STABLE, Regime.BISTABLE, Regime.UNSTABLE)]
+    assert order == sorted(order, reverse=True)
+    assert min(contrast(MUTED, fill) for fill in REGIME_FILL.values()) > 4.5
+    palette = {*REGIME_COLOUR.values(), *REGIME_FILL.values(), *CONDITION_COLOUR.values()}
+    assert palette | {INK, MUTED, PAPER, CAUTION_FILL, HOPF, FOLD} == set(ON_DARK)
+    fills = [ON_DARK[fill] for fill in (*REGIME_FILL.values(), CAUTION_FILL, PAPER)]
+    assert min(contrast(ON_DARK[INK], fill) for fill in fills) > 7.0
+    assert min(contrast(ON_DARK[MUTED], fill) for fill in fills) > 4.5
+    marks = [ON_DARK[mark] for mark in CONDITION_COLOUR.values()]
+    assert min(contrast(mark, fill) for mark in marks for fill in fills) > 3.0
+
+
+@pytest.mark.parametrize('dark', [False, True])
+def test_boundaries_are_seen_on_all_fills_and_captions_name_their_hues(dark: bool) -> None:
+    def shown(colour: str) -> str:
+        return ON_DARK[colour] if dark else colour
+
+    fills = {regime: shown(fill) for regime, fill in REGIME_FILL.items()}
+    for line in (HOPF, FOLD):
+        assert min(contrast(shown(line), fill) for fill in fills.values()) > 4.5
+    # What the captions of a report call them: red below 25 degrees, amber to 48, yellow to 65.
+    for name, fill in (
+        ('red', fills[Regime.UNSTABLE]),
+        ('amber', fills[Regime.BISTABLE]),
+        ('yellow', shown(CAUTION_FILL)),
+    ):
+        parts = [int(fill[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]
+        hue = 360.0 * colorsys.rgb_to_hsv(*parts)[0]
+        assert name == ('red' if hue < 25.0 else 'amber' if hue < 48.0 else 'yellow')
+        assert f'the {name} ' in _SPEED_CAPTION
+
+
+def test_each_boundary_has_one_colour_in_all_pictures() -> None:
+    second, prior = np.array([0, 10**9]), prior_of(REFERENCE.bearing)
+    squeal = VibrationReport('', 0, 10**9, True, 0.0, 0.9, '')
+    path = path_of(second, np.full(2, 0.2), np.full(2, 1000.0), [squeal], (0, 10**9))
+    dip = DipResult(Dip('', 0, 10**9, (squeal,), second, path), 0.0, (0.5,), ())
+    calibration = Calibration(prior, sample_posterior(prior, []), (dip,))
+    speed = np.linspace(0.0, 0.5, 9)
+    fit = fit_stribeck(FrictionCurve.of(speed, Stribeck(0.3, 0.1, 10.0).coefficient(speed)))
+    spread = boundary_spread(fit, 400.0, 1000.0, draws=100)
+    for figure in (
+        draw_map(REFERENCE),
+        draw_diagram(REFERENCE, 1000.0, points=50),
+        draw_calibration(REFERENCE, calibration),
+        draw_friction_fit(fit, '', spread),
+    ):
+        lines = [line for axes in figure.axes for line in axes.lines]
+        colours = {line.get_color() for line in lines} | {
+            line.get_markeredgecolor() for line in lines if line.get_marker() not in ('', 'None')
+        }
+        assert {FOLD, HOPF} <= colours
+        assert REGIME_COLOUR[Regime.BISTABLE] not in colours
+
+
+def test_figures_leave_nothing_behind(tmp_path: Path) -> None:
+    figure = draw_diagram(REFERENCE, 1000.0, points=20)
+    save_figure(figure, tmp_path / 'a.png')
+    gone = weakref.ref(figure)
+    del figure
+    gc.collect()
+    assert gone() is None
+    pyplot = sys.modules.get('matplotlib.pyplot')
+    assert pyplot is None or not pyplot.get_fignums()
+
+
+def test_the_same_picture_gives_the_same_bytes(tmp_path: Path) -> None:
+    for suffix in ('png', 'svg'):
+        for name in ('a', 'b'):
+            save_figure(draw_map(REFERENCE), tmp_path / f'{name}.{suffix}')
+        assert (tmp_path / f'a.{suffix}').read_bytes() == (tmp_path / f'b.{suffix}').read_bytes()
+
+
+def test_without_matplotlib_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    original = builtins.__import__
+
+    def refuse(name: str, *args: Any, **kwargs: Any) -> Any:
+        if name.startswith('matplotlib'):
+            raise ImportError(f"No module named '{name}'")
+        return original(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, '__import__', refuse)
+    with pytest.raises(DrawingError, match=r"extra 'report'.*stickslip_monitor\[report\]"):
+        draw_diagram(REFERENCE, 1000.0)
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    figure = draw_diagram(REFERENCE, 1000.0, points=20)
+    with pytest.raises(OutputError, match=r"/a\.png' cannot be written: there is no folder '"):
+        save_figure(figure, tmp_path / 'nowhere' / 'a.png')

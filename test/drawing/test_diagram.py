@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bifurcation diagram against closed forms, published numbers and the averaged equation."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.special import i1, i1e
+
+from stickslip_monitor import Bearing, Coulomb, Regime, Stribeck, Tabulated, amplitude_rate
+from stickslip_monitor.drawing.diagram import (
+    Diagram,
+    MarkKind,
+    bifurcation_diagram,
+    diagram_columns,
+    draw_diagram,
+)
+from stickslip_monitor.drawing.map import diagram_speeds
+from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.config_file import load_config
+
+pytest.importorskip('matplotlib')
+RPM = math.pi * 0.1 / 60.0
+LOAD = 1000.0
+TABLE = Tabulated([0.01, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4], [0.3, 0.2, 0.19, 0.19, 0.15, 0.1, 0.11])
+CONFIG = load_config(Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml')
+
+
+def bearing(friction: object, damping: float = 400.0) -> Bearing:
+    return Bearing(50.0, damping, 2.0e6, friction, 0.1)  # type: ignore[arg-type]
+
+
+REFERENCE = bearing(Stribeck(0.3, 0.1, 10.0))
+
+
+def diagram_of(own: Bearing) -> Diagram:
+    return bifurcation_diagram(own, LOAD, diagram_speeds(own, LOAD), 200)
+
+
+@pytest.fixture(scope='module')
+def reference() -> Diagram:
+    return diagram_of(REFERENCE)
+
+
+def test_branches_end_exactly_at_hopf_and_fold(reference: Diagram) -> None:
+    kappa = 400.0 / (LOAD * 0.2 * 10.0)
+    hopf, fold = reference.marks
+    assert (hopf.kind, fold.kind) == (MarkKind.HOPF, MarkKind.FOLD)
+    assert hopf.speed == pytest.approx(-math.log(kappa) / 10.0, rel=1e-14)
+    v = brentq(lambda x: 2.0 * i1e(x) / x - kappa, 1.0, 4.0, xtol=1e-15)
+    assert fold.speed == pytest.approx(v / 10.0, rel=1e-13)
+    stable, threshold = reference.branches
+    at_hopf, at_fold = np.searchsorted(reference.speed, [hopf.speed, fold.speed])
+    assert (stable.stable, threshold.stable) == (True, False)
+    # The unstable branch meets the stable one on the sliding limit a = V.
+    assert stable.amplitude[at_fold] == threshold.amplitude[at_fold] == fold.speed / 200.0
+    assert threshold.amplitude[at_hopf] == 0.0
+    for branch, first in ((stable, 0), (threshold, at_hopf)):
+        known = np.flatnonzero(np.isfinite(branch.amplitude))
+        assert known.tolist() == list(range(first, at_fold + 1))
+    assert reference.spans == (
+        (0.0, hopf.speed, Regime.UNSTABLE),
+        (hopf.speed, fold.speed, Regime.BISTABLE),
+        (fold.speed, diagram_speeds(REFERENCE, LOAD)[1], Regime.STABLE),
+    )
+    growing, slower = reference.growth_rate > 0.0, reference.speed < hopf.speed
+    usual = reference.speed != hopf.speed
+    assert growing[usual].tolist() == slower[usual].tolist()
+
+
+@pytest.mark.parametrize(
+    ('rpm', 'branch', 'millimetres'),
+    [(10, 0, 0.26352), (20, 0, 0.52688), (30, 0, 0.78708), (38, 0, 0.99499), (34, 1, 0.59272)],
+)
+def test_amplitudes_are_the_published_ones(rpm: float, branch: int, millimetres: float) -> None:
+    diagram = bifurcation_diagram(REFERENCE, LOAD, (rpm * RPM, 50.0 * RPM), 10)
+    assert diagram.branches[branch].amplitude[0] * 1e3 == pytest.approx(millimetres, abs=6e-6)
+
+
+def test_threshold_amplitude_solves_its_closed_form(reference: Diagram) -> None:
+    threshold = reference.branches[1].amplitude
+    inside = (threshold > 0.0) & (reference.speed < reference.marks[1].speed)
+    alpha, v = 10.0 * 200.0 * threshold[inside], 10.0 * reference.speed[inside]
+    np.testing.assert_allclose(2.0 * i1(alpha) / alpha, 0.2 * np.exp(v), rtol=1e-10)
+
+
+@pytest.mark.slow
+def test_a_measured_table_has_all_its_branches() -> None:
+    """Each is one unbroken curve of stationary cycles between Hopf, fold and the range's ends."""
+    own = bearing(TABLE)
+    table = diagram_of(own)
+    grid = np.linspace(0.0101, 0.3399, 4000)
+    growth = [-LOAD * float(TABLE.slope(v)) - 400.0 for v in grid]
+    roots = [
+        brentq(lambda v: -LOAD * float(TABLE.slope(v)) - 400.0, grid[i], grid[i + 1])
+        for i in np.flatnonzero(np.diff(np.sign(growth)))
+    ]
+    # The first one is the jump of the slope at the slowest measured speed.
+    hopf = [mark.speed for mark in table.marks if mark.kind is MarkKind.HOPF]
+    np.testing.assert_allclose(hopf, [0.01, *roots], rtol=1e-9)
+    marks = {(mark.speed, mark.amplitude) for mark in table.marks}
+    ends, last = 0, table.speed.size - 1
+    for branch in table.branches:
+        known = np.flatnonzero(np.isfinite(branch.amplitude))
+        assert known.size == known[-1] - known[0] + 1
+        for i, edge in ((known[0], 0), (known[-1], last)):
+            at_mark = (table.speed[i], branch.amplitude[i]) in marks
+            assert at_mark or i == edge
+            ends += at_mark
+        # At a mark two solvers' roundings meet under a square root; elsewhere it is exact.
+        own_rows = known[~np.isin(table.speed[known], [mark.speed for mark in table.marks])]
+        speed, amplitude = table.speed[own_rows], branch.amplitude[own_rows]
+        rate = amplitude_rate(own, speed, LOAD, amplitude)
+        assert np.max(np.abs(rate) / (4.0 * amplitude), initial=0.0) < 1e-6
+        beyond = amplitude_rate(own, speed, LOAD, amplitude * (1.0 + 1e-6))
+        assert np.all((beyond < rate) == branch.stable)
+    assert ends == 2 * (len(table.marks) - len(hopf)) + len(hopf)
+
+
+@pytest.mark.parametrize(
+    ('own', 'regimes'),
+    [
+        # Of dry friction only the exact model has a cycle.
+        (bearing(Coulomb(0.3, 0.1)), [Regime.BISTABLE, Regime.STABLE]),
+        (bearing(Stribeck(0.1, 0.3, 10.0)), [Regime.STABLE]),
+        (bearing(Stribeck(0.3, 0.1, 10.0), damping=3000.0), [Regime.STABLE]),
+    ],
+    ids=['coulomb', 'rising', 'damped'],
+)
+def test_without_an_averaged_cycle_there_are_no_branches(
+    own: Bearing, regimes: list[Regime]
+) -> None:
+    diagram = diagram_of(own)
+    assert diagram.branches == diagram.marks == ()
+    assert [regime for *_, regime in diagram.spans] == regimes
+    columns = diagram_columns(own, diagram)
+    assert np.isnan(columns['stick_slip_amplitude [m]']).all()
+
+
+def test_without_damping_the_cycle_never_ends() -> None:
+    diagram = diagram_of(bearing(Stribeck(0.3, 0.1, 10.0), damping=0.0))
+    assert diagram.marks == ()
+    assert [branch.stable for branch in diagram.branches] == [True]
+    assert np.isfinite(diagram.branches[0].amplitude).all()
+
+
+def test_a_range_inside_one_regime_has_no_marks() -> None:
+    diagram = bifurcation_diagram(REFERENCE, LOAD, (5.0 * RPM, 25.0 * RPM), 50)
+    assert diagram.marks == ()
+    assert (diagram.speed[0], diagram.speed[-1]) == (5.0 * RPM, 25.0 * RPM)
+
+
+def with_law(law: object) -> BearingConfig:
+    return replace(CONFIG.bearings[0], bearing=bearing(law))
+
+
+def named(figure: Any) -> list[str]:
+    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+
+
+def test_the_picture_names_its_curves_and_says_where_hopf_and_fold_are() -> None:
+    figure = draw_diagram(CONFIG.bearings[0], LOAD, points=100)
+    assert named(figure) == [
+        'stick-slip, exact',
+        'stick-slip, averaging',
+        'threshold (unstable), averaging',
+        'steady sliding, unstable',
+        'steady sliding',
+        'sliding limit a = V',
+        'Hopf 30.74 rpm',
+        # The exact fold of this bearing lies 8e-6 off that of averaging.
+        'fold 40.72 rpm (exact 40.72 rpm)',
+    ]
+    axes = figure.axes[0]
+    assert [t.get_text() for t in axes.texts] == ['unstable', 'bistable', 'stable']
+    assert axes.child_axes[0].get_xlabel() == 'surface speed [m/s]'
+    # At 20 rpm and 1000 N: 0.556755 mm, and by averaging 0.52688 mm (physics.md).
+    lines = {line.get_label(): line for line in axes.lines}
+    for name, expected in (('exact', 0.556755), ('averaging', 0.52688)):
+        x, y = (np.asarray(column, float) for column in lines[f'stick-slip, {name}'].get_data())
+        known = np.isfinite(y)
+        assert np.interp(20.0, x[known], y[known]) == pytest.approx(expected, rel=1e-3)
+    assert max(lines['steady sliding, unstable'].get_xdata()) == pytest.approx(30.738, abs=1e-3)
+
+
+def test_a_fold_that_averaging_does_not_have_is_marked() -> None:
+    names = named(draw_diagram(with_law(Coulomb(0.3, 0.1)), LOAD, points=60))
+    assert names[-1] == 'fold, exact 7.194 rpm (averaging has none)'
+
+
+def test_an_empty_picture_says_why() -> None:
+    figure = draw_diagram(with_law(Coulomb(0.1, 0.1)), LOAD, points=20)
+    text = ' '.join(text.get_text() for text in figure.axes[0].texts)
+    assert 'no speed has stick-slip.' in text.replace('\n', ' ')

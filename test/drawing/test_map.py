@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The map against closed forms and the assessment on both of its sides; tracks, and thinning."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.special import i1e
+
+from stickslip_monitor import (
+    Bearing,
+    Coulomb,
+    FrictionLaw,
+    Monitor,
+    Stream,
+    Stribeck,
+    Tabulated,
+    assess,
+)
+from stickslip_monitor.drawing.map import (
+    boundaries,
+    caution_load,
+    draw_map,
+    map_ranges,
+    onset_load,
+)
+from stickslip_monitor.drawing.palette import CONDITION_NAMES
+from stickslip_monitor.drawing.track import Track, TrackEvent, envelope, track_of_scan
+from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.physics.cycle.cycles import exact_cycle
+
+pytest.importorskip('matplotlib')
+RPM = math.pi * 0.1 / 60.0
+CONFIG = load_config(Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml')
+BEARING = CONFIG.bearings[0]
+REFERENCE = BEARING.bearing
+TABLE = replace(
+    REFERENCE,
+    friction=Tabulated(
+        [0.01, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4], [0.3, 0.2, 0.19, 0.19, 0.15, 0.1, 0.11]
+    ),
+)
+DRY = replace(REFERENCE, friction=Coulomb(0.3, 0.1))
+
+
+def test_boundaries_are_the_closed_forms() -> None:
+    curves = boundaries(REFERENCE, (0.01, 0.4), 0.1, 60)
+    v = 10.0 * curves.speed
+    np.testing.assert_allclose(curves.hopf_load, 400.0 * np.exp(v) / (0.2 * 10.0), rtol=1e-12)
+    for load, x in ((curves.fold_load, v), (curves.caution_load, v / 1.1)):
+        np.testing.assert_allclose(load, 400.0 / (2.0 * 2.0 * i1e(x) / x), rtol=1e-12)
+    # The published load at which the cycle dies at 20 rpm.
+    assert float(np.interp(20.0 * RPM, curves.speed, curves.fold_load)) == pytest.approx(
+        498, abs=1
+    )
+
+
+@pytest.mark.parametrize('own', [REFERENCE, TABLE], ids=['stribeck', 'table'])
+def test_the_assessment_changes_across_each_curve(own: Bearing) -> None:
+    curves = boundaries(own, (0.02, 0.3), 0.1, 12)
+    for line, crossed in (
+        (curves.fold_load, lambda point: np.isfinite(point.amplitude)),
+        (curves.hopf_load, lambda point: point.growth_rate > 0.0),
+    ):
+        known = np.isfinite(line)
+        speed, load = curves.speed[known][::5], line[known][::5]
+        assert crossed(assess(own, speed, load * (1.0 + 1e-4))).all()
+        assert not crossed(assess(own, speed, load * (1.0 - 1e-4))).any()
+    speed = np.linspace(0.005, 0.3, 300)
+    load = caution_load(own, speed, 0.1)
+    known = np.isfinite(load)
+    # A minimum of the fold between two points of the grid is found to the grid's width only.
+    speed, load = speed[known][::12], load[known][::12]
+    assert np.all(assess(own, speed, load * 1.001).fold_margin < 0.1)
+    assert np.all(assess(own, speed, load * 0.99).fold_margin >= 0.1)
+
+
+def test_without_stick_slip_there_are_no_curves() -> None:
+    curves = boundaries(DRY, map_ranges(DRY)[0], 0.1, 20)
+    assert math.isnan(onset_load(DRY))
+    for line in (curves.fold_load, curves.hopf_load, curves.caution_load):
+        assert np.isnan(line).all()
+    figure = draw_map(replace(BEARING, bearing=DRY))
+    assert 'no stick-slip in this range' in [text.get_text() for text in figure.axes[0].texts]
+
+
+@pytest.mark.parametrize(
+    ('law', 'end'),
+    # The averaged fold in closed form; and dry friction, of which only the exact model has one:
+    # the damped oscillation from break-away just meets the belt's speed again, by brentq.
+    [(Stribeck(0.3, 0.1, 10.0), 40.7231), (Coulomb(0.3, 0.1), 7.193599)],
+    ids=['stribeck', 'coulomb'],
+)
+def test_a_map_shows_the_way_out_of_stick_slip(law: FrictionLaw, end: float) -> None:
+    own = replace(REFERENCE, friction=law)
+    low, high = map_ranges(own, loads=(0.0, 1000.0))[0]
+    assert (low, high / RPM) == (0.0, pytest.approx(1.25 * end, rel=1e-4))
+
+
+def test_a_map_shows_the_onset_and_the_whole_track() -> None:
+    assert onset_load(REFERENCE) == pytest.approx(200.0, rel=1e-9)
+    assert map_ranges(REFERENCE)[1] == (0.0, pytest.approx(2000.0, rel=1e-9))
+    column = np.array([-2.0, 1.0])
+    speeds, loads = map_ranges(REFERENCE, track=Track(column, column, 550.0 * abs(column)))
+    assert (speeds, loads) == ((0.0, pytest.approx(2.1)), (0.0, 1375.0))
+
+
+def names(legend: Any) -> list[str]:
+    return [text.get_text() for text in legend.get_texts()]
+
+
+def test_the_map_names_regions_and_lines_of_one_amplitude() -> None:
+    figure = draw_map(BEARING)
+    assert names(figure.legends[0]) == [
+        'stable', 'margin low', 'bistable', 'unstable', 'Hopf', 'fold',
+    ]  # fmt: skip
+    axes = figure.axes[0]
+    assert len([text for text in axes.texts if text.get_text().endswith(' mm')]) >= 3
+    (lines,) = [each for each in axes.collections if hasattr(each, 'levels')]
+    checked = 0
+    for level, path in zip(lines.levels, lines.get_paths(), strict=True):
+        for x, y in path.vertices[::9]:
+            found = exact_cycle(REFERENCE, x * RPM, y * 1e3).amplitude * 1e3
+            assert float(found) == pytest.approx(level, rel=5e-3)
+            checked += 1
+    assert checked > 10
+
+
+def test_a_track_has_its_ends_and_the_alarm_marked() -> None:
+    speed = np.interp(np.linspace(0.0, 1.0, 400), [0, 0.5, 1], [0.3, 0.1, 0.3])
+    load = np.full(400, 900.0)
+    speed[200] = np.nan
+    events = [TrackEvent(0.25 - 0.01 * i, 950.0, c) for i, c in enumerate(Condition)]
+    axes = draw_map(BEARING, track=Track(speed, speed, load, events)).axes[0]
+    expected = ['start', 'end', *(f'to: {CONDITION_NAMES[condition]}' for condition in Condition)]
+    assert names(axes.get_legend()) == expected
+    # Each at the operating point that it was told at, wherever a thinned track goes.
+    marks = [line for line in axes.lines if line.get_zorder() == 10]
+    for k, mark in enumerate(marks):
+        assert mark.get_xdata() == pytest.approx([(0.25 - 0.01 * k) / RPM])
+        assert mark.get_ydata() == pytest.approx([0.95])
+    # Start and end are one place: the ring is around the square.
+    start, end = [line for line in axes.lines if line.get_zorder() == 11]
+    assert (start.get_marker(), end.get_marker()) == ('o', 's')
+    assert start.get_markersize() > 1.5 * end.get_markersize()
+
+
+@pytest.mark.parametrize('points', [0, 1])
+def test_a_track_of_next_to_nothing_is_drawn(points: int) -> None:
+    column = np.full(points, 0.2)
+    draw_map(BEARING, track=Track(column, column, 1e3 * column))
+
+
+@pytest.mark.parametrize('n', [3000, 90_000])
+def test_a_track_is_a_course_without_zigzag_over_all_the_places_it_has_been_to(n: int) -> None:
+    """There and back through noise: one turn; and no extreme, and no gap, is lost."""
+    time, noise = np.arange(float(n)), np.random.default_rng(1)
+    speed = np.interp(time, [0, n / 2, n], [0.3, 0.1, 0.3]) + noise.normal(0.0, 5e-4, n)
+    load = noise.normal(900.0, 20.0, n)
+    load[n // 3], speed[7 * n // 9] = 300.0, np.nan
+    lines = draw_map(BEARING, track=Track(time, speed, load)).axes[0].lines
+    ages = [line for line in lines if line.get_zorder() == 8]
+    widths = [line.get_linewidth() for line in ages]
+    assert widths == sorted(widths, reverse=True)
+    steps = np.concatenate([np.diff(np.asarray(line.get_xdata())) for line in ages])
+    assert steps.size < 200
+    # Where it turns back, a single small step may go either way.
+    signs = np.sign(steps[np.abs(steps) > 0.02])
+    assert np.count_nonzero(np.diff(signs)) == 1
+    (cloud,) = [line for line in lines if line.get_zorder() == 6]
+    assert cloud.get_xdata().size < 700
+    assert np.isnan(cloud.get_xdata()).any()
+    assert float(np.nanmin(cloud.get_ydata())) == pytest.approx(0.3)
+
+
+def test_a_track_of_a_scan_is_interrupted_where_an_input_was_lost() -> None:
+    second = 10**9
+    stretch = np.repeat(np.arange(10, dtype=np.int64), 2) * second
+    times = np.concatenate([stretch, stretch + 60 * second])
+    stream = Stream(times, np.tile([False, True], 20), np.array([60.0, 900.0] * 20))
+    scan = Monitor(CONFIG).scan({'aft_stern': stream}, 0, 90 * second)['aft_stern']
+    track = track_of_scan(scan)
+    (gap,) = np.flatnonzero(np.isnan(track.speed))
+    assert track.time[gap - 1] < 10.0 < 59.9 < track.time[gap + 1]
+    assert track.events[0].condition is Condition.INPUT_STALE
+
+
+VALUES = arrays(
+    np.float64,
+    st.integers(1, 400),
+    elements=st.one_of(st.floats(-1e3, 1e3), st.just(float('nan'))),
+)
+
+
+@given(VALUES, st.integers(6, 60))
+def test_thinning_keeps_the_extremes_of_every_stretch(column: np.ndarray, most: int) -> None:
+    kept = envelope(most, column)
+    assert np.all(np.diff(kept) > 0)
+    assert {0, column.size - 1} <= set(kept.tolist())
+    assert kept.size <= max(most, 3) + 2
+    # What is kept of a block is as great and as small as anything in it.
+    length = 1 if column.size <= most else -(-column.size // (most // 3))
+    for i in np.flatnonzero(np.isfinite(column)):
+        block = i // length * length
+        near = column[kept[(kept >= block) & (kept < block + length)]]
+        assert np.nanmin(near) <= column[i] <= np.nanmax(near)
+
+
+def test_one_sample_of_a_day_and_every_interruption_stay() -> None:
+    speed, load = np.full(864_000, 1.0), np.zeros(864_000)
+    speed[500_001], load[4_321], load[7_777] = -3.0, -1.0, np.nan
+    kept = envelope(900, speed, load)
+    assert {500_001, 4_321, 7_777} <= set(kept.tolist())
+    assert kept.size < 910
+    for size in (0, 1, 10):
+        assert envelope(10, np.arange(float(size))).tolist() == list(range(size))
