@@ -201,12 +201,13 @@ def test_rounds_with_none_invented_and_none_lost(
                 await ship.until(
                     lambda: all(v['state'] == 'normal' for v in ship.seen.values()), 'normal'
                 )
-            own = [c for c in ship.changes if c['by'] == 'signal k']
-            assert {c['alarm'] for c in own} == {'stick_slip'}, own
-            assert [c['what'] for c in own].count('acknowledge') == 8
-            assert [c['what'] for c in own].count('silence') == 2
-            raised = [c for c in ship.changes if c['to'] == 'unacknowledged' != c['from']]
-            assert [c['alarm'] for c in raised] == ['stick_slip'] * 8
+            own = [(c['alarm'], c['what']) for c in ship.changes if c['by'] == 'signal k']
+            # Who knows of the worst alarm knows of what it covers.
+            assert {alarm for alarm, _ in own} <= {'stick_slip', 'bistable', 'margin_low'}
+            assert own.count(('stick_slip', 'acknowledge')) == 8
+            assert own.count(('stick_slip', 'silence')) == 2
+            raised = [c['alarm'] for c in ship.changes if c['to'] == 'unacknowledged' != c['from']]
+            assert raised.count('stick_slip') == 8
 
     at_sea(work())
 
