@@ -459,9 +459,6 @@ def at_indices(points: Assessment, rows: Any) -> Assessment:
     return _of_columns(parts, points._bearing, known, points._belief)
 
 
-at_index = at_indices
-
-
 def joined(points: Sequence[Assessment]) -> Assessment:
     """Assessments of points, at least one and all of one bearing."""
     columns: Any = (

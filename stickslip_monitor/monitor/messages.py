@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, Assessments, joined
+from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, joined
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.health import NOT_MONITORING, DiagnosticRecord
 from stickslip_monitor.monitor.input_watch import InputState
@@ -141,7 +141,7 @@ def event_records(events: Sequence[Event]) -> list[dict[str, Any]]:
     return records
 
 
-def _numbers(points: Assessments) -> Iterator[Sequence[float]]:
+def _numbers(points: Assessment) -> Iterator[Sequence[float]]:
     """The numbers of each point of an assessment of arrays."""
     return zip(*(getattr(points, name).tolist() for name in _POINT_FIELDS), strict=True)
 

@@ -39,7 +39,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.monitor.assessment import Assessments, SentenceEnum
+from stickslip_monitor.monitor.assessment import Assessment, SentenceEnum
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig
 from stickslip_monitor.physics.averaging.boundaries import fold_speed
 
@@ -67,7 +67,7 @@ class Plausibility:
         self._bounded = True
         self._least, self._most = math.inf, -math.inf
 
-    def take(self, points: Assessments) -> None:
+    def take(self, points: Assessment) -> None:
         """Take some points, of arrays."""
         if not points.speed.size:
             return

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IndexArray
-from stickslip_monitor.monitor.assessment import Assessment, at_index, at_indices
+from stickslip_monitor.monitor.assessment import Assessment, at_indices
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.ladder import LADDER, Condition
 from stickslip_monitor.monitor.verdict import Event
@@ -159,4 +159,4 @@ class Worst:
         self._least[name] = value = float(badness[i])
         k = i if rows is None else int(rows[i])
         value = -value if name == 'amplitude' else value
-        self.found[name] = Extreme(int(scan.time_ns[k]), value, at_index(scan.assessment, k))
+        self.found[name] = Extreme(int(scan.time_ns[k]), value, at_indices(scan.assessment, k))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
-from stickslip_monitor.monitor.assessment import Assessments, assess, at_indices
+from stickslip_monitor.monitor.assessment import Assessment, assess, at_indices
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.verdict import Event
@@ -32,7 +32,7 @@ class Verdicts(Protocol):
         """How long each counts: to the next one, or to the loss of an input, shape (n,) [ns]."""
 
     @property
-    def assessment(self) -> Assessments:
+    def assessment(self) -> Assessment:
         """Their assessments, shape (n,)."""
 
     @property
@@ -50,7 +50,7 @@ class Outline:
 
     time_ns: IntArray
     until_ns: IntArray
-    assessment: Assessments
+    assessment: Assessment
     sticking: BoolArray
     events: Sequence[Event]
 
