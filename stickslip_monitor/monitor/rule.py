@@ -353,7 +353,8 @@ def judge_lining(s: Any, c: Any, measured: int, near: bool) -> None:
         measured: What the level says.
         near: Whether the point is within the range of caution.
     """
-    starts = s.median_rate > 0.0
+    # Without a growth that is asked for, one value by itself must not start what it cannot keep.
+    starts = s.median_rate > 0.0 or (s.rate > 0.0 and c.onset_growth > 0.0)
     if near and measured == VIBRATING and s.raised & (1 << CAUTION) and not was_apart(s):
         s.course, starts = WITHIN, True
         s.growth = max(s.growth, c.onset_growth)
