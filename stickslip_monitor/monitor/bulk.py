@@ -106,12 +106,13 @@ def scan_bearing(
     return BearingScan(config, start_ns).finish(stream, end_ns)
 
 
-def lost_inputs(s: Any, c: Any) -> dict[str, float]:
+def lost_inputs(s: Any, c: Any, now: int) -> dict[str, float]:
     """The inputs whose values no longer stand, with their ages [s]; ``inf`` for none so far.
 
     Args:
         s: The memory.
         c: The settings.
+        now: At which time [ns].
     """
     found: dict[str, float] = {}
     if s.began == NEVER:
@@ -119,8 +120,8 @@ def lost_inputs(s: Any, c: Any) -> dict[str, float]:
     for place, name in enumerate(QUANTITIES):
         came = s.came[place]
         begun = s.began if came == NEVER else came
-        if s.now >= begun + rule.age_limit(s, c, place):
-            found[name] = math.inf if came == NEVER else (s.now - came) * 1e-9
+        if now >= begun + rule.age_limit(s, c, place):
+            found[name] = math.inf if came == NEVER else (now - came) * 1e-9
     return found
 
 
@@ -320,9 +321,9 @@ class BearingScan:
         if at is not None:
             point = assessed(self.config, self.settings, float(at[0]), float(at[1]), state.runs)
         change = CONDITIONS[int(row[rule.BEFORE])], CONDITIONS[int(row[rule.AFTER])]
-        lost = lost_inputs(state, c) if state.lost else {}
-        standing = standing_of(state, c)
         time_ns, onset = int(row[rule.TIME]), bool(row[rule.ONSET])
+        lost = lost_inputs(state, c, time_ns) if state.lost else {}
+        standing = standing_of(state, c)
         return event_of(self.config, time_ns, change, point, standing, lost, onset)
 
     def _end(self, end_ns: int, points: FloatArray, made: IndexArray) -> list[Event]:
