@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_BAND = REGIME_FILL[Regime.STABLE]
 _LINE = REGIME_COLOUR[Regime.STABLE]
 _OUTLIER = REGIME_COLOUR[Regime.UNSTABLE]
 _BAND_ALPHA = 0.25
