@@ -19,6 +19,7 @@ from benchmarks.table import Table
 from stickslip_monitor.monitor.alarms.live_alarms import LiveAlarms
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.monitor import Monitor
+from stickslip_monitor.monitor.signals import Input
 
 RATE, SECONDS, SHORT = 1000.0, 600.0, 10.0
 DAY_RATE, HOUR, HOURS = 100, 3600, 24
@@ -70,10 +71,10 @@ def _day(hours: int) -> list[str]:
     bearing, step_ns = monitor.bearings[name], 10**9 // (2 * DAY_RATE)
     begin, before, count = time.process_time(), 0.0, 2 * DAY_RATE * HOUR * hours
     for number in range(1, count + 1):
-        is_load, time_ns = number % 2, number * step_ns
+        which, time_ns = number % 2, number * step_ns
         rpm = 40.0 - 25.0 * math.sin(4e-9 * math.pi * time_ns / HOUR)
-        value = LOAD + number % 7 if is_load else rpm
-        alarms.feed(name, is_load, time_ns, bearing.update(is_load, time_ns, value))
+        value = LOAD + number % 7 if which == Input.LOAD else rpm
+        alarms.feed(name, which, time_ns, bearing.update(which, time_ns, value))
         if number % (2 * DAY_RATE) == 0:
             alarms.advance(time_ns)
         if number == count // (4 * hours):

@@ -21,7 +21,6 @@ ALARMS = PAGE.with_name('alarms.md')
 SHIP = PAGE.with_name('ship.md')
 COMMAND = 'python scripts/make_docs.py'
 KINDS = {
-    'float': 'number',
     'int': 'whole number',
     'bool': 'true/false',
     'str': 'text',
@@ -100,60 +99,41 @@ launch file's `config:=`), every command with `--config`.
 
 ## How the file is read
 
-- The sections that apply are `/**`, `/*`, and those whose last part is the node's name:
-  `stickslip_monitor`, `/stickslip_monitor`, `/any/namespace/stickslip_monitor`. Several are merged
-  in the order of the file, parameter by parameter; the last one counts. Other nodes' sections are
-  ignored, and so are the parameters of every ROS 2 node (`use_sim_time`, `qos_overrides`, ...).
-- `friction: {{law: coulomb}}` and `friction.law: coulomb` are the same.
-- Numbers are written `50`, `50.0` or `5e1`. A key given twice in one place, an alias (`*name`)
-  and a parameter that does not exist are refused.
-- An invalid file is refused before anything starts, in one sentence with the parameter, its
-  value and the rule, and exit code 2:
+- The sections that apply are `/**`, `/*`, and those whose last part is the node's name
+  (`/any/namespace/stickslip_monitor`), merged in the order of the file. Other nodes' sections and
+  the parameters of every ROS 2 node (`use_sim_time`, `qos_overrides`, ...) are ignored.
+- `friction: {{law: coulomb}}` and `friction.law: coulomb` are the same. A key given twice,
+  an alias (`*name`) and an unknown parameter are refused.
+- An invalid file is refused before anything starts, in one sentence with exit code 2:
 
       ERROR: ship.yaml: aft_stern.mass = -50.0 must be a finite number above 0 kg
 
-## Units
-
-Everything is SI unless the parameter's own unit says otherwise. An input becomes SI by
-
-    number in the message -> scale * number + offset, in `unit` -> SI
-
-so `offset` is in `unit`. Shaft speed in rpm, rad/s or Hz (revolutions a second) becomes the
-journal's surface speed by `journal_diameter`; m/s is taken to be the surface speed itself. Speeds
-astern are negative; the verdict is the same as ahead. A load of zero or below means no
-contact.
+- Everything is SI unless the parameter's own unit says otherwise. An input is
+  `scale * number + offset` in its `unit`. Shaft speed in rpm, rad/s or Hz (revolutions a second)
+  becomes surface speed by `journal_diameter`; m/s is taken to be the surface speed. Speeds astern
+  are negative; a load of zero or below means no contact.
 
 ## Rules that span parameters
 
 - Names in `bearings` are lower-case letters, digits and underscores, start with a letter, and
   differ.
 - A friction table has at least two points, as many coefficients as speeds, and increasing speeds.
-- `friction.static` may be below `friction.kinetic`: friction then rises with speed and there is
-  no stick-slip.
 - A `tolerance` and a `calibration` need the Stribeck law, `damping` above 0 and `friction.static`
-  above `friction.kinetic`. All tolerances 0 is a monitor without probabilities.
-- A `calibration` holds for its bearing and for the sensors that it was made with: it is refused
-  where a topic, field, scale, offset or unit has changed. It takes the place of `damping` and
-  `friction.decay`, so regime and margins are those of its median; `tolerance.speed` and
-  `tolerance.load` come on top.
+  above `friction.kinetic`. A `calibration` takes the place of `damping` and `friction.decay`; it
+  is refused where the sensors it was made with have changed.
 - `alarm.minimum_speed` is below `speed.maximum`.
 - A level is measured where `level.topic` is given. Its `threshold` is above 0, unless its unit is
-  dB, and not above its `maximum`; it is read from a field of its own. Its unit is only a name, but
-  for dB.
-- Caution is raised while the fold margin is below `caution_margin` and ends above
-  `caution_margin + hysteresis`. The amplitude alarm is raised above `amplitude_limit` and ends
-  below `amplitude_limit * (1 - hysteresis)`.
-- Speed and load make an operating point while neither is older than its `timeout`. Sensors whose
-  clocks differ need a `timeout` above that difference plus the time between messages.
-- A time stamp that steps back by more than the input's `timeout` is a jump of the clock.
+  dB, and not above its `maximum`. Its unit is only a name, but for dB.
+- Caution clears above `caution_margin + hysteresis`, the amplitude alarm below
+  `amplitude_limit * (1 - hysteresis)`.
+- Sensors whose clocks differ need a `timeout` above that difference plus the time between
+  messages.
 
 ## Live and read-only
 
-Parameters marked *live* can be set at any time (`ros2 param set`) and take effect at once; alarms
-and running delays are kept. A delay or timeout that is set shorter than the time already passed
-ends at once. Those marked *fixed* are read when the node starts. The others are read-only while
-the node is active: deactivate it, set them, activate it again, and the monitor starts afresh. An
-invalid change is refused with the same sentence as in a file.
+Parameters marked *live* can be set at any time (`ros2 param set`); alarms and running delays are
+kept. Those marked *fixed* are read when the node starts. The others are read-only while the node
+is active: deactivate it, set them, activate it again.
 """
 
 
@@ -181,7 +161,7 @@ def _default(row: Parameter) -> str:
 def _range(row: Parameter) -> str:
     if row.choices:
         return ', '.join(f'`{choice}`' for choice in row.choices)
-    bounds = []
+    bounds = [] if row.kind == 'float' else [KINDS[row.kind]]
     if row.minimum > -math.inf:
         bounds.append(f'{">" if row.above_minimum else "≥"} {_number(row.minimum)}')
     if row.maximum < math.inf:
@@ -194,7 +174,7 @@ def _range(row: Parameter) -> str:
 def _cells(row: Parameter) -> tuple[str, ...]:
     live = 'live' if row.live else 'fixed' if row.fixed else ''
     text = row.text.replace('|', '\\|')
-    return (f'`{row.name}`', KINDS[row.kind], _default(row), _range(row), row.unit, live, text)
+    return (f'`{row.name}`', _default(row), _range(row), row.unit, live, text)
 
 
 def _inputs() -> Iterator[tuple[str, ...]]:
@@ -212,8 +192,8 @@ def _inputs() -> Iterator[tuple[str, ...]]:
 
 def _table(rows: Iterable[Parameter | tuple[str, ...]]) -> str:
     lines = [
-        '| name | type | default | range | unit | live | meaning |',
-        '|---|---|---|---|---|---|---|',
+        '| name | default | range | unit | live | meaning |',
+        '|---|---|---|---|---|---|',
     ]
     for row in rows:
         cells = row if isinstance(row, tuple) else _cells(row)
@@ -264,7 +244,7 @@ def render_life() -> str:
         f'| {", ".join(states)} | {trigger} | {_targets(choices)} |'
         for (trigger, choices), states in rows.items()
     ]
-    lines += ['', 'Anything else changes nothing, and a person is told so.', '']
+    lines += ['', 'Anything else changes nothing.', '']
     return '\n'.join(lines) + '\n'
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -22,21 +21,6 @@ from stickslip_monitor.files import printable
 
 if TYPE_CHECKING:
     from stickslip_monitor.ros.player import Player
-
-
-@dataclass(frozen=True, slots=True)
-class _Options:
-    rate: float
-    loop: int
-    wait: float
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.rate) and self.rate > 0.0):
-            raise ConfigurationError(f'--rate {self.rate:g} must be a number above 0')
-        if self.loop < 1:
-            raise ConfigurationError(f'--loop {self.loop} must be at least 1')
-        if not self.wait >= 0.0:
-            raise ConfigurationError(f'--wait {self.wait:g} must not be below 0')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,7 +41,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    options = _Options(args.rate, args.loop, args.wait)
+    if not (math.isfinite(args.rate) and args.rate > 0.0):
+        raise ConfigurationError(f'--rate {args.rate:g} must be a number above 0')
+    if args.loop < 1:
+        raise ConfigurationError(f'--loop {args.loop} must be at least 1')
+    if not args.wait >= 0.0:
+        raise ConfigurationError(f'--wait {args.wait:g} must not be below 0')
     bag = open_bag(args.bag)
     if bag.start_ns is None or bag.end_ns is None:
         raise BagError(f"bag '{args.bag}' has no messages to play")
@@ -70,11 +59,11 @@ def run(args: argparse.Namespace) -> int:
         ) from error
     types = {t.name: t.type for t in bag.topics.values() if t.encoding == 'cdr'}
     with open_player(types) as player:
-        _play(player, bag, options)
+        _play(player, bag, args)
     return 0
 
 
-def _play(player: Player, bag: Bag, options: _Options) -> None:
+def _play(player: Player, bag: Bag, args: argparse.Namespace) -> None:
     err = Console(stderr=True, markup=False, soft_wrap=True)
     skipped = player.skipped | {
         t.name: f"its messages are '{t.encoding}', not CDR"
@@ -85,17 +74,17 @@ def _play(player: Player, bag: Bag, options: _Options) -> None:
         err.print(printable(f'not played: {topic}: {reason}'))
     if not set(bag.topics) - set(skipped):
         raise RosError(f"bag '{bag.path}' has no topic that can be played")
-    if options.wait > 0.0 and not player.wait_for_subscribers(options.wait):
+    if args.wait > 0.0 and not player.wait_for_subscribers(args.wait):
         err.print('nobody listens yet; playing all the same')
     start = bag.start_ns or 0
     with Progress(console=err, transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task(
             escape(printable(str(bag.path))), total=((bag.end_ns or 0) - start) * 1e-9
         )
-        for _ in range(options.loop):
+        for _ in range(args.loop):
             count = player.play(
-                bag.messages(),
-                options.rate,
+                ((m.topic, m.log_time_ns, m.data) for m in bag.messages()),
+                args.rate,
                 lambda now: bar.update(task, completed=(now - start) * 1e-9),
             )
             err.print(f'played {plural(count, "message")}')

@@ -38,6 +38,7 @@ from stickslip_monitor.commands.dashboard import (
 from stickslip_monitor.commands.declared import add_config
 from stickslip_monitor.errors import ConfigurationError, LinkError
 from stickslip_monitor.links.link_config import SECTION, LinksConfig, build_links, is_loopback
+from stickslip_monitor.links.live_monitor import LiveMonitor, MonitorSide
 from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.config import MonitorConfig
@@ -45,16 +46,17 @@ from stickslip_monitor.monitor.config_file import NODE_NAME, load_parameters, lo
 from stickslip_monitor.monitor.configure import bearing_names, build_config
 from stickslip_monitor.monitor.session import Display
 from stickslip_monitor.monitor.signals import QUANTITIES, Input
-from stickslip_monitor.ros.state_file import StateFile
+from stickslip_monitor.state_file import StateFile
 
 if TYPE_CHECKING:
     from stickslip_monitor.dashboard.state import DashboardState
     from stickslip_monitor.dashboard.watched import WatchedMonitor
-    from stickslip_monitor.links.nmea_client import NmeaClient, Take
+    from stickslip_monitor.links.nmea_client import NmeaClient
     from stickslip_monitor.links.signalk_client import SignalKClient
 
     Client = NmeaClient | SignalKClient
 
+Take = Callable[[str, Input, float], None]
 SILENT = 3.0
 """A node of which nothing has been heard for so long is not believed to be there [s]."""
 _TICK = 0.5
@@ -211,7 +213,8 @@ async def _watch(
 ) -> None:
     feed, states = Feed(() if board is None else board.monitors), LinkStates(board)
     with _monitor(args, config, links, feed) as (take, run_monitor):
-        clients = _clients(config, links, take, feed, states)
+        names = [bearing.name for bearing in config.bearings]
+        clients = _clients(links, MonitorSide(names, take, feed.act, states.tell, _log))
         feed.sinks += clients
         for client in clients:
             await client.start()
@@ -284,8 +287,6 @@ def _monitor(
             bridge = Bridge(watcher.node, args.node, config, links.labels)
             yield bridge.take, asyncio.Event().wait
         return
-    from stickslip_monitor.links.live_monitor import LiveMonitor
-
     if config.clips.directory:
         _log.warning('clips.directory is not used: event clips are taken by the ROS 2 node')
     store = StateFile(config.state_file) if config.state_file else None
@@ -296,31 +297,22 @@ def _monitor(
     yield live.take, live.run
 
 
-def _clients(
-    config: MonitorConfig, links: LinksConfig, take: Take, feed: Feed, states: LinkStates
-) -> list[Client]:
+def _clients(links: LinksConfig, side: MonitorSide) -> list[Client]:
     """What speaks to the buses."""
     from stickslip_monitor.links.nmea_client import NmeaClient
     from stickslip_monitor.links.signalk import SignalKInputs
     from stickslip_monitor.links.signalk_client import SignalKClient
 
     clients: list[Client] = []
-    names = [b.name for b in config.bearings]
     if links.signalk is not None:
         token = _token(links.signalk.token_file)
         inputs = SignalKInputs(links.signalk_inputs, _log.warning)
         theirs = {item.bearing for item in links.signalk_inputs if item.which is Input.LOAD}
-        own_load = [name for name in names if name not in theirs]
-        clients.append(
-            SignalKClient(
-                links.signalk, token, inputs, names, own_load, take, feed.act, states.tell, _log
-            )
-        )
+        own_load = [name for name in side.bearings if name not in theirs]
+        clients.append(SignalKClient(links.signalk, token, inputs, own_load, side))
     if links.nmea is not None:
         _warn_of_udp(links)
-        clients.append(
-            NmeaClient(links.nmea, links.nmea_inputs, names, take, feed.act, states.tell, _log)
-        )
+        clients.append(NmeaClient(links.nmea, links.nmea_inputs, side))
     return clients
 
 

@@ -14,7 +14,7 @@ import ipaddress
 import secrets
 import stat
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -181,73 +181,39 @@ async def add_headers(_: web.Request, response: web.StreamResponse) -> None:
         response.headers.setdefault(name, value)
 
 
-class Doors:
-    """Makes the protocol of each connection; when there are too many the idlest goes.
+class _Door(asyncio.Protocol):
+    """Stands before the server's protocol, and knows when no request is being answered.
 
     Args:
-        make: Makes the server's own protocol.
+        inner: The server's own protocol of the connection.
+        others: All that are open, in the order in which they last did something.
         most: See :data:`MOST_CONNECTIONS`.
         idle: See :data:`IDLE` [s].
     """
 
-    def __init__(
-        self,
-        make: Callable[[], asyncio.BaseProtocol],
-        most: int = MOST_CONNECTIONS,
-        idle: float = IDLE,
-    ) -> None:
-        self._make, self._most, self.idle = make, most, idle
-        self._open: dict[_Door, None] = {}
-
-    def __call__(self) -> asyncio.Protocol:
-        """The protocol of a new connection."""
-        return _Door(self, self._make())
-
-    def enter(self, door: _Door) -> bool:
-        """Let a connection in; whether there was room for it."""
-        if len(self._open) >= self._most:
-            # They are in the order in which they last did something.
-            idlest = next((each for each in self._open if not each.busy), None)
-            if idlest is None:
-                return False
-            idlest.close()
-        self._open[door] = None
-        return True
-
-    def moved(self, door: _Door) -> None:
-        """A connection has done something."""
-        if self._open.pop(door, self) is None:
-            self._open[door] = None
-
-    def leave(self, door: _Door) -> None:
-        """A connection has gone."""
-        self._open.pop(door, None)
-
-
-class _Door(asyncio.Protocol):
-    """Stands before the server's protocol, and knows when no request is being answered."""
-
-    def __init__(self, doors: Doors, inner: Any) -> None:
-        self._doors, self._inner = doors, inner
+    def __init__(self, inner: Any, others: dict[_Door, None], most: int, idle: float) -> None:
+        self._inner, self._others, self._most, self._idle = inner, others, most, idle
         self._transport: asyncio.Transport | None = None
         self._timer: asyncio.TimerHandle | None = None
-        self._refused = False
-        self.busy = 0
+        self._busy = 0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
+        if len(self._others) >= self._most:
+            idlest = next((each for each in self._others if not each._busy), None)
+            if idlest is None:
+                transport.abort()
+                return
+            idlest.close()
         self._transport = transport
-        self._refused = not self._doors.enter(self)
-        if self._refused:
-            transport.abort()
-            return
+        self._others[self] = None
         self._wait()
         self._inner.connection_made(transport)
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._stop()
-        self._doors.leave(self)
-        if not self._refused:
+        self._others.pop(self, None)
+        if self._transport is not None:
             self._inner.connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
@@ -262,28 +228,24 @@ class _Door(asyncio.Protocol):
     def resume_writing(self) -> None:
         self._inner.resume_writing()
 
-    def begin(self) -> None:
-        """A whole request has come."""
-        self.busy += 1
-        self._stop()
-        self._doors.moved(self)
-
-    def end(self) -> None:
-        """It has been answered."""
-        self.busy -= 1
-        self._doors.moved(self)
+    def count(self, change: int) -> None:
+        """One more request has come whole, or has been answered."""
+        self._busy += change
+        if self._others.pop(self, self) is None:
+            self._others[self] = None
         self._wait()
 
     def close(self) -> None:
         """End the connection, whatever is under way."""
-        self._doors.leave(self)
+        self._others.pop(self, None)
         if self._transport is not None:
             self._transport.abort()
 
     def _wait(self) -> None:
+        """Close it when it has been idle for too long from now on."""
         self._stop()
-        if self._transport is not None and not self._transport.is_closing():
-            self._timer = asyncio.get_running_loop().call_later(self._doors.idle, self.close)
+        if not self._busy and self._transport is not None and not self._transport.is_closing():
+            self._timer = asyncio.get_running_loop().call_later(self._idle, self.close)
 
     def _stop(self) -> None:
         if self._timer is not None:
@@ -298,11 +260,11 @@ async def count_requests(request: web.Request, handler: Handler) -> web.StreamRe
     door = None if transport is None else transport.get_protocol()
     if not isinstance(door, _Door):
         return await handler(request)
-    door.begin()
+    door.count(1)
     try:
         return await handler(request)
     finally:
-        door.end()
+        door.count(-1)
 
 
 async def listen(
@@ -312,12 +274,21 @@ async def listen(
     most: int = MOST_CONNECTIONS,
     idle: float = IDLE,
 ) -> asyncio.Server:
-    """Listen at an address, with limits.
+    """Listen at an address; when there are too many connections the idlest goes.
+
+    Args:
+        runner: The server.
+        address: The address.
+        port: The port; 0 for any.
+        most: See :data:`MOST_CONNECTIONS`.
+        idle: See :data:`IDLE` [s].
 
     Raises:
         OSError: It cannot be listened at.
         OverflowError: The port is none.
     """
-    assert runner.server is not None
-    doors = Doors(runner.server, most, idle)
-    return await asyncio.get_running_loop().create_server(doors, address, port, backlog=128)
+    make, others = runner.server, dict[_Door, None]()
+    assert make is not None
+    return await asyncio.get_running_loop().create_server(
+        lambda: _Door(make(), others, most, idle), address, port, backlog=128
+    )

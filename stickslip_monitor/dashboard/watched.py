@@ -82,14 +82,9 @@ def _fields(document: Any, readers: Mapping[str, Reader]) -> dict[str, Any]:
     return {name: read(own.get(name)) for name, read in readers.items()}
 
 
-def _each(readers: Mapping[str, Reader], must: bool = True) -> Reader:
+def _each(readers: Mapping[str, Reader]) -> Reader:
     """Reads a list of documents."""
-
-    def read(value: Any) -> list[dict[str, Any]]:
-        documents = _must(list)(value) if must else _may(list, [])(value)
-        return [_fields(document, readers) for document in documents]
-
-    return read
+    return lambda value: [_fields(document, readers) for document in _must(list)(value)]
 
 
 NUMBERS = (
@@ -124,7 +119,7 @@ _RECORD: dict[str, Reader] = {
     'time': _time,
     'sticking': _may(bool),
     'held_until': _milliseconds,
-    **dict.fromkeys(('regime', 'outcome', 'measured', 'unmeasured'), _may(str)),
+    **dict.fromkeys(('regime', 'measured', 'unmeasured'), _may(str)),
     **dict.fromkeys(NUMBERS, _finite),
     'inputs': lambda value: {
         str(name): _fields(own, _INPUT) for name, own in _must(dict)(value).items()
@@ -145,14 +140,10 @@ _ALARMS: dict[str, Reader] = {
         _ALARM | {'active': bool, 'suppressed_by': _texts, 'shelved_until': _milliseconds}
     ),
     'rows': _each(
-        _ALARM
-        | dict.fromkeys(('first_time', 'came_back_since'), _milliseconds)
-        | {'kinds': _texts, 'first_text': _may(str, ''), 'came_back': _may(int, 0)}
+        _ALARM | {'kinds': _texts, 'came_back': _may(int, 0), 'came_back_since': _milliseconds}
     ),
     'changes': _each(dict.fromkeys(_CHANGE, _must(str)) | {'time': _milliseconds}),
-    'notes': _each(
-        dict.fromkeys(('what', 'text'), _must(str)) | {'time': _milliseconds}, must=False
-    ),
+    'notes': _each(dict.fromkeys(('what', 'text'), _must(str)) | {'time': _milliseconds}),
 }
 
 

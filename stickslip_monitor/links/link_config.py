@@ -6,7 +6,7 @@ from __future__ import annotations
 import ipaddress
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 from urllib.parse import SplitResult, urlsplit
 
@@ -14,54 +14,49 @@ from stickslip_monitor.errors import ConfigurationError, did_you_mean
 from stickslip_monitor.links.nmea import NmeaInput
 from stickslip_monitor.links.signalk import SignalKInput
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
-from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
+from stickslip_monitor.monitor.parameter import REQUIRED, Parameter, filled, parameter, rows
 from stickslip_monitor.monitor.signals import QUANTITIES, Input
 from stickslip_monitor.physics.oscillator import SPEED_UNITS
 
 SECTION = '/stickslip_links'
 SIGNALK, NMEA = 'signalk', 'nmea'
-LINK_PARAMETERS = (
-    Parameter('signalk.url', 'str', '', 'Address of the Signal K server, http:// or https://.'),
-    Parameter('signalk.token_file', 'str', '', 'File with the token for that server.'),
-    Parameter('signalk.ca_file', 'str', '', "Certificate of whoever signed the server's."),
-    Parameter(
-        'signalk.prefix', 'str', '', 'Path under which values and alarms are sent; empty for none.'
-    ),
-    Parameter(
-        'signalk.accept_actions', 'bool', False, 'Whether people may act at the Signal K server.'
-    ),
-    Parameter('nmea.listen', 'str', '', 'Where sentences come from: udp://, tcp:// or serial://.'),
-    Parameter('nmea.alerts', 'str', '', 'Where alert sentences go; empty for nowhere.'),
-    Parameter('nmea.talker', 'str', 'II', 'Talker identifier of our sentences.'),
-    Parameter('nmea.manufacturer', 'str', '', 'Manufacturer code of our alerts; empty for none.'),
-    Parameter(
-        'nmea.first_alert',
-        'int',
-        10001,
-        'Identifier of our first alert; the five others follow.',
-        minimum=1,
-        maximum=999994,
-    ),
-    Parameter(
-        'nmea.list_period',
-        'float',
-        30.0,
-        'Time between two lists of alerts.',
-        unit='s',
-        minimum=1.0,
-        maximum=600.0,
-    ),
-    Parameter(
-        'nmea.heartbeat',
-        'float',
-        60.0,
-        'Time between two heartbeats.',
-        unit='s',
-        minimum=1.0,
-        maximum=600.0,
-    ),
-    Parameter('nmea.accept_actions', 'bool', False, 'Whether people may act by ACN sentences.'),
-)
+_PATH = re.compile(r'[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)+')
+_PORTS = {'udp': 'udp://127.0.0.1:10110', 'tcp': 'tcp://127.0.0.1:10110', 'serial': 'serial:///'}
+BAUD_RATES = (4800, 9600, 19200, 38400, 57600, 115200)
+
+
+@dataclass(frozen=True, slots=True)
+class SignalKLink:
+    """How a Signal K server is used."""
+
+    url: str = parameter('', 'Address of the Signal K server, http:// or https://.')
+    token_file: str = parameter('', 'File with the token for that server.')
+    ca_file: str = parameter('', "Certificate of whoever signed the server's.")
+    prefix: str = parameter('', 'Path under which values and alarms are sent; empty for none.')
+    accept_actions: bool = parameter(False, 'Whether people may act at the Signal K server.')
+
+
+def _period(default: float, text: str) -> Any:
+    return parameter(default, text, 's', minimum=1.0, maximum=600.0)
+
+
+@dataclass(frozen=True, slots=True)
+class NmeaLink:
+    """How NMEA 0183 is used."""
+
+    listen: str = parameter('', 'Where sentences come from: udp://, tcp:// or serial://.')
+    alerts: str = parameter('', 'Where alert sentences go; empty for nowhere.')
+    talker: str = parameter('II', 'Talker identifier of our sentences.')
+    manufacturer: str = parameter('', 'Manufacturer code of our alerts; empty for none.')
+    first_alert: int = parameter(
+        10001, 'Identifier of our first alert; the six others follow.', minimum=1, maximum=999994
+    )
+    list_period: float = _period(30.0, 'Time between two lists of alerts.')
+    heartbeat: float = _period(60.0, 'Time between two heartbeats.')
+    accept_actions: bool = parameter(False, 'Whether people may act by ACN sentences.')
+
+
+LINK_PARAMETERS = rows(SignalKLink, 'signalk.') + rows(NmeaLink, 'nmea.')
 """The parameters of the buses."""
 INPUT_PARAMETERS = (
     Parameter('from', 'str', REQUIRED, 'The bus.', choices=(SIGNALK, NMEA)),
@@ -74,34 +69,6 @@ INPUT_PARAMETERS = (
     Parameter('name', 'str', '', 'NMEA: name of the transducer of XDR.'),
 )
 """The parameters of one input of a bearing, under ``<bearing>.speed`` and ``<bearing>.load``."""
-_PATH = re.compile(r'[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)+')
-_PORTS = {'udp': 'udp://127.0.0.1:10110', 'tcp': 'tcp://127.0.0.1:10110', 'serial': 'serial:///'}
-BAUD_RATES = (4800, 9600, 19200, 38400, 57600, 115200)
-
-
-@dataclass(frozen=True, slots=True)
-class SignalKLink:
-    """How a Signal K server is used; see :data:`LINK_PARAMETERS`."""
-
-    url: str
-    token_file: str
-    ca_file: str
-    prefix: str
-    accept_actions: bool
-
-
-@dataclass(frozen=True, slots=True)
-class NmeaLink:
-    """How NMEA 0183 is used; see :data:`LINK_PARAMETERS`."""
-
-    listen: str
-    alerts: str
-    talker: str
-    manufacturer: str
-    first_alert: int
-    list_period: float
-    heartbeat: float
-    accept_actions: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +162,7 @@ def _signalk(own: Mapping[str, Any], used: bool) -> SignalKLink | None:
     actions = own['signalk.accept_actions']
     rule = 'false without signalk.prefix: nothing is sent that somebody could act on'
     _require(prefix or not actions, 'signalk.accept_actions', actions, rule)
-    return SignalKLink(**_part(own, SIGNALK) | {'url': value.rstrip('/')})
+    return replace(filled(SignalKLink, 'signalk.', own), url=value.rstrip('/'))
 
 
 def _nmea(own: Mapping[str, Any], used: bool) -> NmeaLink | None:
@@ -219,13 +186,7 @@ def _nmea(own: Mapping[str, Any], used: bool) -> NmeaLink | None:
     )
     if not (listen or alerts):
         return None
-    return NmeaLink(**_part(own, NMEA))
-
-
-def _part(own: Mapping[str, Any], bus: str) -> dict[str, Any]:
-    """The parameters of one bus, by their last names."""
-    parts = {key.partition('.'): value for key, value in own.items()}
-    return {name: value for (of, _, name), value in parts.items() if of == bus}
+    return filled(NmeaLink, 'nmea.', own)
 
 
 def check_port(name: str, value: str) -> SplitResult:

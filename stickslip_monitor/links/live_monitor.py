@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A session on an event loop, without ROS: fed with what arrives from the ship's buses."""
+"""The monitor as a bus reaches it, and a session on an event loop, without ROS."""
 
 from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
+from stickslip_monitor.errors import StickslipError
 from stickslip_monitor.monitor.alarms.live_alarms import Log, Store
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.config import MonitorConfig
@@ -19,6 +21,32 @@ TICK = 0.1
 BEHIND_NS = 500_000_000
 """The passing of time is told so late that a sample delivered late is not overtaken."""
 _SHOWN_EVERY_NS = 10**9
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorSide:
+    """What a bus reaches of the monitor, which is here or in a node beside.
+
+    Attributes:
+        bearings: Names of all bearings in the order of the file.
+        take: Takes bearing, input and number of a sample.
+        act: Takes what people ask for.
+        tell: Told whether the link of that name works, and if not, why.
+        log: Where faults are told.
+    """
+
+    bearings: Sequence[str]
+    take: Callable[[str, Input, float], None]
+    act: Callable[[ActionRequest], None]
+    tell: Callable[[str, bool, str], None]
+    log: Log
+
+    def ask(self, request: ActionRequest) -> None:
+        """Hand on what somebody asks for at a bus; that it is refused is logged."""
+        try:
+            self.act(request)
+        except StickslipError as error:
+            self.log.error(f'{request.by}: {request.action} of {request.bearing} refused: {error}')
 
 
 class LiveMonitor:

@@ -16,17 +16,11 @@ import tty
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from stickslip_monitor.errors import LinkError, StickslipError
+from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links.link_config import NmeaLink, check_port
+from stickslip_monitor.links.live_monitor import MonitorSide
 from stickslip_monitor.links.nmea import Alerts, NmeaInput, samples
-from stickslip_monitor.monitor.alarms.live_alarms import Log
-from stickslip_monitor.monitor.alarms.requests import ActionRequest
-from stickslip_monitor.monitor.signals import Input
 
-Take = Callable[[str, Input, float], None]
-"""Takes bearing, input and number of a sample."""
-TellLink = Callable[[str, bool, str], None]
-"""Told whether the link of that name works, and if not, why."""
 SILENT = 30.0
 """A port that should bring lines and has brought none for so long is opened again [s]."""
 AGAIN = 1.0
@@ -258,27 +252,13 @@ class NmeaClient:
     Args:
         link: The configuration.
         inputs: What to read.
-        bearings: Names of all bearings in the order of the file.
-        take: Takes samples.
-        act: Takes what people ask for.
-        tell: Told of the links ``nmea_in`` and ``nmea_out``.
-        log: Where refused actions are told.
+        side: The monitor; it is told of the links ``nmea_in`` and ``nmea_out``.
     """
 
-    def __init__(
-        self,
-        link: NmeaLink,
-        inputs: Sequence[NmeaInput],
-        bearings: Sequence[str],
-        take: Take,
-        act: Callable[[ActionRequest], None],
-        tell: TellLink,
-        log: Log,
-    ) -> None:
-        self._link, self._inputs = link, inputs
-        self._take, self._act, self._tell, self._log = take, act, tell, log
+    def __init__(self, link: NmeaLink, inputs: Sequence[NmeaInput], side: MonitorSide) -> None:
+        self._link, self._inputs, self._side = link, inputs, side
         self._alerts = Alerts(
-            bearings, link.talker, link.manufacturer, link.first_alert, link.accept_actions
+            side.bearings, link.talker, link.manufacturer, link.first_alert, link.accept_actions
         )
         self._ports: list[Port] = []
         self._out: Port | None = None
@@ -304,7 +284,7 @@ class NmeaClient:
         name = 'nmea_in' if listens else 'nmea_out'
 
         def on_link(up: bool, why: str) -> None:
-            self._tell(name, up, why)
+            self._side.tell(name, up, why)
 
         address = getattr(self._link, role)
         # Where only acknowledgements may come, silence is nothing wrong.
@@ -344,11 +324,8 @@ class NmeaClient:
 
     def _on_line(self, line: str) -> None:
         for sample in samples(self._inputs, line):
-            self._take(*sample)
+            self._side.take(*sample)
         answers, request = self._alerts.obey(line, time.time_ns())
         self._send(answers)
         if request is not None:
-            try:
-                self._act(request)
-            except StickslipError as error:
-                self._log.error(f'NMEA: {request.action} of {request.bearing} refused: {error}')
+            self._side.ask(request)

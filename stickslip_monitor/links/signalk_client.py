@@ -17,9 +17,9 @@ from urllib.parse import urlsplit
 
 import aiohttp
 
-from stickslip_monitor.errors import LinkError, StickslipError
+from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links.link_config import SignalKLink, is_loopback
-from stickslip_monitor.links.nmea_client import Take, TellLink
+from stickslip_monitor.links.live_monitor import MonitorSide
 from stickslip_monitor.links.signalk import (
     SAFE_ACTIONS,
     Notifications,
@@ -29,8 +29,6 @@ from stickslip_monitor.links.signalk import (
     is_hello,
     version_of,
 )
-from stickslip_monitor.monitor.alarms.live_alarms import Log
-from stickslip_monitor.monitor.alarms.requests import ActionRequest
 
 IN, OUT = 'signalk_in', 'signalk_out'
 HEARTBEAT = 10.0
@@ -69,12 +67,8 @@ class SignalKClient:
         link: The configuration.
         token: The token, empty for none.
         inputs: What to read.
-        bearings: Names of all bearings.
-        own_load: Those whose load comes from elsewhere.
-        take: Takes samples.
-        act: Takes what people ask for.
-        tell: Told of the links ``signalk_in`` and ``signalk_out``.
-        log: Where faults and refused actions are told.
+        own_load: Bearings whose load comes from elsewhere.
+        side: The monitor; it is told of the links ``signalk_in`` and ``signalk_out``.
         heartbeat: See :data:`HEARTBEAT` [s].
         unheard: See :data:`UNHEARD` [s].
     """
@@ -84,22 +78,17 @@ class SignalKClient:
         link: SignalKLink,
         token: str,
         inputs: SignalKInputs,
-        bearings: Sequence[str],
         own_load: Sequence[str],
-        take: Take,
-        act: Callable[[ActionRequest], None],
-        tell: TellLink,
-        log: Log,
+        side: MonitorSide,
         heartbeat: float = HEARTBEAT,
         unheard: float = UNHEARD,
     ) -> None:
-        self._link, self._inputs, self._bearings = link, inputs, bearings
-        self._take, self._act, self._tell, self._log = take, act, tell, log
+        self._link, self._inputs, self._side = link, inputs, side
         self._heartbeat, self._unheard = heartbeat, unheard
         self._headers = {'Authorization': f'Bearer {token}'} if token else {}
         self._ssl = ssl_context(link.ca_file)
         self._values = SignalKValues(link.prefix, own_load)
-        self._alarms = Notifications(bearings, link.prefix, f'{time.time_ns() // 10**6:x}')
+        self._alarms = Notifications(side.bearings, link.prefix, f'{time.time_ns() // 10**6:x}')
         self._records: dict[str, dict[str, Any]] = {}
         self._outbox: deque[Update] = deque(maxlen=_OUTBOX)
         self._wake = asyncio.Event()
@@ -136,9 +125,9 @@ class SignalKClient:
 
     def _lost(self, reason: str) -> None:
         self._socket, self._waiting_since = None, None
-        self._tell(IN, False, reason)
+        self._side.tell(IN, False, reason)
         if self._link.prefix:
-            self._tell(OUT, False, reason)
+            self._side.tell(OUT, False, reason)
 
     async def _connection(self, session: aiohttp.ClientSession) -> None:
         async with await self._open(session) as socket:
@@ -149,7 +138,7 @@ class SignalKClient:
             extra = [self._alarms.pattern] if self._link.prefix else []
             await socket.send_str(json.dumps(self._inputs.subscription(extra)))
             self._socket = socket
-            self._tell(IN, True, '')
+            self._side.tell(IN, True, '')
             self._greet(now)
             sender = asyncio.create_task(self._send_all(socket))
             try:
@@ -207,7 +196,7 @@ class SignalKClient:
         """Put back all that a server may have forgotten."""
         self._outbox.clear()
         if self._link.prefix:
-            self._outbox += [self._values.meta(name) for name in self._bearings]
+            self._outbox += [self._values.meta(name) for name in self._side.bearings]
             self._repeat(now)
 
     def _repeat(self, now: float) -> None:
@@ -236,21 +225,18 @@ class SignalKClient:
         except (ValueError, RecursionError):
             return
         for sample in self._inputs.take(frame, time.monotonic()):
-            self._take(*sample)
+            self._side.take(*sample)
         if self._link.prefix:
             self._on_echo(frame)
 
     def _on_echo(self, frame: object) -> None:
         if self._alarms.hears(frame, self._own):
             self._waiting_since = None
-            self._tell(OUT, True, '')
+            self._side.tell(OUT, True, '')
         updates, requests = self._alarms.take_echo(frame, self._own)
         self._send(updates)
         for request in requests if self._link.accept_actions else ():
-            try:
-                self._act(request)
-            except StickslipError as error:
-                self._log.error(f'Signal K: {request.action} refused: {error}')
+            self._side.ask(request)
 
     def take_record(self, record: dict[str, Any]) -> None:
         """Remember the newest; it is sent once a second."""
@@ -269,19 +255,23 @@ class SignalKClient:
         self._send(self._alarms.take_monitor('' if there else 'The monitor is not heard.'))
         if there and now - self._sent_values >= _VALUES_EVERY:
             self._sent_values = now
-            self._outbox += [self._values.values(n, self._records.get(n)) for n in self._bearings]
+            self._outbox += [
+                self._values.values(n, self._records.get(n)) for n in self._side.bearings
+            ]
             self._wake.set()
         if now - self._repeated >= REPEAT:
             self._repeat(now)
         if self._waiting_since is not None and now - self._waiting_since >= self._unheard:
-            self._tell(OUT, False, 'what is sent does not come back: has the token the right to?')
+            self._side.tell(
+                OUT, False, 'what is sent does not come back: has the token the right to?'
+            )
 
     async def finish(self) -> None:
         """Say that we go: no values any more; alarms stand."""
         socket = self._socket
         if socket is None or not self._link.prefix:
             return
-        updates = [self._values.values(name, None) for name in self._bearings]
+        updates = [self._values.values(name, None) for name in self._side.bearings]
         updates += self._alarms.take_monitor('The monitor was stopped.')
         with suppress(aiohttp.ClientError, OSError):
             for update in updates:

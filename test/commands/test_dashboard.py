@@ -226,14 +226,6 @@ def test_a_short_token_is_refused_and_not_told(
     assert 'hunter2' not in printed
 
 
-def test_a_port_that_is_taken(start: Callable[..., str], capsys: Any) -> None:
-    url = start('--bag', str(BAG))
-    port = url.rstrip('/').rpartition(':')[2]
-    arguments = ['dashboard', '--config', str(CONFIG), '--bag', str(BAG), '--port', port]
-    assert main(arguments) == 2
-    assert f'cannot listen at 127.0.0.1 port {port}' in capsys.readouterr().err
-
-
 def test_with_a_token_others_may_come(start: Callable[..., str], tmp_path: Path) -> None:
     file = tmp_path / 'token'
     file.touch(0o600)

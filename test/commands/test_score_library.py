@@ -78,16 +78,18 @@ LIBRARY = {
     # Stops at 180, 300 and 510 s, starts at 240, 360 and 570 s; the second start goes over into a
     # stop and astern without a rest: six. From rest nothing can warn before; to the delay comes
     # that the shaft meter averages over a second.
-    # Slowing to half ahead looks like a stop for some seconds.
-    'manoeuvring': {'aft_stern': Figures(6, -3.4, -3.4, 3 * 3.4, false=1)},
+    # Slowing to half ahead looks like a stop for some seconds. After a stop longer than the hold
+    # of a minute a start is late.
+    'manoeuvring': {'aft_stern': Figures(6, -3.4, -3.4, 3 * 3.4, late=1, false=1)},
     # In caution from 60 s on, but for one wave, and never predicted: each of the two episodes
     # lasts to the next trough.
     'slow_steaming_waves': {'aft_stern': Figures(2, 309.5 - 60.0 - 8.0 - 2.0, None, 2 * 8.0)},
     # From 691 N (caution) to 1069 N (Hopf) in half a minute of 680 N; the filter takes a second.
     'trim_change': {'aft_stern': Figures(1, 378.0 / 680.0 * 30.0 - 2.0 - 1.0 - 0.5, 0.0)},
     # From ahead to astern, to rest, and from rest. From 95 to -75 rpm with a lag of 10 s the shaft
-    # takes 1.3 s from caution to Hopf: less than the delay, but the trend tells.
-    'crash_stop': {'aft_stern': Figures(3, 2.0, -2.4, 2 * 2.4)},
+    # takes 1.3 s from caution to Hopf: less than the delay, but the trend tells. The start from
+    # rest is late, as in cold_start.
+    'crash_stop': {'aft_stern': Figures(3, -2.4, -2.4, 2 * 2.4, late=1)},
     # The speed sensor is stuck until 500 s; the shaft has passed the Hopf speed at 455 s.
     'sensor_values': {'aft_stern': Figures(1, -47.5, -47.5, 47.5, late=1)},
     # From 44.8 to 30.74 rpm at 0.4 rpm/s.

@@ -17,12 +17,8 @@ from stickslip_monitor.monitor.signals import Input
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / 'launch_configs' / 'examples' / 'ship.yaml'
 PAGE = ROOT / 'docs' / 'ship.md'
-BEARING = {
-    'mass': 50.0,
-    'damping': 400.0,
-    'stiffness': 2.0e6,
-    'journal_diameter': 0.1,
-    'friction': {'law': 'stribeck', 'static': 0.3, 'kinetic': 0.1, 'decay': 10.0},
+REFERENCE = yaml.safe_load((ROOT / 'launch_configs' / 'reference_bearing.yaml').read_text())
+BEARING = REFERENCE['/**']['ros__parameters']['aft_stern'] | {
     'speed': {'unit': 'Hz'},
     'load': {'unit': 'N'},
 }

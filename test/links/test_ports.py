@@ -19,6 +19,7 @@ import pytest
 from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links import nmea_client
 from stickslip_monitor.links.link_config import NmeaLink
+from stickslip_monitor.links.live_monitor import MonitorSide
 from stickslip_monitor.links.nmea import NmeaInput, sentence
 from stickslip_monitor.links.nmea_client import KINDS, NmeaClient, Port
 from stickslip_monitor.monitor.signals import Input
@@ -119,7 +120,7 @@ def test_datagrams_out_to_somebody_who_comes_late() -> None:
     on_loop(work)
 
 
-def test_a_stream_that_ends_and_comes_back() -> None:
+def test_a_stream_that_comes_late_ends_and_comes_back() -> None:
     async def work() -> None:
         talkers: list[asyncio.StreamWriter] = []
         heard: list[bytes] = []
@@ -128,10 +129,12 @@ def test_a_stream_that_ends_and_comes_back() -> None:
             talkers.append(writer)
             heard.append(await reader.readline())
 
-        server = await asyncio.start_server(serve, '127.0.0.1', 0)
-        number = server.sockets[0].getsockname()[1]
+        number = free()
         end = End(f'tcp://127.0.0.1:{number}')
         await at_work(end.port)
+        await until(lambda: end.states == [False])
+        end.port.send([RPM])  # lost, as there is nobody
+        server = await asyncio.start_server(serve, '127.0.0.1', number)
         await until(lambda: talkers)
         talkers[0].write(b'x' * 5000 + f'\r\n{RPM[:10]}'.encode())
         await asyncio.sleep(0.05)
@@ -141,28 +144,9 @@ def test_a_stream_that_ends_and_comes_back() -> None:
         await until(lambda: heard == [f'{RPM}\r\n'.encode()])
         talkers[0].close()
         await until(lambda: len(talkers) == 2)
-        assert end.states == [True, False]  # connected again, but silent
+        assert end.states == [False, True, False]  # connected again, but silent
         talkers[1].write(f'{RPM}\r\n'.encode())
-        await until(lambda: end.states == [True, False, True])
-        server.close()
-
-    on_loop(work)
-
-
-def test_a_server_that_is_not_there_yet_is_waited_for() -> None:
-    async def work() -> None:
-        number = free()
-        end = End(f'tcp://127.0.0.1:{number}')
-        await at_work(end.port)
-        await until(lambda: end.states == [False])
-        assert 'refused' in end.reasons[-1] or 'Connect call failed' in end.reasons[-1]
-        end.port.send([RPM])  # lost, as there is nobody
-
-        async def serve(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            writer.write(f'{RPM}\r\n'.encode())
-
-        server = await asyncio.start_server(serve, '127.0.0.1', number)
-        await until(lambda: end.states == [False, True])
+        await until(lambda: end.states == [False, True, False, True])
         server.close()
 
     on_loop(work)
@@ -206,6 +190,24 @@ def test_silence_is_a_fault_where_lines_are_expected() -> None:
         assert sends.states == [True]
 
     on_loop(work)
+
+
+def test_where_only_acknowledgements_may_come_silence_is_no_fault(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(nmea_client, 'SILENT', 0.05)
+    told: list[Any] = []
+    log = logging.getLogger('test')
+
+    async def work() -> None:
+        side = MonitorSide(['aft'], print, print, lambda *state: told.append(state), log)
+        client = NmeaClient(NmeaLink(f'udp://127.0.0.1:{free()}', accept_actions=True), [], side)
+        await client.start()
+        asyncio.get_running_loop().create_task(client.run())
+        await asyncio.sleep(0.2)
+
+    on_loop(work)
+    assert told == [('nmea_in', True, '')]
 
 
 def test_what_cannot_be_opened_at_the_start_is_an_error(tmp_path: Path) -> None:
@@ -265,11 +267,13 @@ def test_sentences_in_alerts_out_and_acknowledgements_back(
         client = NmeaClient(
             NmeaLink(port, port, 'II', '', 10001, 30.0, 60.0, True),
             [NmeaInput('aft', Input.SPEED, 'RPM', kind='S', number=1)],
-            ['aft'],
-            lambda *sample: samples.append(sample),
-            act,
-            lambda *state: told.append(state),
-            logging.getLogger('test'),
+            MonitorSide(
+                ['aft'],
+                lambda *sample: samples.append(sample),
+                act,
+                lambda *state: told.append(state),
+                logging.getLogger('test'),
+            ),
         )
         await client.start()
         running = asyncio.get_running_loop().create_task(client.run())

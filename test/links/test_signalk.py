@@ -14,8 +14,6 @@ from stickslip_monitor.links.signalk import (
     SignalKInput,
     SignalKInputs,
     SignalKValues,
-    is_hello,
-    version_of,
 )
 from stickslip_monitor.monitor.alarms.annunciator import Action
 from stickslip_monitor.monitor.alarms.causes import AlarmKind
@@ -33,11 +31,7 @@ HELLO = {
 
 
 def delta(
-    value: Any,
-    second: float = 0.0,
-    source: str = 'shaft.1',
-    path: str = PATH,
-    context: str = SHIP,
+    value: Any, second: float = 0.0, source: str = 'shaft.1', path: str = PATH, context: str = SHIP
 ) -> dict[str, Any]:
     """One value, stamped so many seconds after the greeting."""
     minute, rest = divmod(second, 60.0)
@@ -152,21 +146,6 @@ def test_one_source_at_a_time() -> None:
     chosen = Reader(source='b')
     assert chosen.take(delta(3.0, 1.0, 'a'), 1.0) == []
     assert chosen.take(delta(4.0, 1.0, 'b'), 1.0) == [4.0]
-
-
-@pytest.mark.parametrize(
-    ('version', 'expected'),
-    [('2.23.0', (2, 23)), ('v2.24.1-beta', (2, 24)), ('10.1', (10, 1)), ('', (0, 0))],
-)
-def test_versions(version: str, expected: tuple[int, int]) -> None:
-    assert version_of({'version': version}) == expected
-
-
-@pytest.mark.parametrize(
-    ('frame', 'expected'), [(HELLO, True), ({'version': '1'}, False), ('hi', False)]
-)
-def test_greetings(frame: object, expected: bool) -> None:
-    assert is_hello(frame) is expected
 
 
 RECORD = {
@@ -373,18 +352,6 @@ def test_a_sound_that_an_older_client_took_away_is_a_silence() -> None:
     late = {**old, 'method': ['visual'], 'status': {}}
     frame = delta(late, source='stickslip_monitor', path=STICK)
     assert server.out.take_echo(frame, SHIP) == ([], [])
-
-
-def test_all_is_sent_again_and_nothing_twice_without_a_change() -> None:
-    server = Server()
-    assert len(server.out.all()) == len(AlarmKind) + 1
-    sent = server.alarm('unacknowledged')
-    assert server.alarm('unacknowledged') == []
-    again = [u for u in server.out.all() if u['values'][0]['path'] == STICK]
-    assert [u['values'][0]['value'] for u in again] == [
-        {key: value for key, value in sent[-1].items() if key != 'source'}
-    ]
-    json.dumps(server.out.all(), allow_nan=False)
 
 
 def test_the_monitor_has_a_notification_of_its_own() -> None:

@@ -20,6 +20,7 @@ from benchmarks.signalk_servers import SmallServer
 from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links import signalk_client
 from stickslip_monitor.links.link_config import SignalKLink
+from stickslip_monitor.links.live_monitor import MonitorSide
 from stickslip_monitor.links.signalk import SignalKInput, SignalKInputs
 from stickslip_monitor.links.signalk_client import SignalKClient, request_token
 from stickslip_monitor.monitor.alarms.causes import AlarmKind
@@ -61,12 +62,14 @@ class Ship:
             link,
             token,
             SignalKInputs([SignalKInput('aft', Input.SPEED, PATH, '', 5.0)], lambda text: None),
-            ['aft'],
             [],
-            lambda bearing, which, value: self.values.append(value),
-            lambda request: self.requests.append(str(request.action)),
-            self.tell,
-            logging.getLogger('test'),
+            MonitorSide(
+                ['aft'],
+                lambda bearing, which, value: self.values.append(value),
+                lambda request: self.requests.append(str(request.action)),
+                self.tell,
+                logging.getLogger('test'),
+            ),
             **times,
         )
         self.client.take_alarms(alarms('normal'))
@@ -124,24 +127,6 @@ def at_sea(work: Work) -> None:
     asyncio.run(run())
 
 
-def test_only_fresh_values_of_our_own_ship_arrive() -> None:
-    async def work(server: SmallServer) -> None:
-        await server.publish(PATH, 9.0, stamp='2020-01-01T00:00:00.000Z')  # kept, and old
-        async with sailing(Ship(server)) as ship:
-            await ship.until(lambda: server.subscriptions)
-            await server.say("\"Only 'instant' and 'fixed' policies supported\"")
-            await server.say('no JSON {')
-            await server.publish(PATH, 8.0, context='vessels.urn:mrn:imo:mmsi:111')
-            for value in (1.0, None, 2.0):
-                await server.publish(PATH, value)
-                await asyncio.sleep(0.005)  # stamps are of milliseconds
-            await ship.until(lambda: len(ship.values) == 3)
-        assert ship.values[::2] == [1.0, 2.0]
-        assert ship.values[1] != ship.values[1]
-
-    at_sea(work)
-
-
 RECORD = {
     'bearing': 'aft',
     'reason': 'stick_slip',
@@ -171,6 +156,8 @@ def test_a_server_that_forgets_gets_everything_back() -> None:
             await server.publish(PATH, 3.0)
             await ship.until(lambda: ship.values == [3.0])
             assert ship.requests == []
+            # No name that only Python has for a part of the connection.
+            assert not [why for why in ship.reasons if '<' in why or 'ssl' in why]
 
     at_sea(work)
 
@@ -268,25 +255,6 @@ def test_another_program_is_no_signal_k_server(greeting: str) -> None:
     at_sea(work)
 
 
-def test_a_page_of_something_else_is_no_signal_k_server() -> None:
-    async def work(server: SmallServer) -> None:
-        ship = Ship(server)
-        await server.stop()
-        other = await asyncio.start_server(_not_found, '127.0.0.1', server.port)
-        async with other:
-            with pytest.raises(LinkError, match='is no Signal K server: it answers 404'):
-                await ship.client.run()
-
-    at_sea(work)
-
-
-async def _not_found(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    await reader.readuntil(b'\r\n\r\n')
-    writer.write(b'HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\n\r\n')
-    await writer.drain()
-    writer.close()
-
-
 @pytest.mark.parametrize(('version', 'works'), [('2.23.0', False), ('2.24.0', True)])
 def test_a_server_that_takes_an_acknowledgement_from_anybody(
     version: str, works: bool, monkeypatch: pytest.MonkeyPatch
@@ -310,19 +278,9 @@ def test_a_server_that_takes_an_acknowledgement_from_anybody(
 def certificate(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A server's certificate, signed by itself, with its key."""
     folder = tmp_path_factory.mktemp('tls')
-    command = [
-        'openssl',
-        'req',
-        '-x509',
-        '-newkey',
-        'rsa:2048',
-        '-nodes',
-        '-days',
-        '2',
-        '-subj',
-        '/CN=ship',
-    ]
-    command += ['-addext', 'subjectAltName=IP:127.0.0.1', '-keyout', 'key.pem', '-out', 'cert.pem']
+    made = ['-x509', '-newkey', 'rsa:2048', '-nodes', '-days', '2', '-subj', '/CN=ship']
+    files = ['-addext', 'subjectAltName=IP:127.0.0.1', '-keyout', 'key.pem', '-out', 'cert.pem']
+    command = ['openssl', 'req', *made, *files]
     subprocess.run(command, cwd=folder, check=True, capture_output=True)
     return folder
 
@@ -369,7 +327,7 @@ def test_a_token_is_asked_for(states: list[str], permission: str, expected: str 
             f'Approve stickslip_monitor in the pages of {link.url} (Security, Access Requests)'
         ]
         await server.stop()
-        with pytest.raises(LinkError, match='cannot be asked for a token'):
+        with pytest.raises(LinkError, match=r'cannot be asked for a token: [^<]+$'):
             await request_token(link, 'id', said.append)
 
     at_sea(work)

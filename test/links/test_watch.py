@@ -30,12 +30,8 @@ WITHOUT_ROS = (
     "import sys; sys.modules['rclpy'] = None\n"
     'from stickslip_monitor.cli import main; sys.exit(main(sys.argv[1:]))'
 )
-BEARING = {
-    'mass': 50.0,
-    'damping': 400.0,
-    'stiffness': 2.0e6,
-    'journal_diameter': 0.1,
-    'friction': {'law': 'stribeck', 'static': 0.3, 'kinetic': 0.1, 'decay': 10.0},
+REFERENCE = Path(__file__).resolve().parents[2] / 'launch_configs' / 'reference_bearing.yaml'
+BEARING = yaml.safe_load(REFERENCE.read_text())['/**']['ros__parameters']['aft_stern'] | {
     'speed': {'unit': 'rpm', 'timeout': 2.0},
     'load': {'unit': 'N', 'timeout': 2.0},
     'alarm': {'on_delay': 0.2, 'off_delay': 0.2},

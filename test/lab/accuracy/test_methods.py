@@ -19,7 +19,7 @@ from stickslip_monitor.lab.accuracy.harmonic_balance import (
     half_range,
     harmonic_balance,
 )
-from stickslip_monitor.lab.accuracy.method import MethodOutcome, breakaway
+from stickslip_monitor.lab.accuracy.method import MethodOutcome
 from stickslip_monitor.lab.accuracy.perturbation import (
     Cubic,
     averages,
@@ -30,9 +30,7 @@ from stickslip_monitor.lab.accuracy.perturbation import (
 )
 from stickslip_monitor.lab.accuracy.time_stepping import (
     event_driven,
-    run,
     smoothed,
-    smoothed_flow,
     switching,
     turning_points,
 )
@@ -235,33 +233,6 @@ def test_the_bias_of_smoothing(width, bias):
     at_20, at_10 = (error(smoothed, speed, width, True) for speed in (20, 10))
     assert at_20 == pytest.approx(bias, rel=0.15)
     assert at_10 / at_20 == pytest.approx(2.1, abs=0.15)
-
-
-def test_default_tolerance_is_worse_than_the_smoothing_it_resolves():
-    assert abs(error(smoothed, 10, 1e-5, False)) > 50.0 * 5e-4
-
-
-def evaluations_of_two_cycles(method: str, width: float) -> int:
-    speed, load = rpm(10), 1000.0
-    flow = smoothed_flow(width, BENCH, speed, load)
-    span = (0.0, 2.0 * exact_cycle(BENCH, speed, load).period)
-    start = (breakaway(BENCH, speed, load), speed)
-    return run(flow, span, start, method=method, rtol=1e-6, atol=1e-10).nfev
-
-
-def test_the_step_of_an_explicit_method_collapses_where_smoothed_friction_sticks():
-    """solve_ivp's own choice, RK45: while the lining sticks, the step cannot exceed 3.3 time
-    constants ``m width/(N mu_s)`` (the real stability interval of Dormand and Prince's pair;
-    Hairer and Wanner II, IV.2), at six evaluations a step.
-    """
-    cycle = exact_cycle(BENCH, rpm(10), 1000.0)
-    stick = 2.0 * cycle.stick_fraction * cycle.period
-    counts = [evaluations_of_two_cycles('RK45', width) for width in (1e-2, 1e-5)]
-    steps = stick / 3.3 * 1000.0 * 0.3 / (50.0 * 1e-5)
-    assert counts[1] - counts[0] == pytest.approx(6.0 * steps, rel=0.25)
-    # An implicit method pays with its matrices, not with its step.
-    implicit = [evaluations_of_two_cycles('LSODA', width) for width in (1e-3, 2.5e-6)]
-    assert implicit[1] < 2 * implicit[0]
 
 
 @pytest.mark.parametrize('speed', [2, 20, 38])
