@@ -21,7 +21,6 @@ ALARMS = PAGE.with_name('alarms.md')
 SHIP = PAGE.with_name('ship.md')
 COMMAND = 'python scripts/make_docs.py'
 KINDS = {
-    'float': 'number',
     'int': 'whole number',
     'bool': 'true/false',
     'str': 'text',
@@ -162,7 +161,7 @@ def _default(row: Parameter) -> str:
 def _range(row: Parameter) -> str:
     if row.choices:
         return ', '.join(f'`{choice}`' for choice in row.choices)
-    bounds = []
+    bounds = [] if row.kind == 'float' else [KINDS[row.kind]]
     if row.minimum > -math.inf:
         bounds.append(f'{">" if row.above_minimum else "≥"} {_number(row.minimum)}')
     if row.maximum < math.inf:
@@ -175,7 +174,7 @@ def _range(row: Parameter) -> str:
 def _cells(row: Parameter) -> tuple[str, ...]:
     live = 'live' if row.live else 'fixed' if row.fixed else ''
     text = row.text.replace('|', '\\|')
-    return (f'`{row.name}`', KINDS[row.kind], _default(row), _range(row), row.unit, live, text)
+    return (f'`{row.name}`', _default(row), _range(row), row.unit, live, text)
 
 
 def _inputs() -> Iterator[tuple[str, ...]]:
@@ -193,8 +192,8 @@ def _inputs() -> Iterator[tuple[str, ...]]:
 
 def _table(rows: Iterable[Parameter | tuple[str, ...]]) -> str:
     lines = [
-        '| name | type | default | range | unit | live | meaning |',
-        '|---|---|---|---|---|---|---|',
+        '| name | default | range | unit | live | meaning |',
+        '|---|---|---|---|---|---|',
     ]
     for row in rows:
         cells = row if isinstance(row, tuple) else _cells(row)

@@ -79,7 +79,7 @@ def test_odd_names_and_links_of_an_archive(tmp_path: Path) -> None:
     (source,) = BAG.glob('*.mcap')
     for name in ('²', '١', 'plain', os.fsdecode(b'\xff\xfe')):
         (tmp_path / name).mkdir()
-        (tmp_path / name / 'a.mcap').symlink_to(source)
+        (tmp_path / name / 'a.mcap').write_bytes(source.read_bytes())
     (tmp_path / 'loop').symlink_to(tmp_path / 'loop')
     assert len(find_bags([tmp_path])) == 4
     with pytest.raises(BagError):

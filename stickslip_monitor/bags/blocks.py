@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import enum
-import io
 import os
 import struct
 import zlib
@@ -18,26 +16,21 @@ from pathlib import Path
 import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
 import zstandard
-from mcap.opcode import Opcode
 
 from stickslip_monitor.arrays import IntArray
-from stickslip_monitor.bags.records import HEAD, Walker
+from stickslip_monitor.bags.records import HEAD
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.files import open_file
 
 MOST = 128 << 20
 """The largest chunk that is restored, decompressed or not [bytes]."""
-
-# A cut chunk is fed in small pieces, so that an error inside costs only what follows it, and so
-# that none of them grows to more than some 20 MB.
-_PIECE = 512
-_GROWTH = 1 << 20
 # Of a chunk that is cut: recorders that are cut off write chunks of a few [bytes].
-MOST_CUT = 32 << 20
+_MOST_CUT = 32 << 20
 # Start and end [ns], size and checksum of what is compressed, length of the compression's name.
 CHUNK_HEAD = struct.Struct('<QQQII')
-_LONGEST_NAME = 64
 INDEX_HEAD = struct.Struct('<BQHI')
+# More than is in front of what is compressed [bytes].
+_LONGEST_HEAD = 200
 # Larger blocks are not loaded while the one before is in use [bytes].
 _AHEAD = 8 << 20
 _WORKERS = 2
@@ -45,54 +38,52 @@ _WORKERS = 2
 # What a file may take [bytes]: so much, and so much for each of its own.
 _FREE = 160 << 20
 _FOR_EACH = 100
-STEP_COST = 300
-"""What a record that is no message costs; a message decoded by itself costs twice that [bytes]."""
+
+# A decompressor is fed in small pieces, so that an error inside costs only what follows it, and so
+# that none of them grows to more than some 20 MB.
+_FEEDS: dict[str, tuple[int, Callable[[], Callable[[bytes | memoryview], bytes]]]] = {
+    '': (MOST, lambda: bytes),
+    'zstd': (512, lambda: zstandard.ZstdDecompressor().decompressobj().decompress),
+    'lz4': (8192, lambda: lz4.frame.LZ4FrameDecompressor().decompress),
+}
 
 
-class BlockKind(enum.Enum):
-    """How a block lies in its file."""
-
-    CHUNK = 'chunk'
-    CUT_CHUNK = 'cut chunk'
-    BARE = 'records outside of chunks'
+Loaded = tuple[bytes, IntArray | None]
 
 
 class DamagedBlock(Exception):
-    """A block cannot be restored; the text is a sentence naming file, byte and reason."""
+    """A block cannot be restored; the text is a clause for a sentence."""
 
 
 class Exhausted(Exception):
     """A file takes more than it may; the text is a sentence."""
 
 
-class CompressionError(Exception):
-    """The data cannot be decompressed; the text is a clause for a sentence."""
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Block:
     """One chunk, or one run of records outside of chunks.
 
-    ``offset`` and ``length`` say where it lies in the file [bytes], ``index_length`` how long the
-    message indexes behind it are, and ``size`` how much it is when decompressed.  ``start_ns``
-    and ``end_ns`` bound its log times.  ``channels`` are those it has messages of, None where that
-    is not known.
+    ``offset`` and ``length`` say where it lies in the file [bytes], and ``size`` how much it is
+    when decompressed.  ``start_ns`` and ``end_ns`` bound its log times, ``index_length`` is how
+    long the message indexes behind it are, and ``channels`` has a bit for each channel that it has
+    messages of; None where that is not known.
     """
 
     path: Path
-    kind: BlockKind
     offset: int
     length: int
     size: int
+    is_chunk: bool
+    is_cut: bool = False
     start_ns: int = 0
     end_ns: int = 0
     index_length: int = 0
-    channels: IntArray | None = None
+    channels: int | None = None
 
     @property
     def place(self) -> str:
         """The block as a sentence names it."""
-        kind = 'records' if self.kind is BlockKind.BARE else 'chunk'
+        kind = 'chunk' if self.is_chunk else 'records'
         return f"file '{self.path.name}': the {kind} at byte {self.offset}"
 
 
@@ -115,169 +106,112 @@ class Budget:
         self._left -= cost
         if self._left < 0:
             raise Exhausted(
-                f"file '{block.path.name}' was read to the {block.kind.value} at byte"
-                f' {block.offset}: it grows to more than {self.most} bytes, the limit for its size'
+                f"file '{block.path.name}' was read to byte {block.offset}: what it holds grows to"
+                f' more than {self.most} bytes, the limit for its size'
             )
 
 
-def decompress(data: bytes, compression: str, size: int) -> bytes:
-    """Decompress a whole chunk.
+def decompress(
+    data: bytes | memoryview, compression: str, size: int, is_cut: bool = False
+) -> bytes:
+    """Decompress a chunk.
 
     Args:
         data: Compressed bytes.
         compression: Name used by MCAP: ``''``, ``'lz4'`` or ``'zstd'``.
         size: Decompressed size the chunk declares [bytes].
+        is_cut: Whether it is only the beginning of one.
 
     Returns:
-        Exactly ``size`` bytes.
+        Exactly ``size`` bytes; as many as can be restored of a chunk that is cut.
 
     Raises:
-        CompressionError: Unknown compression, damaged data, or another size than declared.
+        DamagedBlock: Unknown compression, damaged data, or another size than declared.
     """
-    if max(size, len(data)) > MOST:
-        raise CompressionError(f'it declares {size} bytes, and more than {MOST} are not restored')
-    try:
-        plain = _WHOLE[compression](data, size)
-    except KeyError:
-        raise CompressionError(f"its compression '{compression}' is unknown") from None
-    except (zstandard.ZstdError, RuntimeError, MemoryError, EOFError):
-        raise CompressionError(f'its {compression} data does not decompress') from None
-    if len(plain) != size:
-        held = f'{len(plain)} bytes' if len(plain) < size else 'more bytes'
-        raise CompressionError(f'it holds {held} where it declares {size}')
-    return plain
-
-
-def decompress_prefix(data: bytes, compression: str, size: int) -> bytes:
-    """Decompress as much as the beginning of a chunk gives.
-
-    Args:
-        data: The compressed bytes that are there, perhaps none.
-        compression: As for :func:`decompress`.
-        size: A bound on the result, as MOST is [bytes].
-
-    Returns:
-        The bytes that could be restored; empty when the compression is unknown.
-    """
-    size = min(size, MOST)
-    if not compression:
-        return data[:size]
-    if compression not in _PIECEWISE:
-        return b''
-    feed = _PIECEWISE[compression]()
+    if compression not in _FEEDS:
+        raise DamagedBlock(f"its compression '{compression}' is unknown")
     parts: list[bytes] = []
-    total = 0
+    total, (step, make) = 0, _FEEDS[compression]
     try:
-        for start in range(0, len(data), _PIECE):
-            parts.append(feed(data[start : start + _PIECE]))
+        if compression == 'zstd' and not is_cut and zstandard.frame_content_size(data) == size:
+            return zstandard.ZstdDecompressor().decompress(data)
+        # Without a matching size in the frame the declared one may be garbage.
+        feed = make()
+        for start in range(0, len(data), step):
+            parts.append(feed(data[start : start + step]))
             total += len(parts[-1])
-            if total >= size:
+            if total > size:
                 break
-    except (zstandard.ZstdError, RuntimeError, EOFError):
-        pass
+    except (zstandard.ZstdError, RuntimeError, MemoryError, EOFError):
+        if not is_cut:
+            raise DamagedBlock(f'its {compression} data does not decompress') from None
+    if total != size and not is_cut:
+        held = f'{total} bytes' if total < size else 'more bytes'
+        raise DamagedBlock(f'it holds {held} where it declares {size}')
     return b''.join(parts)[:size]
 
 
-def _plain(data: bytes, size: int) -> bytes:
-    return data
-
-
-def _zstd(data: bytes, size: int) -> bytes:
-    if zstandard.frame_content_size(data) == size:
-        return zstandard.ZstdDecompressor().decompress(data)
-    # Without a matching size in the frame the declared one may be garbage: let the output grow.
-    parts: list[bytes] = []
-    with zstandard.ZstdDecompressor().stream_reader(io.BytesIO(data)) as reader:
-        while sum(map(len, parts)) <= size and (part := reader.read(_GROWTH)):
-            parts.append(part)
-    return b''.join(parts)
-
-
-def _lz4(data: bytes, size: int) -> bytes:
-    plain: bytes = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
-    return plain
-
-
-_WHOLE: dict[str, Callable[[bytes, int], bytes]] = {'': _plain, 'zstd': _zstd, 'lz4': _lz4}
-_PIECEWISE: dict[str, Callable[[], Callable[[bytes], bytes]]] = {
-    'zstd': lambda: zstandard.ZstdDecompressor().decompressobj().decompress,
-    'lz4': lambda: lz4.frame.LZ4FrameDecompressor().decompress,
-}
-
-
-def load(block: Block) -> Walker:
+def load(block: Block) -> Loaded:
     """Bring a block into memory.
 
     Args:
         block: What to read.
 
     Returns:
-        Its records; of a chunk that is cut, those that could be restored.
+        Its records, and where messages begin in it after its index, if it has one; of a chunk that
+        is cut, what could be restored.
 
     Raises:
         DamagedBlock: The chunk is too large, does not decompress, or its checksum is wrong.
         BagError: The file cannot be read.
     """
+    most = min(block.length, (_MOST_CUT if block.is_cut else MOST) + _LONGEST_HEAD)
     try:
         with open_file(block.path) as file:
-            return _load(block, file.fileno())
-    except CompressionError as error:
-        raise DamagedBlock(f'{block.place} is damaged ({error}) and was skipped') from None
+            data = os.pread(file.fileno(), most, block.offset)
+            most_index = min(block.index_length, MOST)
+            index = os.pread(file.fileno(), most_index, block.offset + block.length)
     except OSError as error:
         raise BagError(f"bag file '{block.path}' cannot be read: {error.strerror}") from None
-
-
-def _load(block: Block, file: int) -> Walker:
-    if block.kind is BlockKind.BARE:
-        return Walker(_read(file, block.length, block.offset), None)
-    most = min(HEAD.size + CHUNK_HEAD.size + _LONGEST_NAME, block.length)
-    head = os.pread(file, most, block.offset)
-    if len(head) < HEAD.size + CHUNK_HEAD.size:
-        raise CompressionError('it is not a chunk record')
-    _, _, size, checksum, letters = CHUNK_HEAD.unpack_from(head, HEAD.size)
-    begin = HEAD.size + CHUNK_HEAD.size + letters
-    name = head[begin - letters : begin].decode(errors='replace')
-    length = int.from_bytes(head[begin : begin + 8], 'little')
-    begin += 8
-    if block.kind is BlockKind.CUT_CHUNK:
-        data = os.pread(file, max(min(block.length - begin, MOST), 0), block.offset + begin)
-        return Walker(decompress_prefix(data[:length], name, min(size, MOST_CUT)), None)
-    if letters > _LONGEST_NAME - 8 or length > block.length - begin:
-        raise CompressionError('it is not a chunk record')
-    if length > MOST:
-        raise CompressionError(f'it is {length} bytes long, and more than {MOST} are not read')
-    plain = decompress(_read(file, length, block.offset + begin), name, size)
+    if len(data) < most:
+        raise DamagedBlock('the file became shorter while it was read')
+    if not block.is_chunk:
+        return data, None
+    try:
+        _, _, size, checksum, letters = CHUNK_HEAD.unpack_from(data, HEAD.size)
+        begin = HEAD.size + CHUNK_HEAD.size + letters + 8
+        (length,) = struct.unpack_from('<Q', data, begin - 8)
+    except struct.error:
+        raise DamagedBlock('it is not a chunk record') from None
+    name = data[begin - letters - 8 : begin - 8].decode(errors='replace')
+    packed = memoryview(data)[begin : begin + length]
+    if block.is_cut:
+        return decompress(packed, name, min(size, _MOST_CUT), is_cut=True), None
+    if max(size, length) > MOST:
+        raise DamagedBlock(f'it declares {size} bytes, and more than {MOST} are not restored')
+    if len(packed) < length:
+        raise DamagedBlock('it is not a chunk record')
+    plain = decompress(packed, name, size)
     if checksum and zlib.crc32(plain) != checksum:
-        raise CompressionError('its checksum is wrong')
-    index = os.pread(file, min(block.index_length, MOST), block.offset + block.length)
-    return Walker(plain, _hints(index) if index else None)
+        raise DamagedBlock('its checksum is wrong')
+    return plain, _hints(index) if index else None
 
 
-def _read(file: int, length: int, offset: int) -> bytes:
-    data = os.pread(file, length, offset)
-    if len(data) < length:
-        raise CompressionError('the file became shorter while it was read')
-    return data
-
-
-def _hints(index: bytes) -> IntArray:
-    """Where messages begin in a chunk after its message indexes; none if these are damaged."""
-    nothing = np.empty(0, np.int64)
-    parts, at = [nothing], 0
-    while at < len(index):
-        if at + INDEX_HEAD.size > len(index):
-            return nothing
-        kind, length, _, size = INDEX_HEAD.unpack_from(index, at)
+def _hints(index: bytes) -> IntArray | None:
+    """Where messages begin in a chunk after its message indexes; None if these are damaged."""
+    parts, at = [np.empty(0, np.int64)], 0
+    while at + INDEX_HEAD.size <= len(index):
+        _, length, _, size = INDEX_HEAD.unpack_from(index, at)
         begin, at = at + INDEX_HEAD.size, at + HEAD.size + length
-        if kind != Opcode.MESSAGE_INDEX or size % 16 or begin + size > min(at, len(index)):
-            return nothing
-        parts.append(np.frombuffer(index, np.int64, size // 8, begin)[1::2])
+        if size % 16 or begin + size > min(at, len(index)):
+            return None
+        parts.append(np.frombuffer(index, '<i8', size // 8, begin)[1::2])
     found = np.concatenate(parts)
     found.sort(kind='stable')
     return found
 
 
-def prefetch(blocks: Iterable[Block]) -> Iterator[Callable[[], Walker]]:
+def prefetch(blocks: Iterable[Block]) -> Iterator[Callable[[], Loaded]]:
     """Load blocks in order, small ones while those before are worked on.
 
     Args:
@@ -287,9 +221,9 @@ def prefetch(blocks: Iterable[Block]) -> Iterator[Callable[[], Walker]]:
         For each block what gives its records, or raises as :func:`load`.
     """
     with ThreadPoolExecutor(_WORKERS) as pool:
-        waiting: deque[Callable[[], Walker]] = deque()
+        waiting: deque[Callable[[], Loaded]] = deque()
         for block in blocks:
-            if block.size > _AHEAD:
+            if max(block.size, block.length) > _AHEAD:
                 waiting.append(partial(load, block))
             else:
                 waiting.append(pool.submit(load, block).result)

@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from stickslip_monitor.arrays import IntArray
-from stickslip_monitor.bags.contents import DATED, Part, scan_file
+from stickslip_monitor.bags.cdr import short_name
+from stickslip_monitor.bags.contents import DATED, Contents, scan_file
 from stickslip_monitor.bags.metadata import FILE_NAME, read_metadata
 from stickslip_monitor.bags.series import (
     Pass,
@@ -19,7 +22,6 @@ from stickslip_monitor.bags.series import (
     merged_messages,
     payloads,
 )
-from stickslip_monitor.bags.topics import check_request, check_topics, list_topics
 from stickslip_monitor.bags.values import (
     Cut,
     Fault,
@@ -32,7 +34,7 @@ from stickslip_monitor.bags.values import (
     TopicInfo,
 )
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.fields import FieldPath
+from stickslip_monitor.fields import FieldPath, parse_field
 from stickslip_monitor.files import near_name
 
 __all__ = ['Bag', 'Cut', 'Fault', 'Message', 'Request', 'Series', 'TopicInfo', 'open_bag']
@@ -44,46 +46,46 @@ _LATEST_NS = (1 << 63) - 1
 class Bag:
     """A recording that was opened; nothing stays open between calls."""
 
-    def __init__(self, path: Path, parts: Sequence[Part], findings: Findings) -> None:
-        """Put the parts of a recording together; see :func:`open_bag`."""
+    def __init__(self, path: Path, files: Sequence[Contents], findings: Findings) -> None:
+        """Put the files of a recording together; see :func:`open_bag`."""
         self.path = path
-        self.topics: dict[str, TopicInfo] = list_topics(parts)
-        self._parts = tuple(parts)
+        self.topics: dict[str, TopicInfo] = _list_topics(files)
+        self._contents = tuple(files)
         self._findings = findings
 
     @property
     def files(self) -> tuple[Path, ...]:
         """The MCAP files in order."""
-        return tuple(dict.fromkeys(part.path for part in self._parts))
+        return tuple(file.path for file in self._contents)
 
     @property
     def start_ns(self) -> int | None:
         """Earliest log time [ns], None in a recording without messages."""
-        starts = [part.start_ns for part in self._parts if part.start_ns is not None]
-        if self._earliest_ns == 0 and any(part.has_zero for part in self._parts):
+        starts = [file.start_ns for file in self._contents if file.start_ns is not None]
+        if self._earliest_ns == 0 and any(file.has_zero for file in self._contents):
             starts.append(0)
         return min(starts, default=None)
 
     @property
     def end_ns(self) -> int | None:
         """Latest log time [ns], None in a recording without messages."""
-        ends = [part.end_ns for part in self._parts if part.end_ns is not None]
+        ends = [file.end_ns for file in self._contents if file.end_ns is not None]
         return max(ends, default=self.start_ns)
 
     @property
     def _earliest_ns(self) -> int:
         """The least log time that is one: among dates, 0 is that of a clock that was not set."""
-        return int(any((part.end_ns or 0) >= DATED for part in self._parts))
+        return int(any((file.end_ns or 0) >= DATED for file in self._contents))
 
     @property
     def message_count(self) -> int:
         """Messages on all topics."""
-        return sum(part.counts().total() for part in self._parts)
+        return sum(file.counts.total() for file in self._contents)
 
     @property
     def cuts(self) -> tuple[Cut, ...]:
         """The files that end too early."""
-        return tuple(part.cut for part in self._parts if part.cut is not None)
+        return tuple(file.cut for file in self._contents if file.cut is not None)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -96,13 +98,16 @@ class Bag:
         Raises:
             BagError: The topic is not there or cannot be decoded.
         """
-        check_topics(self.topics, [topic])
+        self._check([topic])
         if not self.topics[topic].readable:
             raise BagError(f"topic '{topic}' cannot be read: {self.topics[topic].problem}")
-        for meaning in (m for part in self._parts for m in part.channels):
-            if meaning.channel.topic == topic and meaning.schema is not None:
-                return meaning.schema.data.decode(errors='replace')
-        raise AssertionError('unreachable: a topic is one because some file has it')
+        definitions = (
+            file.schemas[channel.schema_id].data
+            for file in self._contents
+            for channel in file.channels.values()
+            if channel.topic == topic
+        )
+        return next(definitions).decode(errors='replace')
 
     def read(
         self, requests: Iterable[Request], progress: Progress | None = None
@@ -140,10 +145,29 @@ class Bag:
         """
         asked: dict[str, dict[FieldPath, list[Request]]] = {}
         for request in requests:
-            path = check_request(self.topics, request)
+            path = self._checked(request)
             asked.setdefault(request.topic, {}).setdefault(path, []).append(request)
         wanted = [Wanted(topic, self.topics[topic].type, paths) for topic, paths in asked.items()]
-        return Reading(self._parts, wanted, self._findings, progress)
+        return Reading(self._contents, wanted, self._findings, progress)
+
+    def _check(self, names: Iterable[str]) -> None:
+        """Raise BagError for a topic that is not in the recording."""
+        for name in names:
+            if name not in self.topics:
+                raise BagError(missing_topic(self.topics, name))
+
+    def _checked(self, request: Request) -> FieldPath:
+        """The path to what a request asks for, if its topic has it."""
+        path = parse_field(request.field)
+        self._check([request.topic])
+        topic = self.topics[request.topic]
+        if not topic.readable:
+            raise BagError(f"topic '{topic.name}' ({topic.type}) cannot be read: {topic.problem}")
+        if request.type is not None and short_name(request.type) != short_name(topic.type):
+            raise BagError(
+                f"topic '{topic.name}' has type {topic.type} in the bag, not {request.type}"
+            )
+        return path
 
     def messages(
         self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
@@ -189,9 +213,42 @@ class Bag:
         self, topics: Collection[str] | None, spans: TimeSpans | None
     ) -> tuple[Pass, dict[str, str]]:
         names = list(self.topics if topics is None else topics)
-        check_topics(self.topics, names)
+        self._check(names)
         types = {name: self.topics[name].type for name in names}
-        return Pass(self._parts, types, self._findings, spans=spans), types
+        return Pass(self._contents, types, self._findings, spans=spans), types
+
+
+def _list_topics(files: Iterable[Contents]) -> dict[str, TopicInfo]:
+    """List the topics of all files, by name."""
+    found: dict[str, list[TopicInfo]] = {}
+    for file in files:
+        for key, channel in file.channels.items():
+            kind, encoding = file.type_of(channel), channel.message_encoding
+            info = TopicInfo(
+                channel.topic, kind, file.counts[key], encoding, file.problem(channel)
+            )
+            found.setdefault(channel.topic, []).append(info)
+    return {name: _joined(found[name]) for name in sorted(found)}
+
+
+def _joined(members: Sequence[TopicInfo]) -> TopicInfo:
+    """One topic of all that bear its name."""
+    types = list(dict.fromkeys(each.type for each in members))
+    problems = [each.problem for each in members if each.problem]
+    if len(types) > 1:
+        problems.append(f'it has several types: {", ".join(types)}')
+    count = sum(each.count for each in members)
+    return replace(members[0], count=count, problem=problems[0] if problems else '')
+
+
+def missing_topic(topics: Collection[str], name: str) -> str:
+    """What there is to say of a topic that is not there: those that are, the nearest first."""
+    close = difflib.get_close_matches(name, topics, _MOST_NAMED, cutoff=0.5)
+    ranked = [*close, *(topic for topic in topics if topic not in close)]
+    more = len(ranked) - _MOST_NAMED
+    rest = f' and {more} more' if more > 0 else ''
+    listed = f'{", ".join(ranked[:_MOST_NAMED])}{rest}' if ranked else 'no topics'
+    return f"topic '{name}' is not in the bag: it has {listed}"
 
 
 def open_bag(path: str | Path) -> Bag:
@@ -214,7 +271,7 @@ def open_bag(path: str | Path) -> Bag:
     findings = Findings()
     for text in warnings:
         findings(text)
-    bag = Bag(path, [part for file in paths for part in scan_file(file, findings)], findings)
+    bag = Bag(path, [scan_file(file, findings) for file in paths], findings)
     if expected is not None and expected != bag.message_count:
         findings(
             f"'{path / FILE_NAME}' counts {expected} messages, the files hold {bag.message_count}"

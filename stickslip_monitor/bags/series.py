@@ -13,25 +13,17 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from mcap.records import Channel
 from numpy.typing import NDArray
 
-from stickslip_monitor.arrays import BoolArray, IntArray
-from stickslip_monitor.bags.blocks import (
-    STEP_COST,
-    Block,
-    Budget,
-    DamagedBlock,
-    Exhausted,
-    prefetch,
-)
-from stickslip_monitor.bags.channels import Meaning, pieces_of
-from stickslip_monitor.bags.contents import DATED, Part
-from stickslip_monitor.bags.decode import FieldNumbers, FieldReader
-from stickslip_monitor.bags.records import Piece, Walker, view
-from stickslip_monitor.bags.topics import make_plan
+from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
+from stickslip_monitor.bags.blocks import Block, Budget, Exhausted, Loaded, prefetch
+from stickslip_monitor.bags.cdr import FieldReader
+from stickslip_monitor.bags.contents import DATED, STEP_COST, Contents
+from stickslip_monitor.bags.records import Piece, view
 from stickslip_monitor.bags.values import Fault, Message, Payload, Request, Series, TimeSpans
 from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.fields import FieldPath
@@ -43,48 +35,59 @@ _OF_TOPIC, _OF_ALL = 1 << 15, 1 << 19
 _ROW_COST = 24
 
 Progress = Callable[[int, int], None]
+Columns = tuple[NDArray[Any], ...]
 
 
 class Job(NamedTuple):
-    """A block to read, its place in the recording, and the number of its part."""
+    """A block to read, its place in the recording, and its file."""
 
     number: int
     block: Block
-    part: int
+    file: Contents
 
 
 class Table(NamedTuple):
-    """Messages of a piece of a block in the order of time, shape (n,) each.
+    """Messages of a piece of a block in the order of time.
 
     Attributes:
         number: That of the block, by which messages of equal time are ordered.
-        log_time_ns: Log times [ns].
-        topic: The number of the topic.
-        columns: What else there is to tell of each message, shape (k, n).
+        columns: Log times [ns], numbers of topics, and what else there is to tell of each message:
+            shape (n,) or (k, n) each.
         data: What the columns refer to.
     """
 
     number: int
-    log_time_ns: IntArray
-    topic: NDArray[np.int32]
-    columns: tuple[NDArray[Any], ...]
+    columns: Columns
     data: bytes = b''
 
-    def part(self, rows: slice | IntArray) -> Table:
+    @property
+    def size(self) -> int:
+        """How many messages it has."""
+        return len(self.columns[0])
+
+    def before(self, time_ns: int, side: Literal['left', 'right'] = 'left') -> int:
+        """How many of them are before a time, or up to it if the side is right."""
+        return int(self.columns[0].searchsorted(time_ns, side))
+
+    def part(self, rows: slice) -> Table:
         """Some of them."""
-        columns = tuple(column[..., rows] for column in self.columns)
-        return Table(self.number, self.log_time_ns[rows], self.topic[rows], columns, self.data)
+        return self._replace(columns=_part(self.columns, rows))
 
 
-Chosen = list[tuple[int, Meaning, IntArray]]
-"""The number of a topic, what its messages are, and which of a piece."""
+def _part(columns: Columns, rows: slice | IntArray) -> Columns:
+    return tuple(column[..., rows] for column in columns)
+
+
+Chosen = list[tuple[int, Channel, IntArray]]
+"""The number of a topic, one of its channels, and which messages of a piece."""
+MakeTable = Callable[[Job, Piece, Chosen], Table]
 
 
 class Pass:
     """A pass over the blocks of a recording that have messages of some topics.
 
     Args:
-        parts: The recording.
+        files: The recording.
         topics: The topics, which are numbered in this order.
         tell: Told what is wrong with a block, in a sentence.
         progress: Told the bytes done and the bytes to do after each block.
@@ -93,32 +96,34 @@ class Pass:
 
     def __init__(
         self,
-        parts: Sequence[Part],
+        files: Sequence[Contents],
         topics: Iterable[str],
         tell: Callable[[str], None],
         progress: Progress | None = None,
         spans: TimeSpans | None = None,
     ) -> None:
-        self.parts, self.tell, self._progress = parts, tell, progress
+        self.files, self.tell, self._progress = files, tell, progress
         self.numbers = {topic: number for number, topic in enumerate(topics)}
-        self.counts = [Counter[int]() for _ in parts]
-        self._budgets = [Budget(part.size) for part in parts]
-        self._exhausted: set[int] = set()
-        blocks = ((n, block) for n, part in enumerate(parts) for block in self._wanted(part))
-        jobs = [Job(number, block, n) for number, (n, block) in enumerate(blocks)]
+        self._counts = {file: Counter[int]() for file in files}
+        self._budgets = {file: Budget(file.size) for file in files}
+        self._exhausted: set[Contents] = set()
+        blocks = ((block, file) for file in files for block in self._wanted(file))
+        jobs = [Job(number, *each) for number, each in enumerate(blocks)]
         if spans is not None:
             jobs = [j for j in jobs if spans.overlap(j.block.start_ns, j.block.end_ns)]
         self._jobs = sorted(jobs, key=lambda job: (job.block.start_ns, job.number))
 
-    def _wanted(self, part: Part) -> Iterator[Block]:
-        keys = {m.channel.id for m in part.channels if m.channel.topic in self.numbers}
-        for block in part.blocks:
-            if block.channels is None or not keys.isdisjoint(block.channels.tolist()):
-                yield block
+    def _keys(self, file: Contents) -> list[int]:
+        """The channels of the topics in a file."""
+        return [key for key, c in file.channels.items() if c.topic in self.numbers]
 
-    def stretches(
-        self, table_of: Callable[[Job, Piece, Chosen], Table], most: int
-    ) -> Iterator[list[Table]]:
+    def _wanted(self, file: Contents) -> Iterator[Block]:
+        mask = 0
+        for key in self._keys(file):
+            mask |= 1 << key
+        return (b for b in file.blocks if b.channels is None or b.channels & mask)
+
+    def stretches(self, table_of: MakeTable, most: int) -> Iterator[list[Table]]:
         """Yield all messages, one stretch of time after the other.
 
         Args:
@@ -130,29 +135,28 @@ class Pass:
         """
         waiting: list[Table] = []
         limit, handed = most, -1
+        # The least number of a block that is still to come.
         numbers = np.array([job.number for job in self._jobs] + [1 << 62])
         rest = np.minimum.accumulate(numbers[::-1])[::-1]
         for k, job, tables in self.tables(table_of):
             waiting += self._in_time(job, tables, handed)
-            if sum(len(table.topic) for table in waiting) < limit or k + 1 == len(self._jobs):
+            if sum(table.size for table in waiting) < limit or k + 1 == len(self._jobs):
                 continue
             handed = self._jobs[k + 1].block.start_ns
-            cuts = [int(table.log_time_ns.searchsorted(handed)) for table in waiting]
+            cuts = [table.before(handed) for table in waiting]
             if not any(cuts) and waiting and max(t.number for t in waiting) < rest[k + 1]:
                 # So many of one time: it is split, rather than to wait for more.
-                cuts = [int(table.log_time_ns.searchsorted(handed, 'right')) for table in waiting]
+                cuts = [table.before(handed, 'right') for table in waiting]
             yield _ordered(waiting, [slice(cut) for cut in cuts])
             waiting = _ordered(waiting, [slice(cut, None) for cut in cuts])
-            limit = most + 2 * sum(len(table.topic) for table in waiting)
+            limit = most + 2 * sum(table.size for table in waiting)
         yield _ordered(waiting, [slice(None) for _ in waiting])
-        for part in self.parts:
-            part.channels.settle(part.path.name)
 
     def _in_time(self, job: Job, tables: Iterable[Table], handed: int) -> Iterator[Table]:
         """Leave out what is earlier than what was handed on: a block may lie about its times."""
         late = 0
         for table in tables:
-            first = int(table.log_time_ns.searchsorted(handed))
+            first = table.before(handed)
             late += first
             yield table.part(slice(first, None)) if first else table
         if late:
@@ -161,123 +165,86 @@ class Pass:
                 ' says: they were not used'
             )
 
-    def tables(
-        self, table_of: Callable[[Job, Piece, Chosen], Table]
-    ) -> Iterator[tuple[int, Job, Iterator[Table]]]:
+    def tables(self, table_of: MakeTable) -> Iterator[tuple[int, Job, Iterator[Table]]]:
         """Go through the blocks: the place of each in the order of time, and its tables."""
         total, done = sum(job.block.length for job in self._jobs), 0
         begun: deque[int] = deque()
 
         def blocks() -> Iterator[Block]:
             for k, job in enumerate(self._jobs):
-                if job.part not in self._exhausted:
+                if job.file not in self._exhausted:
                     begun.append(k)
                     yield job.block
 
         for take in prefetch(blocks()):
             k = begun.popleft()
-            job = self._jobs[k]
-            yield k, job, self._read(job, take, table_of)
-            done += job.block.length
+            yield k, self._jobs[k], self._read(self._jobs[k], take, table_of)
+            done += self._jobs[k].block.length
             if self._progress is not None:
                 self._progress(done, total)
 
-    def _read(
-        self, job: Job, take: Callable[[], Walker], table_of: Callable[[Job, Piece, Chosen], Table]
-    ) -> Iterator[Table]:
+    def _read(self, job: Job, take: Callable[[], Loaded], table_of: MakeTable) -> Iterator[Table]:
         """The tables of a block, as far as it can be read."""
-        part, budget = self.parts[job.part], self._budgets[job.part]
-        if job.part in self._exhausted:
+        file = job.file
+        if file in self._exhausted:
             return
-        # What a scan saw it told already.
-        channels, tell = (None, _silent) if part.stated is None else (part.channels, self.tell)
         try:
-            for piece in pieces_of(job.block, take, channels, tell, budget):
-                chosen = self._choose(job, piece)
+            for piece, groups in file.groups(job.block, take, self._budgets[file]):
+                chosen: Chosen = []
+                for key, rows in groups:
+                    channel = file.channels.get(key)
+                    if channel is None and file.is_stated:
+                        self.tell(
+                            f'{job.block.place} has messages of channel {key}, which is defined'
+                            ' nowhere: not read'
+                        )
+                    elif channel is not None and channel.topic in self.numbers and rows.size:
+                        chosen.append((self.numbers[channel.topic], channel, rows))
+                        self._counts[file][key] += rows.size
                 if chosen:
                     yield table_of(job, piece, chosen)
-        except DamagedBlock as damage:
-            self.tell(str(damage))
         except Exhausted as limit:
             self.tell(str(limit))
-            self._exhausted.add(job.part)
-
-    def _choose(self, job: Job, piece: Piece) -> Chosen:
-        """The messages of a piece that are wanted."""
-        channels, counts = self.parts[job.part].channels, self.counts[job.part]
-        chosen: Chosen = []
-        for key, rows in piece.groups():
-            if key not in channels.meanings:
-                channels.unknown[key] += len(rows)
-            for meaning, own in channels.spans(key, rows, job.block, piece):
-                number = self.numbers.get(meaning.channel.topic)
-                if number is not None:
-                    chosen.append((number, meaning, own))
-                    counts[key] += len(own)
-        return chosen
+            self._exhausted.add(file)
 
     def spend(self, job: Job, cost: int) -> None:
         """Take a cost from the budget of a block's file; raises Exhausted if it is used up."""
-        self._budgets[job.part].spend(job.block, cost)
+        self._budgets[job.file].spend(job.block, cost)
 
     def compare(self) -> None:
         """Tell what a summary counts otherwise, when all was read."""
-        for part, counts in zip(self.parts, self.counts, strict=True):
-            if part.stated is not None:
-                keys = {m.channel.id for m in part.channels if m.channel.topic in self.numbers}
-                stated = {key: part.stated[key] for key in keys}
-                part.channels.compare(part.path.name, stated, counts)
-
-
-def _silent(_: str) -> None:
-    """Tell nobody."""
+        for file in self.files:
+            if file.is_stated:
+                keys = self._keys(file)
+                file.compare({key: file.counts[key] for key in keys}, self._counts[file])
 
 
 def _ordered(tables: Sequence[Table], parts: Sequence[slice]) -> list[Table]:
     """Parts of tables that are not empty, in the order in which equal times come."""
-    cut = [table.part(rows) for table, rows in zip(tables, parts, strict=True)]
-    return sorted((table for table in cut if table.topic.size), key=lambda table: table.number)
+    cut = [table.part(part) for table, part in zip(tables, parts, strict=True)]
+    return sorted((table for table in cut if table.size), key=lambda table: table.number)
 
 
-def _in_order(table: Table, wanted: BoolArray) -> Table:
-    """The messages of a table that are wanted, in the order of time."""
-    if not wanted.all():
-        table = table.part(np.flatnonzero(wanted))
-    times = table.log_time_ns
+def _in_order(columns: Columns, wanted: BoolArray | None = None) -> Columns:
+    """The messages that are wanted, in the order of time."""
+    if wanted is not None and not wanted.all():
+        columns = _part(columns, np.flatnonzero(wanted))
+    times = columns[0]
     if (times[1:] >= times[:-1]).all():
-        return table
-    return table.part(np.argsort(times, kind='stable'))
+        return columns
+    return _part(columns, np.argsort(times, kind='stable'))
 
 
-class _Merged(NamedTuple):
-    """Tables as one: their columns joined, and the messages of it in the order of time."""
-
-    log_time_ns: IntArray
-    topic: NDArray[np.int32]
-    columns: list[NDArray[Any]]
-    order: IntArray
-
-    def rows(self) -> Iterator[IntArray]:
-        """The messages in order, some at a time; one time is split only if it has too many."""
-        begin = 0
-        while len(self.order) - begin > _OF_ALL:
-            times = self.log_time_ns[self.order[begin : begin + _OF_ALL]]
-            end = begin + (int(times.searchsorted(times[-1])) or _OF_ALL)
-            yield self.order[begin:end]
-            begin = end
-        yield self.order[begin:]
-
-
-def _merged(tables: Sequence[Table]) -> _Merged:
-    """Join at least one table."""
-    times = np.concatenate([table.log_time_ns for table in tables])
-    topic = np.concatenate([table.topic for table in tables])
-    columns = zip(*(table.columns for table in tables), strict=True)
-    if (times[1:] >= times[:-1]).all():
-        order = np.arange(times.size)
-    else:
-        order = np.argsort(times, kind='stable')
-    return _Merged(times, topic, [np.concatenate(c, axis=-1) for c in columns], order)
+def _merged(tables: Sequence[Table]) -> Iterator[Columns]:
+    """Tables as one, some messages at a time; one time is split only if it has too many."""
+    each = zip(*(table.columns for table in tables), strict=True)
+    columns = _in_order(tuple(np.concatenate(parts, axis=-1) for parts in each))
+    while columns and len(columns[0]) > _OF_ALL:
+        times = columns[0][:_OF_ALL]
+        end = int(times.searchsorted(times[-1])) or _OF_ALL
+        yield _part(columns, slice(end))
+        columns = _part(columns, slice(end, None))
+    yield columns
 
 
 def merged_messages(way: Pass, types: Mapping[str, str], spans: TimeSpans) -> Iterator[Message]:
@@ -291,18 +258,16 @@ def merged_messages(way: Pass, types: Mapping[str, str], spans: TimeSpans) -> It
     Yields:
         The messages, still encoded.
     """
-    names = list(types)
+    names = list(types.items())
     for tables in way.stretches(partial(_raw_table, spans), 1):
-        if not tables:
-            continue
-        merged = _merged(tables)
-        owner = np.repeat(np.arange(len(tables)), [len(table.topic) for table in tables])
-        for rows in merged.rows():
-            columns: Any = (merged.topic, merged.log_time_ns, owner, *merged.columns)
-            numbers: Any = zip(*(column[rows].tolist() for column in columns), strict=True)
-            for topic, time, own, offset, size in numbers:
+        for number, table in enumerate(tables):
+            table.columns[2][:] = number
+        for columns in _merged(tables) if tables else ():
+            numbers = zip(*(column.tolist() for column in columns), strict=True)
+            for time, topic, own, offset, size in numbers:
                 data = tables[own].data[offset : offset + size]
-                yield Message(names[topic], types[names[topic]], time, data)
+                name, kind = names[topic]
+                yield Message(name, kind, time, data)
 
 
 def payloads(
@@ -321,88 +286,71 @@ def payloads(
         for table in tables:
             found = {}
             for topic, number in way.numbers.items():
-                own = table.part(np.flatnonzero(table.topic == number))
-                if own.topic.size:
-                    found[topic] = own.log_time_ns, _raw(own.data, *own.columns)
+                rows = np.flatnonzero(table.columns[1] == number)
+                if rows.size:
+                    time, _, _, offset, size = _part(table.columns, rows)
+                    found[topic] = time, _raw(table.data, offset, size)
             yield job.block.start_ns, found
 
 
 def _raw_table(spans: TimeSpans, job: Job, piece: Piece, chosen: Chosen) -> Table:
-    topic = np.full(piece.channel.size, -1, np.int32)
+    times = piece.log_time_ns
+    topic, table = np.full(times.size, -1, np.int32), np.zeros(times.size, np.int32)
     for number, _, rows in chosen:
         topic[rows] = number
-    columns = piece.offset, piece.size
-    table = Table(job.number, piece.log_time_ns, topic, columns, piece.data)
-    return _in_order(table, (topic >= 0) & spans.holds(piece.log_time_ns))
+    columns = times, topic, table, piece.offset, piece.size
+    return Table(job.number, _in_order(columns, (topic >= 0) & spans.holds(times)), piece.data)
 
 
 def _raw(data: bytes, offset: IntArray, size: IntArray) -> Payload:
     if size.min() == size.max() > 0:
         return view(data, f'V{size[0]}')[offset]
-    ends = (offset + size).tolist()
-    return [data[begin:end] for begin, end in zip(offset.tolist(), ends, strict=True)]
+    return [data[a:b] for a, b in zip(offset.tolist(), (offset + size).tolist(), strict=True)]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Wanted:
-    """The numbers wanted of one topic, with the requests for each of them."""
+    """The numbers wanted of one topic with the requests for each, and what was wrong with them."""
 
     topic: str
     type: str
     requests: Mapping[FieldPath, Sequence[Request]]
-
-
-@dataclass(slots=True)
-class _Tally:
-    """What was wrong with the messages of a topic."""
-
-    wanted: Wanted
     count: int = 0
     beyond: int = 0
     unset: int = 0
-    undecoded: int = 0
     refused: int = 0
+    undecoded: int = 0
     encapsulations: Counter[int] = field(default_factory=Counter)
     short: Counter[int] = field(default_factory=Counter)
 
-    def take(self, numbers: FieldNumbers) -> None:
-        """Take up what was read of some messages."""
-        self.undecoded += numbers.undecoded
-        self.encapsulations.update(numbers.encapsulations)
-        self.short.update(numbers.short)
-
-    def take_times(self, log_time_ns: IntArray, least: int) -> None:
-        """Take up how many have a log time that is none."""
-        self.count += len(log_time_ns)
-        if log_time_ns.min() < least:
-            beyond = int((log_time_ns < 0).sum())
-            self.beyond += beyond
-            self.unset += int((log_time_ns < least).sum()) - beyond
-
     def faults(self) -> Iterator[tuple[Request, tuple[Fault, ...]]]:
         """What was wrong, for each request."""
-        common = [
-            (
-                self.beyond,
-                'have a log time of 2^63 ns or more, which is no time, and were not used',
-            ),
-            (self.unset, 'have log time 0, as of a clock that was not set, and were not used'),
-            (self.refused, 'come behind a definition that does not fit, and were not used'),
-            (self.undecoded, f'cannot be decoded as {self.wanted.type}'),
-            *(
-                (n, f'are in {_encapsulation(kind)}')
-                for kind, n in sorted(self.encapsulations.items())
-            ),
-        ]
-        whole = f"of {self.count} messages of '{self.wanted.topic}'"
-        for row, requests in enumerate(self.wanted.requests.values()):
-            short = (self.short[row], f"have too few elements for field '{requests[0].field}'")
+        common = {
+            'have a log time of 2^63 ns or more, which is no time, and were not used': self.beyond,
+            'have log time 0, as of a clock that was not set, and were not used': self.unset,
+            'come behind a definition that does not fit, and were not used': self.refused,
+            f'cannot be decoded as {self.type}': self.undecoded,
+            **{
+                f'are in the encapsulation {_ENCAPSULATIONS.get(kind, "of no known name")}'
+                f' (0x{kind:04x}), which is not decoded': count
+                for kind, count in sorted(self.encapsulations.items())
+            },
+        }
+        for row, requests in enumerate(self.requests.values()):
+            short = f"have too few elements for field '{requests[0].field}'"
             faults = tuple(
-                Fault(count, f'{count} {whole} {reason}')
-                for count, reason in (*common, short)
+                Fault(count, f"{count} of {self.count} messages of '{self.topic}' {reason}")
+                for reason, count in (common | {short: self.short[row]}).items()
                 if count
             )
             yield from ((request, faults) for request in requests)
+
+
+# RTPS 2.5, table 10.3.
+_ENCAPSULATIONS = {
+    0x02: 'PL_CDR_BE', 0x03: 'PL_CDR_LE', 0x06: 'CDR2_BE', 0x07: 'CDR2_LE', 0x08: 'D_CDR2_BE',
+    0x09: 'D_CDR2_LE', 0x0A: 'PL_CDR2_BE', 0x0B: 'PL_CDR2_LE', 0x04: 'XML',
+}  # fmt: skip
 
 
 class Reading:
@@ -411,7 +359,7 @@ class Reading:
     Iterating gives a series for each request, for one stretch of time after the other.
 
     Args:
-        parts: The recording.
+        files: The recording.
         wanted: What is wanted.
         tell: Told what is wrong with a block, in a sentence.
         progress: Told the bytes done and the bytes to do after each block.
@@ -422,19 +370,28 @@ class Reading:
 
     def __init__(
         self,
-        parts: Sequence[Part],
+        files: Sequence[Contents],
         wanted: Sequence[Wanted],
         tell: Callable[[str], None],
         progress: Progress | None,
     ) -> None:
-        self._tell = tell
-        self._tallies = [_Tally(each) for each in wanted]
+        self._tell, self._wanted = tell, wanted
         self._width = max((len(each.requests) for each in wanted), default=0)
-        self._pass = Pass(parts, [each.topic for each in wanted], tell, progress)
-        self._least = 1 if any((part.end_ns or 0) >= DATED for part in parts) else 0
-        self._plans: dict[tuple[int, str, bytes], FieldReader] = {}
+        self._pass = Pass(files, [each.topic for each in wanted], tell, progress)
+        self._least = 1 if any((file.end_ns or 0) >= DATED for file in files) else 0
+        self._readers: dict[tuple[int, str, bytes], FieldReader | BagError] = {}
         self._sequence = 0
-        self._make_plans(parts)
+        for number, each in enumerate(wanted):
+            known = [
+                self._reader(number, file, channel)
+                for file in files
+                for channel in list(file.channels.values())
+                if channel.topic == each.topic
+            ]
+            # What does not fit beside what does is not read.
+            errors = [reader for reader in known if isinstance(reader, BagError)]
+            if errors and len(errors) == len(known):
+                raise errors[0]
 
     def __iter__(self) -> Iterator[dict[Request, Series]]:
         """Yield the series, without faults, of one stretch of time after the other.
@@ -442,93 +399,77 @@ class Reading:
         Raises:
             BagError: A file cannot be read.
         """
-        most = min(_OF_TOPIC * len(self._tallies), _OF_ALL)
+        most = min(_OF_TOPIC * len(self._wanted), _OF_ALL)
         for tables in self._pass.stretches(self._table, most):
-            merged = _merged(tables or [self._nothing()])
-            for rows in merged.rows():
-                yield self._series(merged, rows)
+            for columns in _merged(tables or [self._nothing()]):
+                yield self._series(*columns)
         self._pass.compare()
 
     def faults(self) -> dict[Request, tuple[Fault, ...]]:
         """What was wrong with the messages read."""
-        return dict(pair for tally in self._tallies for pair in tally.faults())
+        return dict(pair for each in self._wanted for pair in each.faults())
 
-    def _make_plans(self, parts: Sequence[Part]) -> None:
-        """Plan how to read what is known now; what does not fit beside what does is refused."""
-        errors: dict[int, BagError] = {}
-        for meaning in (m for part in parts for m in part.channels):
-            number = self._pass.numbers.get(meaning.channel.topic)
-            if number is not None and not meaning.is_refused:
-                try:
-                    self._plan(number, meaning)
-                except BagError as error:
-                    errors.setdefault(number, error)
-        planned = {number for number, *_ in self._plans}
-        for number, unread in errors.items():
-            if number not in planned:
-                raise unread
-
-    def _plan(self, number: int, meaning: Meaning) -> FieldReader:
-        """How to read messages; raises BagError where they cannot be read."""
-        schema = meaning.schema
-        assert schema is not None, 'a topic without a schema is not asked for'
+    def _reader(self, number: int, file: Contents, channel: Channel) -> FieldReader | BagError:
+        """What reads the messages of a channel, or why nothing can."""
+        schema = file.schemas.get(channel.schema_id)
+        problem = file.problem(channel)
+        if schema is None or problem:
+            return BagError(f"topic '{channel.topic}' cannot be read: {problem}")
         key = number, schema.name, schema.data
-        if key not in self._plans:
-            wanted = self._tallies[number].wanted
-            self._plans[key] = make_plan(wanted.topic, schema, tuple(wanted.requests))
-        return self._plans[key]
-
-    def _plan_or_tell(self, job: Job, number: int, meaning: Meaning) -> FieldReader | None:
-        """The same; None for messages that come behind a definition that does not fit."""
-        if not meaning.is_refused:
+        if key not in self._readers:
             try:
-                return self._plan(number, meaning)
+                requests = tuple(self._wanted[number].requests)
+                self._readers[key] = FieldReader(channel.topic, schema, requests)
             except BagError as error:
-                meaning.is_refused = True
-                self._tell(f'{job.block.place} has messages of another definition: {error}')
-        return None
+                self._readers[key] = error
+        return self._readers[key]
 
     def _table(self, job: Job, piece: Piece, chosen: Chosen) -> Table:
-        size = piece.channel.size
-        topic = np.full(size, -1, np.int32)
-        values = np.full((self._width, size), np.nan)
-        stamp = piece.log_time_ns
-        for number, meaning, rows in chosen:
-            tally = self._tallies[number]
-            tally.take_times(piece.log_time_ns[rows], self._least)
-            plan = self._plan_or_tell(job, number, meaning)
-            if plan is None:
-                tally.refused += len(rows)
+        times = stamp = piece.log_time_ns
+        topic = np.full(times.size, -1, np.int32)
+        values = np.full((self._width, times.size), np.nan)
+        for number, channel, rows in chosen:
+            wanted, own_times = self._wanted[number], times[rows]
+            wanted.count += rows.size
+            if own_times.min() < self._least:
+                beyond = int((own_times < 0).sum())
+                wanted.beyond += beyond
+                wanted.unset += int((own_times < self._least).sum()) - beyond
+            reader = self._reader(number, job.file, channel)
+            if isinstance(reader, BagError):
+                self._tell(f'{job.block.place} has messages of another definition: {reader}')
+                wanted.refused += rows.size
                 continue
-            numbers = plan.read(piece.data, piece.offset[rows], piece.size[rows])
-            self._pass.spend(job, 2 * STEP_COST * numbers.alone + _ROW_COST * len(rows))
-            tally.take(numbers)
+            numbers = reader.read(piece.data, piece.offset[rows], piece.size[rows])
+            self._pass.spend(job, 2 * STEP_COST * numbers.alone + _ROW_COST * rows.size)
+            wanted.undecoded += numbers.undecoded
+            wanted.encapsulations.update(numbers.encapsulations)
+            wanted.short.update(numbers.short)
             topic[rows] = number
             for column, own in zip(values, numbers.values, strict=False):
                 column[rows] = own
             if numbers.stamp_ns is not None:
-                if stamp is piece.log_time_ns:
+                if stamp is times:
                     stamp = stamp.copy()
-                stamp[rows] = np.where(numbers.stamp_ns == 0, stamp[rows], numbers.stamp_ns)
-        table = Table(job.number, piece.log_time_ns, topic, (stamp, values))
-        return _in_order(table, (topic >= 0) & (piece.log_time_ns >= self._least))
+                stamp[rows] = np.where(numbers.stamp_ns == 0, own_times, numbers.stamp_ns)
+        is_wanted = (topic >= 0) & (times >= self._least)
+        return Table(job.number, _in_order((times, topic, stamp, values), is_wanted))
 
     def _nothing(self) -> Table:
         none = np.empty(0, np.int64)
-        return Table(0, none, none.astype(np.int32), (none, np.empty((self._width, 0))))
+        return Table(0, (none, none, none, np.empty((self._width, 0))))
 
-    def _series(self, merged: _Merged, rows: IntArray) -> dict[Request, Series]:
+    def _series(
+        self, log_time: IntArray, topic: IntArray, stamp: IntArray, values: FloatArray
+    ) -> dict[Request, Series]:
         """The series of some messages."""
-        topic, result = merged.topic[rows], {}
-        stamp, values = merged.columns
-        for number, tally in enumerate(self._tallies):
-            place = np.flatnonzero(topic == number)
-            own = rows[place]
-            log_time, own_stamp = merged.log_time_ns[own], stamp[own]
-            for value, requests in zip(values, tally.wanted.requests.values(), strict=False):
-                series = Series(log_time, own_stamp, place + self._sequence, value[own], ())
-                result.update(dict.fromkeys(requests, series))
-        self._sequence += len(rows)
+        result: dict[Request, Series] = {}
+        for number, wanted in enumerate(self._wanted):
+            rows = np.flatnonzero(topic == number)
+            times = log_time[rows], stamp[rows], rows + self._sequence
+            for value, requests in zip(values, wanted.requests.values(), strict=False):
+                result.update(dict.fromkeys(requests, Series(*times, value[rows], ())))
+        self._sequence += log_time.size
         return result
 
 
@@ -548,15 +489,3 @@ def _joined(parts: Sequence[Series], faults: tuple[Fault, ...]) -> Series:
         for name in ('log_time_ns', 'stamp_ns', 'sequence')
     )
     return Series(log_time, stamp, sequence, np.concatenate([p.value for p in parts]), faults)
-
-
-# RTPS 2.5, table 10.3.
-_ENCAPSULATIONS = {
-    0x02: 'PL_CDR_BE', 0x03: 'PL_CDR_LE', 0x06: 'CDR2_BE', 0x07: 'CDR2_LE', 0x08: 'D_CDR2_BE',
-    0x09: 'D_CDR2_LE', 0x0A: 'PL_CDR2_BE', 0x0B: 'PL_CDR2_LE', 0x04: 'XML',
-}  # fmt: skip
-
-
-def _encapsulation(kind: int) -> str:
-    name = _ENCAPSULATIONS.get(kind, 'of no known name')
-    return f'the encapsulation {name} (0x{kind:04x}), which is not decoded'

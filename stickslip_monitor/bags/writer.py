@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writing a rosbag2 folder or a single MCAP file: all of it, or nothing."""
+"""Writing a rosbag2 folder or a single MCAP file: all of it, or nothing.
+
+The bytes are those of ``mcap``'s writer, made many at once: messages are laid out in a chunk by
+numpy, and chunks are compressed by another thread while the next one is laid out. All other
+records are written by the record classes of the ``mcap`` package.
+"""
 
 from __future__ import annotations
 
@@ -7,33 +12,325 @@ import contextlib
 import io
 import itertools
 import shutil
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+import zlib
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import IO
 
+import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
-from mcap.records import Header, Metadata
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
 from mcap.stream_reader import StreamReader
-from mcap.well_known import MessageEncoding, SchemaEncoding
-from numpy.typing import ArrayLike
+from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
+from numpy.typing import ArrayLike, NDArray
 
+from stickslip_monitor.arrays import IntArray
+from stickslip_monitor.bags.blocks import INDEX_HEAD
 from stickslip_monitor.bags.encode import MESSAGE_TYPES, MessageType, encode_float64s
-from stickslip_monitor.bags.mcap_file import COMPRESSIONS, McapFile, RecordColumn
 from stickslip_monitor.bags.metadata import FILE_NAME, TopicEntry, render_metadata
-from stickslip_monitor.bags.records import HEAD, PARSE_ERRORS
+from stickslip_monitor.bags.records import HEAD, MAGIC, MESSAGE_HEAD, PARSE_ERRORS, PAYLOAD
 from stickslip_monitor.bags.values import Payload
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.files import open_file
 
+COMPRESSIONS = {
+    'none': ('', lambda data: data),
+    'lz4': ('lz4', lz4.frame.compress),
+    'zstd': ('zstd', zstandard.compress),
+}
 # Fixed, so that equal recordings are equal files whatever version wrote them.
 _LIBRARY = 'stickslip_monitor'
 # Within this much of a file its label ends, if it has one [bytes].
 _BEGIN = 512
-
+# Chunks that wait to be compressed.
+_WAITING = 3
 _LATEST = (1 << 63) - 1
 _SUFFIX = '.mcap'
+_HEAD = np.dtype(
+    [('opcode', 'u1'), ('length', '<u8'), ('channel', '<u2'), ('sequence', '<u4'),
+     ('log_time', '<u8'), ('publish_time', '<u8')]
+)  # fmt: skip
+
+
+class _Column:
+    """The records of messages of one channel.
+
+    Args:
+        channel: The channel.
+        sequence: Number of the first of them.
+        log_time_ns: Log times, also taken as those of publication, shape (n,) [ns].
+        payload: n messages in CDR.
+
+    Attributes:
+        sizes: The length of each record, shape (n,) [bytes].
+    """
+
+    def __init__(
+        self, channel: int, sequence: int, log_time_ns: IntArray, payload: Payload
+    ) -> None:
+        self.channel, self.log_time_ns, self._payload = channel, log_time_ns, payload
+        count = log_time_ns.size
+        is_even = isinstance(payload, np.ndarray)
+        data = [('data', payload.dtype)] if isinstance(payload, np.ndarray) else []
+        rows = np.empty(count, np.dtype([('head', _HEAD), *data]))
+        lengths = map(len, () if is_even else payload)
+        sizes = rows.itemsize if is_even else PAYLOAD + np.fromiter(lengths, np.int64)
+        self.sizes: IntArray = np.broadcast_to(np.asarray(sizes, np.int64), (count,))
+        head = rows['head']
+        head['opcode'], head['length'] = Opcode.MESSAGE, self.sizes - HEAD.size
+        head['channel'], head['sequence'] = channel, sequence + np.arange(count)
+        head['log_time'] = head['publish_time'] = log_time_ns
+        if is_even:
+            rows['data'] = payload
+        self._rows = rows.view(f'V{rows.itemsize}')
+
+    def place(self, target: NDArray[np.uint8], picked: IntArray, offsets: IntArray) -> None:
+        """Put some of the records where they belong."""
+        shape = (len(target) - self._rows.itemsize + 1,)
+        view = np.ndarray(shape, self._rows.dtype, target.data, strides=(1,))
+        view[offsets] = self._rows[picked]
+        if isinstance(self._payload, np.ndarray):
+            return
+        for k, begin in zip(picked.tolist(), (offsets + PAYLOAD).tolist(), strict=True):
+            message = self._payload[k]
+            target.data[begin : begin + len(message)] = message
+
+
+@dataclass(slots=True)
+class _Draft:
+    """The chunk that is being laid out."""
+
+    data: bytearray = field(default_factory=bytearray)
+    index: dict[int, list[bytes]] = field(default_factory=dict)
+    start_ns: int | None = None
+    end_ns: int = 0
+
+    def note(self, channel: int, pairs: bytes, first_ns: int, last_ns: int) -> None:
+        """Take up log time and offset of messages of a channel."""
+        self.index.setdefault(channel, []).append(pairs)
+        self.start_ns = first_ns if self.start_ns is None else min(first_ns, self.start_ns)
+        self.end_ns = max(last_ns, self.end_ns)
+
+
+class McapFile:
+    """The records of one file.
+
+    Args:
+        file: Where to.
+        compression: One of :data:`COMPRESSIONS`.
+        chunk_size: Bytes after which a chunk is closed, before compression.
+    """
+
+    def __init__(self, file: IO[bytes], compression: str, chunk_size: int) -> None:
+        self._file = file
+        self._compression, self._compress = COMPRESSIONS[compression]
+        self._chunk_size = chunk_size
+        self._draft = _Draft()
+        self._pool = ThreadPoolExecutor(1)
+        self._waiting: deque[Future[tuple[Chunk, _Draft]]] = deque()
+        self._schemas: list[Schema] = []
+        self._channels: list[Channel] = []
+        self._metadata: list[MetadataIndex] = []
+        self._chunks: list[ChunkIndex] = []
+        self._counts: Counter[int] = Counter()
+        file.write(MAGIC + _bytes(Header(Profile.ROS2, _LIBRARY)))
+
+    def close(self) -> None:
+        """Let the thread go; what was not finished stays as it is."""
+        self._pool.shutdown(cancel_futures=True)
+
+    def add_label(self, name: str) -> None:
+        """Write a label before the first message."""
+        record = _bytes(Metadata(name=name, metadata={}))
+        offset = self._file.tell()
+        self._metadata.append(MetadataIndex(offset=offset, length=len(record), name=name))
+        self._file.write(record)
+
+    def add_schema(self, name: str, definition: str) -> int:
+        """Define a schema; return its id."""
+        number, data = len(self._schemas) + 1, definition.encode()
+        schema = Schema(id=number, data=data, encoding=SchemaEncoding.ROS2, name=name)
+        self._schemas.append(schema)
+        self._add(_bytes(schema))
+        return number
+
+    def add_channel(self, topic: str, schema: int, type_hash: str) -> int:
+        """Define a channel; return its id."""
+        number = len(self._channels) + 1
+        channel = Channel(
+            id=number, topic=topic, message_encoding=MessageEncoding.CDR, schema_id=schema,
+            metadata={'offered_qos_profiles': '', 'topic_type_hash': type_hash},
+        )  # fmt: skip
+        self._channels.append(channel)
+        self._add(_bytes(channel))
+        return number
+
+    def add(self, channel: int, sequence: int, log_time_ns: int, data: bytes) -> None:
+        """Write one message."""
+        pair = log_time_ns.to_bytes(8, 'little') + len(self._draft.data).to_bytes(8, 'little')
+        self._draft.note(channel, pair, log_time_ns, log_time_ns)
+        self._counts[channel] += 1
+        head = HEAD.pack(Opcode.MESSAGE, MESSAGE_HEAD.size + len(data))
+        self._add(head + MESSAGE_HEAD.pack(channel, sequence, log_time_ns, log_time_ns) + data)
+
+    def _add(self, data: bytes | memoryview) -> None:
+        self._draft.data += data
+        if len(self._draft.data) > self._chunk_size:
+            self._close_chunk()
+
+    def add_merged(self, columns: Sequence[_Column]) -> None:
+        """Write messages of several channels, merged by their log times."""
+        columns = [column for column in columns if column.sizes.size]
+        if not columns:
+            return
+        times = np.concatenate([column.log_time_ns for column in columns])
+        order = np.argsort(times, kind='stable')
+        edges = np.cumsum([0, *(column.sizes.size for column in columns)])
+        sizes = np.concatenate([column.sizes for column in columns])[order]
+        total, begin = np.cumsum(sizes), 0
+        while begin < len(sizes):
+            # What goes into this chunk: until it is longer than it should be.
+            room = self._chunk_size - len(self._draft.data)
+            before = int(total[begin - 1]) if begin else 0
+            end = min(int(np.searchsorted(total, before + room, 'right')) + 1, len(sizes))
+            self._lay_out(columns, edges, order[begin:end], sizes[begin:end])
+            begin = end
+        for column in columns:
+            self._counts[column.channel] += column.sizes.size
+
+    def _lay_out(
+        self, columns: Sequence[_Column], edges: IntArray, order: IntArray, sizes: IntArray
+    ) -> None:
+        """Lay out some messages at the end of the chunk."""
+        base, ends = len(self._draft.data), np.cumsum(sizes)
+        data = np.empty(int(ends[-1]), np.uint8)
+        owner = np.searchsorted(edges, order, 'right') - 1
+        found = [(k, np.flatnonzero(owner == k)) for k in range(len(columns))]
+        # The index names channels in the order of their first messages.
+        for k, own in sorted((f for f in found if f[1].size), key=lambda f: int(f[1][0])):
+            picked, offsets = order[own] - edges[k], (ends - sizes)[own]
+            columns[k].place(data, picked, offsets)
+            times = columns[k].log_time_ns[picked]
+            pairs = np.column_stack([times, offsets + base]).astype('<i8').tobytes()
+            self._draft.note(columns[k].channel, pairs, int(times.min()), int(times.max()))
+        self._add(data.data)
+
+    def _close_chunk(self) -> None:
+        if not self._draft.index:
+            return
+        self._waiting.append(self._pool.submit(self._packed, self._draft))
+        self._draft = _Draft()
+        self.drain(_WAITING)
+
+    def _packed(self, draft: _Draft) -> tuple[Chunk, _Draft]:
+        data = bytes(draft.data)
+        chunk = Chunk(
+            compression=self._compression,
+            data=self._compress(data),
+            message_start_time=draft.start_ns or 0,
+            message_end_time=draft.end_ns,
+            uncompressed_crc=zlib.crc32(data),
+            uncompressed_size=len(data),
+        )
+        draft.data.clear()
+        return chunk, draft
+
+    def drain(self, most: int = 0) -> None:
+        """Write chunks until no more than so many wait."""
+        while len(self._waiting) > most:
+            self._write_chunk(*self._waiting.popleft().result())
+
+    def _write_chunk(self, chunk: Chunk, draft: _Draft) -> None:
+        record, offset = _bytes(chunk), self._file.tell()
+        begin, index, places = offset + len(record), b'', {}
+        for channel, pairs in draft.index.items():
+            places[channel] = begin + len(index)
+            body = b''.join(pairs)
+            index += INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + len(body), channel, len(body))
+            index += body
+        self._file.write(record + index)
+        self._chunks.append(
+            ChunkIndex(
+                chunk_length=len(record),
+                chunk_start_offset=offset,
+                compression=chunk.compression,
+                compressed_size=len(chunk.data),
+                message_end_time=chunk.message_end_time,
+                message_index_length=len(index),
+                message_index_offsets=places,
+                message_start_time=chunk.message_start_time,
+                uncompressed_size=chunk.uncompressed_size,
+            )
+        )
+
+    def finish(self) -> None:
+        """Write the last chunk and the summary."""
+        self._close_chunk()
+        self.drain()
+        self._file.write(_bytes(DataEnd(0)))
+        begin, summary, offsets = self._file.tell(), b'', b''
+        for opcode, records in self._groups():
+            group = b''.join(map(_bytes, records))
+            start = begin + len(summary)
+            offsets += _bytes(
+                SummaryOffset(group_opcode=opcode, group_start=start, group_length=len(group))
+            )
+            summary += group
+        offset_begin = begin + len(summary)
+        summary += offsets
+        head = HEAD.pack(Opcode.FOOTER, 20)
+        places = begin.to_bytes(8, 'little') + offset_begin.to_bytes(8, 'little')
+        crc = zlib.crc32(head + places, zlib.crc32(summary))
+        footer = Footer(summary_start=begin, summary_offset_start=offset_begin, summary_crc=crc)
+        self._file.write(summary + _bytes(footer) + MAGIC)
+
+    def _groups(self) -> tuple[tuple[Opcode, Sequence[McapRecord]], ...]:
+        """The records of the summary by kind."""
+        statistics = Statistics(
+            attachment_count=0,
+            channel_count=len(self._channels),
+            channel_message_counts=dict(self._counts),
+            chunk_count=len(self._chunks),
+            message_count=self._counts.total(),
+            metadata_count=len(self._metadata),
+            message_start_time=min((c.message_start_time for c in self._chunks), default=0),
+            message_end_time=max((c.message_end_time for c in self._chunks), default=0),
+            schema_count=len(self._schemas),
+        )
+        return (
+            (Opcode.SCHEMA, self._schemas),
+            (Opcode.CHANNEL, self._channels),
+            (Opcode.STATISTICS, [statistics]),
+            (Opcode.CHUNK_INDEX, self._chunks),
+            (Opcode.ATTACHMENT_INDEX, []),
+            (Opcode.METADATA_INDEX, self._metadata),
+        )
+
+
+def _bytes(record: McapRecord) -> bytes:
+    builder = RecordBuilder()
+    record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]
 
 
 @dataclass(slots=True)
@@ -90,9 +387,9 @@ class BagWriter:
         with self._trouble():
             self._make_parent()
             self._draft, self._file = self._begin_draft()
-            self._records = McapFile(self._file, self._compression, self._chunk_size, _LIBRARY)
+            self._records = McapFile(self._file, self._compression, self._chunk_size)
             if self._label is not None:
-                self._records.add_metadata(self._label)
+                self._records.add_label(self._label)
         return self
 
     def __exit__(
@@ -122,13 +419,18 @@ class BagWriter:
         """
         if name in self._topics:
             raise BagError(f"topic '{name}' was added to bag '{self.path}' already")
-        if type not in self._schemas:
-            self._schemas[type] = self._register(type, definition)
-        schema, message_type = self._schemas[type]
-        metadata = {'offered_qos_profiles': '', 'topic_type_hash': message_type.type_hash}
+        known = MESSAGE_TYPES.get(type) if definition is None else MessageType(definition)
+        if type in self._schemas:
+            _, known = self._schemas[type]
+        if known is None:
+            names = ', '.join(MESSAGE_TYPES)
+            raise BagError(f"type '{type}' needs a definition: built in are only {names}")
         with self._trouble():
-            channel = self._records.add_channel(name, MessageEncoding.CDR, schema, metadata)
-        self._topics[name] = _Topic(channel, type, message_type.type_hash)
+            if type not in self._schemas:
+                number = self._records.add_schema(type, known.definition)
+                self._schemas[type] = number, known
+            channel = self._records.add_channel(name, self._schemas[type][0], known.type_hash)
+        self._topics[name] = _Topic(channel, type, known.type_hash)
 
     def write(self, topic: str, log_time_ns: int, data: bytes) -> None:
         """Write one message.
@@ -188,7 +490,7 @@ class BagWriter:
             entry, log_time = self._entry(name), np.asarray(time, np.int64)
             if log_time.size:
                 self._widen(name, int(log_time.min()), int(log_time.max()))
-            parts.append(RecordColumn(entry.channel, entry.count, log_time, payload))
+            parts.append(_Column(entry.channel, entry.count, log_time, payload))
             entry.count += log_time.size
         with self._trouble():
             self._records.add_merged(parts)
@@ -222,19 +524,6 @@ class BagWriter:
         if topic not in self._topics:
             raise BagError(f"topic '{topic}' was not added to bag '{self.path}'")
         return self._topics[topic]
-
-    def _register(self, type_name: str, definition: str | None) -> tuple[int, MessageType]:
-        known = MESSAGE_TYPES.get(type_name)
-        if definition is not None:
-            known = MessageType(definition)
-        if known is None:
-            names = ', '.join(MESSAGE_TYPES)
-            raise BagError(f"type '{type_name}' needs a definition: built in are only {names}")
-        with self._trouble():
-            schema = self._records.add_schema(
-                type_name, SchemaEncoding.ROS2, known.definition.encode()
-            )
-        return schema, known
 
     def _make_parent(self) -> None:
         for folder in self.path.parents:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -17,13 +18,17 @@ from stickslip_monitor.errors import BagError
 
 Stamp = tuple[tuple[str, int, int], ...]
 _PIECE = 1 << 20
+# As rosbag2 numbers the files of a recording.
+_PART = re.compile(r'(?P<stem>.+)_\d+\.mcap')
 
 
 def find_bags(paths: Iterable[str | Path]) -> list[Path]:
     """Find the recordings that are meant by some paths.
 
     Args:
-        paths: MCAP files, rosbag2 folders, and folders that hold such at any depth.
+        paths: MCAP files, rosbag2 folders, and folders that hold such at any depth. Files of a
+            folder without ``metadata.yaml`` are recordings of their own, unless all are numbered
+            as rosbag2 numbers the files of one.
 
     Returns:
         Each recording once, in the order of the paths, those of a folder by name (10 after 9). A
@@ -38,10 +43,8 @@ def find_bags(paths: Iterable[str | Path]) -> list[Path]:
 
 
 def _within(path: Path) -> list[Path]:
-    try:
-        if not path.is_dir() or _is_bag(path, (entry.name for entry in path.iterdir())):
-            return [path]
-    except OSError:
+    # Path.is_dir raises where a link leads through a folder that is closed.
+    if not os.path.isdir(path):  # noqa: PTH112
         return [path]
     return sorted(_walk(path), key=lambda bag: [natural(part) for part in bag.parts])
 
@@ -51,20 +54,19 @@ def _walk(folder: Path) -> Iterator[Path]:
     for where, folders, files in os.walk(folder, onerror=closed.append):
         # Drafts of recordings that are being written begin with a dot.
         folders[:] = [name for name in folders if not name.startswith('.')]
-        if _is_bag(Path(where), files):
-            folders.clear()
-            yield Path(where)
+        yield from _recordings(Path(where), files)
     yield from (Path(error.filename) for error in closed)
 
 
-def _is_bag(folder: Path, names: Iterable[str]) -> bool:
-    """Whether a folder is a recording; several loose files in a folder are parts of one."""
-    return any(
-        name == FILE_NAME or (name.endswith('.mcap') and not name.startswith('.'))
-        for name in names
-        # Path.is_file raises where a link leads through a folder that is closed.
-        if os.path.isfile(folder / name)  # noqa: PTH113
-    )
+def _recordings(folder: Path, names: Iterable[str]) -> list[Path]:
+    """The folder, if its files are parts of one recording, or else each of its files."""
+    names = [name for name in names if os.path.isfile(folder / name)]  # noqa: PTH113
+    loose = [n for n in names if n.endswith('.mcap') and not n.startswith('.')]
+    parts = [_PART.fullmatch(name) for name in loose]
+    stems = {part and part['stem'] for part in parts}
+    if FILE_NAME in names or (len(stems) == 1 and None not in stems):
+        return [folder]
+    return [folder / name for name in loose]
 
 
 def stamp_of(bag: Path) -> Stamp:

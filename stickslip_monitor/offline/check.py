@@ -18,10 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import FloatArray, IntArray
-from stickslip_monitor.bags.reader import Bag, Fault, open_bag
-from stickslip_monitor.bags.schema import short_name
+from stickslip_monitor.bags.cdr import short_name
+from stickslip_monitor.bags.reader import Bag, Fault, missing_topic, open_bag
 from stickslip_monitor.bags.series import Progress
-from stickslip_monitor.bags.topics import missing_topic
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
 from stickslip_monitor.monitor.bulk import Scan

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 import struct
 import zlib
@@ -15,15 +14,12 @@ import lz4.frame
 import numpy as np
 import pytest
 import zstandard
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, IndexType, Writer
 
-from stickslip_monitor.bags.blocks import decompress_prefix
+from stickslip_monitor.bags.blocks import decompress
 from stickslip_monitor.bags.reader import Bag, Request, open_bag
-from stickslip_monitor.errors import BagError
 
 RECORD = 9 + 22 + 12  # head, message head, a Float64 in CDR
 CHUNK_HEAD = 9 + 8 + 8 + 8 + 4 + 4 + 8  # before the name of the compression and the data
@@ -159,7 +155,7 @@ def test_garbage_behind_a_cut_costs_nothing_before_it(compression: str) -> None:
     expected = PREFIXES[compression](half)
     assert len(expected) > 100_000
     # The damaged piece itself may take one compressed block with it.
-    restored = decompress_prefix(half + b'\xff' * 300_000, compression, len(plain))
+    restored = decompress(half + b'\xff' * 300_000, compression, len(plain), is_cut=True)
     assert len(restored) > len(expected) - 140_000
     assert plain.startswith(restored[: len(expected)])
 
@@ -235,68 +231,6 @@ def test_a_damaged_chunk_is_skipped(tmp_path: Path, compression: str, with_summa
     begin = f"file 'a.mcap': the chunk at byte {middle.chunk_start_offset} is damaged ("
     assert warning.startswith(begin)
     assert warning.endswith(') and was skipped')
-
-
-def test_a_checksum_that_is_wrong_is_named(tmp_path: Path) -> None:
-    whole = make('', chunks=1, per_chunk=8)
-    data = bytearray(whole.data)
-    data[whole.last.chunk_start_offset + whole.last.chunk_length - 1] ^= 1
-    (tmp_path / 'a.mcap').write_bytes(data)
-    bag = open_bag(tmp_path / 'a.mcap')
-    assert len(bag.read(REQUESTS)[REQUESTS[0]].value) == 0
-    offset = whole.last.chunk_start_offset
-    assert bag.warnings == (
-        f"file 'a.mcap': the chunk at byte {offset} is damaged (its checksum is wrong) and was"
-        ' skipped',
-        "file 'a.mcap': its statistics count 4 messages of '/a', and 0 can be read; 4 messages of"
-        " '/b', and 0 can be read",
-    )
-
-
-def with_length(whole: Whole, spot: int, length: int) -> bytes:
-    return whole.data[:spot] + struct.pack('<Q', length) + whole.data[spot + 8 :]
-
-
-@pytest.mark.parametrize('compression', COMPRESSIONS)
-@pytest.mark.parametrize('length', [0, 5, 1 << 40, (1 << 64) - 1])
-@pytest.mark.parametrize('where', ['record', 'uncompressed', 'data'])
-def test_lengths_that_are_garbage(
-    tmp_path: Path, compression: str, length: int, where: str
-) -> None:
-    whole = make(compression, chunks=3, per_chunk=8)
-    begin = whole.chunks[1].chunk_start_offset
-    spots = {'record': 1, 'uncompressed': 9 + 16, 'data': CHUNK_HEAD - 8 + len(compression)}
-    data = with_length(whole, begin + spots[where], length)
-    for end in (len(data), len(data) - 1):
-        (tmp_path / 'a.mcap').write_bytes(data[:end])
-        times = read_times(open_bag(tmp_path / 'a.mcap'))
-        assert times[:8] == whole.times[:8]
-        assert set(times) <= set(whole.times)
-
-
-@settings(max_examples=300, deadline=None)
-@given(
-    compression=st.sampled_from(list(COMPRESSIONS)),
-    flips=st.lists(st.tuples(st.floats(0, 1), st.integers(1, 255)), min_size=1, max_size=4),
-    cut=st.floats(0.2, 1),
-)
-def test_no_damage_makes_it_crash(
-    tmp_path_factory: pytest.TempPathFactory,
-    compression: str,
-    flips: list[tuple[float, int]],
-    cut: float,
-) -> None:
-    whole = make(compression, chunks=2, per_chunk=8)
-    data = bytearray(whole.data)
-    for place, change in flips:
-        data[int(place * (len(data) - 1))] ^= change
-    path = tmp_path_factory.getbasetemp() / 'flipped.mcap'
-    path.write_bytes(data[: int(cut * len(data))])
-    # Any other error fails the test: the file is refused in a sentence, or read.
-    with contextlib.suppress(BagError):
-        bag = open_bag(path)
-        list(bag.messages())
-        bag.read([Request(name, 'data') for name, topic in bag.topics.items() if topic.readable])
 
 
 def test_a_damaged_summary_is_not_needed(tmp_path: Path) -> None:

@@ -171,87 +171,56 @@ def test_unreadable_topics_are_listed(tmp_path: Path) -> None:
 NAMES = '/bare, /good, /idl, /json, /junk, /lost, /nested, /text, /twice, /upper'
 
 
-@pytest.mark.parametrize(
-    ('request_', 'text'),
-    [
-        (Request('/goods', 'data'), "topic '/goods' is not in the bag: it has /good, "),
-        (
-            Request('/good', 'data', 'std_msgs/msg/Float32'),
-            "topic '/good' has type std_msgs/msg/Float64 in the bag, not std_msgs/msg/Float32",
-        ),
-        (
-            Request('/good', 'value'),
-            "field 'value' of topic '/good' (std_msgs/msg/Float64) is no number: std_msgs/Float64"
-            " has no field 'value': its fields are data",
-        ),
-        (
-            Request('/good', 'data.x'),
-            "field 'data.x' of topic '/good' (std_msgs/msg/Float64) is no number: 'data' is a"
-            " float64, which has no field 'x'",
-        ),
-        (
-            Request('/good', 'data[0]'),
-            "field 'data[0]' of topic '/good' (std_msgs/msg/Float64) is no number: 'data' is a"
-            ' float64, which has no element 0',
-        ),
-        (
-            Request('/text', 'data'),
-            "field 'data' of topic '/text' (std_msgs/msg/String) is no number: 'data' is a string,"
-            ' not a number',
-        ),
-        (
-            Request('/nested', 'header'),
-            "field 'header' of topic '/nested' (ship_msgs/msg/N) is no number: it ends at a"
-            ' std_msgs/Header, not at a number: its fields are stamp, frame_id',
-        ),
-        (
-            Request('/nested', 'readings[1].unit'),
-            "field 'readings[1].unit' of topic '/nested' (ship_msgs/msg/N) is no number: 'unit' is"
-            ' a string, not a number',
-        ),
-        (
-            Request('/nested', 'readings[2].value'),
-            "field 'readings[2].value' of topic '/nested' (ship_msgs/msg/N) is no number:"
-            " 'readings' is a ship_msgs/Reading[2], which has no element 2",
-        ),
-        (
-            Request('/nested', 'few[3]'),
-            "field 'few[3]' of topic '/nested' (ship_msgs/msg/N) is no number: 'few' is a"
-            ' float64[<=3], which has no element 3',
-        ),
-        (
-            Request('/nested', 'many[4294967295]'),
-            "field 'many[4294967295]' of topic '/nested' (ship_msgs/msg/N) is no number: 'many' is"
-            ' a float64[], which has no element 4294967295',
-        ),
-        (
-            Request('/nested', 'many'),
-            "field 'many' of topic '/nested' (ship_msgs/msg/N) is no number: 'many' is a"
-            ' float64[]: name an element, e.g. many[0]',
-        ),
-        (
-            Request('/json', 'speed'),
-            "topic '/json' (Speed) cannot be read: message encoding 'json' is not cdr",
-        ),
-        (
-            Request('/twice', 'data'),
-            "topic '/twice' (std_msgs/msg/Float64) cannot be read: it has several types:"
-            ' std_msgs/msg/Float64, std_msgs/msg/String',
-        ),
-        (
-            Request('/lost', 'x'),
-            "topic '/lost' (a/msg/C) cannot be read: its definition leaves oth",
-        ),
-        (
-            Request('/junk', 'x'),
-            "topic '/junk' (a/msg/D) cannot be read: its definition has the li",
-        ),
-        (
-            Request('/upper', 'Value'),
-            "topic '/upper' (a/msg/E) cannot be read: its definition cannot be parsed ('Value' is",
-        ),
-    ],
+# Topic, its type, field, and why it is no number.
+NO_NUMBERS = (
+    ('/good', FLOAT64, 'value', "std_msgs/Float64 has no field 'value': its fields are data"),
+    ('/good', FLOAT64, 'data.x', "'data' is a float64, which has no field 'x'"),
+    ('/good', FLOAT64, 'data[0]', "'data' is a float64, which has no element 0"),
+    ('/text', 'std_msgs/msg/String', 'data', "'data' is a string, not a number"),
+    (
+        '/nested', 'ship_msgs/msg/N', 'header',
+        'it ends at a std_msgs/Header, not at a number: its fields are stamp, frame_id',
+    ),
+    ('/nested', 'ship_msgs/msg/N', 'readings[1].unit', "'unit' is a string, not a number"),
+    (
+        '/nested', 'ship_msgs/msg/N', 'readings[2].value',
+        "'readings' is a ship_msgs/Reading[2], which has no element 2",
+    ),
+    ('/nested', 'ship_msgs/msg/N', 'few[3]', "'few' is a float64[<=3], which has no element 3"),
+    (
+        '/nested', 'ship_msgs/msg/N', 'many[4294967295]',
+        "'many' is a float64[], which has no element 4294967295",
+    ),
+    (
+        '/nested', 'ship_msgs/msg/N', 'many',
+        "'many' is a float64[]: name an element, e.g. many[0]",
+    ),
+)  # fmt: skip
+UNREADABLE = (
+    ('/json', 'Speed', "message encoding 'json' is not cdr"),
+    ('/twice', FLOAT64, 'it has several types: std_msgs/msg/Float64, std_msgs/msg/String'),
+    ('/lost', 'a/msg/C', 'its definition leaves oth'),
+    ('/junk', 'a/msg/D', 'its definition has the li'),
+    ('/upper', 'a/msg/E', "its definition cannot be parsed ('Value' is"),
 )
+WRONG = (
+    (Request('/goods', 'data'), "topic '/goods' is not in the bag: it has /good, "),
+    (
+        Request('/good', 'data', 'std_msgs/msg/Float32'),
+        "topic '/good' has type std_msgs/msg/Float64 in the bag, not std_msgs/msg/Float32",
+    ),
+    *(
+        (Request(topic, field), f"field '{field}' of topic '{topic}' ({kind}) is no number: {why}")
+        for topic, kind, field, why in NO_NUMBERS
+    ),
+    *(
+        (Request(topic, 'Value'), f"topic '{topic}' ({kind}) cannot be read: {why}")
+        for topic, kind, why in UNREADABLE
+    ),
+)
+
+
+@pytest.mark.parametrize(('request_', 'text'), WRONG)
 def test_wrong_requests_are_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], request_: Request, text: str
 ) -> None:

@@ -12,8 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from mcap.reader import make_reader
-from mcap.records import Header
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import Reader, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
@@ -188,17 +186,6 @@ def test_recording_that_breaks_off_is_read_to_the_cut(tmp_path: Path, name: str)
     assert 4 * (1 << 20) // 43 + 1_000 < read.size < 115_000
     assert read.tolist() == values[: read.size].tolist()
     assert not (tmp_path / name / 'metadata.yaml').exists()
-
-
-def test_equal_input_gives_equal_bytes(tmp_path: Path) -> None:
-    for name in ('a', 'b'):
-        write_example(tmp_path / name / 'voyage')
-    for file in ('voyage_0.mcap', 'metadata.yaml'):
-        first, second = ((tmp_path / name / 'voyage' / file).read_bytes() for name in ('a', 'b'))
-        assert first == second
-    with (tmp_path / 'a/voyage/voyage_0.mcap').open('rb') as stream:
-        header = make_reader(stream).get_header()
-    assert header == Header(profile='ros2', library='stickslip_monitor')
 
 
 def test_a_type_with_a_definition(tmp_path: Path) -> None:

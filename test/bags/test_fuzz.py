@@ -49,10 +49,10 @@ def test_json_and_report_tell_of_damage_too(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, page = tmp_path / 'odd.mcap', tmp_path / 'page.html'
-    path.write_bytes(ODD['index lacks entries'].make())
+    path.write_bytes(ODD['statistics count more'].make())
     main(['check', str(path), '--config', str(CONFIG), '--json', '--report', str(page)])
     (text,) = json.loads(capsys.readouterr().out)['warnings']
-    assert ODD['index lacks entries'].says in text
+    assert ODD['statistics count more'].says in text
     assert html.escape(text).replace('&#x27;', '&#39;') in page.read_text()
 
 

@@ -25,7 +25,9 @@ def ship(tmp_path: Path) -> Path:
         'ship/voyage_2/metadata.yaml',
         'ship/voyage_2/voyage_2_0.mcap',
         'ship/2025/may/may_0.mcap',
-        'ship/2025/may/deeper/not_looked_for_0.mcap',
+        'ship/2025/may/deeper/hidden_by_nothing.mcap',
+        'ship/clip.mcap',
+        'ship/clip_2.mcap',
         'ship/.draft/draft_0.mcap',
         'ship/2025/.half.mcap',
         'ship/README.md',
@@ -36,19 +38,28 @@ def ship(tmp_path: Path) -> Path:
 
 def test_a_folder_stands_for_the_recordings_in_it_by_number_not_by_letter(ship: Path) -> None:
     found = [str(bag.relative_to(ship)) for bag in find_bags([ship])]
-    assert found == ['2025/may', 'db3', 'voyage_2', 'voyage_10']
+    assert found == [
+        '2025/may', '2025/may/deeper/hidden_by_nothing.mcap', 'clip.mcap', 'clip_2.mcap', 'db3',
+        'voyage_2', 'voyage_10',
+    ]  # fmt: skip
 
 
 def test_recordings_come_in_the_order_in_which_they_are_named_and_once(ship: Path) -> None:
     file = ship / 'voyage_10' / 'voyage_10_0.mcap'
-    asked = [ship / 'voyage_10', file, ship / '2025' / '..' / 'voyage_10', ship / '2025']
-    assert find_bags(asked) == [ship / 'voyage_10', file, ship / '2025' / 'may']
+    asked = [ship / 'voyage_10', file, ship / '2025' / '..' / 'voyage_10', ship / 'db3']
+    assert find_bags(asked) == [ship / 'voyage_10', file, ship / 'db3']
 
 
 def test_a_recording_through_a_link_is_the_same_recording(ship: Path) -> None:
     (ship / 'link').symlink_to(ship / 'voyage_2')
     found = find_bags([ship / 'voyage_2', ship / 'link'])
     assert found == [ship / 'voyage_2']
+
+
+def test_numbered_files_are_one_recording_only_if_they_bear_one_name(tmp_path: Path) -> None:
+    make(tmp_path, 'one/a_0.mcap', 'one/a_1.mcap', 'two/a_0.mcap', 'two/b_0.mcap')
+    found = [str(bag.relative_to(tmp_path)) for bag in find_bags([tmp_path])]
+    assert found == ['one', 'two/a_0.mcap', 'two/b_0.mcap']
 
 
 def test_what_is_none_stays_as_it_is(tmp_path: Path) -> None:

@@ -67,11 +67,6 @@ class Scene:
             EFFECTS[settings.name].build(settings, run)
         return run
 
-    @property
-    def message_count(self) -> int:
-        """Samples on all channels."""
-        return sum(channel.count(self.duration) for channel in self.channels)
-
 
 def load_scene(
     path: str | Path, seed: int | None = None, sensors: str | Path | None = None
@@ -170,22 +165,11 @@ def _sensors(
         if 'sensors' not in settings:
             return None
         path = folder / settings.text('sensors', 'the path of a file of sensors')
-    return read_sensors(path, seed)
-
-
-def read_sensors(path: str | Path, seed: int) -> Settings:
-    """Read a file of sensors, with what varies drawn for a seed."""
     document = _document(path, 'sensors', 'file of sensors', SENSORS_SCHEMA)
     try:
         return Settings('', drawn(document, seed, 'sensors'), SENSORS_KEYS)
     except SceneError as error:
         raise SceneError(f'{path}: {error}') from error
-
-
-def load_sensors_description(path: str | Path) -> str:
-    """What a file of sensors says of itself."""
-    given = read_sensors(path, 0)
-    return given.text('description', 'what the sensors are')
 
 
 def _effects(settings: Settings, sensors: Settings | None) -> tuple[Settings, ...]:

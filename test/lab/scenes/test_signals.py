@@ -99,19 +99,15 @@ def test_every_instant_is_sampled_once(
     make_scene: MakeScene, duration: float, rate: float, count: int
 ) -> None:
     rates = {'speed': {'rate': rate}, 'load': {'rate': rate}}
-    scene = make_scene(duration=duration, telemetry=rates, effects=[LIFTS_OFF | {}])
-    assert scene.message_count == 2 * count
+    falls = {'load_profile': {'unit': 'N', 'points': [[0, 1000], [duration, 500]]}}
+    scene = make_scene(duration=duration, telemetry=rates, effects=[falls])
     for length in (60.0, 0.1, 7.3):
         blocks = list(simulate(scene, length))
         for topic in (SPEED, LOAD):
             stamps = np.concatenate([block.signals[topic].stamp_ns for block in blocks])
             np.testing.assert_allclose(stamps - START, np.arange(count) / rate * 1e9, atol=1.0)
         instants = np.concatenate([block.instants(50.0) for block in blocks])
-        assert (
-            instants.tolist()
-            == (np.arange(round(duration * 50.0) + 1) / 50.0)[: instants.size].tolist()
-        )
-        assert instants[-1] + 0.02 > duration
+        assert instants.tolist() == (np.arange(math.floor(duration * 50.0) + 1) / 50.0).tolist()
         # Who asks for finer instants gets the same bits.
         for block in blocks:
             for topic, signal in block.signals.items():

@@ -1,0 +1,510 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers out of CDR messages: their definitions in ``ros2msg`` text, and the way to one number.
+
+A message is a row of tokens.  A cursor steps over them: one number for all messages while nothing
+of variable length was met, an array of one per message behind it.
+Messages that this cannot follow are decoded one by one with mcap-ros2-support, which is also the
+reference for the bulk reader.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import re
+import struct
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from mcap.records import Schema
+from mcap.well_known import MessageEncoding
+from mcap_ros2.decoder import DecoderFactory
+from numpy.typing import NDArray
+
+from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
+from stickslip_monitor.bags.records import view
+from stickslip_monitor.errors import BagError
+from stickslip_monitor.fields import FieldPath, read_field
+
+# numpy codes, without byte order, of what the mcap-ros2-support decoder reads for each type; it
+# takes char as signed.
+_NUMBERS: Mapping[str, str] = {
+    'bool': '?', 'byte': 'u1', 'char': 'i1', 'int8': 'i1', 'uint8': 'u1', 'int16': 'i2',
+    'uint16': 'u2', 'int32': 'i4', 'uint32': 'u4', 'int64': 'i8', 'uint64': 'u8',
+    'float32': 'f4', 'float64': 'f8',
+}  # fmt: skip
+_TEXTS = ('string', 'wstring')
+
+LONGEST_TEXT = 1 << 18
+"""A definition that is longer is none of telemetry; the longest of ROS 2 have some 60 kB [bytes].
+"""
+_MOST_DIGITS = 10
+# CDR counts items with 32 bits.
+_LONGEST_SEQUENCE = (1 << 32) - 1
+# Beyond this a message is no telemetry, and its tokens would cost more than they save.
+_MOST_TOKENS = 500
+# A type that contains itself has no end.
+_DEEPEST = 50
+
+_TYPE = re.compile(r'(?P<base>[\w/]+)(?:<=\d+)?(?P<array>\[(?:<=)?\d*\])?')
+_SEPARATOR = re.compile(r'^={3,}$', re.MULTILINE)
+_CONSTANT = re.compile(r'\S+\s+\w+\s*=')
+
+_ENCAPSULATION = 4
+# As the two bytes lie in the message, read little-endian.
+_CDR_LE, _CDR_BE = 0x0100, 0x0000
+_SECOND = 1_000_000_000
+_STAMP: tuple[FieldPath, ...] = (('header', 'stamp', 'sec'), ('header', 'stamp', 'nanosec'))
+
+# The standard error belongs to the process, not to one of its threads.
+_SILENCE = threading.Lock()
+# Everything the decoder raises on data that is not of the type the schema describes.
+_DECODE_ERRORS = (
+    struct.error, ValueError, LookupError, NotImplementedError, RecursionError, MemoryError,
+)  # fmt: skip
+
+
+class SchemaError(Exception):
+    """A definition cannot be used, or a path does not fit it; the text is a clause."""
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One field: ``base`` is a primitive or a type name; ``size`` is the length of a fixed array.
+
+    ``bound`` is the largest length of a bounded sequence.
+    """
+
+    name: str
+    base: str
+    is_array: bool = False
+    size: int | None = None
+    bound: int | None = None
+
+    @property
+    def text(self) -> str:
+        """The type as a message definition writes it."""
+        if not self.is_array:
+            return self.base
+        limit = f'<={self.bound}' if self.bound is not None else ''
+        return f'{self.base}[{self.size if self.size is not None else limit}]'
+
+
+Definitions = Mapping[str, tuple[Field, ...]]
+
+# What the decoder assumes where the text does not define them.
+_TIME = (Field('sec', 'uint32'), Field('nanosec', 'uint32'))
+
+
+def short_name(name: str) -> str:
+    """Write a type name without its middle: ``std_msgs/msg/Float64`` is ``std_msgs/Float64``."""
+    parts = name.split('/')
+    return f'{parts[0]}/{parts[-1]}'
+
+
+@lru_cache(maxsize=256)
+def parse_schema(name: str, data: bytes) -> Definitions:
+    """Parse a concatenated message definition.
+
+    Args:
+        name: Type of the message, e.g. ``std_msgs/msg/Float64``.
+        data: Its definition, followed by those of the types it uses.
+
+    Returns:
+        Fields of every type by short name.
+
+    Raises:
+        SchemaError: A line is not a field, or a type is used but not defined.
+    """
+    if len(data) > LONGEST_TEXT:
+        raise SchemaError(f'its definition is longer than {LONGEST_TEXT} letters, the limit')
+    try:
+        text = data.decode()
+    except UnicodeDecodeError:
+        raise SchemaError('its definition is not text') from None
+    found: dict[str, tuple[Field, ...]] = {
+        'builtin_interfaces/Time': _TIME,
+        'builtin_interfaces/Duration': _TIME,
+    }
+    for number, part in enumerate(_SEPARATOR.split(text)):
+        lines = [line.partition('#')[0].strip() for line in part.splitlines()]
+        lines = [line for line in lines if line]
+        if lines and lines[0].startswith('MSG:'):
+            name = lines.pop(0).removeprefix('MSG:').strip()
+        elif number:
+            raise SchemaError('its definition has a part without a name')
+        package = name.split('/')[0]
+        fields = [_field(line, package) for line in lines if not _CONSTANT.match(line)]
+        found[short_name(name)] = tuple(fields)
+    for name, members in found.items():
+        for member in members:
+            if '/' in member.base and member.base not in found:
+                raise SchemaError(
+                    f'its definition leaves {member.base}, used by {name}, undefined'
+                )
+    return found
+
+
+def _field(line: str, package: str) -> Field:
+    type_text, *rest = line.split()
+    match = _TYPE.fullmatch(type_text)
+    if match is None or not rest:
+        raise SchemaError(f"its definition has the line '{line}', which is not a field")
+    base, array = match['base'], match['array']
+    if base not in _NUMBERS and base not in _TEXTS and '/' not in base:
+        base = f'{package}/{base}'
+    if array is None:
+        return Field(rest[0], base)
+    limit = array[1:-1].removeprefix('<=')
+    if len(limit) > _MOST_DIGITS or (limit and int(limit) > _LONGEST_SEQUENCE):
+        raise SchemaError(f"its definition has the line '{line}', an array that is too long")
+    if not array.startswith('[<='):
+        return Field(rest[0], base, True, size=int(limit) if limit else None)
+    if not limit:
+        raise SchemaError(f"its definition has the line '{line}', a bound without a number")
+    return Field(rest[0], base, True, bound=int(limit))
+
+
+def number_at(definitions: Definitions, root: str, path: FieldPath) -> str:
+    """Follow a path through the definition of a type.
+
+    Args:
+        definitions: From :func:`parse_schema`.
+        root: Type of the message.
+        path: From :func:`stickslip_monitor.fields.parse_field`.
+
+    Returns:
+        The primitive at its end.
+
+    Raises:
+        SchemaError: The path does not lead to a number.
+    """
+    steps = list(path)
+    current = short_name(root)
+    while steps:
+        step = steps.pop(0)
+        members = {member.name: member for member in definitions[current]}
+        if isinstance(step, int) or step not in members:
+            names = ', '.join(members) or 'none'
+            raise SchemaError(f"{current} has no field '{step}': its fields are {names}")
+        member = members[step]
+        if member.is_array:
+            _check_element(member, steps)
+        elif steps and isinstance(steps[0], int):
+            raise SchemaError(f"'{step}' is a {member.base}, which has no element {steps[0]}")
+        current = member.base
+        if current in _TEXTS or (current in _NUMBERS and steps):
+            rest = '' if current in _TEXTS else f", which has no field '{steps[0]}'"
+            raise SchemaError(f"'{step}' is a {current}{rest or ', not a number'}")
+    if current not in _NUMBERS:
+        names = ', '.join(member.name for member in definitions[current])
+        raise SchemaError(f'it ends at a {current}, not at a number: its fields are {names}')
+    return current
+
+
+def _check_element(member: Field, steps: list[str | int]) -> None:
+    """Take the index of an array's element off a path."""
+    index = steps.pop(0) if steps else None
+    name, text = member.name, member.text
+    if not isinstance(index, int):
+        raise SchemaError(f"'{name}' is a {text}: name an element, e.g. {name}[0]")
+    limits = (member.size, member.bound, _LONGEST_SEQUENCE)
+    if index >= next(limit for limit in limits if limit is not None):
+        raise SchemaError(f"'{name}' is a {text}, which has no element {index}")
+
+
+class Token(NamedTuple):
+    """A stretch of CDR data: ``length`` numbers of numpy type ``code``.
+
+    Where there is no ``length``, it stands before them. A text is such a sequence of bytes.
+    """
+
+    code: str
+    length: int | None = 1
+
+
+class Layout(NamedTuple):
+    """Tokens of a message and, for each number wanted, its token and its place in it."""
+
+    tokens: Sequence[Token]
+    targets: Sequence[tuple[int, int]]
+
+
+def compile_layout(
+    definitions: Definitions, root: str, paths: Sequence[FieldPath]
+) -> Layout | None:
+    """Compile the layout of a type for some of its numbers.
+
+    Args:
+        definitions: Definitions of the type and those it uses.
+        root: The type.
+        paths: Paths that lead to numbers.
+
+    Returns:
+        The layout; None for a type whose messages must be decoded one by one.
+    """
+    tokens: list[Token] = []
+    numbers: dict[FieldPath, int] = {}
+    for path, token in _tokens(definitions, short_name(root), ()):
+        if token is None or len(tokens) >= _MOST_TOKENS:
+            return None
+        numbers[path] = len(tokens)
+        tokens.append(token)
+    return Layout(tokens, [_target(numbers, path) for path in paths])
+
+
+def _target(numbers: dict[FieldPath, int], path: FieldPath) -> tuple[int, int]:
+    element = path[-1]
+    return (numbers[path[:-1]], element) if isinstance(element, int) else (numbers[path], 0)
+
+
+def _tokens(
+    definitions: Definitions, root: str, prefix: FieldPath
+) -> Iterator[tuple[FieldPath, Token | None]]:
+    """List the tokens of a type with their paths; None for what has no layout."""
+    if len(prefix) > _DEEPEST:
+        yield prefix, None
+        return
+    if not definitions[root]:
+        # CDR has no empty structure; ROS 2 gives it one unused byte.
+        yield (*prefix, ''), Token('u1')
+    for member in definitions[root]:
+        path = (*prefix, member.name)
+        is_sequence = member.is_array and member.size is None
+        if member.base in _NUMBERS:
+            count = None if is_sequence else member.size if member.is_array else 1
+            yield path, Token(_NUMBERS[member.base], count)
+        elif member.base == 'wstring' or is_sequence:
+            yield path, None
+        else:
+            for index in range(member.size) if member.size is not None else ['']:
+                own = (*path, index) if member.is_array else path
+                if member.base in _TEXTS:
+                    yield own, Token('u1', None)
+                else:
+                    yield from _tokens(definitions, member.base, own)
+
+
+class Gather:
+    """Numbers gathered from messages in one byte order.
+
+    Args:
+        data: What the messages lie in.
+        base: Where each message's CDR data begins in it, behind its encapsulation head.
+        size: How long it is.
+        big_endian: Its byte order.
+
+    Attributes:
+        sound: False for messages that have anything unusual: only the decoder can tell what they
+            hold.
+    """
+
+    def __init__(self, data: bytes, base: IntArray, size: IntArray, big_endian: bool) -> None:
+        self._data, self._base, self._size = data, base, size
+        self._order = '>' if big_endian else '<'
+        self.sound: BoolArray = np.ones(len(base), np.bool_)
+
+    def run(self, layout: Layout) -> list[NDArray[Any]]:
+        """Step through all messages.
+
+        Args:
+            layout: Their layout.
+
+        Returns:
+            One array per target, meaningful where ``sound``.
+        """
+        found: dict[tuple[int, int], NDArray[Any]] = {}
+        place: int | IntArray = 0
+        for number, (code, count) in enumerate(layout.tokens):
+            # A byte that is neither 0 nor 1 is still a bool, but not one numpy can hold.
+            stored, size = 'u1' if code == '?' else code, np.dtype(code).itemsize
+            length: int | IntArray = count or 0
+            if count is None:
+                place = _align(place, 4)
+                length = self._fetch('u4', place).astype(np.int64)
+                place = place + 4
+            begin = _align(place, size)
+            for target in layout.targets:
+                if target[0] == number and target not in found:
+                    self.sound &= target[1] < length
+                    values = self._fetch(stored, begin + target[1] * size)
+                    found[target] = values != 0 if code == '?' else values
+            end = begin + length * size
+            # Nothing is aligned for the items of a sequence that has none.
+            place = np.where(length > 0, end, place) if count is None else end
+        self.sound &= place <= self._size
+        return [found[target] for target in layout.targets]
+
+    def _fetch(self, code: str, place: int | IntArray) -> NDArray[Any]:
+        numbers = view(self._data, self._order + code)
+        self.sound &= place + numbers.itemsize <= self._size
+        spot = self._base + place
+        if not self.sound.all():
+            spot = np.where(self.sound, spot, 0)
+        found: NDArray[Any] = numbers[spot]
+        return found
+
+
+def _align(place: int | IntArray, size: int) -> int | IntArray:
+    return (place + size - 1) // size * size if size > 1 else place
+
+
+def _decoder(schema: Schema) -> Callable[[bytes], Any]:
+    """The decoder of mcap-ros2-support; raises SchemaError where it takes no such definition."""
+    try:
+        # The parser prints what it raises.
+        with _SILENCE, contextlib.redirect_stderr(io.StringIO()):
+            decode = DecoderFactory().decoder_for(MessageEncoding.CDR, schema)
+    except Exception as error:  # The parser raises whatever its parts raise.
+        raise SchemaError(f'its definition cannot be parsed ({error})') from None
+    if decode is None:
+        raise SchemaError(f"its schema encoding '{schema.encoding}' is not ros2msg")
+    return decode
+
+
+@dataclass(slots=True, eq=False)
+class FieldNumbers:
+    """What was read from n messages.
+
+    ``stamp_ns`` is None where the type has no header, and zero where a message has no stamp;
+    ``values`` has a row for each path; ``undecoded`` counts the messages that are not of the type,
+    ``encapsulations`` those in an encapsulation that is not decoded, by its number, ``short``
+    for each path those whose array is too short, and ``alone`` those that were decoded one by one.
+    """
+
+    stamp_ns: IntArray | None
+    values: FloatArray
+    undecoded: int = 0
+    short: Counter[int] = field(default_factory=Counter)
+    encapsulations: Counter[int] = field(default_factory=Counter)
+    alone: int = 0
+
+
+class FieldReader:
+    """Reads numbers from messages of one type, many at once.
+
+    Args:
+        topic: Whose messages.
+        schema: The definition of their type.
+        paths: Paths to numbers of the type.
+
+    Raises:
+        BagError: A path does not lead to a number, or the definition cannot be used.
+    """
+
+    def __init__(self, topic: str, schema: Schema, paths: Sequence[FieldPath]) -> None:
+        self._paths = tuple(paths)
+        try:
+            definitions = parse_schema(schema.name, schema.data)
+            self._check(topic, schema.name, definitions)
+            self._stamped = _has_header(definitions, schema.name)
+            self._decode = _decoder(schema)
+        except SchemaError as error:
+            raise BagError(f"topic '{topic}' ({schema.name}) cannot be read: {error}") from None
+        wanted = (*self._paths, *(_STAMP if self._stamped else ()))
+        self._layout = compile_layout(definitions, schema.name, wanted)
+
+    def _check(self, topic: str, type_name: str, definitions: Definitions) -> None:
+        for path in self._paths:
+            try:
+                number_at(definitions, type_name, path)
+            except SchemaError as error:
+                steps = (f'[{s}]' if isinstance(s, int) else f'.{s}' for s in path)
+                raise BagError(
+                    f"field '{''.join(steps).removeprefix('.')}' of topic '{topic}' ({type_name})"
+                    f' is no number: {error}'
+                ) from None
+
+    def read(self, data: bytes, offset: IntArray, size: IntArray) -> FieldNumbers:
+        """Read messages.
+
+        Args:
+            data: A block of records.
+            offset: Where the data of each message begins in it, shape (n,).
+            size: How long it is, shape (n,) [bytes].
+
+        Returns:
+            The numbers, ``values`` of shape (paths, n).
+        """
+        count = len(offset)
+        stamp_ns = np.zeros(count, np.int64) if self._stamped else None
+        numbers = FieldNumbers(stamp_ns, np.full((len(self._paths), count), np.nan))
+        rows: slice | IntArray = slice(None)
+        if (size < _ENCAPSULATION).any():
+            rows = np.flatnonzero(size >= _ENCAPSULATION)
+            numbers.undecoded += count - len(rows)
+        # The two bytes of the representation: zero, and zero or one for plain CDR.
+        kind = view(data, '<u2')[offset[rows]]
+        for code in (_CDR_LE, _CDR_BE):
+            mine = kind == code
+            if mine.any():
+                # Messages are rarely mixed, and a slice costs nothing where a selection copies.
+                is_all = mine.all()
+                chosen = rows if is_all else np.arange(count)[rows][mine]
+                self._gather(data, offset, size, chosen, code == _CDR_BE, numbers)
+                if is_all:
+                    return numbers
+        other = kind[(kind != _CDR_LE) & (kind != _CDR_BE)]
+        numbers.encapsulations.update(other.byteswap().tolist())
+        return numbers
+
+    def _gather(
+        self,
+        data: bytes,
+        offset: IntArray,
+        size: IntArray,
+        chosen: slice | IntArray,
+        big_endian: bool,
+        numbers: FieldNumbers,
+    ) -> None:
+        """Fill in messages in one byte order."""
+        base, length = offset[chosen], size[chosen]
+        rest = np.arange(len(base))
+        if self._layout is not None:
+            gather = Gather(data, base + _ENCAPSULATION, length - _ENCAPSULATION, big_endian)
+            found = gather.run(self._layout)
+            for row, values in zip(numbers.values, found, strict=False):
+                row[chosen] = values
+            if numbers.stamp_ns is not None:
+                sec, nanosec = (part.astype(np.int64) for part in found[-2:])
+                numbers.stamp_ns[chosen] = sec * _SECOND + nanosec
+            rest = np.flatnonzero(~gather.sound)
+        for place in np.arange(len(offset))[chosen][rest].tolist() if rest.size else ():
+            begin = int(offset[place])
+            self._decode_alone(data[begin : begin + int(size[place])], place, numbers)
+        numbers.alone += len(rest)
+
+    def _decode_alone(self, data: bytes, place: int, numbers: FieldNumbers) -> None:
+        """Fill in a message that is decoded by itself."""
+        numbers.values[:, place] = math.nan
+        stamp_ns = 0
+        try:
+            message = self._decode(data)
+        except _DECODE_ERRORS:
+            numbers.undecoded += 1
+        else:
+            for row, path in enumerate(self._paths):
+                try:
+                    numbers.values[row, place] = read_field(message, path)
+                except LookupError:
+                    numbers.short[row] += 1
+            if self._stamped:
+                stamp_ns = message.header.stamp.sec * _SECOND + message.header.stamp.nanosec
+        if numbers.stamp_ns is not None:
+            numbers.stamp_ns[place] = stamp_ns
+
+
+def _has_header(definitions: Definitions, root: str) -> bool:
+    first = definitions[short_name(root)][:1]
+    if [(member.name, member.text) for member in first] != [('header', 'std_msgs/Header')]:
+        return False
+    try:
+        return all(number_at(definitions, root, p) in ('int32', 'uint32') for p in _STAMP)
+    except SchemaError:
+        return False
