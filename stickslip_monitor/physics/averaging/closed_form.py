@@ -19,6 +19,9 @@ silence.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
+
 import numpy as np
 from scipy.special import i0e, i1e
 
@@ -35,13 +38,26 @@ from stickslip_monitor.physics.roots import newton_on_bracket
 _SERIES_LIMIT = 0.5
 _FAR = 1e6
 _NODES, _WEIGHTS = gauss_rule(14)
-# Newton's steps from first guesses that are off by a third at most.
+# Newton's steps from a first guess that is off by a twentieth at most.
 _STEPS = 5
+# Declines that are known beforehand: between them the first guess is off by 1e-6.
+_KNOWN = 2**13
+_Function = Callable[[FloatArray], FloatArray]
 # Beyond these a dimensionless speed or its Bessel function leaves the range of a float.
 _TINY, _HUGE, _MOST_DECLINE = 1e-300, 1e200, 690.0
 # Where the closed form beyond the sliding limit has all its digits: so far past it, in units of
 # 1/beta and of the speed.
 _REACH, _RATIO = 2.0, 8.0
+
+
+def _joined(x: FloatArray, series: _Function, bessel: _Function) -> FloatArray:
+    """The series for small arguments, Bessel functions for the others."""
+    small = x <= _SERIES_LIMIT
+    if not small.any():
+        return bessel(x)
+    result = bessel(np.maximum(x, _SERIES_LIMIT))
+    result[small] = series(x[small])
+    return result
 
 
 def _log_excess(alpha: FloatArray) -> FloatArray:
@@ -55,28 +71,35 @@ def _log_excess(alpha: FloatArray) -> FloatArray:
 
 def growth(alpha: FloatArray) -> FloatArray:
     """``ln(2 I1(alpha)/alpha)`` for ``alpha`` >= 0, to full relative precision."""
-    small, large = np.minimum(alpha, _SERIES_LIMIT), np.maximum(alpha, _SERIES_LIMIT)
-    bessel = np.log(2.0 * i1e(large) / large) + large
-    return np.where(alpha <= _SERIES_LIMIT, _log_excess(small), bessel)
+    return _joined(alpha, _log_excess, lambda large: np.log(2.0 * i1e(large) / large) + large)
 
 
 def decline(v: FloatArray) -> FloatArray:
     """``-ln(2 exp(-v) I1(v)/v) = v - growth(v)``: rises from 0 with ``v``."""
-    small, large = np.minimum(v, _SERIES_LIMIT), np.maximum(v, _SERIES_LIMIT)
-    bessel = np.log(0.5 * large / i1e(large))
-    return np.where(v <= _SERIES_LIMIT, small - _log_excess(small), bessel)
+    return _joined(
+        v, lambda small: small - _log_excess(small), lambda large: np.log(0.5 * large / i1e(large))
+    )
 
 
 def _growth_slope(alpha: FloatArray) -> FloatArray:
     """``d growth / d alpha = I2(alpha)/I1(alpha)``, as precise as Newton's method needs it."""
-    small, large = np.minimum(alpha, _SERIES_LIMIT), np.maximum(alpha, _SERIES_LIMIT)
-    bessel = i0e(large) / i1e(large) - 2.0 / large
-    return np.where(alpha <= _SERIES_LIMIT, small / 4.0 * (1.0 - small * small / 24.0), bessel)
+    return _joined(
+        alpha,
+        lambda small: small / 4.0 * (1.0 - small * small / 24.0),
+        lambda large: i0e(large) / i1e(large) - 2.0 / large,
+    )
 
 
 def _decline_slope(v: FloatArray) -> FloatArray:
     # I2/I1 tends to 1 - 1.5/v; past _FAR the difference from 1 has no digits left.
     return np.where(v < _FAR, 1.0 - _growth_slope(np.minimum(v, _FAR)), 1.5 / np.maximum(v, 1.0))
+
+
+@cache
+def _known_declines() -> tuple[FloatArray, FloatArray]:
+    """Logarithms of many declines, and of the speeds that have them."""
+    v = np.geomspace(1e-3, 1e5, _KNOWN)
+    return np.log(decline(v)), np.log(v)
 
 
 def amplitude_for_growth(d: FloatArray) -> FloatArray:
@@ -89,10 +112,17 @@ def amplitude_for_growth(d: FloatArray) -> FloatArray:
 
 def speed_for_decline(decrement: FloatArray) -> FloatArray:
     """The ``v`` > 0 at which ``decline(v) = decrement``, for finite ``decrement`` > 0."""
-    # Between ``decrement`` itself and (2/pi)^(1/3) exp(2/3 decrement). Another guess would change
-    # last bits, and with the nominal fold speed every bit of a level in the recordings of bags/.
-    v = np.expm1(decrement / 1.5) * (0.85 + 0.65 / (1.0 + decrement))
-    for _ in range(_STEPS):
+    # Other guesses would change last bits, and with the nominal fold speed every bit of a level in
+    # the recordings of bags/.
+    declines, speeds = _known_declines()
+    place = np.log(decrement)
+    v = np.exp(np.interp(place, declines, speeds))
+    outside = (place < declines[0]) | (place > declines[-1])
+    if outside.any():
+        near = np.minimum(decrement, 1.0)
+        far = (2.0 / np.pi) ** (1.0 / 3.0) * np.exp(decrement / 1.5)
+        v = np.where(outside, np.where(decrement < 1.0, near + near * near / 8.0, far), v)
+    for _ in range(2):
         # In ln v the curve is almost straight, from v << 1 (slope v) to v >> 1 (slope 1.5).
         v = v * np.exp((decrement - decline(v)) / (v * _decline_slope(v)))
     return v

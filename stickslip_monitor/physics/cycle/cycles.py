@@ -127,7 +127,7 @@ def _points_found(
     out = np.full((7, speed.size), np.nan)
     if speed.size >= _MANY and jit.has_compiler():
         loop = jit.compiled('cycles_of_points', *_MODULES, inline=False)
-        loop(np.array(numbers), body, speed, load, wanted, out)
+        loop(np.array(numbers), body, np.array(speed), np.array(load), wanted, out)
     else:
         columns = out.tolist()
         slip.cycles_of_points(numbers, body, speed.tolist(), load.tolist(), wanted, columns)

@@ -3,7 +3,8 @@
 
 A few loads are solved one by one. Many are read off Chebyshev polynomials in the logarithm of the
 load, through folds solved at their nodes, on intervals halved until the last coefficients are
-rounding; where the fold jumps, as that of a measured curve may, loads are solved one by one again.
+rounding. The fold of a measured curve has kinks and may jump: of its loads every so-many-th is
+solved, and those between them only where a cubic through their neighbours does not tell them.
 What is known at neighbouring loads tells where to look.
 """
 
@@ -36,8 +37,10 @@ from stickslip_monitor.physics.law_numbers import (
 from stickslip_monitor.physics.oscillator import Bearing
 
 # Nodes of an interval of ln N, and the loads below which it is not worth them; how far the last
-# coefficients may be from nothing, of a law in one piece and of a table.
-_NODES, _CLOSE, _STEEP_CLOSE, _TABLE_CLOSE = 13, 3e-10, 3e-6, 5e-5
+# coefficients may be from nothing.
+_NODES, _CLOSE, _STEEP_CLOSE = 13, 3e-10, 3e-6
+# Of a law in pieces every so-many-th load is solved, and how far a cubic may be off between them.
+_STRIDE, _TOLD = 32, 2e-5
 # Growth rate of the slip at breakaway, N |mu'(0)| / (m omega), of a steep law.
 _STEEP = 4.0
 # The narrowest interval that is halved: beyond it a fold jumps, and loads are solved one by one.
@@ -88,12 +91,14 @@ class _Search:
         self.in_pieces = self.law[PIECES] > 0.0
         self.is_closed = computes_as(bearing.friction, Stribeck)
         self.orbit = ROUGHLY if self.in_pieces else GRAZING
-        self.close = _TABLE_CLOSE if self.in_pieces else _CLOSE
         self.known: dict[float, float] = {}  # logarithms of fold over scale, by ln N
 
     def fill(self, place: FloatArray, out: FloatArray, rows: IndexArray) -> None:
         """Write the folds of an interval, at ascending places ``ln N``."""
         low, high = float(place[0]), float(place[-1])
+        if self.in_pieces:
+            out[rows] = self._refined(place)
+            return
         if place.size <= _NODES or high - low < _NARROW:
             out[rows] = [self.at(x) for x in place[::-1].tolist()][::-1]
             return
@@ -103,7 +108,7 @@ class _Search:
         ratio = np.log(np.array(found) / self.scale(nodes))
         if np.isfinite(ratio).all():
             series = chebyshev.chebfit(x, ratio, _NODES - 1)
-            close = _STEEP_CLOSE if self.is_steep(high) else self.close
+            close = _STEEP_CLOSE if self.is_steep(high) else _CLOSE
             if np.max(np.abs(series[-2:])) < close:
                 share = (2.0 * place - low - high) / (high - low)
                 out[rows] = np.exp(chebyshev.chebval(share, series)) * self.scale(place)
@@ -114,6 +119,30 @@ class _Search:
         middle = int(np.searchsorted(place, 0.5 * (low + high)))
         self.fill(place[middle:], out, rows[middle:])
         self.fill(place[:middle], out, rows[:middle])
+
+    def _refined(self, place: FloatArray) -> FloatArray:
+        """Folds at ascending places ``ln N``, solved where their neighbours do not tell them."""
+        count = place.size
+        fold = np.full(count, np.nan)
+        stride = min(_STRIDE, 1 << (count.bit_length() - 1))
+        for i in range(0, count, stride)[::-1]:
+            fold[i] = self.at(float(place[i]))
+        told = np.zeros(count, dtype=bool)  # from an index to the next that is known
+        while stride > 1:
+            half = stride // 2
+            miss = np.full(count, np.inf)
+            for i in range(half, count, stride):
+                near = range(max(i - half - stride, 0) // stride * stride, count, stride)[:4]
+                guess = _through(place[near], fold[near], place[i])
+                fold[i] = guess if told[i - half] else self.at(float(place[i]))
+                miss[i - half] = 0.0 if told[i - half] else _off(guess, fold[i])
+            # The error of a cubic falls by a sixteenth where its stretch is halved.
+            beside = np.maximum(miss, np.maximum(np.roll(miss, stride), np.roll(miss, -stride)))
+            sure = beside[::stride] < _TOLD
+            told[::stride] = sure
+            told[half::stride] = sure[: told[half::stride].size]
+            stride = half
+        return fold
 
     def scale(self, place: FloatArray) -> FloatArray:
         """Speeds to which the fold is in a smooth ratio, at places ``ln N`` [m/s]."""
@@ -130,10 +159,11 @@ class _Search:
         fold = math.nan
         if len(self.known) > 1:
             load, guess = math.exp(place), scale * math.exp(self._guessed(place))
-            if self.in_pieces or self.is_steep(place):
-                fold = fold_near(self.law, self.body, load, guess, ROUGHLY)
-            else:
+            steep = self.is_steep(place)
+            if not steep:
                 fold = self._polished(load, guess)
+            if math.isnan(fold) and (steep or self.in_pieces):
+                fold = fold_near(self.law, self.body, load, guess, ROUGHLY)
         if math.isnan(fold):
             fold = self._searched(math.exp(place))
         if 0.0 < fold < math.inf:
@@ -165,9 +195,9 @@ class _Search:
         """The fold by the secant method from a guess; ``nan`` where that leads to none."""
         law, body = self.law, self.body
         before, after = guess, guess * (1.0 + 1e-5)
-        f_before = grazing_margin(law, body, before, load, GRAZING)
+        f_before = grazing_margin(law, body, before, load, self.orbit)
         for _ in range(_SECANTS):
-            f_after = grazing_margin(law, body, after, load, GRAZING)
+            f_after = grazing_margin(law, body, after, load, self.orbit)
             if f_after == f_before:
                 break
             step = -f_after * (after - before) / (f_after - f_before)
@@ -210,3 +240,18 @@ class _Search:
         if lost == 0.0:
             return math.inf if drop > 0.0 else 0.0
         return drop / math.sqrt(lost)
+
+
+def _through(x: FloatArray, y: FloatArray, at: float) -> float:
+    """The polynomial in ``ln y`` through some points, of which none may be missing."""
+    with np.errstate(divide='ignore', invalid='ignore'):
+        logs = np.log(y)
+        weights = [
+            np.prod((at - np.delete(x, i)) / (x[i] - np.delete(x, i))) for i in range(x.size)
+        ]
+        return float(np.exp(weights @ logs))
+
+
+def _off(guess: float, fold: float) -> float:
+    """How far a guess is off, ``inf`` where one of the two is no number."""
+    return abs(guess / fold - 1.0) if 0.0 < fold < math.inf and guess > 0.0 else math.inf

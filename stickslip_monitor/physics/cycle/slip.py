@@ -75,6 +75,8 @@ _WIDENINGS, _SEARCHED = 12, 96
 # Of roots; panels in which a sign change of the energy gain is looked for; a gain of energy in a
 # turn that is rounding.
 _ROOT, _PANELS, _BALANCED = 1e-14, 24, 1e-13
+# Errors of a step below which a fold is worth all its digits, and how close it is found above.
+_FINE, _ROUGH_ROOT = 1e-10, 1e-7
 
 
 def slip_medium(
@@ -556,7 +558,8 @@ def fold_between(
     """The speed at which the slip phase grazes the belt, from one with a cycle to one without."""
     inside = grazing_margin(law, body, low, load, orbit)
     outside = grazing_margin(law, body, high, load, orbit)
-    close = orbit[4]
+    # A root needs no more digits than the orbits have.
+    close = orbit[4] if orbit[4] < _FINE else _ROUGH_ROOT
     bracket = begun_bracket(low, inside, high, outside)
     for _ in range(_TRIALS):
         if is_found(bracket, close):
