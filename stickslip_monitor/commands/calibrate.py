@@ -35,17 +35,12 @@ from stickslip_monitor.commands.declared import (
     say_written,
 )
 from stickslip_monitor.commands.output import ProgressBar, add_json, console, json_text, print_json
-from stickslip_monitor.errors import ConfigurationError, cause
+from stickslip_monitor.errors import ConfigurationError, cause, plural
 from stickslip_monitor.files import read_json, write_whole
-from stickslip_monitor.lab.calibration.calibrate import (
-    FLOOR,
-    Calibration,
-    belief_in,
-    calibrate,
-)
+from stickslip_monitor.lab.calibration.calibrate import FLOOR, Calibration, calibrate
 from stickslip_monitor.lab.calibration.dips import Dip
 from stickslip_monitor.lab.calibration.evidence import read_reports
-from stickslip_monitor.lab.calibration.posterior import SEED, Prior, prior_of
+from stickslip_monitor.lab.calibration.posterior import Prior, prior_of
 from stickslip_monitor.lab.calibration.recordings import EvidenceSource
 from stickslip_monitor.lab.calibration.result import (
     FRAGMENT_MARK,
@@ -66,10 +61,7 @@ from stickslip_monitor.monitor.calibration_file import (
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.offline.follow import scan_whole
-from stickslip_monitor.physics.belief import EXACT, QUANTILES, Belief
-
-_PRIOR_DRAWS = 512
-_PICTURE_LOADS = 60
+from stickslip_monitor.physics.belief import EXACT, QUANTILES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -199,67 +191,23 @@ def _write(
     document: Mapping[str, Any],
 ) -> None:
     if args.output is not None:
-        write_whole(
-            args.output, json_text(document).encode(), CALIBRATION_SCHEMA.encode(), args.force
-        )
+        data, mark = json_text(document).encode(), CALIBRATION_SCHEMA.encode()
+        write_whole(args.output, data, mark, args.force)
     if args.fragment is not None:
         write_whole(args.fragment, fragment(config, found).encode(), FRAGMENT_MARK, args.force)
     if args.picture is not None:
         from stickslip_monitor.drawing.calibration import draw_calibration
         from stickslip_monitor.drawing.canvas import save_figure
 
-        save_figure(draw_calibration(_picture(config, found)), args.picture, args.force)
+        save_figure(draw_calibration(config, found), args.picture, args.force)
     say_written(args.output, args.fragment, args.picture)
-
-
-def _prior_belief(found: Calibration) -> Belief:
-    random = np.random.default_rng(SEED)
-    prior = found.prior
-    draws = random.multivariate_normal(prior.mean, prior.covariance, _PRIOR_DRAWS)
-    return belief_in(draws, found.floor, prior.viscous, (1e-9, 1e12))
-
-
-def _picture(config: BearingConfig, found: Calibration) -> Any:
-    from stickslip_monitor.drawing.calibration import CalibrationPicture
-
-    low, high = found.loads
-    load = np.linspace(0.6 * low, 1.4 * high, _PICTURE_LOADS)
-    rpm = config.bearing.speed.factor('rpm')
-    prior, posterior = (
-        np.array(
-            [
-                [speed(load, p) / rpm for p in QUANTILES]
-                for speed in (belief.fold_speed, belief.hopf_speed)
-            ]
-        )
-        for belief in (_prior_belief(found), found.belief())
-    )
-    dips, episodes = len(found.dips), found.episodes
-    title = f'{config.name}: {dips} dips, {episodes} episodes'
-    tracks = [_track(one, rpm, found) for one in found.dips]
-    return CalibrationPicture(title, load, prior, posterior, tracks)
-
-
-def _track(one: Any, rpm: float, found: Calibration) -> Any:
-    from stickslip_monitor.drawing.calibration import DipTrack
-    from stickslip_monitor.lab.calibration.likelihood import LOAD_TERM
-
-    dip, time = one.dip, one.dip.time_ns[: one.dip.path.shape[0]]
-    squeal, doubtful = (np.zeros(time.size, dtype=bool) for _ in range(2))
-    for report, p in zip(dip.reports, one.worthless, strict=False):
-        own = (time >= report.start_ns) & (time <= report.end_ns)
-        squeal |= own & report.squeal
-        doubtful |= own & (p > 0.5)
-    term = np.exp(dip.path[:, LOAD_TERM])
-    load = term / (1.0 - found.prior.viscous * term)
-    return DipTrack(dip.speed / rpm, load, squeal, doubtful)
 
 
 def _print(out: Console, config: BearingConfig, found: Calibration) -> None:
     low, high = found.loads
     out.print(
-        f'[bold]{escape(config.name)}[/]: {len(found.dips)} dips, {found.episodes} episodes,'
-        f' {low:.4g} to {high:.4g} N'
+        f'[bold]{escape(config.name)}[/]: {plural(len(found.dips), "dip")},'
+        f' {plural(found.episodes, "episode")}, {low:.4g} to {high:.4g} N'
     )
     out.print(_boundary_table(config, found))
     mean, spread = found.posterior.mean, np.sqrt(np.diag(found.posterior.covariance))
@@ -282,20 +230,18 @@ def _print(out: Console, config: BearingConfig, found: Calibration) -> None:
 
 
 def _boundary_table(config: BearingConfig, found: Calibration) -> Table:
-    rpm = config.bearing.speed.factor('rpm')
     table = Table(
         title=escape('boundaries [rpm]: 5 %, 50 %, 95 %'), title_justify='left', box=SIMPLE_HEAD
     )
     for heading in ('load', 'boundary', 'before', 'now'):
         table.add_column(heading, justify='right', no_wrap=True)
-    prior = _prior_belief(found)
+    before, rpm = found.prior_belief(), config.bearing.speed.factor('rpm')
     for load, *now in found.boundaries():
-        before = [s(load, p) for s in (prior.hopf_speed, prior.fold_speed) for p in QUANTILES]
-        for k, name in enumerate(('Hopf', 'fold')):
-            own = slice(3 * k, 3 * k + 3)
+        for k, name in enumerate(('hopf_speed', 'fold_speed')):
+            past = [getattr(before, name)(load, p) for p in QUANTILES]
             texts = [
-                ', '.join(f'{value / rpm:.1f}' for value in values[own])
-                for values in (before, now)
+                ', '.join(f'{value / rpm:.1f}' for value in values)
+                for values in (past, now[3 * k : 3 * k + 3])
             ]
-            table.add_row(f'{load:.4g} N' if k == 0 else '', name, *texts)
+            table.add_row('' if k else f'{load:.4g} N', ('Hopf', 'fold')[k], *texts)
     return table

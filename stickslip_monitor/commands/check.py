@@ -225,6 +225,8 @@ class _Output:
             self._write_report(text, config)
         if self._args.json:
             sys.stdout.write(text)
+        else:
+            sys.stdout.write(_tolerance_advice(config))
 
     def _write_report(self, text: str, config: MonitorConfig) -> None:
         path, suffix = self._args.report, ending(self._args.report, REPORTS)
@@ -243,6 +245,25 @@ class _Output:
             write_whole(path, data, REPORTS[suffix] or b'', self._args.force)
         except OSError as error:
             raise OutputError(f"'{path}' cannot be written: {error.strerror or error}") from error
+
+
+def _tolerance_advice(config: MonitorConfig) -> str:
+    """A line for bearings whose values are taken as exact, and could be known less well."""
+    from stickslip_monitor.physics.friction import Stribeck
+
+    names = [
+        own.name
+        for own in config.bearings
+        if own.belief is None and isinstance(own.bearing.friction, Stribeck)
+    ]
+    if not names:
+        return ''
+    return (
+        f'{printable(", ".join(names))}: state how well the values are known, and verdicts come'
+        ' with probabilities and miss fewer episodes: from a drawing tolerance: {damping: 0.40,'
+        ' static: 0.15, kinetic: 0.15, decay: 0.30, load: 0.05}, after an impact test damping:'
+        ' 0.10, after a friction bench static: 0.03, kinetic: 0.03, decay: 0.10\n'
+    )
 
 
 def _source(text: str | None, config: MonitorConfig) -> EvidenceSource | None:
@@ -269,7 +290,7 @@ def _lessons(
     meter: ProgressBar,
 ) -> list[str]:
     """What all bags together teach of each bearing."""
-    from stickslip_monitor.lab.calibration.proposal import learned
+    from stickslip_monitor.lab.calibration.recordings import learned
 
     reports = () if args.learn in ('level', 'truth') else ('--reports', args.learn)
     lessons = []

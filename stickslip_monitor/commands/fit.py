@@ -15,6 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
 
 from stickslip_monitor.commands.arguments import parse_load, parse_speed
 from stickslip_monitor.commands.declared import (
@@ -26,24 +29,27 @@ from stickslip_monitor.commands.declared import (
     add_picture,
     say_written,
 )
-from stickslip_monitor.commands.fit_results import FRAGMENT_MARK, fragment, print_fit, to_json
 from stickslip_monitor.commands.output import add_json, console, print_json
 from stickslip_monitor.drawing.canvas import save_figure, write_csv
-from stickslip_monitor.drawing.friction_fit import Boundary, FrictionFitPicture, draw_friction_fit
+from stickslip_monitor.drawing.friction_fit import draw_friction_fit
 from stickslip_monitor.errors import ConfigurationError, plural
 from stickslip_monitor.files import write_whole
 from stickslip_monitor.lab.friction_fit.curve_file import Columns, FrictionCurve, read_curve
-from stickslip_monitor.lab.friction_fit.fit import StribeckFit, fit_stribeck
-from stickslip_monitor.lab.friction_fit.spread import BoundarySpread, boundary_spread
-from stickslip_monitor.monitor.assessment import Regime
+from stickslip_monitor.lab.friction_fit.fit import VISCOUS_LEVEL, StribeckFit, fit_stribeck
+from stickslip_monitor.lab.friction_fit.solve import UNITS
+from stickslip_monitor.lab.friction_fit.spread import BoundarySpread, Spread, boundary_spread
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.monitor.messages import number
 from stickslip_monitor.physics.oscillator import SPEED_UNITS
 
 _FEWEST_DRAWS, _MOST_DRAWS = 100, 1_000_000
-_CURVE_POINTS = 400
-_BEYOND = 1.05
+SCHEMA = 'stickslip_monitor/fit/1'
+FRAGMENT_MARK = '# Fitted to '
+_SPREADS = {
+    'hopf_speed': 'Hopf speed', 'fold_speed': 'fold speed',
+    'hopf_margin': 'Hopf margin', 'fold_margin': 'fold margin',
+}  # fmt: skip
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -85,19 +91,24 @@ def run(args: argparse.Namespace) -> int:
     """Run the command."""
     _check(args)
     bearings = _bearings(args)
-    curve = _read(args, bearings)
-    fit = fit_stribeck(curve, args.viscous)
+    fit = fit_stribeck(_read(args, bearings), args.viscous)
     spreads = [(item, _spread(args, fit, item)) for item in bearings]
     if args.json:
-        print_json(to_json(args.curve, fit, args, spreads))
+        print_json(to_json(fit, args, spreads))
     else:
         print_fit(console(), args, fit, spreads)
     if args.fragment:
-        _write(args.fragment, fragment(args.curve, fit), args.force)
+        text = fragment(args.curve, fit).encode()
+        write_whole(args.fragment, text, FRAGMENT_MARK.encode(), args.force)
     if args.output:
         write_csv(point_columns(fit), args.output, args.force)
     if args.picture:
-        _draw(args, fit, spreads)
+        only = spreads[0] if len(spreads) == 1 else (None, None)
+        save_figure(
+            draw_friction_fit(fit, _footnote(args, fit, only[0]), only[1]),
+            args.picture,
+            args.force,
+        )
     say_written(args.fragment, args.output, args.picture)
     return int(bool(fit.warnings))
 
@@ -141,37 +152,6 @@ def _spread(args: argparse.Namespace, fit: StribeckFit, item: BearingConfig) -> 
     return boundary_spread(fit, item.bearing.damping, load, speed, args.draws, args.seed)
 
 
-def _write(path: str, text: str, force: bool) -> None:
-    try:
-        write_whole(path, text.encode(), FRAGMENT_MARK.encode(), force)
-    except OSError as error:
-        raise ConfigurationError(f'{path}: {error.strerror or error}') from error
-
-
-def _draw(
-    args: argparse.Namespace,
-    fit: StribeckFit,
-    spreads: list[tuple[BearingConfig, BoundarySpread]],
-) -> None:
-    curve = fit.curve
-    speed = np.linspace(0.0, _BEYOND * float(curve.speed.max()), _CURVE_POINTS)
-    varied = float(np.ptp(curve.std)) > 0.0
-    picture = FrictionFitPicture(
-        title=_title(fit.law),
-        speed=curve.speed,
-        coefficient=curve.coefficient,
-        std=curve.std * fit.scale if varied else None,
-        counts=fit.weight >= 0.5,
-        lines=curve.line,
-        curve_speed=speed,
-        curve=fit.law.coefficient(speed),
-        band=fit.band(speed),
-        boundaries=_marks(spreads[0][1]) if len(spreads) == 1 else (),
-        footnote=_footnote(args, fit, spreads),
-    )
-    save_figure(draw_friction_fit(picture), args.picture, args.force)
-
-
 def point_columns(fit: StribeckFit) -> dict[str, Any]:
     """The points with what the fit says of each, for a CSV file in SI units."""
     curve = fit.curve
@@ -187,30 +167,198 @@ def point_columns(fit: StribeckFit) -> dict[str, Any]:
     }
 
 
-def _title(law: Stribeck) -> str:
-    text = f'μ = {law.kinetic:.4g} + {law.static - law.kinetic:.4g} exp(−{law.decay:.4g} v)'
-    return text + (f' + {law.viscous:.3g} v' if law.viscous else '')
-
-
-def _footnote(
-    args: argparse.Namespace,
-    fit: StribeckFit,
-    spreads: list[tuple[BearingConfig, BoundarySpread]],
-) -> str:
+def _footnote(args: argparse.Namespace, fit: StribeckFit, item: BearingConfig | None) -> str:
     outliers = plural(fit.outliers.size, 'outlier')
     text = f'{Path(args.curve).name}: {fit.weight.size} points, {outliers}'
-    if len(spreads) == 1:
-        text += f'; boundaries of {spreads[0][0].name} at {args.load} with 95 % intervals'
+    if item is not None:
+        text += f'; boundaries of {item.name} at {args.load} with 95 % intervals'
     return text
 
 
-def _marks(spread: BoundarySpread) -> tuple[Boundary, ...]:
-    both = (
-        ('Hopf speed', spread.hopf_speed, Regime.UNSTABLE),
-        ('fold speed', spread.fold_speed, Regime.BISTABLE),
+def to_json(
+    fit: StribeckFit,
+    args: argparse.Namespace,
+    spreads: list[tuple[BearingConfig, BoundarySpread]],
+) -> dict[str, Any]:
+    """The fit as the documented JSON object."""
+    return {
+        'schema': SCHEMA,
+        'path': args.curve,
+        'points': int(fit.weight.size),
+        'speed_unit': fit.curve.unit,
+        'friction': {
+            'law': 'stribeck',
+            **{name: getattr(fit.law, name) for name in UNITS},
+        },
+        'estimated': list(fit.names),
+        'standard_error': dict(zip(fit.names, fit.standard_error.tolist(), strict=True)),
+        'interval': dict(zip(fit.names, fit.intervals.tolist(), strict=True)),
+        'correlation': fit.correlation.tolist(),
+        'covariance': fit.covariance.tolist(),
+        'scale': fit.scale,
+        'degrees_of_freedom': fit.degrees_of_freedom,
+        'viscous': _viscous_json(fit, args.viscous),
+        'outliers': [_outlier_json(fit, k) for k in fit.outliers],
+        'warnings': list(fit.warnings),
+        'fragment': fragment(args.curve, fit),
+        'bearings': [_bearing_json(item, spread, args) for item, spread in spreads],
+    }
+
+
+def _viscous_json(fit: StribeckFit, asked: str) -> dict[str, Any]:
+    test = fit.viscous_test
+    names = ('slope', 't_value', 'f_value', 'p_value', 'aicc_gain')
+    return {
+        'asked': asked,
+        'used': 'viscous' in fit.names,
+        **{name: number(getattr(test, name)) if test else None for name in names},
+        'sentence': viscous_sentence(fit, asked),
+    }
+
+
+def _outlier_json(fit: StribeckFit, k: int) -> dict[str, Any]:
+    columns = point_columns(fit)
+    names = ('speed', 'coefficient', 'residual', 'weight')
+    return {'line': int(fit.curve.line[k])} | {name: float(columns[name][k]) for name in names}
+
+
+def _bearing_json(
+    item: BearingConfig, spread: BoundarySpread, args: argparse.Namespace
+) -> dict[str, Any]:
+    return {
+        'bearing': item.name,
+        'load': parse_load(args.load),
+        'speed': abs(parse_speed(args.speed, item.bearing.speed)) if args.speed else None,
+        'draws': args.draws,
+        'seed': args.seed,
+        'without_boundary': spread.without,
+        **{name: _spread_json(getattr(spread, name)) for name in _SPREADS},
+        'regimes': spread.regimes,
+    }
+
+
+def _spread_json(spread: Spread | None) -> dict[str, float | None] | None:
+    if spread is None:
+        return None
+    names = ('estimate', 'delta_error', 'median', 'low', 'high')
+    return {name: number(getattr(spread, name)) for name in names}
+
+
+def fragment(source: str, fit: StribeckFit) -> str:
+    """The law as a bearing's entry in the parameter file."""
+    law = fit.law
+    entries = [('static', law.static), ('kinetic', law.kinetic), ('decay', law.decay)]
+    if 'viscous' in fit.names:
+        entries.append(('viscous', law.viscous))
+    values = ', '.join(f'{name}: {value:.6g}' for name, value in entries)
+    errors = ', '.join(
+        f'{name} {error:.2g}' for name, error in zip(fit.names, fit.standard_error, strict=True)
     )
-    return tuple(
-        Boundary(name, item.estimate, item.low, item.high, regime)
-        for name, item, regime in both
-        if item.estimate > 0.0
+    name = ' '.join(Path(source).name.split())
+    outliers = plural(fit.outliers.size, 'outlier')
+    return (
+        f'{FRAGMENT_MARK}{name}: {fit.weight.size} points, {outliers}.\n'
+        f'# Standard errors: {errors}.\n'
+        f'friction: {{law: stribeck, {values}}}\n'
     )
+
+
+def viscous_sentence(fit: StribeckFit, asked: str) -> str:
+    """Why the law has a viscous slope or not."""
+    used = 'viscous' in fit.names
+    test = fit.viscous_test
+    if test is None:
+        return 'no viscous slope: too few points to test one'
+    numbers = (
+        f'slope {test.slope:.3g} s/m, t = {test.t_value:.3g}, F = {test.f_value:.3g},'
+        f' p = {test.p_value:.2g}, AICc gain {test.aicc_gain:.3g}'
+    )
+    rule = f'rule: slope > 0 and p < {VISCOUS_LEVEL:g}'
+    asked_for = '' if asked == 'auto' else f', as asked for by --viscous {asked}'
+    if asked == 'yes' and not used:
+        asked_for = ': it would be negative and is held at 0'
+    return f'{"with" if used else "no"} viscous slope{asked_for} ({numbers}; {rule})'
+
+
+def print_fit(
+    out: Console,
+    args: argparse.Namespace,
+    fit: StribeckFit,
+    spreads: list[tuple[BearingConfig, BoundarySpread]],
+) -> None:
+    """Print the fit and what its uncertainty means for the bearings."""
+    curve = fit.curve
+    out.print(
+        f'[bold]{escape(args.curve)}[/]: {fit.weight.size} points, speeds in {curve.unit}'
+        f' ({escape(curve.unit_source)}), from {curve.speed.min():.4g} to'
+        f' {curve.speed.max():.4g} m/s'
+    )
+    out.print(_estimates(fit))
+    names = fit.names
+    pairs = [(i, j) for j in range(len(names)) for i in range(j)]
+    texts = [f'{names[i]}-{names[j]} {fit.correlation[i, j]:.3f}' for i, j in pairs]
+    out.print(f'correlation: {", ".join(texts)}')
+    out.print(f'scatter of a point: {fit.scale:.3g}; degrees of freedom:'
+              f' {fit.degrees_of_freedom:.1f}')  # fmt: skip
+    out.print(viscous_sentence(fit, args.viscous))
+    _print_outliers(out, fit)
+    for text in fit.warnings:
+        out.print(f'[yellow]warning:[/] {escape(text)}')
+    for item, spread in spreads:
+        out.print(_spread_table(item, spread, args))
+        if spread.regimes:
+            shares = ', '.join(f'{name} {share:.1%}' for name, share in spread.regimes.items())
+            out.print(f'of the laws drawn, at this speed: {shares}')
+    out.print()
+    out.print(escape(fragment(args.curve, fit)), end='')
+
+
+def _table(title: str, headings: str, caption: str | None = None) -> Table:
+    """A table whose first and last columns are names."""
+    table = Table(title=title, title_justify='left', caption=caption)
+    names = headings.split('; ')
+    for k, heading in enumerate(names):
+        table.add_column(heading, justify='left' if k in (0, len(names) - 1) else 'right')
+    return table
+
+
+def _estimates(fit: StribeckFit) -> Table:
+    table = _table('Stribeck law', 'coefficient; value; standard error; 95 % interval; unit')
+    for k, name in enumerate(fit.names):
+        low, high = fit.intervals[k]
+        table.add_row(
+            name, f'{fit.estimate[k]:.5g}', f'{fit.standard_error[k]:.2g}',
+            f'{low:.5g} to {high:.5g}', UNITS[name],
+        )  # fmt: skip
+    return table
+
+
+def _print_outliers(out: Console, fit: StribeckFit) -> None:
+    aside = int(np.sum(fit.weight == 0.0))
+    out.print(f'outliers: {fit.outliers.size} with less than half the weight, {aside} with none')
+    for k in fit.outliers:
+        out.print(
+            f'  line {fit.curve.line[k]}: {fit.curve.coefficient[k]:.4g} at'
+            f' {fit.curve.speed[k]:.4g} m/s, {fit.residual[k]:+.3g} off the curve, weight'
+            f' {fit.weight[k]:.2f}'
+        )
+
+
+def _spread_table(item: BearingConfig, spread: BoundarySpread, args: argparse.Namespace) -> Table:
+    without = f'{spread.without:.1%} of the laws drawn have no boundary: 0 rpm'
+    table = _table(
+        f'{item.name} with this law at {args.load}',
+        'quantity; value; standard error; median; 95 % interval; unit',
+        without if spread.without else None,
+    )
+    per_rpm = 1.0 / item.bearing.speed.factor('rpm')
+    for field, name in _SPREADS.items():
+        row: Spread | None = getattr(spread, field)
+        factor, unit = (per_rpm, 'rpm') if 'speed' in field else (100.0, '%')
+        if row is not None:
+            table.add_row(
+                name, f'{row.estimate * factor:.4g}', f'{row.delta_error * factor:.2g}',
+                f'{row.median * factor:.4g}',
+                f'{row.low * factor:.4g} to {row.high * factor:.4g}', unit,
+            )  # fmt: skip
+    return table

@@ -3,13 +3,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.drawing.canvas import labelled, style
 from stickslip_monitor.drawing.palette import (
     DASHES,
@@ -21,64 +18,32 @@ from stickslip_monitor.drawing.palette import (
     REGIME_COLOUR,
     REGIME_FILL,
 )
+from stickslip_monitor.lab.friction_fit.fit import StribeckFit
+from stickslip_monitor.lab.friction_fit.spread import BoundarySpread, Spread
 from stickslip_monitor.monitor.assessment import Regime
+from stickslip_monitor.physics.friction import Stribeck
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
-_BAND = REGIME_FILL[Regime.STABLE]
 _LINE = REGIME_COLOUR[Regime.STABLE]
 _OUTLIER = REGIME_COLOUR[Regime.UNSTABLE]
 _BAND_ALPHA = 0.25
 _ROOM = 0.05
+_CURVE_POINTS, _BEYOND = 400, 1.05
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Boundary:
-    """A boundary speed to mark: its name, where it is, and its 95 % interval [m/s]."""
-
-    name: str
-    speed: float
-    low: float
-    high: float
-    regime: Regime
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FrictionFitPicture:
-    """What the picture shows.
-
-    Attributes:
-        title: The law in words.
-        speed: Measured speeds, shape (n,) [m/s].
-        coefficient: Measured coefficients, shape (n,) [-].
-        std: Relative standard deviations as error bars, shape (n,) [-]; ``None`` for no bars.
-        counts: Whether a point counts half or more, shape (n,).
-        lines: Line of the file of each point, shape (n,).
-        curve_speed: Speeds of the curve, ascending, shape (m,) [m/s].
-        curve: The fitted coefficient there, shape (m,) [-].
-        band: Half width of its 95 % band there, shape (m,) [-].
-        boundaries: Boundary speeds of a bearing to mark.
-        footnote: Said below the axes.
-    """
-
-    title: str
-    speed: FloatArray
-    coefficient: FloatArray
-    std: FloatArray | None
-    counts: NDArray[np.bool_]
-    lines: NDArray[np.int64]
-    curve_speed: FloatArray
-    curve: FloatArray
-    band: FloatArray
-    boundaries: tuple[Boundary, ...] = ()
-    footnote: str = ''
-
-
-def draw_friction_fit(picture: FrictionFitPicture) -> Figure:
+def draw_friction_fit(
+    fit: StribeckFit, footnote: str = '', spread: BoundarySpread | None = None
+) -> Figure:
     """Draw the points, the curve with its confidence band, and the outliers.
+
+    Args:
+        fit: The fit.
+        footnote: Said below the axes.
+        spread: Of the boundaries of a bearing to mark.
 
     Returns:
         A figure that pyplot does not know of; :func:`~.canvas.save_figure` writes it.
@@ -88,73 +53,75 @@ def draw_friction_fit(picture: FrictionFitPicture) -> Figure:
     """
     with style():
         figure, axes = labelled(
-            'sliding speed [m/s]', 'coefficient of friction [-]', title=picture.title,
-            footnote=picture.footnote,
+            'sliding speed [m/s]', 'coefficient of friction [-]', title=_title(fit.law),
+            footnote=footnote,
         )  # fmt: skip
-        _curve(axes, picture)
-        _points(axes, picture)
-        _frame(axes, picture)
-        for boundary in picture.boundaries:
-            _boundary(axes, boundary)
+        _draw_law(axes, fit)
+        _draw_points(axes, fit)
+        if spread is not None:
+            _mark(axes, 'Hopf speed', spread.hopf_speed, Regime.UNSTABLE)
+            _mark(axes, 'fold speed', spread.fold_speed, Regime.BISTABLE)
         axes.legend(loc='upper right', frameon=True, framealpha=0.9, edgecolor='none')
         return figure
 
 
-def _curve(axes: Axes, picture: FrictionFitPicture) -> None:
-    v, mu, half = picture.curve_speed, picture.curve, picture.band
+def _title(law: Stribeck) -> str:
+    text = f'μ = {law.kinetic:.4g} + {law.static - law.kinetic:.4g} exp(−{law.decay:.4g} v)'
+    return text + (f' + {law.viscous:.3g} v' if law.viscous else '')
+
+
+def _draw_law(axes: Axes, fit: StribeckFit) -> None:
+    """The law with its band, and axes that hold it and the points."""
+    top = _BEYOND * float(fit.curve.speed.max())
+    speed = np.linspace(0.0, top, _CURVE_POINTS)
+    law, half = fit.law.coefficient(speed), fit.band(speed)
     axes.fill_between(
-        v, mu - half, mu + half, color=_LINE, alpha=_BAND_ALPHA, lw=0.0, zorder=2,
+        speed, law - half, law + half, color=_LINE, alpha=_BAND_ALPHA, lw=0.0, zorder=2,
         label='95 % confidence band',
     )  # fmt: skip
-    axes.plot(v, mu, color=_LINE, zorder=4, label='fitted law')
+    axes.plot(speed, law, color=_LINE, zorder=4, label='fitted law')
+    values = np.concatenate([fit.curve.coefficient, law])
+    room = _ROOM * float(np.ptp(values))
+    axes.set_xlim(-0.02 * top, top)
+    axes.set_ylim(min(0.0, float(values.min()) - room), float(values.max()) + 2.0 * room)
 
 
-def _points(axes: Axes, picture: FrictionFitPicture) -> None:
-    good = picture.counts
-    if picture.std is not None:
+def _draw_points(axes: Axes, fit: StribeckFit) -> None:
+    curve, out = fit.curve, fit.outliers
+    good = fit.weight >= 0.5
+    if float(np.ptp(curve.std)) > 0.0:
         axes.errorbar(
-            picture.speed, picture.coefficient, picture.std, fmt='none', ecolor=MUTED,
+            curve.speed, curve.coefficient, curve.std * fit.scale, fmt='none', ecolor=MUTED,
             elinewidth=0.8, zorder=3,
         )  # fmt: skip
     axes.plot(
-        picture.speed[good], picture.coefficient[good], 'o', ms=5.5, mfc=PAPER, mec=INK, mew=1.2,
+        curve.speed[good], curve.coefficient[good], 'o', ms=5.5, mfc=PAPER, mec=INK, mew=1.2,
         zorder=5, label='measured',
     )  # fmt: skip
-    if np.all(good):
-        return
-    axes.plot(
-        picture.speed[~good], picture.coefficient[~good], 'X', ms=9.0, mfc=_OUTLIER, mec=PAPER,
-        mew=0.8, zorder=6, label='outlier (weight below half)',
-    )  # fmt: skip
-    for v, mu, line in zip(
-        picture.speed[~good], picture.coefficient[~good], picture.lines[~good], strict=True
-    ):
+    if out.size:
+        axes.plot(
+            curve.speed[out], curve.coefficient[out], 'X', ms=9.0, mfc=_OUTLIER, mec=PAPER,
+            mew=0.8, zorder=6, label='outlier (weight below half)',
+        )  # fmt: skip
+    for k in out:
         axes.annotate(
-            f'line {line}', (v, mu), xytext=(8.0, 0.0), textcoords='offset points', va='center',
-            size=9.0, color=MUTED, zorder=3,
+            f'line {curve.line[k]}', (curve.speed[k], curve.coefficient[k]), xytext=(8.0, 0.0),
+            textcoords='offset points', va='center', size=9.0, color=MUTED, zorder=3,
             bbox={'fc': PAPER, 'ec': 'none', 'alpha': 0.75, 'pad': 0.8},
         )  # fmt: skip
 
 
-def _frame(axes: Axes, picture: FrictionFitPicture) -> None:
-    top = float(picture.curve_speed[-1])
-    axes.set_xlim(-0.02 * top, top)
-    values = np.concatenate([picture.coefficient, picture.curve])
-    room = _ROOM * float(np.ptp(values))
-    axes.set_ylim(min(0.0, float(values.min()) - room), float(values.max()) + 2.0 * room)
-
-
-def _boundary(axes: Axes, boundary: Boundary) -> None:
+def _mark(axes: Axes, name: str, boundary: Spread, regime: Regime) -> None:
     """A boundary speed as a line in its interval, named at the foot of the axes."""
-    hopf = boundary.regime is Regime.UNSTABLE
-    colour, dashes = (HOPF, '-') if hopf else (FOLD, DASHES)
+    if not boundary.estimate > 0.0:
+        return
+    colour, dashes = (HOPF, '-') if regime is Regime.UNSTABLE else (FOLD, DASHES)
     axes.axvspan(
-        boundary.low, boundary.high, color=REGIME_FILL[boundary.regime], alpha=0.8, lw=0.0,
-        zorder=0,
-    )  # fmt: skip
-    axes.axvline(boundary.speed, color=colour, lw=1.4, ls=dashes, zorder=1)
+        boundary.low, boundary.high, color=REGIME_FILL[regime], alpha=0.8, lw=0.0, zorder=0
+    )
+    axes.axvline(boundary.estimate, color=colour, lw=1.4, ls=dashes, zorder=1)
     bottom = axes.get_ylim()[0] + 0.02 * float(np.ptp(axes.get_ylim()))
     axes.annotate(
-        boundary.name, (boundary.low, bottom), xytext=(-3.0, 0.0), textcoords='offset points',
+        name, (boundary.low, bottom), xytext=(-3.0, 0.0), textcoords='offset points',
         rotation=90.0, ha='right', va='bottom', size=10.0, color=INK,
     )  # fmt: skip

@@ -249,7 +249,7 @@ class Belief:
         Raises:
             PhysicsError: The bearing is another; the text says which rule it breaks.
         """
-        law = _stribeck(bearing)
+        law = require_stribeck(bearing)
         level = tolerance.of_fall(law)
         other = math.hypot(tolerance.damping, tolerance.load)
         log_fall, level_weight, levels = _fall_nodes(level)
@@ -309,7 +309,7 @@ class Belief:
         Raises:
             PhysicsError: Its law is not Stribeck's, or rises with speed.
         """
-        law = _stribeck(bearing)
+        law = require_stribeck(bearing)
         decay = math.exp(self.log_beta)
         damping = math.exp(self.log_load) * (law.static - law.kinetic) * decay
         friction = replace(law, decay=decay, viscous=self.points.viscous * damping)
@@ -431,18 +431,21 @@ def _fall_nodes(level: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     return np.log(fall) - 0.5 * spread**2, weight, spread
 
 
-def _stribeck(bearing: Bearing) -> Stribeck:
+def require_stribeck(bearing: Bearing, what: str = 'a tolerance') -> Stribeck:
+    """The law of a bearing that has the two boundaries.
+
+    Raises:
+        PhysicsError: Its law is not Stribeck's, or neither damped nor falling.
+    """
     law = bearing.friction
     if not isinstance(law, Stribeck):
-        raise PhysicsError(
-            'a tolerance needs the friction law stribeck, and this is'
-            f' {type(law).__name__.lower()}'
-        )
+        name = type(law).__name__.lower()
+        raise PhysicsError(f'{what} needs the friction law stribeck, and this is {name}')
     if not bearing.damping > 0.0:
-        raise PhysicsError('damping = 0 N s/m must be greater than 0 where a tolerance is given')
+        raise PhysicsError(f'damping = 0 N s/m must be greater than 0 where {what} is given')
     if not law.static > law.kinetic:
         raise PhysicsError(
-            f'static = {law.static:g} must be above kinetic = {law.kinetic:g} where a tolerance is'
+            f'static = {law.static:g} must be above kinetic = {law.kinetic:g} where {what} is'
             ' given'
         )
     return law

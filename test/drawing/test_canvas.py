@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 
 from stickslip_monitor import Stribeck
-from stickslip_monitor.drawing.calibration import CalibrationPicture, DipTrack, draw_calibration
+from stickslip_monitor.drawing.calibration import draw_calibration
 from stickslip_monitor.drawing.canvas import inline_svg, save_figure, variable
 from stickslip_monitor.drawing.diagram import draw_diagram
-from stickslip_monitor.drawing.friction_fit import Boundary, FrictionFitPicture, draw_friction_fit
+from stickslip_monitor.drawing.friction_fit import draw_friction_fit
 from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.drawing.palette import (
     CAUTION_FILL,
@@ -35,6 +35,12 @@ from stickslip_monitor.drawing.palette import (
     REGIME_FILL,
 )
 from stickslip_monitor.errors import DrawingError, OutputError
+from stickslip_monitor.lab.calibration.calibrate import Calibration, DipResult
+from stickslip_monitor.lab.calibration.dips import Dip, VibrationReport, path_of
+from stickslip_monitor.lab.calibration.posterior import prior_of, sample_posterior
+from stickslip_monitor.lab.friction_fit.curve_file import FrictionCurve
+from stickslip_monitor.lab.friction_fit.fit import fit_stribeck
+from stickslip_monitor.lab.friction_fit.spread import boundary_spread
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.ladder import Condition
@@ -124,23 +130,19 @@ def test_boundaries_are_seen_on_all_fills_and_captions_name_their_hues(dark: boo
 
 
 def test_each_boundary_has_one_colour_in_all_pictures() -> None:
-    band = np.array([[[30.0] * 2, [31.0] * 2, [32.0] * 2]] * 2)
-    dip = DipTrack(np.ones(2), np.ones(2), np.zeros(2, bool), np.zeros(2, bool))
-    calibration = CalibrationPicture('', np.array([500.0, 900.0]), band, band, [dip])
-    curve = np.linspace(0.0, 0.5, 9)
-    marks = (
-        Boundary('Hopf speed', 0.1, 0.09, 0.11, Regime.UNSTABLE),
-        Boundary('fold speed', 0.2, 0.19, 0.21, Regime.BISTABLE),
-    )
-    law = Stribeck(0.3, 0.1, 10.0).coefficient(curve)
-    fit = FrictionFitPicture(
-        '', curve, law, None, np.ones(9, bool), np.arange(9), curve, law, 0.01 * law, marks, ''
-    )
+    second, prior = np.array([0, 10**9]), prior_of(REFERENCE.bearing)
+    squeal = VibrationReport('', 0, 10**9, True, 0.0, 0.9, '')
+    path = path_of(second, np.full(2, 0.2), np.full(2, 1000.0), [squeal], (0, 10**9))
+    dip = DipResult(Dip('', 0, 10**9, (squeal,), second, path), 0.0, (0.5,), ())
+    calibration = Calibration(prior, sample_posterior(prior, []), (dip,))
+    speed = np.linspace(0.0, 0.5, 9)
+    fit = fit_stribeck(FrictionCurve.of(speed, Stribeck(0.3, 0.1, 10.0).coefficient(speed)))
+    spread = boundary_spread(fit, 400.0, 1000.0, draws=100)
     for figure in (
         draw_map(REFERENCE),
         draw_diagram(REFERENCE, 1000.0, points=50),
-        draw_calibration(calibration),
-        draw_friction_fit(fit),
+        draw_calibration(REFERENCE, calibration),
+        draw_friction_fit(fit, '', spread),
     ):
         lines = [line for axes in figure.axes for line in axes.lines]
         colours = {line.get_color() for line in lines} | {

@@ -95,21 +95,16 @@ def smoothed(
     span = _CYCLES * typical_period(bearing, speed, load)
     start = (breakaway(bearing, speed, load), speed)
     rtol, atol = (1e-10, 1e-14) if tight else (1e-3, 1e-6)
-    flow = smoothed_flow(width, bearing, speed, load)
-    way = run(flow, (0.0, span), start, method='LSODA', rtol=rtol, atol=atol)
-    if not way.success:
-        return not_converged(way.nfev)
-    return found(_late_range([way], span, speed, bearing.natural_frequency), way.nfev)
-
-
-def smoothed_flow(width: float, bearing: Bearing, speed: float, load: float) -> Flow:
-    """``(x', x'')`` with smoothed friction."""
     law = scalar_law(bearing.friction)
 
     def friction(relative: float) -> float:
         return load * math.tanh(relative / width) * law(abs(relative))
 
-    return _flow(bearing, speed, friction)
+    flow = _flow(bearing, speed, friction)
+    way = run(flow, (0.0, span), start, method='LSODA', rtol=rtol, atol=atol)
+    if not way.success:
+        return not_converged(way.nfev)
+    return found(_late_range([way], span, speed, bearing.natural_frequency), way.nfev)
 
 
 def _flow(bearing: Bearing, speed: float, friction: Callable[[float], float]) -> Flow:

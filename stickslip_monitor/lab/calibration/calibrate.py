@@ -13,7 +13,12 @@ from scipy.special import ndtri
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import CalibrationError, plural
-from stickslip_monitor.lab.calibration.dips import Dip, VibrationReport, counter_reports
+from stickslip_monitor.lab.calibration.dips import (
+    Dip,
+    VibrationReport,
+    counter_reports,
+    load_of,
+)
 from stickslip_monitor.lab.calibration.likelihood import (
     BEGIN,
     LOAD_TERM,
@@ -40,10 +45,10 @@ _DOUBTFUL = 0.5
 _SURPRISING = 0.025
 _LAST, _TOO_MANY = 10, 3
 # Normal scores of the last ends, whose sum is beyond this with half a per cent.
-_RUN, _ONE_SIDED = 5, 2.8
+_SHORTEST_RUN, _LONGEST_RUN, _ONE_SIDED = 3, 5, 2.8
 _JUDGES = 256
 _LIMIT_SHARE, _LIMIT_FACTOR = 0.99, 1.5
-_LOADS = 5
+_LOADS, _PRIOR_DRAWS = 5, 512
 _ONE_LOAD = 1.1
 
 
@@ -63,16 +68,6 @@ class EpisodeEnd:
     speed: float
     predicted: float
     late: float
-
-    @property
-    def surprising(self) -> bool:
-        """Whether it was hardly to be expected."""
-        return not _SURPRISING < self.late < 1.0 - _SURPRISING
-
-    @property
-    def score(self) -> float:
-        """:attr:`late` as a normal score; positive for one that ended late."""
-        return float(ndtri(min(max(self.late, 1e-6), 1.0 - 1e-6)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +100,7 @@ class DipResult:
         """Whether what was seen was hardly to be expected."""
         if not self.dip.episode:
             return 0.5 * math.exp(self.log_predictive) < _SURPRISING
-        return any(end.surprising for end in self.ends)
+        return any(min(end.late, 1.0 - end.late) <= _SURPRISING for end in self.ends)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,7 +131,8 @@ class Calibration:
     @property
     def loads(self) -> tuple[float, float]:
         """Least and greatest load of the dips [N]."""
-        return loads_of([one.dip for one in self.dips], self.prior.viscous)
+        loads = np.concatenate([load_of(one.dip.path, self.prior.viscous) for one in self.dips])
+        return float(loads.min()), float(loads.max())
 
     @property
     def warnings(self) -> list[str]:
@@ -147,9 +143,21 @@ class Calibration:
                 'no episode was seen: quiet bounds the Hopf speed, and of the fold it tells little'
             )
         if self.episodes == 1:
-            found += [text for one in self.dips for text in _alone_text(one.dip)]
-        for one in self.dips:
-            found += [_doubt_text(one.dip, report, p) for report, p in one.doubtful]
+            found += [
+                f'all rests on one report of vibration ({report.source}), and no report of quiet'
+                ' meets it: one more episode, or when it was quiet before and after, would'
+                ' confirm it'
+                for one in self.dips
+                for k, report in enumerate(one.dip.reports)
+                if report.squeal and not counter_reports(one.dip.reports, k)
+            ]
+        found += [
+            f'{report.source}: {"squeal" if report.squeal else "quiet"} for'
+            f' {report.seconds:.0f} s at {report.start_ns / 1e9:.0f} s ({one.dip.recording}) fits'
+            f' nothing else: worthless with {p:.0%}'
+            for one in self.dips
+            for report, p in one.doubtful
+        ]
         if self._has_changed:
             found.append(
                 'the last dips were hardly to be expected after those before them: the bearing may'
@@ -161,8 +169,10 @@ class Calibration:
     def _has_changed(self) -> bool:
         """Whether many of the last dips surprise, or the last episodes end on one side."""
         surprising = sum(one.surprising for one in self.dips[-_LAST:])
-        run = [end.score for one in self.dips for end in one.ends][-_RUN:]
-        one_sided = len(run) == _RUN and abs(sum(run)) > _ONE_SIDED * math.sqrt(_RUN)
+        late = [end.late for one in self.dips for end in one.ends][-_LONGEST_RUN:]
+        scores = ndtri(np.clip(late, 1e-6, 1.0 - 1e-6))
+        runs = range(_SHORTEST_RUN, len(late) + 1)
+        one_sided = any(abs(scores[-n:].sum()) > _ONE_SIDED * math.sqrt(n) for n in runs)
         return surprising >= _TOO_MANY or one_sided
 
     @property
@@ -213,18 +223,17 @@ class Calibration:
         """The boundaries themselves, without the scatter of single passages."""
         return belief_in(self.posterior.draws(), self.floor, self.prior.viscous, self.loads)
 
+    def prior_belief(self) -> Belief:
+        """The same before the evidence, at any load."""
+        random = np.random.default_rng(SEED)
+        draws = random.multivariate_normal(self.prior.mean, self.prior.covariance, _PRIOR_DRAWS)
+        return belief_in(draws, self.floor, self.prior.viscous, (1e-9, 1e12))
+
     def boundaries(self) -> list[list[float]]:
         """Rows of load, Hopf speed at :data:`QUANTILES`, fold speed at the same."""
-        belief = self.belief()
-        low, high = self.loads
-        return [
-            [
-                float(load),
-                *(float(belief.hopf_speed(load, p)) for p in QUANTILES),
-                *(float(belief.fold_speed(load, p)) for p in QUANTILES),
-            ]
-            for load in np.unique(np.linspace(low, high, _LOADS))
-        ]
+        belief, loads = self.belief(), np.unique(np.linspace(*self.loads, _LOADS))
+        speeds = [of(loads, p) for of in (belief.hopf_speed, belief.fold_speed) for p in QUANTILES]
+        return np.column_stack([loads, *speeds]).tolist()
 
 
 def belief_in(
@@ -233,31 +242,6 @@ def belief_in(
     """The boundaries of draws of all parameters, without the scatter of single passages."""
     fixed = np.column_stack([draws[:, :2], np.full(draws.shape[0], -30.0)])
     return Belief.from_draws(fixed, floor, viscous, loads)
-
-
-def loads_of(dips: Sequence[Dip], viscous: float) -> tuple[float, float]:
-    """Least and greatest load [N]."""
-    terms = np.concatenate([dip.path[:, LOAD_TERM] for dip in dips])
-    low, high = (math.exp(term) for term in (terms.min(), terms.max()))
-    return low / (1.0 - viscous * low), high / (1.0 - viscous * high)
-
-
-def _alone_text(dip: Dip) -> list[str]:
-    """What a result that rests on one report of vibration alone should say."""
-    return [
-        f'all rests on one report of vibration ({report.source}), and no report of quiet meets'
-        ' it: one more episode, or when it was quiet before and after, would confirm it'
-        for k, report in enumerate(dip.reports)
-        if report.squeal and not counter_reports(dip.reports, k)
-    ]
-
-
-def _doubt_text(dip: Dip, report: VibrationReport, p: float) -> str:
-    state = 'squeal' if report.squeal else 'quiet'
-    return (
-        f'{report.source}: {state} for {report.seconds:.0f} s at {report.start_ns / 1e9:.0f} s'
-        f' ({dip.recording}) fits nothing else: worthless with {p:.0%}'
-    )
 
 
 def dip_limit(prior: Prior) -> Callable[[FloatArray], FloatArray]:
@@ -311,10 +295,11 @@ def calibrate(
             f'{", ".join(repeated)} is in the earlier result already: give other recordings'
         )
     if forget:
-        return _one_by_one(ordered, prior, floor, forget, seed, progress, repeated)
-    posterior = sample_posterior(prior, [d.path for d in ordered], seed, progress)
-    results = tuple(_judged(dip, k, posterior) for k, dip in enumerate(ordered))
-    return Calibration(prior, posterior, results, floor, seed, repeated)
+        posterior, results = _one_by_one(ordered, prior, forget, seed, progress)
+    else:
+        posterior = sample_posterior(prior, [d.path for d in ordered], seed, progress)
+        results = [_judged(dip, k, posterior) for k, dip in enumerate(ordered)]
+    return Calibration(prior, posterior, tuple(results), floor, seed, repeated)
 
 
 def _once(
@@ -322,39 +307,30 @@ def _once(
 ) -> tuple[list[Dip], tuple[str, ...]]:
     """Each dip once, and the names of the recordings that repeat one."""
     kept: list[Dip] = []
-    repeated: list[str] = []
-    seen = list(known)
+    repeated: dict[str, None] = {}
     for dip in dips:
+        seen = [*known, *((one.fingerprint, one.start_ns, one.end_ns) for one in kept)]
         if any(dip.repeats(*other) for other in seen):
-            repeated.append(dip.recording)
+            repeated[dip.recording] = None
         else:
             kept.append(dip)
-            seen.append((dip.fingerprint, dip.start_ns, dip.end_ns))
-    return kept, tuple(dict.fromkeys(repeated))
+    return kept, tuple(repeated)
 
 
 def _one_by_one(
-    dips: Sequence[Dip],
-    prior: Prior,
-    floor: float,
-    forget: float,
-    seed: int,
-    progress: Progress | None,
-    repeated: tuple[str, ...],
-) -> Calibration:
+    dips: Sequence[Dip], prior: Prior, forget: float, seed: int, progress: Progress | None
+) -> tuple[Posterior, list[DipResult]]:
     """The posterior of each dip, as a Gaussian, is the prior of the next."""
-    now, results = prior, []
-    posterior = sample_posterior(prior, [], seed)
+    posterior, results = sample_posterior(prior, [], seed), []
     for k, dip in enumerate(dips):
-        covariance = now.covariance.copy()
+        covariance = prior.covariance.copy()
         covariance[1, 1] += forget**2
-        now = replace(now, covariance=covariance)
-        posterior = sample_posterior(now, [dip.path], seed + k)
+        posterior = sample_posterior(replace(prior, covariance=covariance), [dip.path], seed + k)
         results.append(_judged(dip, 0, posterior))
-        now = replace(now, mean=posterior.mean, covariance=posterior.covariance)
+        prior = replace(prior, mean=posterior.mean, covariance=posterior.covariance)
         if progress is not None:
             progress(k + 1, len(dips))
-    return Calibration(prior, posterior, tuple(results), floor, seed, repeated)
+    return posterior, results
 
 
 def _judged(dip: Dip, before: int, posterior: Posterior) -> DipResult:

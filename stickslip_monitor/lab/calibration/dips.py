@@ -269,6 +269,12 @@ def path_of(
     return path[: ends[-1] + 1] if ends.size else path[:0]
 
 
+def load_of(path: FloatArray, viscous: float = 0.0) -> FloatArray:
+    """The loads of a dip's path, shape (bins,) [N]."""
+    term = np.exp(path[:, LOAD_TERM])
+    return term / (1.0 - viscous * term)
+
+
 def chance(reports: Sequence[VibrationReport], k: int, seconds: float) -> float:
     """The probability with which a worthless report would have read just this.
 

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import re
 from collections.abc import Iterable, Sequence
@@ -12,27 +11,24 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from scipy.special import expit
 
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import CalibrationError
-from stickslip_monitor.files import read_file
+from stickslip_monitor.files import read_table
 from stickslip_monitor.lab.calibration.dips import VibrationReport
-from stickslip_monitor.lab.calibration.level_modes import (
-    APART,
-    are_apart,
-    least_between,
-    two_modes,
-)
 
 TRUST, OPERATOR_TRUST = 0.99, 0.9
 TRUTH_TOLERANCE, LEVEL_TOLERANCE, OPERATOR_TOLERANCE = 2.0, 2.0, 10.0
 STATES = {'squeal': True, 'quiet': False}
 _COLUMNS = ('bearing', 'start', 'end', 'state')
-_DELIMITERS = ',;\t'
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _FRACTION = re.compile(r'(:\d\d)\.(\d+)')
 _HYSTERESIS_DB = 3.0
 _SHORTEST = 1.0
+# Modes closer than this many standard deviations cannot be told apart.
+_APART = 3.0
+_ROUNDS = 200
 _LARGEST = 16 << 20
 
 
@@ -50,13 +46,15 @@ def read_reports(path: str | Path, bearings: Sequence[str]) -> list[VibrationRep
     Raises:
         CalibrationError: A line breaks a rule; the text names file, line, value and rule.
     """
-    rows = _rows(path)
-    (_, headings), body = rows[0], rows[1:]
+    rows, _ = read_table(path, _LARGEST, CalibrationError)
+    if len(rows) < 2:
+        raise CalibrationError(f'{path} has no reports: give headings and a line for each report')
+    headings, body = rows[0].cells, rows[1:]
     names = [re.sub(r'\s*[\[(].*', '', text).strip().lower() for text in headings]
     missing = [name for name in _COLUMNS if name not in names]
     if missing:
         raise CalibrationError(
-            f'{path}, line {rows[0][0]}: no column {", ".join(missing)} among the headings'
+            f'{path}, line {rows[0].line}: no column {", ".join(missing)} among the headings'
             f' {", ".join(headings)}: there must be {", ".join(_COLUMNS)}'
         )
     reports = []
@@ -68,31 +66,6 @@ def read_reports(path: str | Path, bearings: Sequence[str]) -> list[VibrationRep
             )
         reports.append(_report(where, dict(zip(names, cells, strict=True)), bearings))
     return in_order(reports)
-
-
-def _rows(path: str | Path) -> list[tuple[int, list[str]]]:
-    try:
-        text = read_file(path, _LARGEST).decode('utf-8-sig')
-    except OSError as error:
-        raise CalibrationError(f'{path}: {error.strerror or error}') from error
-    except UnicodeDecodeError as error:
-        raise CalibrationError(f'{path} is not a text file in UTF-8: {error.reason}') from error
-    lines = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line.strip() and not line.lstrip().startswith('#')
-    ]
-    if len(lines) < 2:
-        raise CalibrationError(f'{path} has no reports: give headings and a line for each report')
-    delimiter = max(_DELIMITERS, key=lines[0][1].count)
-    rows = []
-    for number, line in lines:
-        try:
-            (cells,) = csv.reader([line], delimiter=delimiter, strict=True)
-        except (csv.Error, ValueError) as error:
-            raise CalibrationError(f'{path}, line {number}: {error}') from error
-        rows.append((number, [cell.strip() for cell in cells]))
-    return rows
 
 
 def _report(where: str, row: dict[str, str], bearings: Sequence[str]) -> VibrationReport:
@@ -228,11 +201,30 @@ def level_threshold(name: str, level: FloatArray) -> float:
         raise CalibrationError(
             f'the level on {name} never changes: it must be one with a quiet and a loud mode'
         )
-    mean, spread, share = two_modes(known)
-    if not are_apart(mean, spread):
+    mean, spread, share = _two_modes(known)
+    if mean[1] - mean[0] < _APART * math.hypot(*spread) / math.sqrt(2.0):
         raise CalibrationError(
             f'the level on {name} has no two modes: those of {math.exp(mean[0]):.3g} and'
-            f' {math.exp(mean[1]):.3g} are closer than {APART:g} standard deviations, so it does'
+            f' {math.exp(mean[1]):.3g} are closer than {_APART:g} standard deviations, so it does'
             ' not tell vibration from quiet; give a recording with both, or --reports'
         )
-    return math.exp(least_between(mean, spread, share))
+    between = np.linspace(mean[0], mean[1], 1001)[:, None]
+    density = np.sum(share / spread * np.exp(-0.5 * ((between - mean) / spread) ** 2), axis=1)
+    return math.exp(float(between[np.argmin(density), 0]))
+
+
+def _two_modes(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Means, standard deviations and shares of two Gaussians, by expectation maximisation."""
+    loud = (x > 0.5 * (x.min() + x.max())).astype(float)
+    least = 1e-3 * float(np.ptp(x))
+    for _ in range(_ROUNDS):
+        belongs = np.stack([1.0 - loud, loud])
+        share = np.maximum(belongs.mean(axis=1), 1e-12)
+        mean = belongs @ x / (share * x.size)
+        off = (x - mean[:, None]) ** 2
+        spread = np.sqrt(np.maximum((belongs * off).mean(axis=1) / share, least**2))
+        density = np.log(share / spread)[:, None] - 0.5 * off / spread[:, None] ** 2
+        before, loud = loud, expit(density[1] - density[0])
+        if np.max(np.abs(loud - before)) < 1e-6:
+            break
+    return mean, spread, share

@@ -20,16 +20,15 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, multivariate_t, qmc
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.errors import CalibrationError
+from stickslip_monitor.errors import CalibrationError, PhysicsError
 from stickslip_monitor.lab.calibration.likelihood import PARAMETERS, log_likelihood
-from stickslip_monitor.physics.belief import EXACT, Tolerance
-from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.physics.belief import EXACT, Tolerance, require_stribeck
 from stickslip_monitor.physics.oscillator import Bearing
 
 SEED = 13
 _DAMPING, _DECAY, _FALL = 0.40, 0.30, 0.25
 """Deviations of damping, decay and ``mu_s - mu_k`` where the configuration has none."""
-_PRIOR_POINTS, _POINTS = 2048, 1024
+_FIRST, _POINTS = 2048, 1024
 _ROUNDS, _MORE_ROUNDS = 4, 4
 _DEGREES = 6
 _WIDER = 1.5
@@ -73,17 +72,11 @@ def prior_of(bearing: Bearing, tolerance: Tolerance = EXACT) -> Prior:
     Raises:
         CalibrationError: The bearing is another.
     """
-    law = bearing.friction
-    if not isinstance(law, Stribeck):
-        raise CalibrationError(
-            f'a calibration needs the friction law stribeck, and this is {type(law).__name__}'
-        )
+    try:
+        law = require_stribeck(bearing, 'a calibration')
+    except PhysicsError as error:
+        raise CalibrationError(str(error)) from error
     fall = law.static - law.kinetic
-    if not (bearing.damping > 0.0 and fall > 0.0):
-        raise CalibrationError(
-            f'a calibration needs damping = {bearing.damping:g} N s/m above 0 and static ='
-            f' {law.static:g} above kinetic = {law.kinetic:g}'
-        )
     damping = (tolerance.damping or _DAMPING) ** 2
     decay = (tolerance.decay or _DECAY) ** 2
     level = (tolerance.of_fall(law) or _FALL) ** 2
@@ -178,12 +171,33 @@ def sample_posterior(
     Raises:
         CalibrationError: The points do not settle on a posterior.
     """
-    sampler = _Sampler(prior, paths, seed, progress)
-    result = sampler.begin()
-    for round_number in range(_ROUNDS + _MORE_ROUNDS if paths else 0):
-        if round_number >= _ROUNDS and result.effective >= _ENOUGH:
+    most, done = 1 + _ROUNDS + _MORE_ROUNDS, 0
+    random, density = (
+        np.random.default_rng(seed),
+        multivariate_normal(prior.mean, prior.covariance),
+    )
+    proposal: Any = density
+    points = qmc.MultivariateNormalQMC(prior.mean, prior.covariance, seed=seed).random(_FIRST)
+    size = len(PARAMETERS)
+    result = Posterior(np.empty((0, size)), np.empty((0, len(paths))), np.empty(0))
+    proposals: list[tuple[int, Any]] = []
+    for number in range(most if paths else 1):
+        if number > _ROUNDS and result.effective >= _ENOUGH:
             break
-        result = sampler.refine(result)
+        if number:
+            proposal = _proposal(prior, result, random)
+            points = proposal.rvs(_POINTS)
+        proposals.append((points.shape[0], proposal))
+        new = np.empty((points.shape[0], len(paths)))
+        for k, path in enumerate(paths):
+            new[:, k] = log_likelihood(points, path)[:, 0]
+            done += 1
+            if progress is not None:
+                progress(done, len(paths) * most)
+        theta = np.concatenate([result.theta, points])
+        shares = [np.log(count / theta.shape[0]) + p.logpdf(theta) for count, p in proposals]
+        base = density.logpdf(theta) - logsumexp(shares, axis=0)
+        result = Posterior(theta, np.concatenate([result.log_dips, new]), base)
     if result.effective < FEWEST:
         raise CalibrationError(
             f'the evidence has no clear answer: of {result.theta.shape[0]} points tried only'
@@ -194,47 +208,12 @@ def sample_posterior(
     return result
 
 
-class _Sampler:
-    """The proposals so far, and what they were drawn for."""
-
-    def __init__(
-        self, prior: Prior, paths: Sequence[FloatArray], seed: int, progress: Progress | None
-    ) -> None:
-        self.density = multivariate_normal(prior.mean, prior.covariance)
-        self.prior, self.paths, self.progress = prior, paths, progress
-        self.random = np.random.default_rng(seed)
-        self.sobol = qmc.MultivariateNormalQMC(prior.mean, prior.covariance, seed=seed)
-        self.proposals: list[tuple[int, Any]] = []
-        self.done = 0
-
-    def begin(self) -> Posterior:
-        """Points of the prior, spread evenly by a Sobol sequence."""
-        size = len(PARAMETERS)
-        empty = Posterior(np.empty((0, size)), np.empty((0, len(self.paths))), np.empty(0))
-        return self._with(empty, self.sobol.random(_PRIOR_POINTS), self.density)
-
-    def refine(self, sofar: Posterior) -> Posterior:
-        """More points, of a t distribution that is fitted to those so far."""
-        weight = _tempered(sofar.log_base + sofar.log_dips.sum(axis=1))
-        mean, covariance = weight @ sofar.theta, np.cov(sofar.theta.T, aweights=weight, bias=True)
-        covariance = _WIDER * covariance + 1e-10 * self.prior.covariance
-        proposal = multivariate_t(mean, covariance, _DEGREES, seed=self.random)
-        return self._with(sofar, proposal.rvs(_POINTS), proposal)
-
-    def _with(self, sofar: Posterior, points: FloatArray, proposal: Any) -> Posterior:
-        self.proposals.append((points.shape[0], proposal))
-        theta = np.concatenate([sofar.theta, points])
-        values = [self._of_dip(points, path) for path in self.paths]
-        new = np.column_stack(values) if values else np.empty((points.shape[0], 0))
-        shares = [np.log(count / theta.shape[0]) + p.logpdf(theta) for count, p in self.proposals]
-        base = self.density.logpdf(theta) - logsumexp(shares, axis=0)
-        return Posterior(theta, np.concatenate([sofar.log_dips, new]), base)
-
-    def _of_dip(self, points: FloatArray, path: FloatArray) -> FloatArray:
-        self.done += 1
-        if self.progress is not None:
-            self.progress(self.done, len(self.paths) * (1 + _ROUNDS + _MORE_ROUNDS))
-        return log_likelihood(points, path)[:, 0]
+def _proposal(prior: Prior, sofar: Posterior, random: np.random.Generator) -> Any:
+    """A t distribution fitted to the points so far and widened."""
+    weight = _tempered(sofar.log_base + sofar.log_dips.sum(axis=1))
+    mean, covariance = weight @ sofar.theta, np.cov(sofar.theta.T, aweights=weight, bias=True)
+    covariance = _WIDER * covariance + 1e-10 * prior.covariance
+    return multivariate_t(mean, covariance, _DEGREES, seed=random)
 
 
 def _normalised(log_weight: FloatArray) -> FloatArray:

@@ -2,11 +2,13 @@
 """What recordings tell of a bearing: its speed and load, and when it vibrated.
 
 The evidence is an operator's list, a topic with the level of vibration, or the truth in a
-simulated recording; never what the monitor itself said, which would be a circle.
+simulated recording; never what the monitor itself said, which would be a circle. :func:`learned`
+says in a sentence what a calibration would change, which changes nothing by itself.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -14,8 +16,13 @@ from itertools import pairwise
 import numpy as np
 
 from stickslip_monitor.bags.reader import Request, Series
-from stickslip_monitor.errors import CalibrationError
-from stickslip_monitor.lab.calibration.calibrate import dip_limit
+from stickslip_monitor.errors import CalibrationError, plural
+from stickslip_monitor.lab.calibration.calibrate import (
+    FLOOR,
+    Calibration,
+    calibrate,
+    dip_limit,
+)
 from stickslip_monitor.lab.calibration.dips import (
     Dip,
     TelemetryBins,
@@ -32,13 +39,15 @@ from stickslip_monitor.lab.calibration.evidence import (
     level_episodes,
     level_threshold,
 )
-from stickslip_monitor.lab.calibration.posterior import Prior
+from stickslip_monitor.lab.calibration.posterior import Prior, Progress, prior_of
 from stickslip_monitor.lab.recorder_clock import scan_on_recorder_clock
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.rule import UNKNOWN, VIBRATING
 from stickslip_monitor.offline.follow import WholeBag
 from stickslip_monitor.offline.truth import has_truth, read_truth
+from stickslip_monitor.physics.averaging.boundaries import fold_speed
+from stickslip_monitor.physics.belief import QUANTILES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -225,3 +234,55 @@ def _level_reports(
         )
     ]
     return tuple(in_order(reports))
+
+
+def learned(
+    config: BearingConfig,
+    source: EvidenceSource,
+    found: Sequence[Evidence | str],
+    command: str,
+    progress: Progress | None = None,
+) -> list[str]:
+    """What the recordings teach of a bearing, a sentence each.
+
+    Args:
+        config: The bearing.
+        source: Who tells when it vibrated.
+        found: What each recording tells, or why it tells nothing.
+        command: What would calibrate it.
+        progress: Told the work done and the work to do at the most.
+    """
+    known = [one for one in found if isinstance(one, Evidence)]
+    try:
+        if not known:
+            raise CalibrationError(next(str(one) for one in found))
+        prior = prior_of(config.bearing, config.tolerance)
+        floor = config.tolerance.model_error or FLOOR
+        dips = source.dips(config, prior, known)
+        result = calibrate(dips, prior, floor, progress=progress)
+    except CalibrationError as error:
+        return [f'{config.name}: nothing is learned: {error}']
+    return [
+        f'{config.name}: {text}' for text in (_proposal(config, result, command), *result.warnings)
+    ]
+
+
+def _proposal(config: BearingConfig, result: Calibration, command: str) -> str:
+    """How the fold that the evidence tells lies to the one that is predicted."""
+    load = math.sqrt(result.loads[0] * result.loads[1])
+    rpm = config.bearing.speed.factor('rpm')
+    low, middle, high = (result.belief().fold_speed(load, p) / rpm for p in QUANTILES)
+    predicted = fold_speed(config.bearing, load) / rpm
+    count = result.episodes
+    which = plural(count, 'episode')
+    seen = f'{low:.1f} to {high:.1f} rpm at {load:.4g} N'
+    if not count or low <= predicted <= high:
+        does = 'agrees' if count == 1 else 'agree'
+        return f'{which} {does} with the predicted fold of {predicted:.1f} rpm ({seen})'
+    if math.isnan(predicted):
+        return f'{which} where no fold was predicted ({seen}): calibrate with `{command}`'
+    side, does = 'above' if middle > predicted else 'below', 'ends' if count == 1 else 'end'
+    return (
+        f'{which} {does} {abs(middle / predicted - 1.0):.0%} {side} the predicted fold ({seen},'
+        f' predicted {predicted:.1f} rpm): calibrate with `{command}`'
+    )

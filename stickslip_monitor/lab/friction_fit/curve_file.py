@@ -3,18 +3,16 @@
 
 from __future__ import annotations
 
-import csv
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.errors import FitError
-from stickslip_monitor.files import read_file
+from stickslip_monitor.arrays import FloatArray, IntArray
+from stickslip_monitor.errors import FitError, plural
+from stickslip_monitor.files import TableRow, read_table
 from stickslip_monitor.physics.oscillator import SPEED_UNITS, BearingSpeed
 
 NAMES = {
@@ -38,7 +36,6 @@ _UNITS = {unit.lower(): unit for unit in SPEED_UNITS} | {
     'r/min': 'rpm', '1/min': 'rpm', 'rev/min': 'rpm', 'min-1': 'rpm', '1/s': 'Hz', 'm s-1': 'm/s',
 }  # fmt: skip
 _HEADING = re.compile(r'(.*?)\s*[\[(]([^\])]*)[\])]\s*')
-_DELIMITERS = ',;\t'
 _TOO_LARGE = 1e100
 # Time and memory of a fit grow with its points; a bench that samples for long averages them.
 _MOST_POINTS = 20_000
@@ -61,7 +58,7 @@ class FrictionCurve:
     speed: FloatArray
     coefficient: FloatArray
     std: FloatArray
-    line: NDArray[np.int64]
+    line: IntArray
     unit: str = 'm/s'
     unit_source: str = 'given'
 
@@ -81,12 +78,6 @@ class Columns:
     coefficient: str | None = None
     std: str | None = None
     weight: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class _Row:
-    line: int
-    cells: list[str]
 
 
 def read_curve(
@@ -136,39 +127,19 @@ def read_curve(
     return FrictionCurve(values['speed'] * factor, values['coefficient'], std, lines, unit, source)
 
 
-def _rows(path: str | Path) -> tuple[list[_Row], str]:
+def _rows(path: str | Path) -> tuple[list[TableRow], str]:
     """Headings and data, and what separates the cells."""
-    try:
-        text = read_file(path, _LARGEST).decode('utf-8-sig')
-    except OSError as error:
-        raise FitError(f'{path}: {error.strerror or error}') from error
-    except UnicodeDecodeError as error:
-        raise FitError(f'{path} is not a text file in UTF-8: {error.reason}') from error
-    lines = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line.strip() and not line.lstrip().startswith('#')
-    ]
-    if len(lines) > _MOST_POINTS:
+    rows, delimiter = read_table(path, _LARGEST, FitError)
+    if len(rows) > _MOST_POINTS:
         raise FitError(
-            f'{path} has {len(lines)} lines, and more than {_MOST_POINTS} are not fitted: average'
+            f'{path} has {len(rows)} lines, and more than {_MOST_POINTS} are not fitted: average'
             ' the points of equal speed'
         )
-    if not lines:
+    if not rows:
         raise FitError(f'{path} is empty: it must have a line of headings and the points')
-    delimiter = max(_DELIMITERS, key=lines[0][1].count)
-    rows = [_Row(number, _cells(path, number, line, delimiter)) for number, line in lines]
     if len(rows) == 1:
         raise FitError(f'{path} has headings (line {rows[0].line}) but no points')
     return rows, delimiter
-
-
-def _cells(path: str | Path, number: int, line: str, delimiter: str) -> list[str]:
-    try:
-        (row,) = csv.reader([line], delimiter=delimiter, strict=True)
-    except (csv.Error, ValueError) as error:
-        raise FitError(f'{path}, line {number}: {error}') from error
-    return [cell.strip() for cell in row]
 
 
 def _split(heading: str) -> tuple[str, str]:
@@ -182,7 +153,7 @@ def _split(heading: str) -> tuple[str, str]:
     return name, unit.strip()
 
 
-def _choose(path: str | Path, headings: _Row, columns: Columns) -> dict[str, int]:
+def _choose(path: str | Path, headings: TableRow, columns: Columns) -> dict[str, int]:
     """The index of each quantity's column; std and weight only where there is one."""
     asked = {quantity: getattr(columns, quantity) for quantity in NAMES}
     if asked['std'] is not None and asked['weight'] is not None:
@@ -193,18 +164,14 @@ def _choose(path: str | Path, headings: _Row, columns: Columns) -> dict[str, int
         if quantity not in chosen:
             raise FitError(
                 f'{path}, line {headings.line}: no column for the {quantity} among'
-                f' {_listed(headings)}: name it with --{quantity}-column'
+                f' {str(headings.cells)[1:-1]}: name it with --{quantity}-column'
             )
     if 'std' in chosen and 'weight' in chosen:
         del chosen['weight' if asked['weight'] is None else 'std']
     return chosen
 
 
-def _listed(headings: _Row) -> str:
-    return ', '.join(repr(cell) for cell in headings.cells)
-
-
-def _index(path: str | Path, headings: _Row, quantity: str, asked: str | None) -> int | None:
+def _index(path: str | Path, headings: TableRow, quantity: str, asked: str | None) -> int | None:
     cells = headings.cells
     wanted = NAMES[quantity] if asked is None else (_split(asked)[0],)
     found = [k for k, cell in enumerate(cells) if cell == asked]
@@ -212,7 +179,7 @@ def _index(path: str | Path, headings: _Row, quantity: str, asked: str | None) -
     if len(found) == 1:
         return found[0]
     if found:
-        several = ', '.join(repr(cells[k]) for k in found)
+        several = str([cells[k] for k in found])[1:-1]
         raise FitError(
             f'{path}, line {headings.line}: several columns may be the {quantity}: {several}; name'
             f' one with --{quantity}-column'
@@ -221,7 +188,7 @@ def _index(path: str | Path, headings: _Row, quantity: str, asked: str | None) -
         return None
     raise FitError(
         f"{path}, line {headings.line}: --{quantity}-column '{asked}' is none of the columns"
-        f' {_listed(headings)}'
+        f' {str(headings.cells)[1:-1]}'
     )
 
 
@@ -245,13 +212,13 @@ def _unit(path: str | Path, line: int, heading: str, asked: str | None) -> tuple
 
 
 def _number(
-    path: str | Path, row: _Row, headings: _Row, index: int, quantity: str, delimiter: str
+    path: str | Path, row: TableRow, headings: TableRow, index: int, quantity: str, delimiter: str
 ) -> float:
     """One cell as a number that keeps the rule of its quantity."""
     where = f"{path}, line {row.line}, column '{headings.cells[index]}'"
     if index >= len(row.cells):
         raise FitError(
-            f'{where}: the line has {_count(row.cells, "cell")} and the headings'
+            f'{where}: the line has {plural(len(row.cells), "cell")} and the headings'
             f' {len(headings.cells)}: no value is there'
         )
     text = row.cells[index]
@@ -267,7 +234,3 @@ def _number(
     if quantity in ('std', 'weight') and not value > 1.0 / _TOO_LARGE:
         raise FitError(f"{where}: '{text}' must be greater than 0")
     return value
-
-
-def _count(items: Sequence[str], what: str) -> str:
-    return f'{len(items)} {what}{"" if len(items) == 1 else "s"}'

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fits the Stribeck law to a measured friction curve, or refuses one that cannot identify it.
 
-``mu(v) = mu_k + (mu_s - mu_k) exp(-beta v) [+ nu v]``. The robust fit is that of ``solve``, the
-errors and the test of the viscous slope are those of ``uncertainty``; here it is decided what they
-are worth: a refusal with what is missing, or the law with warnings.
+``mu(v) = mu_k + (mu_s - mu_k) exp(-beta v) [+ nu v]``. The robust fit with its errors is that of
+``solve``; here it is decided what they are worth: whether the curve demands a viscous slope, a
+refusal with what is missing, or the law with warnings.
 """
 
 from __future__ import annotations
@@ -13,29 +13,25 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 from scipy.special import ndtr
 
-from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.errors import FitError
 from stickslip_monitor.lab.friction_fit.curve_file import FrictionCurve
-from stickslip_monitor.lab.friction_fit.solve import TUKEY, Model, Solution, scale_floor, solve
-from stickslip_monitor.lab.friction_fit.uncertainty import (
-    CONFIDENCE,
-    ViscousTest,
-    correlation_of,
-    covariance_of,
-    decay_interval,
-    fall_of,
-    gradient_of,
-    leverage_of,
-    squares_of,
-    viscous_test,
+from stickslip_monitor.lab.friction_fit.solve import (
+    TUKEY,
+    Model,
+    Solution,
+    coefficient_at,
+    descend,
+    rates,
+    scale_floor,
+    solve,
 )
 from stickslip_monitor.physics.friction import Stribeck
 
-FALL_LEVEL = 0.001
+FALL_LEVEL, VISCOUS_LEVEL = 0.001, 0.01
 MOST_CORRELATION = 0.999
 SPARE_POINTS = 2
 
@@ -52,168 +48,53 @@ _SIGNIFICANT = 2.0
 Viscous = Literal['auto', 'yes', 'no']
 
 
-def has_points(curve: FrictionCurve, model: Model) -> bool:
-    """Whether the curve has points enough for the model."""
-    enough = curve.speed.size >= model.size + SPARE_POINTS
-    return enough and np.unique(curve.speed).size >= model.size
+@dataclass(frozen=True, slots=True)
+class ViscousTest:
+    """The comparison of the law with and without its viscous slope, at the same weights.
 
+    Attributes:
+        slope: The slope that fits best, of either sign [s/m].
+        t_value: The slope by its standard error [-].
+        f_value: What it takes from the weighted squares, by their variance [-].
+        p_value: Probability of a larger ``f_value`` without any slope [-].
+        aicc_gain: By how much it lowers the corrected Akaike criterion; negative if it does not.
+    """
 
-def require_numbers(curve: FrictionCurve) -> None:
-    """Refuse numbers that no friction bench measures, and columns of different length."""
-    shape = curve.speed.shape
-    if not shape == curve.coefficient.shape == curve.std.shape or len(shape) != 1:
-        raise FitError(
-            f'speeds, coefficients and deviations of shapes {shape}, {curve.coefficient.shape} and'
-            f' {curve.std.shape} must be one column each, of one length'
-        )
-    for name, column, least in (
-        ('speed', curve.speed, 0.0),
-        ('coefficient', curve.coefficient, -_LARGEST),
-        ('std', curve.std, 1.0 / _LARGEST),
-    ):
-        odd = np.flatnonzero(~((column >= least) & (column <= _LARGEST)))
-        if odd.size:
-            raise FitError(
-                f'line {curve.line[odd[0]]}: {name} = {column[odd[0]]:g} must be a number from'
-                f' {least:g} to {_LARGEST:g}'
-            )
+    slope: float
+    t_value: float
+    f_value: float
+    p_value: float
+    aicc_gain: float
 
-
-def questions_of(curve: FrictionCurve) -> tuple[str, ...]:
-    """What a user is asked about numbers that look like another unit, one question each."""
-    found = []
-    top = int(np.argmax(np.abs(curve.coefficient))) if curve.coefficient.size else 0
-    if curve.coefficient.size and abs(curve.coefficient[top]) > _UNUSUAL_COEFFICIENT:
-        found.append(
-            f'a coefficient of {curve.coefficient[top]:.3g} (line {curve.line[top]}) is unusual:'
-            ' is it in percent, 30 for 0.30?'
-        )
-    fastest = float(curve.speed.max(initial=0.0))
-    if curve.unit == 'm/s' and fastest > _UNUSUAL_SPEED:
-        found.append(
-            f'a sliding speed of {fastest:.3g} m/s is unusual: is it in rpm (--speed-unit rpm)?'
-        )
-    return tuple(found)
-
-
-def require_points(curve: FrictionCurve, model: Model) -> None:
-    """Refuse a curve with too few points or too few different speeds."""
-    n, k = curve.speed.size, model.size
-    coefficients = f'{k} coefficients ({", ".join(model.names)})'
-    if n < k + SPARE_POINTS:
-        raise FitError(
-            f'points = {n} must be at least {k + SPARE_POINTS}: {coefficients} and'
-            f' {SPARE_POINTS} more to judge them by'
-        )
-    distinct = np.unique(curve.speed).size
-    if distinct < k:
-        raise FitError(f'different speeds = {distinct} must be at least {k}: {coefficients}')
-
-
-def require_kept(solution: Solution) -> None:
-    """Refuse a curve most of which was set aside as outliers."""
-    kept, least = int(np.sum(solution.weight > 0.0)), solution.model.size + SPARE_POINTS
-    if kept < least:
-        raise FitError(
-            f'points on one curve = {kept} must be at least {least}: the other'
-            f' {solution.weight.size - kept} lie far from it, so no Stribeck law describes the'
-            ' measurement'
-        )
-
-
-def require_fall(solution: Solution) -> None:
-    """Refuse a fall that is none, or that a constant explains as well (F-test at 0.1 %)."""
-    if not solution.drop > 0.0:
-        raise FitError(
-            f'static - kinetic = {fall_of(solution):.3g} must be above 0: the curve has no falling'
-            ' part that levels off, as the Stribeck law has'
-        )
-    straight = replace(solution.model, kinetic=False)
-    constant = np.ones((1, solution.weight.size, 1))
-    if straight.viscous:
-        constant = np.concatenate([constant, solution.curve.speed[None, :, None]], axis=2)
-    gain = squares_of(solution, constant)[0] - solution.squares
-    f_value = gain / 2.0 / solution.variance
-    least = float(stats.f.isf(FALL_LEVEL, 2.0, solution.freedom))
-    if not f_value > least:
-        raise FitError(
-            f'F = {f_value:.3g} of the falling part must be above {least:.3g} (0.1 % level): no'
-            f' falling part stands out of the scatter of {solution.scale:.2g}'
-        )
-
-
-def require_decay(solution: Solution, interval: tuple[float, float]) -> None:
-    """Refuse speeds that do not hold the decay between them."""
-    low, high = interval
-    slowest, fastest = solution.curve.speed.min(), solution.curve.speed.max()
-    if not math.isfinite(high):
-        raise FitError(
-            f'decay has no upper limit (95 % interval from {low:.3g} s/m): all speeds but the'
-            f' lowest, {slowest:.3g} m/s, may lie beyond the decay; measure at lower speeds'
-        )
-    reach = solution.decay * float(slowest)
-    if reach > _FARTHEST:
-        raise FitError(
-            f'decay * lowest speed = {solution.decay:.3g} s/m * {slowest:.3g} m/s = {reach:.3g}'
-            f' must not be above {_FARTHEST:g}: all speeds lie beyond the decay; measure at lower'
-            ' speeds'
-        )
-    if not low > 0.0:
-        raise FitError(
-            f'decay has no lower limit (95 % interval up to {high:.3g} s/m): up to the highest'
-            f' speed, {fastest:.3g} m/s, the fall does not bend towards a level; measure at higher'
-            ' speeds'
-        )
-
-
-def require_distinct(solution: Solution, covariance: FloatArray) -> None:
-    """Refuse coefficients of which the curve knows only a combination."""
-    if not np.all(np.isfinite(covariance)):
-        raise FitError(
-            f'decay = {solution.decay:.3g} s/m: the covariance of the coefficients must be finite,'
-            ' and it is singular'
-        )
-    correlation = np.abs(correlation_of(covariance)) - np.eye(len(covariance))
-    i, j = np.unravel_index(int(np.argmax(correlation)), correlation.shape)
-    if correlation[i, j] > MOST_CORRELATION:
-        names = solution.model.names
-        raise FitError(
-            f'correlation of {names[i]} and {names[j]} = {correlation[i, j]:.6f} must not be above'
-            f' {MOST_CORRELATION:g}: the curve knows only a combination of the two'
-        )
+    @property
+    def demands_slope(self) -> bool:
+        """The criterion of ``auto``: the slope is positive and significant at 1 %."""
+        return self.slope > 0.0 and self.p_value < VISCOUS_LEVEL
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StribeckFit:
+class StribeckFit(Solution):
     """A fitted law with its uncertainty.
 
     Attributes:
         law: The fitted law.
-        curve: What it was fitted to.
-        names: The estimated coefficients, k of ``static``, ``kinetic``, ``decay``, ``viscous``.
-        estimate: Their values, shape (k,).
-        covariance: Their covariance matrix, shape (k, k).
         decay_interval: 95 % profile interval of ``decay`` [s/m].
-        weight: Tukey's weight of each point, 1 counts fully, 0 not at all, shape (n,).
-        residual: Measured minus fitted coefficient, shape (n,) [-].
-        leverage: How far each point draws the curve to itself, 0 to 1, shape (n,).
-        scale: Standard deviation of a point, in units of its ``std`` [-].
-        degrees_of_freedom: Sum of the weights less k.
         viscous_test: The test of the viscous slope; ``None`` with too few points for it.
     """
 
     law: Stribeck
-    curve: FrictionCurve
-    names: tuple[str, ...]
-    estimate: FloatArray
-    covariance: FloatArray
     decay_interval: tuple[float, float]
-    weight: FloatArray
-    residual: FloatArray
-    leverage: FloatArray
-    scale: float
-    degrees_of_freedom: float
-    viscous_test: ViscousTest | None = None
+    viscous_test: ViscousTest | None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The estimated coefficients, k of ``static``, ``kinetic``, ``decay``, ``viscous``."""
+        return self.model.names
+
+    @property
+    def estimate(self) -> FloatArray:
+        """Their values, shape (k,)."""
+        return np.array([getattr(self.law, name) for name in self.names])
 
     @property
     def standard_error(self) -> FloatArray:
@@ -223,12 +104,7 @@ class StribeckFit:
     @property
     def correlation(self) -> FloatArray:
         """Correlation matrix of the estimates, shape (k, k)."""
-        return correlation_of(self.covariance)
-
-    @property
-    def t_quantile(self) -> float:
-        """How many standard errors make a 95 % interval."""
-        return float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, self.degrees_of_freedom))
+        return _correlation(self.covariance)
 
     @property
     def intervals(self) -> FloatArray:
@@ -239,25 +115,20 @@ class StribeckFit:
         return both
 
     @property
-    def outliers(self) -> NDArray[np.intp]:
+    def outliers(self) -> IndexArray:
         """Indices of the points that count less than half, in the curve's order."""
         return np.flatnonzero(self.weight < 0.5)
 
     @property
-    def kinetic_at_bound(self) -> bool:
-        """Whether ``kinetic`` would be negative and was held at 0."""
-        return 'kinetic' not in self.names
-
-    @property
     def warnings(self) -> tuple[str, ...]:
         """What a user should know before believing the fit, one sentence each."""
-        curve, found = self.curve, list(questions_of(self.curve))
+        curve, found = self.curve, _questions(self.curve)
         share = self.outliers.size / self.weight.size
         if share > _MANY_OUTLIERS:
             found.append(
                 f'{share:.0%} of the points count less than half: the law may not be the right one'
             )
-        if self.kinetic_at_bound:
+        if 'kinetic' not in self.names:
             found.append('kinetic would be negative and is held at 0, without a standard error')
         found += self._lack_of_fit()
         reach = self.law.decay * float(curve.speed.min())
@@ -266,11 +137,12 @@ class StribeckFit:
                 f'static is extrapolated: at the lowest speed, {curve.speed.min():.3g} m/s, the'
                 f' fall has gone down to {math.exp(-reach):.0%} of it'
             )
-        top = int(np.argmax(self.leverage))
-        if self.leverage[top] > _MUCH_LEVERAGE:
+        leverage = self.leverage
+        top = int(np.argmax(leverage))
+        if leverage[top] > _MUCH_LEVERAGE:
             found.append(
                 f'the point of line {curve.line[top]}, {curve.speed[top]:.3g} m/s, is not checked'
-                f' by any other (leverage {self.leverage[top]:.2f}): repeat it'
+                f' by any other (leverage {leverage[top]:.2f}): repeat it'
             )
         return tuple(found)
 
@@ -299,14 +171,6 @@ class StribeckFit:
             ' another shape than the Stribeck law, so that errors and intervals are too small'
         ]
 
-    def band(self, speed: ArrayLike) -> FloatArray:
-        """Half width of the curve's pointwise 95 % confidence band at speeds >= 0 [-]."""
-        v = np.asarray(speed, dtype=float)
-        fall = self.law.static - self.law.kinetic
-        gradient = gradient_of(fall, self.law.decay, v, self.names)
-        variance = np.einsum('ni,ij,nj->n', gradient, self.covariance, gradient)
-        return self.t_quantile * np.sqrt(np.maximum(variance, 0.0))
-
 
 def fit_stribeck(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit:
     """Fit the Stribeck law to a measured curve.
@@ -322,8 +186,8 @@ def fit_stribeck(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit
     Raises:
         FitError: The curve cannot identify the law.
     """
-    require_numbers(curve)
-    questions = ''.join(f' {question}' for question in questions_of(curve))
+    _require_numbers(curve)
+    questions = ''.join(f' {question}' for question in _questions(curve))
     try:
         with np.errstate(all='ignore'):
             return _fitted(curve, viscous)
@@ -340,11 +204,13 @@ def fit_stribeck(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit
 
 def _fitted(curve: FrictionCurve, viscous: Viscous) -> StribeckFit:
     """The fit of a curve of sound numbers."""
-    require_points(curve, Model(viscous=viscous == 'yes'))
+    lack = _lack_of_points(curve, Model(viscous=viscous == 'yes'))
+    if lack:
+        raise FitError(lack)
     test = None
-    if has_points(curve, Model(viscous=True)):
+    if not _lack_of_points(curve, Model(viscous=True)):
         full = solve(curve, Model(viscous=True))
-        test = viscous_test(full)
+        test = _viscous_test(full)
         if viscous == 'yes' and test.t_value < -_SIGNIFICANT:
             raise FitError(
                 f'viscous = {test.slope:.4g} s/m (t = {test.t_value:.3g}) must not be negative:'
@@ -357,29 +223,170 @@ def _fitted(curve: FrictionCurve, viscous: Viscous) -> StribeckFit:
 
 def _identified(free: Solution, test: ViscousTest | None) -> StribeckFit:
     """The fit, if the curve identifies it."""
-    require_kept(free)
-    require_fall(free)
-    require_decay(free, decay_interval(free))
-    solution = free
-    if free.kinetic < 0.0:
-        solution = solve(free.curve, replace(free.model, kinetic=False))
-        require_kept(solution)
-    covariance = covariance_of(solution)
-    require_distinct(solution, covariance)
-    kinetic, viscous = max(solution.kinetic, 0.0), max(solution.viscous, 0.0)
-    law = Stribeck(kinetic + fall_of(solution), kinetic, solution.decay, viscous)
-    names = solution.model.names
-    return StribeckFit(
-        law=law,
-        curve=solution.curve,
-        names=names,
-        estimate=np.array([getattr(law, name) for name in names]),
-        covariance=covariance,
-        decay_interval=decay_interval(solution),
-        weight=solution.weight,
-        residual=solution.residual,
-        leverage=leverage_of(solution),
-        scale=math.sqrt(solution.variance),
-        degrees_of_freedom=solution.freedom,
-        viscous_test=test,
-    )
+    _require_kept(free)
+    _require_fall(free)
+    interval = free.profile_interval()
+    _require_decay(free, interval)
+    best = free
+    if free.values[1] < 0.0:
+        best = solve(free.curve, replace(free.model, kinetic=False))
+        _require_kept(best)
+        interval = best.profile_interval()
+    _require_distinct(best)
+    kinetic, viscous = (max(float(value), 0.0) for value in best.values[[1, 3]])
+    law = Stribeck(kinetic + best.fall, kinetic, best.decay, viscous)
+    numbers = (best.curve, best.model, best.values, best.weight, best.median_scale)
+    return StribeckFit(*numbers, law, interval, test)
+
+
+def _viscous_test(full: Solution) -> ViscousTest:
+    """Compare with the best plain law at the weights of the full one."""
+    curve, plain = full.curve, replace(full, model=replace(full.model, viscous=False))
+    rate = rates(curve)
+    best = rate[int(np.argmin(plain.profile(rate)))]
+    start = np.array([full.values[0], full.values[1], math.log(best / np.ptp(curve.speed)), 0.0])
+    root = np.sqrt(full.weight)
+    values = descend(curve, plain.model, start, root / full.median_scale)
+    residual = curve.coefficient - coefficient_at(curve, values)
+    gain = max(float(np.sum(full.row_weight * residual**2)) - full.squares, 0.0)
+    f_value, error = gain / full.variance, math.sqrt(full.covariance[3, 3])
+    p_value = float(stats.f.sf(f_value, 1.0, max(full.degrees_of_freedom, 1.0)))
+    count = float(full.weight.sum())
+    floor = count * scale_floor(curve) ** 2
+    lower = count * math.log(max(full.squares + gain, floor) / max(full.squares, floor))
+    # What the corrected Akaike criterion asks for a law of k coefficients and a scatter.
+    with_slope, without = (2.0 * k * count / max(count - k - 1.0, 1e-9) for k in (5, 4))
+    slope = float(full.values[3])
+    return ViscousTest(slope, slope / error, f_value, p_value, lower - with_slope + without)
+
+
+def _require_numbers(curve: FrictionCurve) -> None:
+    """Refuse numbers that no friction bench measures, and columns of different length."""
+    shape = curve.speed.shape
+    if not shape == curve.coefficient.shape == curve.std.shape or len(shape) != 1:
+        raise FitError(
+            f'speeds, coefficients and deviations of shapes {shape}, {curve.coefficient.shape} and'
+            f' {curve.std.shape} must be one column each, of one length'
+        )
+    for name, column, least in (
+        ('speed', curve.speed, 0.0),
+        ('coefficient', curve.coefficient, -_LARGEST),
+        ('std', curve.std, 1.0 / _LARGEST),
+    ):
+        odd = np.flatnonzero(~((column >= least) & (column <= _LARGEST)))
+        if odd.size:
+            raise FitError(
+                f'line {curve.line[odd[0]]}: {name} = {column[odd[0]]:g} must be a number from'
+                f' {least:g} to {_LARGEST:g}'
+            )
+
+
+def _questions(curve: FrictionCurve) -> list[str]:
+    """What a user is asked about numbers that look like another unit, one question each."""
+    found = []
+    top = int(np.argmax(np.abs(curve.coefficient))) if curve.coefficient.size else 0
+    if curve.coefficient.size and abs(curve.coefficient[top]) > _UNUSUAL_COEFFICIENT:
+        found.append(
+            f'a coefficient of {curve.coefficient[top]:.3g} (line {curve.line[top]}) is unusual:'
+            ' is it in percent, 30 for 0.30?'
+        )
+    fastest = float(curve.speed.max(initial=0.0))
+    if curve.unit == 'm/s' and fastest > _UNUSUAL_SPEED:
+        found.append(
+            f'a sliding speed of {fastest:.3g} m/s is unusual: is it in rpm (--speed-unit rpm)?'
+        )
+    return found
+
+
+def _lack_of_points(curve: FrictionCurve, model: Model) -> str:
+    """Whether there are too few points or too few different speeds, as a sentence."""
+    n, k = curve.speed.size, model.size
+    coefficients = f'{k} coefficients ({", ".join(model.names)})'
+    if n < k + SPARE_POINTS:
+        return (
+            f'points = {n} must be at least {k + SPARE_POINTS}: {coefficients} and'
+            f' {SPARE_POINTS} more to judge them by'
+        )
+    distinct = np.unique(curve.speed).size
+    return f'different speeds = {distinct} must be at least {k}: {coefficients}' * (distinct < k)
+
+
+def _require_kept(solution: Solution) -> None:
+    """Refuse a curve most of which was set aside as outliers."""
+    kept, least = int(np.sum(solution.weight > 0.0)), solution.model.size + SPARE_POINTS
+    if kept < least:
+        raise FitError(
+            f'points on one curve = {kept} must be at least {least}: the other'
+            f' {solution.weight.size - kept} lie far from it, so no Stribeck law describes the'
+            ' measurement'
+        )
+
+
+def _require_fall(solution: Solution) -> None:
+    """Refuse a fall that is none, or that a constant explains as well (F-test at 0.1 %)."""
+    if not solution.values[0] > 0.0:
+        raise FitError(
+            f'static - kinetic = {solution.fall:.3g} must be above 0: the curve has no falling'
+            ' part that levels off, as the Stribeck law has'
+        )
+    straight = replace(solution.model, kinetic=False)
+    constant = np.ones((1, solution.weight.size, 1))
+    if straight.viscous:
+        constant = np.concatenate([constant, solution.curve.speed[None, :, None]], axis=2)
+    gain = solution.least_squares_of(constant)[0] - solution.squares
+    f_value = gain / 2.0 / solution.variance
+    least = float(stats.f.isf(FALL_LEVEL, 2.0, solution.degrees_of_freedom))
+    if not f_value > least:
+        raise FitError(
+            f'F = {f_value:.3g} of the falling part must be above {least:.3g} (0.1 % level): no'
+            f' falling part stands out of the scatter of {solution.scale:.2g}'
+        )
+
+
+def _require_decay(solution: Solution, interval: tuple[float, float]) -> None:
+    """Refuse speeds that do not hold the decay between them."""
+    low, high = interval
+    slowest, fastest = solution.curve.speed.min(), solution.curve.speed.max()
+    if not math.isfinite(high):
+        raise FitError(
+            f'decay has no upper limit (95 % interval from {low:.3g} s/m): all speeds but the'
+            f' lowest, {slowest:.3g} m/s, may lie beyond the decay; measure at lower speeds'
+        )
+    reach = solution.decay * float(slowest)
+    if reach > _FARTHEST:
+        raise FitError(
+            f'decay * lowest speed = {solution.decay:.3g} s/m * {slowest:.3g} m/s = {reach:.3g}'
+            f' must not be above {_FARTHEST:g}: all speeds lie beyond the decay; measure at lower'
+            ' speeds'
+        )
+    if not low > 0.0:
+        raise FitError(
+            f'decay has no lower limit (95 % interval up to {high:.3g} s/m): up to the highest'
+            f' speed, {fastest:.3g} m/s, the fall does not bend towards a level; measure at higher'
+            ' speeds'
+        )
+
+
+def _require_distinct(solution: Solution) -> None:
+    """Refuse coefficients of which the curve knows only a combination."""
+    covariance = solution.covariance
+    if not np.all(np.isfinite(covariance)):
+        raise FitError(
+            f'decay = {solution.decay:.3g} s/m: the covariance of the coefficients must be finite,'
+            ' and it is singular'
+        )
+    correlation = np.abs(_correlation(covariance)) - np.eye(len(covariance))
+    i, j = np.unravel_index(int(np.argmax(correlation)), correlation.shape)
+    if correlation[i, j] > MOST_CORRELATION:
+        names = solution.model.names
+        raise FitError(
+            f'correlation of {names[i]} and {names[j]} = {correlation[i, j]:.6f} must not be above'
+            f' {MOST_CORRELATION:g}: the curve knows only a combination of the two'
+        )
+
+
+def _correlation(covariance: FloatArray) -> FloatArray:
+    error = np.sqrt(np.diag(covariance))
+    matrix: FloatArray = covariance / np.outer(error, error)
+    np.fill_diagonal(matrix, 1.0)
+    return matrix

@@ -1,37 +1,37 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The robust fit of a model to a curve, without a start value.
+"""The robust least-squares fit of a model to a curve, without a start value.
 
-For a given rate of decay the law is linear (variable projection: Golub and Pereyra, SIAM J. Numer.
-Anal. 10, 1973), so the rate is searched over all its decades by two criteria that outliers hardly
-move: the least sum, and the least median, of absolute residuals. From there Tukey's biweight
-(Beaton and Tukey, Technometrics 16, 1974) is iterated to convergence, with the scale from the
-median absolute residual.
+For a given decay the law is linear (variable projection: Golub and Pereyra, SIAM J. Numer. Anal.
+10, 1973), so the start is found on a scan of all decades of the decay: by least squares, and where
+that leaves points in doubt by the least median of residuals (Rousseeuw 1984). From there
+``scipy.optimize.least_squares`` minimises Tukey's biweight (Technometrics 16, 1974).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
+from scipy import stats
+from scipy.optimize import brentq, least_squares
 
-from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.arrays import BoolArray, FloatArray
 from stickslip_monitor.lab.friction_fit.curve_file import FrictionCurve
 
 UNITS = {'static': '', 'kinetic': '', 'decay': 's/m', 'viscous': 's/m'}
+CONFIDENCE = 0.95
 TUKEY = 4.685
 """Residuals beyond this many scales count nothing; on clean data 95 % efficient."""
-FLOOR = 1e-14
-"""Exact data keep a scatter of this share of the largest coefficient."""
+_FLOOR = 1e-14
 _PER_DECADE = 10
-_SUBSETS = 60
-_MEDIAN_POINTS = 200
 _MAD = 1.482602218505602
-_STEPS = 400
 _SMALL_SAMPLE = 2.0
-_NORMAL_SHARE = 0.8281
-_TOLERANCE = 1e-11
+# Residuals beyond this share of the scale count by their amount and not by their square.
+_ABSOLUTE = 0.1
+_TOLERANCE = 1e-15
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,30 +42,54 @@ class Model:
     kinetic: bool = True
 
     @property
+    def free(self) -> BoolArray:
+        """Which of drop, kinetic, decay and viscous are free, shape (4,)."""
+        return np.array([True, self.kinetic, True, self.viscous])
+
+    @property
     def size(self) -> int:
         """Number of free coefficients, k."""
-        return 2 + self.kinetic + self.viscous
+        return int(self.free.sum())
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the free coefficients, in the order of ``UNITS``."""
-        free = {'static': True, 'kinetic': self.kinetic, 'decay': True, 'viscous': self.viscous}
-        return tuple(name for name in UNITS if free[name])
+        return tuple(name for name, free in zip(UNITS, self.free, strict=True) if free)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """The best curve of a model; ``drop`` is that of the decaying part at the lowest speed."""
+    """The best curve of a model.
+
+    Attributes:
+        curve: The points.
+        model: What is free.
+        values: The drop of the decaying part at the lowest speed [-], ``mu_k`` [-], ``ln beta``
+            [ln s/m] and ``nu`` [s/m], shape (4,).
+        weight: Tukey's weight of each point, shape (n,).
+        median_scale: Standard deviation by the median residual that the weights go by [-].
+    """
 
     curve: FrictionCurve
     model: Model
-    drop: float
-    kinetic: float
-    decay: float
-    viscous: float
-    residual: FloatArray
+    values: FloatArray
     weight: FloatArray
-    scale: float
+    median_scale: float
+
+    @property
+    def decay(self) -> float:
+        """``beta`` [s/m]."""
+        return math.exp(self.values[2])
+
+    @property
+    def fall(self) -> float:
+        """``mu_s - mu_k``: the drop, extrapolated from the lowest speed to 0."""
+        return float(self.values[0] * np.exp(self.decay * self.curve.speed.min()))
+
+    @property
+    def residual(self) -> FloatArray:
+        """Measured minus fitted coefficient, shape (n,) [-]."""
+        return self.curve.coefficient - coefficient_at(self.curve, self.values)
 
     @property
     def row_weight(self) -> FloatArray:
@@ -73,7 +97,12 @@ class Solution:
         return self.weight / self.curve.std**2
 
     @property
-    def freedom(self) -> float:
+    def scale(self) -> float:
+        """Standard deviation of a point, in units of its ``std`` [-]."""
+        return math.sqrt(self.variance)
+
+    @property
+    def degrees_of_freedom(self) -> float:
         """Degrees of freedom: the sum of the weights less k."""
         return float(self.weight.sum()) - self.model.size
 
@@ -84,21 +113,108 @@ class Solution:
 
     @property
     def variance(self) -> float:
-        """``s^2`` with which ``s^2 (J'WJ)^-1`` is Huber's covariance; exact data keep a floor."""
+        """``s^2`` with which ``s^2 (J'WJ)^-1`` is the covariance; exact data keep a floor.
+
+        Huber and Ronchetti, Robust Statistics, 2nd ed., eq. (7.81).
+        """
         n, p = self.weight.size, self.model.size
-        ratio = (self.residual / (self.scale * self.curve.std * TUKEY)) ** 2
-        inside = ratio < 1.0
-        slope = np.where(inside, (1.0 - ratio) * (1.0 - 5.0 * ratio), 0.0)
+        ratio = (self.residual / (self.median_scale * self.curve.std * TUKEY)) ** 2
+        slope = np.where(ratio < 1.0, (1.0 - ratio) * (1.0 - 5.0 * ratio), 0.0)
         mean = max(float(slope.mean()), 0.1)
         correction = 1.0 + p / n * float(slope.var()) / mean**2
         influence = float(np.sum((self.weight * self.residual / self.curve.std) ** 2)) / (n - p)
         spread = correction**2 * influence / mean**2 * float(self.weight.mean())
         return max(spread, scale_floor(self.curve) ** 2)
 
+    @property
+    def t_quantile(self) -> float:
+        """How many standard errors make a 95 % interval."""
+        return float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, self.degrees_of_freedom))
+
+    @property
+    def leverage(self) -> FloatArray:
+        """Diagonal of the weighted hat matrix, shape (n,)."""
+        rows, size = self._scaled_gradient()
+        orthogonal, _ = np.linalg.qr(rows / size)
+        return np.sum(orthogonal**2, axis=1)
+
+    @property
+    def covariance(self) -> FloatArray:
+        """``s^2 (J'WJ)^-1`` of the named coefficients, (k, k); ``inf`` where it is singular."""
+        away = self.decay * float(self.curve.speed.min())
+        by_value = np.diag([math.exp(away), 1.0, self.decay, 1.0])
+        by_value[0, 1:3] = 1.0, self.fall * away
+        free = self.model.free
+        return by_value[np.ix_(free, free)] @ self._covariance() @ by_value[np.ix_(free, free)].T
+
+    def _covariance(self) -> FloatArray:
+        """The same of the free values."""
+        rows, size = self._scaled_gradient()
+        if np.all(np.isfinite(rows)) and np.all(size > 0.0):
+            triangle = np.linalg.qr(rows / size, mode='r')
+            if np.min(np.abs(np.diag(triangle))) > 1e-12:
+                inverse = np.linalg.inv(triangle) / size[:, None]
+                return self.variance * (inverse @ inverse.T)
+        return np.full((size.size, size.size), np.inf)
+
+    def band(self, speed: ArrayLike) -> FloatArray:
+        """Half width of the curve's pointwise 95 % confidence band at speeds >= 0 [-]."""
+        gradient = self.gradient(np.asarray(speed, dtype=float))
+        variance = np.einsum('ni,ij,nj->n', gradient, self._covariance(), gradient)
+        return self.t_quantile * np.sqrt(np.maximum(variance, 0.0))
+
+    def gradient(self, speed: FloatArray) -> FloatArray:
+        """Derivatives of the law at speeds, shape (n,), by the free values, shape (n, k)."""
+        return _gradient(self.values, speed, float(self.curve.speed.min()))[:, self.model.free]
+
+    def _scaled_gradient(self) -> tuple[FloatArray, FloatArray]:
+        """Weighted Jacobian by the free values, shape (n, k), and its columns' lengths, (k,)."""
+        rows = self.gradient(self.curve.speed) * np.sqrt(self.row_weight)[:, None]
+        return rows, np.linalg.norm(rows, axis=0)
+
+    def profile(self, rate: FloatArray) -> FloatArray:
+        """Least weighted squares at each :func:`rates`, the rest being free, shape (rates,)."""
+        return self.least_squares_of(columns_of(self.curve, self.model, rate))
+
+    def least_squares_of(self, columns: FloatArray) -> FloatArray:
+        """Least weighted squares of linear models with columns of shape (models, n, k)."""
+        root = np.sqrt(self.row_weight)
+        left, size, _ = np.linalg.svd(columns * root[:, None], full_matrices=False)
+        target = root * self.curve.coefficient
+        seen = np.einsum('bnk,n->bk', left, target) * (size > 1e-12 * size[:, :1])
+        return np.sum((target - np.einsum('bnk,bk->bn', left, seen)) ** 2, axis=1)
+
+    def profile_interval(self) -> tuple[float, float]:
+        """95 % profile interval of ``beta`` [s/m]; 0 or ``inf`` where it has no end.
+
+        Bates and Watts, Nonlinear Regression Analysis, ch. 6.
+        """
+        span = float(np.ptp(self.curve.speed))
+        level = self.squares + self.variance * self.t_quantile**2
+
+        def above(log_rate: float) -> float:
+            return float(self.profile(np.exp([log_rate]))[0]) - level
+
+        grid = np.log(rates(self.curve))
+        inside = np.append(
+            grid[self.profile(np.exp(grid)) <= level], self.values[2] + math.log(span)
+        )
+
+        def end(outside: FloatArray, within: float, without_end: float) -> float:
+            if not outside.size:
+                return without_end
+            # On exact data rounding may leave nothing within.
+            if above(within) < 0.0:
+                within = float(brentq(above, outside[0], within, xtol=1e-14))
+            return math.exp(within) / span
+
+        low, high = float(inside.min()), float(inside.max())
+        return end(grid[grid < low][::-1], low, 0.0), end(grid[grid > high], high, math.inf)
+
 
 def scale_floor(curve: FrictionCurve) -> float:
     """The least scale: what rounding leaves of exact data."""
-    return FLOOR * max(float(np.max(np.abs(curve.coefficient / curve.std))), FLOOR)
+    return _FLOOR * max(float(np.max(np.abs(curve.coefficient / curve.std))), _FLOOR)
 
 
 def rates(curve: FrictionCurve) -> FloatArray:
@@ -116,189 +232,107 @@ def _place(curve: FrictionCurve) -> FloatArray:
 def columns_of(curve: FrictionCurve, model: Model, rate: FloatArray) -> FloatArray:
     """Columns that span the law at given rates, well scaled at any, shape (rates, n, k - 1)."""
     x, rate = _place(curve), rate[:, None]
-    if not model.kinetic:
-        columns = [np.exp(-rate * x)]
-    else:
+    columns = [np.exp(-rate * x)]
+    if model.kinetic:
         columns = [np.ones((rate.size, x.size)), np.expm1(-rate * x) / np.expm1(-rate)]
-    if model.viscous and model.kinetic:
-        columns = [columns[0], (columns[1] - x) * (1.0 + 8.0 / rate)]
     if model.viscous:
-        speed = x if model.kinetic else curve.speed / curve.speed.max()
-        columns.append(np.broadcast_to(speed, columns[0].shape))
+        columns.append(np.broadcast_to(curve.speed / curve.speed.max(), columns[0].shape))
     return np.stack(columns, axis=2)
 
 
-def least_absolute(curve: FrictionCurve, model: Model) -> tuple[float, FloatArray]:
-    """The rate with the least sum of absolute residuals, and those residuals by their std."""
-    rate = rates(curve)
-    for _ in range(3):
-        residual = _absolute_fits(curve, columns_of(curve, model, rate))
-        best = int(np.argmin(np.abs(residual).sum(axis=1)))
-        chosen = float(rate[best]), residual[best]
-        low, high = rate[max(best - 1, 0)], rate[min(best + 1, rate.size - 1)]
-        rate = np.geomspace(low, high, 2 * _PER_DECADE + 1)
-    return chosen
-
-
-def _absolute_fits(curve: FrictionCurve, columns: FloatArray) -> FloatArray:
-    """Residuals, by their std, of approximate least absolute fits (Schlossmacher 1973)."""
-    scaled, target = columns / curve.std[:, None], curve.coefficient / curve.std
-    least = 1e-5 * max(float(np.ptp(target)), FLOOR)
-    residual = np.ones(columns.shape[:2])
-    ridge = 1e-13 * np.eye(columns.shape[2])
-    for _ in range(15):
-        weighted = scaled / np.maximum(np.abs(residual), least)[..., None]
-        normal = np.einsum('bni,bnj->bij', weighted, scaled)
-        right = np.einsum('bni,n->bi', weighted, target)
-        size = np.trace(normal, axis1=1, axis2=2)[:, None, None]
-        solved = _solved(normal + ridge * size, right[..., None])
-        residual = target - np.squeeze(scaled @ solved, axis=2)
-    return residual
-
-
-def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
-    """Solutions of many small systems; the shortest ones where points coincide."""
-    try:
-        return np.asarray(np.linalg.solve(matrix, right), dtype=float)
-    except np.linalg.LinAlgError:
-        return np.asarray(np.linalg.pinv(matrix) @ right, dtype=float)
-
-
-def least_median(curve: FrictionCurve, model: Model) -> tuple[float, FloatArray]:
-    """The rate with the least median absolute residual (Rousseeuw 1984), and its residuals.
-
-    At every rate the law is laid through the same sets of as few points as it takes.
-    """
-    order = np.argsort(curve.speed, kind='stable')
-    few = order[np.linspace(0, order.size - 1, min(order.size, _MEDIAN_POINTS)).astype(int)]
-    rate = rates(curve)
-    columns, target = columns_of(curve, model, rate)[:, few], curve.coefficient[few]
-    generator = np.random.Generator(np.random.PCG64(0))
-    picks = generator.random((_SUBSETS, few.size)).argsort(axis=1)[:, : columns.shape[2]]
-    square = columns[:, picks]
-    ridge = 1e-13 * np.eye(columns.shape[2])
-    solved = _solved(square + ridge, target[picks][..., None])[..., 0]
-    misfit = np.abs(target - np.einsum('bnk,bsk->bsn', columns, solved)) / curve.std[few]
-    middle = np.partition(misfit, (few.size + columns.shape[2]) // 2, axis=2)
-    median = middle[:, :, (few.size + columns.shape[2]) // 2]
-    i, j = np.unravel_index(int(np.argmin(median)), median.shape)
-    fitted = columns_of(curve, model, rate[i : i + 1])[0] @ solved[i, j]
-    return float(rate[i]), (curve.coefficient - fitted) / curve.std
-
-
-def solve(curve: FrictionCurve, model: Model) -> Solution:
-    """The robust fit of a model, whether or not it makes sense.
-
-    Absolute residuals yield to outliers at both of the lowest speeds, which have all the leverage;
-    the median does not. Where points are in doubt both starts are tried, and the one that ends
-    with the smaller scale counts.
-    """
-    solution = _biweight(curve, model, *least_absolute(curve, model))
-    if np.all(solution.weight > 0.5):
-        return solution
-    other = _biweight(curve, model, *least_median(curve, model))
-    return min(solution, other, key=lambda found: found.scale)
-
-
-def _biweight(curve: FrictionCurve, model: Model, rate: float, residual: FloatArray) -> Solution:
-    """Iteratively reweighted Gauss-Newton steps, in two rounds.
-
-    In the first the scale follows from the median absolute residual, which no outlier moves but
-    which scatters by itself; in the second it is held at what the points that count say.
-    """
-    values = np.array([0.0, 0.0, math.log(rate / np.ptp(curve.speed)), 0.0])
-    free = np.array([True, model.kinetic, True, model.viscous])
-    values = gauss_newton_step(
-        curve, values, np.sqrt(_tukey(residual, _scale(curve, residual, model.size))),
-        free & [True, True, False, True],
-    )  # fmt: skip
-    values, _ = _reweighted(curve, values, free, None)
-    residual = (curve.coefficient - curve_of(curve, values)) / curve.std
-    scale = _sharper_scale(curve, residual, model.size)
-    values, residual = _reweighted(curve, values, free, scale)
-    drop, kinetic, log_decay, viscous = values.tolist()
-    return Solution(
-        curve, model, drop, kinetic, math.exp(log_decay), viscous, residual * curve.std,
-        _tukey(residual, scale), scale,
-    )  # fmt: skip
-
-
-def _reweighted(
-    curve: FrictionCurve, values: FloatArray, free: NDArray[np.bool_], scale: float | None
-) -> tuple[FloatArray, FloatArray]:
-    """Steps until nothing moves; without a scale it follows for the first half of them."""
-    held = scale or 0.0
-    for step in range(_STEPS):
-        residual = (curve.coefficient - curve_of(curve, values)) / curve.std
-        if scale is None and step < _STEPS // 2:
-            held = _scale(curve, residual, int(free.sum()))
-        moved = gauss_newton_step(curve, values, np.sqrt(_tukey(residual, held)), free)
-        change = np.abs(curve_of(curve, moved) - curve_of(curve, values)) / curve.std
-        values = moved
-        if np.max(change) <= _TOLERANCE * held:
-            break
-    return values, (curve.coefficient - curve_of(curve, values)) / curve.std
-
-
-def gauss_newton_step(
-    curve: FrictionCurve, values: FloatArray, root: FloatArray, free: NDArray[np.bool_]
-) -> FloatArray:
-    """One Gauss-Newton step of the free values, halved while it makes the fit worse."""
-    path = math.exp(values[2]) * (curve.speed - curve.speed.min())
-    decayed = np.exp(-path)
-    columns = [decayed, np.ones_like(path), -values[0] * path * decayed, curve.speed]
-    rows = root / curve.std
-    jacobian = np.stack(columns, axis=1)[:, free] * rows[:, None]
-    size = np.linalg.norm(jacobian, axis=0)
-    size[size == 0.0] = 1.0
-    left = rows * (curve.coefficient - curve_of(curve, values))
-    change = np.zeros(4)
-    change[free] = np.linalg.lstsq(jacobian / size, left, rcond=None)[0] / size
-    change[2] = np.clip(change[2], -1.0, 1.0)
-    for _ in range(12):
-        moved = values + change
-        if np.sum((rows * (curve.coefficient - curve_of(curve, moved))) ** 2) <= left @ left:
-            return moved
-        change = change / 2.0
-    return values
-
-
-def curve_of(curve: FrictionCurve, values: FloatArray) -> FloatArray:
-    """The law at the points, by drop, kinetic, ln decay and viscous, shape (n,) [-]."""
+def coefficient_at(curve: FrictionCurve, values: FloatArray) -> FloatArray:
+    """The law at the points, by :attr:`Solution.values`, shape (n,) [-]."""
     drop, kinetic, log_decay, viscous = values
     decayed = np.exp(-np.exp(log_decay) * (curve.speed - curve.speed.min()))
     return kinetic + drop * decayed + viscous * curve.speed
 
 
-def _tukey(residual: FloatArray, scale: float) -> FloatArray:
-    return np.maximum(1.0 - (residual / (scale * TUKEY)) ** 2, 0.0) ** 2
+def _gradient(values: FloatArray, speed: FloatArray, slowest: float) -> FloatArray:
+    """Derivatives of the law by all :attr:`Solution.values`, shape (n, 4)."""
+    path = np.exp(values[2]) * (speed - slowest)
+    decayed = np.exp(-path)
+    return np.stack([decayed, np.ones_like(path), -values[0] * path * decayed, speed], axis=1)
 
 
-def _scale(curve: FrictionCurve, residual: FloatArray, parameters: int) -> float:
+def solve(curve: FrictionCurve, model: Model) -> Solution:
+    """The robust fit of a model, whether or not it makes sense: an MM-estimate (Yohai 1987).
+
+    From the best decay of the scan by least squares nearly absolute residuals are minimised, which
+    outliers move little. Their median makes the scale at which Tukey's biweight is minimised.
+    """
+    rate = rates(curve)
+    unit = Solution(curve, model, np.zeros(4), np.ones(curve.speed.size), 1.0)
+    values = np.array([0.0, 0.0, 0.0, 0.0])
+    values[2] = math.log(rate[int(np.argmin(unit.profile(rate)))] / np.ptp(curve.speed))
+    linear = model.free & [True, True, False, True]
+    rows = _gradient(values, curve.speed, curve.speed.min())[:, linear] / curve.std[:, None]
+    values[linear] = np.linalg.lstsq(rows, curve.coefficient / curve.std, rcond=None)[0]
+    for loss in ('soft_l1', 'soft_l1', _biweight):
+        scale = _scale(curve, model, values)
+        values = descend(curve, model, values, 1.0 / scale, loss)
+    weight = _tukey(_misfit(curve, values) / scale)
+    return Solution(curve, model, values, weight, scale)
+
+
+def descend(
+    curve: FrictionCurve,
+    model: Model,
+    values: FloatArray,
+    root: FloatArray | float,
+    loss: Any = 'linear',
+) -> FloatArray:
+    """The values that fit best from a start on.
+
+    Args:
+        curve: The points.
+        model: What is free.
+        values: The start, as :attr:`Solution.values`.
+        root: Factor of each residual by its std, such as to make it of the order of 1.
+        loss: What of it is minimised, as scipy names it.
+    """
+    free, rows, slowest = model.free, root / curve.std, curve.speed.min()
+
+    def whole(part: FloatArray) -> FloatArray:
+        full = values.copy()
+        full[free] = part
+        full[2] = min(full[2], 300.0)
+        return full
+
+    def misfit(part: FloatArray) -> FloatArray:
+        return rows * (coefficient_at(curve, whole(part)) - curve.coefficient)
+
+    def gradient(part: FloatArray) -> FloatArray:
+        return (_gradient(whole(part), curve.speed, slowest) * rows[:, None])[:, free]
+
+    found = least_squares(
+        misfit, values[free], gradient, x_scale='jac', loss=loss,
+        f_scale=_ABSOLUTE if loss == 'soft_l1' else TUKEY, ftol=_TOLERANCE, xtol=_TOLERANCE,
+        gtol=_TOLERANCE, max_nfev=100,
+    )  # fmt: skip
+    return whole(found.x)
+
+
+def _biweight(z: FloatArray) -> FloatArray:
+    """Tukey's loss of the squared residuals by the scale, with two derivatives, for scipy."""
+    left = np.maximum(1.0 - z, 0.0)
+    return np.stack([(1.0 - left**3) / 3.0, left**2, -2.0 * left])
+
+
+def _tukey(misfit: FloatArray) -> FloatArray:
+    return np.maximum(1.0 - (misfit / TUKEY) ** 2, 0.0) ** 2
+
+
+def _misfit(curve: FrictionCurve, values: FloatArray) -> FloatArray:
+    return (curve.coefficient - coefficient_at(curve, values)) / curve.std
+
+
+def _scale(curve: FrictionCurve, model: Model, values: FloatArray) -> float:
     """Standard deviation from the median absolute residual.
 
     k residuals are small by construction, so the smallest k - 1 are left out (Street, Carroll and
     Ruppert 1988). The median of few residuals scatters: the last factor, 1 for many, keeps it
     from setting good points aside.
     """
-    ordered = np.sort(np.abs(residual))[parameters - 1 :]
-    caution = _caution(residual.size, parameters)
-    return max(_MAD * caution * float(np.median(ordered)), scale_floor(curve))
-
-
-def _sharper_scale(curve: FrictionCurve, residual: FloatArray, parameters: int) -> float:
-    """Standard deviation from the weighted squares of the points that count.
-
-    On normal scatter these are 0.83 of the squares that their weights would have.
-    """
-    rough = _scale(curve, residual, parameters)
-    weight = _tukey(residual, rough)
-    freedom = float(weight.sum()) - parameters
-    if freedom <= 1.0:
-        return rough
-    sharp = math.sqrt(float(np.sum(weight * residual**2)) / freedom / _NORMAL_SHARE)
-    return max(sharp * _caution(residual.size, parameters), scale_floor(curve))
-
-
-def _caution(points: int, parameters: int) -> float:
-    return 1.0 + _SMALL_SAMPLE / (points - parameters)
+    ordered = np.sort(np.abs(_misfit(curve, values)))
+    caution = 1.0 + _SMALL_SAMPLE / (ordered.size - model.size)
+    return max(_MAD * caution * float(np.median(ordered[model.size - 1 :])), scale_floor(curve))

@@ -5,16 +5,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from scipy.special import ive
+from scipy import stats
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.lab.friction_fit.fit import StribeckFit
-from stickslip_monitor.lab.friction_fit.solve import UNITS
-from stickslip_monitor.lab.friction_fit.uncertainty import CONFIDENCE
+from stickslip_monitor.lab.friction_fit.solve import CONFIDENCE, UNITS
 from stickslip_monitor.physics.averaging import closed_form
 from stickslip_monitor.physics.friction import Stribeck, require_positive
+
+# Of a standard error, for the gradient of the delta method.
+_STEP = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +72,7 @@ def boundary_spread(
 
     Laws are drawn from the multivariate t distribution of (mu_s, mu_k, ln beta, nu) with the fit's
     covariance and degrees of freedom. ``V_H = d/beta`` with ``d = ln(Delta beta/(c/N + nu))``, and
-    ``V_F`` follows from the same ``d``. The delta method takes the gradient in closed form.
+    ``V_F`` follows from the same ``d``.
 
     Args:
         fit: The fit.
@@ -85,34 +88,31 @@ def boundary_spread(
     require_positive('damping', damping, 'N s/m')
     require_positive('load', load, 'N')
     require_positive('draws', draws)
-    laws = drawn_laws(fit, draws, seed)
-    hopf, fold = _boundaries(laws, damping / load)
-    best = _boundaries(_as_row(fit.law), damping / load)
-    errors = _delta_errors(fit, damping / load)
-    spreads = [
-        _spread(float(at[0]), error, drawn)
-        for at, error, drawn in zip(best, errors, (hopf, fold), strict=True)
-    ]
-    result = BoundarySpread(spreads[0], spreads[1], float(np.mean(fold == 0.0)))
+    q = damping / load
+    best = [float(at[0]) for at in _boundaries(_as_row(fit.law), q)]
+    drawn = _boundaries(drawn_laws(fit, draws, seed), q)
+    both = list(zip(best, _delta_errors(fit, q), drawn, strict=True))
+    hopf, fold = (_spread(*each) for each in both)
+    result = BoundarySpread(hopf, fold, float(np.mean(drawn[1] == 0.0)))
     if speed is None:
         return result
     require_positive('speed', speed, 'm/s')
     with np.errstate(divide='ignore'):
         margins = [
             _spread(
-                float(speed / at[0] - 1.0) if at[0] else math.inf,
-                speed * error / float(at[0]) ** 2 if at[0] else math.nan,
-                speed / drawn - 1.0,
+                speed / at - 1.0 if at else math.inf,
+                speed * error / at**2 if at else math.nan,
+                speed / each - 1.0,
             )
-            for at, error, drawn in zip(best, errors, (hopf, fold), strict=True)
+            for at, error, each in both
         ]
-    unstable, within = float(np.mean(speed < hopf)), float(np.mean(speed < fold))
+    unstable, within = (float(np.mean(speed < each)) for each in drawn)
     shares = {'unstable': unstable, 'bistable': within - unstable, 'stable': 1.0 - within}
     return replace(result, hopf_margin=margins[0], fold_margin=margins[1], regimes=shares)
 
 
 def _as_row(law: Stribeck) -> FloatArray:
-    return np.array([[law.static, law.kinetic, law.decay, law.viscous]])
+    return np.array([[getattr(law, name) for name in UNITS]])
 
 
 def drawn_laws(fit: StribeckFit, draws: int, seed: int) -> FloatArray:
@@ -120,20 +120,19 @@ def drawn_laws(fit: StribeckFit, draws: int, seed: int) -> FloatArray:
 
     They are drawn in ``ln beta``, so that no decay is negative; a negative slope counts as 0.
     """
-    generator = np.random.Generator(np.random.PCG64(seed))
-    place = fit.names.index('decay')
-    scaling = np.ones(len(fit.names))
-    scaling[place] = 1.0 / fit.law.decay
-    factor = np.linalg.cholesky(fit.correlation) * (fit.standard_error * scaling)[:, None]
-    freedom = fit.degrees_of_freedom
-    normal = generator.standard_normal((draws, len(fit.names)))
-    wide = np.sqrt(freedom / generator.chisquare(freedom, draws))
-    drawn = (normal @ factor.T) * wide[:, None]
-    laws = np.repeat(_as_row(fit.law), draws, axis=0)
-    for column, name in enumerate(fit.names):
-        laws[:, list(UNITS).index(name)] += drawn[:, column] * (name != 'decay')
+    scaling = np.where(np.array(fit.names) == 'decay', 1.0 / fit.law.decay, 1.0)
+    freedom: Any = fit.degrees_of_freedom  # scipy's types want a whole number
+    distribution = stats.multivariate_t(
+        shape=fit.covariance * np.outer(scaling, scaling),
+        df=freedom,
+        allow_singular=True,
+        seed=seed,
+    )
+    off = np.zeros((draws, len(UNITS)))
+    off[:, [list(UNITS).index(name) for name in fit.names]] = distribution.rvs(draws)
+    laws = _as_row(fit.law) + off
     with np.errstate(over='ignore'):
-        laws[:, 2] *= np.exp(drawn[:, place])
+        laws[:, 2] = fit.law.decay * np.exp(off[:, 2])
     laws[:, 3] = np.maximum(laws[:, 3], 0.0)
     return laws
 
@@ -150,35 +149,17 @@ def _boundaries(laws: FloatArray, q: float) -> tuple[FloatArray, FloatArray]:
     return hopf, fold
 
 
-def _delta_errors(fit: StribeckFit, q: float) -> tuple[float, float]:
-    """Standard errors of Hopf and fold speed by the delta method [m/s]."""
-    gradients = boundary_gradients(fit.law, q)
-    if gradients is None:
-        return math.nan, math.nan
-    free = [list(UNITS).index(name) for name in fit.names]
-    hopf, fold = (g[free] for g in gradients)
-    return math.sqrt(hopf @ fit.covariance @ hopf), math.sqrt(fold @ fit.covariance @ fold)
-
-
-def boundary_gradients(law: Stribeck, q: float) -> tuple[FloatArray, FloatArray] | None:
-    """Derivatives of Hopf and fold speed by static, kinetic, decay, viscous at ``q = c/N``.
-
-    ``dv_F/dd = 1/(1 - I2(v_F)/I1(v_F))`` by ``2 I1(v) exp(-v)/v = exp(-d)`` and
-    ``I0 - I2 = 2 I1/v``.
-
-    Returns:
-        Two arrays of shape (4,) [m/s for each unit]; ``None`` where there is no boundary.
-    """
-    fall, decay = law.static - law.kinetic, law.decay
-    hopf, fold = (float(at[0]) for at in _boundaries(_as_row(law), q))
-    if hopf == 0.0:
-        return None
-    by_fall, by_viscous = 1.0 / fall, -1.0 / (q + law.viscous)
-    number = np.array([by_fall, -by_fall, 1.0 / decay, by_viscous])
-    stretch = np.array([0.0, 0.0, 1.0 / decay, 0.0])
-    v = fold * decay
-    steep = 1.0 / (1.0 - float(ive(2, v) / ive(1, v)))
-    return number / decay - hopf * stretch, steep * number / decay - fold * stretch
+def _delta_errors(fit: StribeckFit, q: float) -> list[float]:
+    """Standard errors of Hopf and fold speed by the delta method [m/s]; ``nan`` without them."""
+    step = np.zeros((len(fit.names), len(UNITS)))
+    step[:, [list(UNITS).index(name) for name in fit.names]] = np.diag(_STEP * fit.standard_error)
+    above, below = (_boundaries(_as_row(fit.law) + off, q) for off in (step, -step))
+    errors = []
+    for high, low in zip(above, below, strict=True):
+        gradient = (high - low) / (2.0 * _STEP * fit.standard_error)
+        known = bool(np.all(high * low > 0.0))
+        errors.append(math.sqrt(gradient @ fit.covariance @ gradient) if known else math.nan)
+    return errors
 
 
 def _spread(estimate: float, delta_error: float, drawn: FloatArray) -> Spread:

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.lab.calibration.calibrate import (
@@ -22,7 +25,7 @@ from stickslip_monitor.lab.calibration.dips import (
     cut_dips,
 )
 from stickslip_monitor.lab.calibration.posterior import prior_of, sample_posterior
-from stickslip_monitor.physics.friction import Coulomb, Stribeck
+from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
 
 BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
@@ -31,6 +34,31 @@ DRAWN_WRONG = Bearing(50.0, 560.0, 2.0e6, Stribeck(0.26, 0.10, 12.5), 0.100)
 RPM = BEARING.speed.factor('rpm')
 Coast = Callable[..., tuple[TelemetryBins, list[VibrationReport]]]
 PRIOR = prior_of(DRAWN_WRONG)
+
+
+HOPF, FOLD = 30.738, 40.723  # of the bearing at 1 kN [rpm]
+
+
+def passage(number: int, rate: float, folds: float) -> tuple[TelemetryBins, list[VibrationReport]]:
+    """Down and up again at a rate [rpm/s]: noise grows by so many e-folds from the Hopf speed on.
+
+    By the averaged model, ``(e^x - 1 - x)/(beta r) = L 2m/c`` for ``x = beta r t``; the cycle ends
+    1.2 s beyond the fold.
+    """
+    ramp = BEARING.friction.decay * rate * RPM
+    x = brentq(lambda x: math.expm1(x) - x - ramp * folds * 100.0 / 400.0, 1e-6, 5.0)
+    half = round(40.0 / rate)
+    second = np.arange(2 * half + 1)
+    time = number * 10**13 + second * BIN_NS
+    course = TelemetryBins(
+        f'bag {number}', time, (20.0 + rate * np.abs(second - half)) * RPM, np.full(time.size, 1e3)
+    )
+    seconds = (0.0, (60.0 - HOPF) / rate + x / ramp, half + (FOLD - 20.0) / rate + 1.2, 2.0 * half)
+    edges = [int(time[0] + second * 1e9) for second in seconds]
+    return course, [
+        VibrationReport('aft', a, b, k == 1, 2.0, 0.99, f'report {number}.{k}')
+        for k, (a, b) in enumerate(pairwise(edges))
+    ]
 
 
 def dips_of(*made: tuple[TelemetryBins, list[VibrationReport]]) -> list[Dip]:
@@ -98,6 +126,17 @@ def test_quiet_alone_bounds_the_hopf_speed(coast: Coast) -> None:
     assert 'no episode was seen' in found.warnings[0]
 
 
+@pytest.mark.parametrize('folds', [3.5, 5.0, 8.0])
+def test_the_hopf_interval_holds_however_loud_the_noise(folds: float) -> None:
+    """Linings took 3.5 e-folds from loud noise to stick-slip, and quiet ones take eight."""
+    made = [passage(k, rate, folds) for k, rate in enumerate((0.1, 0.15, 0.2, 0.3, 0.5))]
+    found = calibrate(dips_of(*made), PRIOR)
+    low, middle, high = (found.belief().hopf_speed(1000.0, p) / RPM for p in (0.05, 0.5, 0.95))
+    assert low < HOPF < high
+    assert middle == pytest.approx(HOPF, rel=0.05)
+    assert high < 1.25 * low
+
+
 def test_a_false_report_is_named_and_does_little(coast: Coast) -> None:
     made = [coast(k) for k in range(3)]
     before = calibrate(dips_of(*made), PRIOR)
@@ -116,8 +155,9 @@ def test_a_false_report_is_named_and_does_little(coast: Coast) -> None:
 
 
 def test_a_bearing_that_changed_is_noticed_and_forgetting_follows(coast: Coast) -> None:
-    made = [coast(k) for k in range(3)]
-    for k in range(3, 6):
+    # Six dips tell the fold to 2 %; three ends 10 % above it are together one in 500.
+    made = [coast(k) for k in range(6)]
+    for k in range(6, 9):
         course, reports = coast(k)
         made.append((replace(course, speed=1.1 * course.speed), reports))
     dips = dips_of(*made)
@@ -126,18 +166,6 @@ def test_a_bearing_that_changed_is_noticed_and_forgetting_follows(coast: Coast) 
     followed = calibrate(dips, PRIOR, forget=0.05)
     assert fold(followed, 0.5) == pytest.approx(1.1 * 40.7, rel=0.03)
     assert fold(surprised, 0.5) < fold(followed, 0.5)
-
-
-@pytest.mark.parametrize(
-    ('bearing', 'words'),
-    [
-        (Bearing(50.0, 400.0, 2.0e6, Coulomb(0.3, 0.1), 0.1), 'law stribeck'),
-        (Bearing(50.0, 0.0, 2.0e6, Stribeck(0.3, 0.1, 10.0), 0.1), 'damping = 0'),
-    ],
-)
-def test_a_bearing_without_boundaries_is_refused(bearing: Bearing, words: str) -> None:
-    with pytest.raises(CalibrationError, match=words):
-        prior_of(bearing)
 
 
 def test_quiet_in_which_stick_slip_was_certain_is_surprising(coast: Coast) -> None:

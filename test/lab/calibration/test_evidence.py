@@ -17,7 +17,6 @@ from stickslip_monitor.lab.calibration.dips import (
     cut_dips,
 )
 from stickslip_monitor.lab.calibration.evidence import (
-    alternating,
     level_episodes,
     level_threshold,
     read_reports,
@@ -48,9 +47,7 @@ def test_reports_are_read_as_spreadsheets_write_them(tmp_path: Path) -> None:
     [
         ('bow,2026-05-04T06:01:10Z,2026-05-04T06:03:40Z,quiet,,', "line 2: bearing 'bow' is not"),
         ('aft,2026-05-04T06:01:10,2026-05-04T06:03:40Z,quiet,,', 'has no zone'),
-        ('aft,yesterday,2026-05-04T06:03:40Z,quiet,,', "start 'yesterday' must be a time"),
         ('aft,2026-05-04T06:03:40Z,2026-05-04T06:01:10Z,quiet,,', 'must be after start'),
-        ('aft,2026-05-04T06:01:10Z,2026-05-04T06:03:40Z,loud,,', 'must be squeal or quiet'),
         ('aft,2026-05-04T06:01:10Z,2026-05-04T06:03:40Z,quiet,-1,', "tolerance '-1' must be"),
         ('aft,2026-05-04T06:01:10Z,2026-05-04T06:03:40Z,quiet,,1.5', 'a number from 0 to 1'),
         ('aft,2026-05-04T06:01:10Z', 'it has 2 cells and there are 6 headings'),
@@ -91,20 +88,6 @@ def test_a_level_is_cut_where_its_two_modes_part() -> None:
 def test_a_level_that_tells_nothing_is_refused(level: np.ndarray, words: str) -> None:
     with pytest.raises(CalibrationError, match=f'/level .*{words}|{words}'):
         level_threshold('/level', level)
-
-
-def test_alternating_reports_leave_no_gap() -> None:
-    reports = alternating('aft', (0, 100), [(0, 10), (40, 60)], 2.0, 0.99, 'truth')
-    assert [(r.start_ns, r.end_ns, r.squeal) for r in reports] == [
-        (0, 10, True), (10, 40, False), (40, 60, True), (60, 100, False),
-    ]  # fmt: skip
-
-
-def test_the_core_of_a_short_report_is_its_middle() -> None:
-    report = VibrationReport('aft', 10 * BIN_NS, 30 * BIN_NS, True, 4.0, 0.9, '')
-    assert report.core == (14 * BIN_NS, 26 * BIN_NS)
-    short = VibrationReport('aft', 10 * BIN_NS, 16 * BIN_NS, True, 4.0, 0.9, '')
-    assert short.core == (13 * BIN_NS, 13 * BIN_NS)
 
 
 def test_a_dip_begins_anew_after_rest_a_gap_and_fast_stretches(coast: Coast) -> None:

@@ -72,15 +72,6 @@ def test_compiled_it_is_the_same(coast: Coast, monkeypatch: pytest.MonkeyPatch) 
     assert log_likelihood(theta, path) == pytest.approx(compiled, abs=1e-9)
 
 
-def test_noise_begins_after_its_delay() -> None:
-    # G = (e^(d - v) - 1) t / tau at constant speed: a share of 1/e has begun at G = 1.
-    rpm, d = 20.0, math.log(5.0)
-    delay = 1.5 / math.expm1(d - 10.0 * rpm * RPM)
-    path = lasting(np.full(101, rpm), delay / 100.0, state=1, sticking=0.0)
-    quiet = log_likelihood(point(), path)[0, 0]
-    assert math.exp(quiet) == pytest.approx(1.0 - 1.0 / math.e, abs=1e-9)
-
-
 def test_onset_on_a_ramp() -> None:
     # (e^x - 1 - x)/(beta r) = tau with x = beta r t: 10.610330 s at 0.45 rpm/s and x = 0.25.
     rate, seconds, tau = 0.45, 10.610330, 1.444083
