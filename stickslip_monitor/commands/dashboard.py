@@ -153,7 +153,7 @@ def event_log(args: argparse.Namespace) -> Iterator[EventLog]:
     if args.log is None:
         yield EventLog()
         return
-    from stickslip_monitor.ros.state_file import StateFile, StateWriter
+    from stickslip_monitor.state_file import StateFile, StateWriter
 
     file = StateFile(args.log, '--log', 'dashboard')
     try:

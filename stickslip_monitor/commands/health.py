@@ -9,23 +9,23 @@ from __future__ import annotations
 
 import argparse
 import sys
-import threading
-from collections.abc import Callable
-from typing import Any
+import time
 
 from stickslip_monitor.errors import ConfigurationError, RosError
 from stickslip_monitor.files import printable
-from stickslip_monitor.monitor.config_file import NODE_NAME
 from stickslip_monitor.monitor.health import NOT_MONITORING
 from stickslip_monitor.monitor.ladder import Level
 
 _LONGEST = 600.0
+ALONE = 1.5
+"""Every monitor is heard once a second: after so long [s] there is no other."""
+_POLL = 0.02
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument(
-        '--node', default=f'/{NODE_NAME}', help=f"the monitor's full name (default /{NODE_NAME})"
+        '--node', help="the monitor's full name (default: the only one that is heard)"
     )
     parser.add_argument(
         '--timeout', type=float, default=5.0, metavar='S', help='wait so long (default 5 s)'
@@ -42,45 +42,33 @@ def run(args: argparse.Namespace) -> int:
             f'--timeout {args.timeout:g} must be above 0 and at most {_LONGEST:g}'
         )
     try:
-        from stickslip_monitor.ros.watcher import open_watcher
+        from stickslip_monitor.ros.watcher import hear_health
     except ImportError as error:
         raise RosError(f'ROS 2 is not available ({error}): source its setup file') from error
-    node = f'/{args.node.strip("/")}'
-    heard = _Heard()
-    with open_watcher({node: heard}, args.diagnostics, _at_once):
-        heard.came.wait(args.timeout)
-    if heard.text is None:
-        others = ', '.join(sorted(f'/{name.strip("/")}' for name in heard.others))
+    node = None if args.node is None else f'/{args.node.strip("/")}'
+    heard: dict[str, tuple[int, str]] = {}
+
+    def take(name: str, level: int, text: str) -> None:
+        heard[name] = level, text
+
+    with hear_health(args.diagnostics, take):
+        _wait(heard, node, args.timeout)
+    others = ', '.join(sorted(heard))
+    if node is None and len(heard) > 1:
+        raise RosError(f'several monitors are heard: name one of {others} by --node')
+    name = node or others
+    if name not in heard:
         hint = f'; heard of: {others}' if others else ''
-        raise RosError(f'nothing is heard of {node} for {args.timeout:g} s{hint}')
-    sys.stdout.write(f'{node}: {printable(heard.text)}\n')
-    return int(heard.level >= Level.ERROR or NOT_MONITORING in heard.text)
+        raise RosError(f'nothing is heard of {node or "a monitor"} for {args.timeout:g} s{hint}')
+    level, text = heard[name]
+    sys.stdout.write(f'{name}: {printable(text)}\n')
+    return int(level >= Level.ERROR or NOT_MONITORING in text)
 
 
-def _at_once(call: Callable[..., object], *arguments: Any) -> None:
-    call(*arguments)
-
-
-class _Heard:
-    """What a monitor says of itself."""
-
-    def __init__(self) -> None:
-        self.came = threading.Event()
-        self.level = 0
-        self.text: str | None = None
-        self.others: set[str] = set()
-
-    def take_health(self, level: int, text: str) -> None:
-        """The diagnostic status of the node itself."""
-        self.level, self.text = level, text
-        self.came.set()
-
-    def take_other(self, node: str) -> None:
-        """The name of another monitor whose diagnostics come."""
-        self.others.add(node)
-
-    def take_record(self, record: dict[str, Any], /) -> None:
-        """The record of a bearing."""
-
-    def take_alarms(self, document: Any, /) -> None:
-        """The list of alarms."""
+def _wait(heard: dict[str, tuple[int, str]], node: str | None, seconds: float) -> None:
+    """Wait for a node; without a name for the first, and then whether there is another."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end and not (node in heard if node else heard):
+        time.sleep(_POLL)
+    if node is None and heard:
+        time.sleep(ALONE)

@@ -83,7 +83,7 @@ def _play(player: Player, bag: Bag, args: argparse.Namespace) -> None:
         )
         for _ in range(args.loop):
             count = player.play(
-                bag.messages(),
+                ((m.topic, m.log_time_ns, m.data) for m in bag.messages()),
                 args.rate,
                 lambda now: bar.update(task, completed=(now - start) * 1e-9),
             )

@@ -46,7 +46,7 @@ from stickslip_monitor.monitor.config_file import NODE_NAME, load_parameters, lo
 from stickslip_monitor.monitor.configure import bearing_names, build_config
 from stickslip_monitor.monitor.session import Display
 from stickslip_monitor.monitor.signals import QUANTITIES, Input
-from stickslip_monitor.ros.state_file import StateFile
+from stickslip_monitor.state_file import StateFile
 
 if TYPE_CHECKING:
     from stickslip_monitor.dashboard.state import DashboardState

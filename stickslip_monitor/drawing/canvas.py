@@ -239,7 +239,7 @@ def inline_svg(figure: Figure, name: str, text: str) -> str:
     body = re.sub(r'<style.*?</style>', '', body, flags=re.DOTALL)
     body = _IDS.sub(lambda found: f'{found[0]}{name}-', body)
     # Tenths of a point are finer than any screen shows.
-    body = _PATH.sub(lambda path: _DECIMALS.sub(r'.\1', path[0]), body)
+    body = _PATH.sub(lambda path: _DECIMALS.sub(r'.\1', path[0].replace(' \n', '')), body)
     body = body.replace('xlink:href', 'href')
     body = _COLOUR.sub(lambda found: f'var({variable(found[0])})', body)
     body = re.sub(r'\n\s*', '\n', body)

@@ -51,6 +51,7 @@ _SAME = 1e-9
 _BESIDE = (1.0 - 1e-9, 1.0, 1.0 + 1e-9)
 _NEWTON_STEPS = 12
 _STEP = 1e-6
+_SETTLED = 1e-9
 # Amplitudes as t with a = V (1 + t |t|): -1 at rest, 0 at the sliding limit, where the balance
 # has a cusp in a and none in t. Beyond 31 V no law has a cycle: friction brakes on both ways.
 _AT_REST, _AT_LIMIT = -1.0, 0.0
@@ -294,7 +295,24 @@ class _LevelSet:
             gain = self.balance(speed, better)
             nearer = np.abs(gain) < np.abs(value)
             t, value = np.where(nearer, better, t), np.where(nearer, gain, value)
+        scale = self._bearing.damping / self._bearing.mass or 1.0
+        for k in np.flatnonzero(np.abs(value) > _SETTLED * scale):
+            t[k] = self._between_rows(float(speed[k]), float(t[k]))
         return t
+
+    def _between_rows(self, speed: float, t: float) -> float:
+        """The zero at a speed that is nearest to a guess, where a law's corner stops Newton."""
+        from scipy.optimize import brentq
+
+        def gain(at: float) -> float:
+            return float(self.balance(np.array([speed]), np.array([at]))[0])
+
+        above = self.balance(np.full(_ROWS.shape, speed), _ROWS) > 0.0
+        changes = np.flatnonzero(above[1:] != above[:-1])
+        if not changes.size:
+            return t
+        row = int(changes[np.argmin(np.abs(_ROWS[changes] - t))])
+        return float(brentq(gain, _ROWS[row], _ROWS[row + 1], xtol=1e-15))
 
 
 def _spans(

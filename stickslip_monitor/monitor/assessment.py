@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray, flatten, in_blocks, restore
 from stickslip_monitor.physics.averaging import boundaries
-from stickslip_monitor.physics.belief import Belief, probability_runs
+from stickslip_monitor.physics.belief import Belief
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
 from stickslip_monitor.physics.cycle.cycles import exact_amplitude, exact_fold_speed
 from stickslip_monitor.physics.oscillator import Bearing, damping_per_load
@@ -358,21 +358,10 @@ class Assessment:
         """Whether tolerances or a calibration make probabilities."""
         return self._belief is not None
 
-    def remember_runs(self, before: float) -> float:
-        """Work out the probabilities that stick-slip runs, in order of time.
-
-        Args:
-            before: That before the first of the points.
-
-        Returns:
-            That after the last.
-        """
-        if self._belief is None:
-            return before
-        can, will = np.atleast_1d(self.probability_can), np.atleast_1d(self.probability_will)
-        runs = probability_runs(can, will, before)
-        self._known['probability_runs'] = restore(runs, np.shape(self.outcome_code))
-        return float(runs[-1]) if runs.size else before
+    def remember_runs(self, runs: Any) -> None:
+        """Take over the probabilities that stick-slip runs, which the rule has followed."""
+        if self._belief is not None:
+            self._known['probability_runs'] = runs
 
     @property
     def outcome(self) -> Any:

@@ -47,6 +47,7 @@ class Scan:
         until_ns: How long each counts: to the next one or to the loss of an input, (n,) [ns].
         speed: Surface speed of each, shape (n,) [m/s].
         load: Load of each, shape (n,) [N].
+        runs: The probability that stick-slip runs after each, shape (n,); 0 without a belief.
         rung: The alarm's rung after each, index into ``LADDER``, shape (n,).
         sticking: Whether stick-slip is predicted after each, shape (n,).
         measured: What the level says at each, index into ``MEASURED``; ``None`` without a level.
@@ -57,7 +58,6 @@ class Scan:
         now_ns: The monitor's time at each sample of the stream, shape (m,) [ns].
         status: What became of each of them, a :class:`Status`, shape (m,).
         counts: Samples by :class:`Input` and :class:`Status`, shape (3, 7).
-        runs: The probability that stick-slip ran before the first point.
         unknown: Why the level says nothing at the end; ``None`` where it does, or there is none.
         settings: What the rule took.
     """
@@ -67,6 +67,7 @@ class Scan:
     until_ns: IntArray
     speed: FloatArray
     load: FloatArray
+    runs: FloatArray
     rung: NDArray[np.int8]
     sticking: BoolArray
     measured: NDArray[np.int8] | None
@@ -77,7 +78,6 @@ class Scan:
     now_ns: IntArray
     status: NDArray[np.int8]
     counts: IntArray
-    runs: float
     unknown: Unknown | None
     settings: RuleSettings
 
@@ -106,12 +106,13 @@ def scan_bearing(
     return BearingScan(config, start_ns).finish(stream, end_ns)
 
 
-def lost_inputs(s: Any, c: Any) -> dict[str, float]:
+def lost_inputs(s: Any, c: Any, now: int) -> dict[str, float]:
     """The inputs whose values no longer stand, with their ages [s]; ``inf`` for none so far.
 
     Args:
         s: The memory.
         c: The settings.
+        now: At which time [ns].
     """
     found: dict[str, float] = {}
     if s.began == NEVER:
@@ -119,8 +120,8 @@ def lost_inputs(s: Any, c: Any) -> dict[str, float]:
     for place, name in enumerate(QUANTITIES):
         came = s.came[place]
         begun = s.began if came == NEVER else came
-        if s.now >= begun + rule.age_limit(s, c, place):
-            found[name] = math.inf if came == NEVER else (s.now - came) * 1e-9
+        if now >= begun + rule.age_limit(s, c, place):
+            found[name] = math.inf if came == NEVER else (now - came) / 1e9
     return found
 
 
@@ -177,7 +178,6 @@ class BearingScan:
         self._taken = self._jumps = self._sized = 0
         self._held: tuple[NDArray[Any], ...] | None = None
         self._last: tuple[float, float] | None = None
-        self._runs = 0.0
         if start_ns is not None:
             rule.pass_time(self.state, self.settings.live, start_ns)
 
@@ -196,7 +196,7 @@ class BearingScan:
 
     def _take(self, stream: Stream, end_ns: int | None, final: bool) -> Scan:
         size = stream.time_ns.size
-        notes, points = np.zeros((size, 7), np.int64), np.zeros((size, 2))
+        notes, points = np.zeros((size, 7), np.int64), np.zeros((size, 3))
         changes = self._run(stream, notes, points)
         made = np.flatnonzero(notes[:, rule.POINT])
         events = [self._event(points, made, row, state) for row, state in changes]
@@ -212,6 +212,7 @@ class BearingScan:
             notes[rows, rule.UNTIL],
             points[rows, 0],
             points[rows, 1],
+            points[rows, 2],
             notes[rows, rule.CONDITION].astype(np.int8),
             notes[rows, rule.STICKING] > 0,
             notes[rows, rule.MEASURED].astype(np.int8),
@@ -225,10 +226,7 @@ class BearingScan:
         out = max(new[0].size - (not final), 0)
         self._held = tuple(column[out:].copy() for column in new)
         self._taken += size
-        scan = self._scan(new, out, end_ns, (events, at), (notes[:, rule.NOW], status), stream)
-        if self.config.belief is not None and out:
-            self._runs = float(scan.assessment.probability_runs[-1])
-        return scan
+        return self._scan(new, out, end_ns, (events, at), (notes[:, rule.NOW], status), stream)
 
     def _scan(
         self,
@@ -239,7 +237,7 @@ class BearingScan:
         noted: tuple[IntArray, NDArray[np.int8]],
         stream: Stream,
     ) -> Scan:
-        time, until, speed, load, rung, sticking, measured, sample, stretch = columns
+        time, until, speed, load, runs, rung, sticking, measured, sample, stretch = columns
         now, status = noted
         following = np.append(time[1:], time[-1:] if end_ns is None else [end_ns])[: time.size]
         # Where the clock jumps back nobody can tell how long the point counted.
@@ -253,6 +251,7 @@ class BearingScan:
             lasting[:size],
             speed[:size],
             load[:size],
+            runs[:size],
             rung[:size],
             sticking[:size],
             measured[:size] if has_level else None,
@@ -262,7 +261,6 @@ class BearingScan:
             now,
             status,
             counts.reshape(len(Input), len(Status)),
-            self._runs,
             why_unknown(self.state, self.settings.live) if has_level else None,
             self.settings,
         )
@@ -320,9 +318,9 @@ class BearingScan:
         if at is not None:
             point = assessed(self.config, self.settings, float(at[0]), float(at[1]), state.runs)
         change = CONDITIONS[int(row[rule.BEFORE])], CONDITIONS[int(row[rule.AFTER])]
-        lost = lost_inputs(state, c) if state.lost else {}
-        standing = standing_of(state, c)
         time_ns, onset = int(row[rule.TIME]), bool(row[rule.ONSET])
+        lost = lost_inputs(state, c, time_ns) if state.lost else {}
+        standing = standing_of(state, c)
         return event_of(self.config, time_ns, change, point, standing, lost, onset)
 
     def _end(self, end_ns: int, points: FloatArray, made: IndexArray) -> list[Event]:

@@ -13,6 +13,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,25 +76,31 @@ class BearingMonitor:
     def retune(self, config: BearingConfig) -> None:
         """Take over new thresholds, delays, scales and timeouts.
 
-        Values of an input whose scale changes are forgotten; the memory of the lining stays.
+        Values that stand are converted into a new scale; the memory of the lining stays.
         """
-        old, self.config = self.config, config
+        old, self.config = self._settings.live, config
         self._settings = settings_of(config)
-        for place, name in enumerate(INPUTS):
-            before, after = old.inputs.get(name), config.inputs.get(name)
-            if before is None or after is None:
-                continue
-            if (before.scale, before.offset) != (after.scale, after.offset):
-                self._forget(place)
+        new = self._settings.live
+        for place in range(len(config.inputs)):
+            if (old.scale[place], old.offset[place]) != (new.scale[place], new.offset[place]):
+                self._rescale(place, old)
 
-    def _forget(self, place: int) -> None:
-        """Forget the values of an input, which were in another scale."""
-        state = self.state
+    def _rescale(self, place: int, old: Any) -> None:
+        """Convert what is remembered of an input from the old settings into those of now."""
+        state, new = self.state, self._settings.live
+
+        def converted(si: float) -> float:
+            number = (si / old.factor[place] - old.offset[place]) / old.scale[place]
+            return rule.si_value(new, place, number)
+
         if place == Input.LEVEL:
+            # Decibels of a number that has an offset cannot be converted: learn them anew.
             state.loudest, state.watched, state.vibrating = math.nan, 0, rule.UNKNOWN
             return
-        state.came[place] = NEVER
-        state.value[place] = state.before[place] = state.earlier[place] = math.nan
+        for values in (state.value, state.before, state.earlier):
+            values[place] = converted(values[place])
+        if place == Input.SPEED:
+            state.fast, state.slow = converted(state.fast), converted(state.slow)
 
     @property
     def now_ns(self) -> int | None:
@@ -126,7 +133,7 @@ class BearingMonitor:
 
     def lost(self) -> dict[str, float]:
         """The inputs that are lost at the latest time, with their ages [s]."""
-        return lost_inputs(self.state, self._settings.live)
+        return lost_inputs(self.state, self._settings.live, self.state.now)
 
     def is_lost(self, place: int) -> bool:
         """Whether an input does not count at the latest time."""
@@ -216,7 +223,7 @@ class BearingMonitor:
     def _event(self, before: int, time_ns: int, onset: bool = False) -> Event:
         point = self.verdict.assessment if self.verdict else None
         change = CONDITIONS[before], self.condition
-        lost = self.lost() if self.state.lost else {}
+        lost = lost_inputs(self.state, self._settings.live, time_ns) if self.state.lost else {}
         return event_of(self.config, time_ns, change, point, self.standing, lost, onset)
 
 

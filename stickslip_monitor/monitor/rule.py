@@ -353,7 +353,7 @@ def judge_lining(s: Any, c: Any, measured: int, near: bool) -> None:
         measured: What the level says.
         near: Whether the point is within the range of caution.
     """
-    starts = max(s.rate, s.median_rate) > 0.0
+    starts = s.median_rate > 0.0
     if near and measured == VIBRATING and s.raised & (1 << CAUTION) and not was_apart(s):
         s.course, starts = WITHIN, True
         s.growth = max(s.growth, c.onset_growth)
@@ -584,7 +584,7 @@ def run(
         row[CONDITION], row[STICKING] = condition(s), s.sticking
         if point:
             row[UNTIL], row[MEASURED] = standing_until(s, settings), measured_now(s, settings)
-            points[k][0], points[k][1] = s.value[SPEED], s.value[LOAD]
+            points[k][0], points[k][1], points[k][2] = s.value[SPEED], s.value[LOAD], s.runs
     return len(stamps), count
 
 

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
+from stickslip_monitor.monitor.alarms.annunciator import AlarmChange
 from stickslip_monitor.monitor.alarms.live_alarms import LiveAlarms, Log, Store
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.config import MonitorConfig
@@ -211,9 +212,11 @@ class Session:
             self._log.warning(f'{bearing}: {text}')
             self.alarms.note('input', f'{bearing}: {text}')
 
-    def act(self, request: ActionRequest) -> None:
-        """Do what a person asks for."""
-        self.alarms.act(request.action, request.by, request.bearing, request.kind, request.reason)
+    def act(self, request: ActionRequest) -> list[AlarmChange]:
+        """Do what a person asks for, and return what it changed."""
+        return self.alarms.act(
+            request.action, request.by, request.bearing, request.kind, request.reason
+        )
 
     def show(self, now: Moment) -> None:
         """Tell the state of every bearing."""

@@ -30,6 +30,7 @@ class Standing:
         sticking: Whether stick-slip is predicted to run.
         asked: The highest rung that the operating point by itself asks for.
         growth: How far a disturbance has grown while stick-slip is not predicted [e-folds].
+        delay: For how long it must be asked for before that rung is raised [s].
         clears: In how many seconds the rung clears if the point stays where it is; ``None``
             while the point holds it.
         raised: 1 for a rung that is raised, 2 for one that is held because it came back.
@@ -43,6 +44,7 @@ class Standing:
     sticking: bool = False
     asked: int = 0
     growth: float = 0.0
+    delay: float = 0.0
     clears: float | None = None
     raised: int = 0
     known: bool = False
@@ -62,6 +64,7 @@ QUIET = Standing()
 def standing_of(s: Any, c: Any) -> Standing:
     """What the alarm rests on, by the memory and the settings of a bearing."""
     rung, wanted = rule.rung_of(s), (s.raised & ~s.asks) | (s.asks & ~s.raised)
+    asked = int(wanted).bit_length()
     clears, raised = None, 0
     if rung:
         k = rung - 1
@@ -71,8 +74,9 @@ def standing_of(s: Any, c: Any) -> Standing:
     return Standing(
         rung,
         bool(s.sticking),
-        int(wanted).bit_length(),
+        asked,
         0.0 if s.sticking else s.growth,
+        rule.due(s, c, asked - 1) * 1e-9 if asked > rung else 0.0,
         clears,
         raised,
         bool(s.known),
@@ -235,8 +239,7 @@ def _what(config: BearingConfig, standing: Standing, point: Assessment) -> str:
     if standing.sticking and standing.measured is Measured.VIBRATING:
         return _measured_text(point)
     if standing.asked > standing.rung:
-        delay = config.alarm.on_delay_ns * 1e-9
-        return f'{asked.sentence[:-1]} for less than {delay:g} s: no alarm yet.'
+        return f'{asked.sentence[:-1]} for less than {standing.delay:.3g} s: no alarm yet.'
     if condition is Condition.CAUTION and point.stability_margin > _caution_margin(config):
         return 'Slowing towards stick-slip.'
     if condition is Condition.BISTABLE:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -17,9 +17,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange
-from stickslip_monitor.monitor.alarms.causes import AlarmKind
-from stickslip_monitor.monitor.alarms.requests import ROS_SERVICE, parse_request
-from stickslip_monitor.ros.graph import publishers_on
+from stickslip_monitor.monitor.alarms.requests import ROS_SERVICE, ActionRequest, parse_request
+from stickslip_monitor.ros.inputs import publishers_on
 from stickslip_monitor.ros.message_types import ROS_FAULTS
 
 TRIGGERS = {
@@ -38,38 +37,31 @@ SWITCHES = {
 _REQUESTS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
 
-class Act(Protocol):
-    """Does what a person asks for; see :meth:`.live_alarms.LiveAlarms.act`."""
-
-    def __call__(
-        self,
-        action: Action,
-        by: str,
-        bearing: str | None = None,
-        kind: AlarmKind | None = None,
-        reason: str = '',
-    ) -> list[AlarmChange]:
-        """Do it."""
-
-
 class Actions:
     """The services of an active node, and its topic ``~/actions``.
 
     Args:
         node: The node.
         bearings: Names of the bearings.
-        act: Called with the action, who asks, the bearing and the alarm (``None`` for all).
+        act: Does what a person asks for, and returns the changes.
     """
 
-    def __init__(self, node: LifecycleNode, bearings: list[str], act: Act) -> None:
-        self._node = node
-        self._act = act
-        self._bearings = bearings
+    def __init__(
+        self,
+        node: LifecycleNode,
+        bearings: list[str],
+        act: Callable[[ActionRequest], list[AlarmChange]],
+    ) -> None:
+        self._node, self._bearings, self._act = node, bearings, act
         self._services: list[Any] = []
         self._requests: Any = None
         try:
             for bearing in (None, *bearings):
-                self._offer(bearing)
+                prefix = '~' if bearing is None else f'~/{bearing}'
+                for name, action in TRIGGERS.items():
+                    self._serve(Trigger, f'{prefix}/{name}', bearing, action, action)
+                for name, (on, off) in SWITCHES.items():
+                    self._serve(SetBool, f'{prefix}/{name}', bearing, on, off)
             self._requests = node.create_subscription(
                 String, '~/actions', self._on_request, _REQUESTS
             )
@@ -97,42 +89,22 @@ class Actions:
         senders = ', '.join(publishers_on(self._node, '~/actions')) or 'a node that has gone'
         what = '/'.join(part for part in (request.bearing, request.kind) if part) or 'all alarms'
         self._log(f'{request.action} of {what} asked for by {request.by} over {senders}')
-        self._act(request.action, request.by, request.bearing, request.kind, request.reason)
+        self._act(request)
 
     def _log(self, text: str) -> None:
         self._node.get_logger().info(text)
 
-    def _offer(self, bearing: str | None) -> None:
-        prefix = '~' if bearing is None else f'~/{bearing}'
-        for name, action in TRIGGERS.items():
-            callback = self._trigger(action, bearing)
-            self._services.append(self._node.create_service(Trigger, f'{prefix}/{name}', callback))
-        for name, (on, off) in SWITCHES.items():
-            callback = self._switch(on, off, bearing)
-            self._services.append(self._node.create_service(SetBool, f'{prefix}/{name}', callback))
+    def _serve(self, kind: Any, name: str, bearing: str | None, on: Action, off: Action) -> None:
+        """Offer a service; of a Trigger both actions are one."""
 
-    def _trigger(self, action: Action, bearing: str | None) -> Callable[[Any, Any], Any]:
-        def serve(_: Any, response: Any) -> Any:
-            self._log(f'{action} of {bearing or "all bearings"} asked for by a {ROS_SERVICE} call')
-            changes = self._act(action, ROS_SERVICE, bearing)
-            response.success = bool(changes)
-            response.message = _answer(action, changes) or f'there is nothing to {action}'
-            return response
-
-        return serve
-
-    def _switch(self, on: Action, off: Action, bearing: str | None) -> Callable[[Any, Any], Any]:
         def serve(request: Any, response: Any) -> Any:
-            action = on if request.data else off
+            action = on if getattr(request, 'data', True) else off
             self._log(f'{action} of {bearing or "all bearings"} asked for by a {ROS_SERVICE} call')
-            changes = self._act(action, ROS_SERVICE, bearing)
-            response.success = True
-            response.message = _answer(action, changes) or 'it is so already'
+            changes = self._act(ActionRequest(action, ROS_SERVICE, bearing))
+            names = ', '.join(f'{change.bearing}/{change.kind}' for change in changes)
+            nothing = f'there is nothing to {action}' if on is off else 'it is so already'
+            response.success = bool(changes) or on is not off
+            response.message = f'{action}: {names}' if names else nothing
             return response
 
-        return serve
-
-
-def _answer(action: Action, changes: list[AlarmChange]) -> str:
-    names = ', '.join(f'{change.bearing}/{change.kind}' for change in changes)
-    return f'{action}: {names}' if names else ''
+        self._services.append(self._node.create_service(kind, name, serve))

@@ -1,11 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The definition of a message type as text, from what rclpy knows of it.
-
-The ``.msg`` files of a type are not part of every installation; its Python class always is. What
-it does not tell, constants and default values, has no part in how a message is encoded.
-
-Message types by name, the number in a message, and the time it carries.
-"""
+"""Message types by name: the number in a message, the time it carries, and its definition."""
 
 from __future__ import annotations
 
@@ -34,6 +28,9 @@ _BOUNDED = re.compile(r'(?P<kind>w?string)<(?P<most>\d+)>')
 
 def definition(name: str) -> str:
     """The concatenated ``ros2msg`` definition of a type such as ``sensor_msgs/msg/JointState``.
+
+    It comes from the Python class, as not every installation has the ``.msg`` files; constants and
+    default values, which that does not tell, have no part in how a message is encoded.
 
     Raises:
         RosError: It is not installed.

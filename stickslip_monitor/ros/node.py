@@ -6,7 +6,6 @@ from __future__ import annotations
 import functools
 import os
 import re
-import time
 import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,21 +15,19 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 
-from stickslip_monitor.errors import RosError, StickslipError
+from stickslip_monitor.errors import RosError, StickslipError, plural
 from stickslip_monitor.monitor.clip_recorder import ClipStore
 from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME
 from stickslip_monitor.monitor.configure import build_config
 from stickslip_monitor.monitor.health import NodeHealth
-from stickslip_monitor.monitor.session import Session
 from stickslip_monitor.ros import parameters
 from stickslip_monitor.ros.active import Active
-from stickslip_monitor.ros.event_clips import Clips
-from stickslip_monitor.ros.graph import RosGraph
-from stickslip_monitor.ros.inputs import check_inputs, resolved
+from stickslip_monitor.ros.configured import Configured, resolved
+from stickslip_monitor.ros.inputs import check_inputs
 from stickslip_monitor.ros.message_types import ROS_FAULTS
-from stickslip_monitor.ros.outputs import Outputs, output_names
-from stickslip_monitor.ros.state_file import StateFile, StateWriter
+from stickslip_monitor.ros.outputs import output_names
+from stickslip_monitor.state_file import StateFile
 
 FAILURE_PERIOD = 5.0
 
@@ -50,12 +47,10 @@ class MonitorNode(LifecycleNode):
     Attributes:
         config: The configuration in force.
         health: How the node itself is.
-        clips: Takes what the node hears and says, where clips are wanted.
     """
 
     # A node that could not be made is destroyed all the same.
-    clips: Clips | None = None
-    _configured: _Configured | None = None
+    _configured: Configured | None = None
     _active: Active | None = None
 
     def __init__(
@@ -64,18 +59,16 @@ class MonitorNode(LifecycleNode):
         super().__init__(
             NODE_NAME, automatically_declare_parameters_from_overrides=True, **options
         )
+        self._store, self._failure = store, ''
+        self.health = NodeHealth()
         parameters.check_time_source(self.get_parameter(parameters.USE_SIM_TIME).value)
         self.config = build_config(parameters.values(self))
         for note in self.config.notes:
             self.get_logger().warning(note)
         self._check(self.config)
-        self._store = store
-        self.clips = self._clips_of(self.config)
+        self._make_store(self.config)
         parameters.declare(self)
         self.add_on_set_parameters_callback(self._on_parameters)
-        self.health = NodeHealth()
-        self._failure = ''
-        self._simulated = False
 
     def start(self) -> None:
         """Configure and activate the node.
@@ -89,10 +82,6 @@ class MonitorNode(LifecycleNode):
         ):
             if trigger() != TransitionCallbackReturn.SUCCESS:
                 raise RosError(f'the node cannot {name}: {self._failure}')
-
-    def now_ns(self) -> int:
-        """ROS time [ns]; 0 while it is simulated and /clock has said nothing."""
-        return self.get_clock().now().nanoseconds if self._simulated else time.time_ns()
 
     def survived(self, callback: Callable[..., Any]) -> Callable[..., Any]:
         """The callback, whose exceptions are told and survived: the monitor goes on."""
@@ -118,18 +107,16 @@ class MonitorNode(LifecycleNode):
             f'a callback failed and is survived: {text}', throttle_duration_sec=FAILURE_PERIOD
         )
         if self.health.failures == 1:
-            self.note('node', f'a callback failed: {text}')
-
-    def note(self, what: str, text: str) -> None:
-        """Put something on record with the list of alarms."""
-        if self._configured is not None:
-            self._configured.session.alarms.note(what, text)
+            self._note('node', f'a callback failed: {text}')
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Build the monitor from the parameters and create the publishers."""
         self.health = NodeHealth()
+        # That takes a second for each.
+        bearings = plural(len(self.config.bearings), 'bearing')
+        self.get_logger().info(f'working out the boundaries of {bearings}')
         try:
-            self._configured = _Configured(self)
+            self._configured = Configured(self, self.config, self.health, self._make_store)
         except (*ROS_FAULTS, StickslipError) as error:
             return self._failed(f'it cannot be set up: {sentence(error)}')
         self._transition('configured, inactive')
@@ -138,20 +125,17 @@ class MonitorNode(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start listening; inputs are waited for from now on."""
         assert self._configured is not None
-        session = self._configured.session
-        self._simulated = self.get_parameter(parameters.USE_SIM_TIME).value is True
+        simulated = self.get_parameter(parameters.USE_SIM_TIME).value is True
         try:
-            active = Active(self, self, session, self._simulated)
+            active = Active(self, self._configured, self.survived, simulated)
         except ROS_FAULTS as error:
             return self._failed(f'its inputs cannot be subscribed to: {sentence(error)}')
         result = super().on_activate(state)
-        self.health.monitoring = True
         self._transition('active')
-        for line in _inputs_lines(self, session.config):
+        for line in _inputs_lines(self, self._configured.session.config):
             self.get_logger().info(line)
-        session.begin()
         self._active = active
-        active.tick()
+        active.begin()
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -176,27 +160,15 @@ class MonitorNode(LifecycleNode):
         """Say the last word, write what is left of clips and alarms, and go."""
         was_active = self._active is not None
         self._stop_listening()
-        if was_active and self._configured is not None:
-            self._configured.outputs.flush()
         if self._configured is not None:
+            if was_active:
+                self._configured.outputs.flush()
             self._configured.close()
         super().destroy_node()
 
-    def tick_clips(self) -> None:
-        """Let time pass for the clips."""
-        if self.clips is not None and self._configured is not None:
-            bearings = self._configured.session.monitor.bearings.values()
-            self.clips.tick(max((b.now_ns or 0 for b in bearings), default=0))
-
-    def look_at_files(self) -> None:
-        """Bring the health of what is written up to date."""
-        if self.clips is not None:
-            self.health.clip_fault = self.clips.fault
-        store = self._configured.store if self._configured else None
-        if store is not None:
-            before, self.health.state_file_fault = self.health.state_file_fault, store.fault
-            if store.fault and not before:
-                self.get_logger().error(store.fault)
+    def _note(self, what: str, text: str) -> None:
+        if self._configured is not None:
+            self._configured.note(what, text)
 
     def _failed(self, text: str) -> TransitionCallbackReturn:
         # Told here because rclpy says nothing of an exception in a transition.
@@ -207,18 +179,14 @@ class MonitorNode(LifecycleNode):
     def _transition(self, state: str) -> None:
         text = f'the monitor is {state}'
         self.get_logger().info(text)
-        self.note('lifecycle', text)
+        self._note('lifecycle', text)
 
     def _stop_listening(self) -> None:
         active, self._active = self._active, None
         if active is not None:
             active.destroy()
-            self.health.monitoring = False
             self._transition('inactive: the bearings are not monitored')
-            assert self._configured is not None
-            self._configured.session.end()
-        if self.clips is not None:
-            self.clips.close()
+            active.end()
 
     def _take_down(self) -> None:
         if self._configured is not None:
@@ -231,7 +199,8 @@ class MonitorNode(LifecycleNode):
         if config.state_file:
             StateFile(config.state_file).check()
 
-    def _clips_of(self, whole: MonitorConfig) -> Clips | None:
+    def _make_store(self, whole: MonitorConfig) -> ClipStore | None:
+        """What takes the clips of a configuration; ``None`` where it wants none."""
         config = whole.clips
         if not config.directory:
             return None
@@ -240,20 +209,22 @@ class MonitorNode(LifecycleNode):
                 f"clips.directory = '{config.directory}': this node was started without anything"
                 " that writes clips; run the executable 'monitor'"
             )
-        return Clips(self, config, self._store(config))
+        return self._store(config)
 
     def _on_parameters(self, changes: list[Parameter[Any]]) -> SetParametersResult:
         # Those of publishers and subscriptions are declared, and read-only, as these are made.
         changes = [each for each in changes if not each.name.startswith('qos_overrides.')]
         try:
-            active = self._active is not None
+            active, configured = self._active is not None, self._configured
             config, rebuilt = parameters.changed_config(self, changes, active)
             self._check(config)
             told = parameters.told_changes(self, changes)
-            if rebuilt:
-                self._rebuild(config)
-            elif self._configured is not None:
-                self._configured.session.retune(resolved(self, config))
+            if configured is None:
+                self._make_store(config)
+            elif rebuilt:
+                configured.rebuild(config)
+            else:
+                configured.retune(config)
             self.config = config
         except StickslipError as error:
             return SetParametersResult(successful=False, reason=str(error))
@@ -262,83 +233,19 @@ class MonitorNode(LifecycleNode):
             return SetParametersResult(successful=False, reason=f'it failed: {error}')
         for text in told:
             self.get_logger().info(text)
-            self.note('parameter', text)
+            self._note('parameter', text)
         return SetParametersResult(successful=True)
-
-    def _rebuild(self, config: MonitorConfig) -> None:
-        """Other inputs: only ever between activations."""
-        clips = self._clips_of(config)
-        self.config, self.clips = config, clips
-        if self._configured is not None:
-            self._configured.rebuild()
-
-
-class _Configured:
-    """What a configured node has: its session, its publishers and its state file.
-
-    Raises:
-        Exception: One of :data:`.message_types.ROS_FAULTS`, or a StickslipError.
-    """
-
-    def __init__(self, node: MonitorNode) -> None:
-        self._node = node
-        self.store: StateWriter | None = None
-        self.outputs = Outputs(node, node.config, node.health, node.clips)
-        try:
-            if node.config.state_file:
-                self.store = StateWriter(StateFile(node.config.state_file))
-            self.session = self._session()
-        except BaseException:
-            self.destroy()
-            raise
-
-    def _session(self) -> Session:
-        node = self._node
-        return Session(
-            resolved(node, node.config),
-            self.outputs,
-            node.get_logger(),
-            lambda: node.get_clock().now().nanoseconds,
-            self.store,
-            RosGraph(node),
-        )
-
-    def rebuild(self) -> None:
-        """Start afresh with the node's new configuration; the alarms stay as they are."""
-        node, old = self._node, self.session
-        self.outputs.destroy()
-        self.outputs = Outputs(node, node.config, node.health, node.clips)
-        self.session = self._session()
-        self.session.alarms.inherit(old.alarms)
-
-    def close(self) -> None:
-        """Write what is left."""
-        if self.store is not None:
-            self.store.close()
-            self.store = None
-
-    def destroy(self) -> None:
-        """Take everything down."""
-        self.outputs.destroy()
-        self.close()
 
 
 def _inputs_lines(node: MonitorNode, config: MonitorConfig) -> Iterator[str]:
     """What an active node does, for the log."""
     domain = os.environ.get('ROS_DOMAIN_ID') or '0'
-    count = len(config.bearings)
-    yield (
-        f'{node.get_fully_qualified_name()} monitors {count} bearing{"s" * (count != 1)} in ROS'
-        f' domain {domain}'
-    )
-    units = parameters.values(node)
+    bearings = plural(len(config.bearings), 'bearing')
+    yield f'{node.get_fully_qualified_name()} monitors {bearings} in ROS domain {domain}'
     for bearing in config.bearings:
         inputs = (
-            f'{name} in {units.get(f"{bearing.name}.{name}.unit", default)} from'
-            f' {source.topic} ({source.type}, {source.field_text})'
-            for (name, source), default in zip(
-                bearing.inputs.items(), ('rpm', 'N', 'm/s^2'), strict=False
-            )
+            f'{name} in {source.unit} from {source.topic} ({source.type}, {source.field_text})'
+            for name, source in bearing.inputs.items()
         )
         yield f'{bearing.name}: {", ".join(inputs)}'
 

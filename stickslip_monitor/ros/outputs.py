@@ -13,7 +13,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from std_msgs.msg import Float64, String
+from std_msgs.msg import String
 
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.health import DiagnosticRecord, NodeHealth, health_record
@@ -28,6 +28,7 @@ from stickslip_monitor.monitor.messages import (
 from stickslip_monitor.monitor.session import Sink
 from stickslip_monitor.monitor.verdict import Event, Verdict
 from stickslip_monitor.ros.event_clips import Clips
+from stickslip_monitor.ros.message_types import message_type
 
 WARNINGS_KEPT = 100
 ALARMS_KEPT = 20
@@ -75,11 +76,13 @@ class Outputs(Sink):
         self._alarms = make(String, '~/alarms', _latched(ALARMS_KEPT), **own_qos)
         self._records = make(String, '~/bearings', _reliable(), **own_qos)
         self._diagnostics = make(DiagnosticArray, '/diagnostics', _reliable(), **own_qos)
-        types = {'std_msgs/msg/Float64': Float64, 'std_msgs/msg/String': String}
-        kinds = output_topics(config.bearings, '~')
+        kinds = {
+            topic: message_type(kind)
+            for topic, kind in output_topics(config.bearings, '~').items()
+        }
         self._bearings = {
             bearing.name: [
-                (make(types[kinds[topic]], topic, _reliable()), types[kinds[topic]](), value)
+                (make(kinds[topic], topic, _reliable()), kinds[topic](), value)
                 # What is dearest to work out comes last.
                 for name, value in reversed(verdict_values(bearing).items())
                 for topic in [f'~/{bearing.name}/{name}']
@@ -90,13 +93,7 @@ class Outputs(Sink):
     def destroy(self) -> None:
         """Take the publishers down."""
         own = [publisher for group in self._bearings.values() for publisher, *_ in group]
-        for publisher in (
-            *own,
-            self._warnings,
-            self._alarms,
-            self._records,
-            self._diagnostics,
-        ):
+        for publisher in (*own, self._warnings, self._alarms, self._records, self._diagnostics):
             self._node.destroy_lifecycle_publisher(publisher)
 
     def take_verdict(self, verdict: Verdict) -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any, Protocol
+from typing import Any
 
 import rclpy
 from rclpy.duration import Duration
@@ -25,20 +25,8 @@ _QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 _CLOCK_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-class Recorded(Protocol):
-    """A recorded message, still encoded."""
-
-    @property
-    def topic(self) -> str:
-        """Its topic."""
-
-    @property
-    def log_time_ns(self) -> int:
-        """When it was recorded [ns]."""
-
-    @property
-    def data(self) -> bytes:
-        """The CDR-encoded message."""
+Recorded = tuple[str, int, bytes]
+"""Topic, when it was recorded [ns], and the message, still encoded."""
 
 
 class Player:
@@ -101,18 +89,18 @@ class Player:
             The number of messages published.
         """
         begin, first, now, played = time.monotonic(), None, None, 0
-        for message in messages:
-            if message.topic not in self._publishers:
+        for topic, time_ns, data in messages:
+            if topic not in self._publishers:
                 continue
             if first is None:
-                first = now = message.log_time_ns
-            self._run_clock(begin, first, message.log_time_ns, rate)
-            if message.log_time_ns != now or not played:
-                now = message.log_time_ns
+                first = time_ns
+            self._run_clock(begin, first, time_ns, rate)
+            if time_ns != now:
+                now = time_ns
                 self._publish_clock(now)
                 if progress is not None:
                     progress(now)
-            self._publish(self._publishers[message.topic], message.data)
+            self._publish(self._publishers[topic], data)
             played += 1
         for publisher in self._publishers.values():
             publisher.wait_for_all_acked(Duration(seconds=1.0))

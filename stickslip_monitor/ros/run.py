@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
+import socket
 import sys
+import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -21,7 +24,6 @@ from stickslip_monitor.monitor.clip_recorder import ClipStore
 from stickslip_monitor.monitor.config import ClipConfig
 from stickslip_monitor.ros.message_types import ROS_FAULTS
 from stickslip_monitor.ros.node import MonitorNode, sentence
-from stickslip_monitor.ros.service import ServiceManager
 
 LONGEST_WAIT = 0.2
 # Of UDP ports, of which DDS takes 250 for each domain.
@@ -43,6 +45,42 @@ def make_executor() -> Executor:
     except ImportError:
         return SingleThreadedExecutor()
     return EventsExecutor()
+
+
+class ServiceManager:
+    """What started the node, as far as it wants to be told, by the datagrams of sd_notify(3).
+
+    Without a service manager, which names its socket in ``NOTIFY_SOCKET``, nothing is told.
+
+    Args:
+        environment: What it has put into the environment.
+    """
+
+    def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
+        self._address = environment.get('NOTIFY_SOCKET', '')
+        if self._address.startswith('@'):
+            self._address = f'\0{self._address[1:]}'
+        limit = environment.get('WATCHDOG_USEC', '')
+        # Half the limit, as sd_watchdog_enabled(3) recommends.
+        self._period = 0.5e-6 * int(limit) if limit.isdecimal() else math.inf
+        self._told = -math.inf
+
+    def tell(self, state: str) -> None:
+        """Send a state, such as ``READY=1``; a manager that is gone is nothing to stop for."""
+        if not self._address:
+            return
+        try:
+            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as own:
+                own.sendto(state.encode(), self._address)
+        except OSError:
+            pass
+
+    def beat(self) -> None:
+        """Say that the node is alive, as often as the watchdog wants to hear it."""
+        now = time.monotonic()
+        if now - self._told >= self._period:
+            self._told = now
+            self.tell('WATCHDOG=1')
 
 
 def _spin(node: MonitorNode, told: Sequence[int]) -> None:
@@ -137,15 +175,11 @@ def _run(args: Sequence[str] | None, store: Callable[[ClipConfig], ClipStore] | 
         _spin(node, told)
     finally:
         # A second Ctrl-C (a launch system sends one too) must not break the way out.
-        _ignore_signals()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
-
-
-def _ignore_signals() -> None:
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)
 
 
 def main(

@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any, Protocol
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
@@ -50,6 +50,8 @@ _ALARMS = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 _RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+_NAME = 'stickslip_dashboard'
+"""What the security policy allows a reader to be called."""
 
 
 class Watcher:
@@ -70,7 +72,7 @@ class Watcher:
         self._listeners = {name.strip('/'): own for name, own in listeners.items()}
         self._hand_over = hand_over
         self._actions: dict[str, Any] = {}
-        self.node = Node('stickslip_dashboard')
+        self.node = Node(_NAME)
         name = diagnostics
         try:
             self.node.create_subscription(
@@ -109,12 +111,10 @@ class Watcher:
         for status in message.status:
             # Others publish on /diagnostics too, monitors in other namespaces among them.
             node, _, bearing = status.name.rpartition(': ')
-            if bearing == NODE_STATUS and status.hardware_id == node:
+            if _is_of_node(status):
                 if own := self._listeners.get(node):
                     self._hand_over(own.take_health, status.level[0], status.message)
-            elif status.hardware_id != hardware_id(node, bearing):
-                continue
-            elif node not in self._listeners:
+            elif node not in self._listeners and status.hardware_id == hardware_id(node, bearing):
                 for each in self._listeners.values():
                     self._hand_over(each.take_other, node)
 
@@ -135,6 +135,12 @@ class Watcher:
             return None
 
 
+def _is_of_node(status: DiagnosticStatus) -> bool:
+    """Whether a status is that of a monitor's node itself."""
+    node, _, what = status.name.rpartition(': ')
+    return what == NODE_STATUS and status.hardware_id == node
+
+
 @contextmanager
 def open_watcher(
     listeners: Mapping[str, Listener], diagnostics: str, hand_over: HandOver
@@ -143,23 +149,61 @@ def open_watcher(
 
     Signals are left to the program. See :class:`Watcher` for the arguments.
     """
+    with _ros():
+        watcher = Watcher(listeners, diagnostics, hand_over)
+        with _spun(watcher.node):
+            yield watcher
+
+
+@contextmanager
+def hear_health(diagnostics: str, take: Callable[[str, int, str], None]) -> Iterator[None]:
+    """Hand on full name, level and text of every monitor that tells how its node is.
+
+    ``take`` is called in another thread.
+
+    Raises:
+        RosError: The topic's name is none.
+    """
+
+    def on_diagnostics(message: DiagnosticArray) -> None:
+        for status in filter(_is_of_node, message.status):
+            take(f'/{status.hardware_id}', status.level[0], status.message)
+
+    with _ros():
+        node = Node(_NAME)
+        try:
+            node.create_subscription(DiagnosticArray, diagnostics, on_diagnostics, _RELIABLE)
+        except ROS_FAULTS as error:
+            node.destroy_node()
+            raise RosError(f"--diagnostics '{diagnostics}' is no name of a topic") from error
+        with _spun(node):
+            yield
+
+
+@contextmanager
+def _ros() -> Iterator[None]:
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        watcher = Watcher(listeners, diagnostics, hand_over)
-        executor = SingleThreadedExecutor()
-        executor.add_node(watcher.node)
-        thread = threading.Thread(target=_spin, args=(executor,), name='ros', daemon=True)
-        thread.start()
-        try:
-            yield watcher
-        finally:
-            executor.shutdown()
-            thread.join()
-            watcher.node.destroy_node()
+        yield
     finally:
         rclpy.try_shutdown()
 
 
-def _spin(executor: SingleThreadedExecutor) -> None:
-    with suppress(ExternalShutdownException):
-        executor.spin()
+@contextmanager
+def _spun(node: Node) -> Iterator[None]:
+    """Spin a node in a thread of its own, and destroy it in the end."""
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+
+    def spin() -> None:
+        with suppress(ExternalShutdownException):
+            executor.spin()
+
+    thread = threading.Thread(target=spin, name='ros', daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        executor.shutdown()
+        thread.join()
+        node.destroy_node()

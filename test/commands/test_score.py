@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
 import struct
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,8 +16,6 @@ from typing import Any
 
 import pytest
 import yaml
-from rosbags.rosbag2 import Reader
-from rosbags.typesys import Stores, get_typestore
 from scipy.optimize import brentq
 
 from stickslip_monitor.bags.reader import open_bag
@@ -28,7 +25,6 @@ from stickslip_monitor.cli import main
 ROOT = Path(__file__).parents[2]
 CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
 START = 1_700_000_000_000_000_000
-STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
 def scene(
@@ -163,16 +159,6 @@ def test_table_of_two_bags(slowing: str, knocked: str, capsys: pytest.CaptureFix
     assert 'never predicted' in out
 
 
-def test_bags_of_one_name_are_told_apart_by_their_paths(
-    tmp_path: Path, slowing: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    copy = tmp_path / 'other' / Path(slowing).name
-    shutil.copytree(slowing, copy)
-    _, out, _ = run(capsys, slowing, str(copy))
-    remarks = [line.split(': ')[0] for line in out.splitlines() if 'stick-slip from' in line]
-    assert remarks == [slowing, str(copy)]
-
-
 @pytest.mark.slow
 def test_a_missed_episode_and_a_false_alarm_give_code_1(
     tmp_path: Path, slowing: str, capsys: pytest.CaptureFixture[str]
@@ -247,22 +233,3 @@ def test_the_monitor_never_reads_the_truth(
         found[name] = json.loads(capsys.readouterr().out)['bearings']
     assert found['stripped'] == found['whole']
     assert found['spoilt'] == found['whole']
-
-
-def test_rosbags_reads_the_truth(slowing: str) -> None:
-    """Another reader: every type, in order of time."""
-    kinds: dict[str, str] = {}
-    events = []
-    last = 0
-    with Reader(Path(slowing)) as reader:
-        for connection, time, data in reader.messages():
-            message: Any = STORE.deserialize_cdr(data, connection.msgtype)
-            kinds[connection.topic] = connection.msgtype
-            assert time >= last
-            last = time
-            if connection.topic == '/truth/aft_stern/events':
-                events.append(json.loads(message.data))
-    told = {topic.removeprefix('/truth/aft_stern/') for topic in kinds if '/truth/' in topic}
-    assert told == {'speed', 'load', 'hopf_margin', 'fold_margin', 'amplitude', 'stick', 'events'}
-    assert [event['event'] for event in events] == ['start', 'first_stick', 'end']
-    assert {event['bearing'] for event in events} == {'aft_stern'}

@@ -166,13 +166,6 @@ def test_bad_input_is_one_sentence(
     assert words in error
 
 
-def test_options_of_scenes_are_refused_for_bags(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['score', 'bag']) == 2
-    assert '--config is missing' in capsys.readouterr().err
-    assert main(['score', 'bag', '--config', 'a.yaml', '--seeds', '2']) == 2
-    assert '--seeds, --first-seed and --sensors are for scenes' in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     'path', sorted((CONFIGS / 'scenes' / 'quality').glob('*.yaml')), ids=lambda path: path.stem
 )

@@ -37,7 +37,7 @@ from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.input_watch import InputState
 from stickslip_monitor.monitor.messages import bearing_record, state_of
 from stickslip_monitor.monitor.monitor import Monitor
-from stickslip_monitor.ros.state_file import StateFile, StateWriter
+from stickslip_monitor.state_file import StateFile, StateWriter
 
 VIEW = BearingView('aft_stern', 190.0, (0.0, 1.0), (0.0, 1.0), {}, 0.1, None, {})
 Happening = Callable[[WatchedMonitor, list[float]], Any]

@@ -46,17 +46,18 @@ def test_live_and_batch_say_the_same_to_the_last_bit(configure: Configure, runs:
         assert [getattr(point, name) for point in verdicts] == batch.tolist()
     assert event_records(events) == event_records(scan.events)
     assert all(event['probability_can'] > 0.0 for event in event_records(events))
-    assert 'Stick-slip can happen with' in events[0].text
+    assert 'Stick-slip is possible with' in events[0].text
 
 
 def test_memory_holds_what_began(configure: Configure) -> None:
     point = Monitor(configure(**TOLERANCE)).scan({'aft': passage()})['aft'].assessment
     down, up = point.speed.argmin() - 60, point.speed.argmin() + 60
     assert point.speed[down] == pytest.approx(point.speed[up], rel=0.02)
-    assert point.probability_runs[down] == pytest.approx(point.probability_will[down])
-    assert point.probability_runs[up] == pytest.approx(
-        min(point.probability_can[up], point.probability_will.max()), rel=1e-9
-    )
+    can, will, runs = point.probability_can, point.probability_will, point.probability_runs
+    # It goes by the median of three values, which is the one before: two points ago.
+    assert runs[down] == pytest.approx(will[down - 2])
+    most = will[point.speed.argmin() - 2]
+    assert runs[up] == pytest.approx(min(can[up - 2], most), rel=1e-9)
 
 
 def test_without_tolerances_nothing_is_said(configure: Configure) -> None:
@@ -67,7 +68,7 @@ def test_without_tolerances_nothing_is_said(configure: Configure) -> None:
     (first, *_) = Monitor(config).scan({'aft': passage()})['aft'].events
     (record,) = event_records([first])
     assert [record[name] for name in BELIEFS] == [None] * len(BELIEFS)
-    assert 'can happen' not in record['text']
+    assert 'is possible' not in record['text']
     topics = [set(output_topics(c.bearings, '/m')) for c in (config, configure(**TOLERANCE))]
     assert topics[1] - topics[0] == {f'/m/aft/{name}' for name in BELIEFS}
 
@@ -77,17 +78,23 @@ def conditions(config: MonitorConfig) -> list[str]:
 
 
 def test_caution_and_bistable_go_by_their_thresholds(configure: Configure) -> None:
-    config = configure(**TOLERANCE, alarm__caution_probability=0.2, alarm__can_probability=0.9)
+    config = configure(
+        **TOLERANCE,
+        alarm__caution_probability=0.2,
+        alarm__can_probability=0.9,
+        alarm__look_ahead=0.0,
+    )
     scan = Monitor(config).scan({'aft': passage()})['aft']
     can, rung = scan.assessment.probability_can, scan.rung
     down, up = can[: can.argmax()], can[can.argmax() :]
-    delay = 2.0 * 0.4 * RPM  # what the speed changes by within the delay
+    # What the speed changes by within the delay of four values, the median's and a period.
+    delay = 6.0 * 0.4 * RPM
     first = [int(np.argmax(rung >= k)) for k in (2, 3)]
     for k, limit in zip(first, (0.2, 0.9), strict=True):
         belief = config.bearing('aft').belief
         assert belief is not None
         crossing = belief.fold_speed(1000.0, 1.0 - limit)
-        assert crossing - 2.5 * delay < scan.assessment.speed[k] < crossing
+        assert crossing - delay < scan.assessment.speed[k] < crossing
     last = int(np.flatnonzero(rung >= 2)[-1])
     assert can[last] < 0.1 < up[0]
     assert down[0] < 0.2
@@ -104,10 +111,12 @@ def test_stick_slip_goes_by_its_threshold(configure: Configure, runs: float) -> 
     on = np.flatnonzero(scan.sticking)
     step = 0.4 * RPM
     begin, end = belief.hopf_speed(1000.0, 1.0 - runs), belief.fold_speed(1000.0, 1.0 - runs / 2)
-    assert begin - 1.1 * step < speed[on[0]] < begin * 1.001
-    assert speed[on[-1]] == pytest.approx(min(end, 60.0 * RPM), abs=1.1 * step)
+    # The rate of growth leans by the load alone, which is this share within 3 %.
+    assert speed[on[0]] == pytest.approx(begin, rel=0.03)
+    # It dies out for 1.2 s, and the median is a second behind.
+    assert speed[on[-1]] == pytest.approx(min(end, 60.0 * RPM), abs=3.5 * step)
     (event,) = (event for event in scan.events if event.after.value == 'stick_slip')
-    assert f'Ends above {end / RPM:.4g} rpm.' in event.text
+    assert f'Clears above {end / RPM:.3g} rpm.' in event.text
 
 
 def test_growth_leans_to_the_share_that_is_asked_for(configure: Configure) -> None:
@@ -141,7 +150,8 @@ def test_tolerances_that_say_almost_nothing_leave_the_ladder(configure: Configur
     # Caution is then the fold itself, but stick-slip begins and ends as ever.
     almost = conditions(configure(tolerance__damping=1e-6, alarm__onset_growth=0.0))
     exact = conditions(configure(alarm__onset_growth=0.0))
-    assert [c for c in almost if c != 'caution'] == [c for c in exact if c != 'caution']
+    about = {'caution', 'normal'}
+    assert [c for c in almost if c not in about] == [c for c in exact if c not in about]
     assert 'stick_slip' in almost
 
 

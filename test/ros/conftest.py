@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Real nodes in processes of their own, over real DDS, kept to this machine."""
+"""Real nodes over real DDS, kept to this machine: in this process, or in one of their own."""
 
 from __future__ import annotations
 
-import importlib
 import itertools
 import json
-import math
 import os
 import signal
 import socket
@@ -22,7 +20,7 @@ import pytest
 import yaml
 
 # Only a test that fails waits so long; a busy machine may need some of it.
-DEADLINE = 30.0
+DEADLINE = 60.0
 T0 = 1_700_000_000 * 10**9
 SECOND = 10**9
 JOINT = 'sensor_msgs/msg/JointState'
@@ -58,15 +56,6 @@ STAMPED = {
     # The node's tests send a few samples: the first below the Hopf speed decides.
     'alarm.onset_growth': 0.0,
     'alarm.off_delay': 1.5,
-}
-# The services that are called, and their types.
-SERVICES = {
-    'change_state': ('lifecycle_msgs', 'ChangeState'),
-    'set_parameters': ('rcl_interfaces', 'SetParameters'),
-    'set_parameters_atomically': ('rcl_interfaces', 'SetParametersAtomically'),
-    'get_parameters': ('rcl_interfaces', 'GetParameters'),
-    'describe_parameters': ('rcl_interfaces', 'DescribeParameters'),
-    'get_state': ('lifecycle_msgs', 'GetState'),
 }
 
 
@@ -120,125 +109,66 @@ class Peer:
         from rclpy.executors import SingleThreadedExecutor
 
         self.node = rclpy.create_node(name)
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self.node)
-        self.watched: list[Program] = []
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.watched: list[Any] = []
 
     def until(self, condition: Callable[[], Any], what: str, deadline: float = DEADLINE) -> Any:
         """Spin until a condition holds; fail at the deadline."""
         end = time.monotonic() + deadline
         while not (value := condition()):
             if time.monotonic() > end:
-                printed = '\n'.join(program.output for program in self.watched)
+                printed = '\n'.join(each.output for each in self.watched)
                 pytest.fail(f'{what}: not within {deadline:g} s; the programs printed:\n{printed}')
-            self._executor.spin_once(timeout_sec=0.02)
+            self.executor.spin_once(timeout_sec=0.02)
         return value
 
     def spin(self, seconds: float) -> None:
         """Let time pass."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
-            self._executor.spin_once(timeout_sec=left)
+            self.executor.spin_once(timeout_sec=left)
 
-    def listen(
-        self, kind: Any, topic: str, latched: bool = False, reliable: bool = True, **options: Any
-    ) -> list[Any]:
+    def listen(self, kind: Any, topic: str, latched: bool = False, reliable: bool = True) -> Any:
         """A list that fills with the messages of a topic."""
         from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+        reliability, durability = ReliabilityPolicy, DurabilityPolicy
         qos = QoSProfile(
             depth=2000,
-            reliability=(
-                ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
-            ),
-            durability=(
-                DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
-            ),
+            reliability=reliability.RELIABLE if reliable else reliability.BEST_EFFORT,
+            durability=durability.TRANSIENT_LOCAL if latched else durability.VOLATILE,
         )
         heard: list[Any] = []
-        self.node.create_subscription(kind, topic, heard.append, qos, **options)
+        self.node.create_subscription(kind, topic, heard.append, qos)
         return heard
 
     def talk(self, kind: Any, topic: str, wait: bool = True) -> Any:
         """A publisher that somebody already listens to."""
-        publisher = self.node.create_publisher(kind, topic, 500)
+        publisher = self.node.create_publisher(kind, topic, 2000)
         if wait:
             self.until(lambda: publisher.get_subscription_count(), f'a subscriber of {topic}')
         return publisher
 
-    def call(self, client: Any, request: Any, again: float = math.inf) -> Any:
-        """The answer of a service; a request that changes nothing may be sent again."""
-        self.until(client.service_is_ready, f'service {client.srv_name}')
-        future, sent = client.call_async(request), time.monotonic()
-
-        def answered() -> bool:
-            nonlocal future, sent
-            if time.monotonic() > sent + again:
-                client.remove_pending_request(future)
-                future, sent = client.call_async(request), time.monotonic()
-            return bool(future.done())
-
-        self.until(answered, f'answer of {client.srv_name}')
+    def call(self, kind: Any, service: str, **request: Any) -> Any:
+        """The answer of a service."""
+        client = self.node.create_client(kind, service)
+        self.until(client.service_is_ready, f'service {service}')
+        future = client.call_async(kind.Request(**request))
+        self.until(future.done, f'answer of {service}')
+        self.node.destroy_client(client)
         return future.result()
 
     def close(self) -> None:
-        self._executor.shutdown()
+        self.executor.shutdown()
         self.node.destroy_node()
 
 
-class Monitor(Program):
-    """The monitor's node, in a namespace of its own."""
+class Named:
+    """A node of the monitor in a namespace of its own, and how to hear it."""
 
-    def __init__(
-        self,
-        peer: Peer,
-        space: str,
-        folder: Path,
-        values: dict[str, Any],
-        *arguments: str,
-        clock: str | None = None,
-        diagnostics: str | None = None,
-    ) -> None:
-        self.peer, self.space = peer, space
-        self.values = values
-        file = folder / f'{space}.yaml'
-        file.write_text(yaml.safe_dump({'/**': {'ros__parameters': values}}))
-        command = [sys.executable, '-m', 'stickslip_monitor.live', '--ros-args']
-        command += ['--params-file', str(file), '-r', f'__ns:=/{space}']
-        command += [
-            '-r',
-            f'/diagnostics:={diagnostics or f"/{space}/diagnostics"}',
-            '-r',
-            f'/clock:={clock or f"/{space}/clock"}',
-        ]
-        self._clients = {service: self._client(service) for service in SERVICES}
-        self._met = False
-        super().__init__([*command, *arguments], folder / f'{space}.log')
-
-    def _client(self, service: str) -> Any:
-        package, kind = SERVICES[service]
-        services = importlib.import_module(f'{package}.srv')
-        return self.peer.node.create_client(getattr(services, kind), self.name(service))
-
-    def meet(self) -> None:
-        """Wait until the node's answers find their way to every client created so far.
-
-        That a service is ready is this side's view: a server that has not heard of the reader
-        of its answers gives up on sending one, and says so only in its log. But readers are
-        announced in the order of their creation, reliably. So an answer to a client created now
-        shows that those of all before it are known.
-        """
-        client = self._client('get_state')
-        self.peer.call(client, client.srv_type.Request(), again=1.0)
-        self.peer.node.destroy_client(client)
-        self._met = True
-
-    def call(self, service: str, again: float = math.inf, **request: Any) -> Any:
-        """The answer of one of the node's services; see :meth:`Peer.call`."""
-        if not self._met:
-            self.meet()
-        client = self._clients[service]
-        return self.peer.call(client, client.srv_type.Request(**request), again)
+    def __init__(self, peer: Peer, space: str, values: dict[str, Any]) -> None:
+        self.peer, self.space, self.values = peer, space, values
 
     def name(self, topic: str) -> str:
         """The full name of one of the node's own topics or services."""
@@ -248,100 +178,189 @@ class Monitor(Program):
         """The full name of an input topic."""
         return f'/{self.space}/{topic}'
 
-    def warnings(self, latched: bool = True) -> list[Any]:
-        """The list that fills with warnings; see :func:`events`."""
-        from std_msgs.msg import String
+    def listen(self, topic: str, kind: str = 'String', latched: bool = False) -> list[Any]:
+        """What comes on one of the node's own topics."""
+        import std_msgs.msg
 
-        topic = self.name('warnings')
-        heard = self.peer.listen(String, topic, latched)
-        self.peer.until(lambda: self.peer.node.count_publishers(topic), 'the node')
+        return self.peer.listen(getattr(std_msgs.msg, kind), self.name(topic), latched)
+
+    def talk(self, topic: str, kind: str = 'Float64') -> Callable[[Any], None]:
+        """What publishes a number on one of the node's inputs."""
+        import std_msgs.msg
+
+        message = getattr(std_msgs.msg, kind)
+        publisher = self.peer.talk(message, self.input(topic))
+        return lambda value: publisher.publish(message(data=value))
+
+    def warnings(self) -> list[Any]:
+        """The list that fills with warnings; see :func:`events`."""
+        heard = self.listen('warnings', latched=True)
+        count = self.peer.node.count_publishers
+        self.peer.until(lambda: count(self.name('warnings')), 'the node')
         return heard
 
     def diagnostics(self) -> list[Any]:
         from diagnostic_msgs.msg import DiagnosticArray
 
-        return self.peer.listen(DiagnosticArray, f'/{self.space}/diagnostics')
+        heard: list[Any] = self.peer.listen(DiagnosticArray, f'/{self.space}/diagnostics')
+        return heard
 
-    def state(self) -> str:
-        return str(self.call('get_state', again=1.0).current_state.label)
 
-    def change_state(self, transition: int, label: str = '') -> bool:
-        from lifecycle_msgs.msg import Transition
+class Log:
+    """A logger that keeps what it is told."""
 
-        request = Transition(id=transition, label=label)
-        return bool(self.call('change_state', transition=request).success)
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def __getattr__(self, level: str) -> Callable[..., None]:
+        return lambda text, **_: self.lines.append(f'[{level}] {text}')
+
+
+class Hosted(Named):
+    """The node in this process, spun with the test's own."""
+
+    def __init__(self, peer: Peer, space: str, values: dict[str, Any]) -> None:
+        from rclpy.parameter import Parameter
+
+        from stickslip_monitor.live import clip_store
+        from stickslip_monitor.ros.node import MonitorNode
+
+        super().__init__(peer, space, values)
+        self.log = log = Log()
+
+        class Node(MonitorNode):
+            def get_logger(self) -> Any:
+                return log
+
+        topics = [f'/{topic}:=/{space}/{topic}' for topic in ('diagnostics', 'clock')]
+        self.node: Any = Node(
+            clip_store,
+            namespace=space,
+            use_global_arguments=False,
+            cli_args=['--ros-args', *(word for topic in topics for word in ('-r', topic))],
+            parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
+        )
+        peer.executor.add_node(self.node)
+        if self.node.config.autostart:
+            self.node.start()
+
+    @property
+    def output(self) -> str:
+        return '\n'.join(self.log.lines)
 
     def set(self, atomically: bool = False, **values: Any) -> list[tuple[bool, str]]:
         """Set parameters (a double underscore stands for a dot); whether, and why not."""
         from rclpy.parameter import Parameter
 
-        changes = [
-            Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
-            for name, value in values.items()
-        ]
-        service = 'set_parameters_atomically' if atomically else 'set_parameters'
-        answer = self.call(service, parameters=changes)
-        results = [answer.result] if atomically else answer.results
+        changes = [Parameter(name.replace('__', '.'), value=v) for name, v in values.items()]
+        if atomically:
+            results = [self.node.set_parameters_atomically(changes)]
+        else:
+            results = self.node.set_parameters(changes)
         return [(result.successful, result.reason) for result in results]
 
     def get(self, *names: str) -> list[Any]:
-        from rclpy.parameter import parameter_value_to_python
+        return [self.node.get_parameter(name.replace('__', '.')).value for name in names]
 
-        answer = self.call('get_parameters', names=[name.replace('__', '.') for name in names])
-        return [parameter_value_to_python(value) for value in answer.values]
+    def go(self, *transitions: str) -> bool:
+        """Take transitions of the life cycle; whether all succeeded."""
+        return all(
+            getattr(self.node, f'trigger_{name}')().name == 'SUCCESS' for name in transitions
+        )
+
+    def end(self) -> None:
+        """What the process of the node does in the end."""
+        if self.node is not None:
+            self.peer.executor.remove_node(self.node)
+            self.node.destroy_node()
+            self.node = None
+
+
+class Monitor(Named, Program):
+    """The node in a process of its own."""
+
+    def __init__(
+        self, peer: Peer, space: str, folder: Path, values: dict[str, Any], *arguments: str
+    ) -> None:
+        Named.__init__(self, peer, space, values)
+        file = folder / f'{space}.yaml'
+        file.write_text(yaml.safe_dump({'/**': {'ros__parameters': values}}))
+        command = [sys.executable, '-m', 'stickslip_monitor.live', '--ros-args']
+        command += ['--params-file', str(file), '-r', f'__ns:=/{space}']
+        command += ['-r', f'/diagnostics:=/{space}/diagnostics', *arguments]
+        Program.__init__(self, command, folder / f'{space}.log')
 
 
 class Telemetry:
-    """Operating points for a node configured with STAMPED, and the values it answers with.
+    """Operating points at 10 Hz for a node configured with STAMPED, and what it answers.
 
     It begins with some points of 60 rpm and 1000 N, until node and test hear each other.
+
+    Attributes:
+        now: The latest stamp, after T0 [s].
     """
 
-    def __init__(self, monitor: Monitor, bearing: str = 'aft') -> None:
+    def __init__(self, monitor: Named, bearing: str = 'aft') -> None:
         from sensor_msgs.msg import JointState
-        from std_msgs.msg import Float64, String
 
-        self.peer = monitor.peer
+        self.peer, self.now, self._begun = monitor.peer, 0.0, time.monotonic()
         self._publisher = self.peer.talk(JointState, monitor.input('shaft'))
         numbers = ('amplitude', 'amplitude_exact', 'hopf_margin', 'fold_margin')
-        kinds = dict.fromkeys(numbers, Float64)
+        kinds = dict.fromkeys(numbers, 'Float64') | {'regime': 'String'}
         self.heard = {
-            name: self.peer.listen(kind, monitor.name(f'{bearing}/{name}'))
-            for name, kind in (kinds | {'regime': String}).items()
+            name: monitor.listen(f'{bearing}/{name}', kind) for name, kind in kinds.items()
         }
-        for second in range(-900, -700):
-            self.send(60.0, 1000.0, second)
+        while not all(self.heard.values()):
+            self.send(60.0, 1000.0)
             self.peer.spin(0.1)
-            if all(self.heard.values()):
-                break
         # Whatever is still on its way belongs to the greeting.
-        self.step(60.0, 1000.0, second + 1)
+        self.hold(60.0, 1000.0, 0.5)
 
-    def send(self, rpm: float | None, load: float | None, seconds: float) -> None:
-        """Publish one message; ``None`` leaves the array empty."""
+    def send(self, rpm: float | None, load: float | None, at: float | None = None) -> None:
+        """Publish one message, a tenth of a second after the one before or at a time of its own.
+
+        ``None`` leaves an array empty.
+        """
         from sensor_msgs.msg import JointState
 
-        message = JointState()
-        nanoseconds = T0 + round(seconds * SECOND)
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(nanoseconds, SECOND)
+        if at is None:
+            self.now = at = round(self.now + 0.1, 9)
+        message = stamped(JointState(), at)
         message.velocity = [] if rpm is None else [float(rpm)]
         message.effort = [] if load is None else [float(load)]
         self._publisher.publish(message)
 
-    def step(self, rpm: float, load: float, seconds: float, answers: int = 2) -> dict[str, Any]:
-        """Publish one operating point and return the answer to its load, which comes second.
+    def step(self, rpm: float, load: float) -> dict[str, Any]:
+        """Publish one operating point and return the answer to its load.
 
-        The first answer is to the new speed with the load before, unless that is too old.
+        It comes second, after that to the new speed with the load before; a node that is late
+        gives the last answer only.
         """
-        counts = {name: len(heard) for name, heard in self.heard.items()}
-        self.send(rpm, load, seconds)
-        self.peer.until(
-            lambda: all(
-                len(heard) >= counts[name] + answers for name, heard in self.heard.items()
-            ),
-            f'answer to {rpm} rpm, {load} N at {seconds} s',
-        )
+        before = {name: len(heard) for name, heard in self.heard.items()}
+        self.send(rpm, load)
+        patience = time.monotonic() + 0.5
+
+        def answered() -> bool:
+            count = min(len(heard) - before[name] for name, heard in self.heard.items())
+            return count >= 2 or (count == 1 and time.monotonic() > patience)
+
+        self.peer.until(answered, f'answer to {rpm} rpm, {load} N at {self.now} s')
         return {name: heard[-1].data for name, heard in self.heard.items()}
+
+    def hold(self, rpm: float, load: float, seconds: float) -> dict[str, Any]:
+        """An operating point for so long; the last answer.
+
+        Stamps may run ahead of the clock, but do not stay behind it: the watchdog goes by it.
+        """
+        self.now = max(self.now, round(time.monotonic() - self._begun, 1))
+        return [self.step(rpm, load) for _ in range(round(seconds * 10))][-1]
+
+
+def stamped(message: Any, seconds: float) -> Any:
+    """A message with a header, of that time after T0."""
+    nanoseconds = T0 + round(seconds * SECOND)
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(nanoseconds, SECOND)
+    return message
 
 
 def events(warnings: list[Any]) -> list[dict[str, Any]]:
@@ -405,8 +424,8 @@ def peer(_ros: None) -> Iterator[Peer]:
     """The test's own node."""
     peer = Peer(f'peer{next(_numbers)}')
     yield peer
-    for program in peer.watched:
-        program.end()
+    for each in peer.watched:
+        each.end()
     peer.close()
 
 
@@ -424,13 +443,24 @@ def run(peer: Peer, tmp_path: Path) -> Callable[..., Program]:
 
 @pytest.fixture
 def start(peer: Peer, tmp_path: Path) -> Callable[..., Monitor]:
-    """Starts a monitor from its parameters; it is stopped when the test ends."""
+    """Starts a monitor in a process from its parameters; it is stopped when the test ends."""
 
-    def start(values: dict[str, Any], *arguments: str, **topics: str) -> Monitor:
-        space = f't{next(_numbers)}'
-        monitor = Monitor(peer, space, tmp_path, values, *arguments, **topics)
+    def start(values: dict[str, Any], *arguments: str) -> Monitor:
+        monitor = Monitor(peer, f't{next(_numbers)}', tmp_path, values, *arguments)
         peer.watched.append(monitor)
         return monitor
+
+    return start
+
+
+@pytest.fixture
+def host(peer: Peer) -> Callable[..., Hosted]:
+    """Starts a monitor in this process; it ends with the test."""
+
+    def start(values: dict[str, Any]) -> Hosted:
+        hosted = Hosted(peer, f't{next(_numbers)}', values)
+        peer.watched.append(hosted)
+        return hosted
 
     return start
 
@@ -438,11 +468,11 @@ def start(peer: Peer, tmp_path: Path) -> Callable[..., Monitor]:
 @pytest.fixture(scope='session')
 def kit() -> SimpleNamespace:
     """What the test modules share, as they cannot import one another."""
-
     return SimpleNamespace(
         parameters=parameters,
         events=events,
         status=status,
+        stamped=stamped,
         Telemetry=Telemetry,
         DEADLINE=DEADLINE,
         T0=T0,

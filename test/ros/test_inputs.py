@@ -27,12 +27,6 @@ class _Node:
         self.queues: dict[str, deque[Any]] = {}
         self._callbacks: dict[str, Any] = {}
 
-    def now_ns(self) -> int:
-        return self.now
-
-    def survived(self, callback: Any) -> Any:
-        return callback
-
     def resolve_topic_name(self, topic: str) -> str:
         return topic
 
@@ -43,7 +37,7 @@ class _Node:
         self._callbacks[topic] = callback
 
         def take(*_: Any) -> Any:
-            return (waiting.popleft(), None) if waiting else None
+            return (waiting.popleft(), {}) if waiting else None
 
         handle = nullcontext()
         handle.take_message = take  # type: ignore[attr-defined]
@@ -84,7 +78,14 @@ def _inputs(node: Any, kind: str, field: str, receive: Any) -> Any:
             }
         values |= {f'{name}.{key}': value for key, value in own.items()}
     config = build_config(values)
-    return config, Inputs(node, config, receive, lambda: None, lambda: None, NodeHealth())
+
+    def deliver(numbers: Any) -> None:
+        for number in numbers:
+            receive(*number)
+
+    inputs = Inputs(node, config, deliver, lambda: node.now, lambda each: each, NodeHealth())
+    inputs.subscribe()
+    return config, inputs
 
 
 def test_messages_that_share_a_tick_of_the_clock_keep_their_order() -> None:

@@ -1,53 +1,94 @@
 # SPDX-License-Identifier: Apache-2.0
+"""What the node publishes: numbers, warnings and diagnostics."""
+
 from __future__ import annotations
 
 import math
-import signal
 import statistics
-import sys
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from stickslip_monitor import assess, build_config
+
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
-AT_ONCE = {'alarm.on_delay': 0.0, 'alarm.off_delay': 0.0}
-UNITS = {
-    'speed [m/s]',
-    'shaft speed [rpm]',
-    'load [N]',
-    'hopf speed [m/s]',
-    'fold speed [m/s]',
-    'hopf margin',
-    'fold margin',
-    'growth rate [1/s]',
-    'amplitude [m]',
-    'amplitude of the exact cycle [m]',
-    'error of the amplitude',
-    'threshold amplitude [m]',
-    'time to boundary [s]',
-    'growth [e-folds]',
-    'clears in [s]',
-    'raised lately',
-}
-TEXTS = {'reason', 'regime', 'outcome', 'stick-slip predicted'}
+# Reference bearing, 1000 N: Hopf speed 30.738 rpm, fold speed 40.7231 rpm (PHYSICS: closed forms);
+# caution below 1.1 * 40.7231 = 44.795 rpm, until above 1.12 * 40.7231 = 45.610 rpm.
+LEVELS = [(60.0, 'normal'), (42.0, 'caution'), (35.0, 'bistable'), (20.0, 'stick_slip')]
 
 
-@pytest.mark.slow
-def test_quality_of_service_of_every_topic(start: Any, kit: Any) -> None:
-    monitor = start(kit.parameters(kit.STAMPED))
-    monitor.warnings()
+def test_warnings_arrive_clear_and_are_kept_for_late_joiners(host: Any, kit: Any) -> None:
+    monitor = host(kit.parameters(kit.STAMPED))
+    warnings = monitor.warnings()
+    telemetry = kit.Telemetry(monitor)
+    for rpm, _ in [*LEVELS, (60.0, 'normal')]:
+        telemetry.hold(rpm, 1000.0, 4.0)
+    # The alarm of caution and bistable ends with that of stick-slip, 3 s after 60 rpm are back.
+    expected = [*pairwise(LEVELS), (LEVELS[-1], LEVELS[0])]
+
+    def changes() -> list[dict[str, Any]]:
+        return [e for e in kit.events(warnings) if e['from'] != e['to']]  # an onset is told, too
+
+    monitor.peer.until(lambda: len(changes()) >= len(expected), 'all events')
+    heard = changes()
+    assert [(e['from'], e['to']) for e in heard] == [(a[1], b[1]) for a, b in expected]
+    for event, (_, (rpm, to)) in zip(heard, expected, strict=True):
+        assert (event['schema'], event['bearing']) == ('stickslip_monitor/warning/1', 'aft')
+        assert (event['reason'], event['load'], event['input_age']) == (to, 1000.0, {})
+        assert event['speed'] == pytest.approx(math.pi * 0.1 * rpm / 60.0, rel=1e-12)
+        assert event['sticking'] is (to == 'stick_slip')
+        assert event['fold_margin'] == pytest.approx(rpm / 40.7231 - 1.0, abs=2e-6)
+        assert event['text'].startswith('aft: ')
+    late = monitor.warnings()
+    monitor.peer.until(lambda: len(late) >= len(warnings), 'latched warnings')
+    assert [message.data for message in late] == [message.data for message in warnings]
+
+
+def test_published_numbers_equal_the_assessment(host: Any, kit: Any) -> None:
+    values = kit.parameters(kit.STAMPED)
+    bearing = build_config(values).bearing('aft').bearing
+    telemetry = kit.Telemetry(host(values))
+    points = [(60, 1000), (35, 1000), (20, 1000), (20, 100), (0, 1000), (-20, 1000), (20, 0)]
+    answers = {}
+    for rpm, load in points:
+        answer = answers[rpm, load] = telemetry.step(rpm, load)
+        expected = assess(bearing, bearing.speed.to_surface(float(rpm), 'rpm'), float(load))
+        assert answer == {
+            'amplitude': 0.0 if math.isnan(expected.amplitude) else expected.amplitude,
+            'amplitude_exact': pytest.approx(
+                0.0 if math.isnan(expected.amplitude_exact) else expected.amplitude_exact,
+                rel=1e-6,
+            ),
+            'hopf_margin': expected.hopf_margin,
+            'fold_margin': expected.fold_margin,
+            'regime': expected.regime.value,
+        }
+    assert answers[20, 1000]['amplitude'] == pytest.approx(0.52688e-3, abs=5e-9)
+    # The exact column of PHYSICS.md.
+    assert answers[20, 1000]['amplitude_exact'] == pytest.approx(0.556755e-3, abs=1e-9)
+    nothing = {'amplitude': 0.0, 'amplitude_exact': 0.0, 'regime': 'stable'}
+    assert answers[20, 100] == nothing | {'hopf_margin': math.inf, 'fold_margin': math.inf}
+    regimes = [answers[key]['regime'] for key in ((60, 1000), (35, 1000), (0, 1000))]
+    assert regimes == ['stable', 'bistable', 'undetermined']
+    assert answers[-20, 1000] == answers[20, 1000]
+
+
+def test_quality_of_service_of_every_topic(host: Any, kit: Any) -> None:
+    monitor = host(kit.parameters(kit.STAMPED))
     node = monitor.peer.node
-    float64, string = 'std_msgs/msg/Float64', 'std_msgs/msg/String'
+    number = ('std_msgs/msg/Float64', 'RELIABLE', 'VOLATILE')
     expected = {
-        monitor.name('warnings'): (string, 'RELIABLE', 'TRANSIENT_LOCAL'),
-        monitor.name('aft/amplitude'): (float64, 'RELIABLE', 'VOLATILE'),
-        monitor.name('aft/amplitude_exact'): (float64, 'RELIABLE', 'VOLATILE'),
-        monitor.name('aft/hopf_margin'): (float64, 'RELIABLE', 'VOLATILE'),
-        monitor.name('aft/fold_margin'): (float64, 'RELIABLE', 'VOLATILE'),
-        monitor.name('aft/regime'): (string, 'RELIABLE', 'VOLATILE'),
+        monitor.name('warnings'): ('std_msgs/msg/String', 'RELIABLE', 'TRANSIENT_LOCAL'),
+        monitor.name('alarms'): ('std_msgs/msg/String', 'RELIABLE', 'TRANSIENT_LOCAL'),
+        monitor.name('bearings'): ('std_msgs/msg/String', 'RELIABLE', 'VOLATILE'),
+        monitor.name('aft/amplitude'): number,
+        monitor.name('aft/amplitude_exact'): number,
+        monitor.name('aft/hopf_margin'): number,
+        monitor.name('aft/fold_margin'): number,
+        monitor.name('aft/regime'): ('std_msgs/msg/String', 'RELIABLE', 'VOLATILE'),
         f'/{monitor.space}/diagnostics': (
             'diagnostic_msgs/msg/DiagnosticArray',
             'RELIABLE',
@@ -55,176 +96,101 @@ def test_quality_of_service_of_every_topic(start: Any, kit: Any) -> None:
         ),
     }
 
-    def found() -> dict[str, Any]:
-        return {
-            topic: (
-                info.topic_type,
-                info.qos_profile.reliability.name,
-                info.qos_profile.durability.name,
-            )
-            for topic in expected
-            for info in node.get_publishers_info_by_topic(topic)
-        }
+    def found(infos: list[Any]) -> list[tuple[str, str, str]]:
+        quality = [(info.topic_type, info.qos_profile) for info in infos]
+        return [(kind, q.reliability.name, q.durability.name) for kind, q in quality]
 
-    monitor.peer.until(lambda: found() == expected, f'{expected}, not {found()}')
-    topic = monitor.input('shaft')
-    monitor.peer.until(lambda: node.get_subscriptions_info_by_topic(topic), 'the subscription')
-    (info,) = node.get_subscriptions_info_by_topic(topic)
-    assert info.topic_type == kit.JOINT
-    assert info.qos_profile.reliability.name == 'BEST_EFFORT'
-    assert info.qos_profile.durability.name == 'VOLATILE'
+    for topic, quality in expected.items():
+        monitor.peer.until(
+            lambda t=topic, q=quality: found(node.get_publishers_info_by_topic(t)) == [q],
+            f'{topic}: {quality}',
+        )
+    inputs = node.get_subscriptions_info_by_topic(monitor.input('shaft'))
+    # Best effort matches every publisher.
+    assert found(inputs) == [(kit.JOINT, 'BEST_EFFORT', 'VOLATILE')]
 
 
-def test_diagnostics_come_every_second_and_at_once_on_a_change(start: Any, kit: Any) -> None:
-    monitor = start(kit.parameters(kit.STAMPED, AT_ONCE))
-    peer, diagnostics, warnings = monitor.peer, monitor.diagnostics(), monitor.warnings()
+def test_diagnostics_come_every_second_and_at_once_on_a_change(host: Any, kit: Any) -> None:
+    monitor = host(kit.parameters(kit.STAMPED))
+    peer, diagnostics = monitor.peer, monitor.diagnostics()
     telemetry = kit.Telemetry(monitor)
-
-    def steady() -> bool:
-        # Messages come at their second, also while nothing arrives.
-        return len(diagnostics) >= 5
-
     diagnostics.clear()
-    peer.until(steady, 'diagnostics')
+    peer.until(lambda: len(diagnostics) >= 4, 'diagnostics, also while nothing arrives')
     stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in diagnostics]
     gaps = [b - a for a, b in pairwise(stamps)]
-    assert statistics.median(gaps) == pytest.approx(1.0, abs=0.2)
+    assert statistics.median(gaps) == pytest.approx(1.0, abs=0.3)
 
     diagnostics.clear()
-    changes = 8
-    for k in range(changes):
-        telemetry.step(60.0 if k % 2 else 20.0, 1000.0, 10 + k)
-
-    def reasons() -> list[str]:
-        """What they said, without repetitions."""
-        said = [kit.status([message])['reason'] for message in diagnostics]
-        return [b for a, b in zip([None, *said], said, strict=False) if a != b]
-
-    # All these changes happen within a few tenths of a second.
-    peer.until(
-        lambda: (
-            len(warnings) >= changes
-            and reasons()[-len(warnings) :] == [e['to'] for e in kit.events(warnings)]
-        ),
-        'changes',
-    )
-
-    telemetry.step(20.0, 1000.0, 100)
-    peer.until(lambda: kit.status(diagnostics)['reason'] == 'stick_slip', 'stick-slip')
+    for rpm, _ in LEVELS:
+        telemetry.hold(rpm, 1000.0, 1.0)
+    peer.until(lambda: kit.status(diagnostics).get('reason') == 'stick_slip', 'stick-slip')
+    # Every change was told, though all of them happened within some tenths of a second.
+    said = {kit.status([message]).get('reason') for message in diagnostics}
+    assert {to for _, to in LEVELS[1:]} <= said
     record = kit.status(diagnostics)
-    assert record.pop('level') == b'\x02'
-    assert record.pop('name') == f'{monitor.space}/stickslip_monitor: aft'
-    assert record.pop('message').startswith('aft: Stick-slip predicted. At 20 rpm and 1 kN')
-    counts = {key for key in record if ' samples ' in key}
-    assert len(counts) == 12
-    assert set(record) == UNITS | TEXTS | counts
-    assert record['regime'] == 'unstable'
-    assert record['outcome'] == 'stick_slip'
-    assert record['stick-slip predicted'] == 'true'
-    numbers = {key: float(record[key]) for key in UNITS | counts}
-    assert numbers['shaft speed [rpm]'] == 20.0
-    assert numbers['speed [m/s]'] == pytest.approx(math.pi / 30.0, rel=1e-8)
-    assert numbers['load [N]'] == 1000.0
-    assert numbers['fold speed [m/s]'] == pytest.approx(0.2132256, abs=5e-8)
-    assert numbers['amplitude [m]'] == pytest.approx(0.52688e-3, abs=5e-9)
+    assert (record['level'], record['name']) == (
+        b'\x02',
+        f'{monitor.space}/stickslip_monitor: aft',
+    )
+    assert record['message'].startswith('aft: Stick-slip predicted. ')
+    words = [record[key] for key in ('regime', 'outcome', 'stick-slip predicted')]
+    assert words == ['unstable', 'stick_slip', 'true']
+    assert float(record['shaft speed [rpm]']) == 20.0
+    assert float(record['speed [m/s]']) == pytest.approx(math.pi / 30.0, rel=1e-8)
+    assert float(record['fold speed [m/s]']) == pytest.approx(0.2132256, abs=5e-8)
+    assert float(record['amplitude [m]']) == pytest.approx(0.52688e-3, abs=5e-9)
 
 
-@pytest.mark.slow
-def test_publish_period_thins_values_but_not_changes(start: Any, kit: Any) -> None:
-    monitor = start(kit.parameters(kit.STAMPED, AT_ONCE))
+def test_publish_period_thins_values_but_not_changes(host: Any, kit: Any) -> None:
+    monitor = host(kit.parameters(kit.STAMPED))
     warnings = monitor.warnings()
     telemetry = kit.Telemetry(monitor)
     assert monitor.set(publish_period=1000.0) == [(True, '')]
     telemetry.heard['regime'].clear()
-    for second in range(5):
-        telemetry.send(50.0, 1000.0, second)
-    telemetry.send(20.0, 1000.0, 10)
-    monitor.peer.until(lambda: telemetry.heard['regime'] and warnings, 'the change')
-    assert [m.data for m in telemetry.heard['regime']] == ['unstable']
+    for _ in range(20):
+        telemetry.send(20.0, 1000.0)
+    monitor.peer.until(
+        lambda: any(e['to'] == 'stick_slip' for e in kit.events(warnings)), 'the alarm'
+    )
+    # One for each change: of stick-slip that begins, and of the alarm.
+    assert 1 <= len(telemetry.heard['regime']) <= len(warnings)
 
 
-LISTENER = """
-import sys, rclpy
-from std_msgs.msg import Float64
-from rclpy.qos import QoSProfile, HistoryPolicy
-rclpy.init()
-node = rclpy.create_node('listener')
-keep_all = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
-node.create_subscription(Float64, sys.argv[1], lambda message: print(message.data), keep_all)
-try:
-    rclpy.spin(node)
-except BaseException:
-    pass
-"""
-
-
-@pytest.mark.slow
-def test_a_reader_that_stands_still_does_not_stop_the_node(start: Any, run: Any, kit: Any) -> None:
-    monitor = start(kit.parameters(kit.STAMPED, AT_ONCE))
-    peer, warnings = monitor.peer, monitor.warnings()
-    topic = monitor.name('aft/amplitude')
-    listener = run(sys.executable, '-c', LISTENER, topic)
-    telemetry = kit.Telemetry(monitor)
-    peer.until(lambda: peer.node.count_subscribers(topic) >= 2, 'the listener')
-    listener.process.send_signal(signal.SIGSTOP)
-    for k in range(300):
-        telemetry.send(60.0, 1000.0, k)
-        peer.spin(0.002)
-    telemetry.send(20.0, 1000.0, 1000)
-    peer.until(lambda: warnings, 'a warning all the same')
-    assert monitor.alive
-
-
-class Refusing:
-    """A publisher whose reliable queue is full."""
+class Reader:
+    """A publisher with so many readers, whose reliable queue may be full."""
 
     topic_name = 'aft/amplitude'
 
-    def publish(self, message: object) -> None:
-        from rclpy.impl.implementation_singleton import rclpy_implementation
-
-        raise rclpy_implementation.RCLError('cannot publish data')
-
-
-class Counted:
-    """A publisher with so many readers."""
-
-    topic_name = 'aft/amplitude'
-
-    def __init__(self, readers: int) -> None:
-        self.readers, self.published = readers, 0
+    def __init__(self, readers: int, full: bool = False) -> None:
+        self.readers, self.full, self.published = readers, full, 0
 
     def get_subscription_count(self) -> int:
         return self.readers
 
     def publish(self, message: object) -> None:
+        from rclpy.impl.implementation_singleton import rclpy_implementation
+
         self.published += 1
+        if self.full:
+            raise rclpy_implementation.RCLError('cannot publish data')
 
 
-def test_what_nobody_listens_to_is_neither_worked_out_nor_published() -> None:
+def test_what_nobody_listens_to_is_not_worked_out_and_what_fails_is_logged() -> None:
     from stickslip_monitor.ros.outputs import Outputs
 
     def never(point: object) -> float:
         raise AssertionError('worked out for nobody')
 
-    heard, unheard = Counted(1), Counted(0)
+    logged: list[str] = []
+    logger = SimpleNamespace(warning=lambda text, **options: logged.append(text))
+    heard, unheard, full = Reader(1), Reader(0), Reader(1, full=True)
     outputs: Any = Outputs.__new__(Outputs)
-    outputs._clips = None
+    outputs._clips, outputs._node = None, SimpleNamespace(get_logger=lambda: logger)
     message = SimpleNamespace()
     outputs._bearings = {
-        'aft': [(unheard, message, never), (heard, message, lambda point: 0.5)],
+        'aft': [(unheard, message, never)]
+        + [(each, message, lambda _: 0.5) for each in (full, heard)]
     }
     outputs.take_verdict(SimpleNamespace(assessment=None, bearing='aft', time_ns=1))
     assert (heard.published, unheard.published, message.data) == (1, 0, 0.5)
-
-
-def test_a_publication_that_fails_is_logged() -> None:
-    from stickslip_monitor.ros.outputs import Outputs
-
-    logged: list[str] = []
-    outputs = Outputs.__new__(Outputs)
-    logger = SimpleNamespace(warning=lambda text, **options: logged.append(text))
-    outputs._node = SimpleNamespace(get_logger=lambda: logger)  # type: ignore[assignment]
-    outputs._clips = None
-    outputs._send(Refusing(), object())
     assert logged == ['not published on aft/amplitude: cannot publish data']

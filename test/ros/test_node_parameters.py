@@ -8,15 +8,11 @@ import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
-AT_ONCE = {'alarm.on_delay': 0.0, 'alarm.off_delay': 0.0}
 
-
-@pytest.mark.slow
-def test_descriptors_have_ranges_units_and_rules(start: Any, kit: Any) -> None:
-    monitor = start(kit.parameters(kit.STAMPED))
+def test_descriptors_have_ranges_units_and_rules(host: Any, kit: Any) -> None:
     names = ['aft.mass', 'aft.alarm.hysteresis', 'aft.alarm.on_delay', 'aft.speed.unit']
-    answer = monitor.call('describe_parameters', names=names)
-    mass, hysteresis, on_delay, unit = answer.descriptors
+    answer = host(kit.parameters(kit.STAMPED)).node.describe_parameters(names)
+    mass, hysteresis, on_delay, unit = answer
     assert mass.description.startswith('Moving mass of the lining.')
     assert '[kg]' in mass.description
     assert 'Read-only while the node is active.' in mass.description
@@ -28,53 +24,47 @@ def test_descriptors_have_ranges_units_and_rules(start: Any, kit: Any) -> None:
     assert '[s]' in on_delay.description
     assert on_delay.additional_constraints.startswith('must be a')
     assert unit.additional_constraints == 'must be one of rpm, rad/s, Hz, m/s'
-    assert not any(item.read_only for item in answer.descriptors)
+    assert not any(item.read_only for item in answer)
 
 
-@pytest.mark.slow
-def test_thresholds_are_tuned_while_active(start: Any, kit: Any) -> None:
-    monitor = start(kit.parameters(kit.STAMPED, AT_ONCE | {'alarm.caution_margin': 0.1}))
+def test_thresholds_are_tuned_while_active(host: Any, kit: Any) -> None:
+    monitor = host(kit.parameters(kit.STAMPED))
     peer, warnings = monitor.peer, monitor.warnings()
     telemetry = kit.Telemetry(monitor)
 
-    def settle(rpm: float, load: float, start: int) -> Any:
-        """The answer to a point that has lasted: an operating point is a median of samples."""
-        return [telemetry.step(rpm, load, start + k) for k in range(8)][-1]
-
-    settle(46.0, 1000.0, 1)  # fold margin 0.13
+    telemetry.hold(46.0, 1000.0, 1.0)  # fold margin 0.13
     assert not warnings
-
     assert monitor.set(aft__alarm__caution_margin=0.2) == [(True, '')]
     assert monitor.get('aft.alarm.caution_margin') == [0.2]
-    settle(46.0, 1000.0, 9)
-    peer.until(lambda: warnings, 'caution')
-    assert kit.events(warnings)[-1]['to'] == 'caution'
+    telemetry.hold(46.0, 1000.0, 1.0)
+    peer.until(lambda: [e['to'] for e in kit.events(warnings)] == ['caution'], 'caution')
 
     # Two together, where each rests on the other; an integer for a number; the amplitude alarm.
     assert monitor.set(
         atomically=True, aft__alarm__minimum_speed=150, aft__speed__maximum=200
     ) == [(True, '')]
-    assert settle(20.0, 1000.0, 17)['regime'] == 'undetermined'  # at rest, as it is told
+    at_rest = telemetry.hold(20.0, 1000.0, 1.0)
+    assert at_rest['regime'] == 'undetermined'
     assert monitor.set(atomically=True, aft__alarm__minimum_speed=0, aft__speed__maximum=0.15) == [
         (True, '')
     ]
-    assert settle(20.0, 1000.0, 25)['regime'] == 'unstable'
+    assert telemetry.hold(20.0, 1000.0, 1.0)['regime'] == 'unstable'
+    # The load that stands is converted: the same number is twice the load from now on.
     assert monitor.set(aft__alarm__amplitude_limit=0.5e-3, aft__load__scale=2) == [(True, '')] * 2
-    answer = settle(20.0, 500.0, 33)
+    answer = telemetry.hold(20.0, 500.0, 1.0)
     assert answer['amplitude'] == pytest.approx(0.52688e-3, abs=5e-9)
     peer.until(lambda: kit.events(warnings)[-1]['to'] == 'amplitude_limit', 'the amplitude alarm')
 
 
-@pytest.mark.slow
-def test_bad_values_are_refused_with_name_value_and_rule(start: Any, kit: Any) -> None:
-    monitor = start(kit.parameters(kit.STAMPED))
+def test_bad_values_are_refused_with_name_value_and_rule(host: Any, kit: Any) -> None:
+    monitor = host(kit.parameters(kit.STAMPED))
 
     def refused(**changes: Any) -> str:
         before = monitor.get(*changes)
-        results = monitor.set(atomically=True, **changes)
-        assert [ok for ok, _ in results] == [False]
+        ((successful, reason),) = monitor.set(atomically=True, **changes)
+        assert not successful
         assert monitor.get(*changes) == before
-        return results[0][1]
+        return reason
 
     # Outside the descriptor's range it is rclpy that refuses, in its own words.
     text = refused(aft__alarm__hysteresis=0.95)
@@ -82,15 +72,11 @@ def test_bad_values_are_refused_with_name_value_and_rule(start: Any, kit: Any) -
     text = refused(aft__alarm__on_delay=-1)
     assert text.startswith('aft.alarm.on_delay = -1 must be a')
     assert 'not below 0' in text
-    text = refused(aft__speed__timeout=0.0)
-    assert text.startswith('aft.speed.timeout = 0.0 must be a')
-    assert 'above 0' in text
     assert 'must be a' in refused(aft__alarm__caution_margin='wide')
     assert 'aft.alarm.caution_margin' in refused(aft__alarm__caution_margin=math.nan)
     assert refused(aft__alarm__minimum_speed=100.0) == (
         'aft.alarm.minimum_speed = 100 m/s must be below aft.speed.maximum = 100 m/s'
     )
-    assert 'aft.speed.maximum' in refused(aft__alarm__minimum_speed=5.0, aft__speed__maximum=4.0)
     assert refused(use_sim_time='later')
     assert refused(use_sim_time=True, aft__alarm__on_delay=9.0) == (
         'use_sim_time = True cannot be set: it is read-only while the node is active;'
@@ -102,7 +88,6 @@ def test_bad_values_are_refused_with_name_value_and_rule(start: Any, kit: Any) -
     for changes in (
         {'aft__mass': 60.0},
         {'aft__speed__topic': 'elsewhere'},
-        {'aft__friction__static': 0.4},
         {'aft__alarm__on_delay': 1.0, 'aft__stiffness': 1e6},
     ):
         assert 'read-only while the node is active' in refused(**changes)
@@ -118,17 +103,15 @@ def test_bad_values_are_refused_with_name_value_and_rule(start: Any, kit: Any) -
     unset = {'aft__friction__speed': 'None', 'aft__level__threshold': 'None'}
     assert monitor.set(**unset) == [(True, '')] * 2
     assert monitor.set(aft__alarm__on_delay=2.5) == [(True, '')]
-    assert monitor.alive
 
 
-@pytest.mark.slow
-def test_geometry_and_topics_change_between_activations(start: Any, kit: Any) -> None:
+def test_geometry_and_topics_change_between_activations(host: Any, kit: Any) -> None:
     from sensor_msgs.msg import JointState
 
-    monitor = start(kit.parameters(kit.STAMPED))
+    monitor = host(kit.parameters(kit.STAMPED))
     telemetry = kit.Telemetry(monitor)
-    before = telemetry.step(20.0, 1000.0, 1)
-    assert monitor.change_state(4)
+    before = telemetry.step(20.0, 1000.0)
+    assert monitor.go('deactivate')
     refusals = monitor.set(aft__mass=-1.0, aft__speed__field='velocity')
     assert [ok for ok, _ in refusals] == [False, False]
     assert "field 'velocity'" in refusals[1][1]
@@ -138,15 +121,10 @@ def test_geometry_and_topics_change_between_activations(start: Any, kit: Any) ->
         aft__speed__topic='elsewhere',
         aft__load__topic='elsewhere',
     ) == [(True, '')]
-    assert monitor.change_state(3)
-    peer, heard = monitor.peer, telemetry.heard['fold_margin']
-    publisher = peer.talk(JointState, monitor.input('elsewhere'))
+    assert monitor.go('activate')
+    heard = telemetry.heard['fold_margin']
+    publisher = monitor.peer.talk(JointState, monitor.input('elsewhere'))
     heard.clear()
-
-    def answered() -> bool:
-        publisher.publish(JointState(velocity=[20.0], effort=[1000.0]))
-        peer.spin(0.05)
-        return bool(heard)
-
-    peer.until(answered, 'an answer')
+    publisher.publish(JointState(velocity=[20.0], effort=[1000.0]))
+    monitor.peer.until(lambda: heard, 'an answer')
     assert heard[-1].data == pytest.approx(2.0 * (1.0 + before['fold_margin']) - 1.0, rel=1e-12)

