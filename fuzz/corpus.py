@@ -228,10 +228,6 @@ ODD: dict[str, Odd] = {
         lambda: file(_pieces(Piece(messages(20), most_entries=5)), counts={1: 25, 2: 25}),
         "its statistics count 25 messages of '" + SPEED, 30, 30,
     ),
-    'index lacks a channel, no summary': Odd(
-        lambda: file(_pieces(Piece(messages(20), left_out=frozenset({1}))), summary=False),
-        _ALL, 30, 30,
-    ),
     'statistics count more': Odd(
         lambda: file(_pieces(Piece(messages(20))), counts={1: 31, 2: 30}),
         f"its statistics count 31 messages of '{SPEED}', and 30 can be read", 30, 30,

@@ -73,15 +73,6 @@ def test_the_parameters_of_the_links_are_fresh(make_docs: ModuleType) -> None:
     assert '| `signalk.url` |' in page
 
 
-def test_a_stale_page_is_noticed(make_docs: ModuleType, tmp_path: Path) -> None:
-    page = tmp_path / 'configuration.md'
-    for content in (None, make_docs.render().replace('| `mass` |', '| `weight` |')):
-        if content is not None:
-            page.write_text(content, encoding='utf-8')
-        with pytest.raises(AssertionError, match=r'is stale: run `python scripts/make_docs\.py`'):
-            _check_fresh(page, make_docs.render(), make_docs.COMMAND)
-
-
 def test_every_parameter_has_one_row(make_docs: ModuleType) -> None:
     rows = re.findall(r'^\| `([a-z_.<>]+)` \|', make_docs.render(), flags=re.MULTILINE)
     found = [
@@ -308,5 +299,6 @@ def test_the_plan_of_the_house_is_that_of_the_layers() -> None:
     plan = (DOCS / 'design.md').read_text('utf-8').partition('## Three walks')[0]
     rows = re.findall(r'^\| `(\w+)` \|.*\| ((?:`\w+`(?:, )?)+) \| `', plan, re.MULTILINE)
     rooms = {room: tuple(re.findall(r'\w+', builds_on)) for room, builds_on in rows}
-    shared = {'errors', 'files', 'arrays', 'fields', 'jit', 'root', 'cli', '__main__'}
+    package = ROOT / 'stickslip_monitor'
+    shared = {part for part in layers.BUILDS_ON if not (package / part).is_dir()} - {'live'}
     assert rooms == {k: v for k, v in layers.BUILDS_ON.items() if k not in shared}

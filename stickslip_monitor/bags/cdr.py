@@ -229,11 +229,8 @@ class Token(NamedTuple):
     length: int | None = 1
 
 
-class Layout(NamedTuple):
-    """Tokens of a message and, for each number wanted, its token and its place in it."""
-
-    tokens: Sequence[Token]
-    targets: Sequence[tuple[int, int]]
+Layout = tuple[Sequence[Token], Sequence[tuple[int, int]]]
+"""Tokens of a message and, for each number wanted, its token and its place in it."""
 
 
 def compile_layout(
@@ -256,12 +253,11 @@ def compile_layout(
             return None
         numbers[path] = len(tokens)
         tokens.append(token)
-    return Layout(tokens, [_target(numbers, path) for path in paths])
-
-
-def _target(numbers: dict[FieldPath, int], path: FieldPath) -> tuple[int, int]:
-    element = path[-1]
-    return (numbers[path[:-1]], element) if isinstance(element, int) else (numbers[path], 0)
+    elements = [path[-1] if isinstance(path[-1], int) else None for path in paths]
+    return tokens, [
+        (numbers[path], 0) if element is None else (numbers[path[:-1]], element)
+        for path, element in zip(paths, elements, strict=True)
+    ]
 
 
 def _tokens(
@@ -291,64 +287,53 @@ def _tokens(
                     yield from _tokens(definitions, member.base, own)
 
 
-class Gather:
-    """Numbers gathered from messages in one byte order.
+def _gather(
+    layout: Layout, data: bytes, base: IntArray, size: IntArray, order: str
+) -> tuple[list[NDArray[Any]], BoolArray]:
+    """Gather numbers from messages by stepping through all of them at once.
 
     Args:
-        data: What the messages lie in.
+        layout: Their layout.
+        data: What they lie in.
         base: Where each message's CDR data begins in it, behind its encapsulation head.
-        size: How long it is.
-        big_endian: Its byte order.
+        size: How long it is [bytes].
+        order: Its byte order, as numpy writes it.
 
-    Attributes:
-        sound: False for messages that have anything unusual: only the decoder can tell what they
-            hold.
+    Returns:
+        An array for each number, and for which messages they count: only the decoder can tell what
+        a message holds that has anything unusual.
     """
+    sound = np.ones(len(base), np.bool_)
 
-    def __init__(self, data: bytes, base: IntArray, size: IntArray, big_endian: bool) -> None:
-        self._data, self._base, self._size = data, base, size
-        self._order = '>' if big_endian else '<'
-        self.sound: BoolArray = np.ones(len(base), np.bool_)
-
-    def run(self, layout: Layout) -> list[NDArray[Any]]:
-        """Step through all messages.
-
-        Args:
-            layout: Their layout.
-
-        Returns:
-            One array per target, meaningful where ``sound``.
-        """
-        found: dict[tuple[int, int], NDArray[Any]] = {}
-        place: int | IntArray = 0
-        for number, (code, count) in enumerate(layout.tokens):
-            # A byte that is neither 0 nor 1 is still a bool, but not one numpy can hold.
-            stored, size = 'u1' if code == '?' else code, np.dtype(code).itemsize
-            length: int | IntArray = count or 0
-            if count is None:
-                place = _align(place, 4)
-                length = self._fetch('u4', place).astype(np.int64)
-                place = place + 4
-            begin = _align(place, size)
-            for target in layout.targets:
-                if target[0] == number and target not in found:
-                    self.sound &= target[1] < length
-                    values = self._fetch(stored, begin + target[1] * size)
-                    found[target] = values != 0 if code == '?' else values
-            end = begin + length * size
-            # Nothing is aligned for the items of a sequence that has none.
-            place = np.where(length > 0, end, place) if count is None else end
-        self.sound &= place <= self._size
-        return [found[target] for target in layout.targets]
-
-    def _fetch(self, code: str, place: int | IntArray) -> NDArray[Any]:
-        numbers = view(self._data, self._order + code)
-        self.sound &= place + numbers.itemsize <= self._size
-        spot = self._base + place
-        if not self.sound.all():
-            spot = np.where(self.sound, spot, 0)
-        found: NDArray[Any] = numbers[spot]
+    def fetch(code: str, place: int | IntArray) -> NDArray[Any]:
+        numbers = view(data, order + code)
+        np.logical_and(sound, place + numbers.itemsize <= size, out=sound)
+        spot = base + place
+        found: NDArray[Any] = numbers[spot if sound.all() else np.where(sound, spot, 0)]
         return found
+
+    tokens, targets = layout
+    found: dict[tuple[int, int], NDArray[Any]] = {}
+    place: int | IntArray = 0
+    for number, (code, count) in enumerate(tokens):
+        # A byte that is neither 0 nor 1 is still a bool, but not one numpy can hold.
+        stored, width = 'u1' if code == '?' else code, np.dtype(code).itemsize
+        length: int | IntArray = count or 0
+        if count is None:
+            place = _align(place, 4)
+            length = fetch('u4', place).astype(np.int64)
+            place = place + 4
+        begin = _align(place, width)
+        for target in targets:
+            if target[0] == number and target not in found:
+                sound &= target[1] < length
+                values = fetch(stored, begin + target[1] * width)
+                found[target] = values != 0 if code == '?' else values
+        end = begin + length * width
+        # Nothing is aligned for the items of a sequence that has none.
+        place = np.where(length > 0, end, place) if count is None else end
+    sound &= place <= size
+    return [found[target] for target in targets], sound
 
 
 def _align(place: int | IntArray, size: int) -> int | IntArray:
@@ -447,34 +432,35 @@ class FieldReader:
                 # Messages are rarely mixed, and a slice costs nothing where a selection copies.
                 is_all = mine.all()
                 chosen = rows if is_all else np.arange(count)[rows][mine]
-                self._gather(data, offset, size, chosen, code == _CDR_BE, numbers)
+                order = '>' if code == _CDR_BE else '<'
+                self._fill(numbers, data, offset, size, chosen, order)
                 if is_all:
                     return numbers
         other = kind[(kind != _CDR_LE) & (kind != _CDR_BE)]
         numbers.encapsulations.update(other.byteswap().tolist())
         return numbers
 
-    def _gather(
+    def _fill(
         self,
+        numbers: FieldNumbers,
         data: bytes,
         offset: IntArray,
         size: IntArray,
         chosen: slice | IntArray,
-        big_endian: bool,
-        numbers: FieldNumbers,
+        order: str,
     ) -> None:
         """Fill in messages in one byte order."""
         base, length = offset[chosen], size[chosen]
         rest = np.arange(len(base))
         if self._layout is not None:
-            gather = Gather(data, base + _ENCAPSULATION, length - _ENCAPSULATION, big_endian)
-            found = gather.run(self._layout)
+            base, length = base + _ENCAPSULATION, length - _ENCAPSULATION
+            found, sound = _gather(self._layout, data, base, length, order)
             for row, values in zip(numbers.values, found, strict=False):
                 row[chosen] = values
             if numbers.stamp_ns is not None:
                 sec, nanosec = (part.astype(np.int64) for part in found[-2:])
                 numbers.stamp_ns[chosen] = sec * _SECOND + nanosec
-            rest = np.flatnonzero(~gather.sound)
+            rest = np.flatnonzero(~sound)
         for place in np.arange(len(offset))[chosen][rest].tolist() if rest.size else ():
             begin = int(offset[place])
             self._decode_alone(data[begin : begin + int(size[place])], place, numbers)

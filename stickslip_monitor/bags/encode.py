@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""CDR data of the few message types this package writes itself, little-endian.
-
-The message types this package writes itself: definition and ROS 2 type hash of each.
-"""
+"""The message types this package writes itself: definition, type hash, and little-endian CDR."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -21,6 +21,11 @@ _LARGEST = 8 << 20
 _DEEPEST = 30
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
+_NOT_METADATA = (
+    yaml.YAMLError, LookupError, TypeError, ValueError, AttributeError, OverflowError,
+    RecursionError,
+)  # fmt: skip
+
 
 @dataclass(frozen=True, slots=True)
 class Metadata:
@@ -30,14 +35,15 @@ class Metadata:
     message_count: int
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class TopicEntry:
-    """One topic as the writer lists it."""
+    """One topic as the writer lists it, with the number of its channel."""
 
     name: str
     type: str
     type_hash: str
-    count: int
+    channel: int
+    count: int = 0
 
 
 def read_metadata(folder: Path) -> Metadata | str:
@@ -62,16 +68,7 @@ def read_metadata(folder: Path) -> Metadata | str:
         return f"folder '{folder}' has no {FILE_NAME}"
     except OSError as error:
         return f"'{path}' cannot be read: {error.strerror}"
-    except (
-        yaml.YAMLError,
-        UnicodeDecodeError,
-        LookupError,
-        TypeError,
-        ValueError,
-        AttributeError,
-        OverflowError,
-        RecursionError,
-    ):
+    except _NOT_METADATA:
         return f"'{path}' is not rosbag2 metadata"
 
 
@@ -101,7 +98,9 @@ def _check_kind(folder: Path, information: Mapping[str, Any]) -> None:
         )
 
 
-def render_metadata(file_name: str, start_ns: int, end_ns: int, topics: list[TopicEntry]) -> str:
+def render_metadata(
+    file_name: str, start_ns: int, end_ns: int, topics: Collection[TopicEntry]
+) -> str:
     """Render the metadata of a recording that is one file.
 
     Args:

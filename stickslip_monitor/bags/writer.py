@@ -333,14 +333,6 @@ def _bytes(record: McapRecord) -> bytes:
     return bytes(builder.end())  # type: ignore[no-untyped-call]
 
 
-@dataclass(slots=True)
-class _Topic:
-    channel: int
-    type: str
-    type_hash: str
-    count: int = 0
-
-
 class BagWriter:
     """Writes a recording, used as a context manager.
 
@@ -375,7 +367,7 @@ class BagWriter:
         self._is_file = self.path.suffix == _SUFFIX
         self._label = label
         self._is_broken = False
-        self._topics: dict[str, _Topic] = {}
+        self._topics: dict[str, TopicEntry] = {}
         self._schemas: dict[str, tuple[int, MessageType]] = {}
         self._start_ns = _LATEST
         self._end_ns = 0
@@ -430,7 +422,7 @@ class BagWriter:
                 number = self._records.add_schema(type, known.definition)
                 self._schemas[type] = number, known
             channel = self._records.add_channel(name, self._schemas[type][0], known.type_hash)
-        self._topics[name] = _Topic(channel, type, known.type_hash)
+        self._topics[name] = TopicEntry(name, type, known.type_hash, channel)
 
     def write(self, topic: str, log_time_ns: int, data: bytes) -> None:
         """Write one message.
@@ -520,7 +512,7 @@ class BagWriter:
             self._file.truncate(begin + (HEAD.size + HEAD.unpack(head)[1]) // 2)
         self._is_broken = True
 
-    def _entry(self, topic: str) -> _Topic:
+    def _entry(self, topic: str) -> TopicEntry:
         if topic not in self._topics:
             raise BagError(f"topic '{topic}' was not added to bag '{self.path}'")
         return self._topics[topic]
@@ -561,13 +553,8 @@ class BagWriter:
             self._records.finish()
         self._file.close()
         if not (self._is_file or self._is_broken):
-            topics = [
-                TopicEntry(name, topic.type, topic.type_hash, topic.count)
-                for name, topic in self._topics.items()
-            ]
-            text = render_metadata(
-                self._file_name, min(self._start_ns, self._end_ns), self._end_ns, topics
-            )
+            start_ns = min(self._start_ns, self._end_ns)
+            text = render_metadata(self._file_name, start_ns, self._end_ns, self._topics.values())
             (self._draft / FILE_NAME).write_text(text, 'utf-8')
         self._refuse_existing()
         self._draft.rename(self.path)

@@ -19,6 +19,7 @@ from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA
 from stickslip_monitor.monitor.alarms.annunciator import Action
 from stickslip_monitor.monitor.alarms.lifecycle import TABLE, AlarmState
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
+from stickslip_monitor.monitor.messages import POINT_NUMBERS
 from stickslip_monitor.monitor.signals import Status
 
 SILENT = 3.0
@@ -87,23 +88,8 @@ def _each(readers: Mapping[str, Reader]) -> Reader:
     return lambda value: [_fields(document, readers) for document in _must(list)(value)]
 
 
-NUMBERS = (
-    'speed',
-    'rpm',
-    'load',
-    'hopf_speed',
-    'fold_speed',
-    'hopf_margin',
-    'fold_margin',
-    'growth_rate',
-    'amplitude',
-    'amplitude_exact',
-    'threshold_amplitude',
-    'probability_can',
-    'probability_will',
-    'probability_runs',
-)
-"""The numbers of an operating point that page and metrics show."""
+NUMBERS = ('rpm', *POINT_NUMBERS)
+"""The numbers of a record."""
 NOT_MONITORING = 'not_monitoring'
 """The reason of a bearing whose node is not active."""
 _COUNTS = {status.name.lower(): _may(int, 0) for status in Status}

@@ -27,7 +27,7 @@ from stickslip_monitor.monitor.verdict import Event, Standing, Verdict
 
 WARNING_SCHEMA = 'stickslip_monitor/warning/1'
 BEARINGS_SCHEMA = 'stickslip_monitor/bearings/1'
-_POINT_FIELDS = (
+POINT_NUMBERS = (
     'speed',
     'load',
     'hopf_speed',
@@ -43,6 +43,7 @@ _POINT_FIELDS = (
     'threshold_amplitude',
     *BELIEFS,
 )
+"""The numbers of an operating point in every record, in SI units."""
 # Fewer than make a surface of cycles worth building: that would take a second, and let what one
 # recording's numbers are, in the seventh digit, depend on those checked before it.
 _TOGETHER = 2048
@@ -108,15 +109,15 @@ def number(value: float) -> float | None:
 def point_record(point: Assessment | None) -> dict[str, Any]:
     """Regime, outcome and numbers of an assessment of scalars; all ``None`` without one."""
     if point is None:
-        return dict.fromkeys(('regime', 'outcome', *_POINT_FIELDS))
-    return _point_record(point, [getattr(point, name) for name in _POINT_FIELDS])
+        return dict.fromkeys(('regime', 'outcome', *POINT_NUMBERS))
+    return _point_record(point, [getattr(point, name) for name in POINT_NUMBERS])
 
 
 def _point_record(point: Assessment, numbers: Sequence[float]) -> dict[str, Any]:
     return {
         'regime': point.regime.value,
         'outcome': point.outcome.value,
-        **{name: number(value) for name, value in zip(_POINT_FIELDS, numbers, strict=True)},
+        **{name: number(value) for name, value in zip(POINT_NUMBERS, numbers, strict=True)},
     }
 
 
@@ -143,7 +144,7 @@ def event_records(events: Sequence[Event]) -> list[dict[str, Any]]:
 
 def _numbers(points: Assessments) -> Iterator[Sequence[float]]:
     """The numbers of each point of an assessment of arrays."""
-    return zip(*(getattr(points, name).tolist() for name in _POINT_FIELDS), strict=True)
+    return zip(*(getattr(points, name).tolist() for name in POINT_NUMBERS), strict=True)
 
 
 def _event_record(event: Event, point: dict[str, Any]) -> dict[str, Any]:

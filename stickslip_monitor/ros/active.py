@@ -28,7 +28,7 @@ LOSS_PERIOD = 60.0
 HELD_UP_NS = 10**9
 """A watchdog that comes so late [ns] says that the node was held up, not its inputs."""
 _OVERDUE_NS = 2 * 10**8
-"""After so long [ns] the watchdog comes before further messages."""
+"""After so long [ns] the watchdog comes before further messages, and takes all that wait."""
 _DOUBLE_LOOKS = 5
 
 
@@ -109,7 +109,6 @@ class Active:
 
     def _deliver(self, numbers: Iterator[Number]) -> None:
         """Take what has come; tell what changed, and look at the time."""
-        # If we were held up, no input is to blame for the time since.
         self._excuse(self._now())
         for number in numbers:
             self._take(number)
@@ -128,13 +127,16 @@ class Active:
     def tick(self) -> None:
         """Look after everything that time brings."""
         now = self._now()
-        if self._excuse(now):
-            # What waits comes first.
+        late = now.steady_ns - self._ticked_ns > _OVERDUE_NS
+        self._excuse(now)
+        if late:
+            # What waits comes first: no input is lost whose messages are there.
+            # They have the time of now: while they are worked off, we are held up.
             for number in self._inputs.waiting():
                 self._take(number)
-            now = self._now()
+        self._ticked_ns, now = now.steady_ns, self._now()
+        if late:
             self._session.catch_up(now)
-        self._ticked_ns = now.steady_ns
         self._watchdog.tick(now)
         self._session.tick(now, self._running.tick(now))
         self._own.tick_clips()
@@ -144,11 +146,11 @@ class Active:
             self._session.show(now)
         self._session.flush(now)
 
-    def _excuse(self, now: Moment) -> bool:
-        """Whether we were held up: then no input is to blame for that time."""
+    def _excuse(self, now: Moment) -> None:
+        """If we were held up, no input is to blame for that time."""
         held_ns = now.steady_ns - self._ticked_ns
         if held_ns <= HELD_UP_NS:
-            return False
+            return
         self._ticked_ns, held = now.steady_ns, held_ns * 1e-9
         self._health.delays += 1
         self._health.longest_delay = max(self._health.longest_delay, held)
@@ -157,7 +159,6 @@ class Active:
         self._own.note('node', text)
         self._session.excuse(held_ns)
         self._watchdog.skip(now)
-        return True
 
     def _look(self, now: Moment) -> None:
         """Look after the node's own health, once a second."""

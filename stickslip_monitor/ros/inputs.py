@@ -54,6 +54,8 @@ _time_of = operator.itemgetter(0)
 
 MOST_AT_ONCE = 200
 """Of more messages of a topic that wait than these, the others are left out and counted."""
+MOST_TOGETHER = 2000
+"""The same of all topics, which a node that is late works off before it looks at the time."""
 
 Tap = Callable[[str, Any, int | None], None]
 Guard = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -155,7 +157,8 @@ class Inputs:
 
     def waiting(self) -> Iterator[Number]:
         """What waits on every topic, for a node that was held up."""
-        return self._numbers([lane.waiting() for lane in self._lanes], held_up=True)
+        most = min(MOST_AT_ONCE, MOST_TOGETHER // len(self._lanes) + 1)
+        return self._numbers([lane.waiting(most=most) for lane in self._lanes], held_up=True)
 
     def _on_message(self, lane: Lane, message: Any) -> None:
         """Take a message and those that wait with it: a turn of the executor is dear."""
@@ -281,8 +284,8 @@ class Lane:
         if self._subscription is not None:
             self._node.destroy_subscription(self._subscription)
 
-    def waiting(self, message: Any = None) -> list[Arrival]:
-        """What waits, a message that was taken already first, and not what comes meanwhile.
+    def waiting(self, message: Any = None, most: int = MOST_AT_ONCE) -> list[Arrival]:
+        """What waits, a message that was taken already first; of a flood every so many.
 
         What comes before the first ``/clock`` has no time and is not used.
         """
@@ -293,7 +296,13 @@ class Lane:
             if time_ns := self._time(message):
                 found.append((time_ns, self, message))
             message = self._next() if len(found) < _DEPTH else None
-        return self._thinned(found)
+        if len(found) <= most:
+            return found
+        # Nobody must wait until all are worked off; the last is the one that counts.
+        step = -(-len(found) // most)
+        kept = found[::-step][::-1]
+        self.thinned += len(found) - len(kept)
+        return kept
 
     def _count_lost(self, info: Any) -> None:
         """Count what lies between a message and the one before of its publisher.
@@ -313,15 +322,6 @@ class Lane:
         known = min(missing, self._unnumbered)
         self._unnumbered -= known
         self.lost += missing - known
-
-    def _thinned(self, found: list[Arrival]) -> list[Arrival]:
-        """Every so many of a flood and the last: nobody must wait until all are worked off."""
-        if len(found) <= MOST_AT_ONCE:
-            return found
-        step = -(-len(found) // MOST_AT_ONCE)
-        kept = found[::-1][::step][::-1]
-        self.thinned += len(found) - len(kept)
-        return kept
 
     def _next(self) -> Any:
         """The next message, taken as rclpy's executors do; ``None`` for none.

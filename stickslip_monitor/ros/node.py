@@ -112,6 +112,9 @@ class MonitorNode(LifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Build the monitor from the parameters and create the publishers."""
         self.health = NodeHealth()
+        # That takes a second for each.
+        bearings = plural(len(self.config.bearings), 'bearing')
+        self.get_logger().info(f'working out the boundaries of {bearings}')
         try:
             self._configured = Configured(self, self.config, self.health, self._make_store)
         except (*ROS_FAULTS, StickslipError) as error:

@@ -332,6 +332,22 @@ def test_a_longer_timeout_reaches_an_input_already_heard(configure: Configure) -
     assert [_brief(e) for e in monitor.advance(41 * SECOND)] == [(40.0, 'normal', 'input_stale')]
 
 
+def test_retune_converts_the_values_that_stand(configure: Configure) -> None:
+    monitor = Monitor(configure())
+    for time in range(3):
+        _point(monitor, time, UNSTABLE)
+    state = monitor.bearings['aft'].state
+    speed = state.value[0]
+    monitor.retune(configure(load__scale=2.0, speed__scale=-1.0))
+    # The medians go on with the same three numbers, in the new scale.
+    for values in (state.value, state.before, state.earlier):
+        assert values == pytest.approx([-speed, 2000.0])
+    assert (state.fast, state.slow) == (pytest.approx(-speed), pytest.approx(-speed))
+    verdict = _feed(monitor, 3.0, 'load', 500.0).verdict
+    assert verdict is not None
+    assert verdict.assessment.load == 1000.0
+
+
 def test_retune_before_the_first_sample(configure: Configure) -> None:
     monitor = Monitor(configure())
     monitor.retune(configure(**AT_ONCE))

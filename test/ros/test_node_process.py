@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import signal
 import socket
@@ -19,7 +20,7 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from stickslip_monitor.errors import RosError
+from stickslip_monitor.errors import RosError, StickslipError
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
@@ -36,48 +37,45 @@ def refused(program: Any, *texts: str) -> None:
     assert all(text in errors[0] for text in texts)
 
 
-def node(*arguments: str, module: str = 'stickslip_monitor.live') -> list[str]:
-    return [sys.executable, '-m', module, '--ros-args', *arguments]
+def node(*arguments: str) -> list[str]:
+    return [sys.executable, '-m', 'stickslip_monitor.live', '--ros-args', *arguments]
 
 
 @pytest.mark.slow
-def test_what_cannot_be_used_is_refused(run: Any, start: Any, kit: Any, tmp_path: Path) -> None:
-    missing, broken, clips = (tmp_path / name for name in ('missing.yaml', 'broken', 'clips'))
-    broken.write_text('/**:\n  ros__parameters:\n    bearings: [aft, 1]\n')
-    folder = {'clips.directory': str(broken / 'clips')}
-    clips.write_text(yaml.safe_dump({'/**': {'ros__parameters': kit.parameters() | folder}}))
-    expected = [
+def test_what_ros_cannot_use_is_refused(run: Any, start: Any, kit: Any, tmp_path: Path) -> None:
+    missing = tmp_path / 'missing.yaml'
+    for program, *texts in (
         (run(*node('--params-file', str(missing))), 'failed to initialize rcl', str(missing)),
-        (run(*node('--params-file', str(broken))), str(broken)),
         (run(*node('--no-such-option')), 'the ROS arguments cannot be used: ', '--no-such-option'),
-        (run(*node()), "parameter 'bearings' is missing"),
-        (run(*node('--params-file', str(clips))), 'cannot be made: '),
-        (
-            run(*node('--params-file', str(clips), module='stickslip_monitor.ros.run')),
-            "run the executable 'monitor'",
-        ),
-        (start(kit.parameters({'mass': -5.0})), 'aft.mass = -5.0 must be'),
-        (
-            start(kit.parameters({'speed.field': 'value'})),
-            "has no field 'value'",
-        ),
-        (
-            start(kit.parameters(), '-p', 'use_sim_time:=banana'),
-            "use_sim_time = 'banana' must be true or false",
-        ),
         (
             start(kit.parameters(), '-r', f'__node:={"n" * 300}'),
             'the node cannot be created: error creating node: invalid node name: node name length',
         ),
+    ):
+        refused(program, *texts)
+
+
+@pytest.mark.parametrize(
+    ('change', 'text'),
+    [
+        ({'bearings': []}, 'bearings'),
+        ({'aft.mass': -5.0}, 'aft.mass = -5.0 must be'),
+        ({'aft.speed.field': 'value'}, "std_msgs/msg/Float64 has no field 'value'; it has: data"),
+        ({'use_sim_time': 'banana'}, "use_sim_time = 'banana' must be true or false"),
+        ({'state_file': '/no/such/folder/x.json'}, 'there is no folder'),
+        ({'clips.directory': '/dev/null/clips'}, 'cannot be made: '),
+        # The node publishes this topic itself, with another type.
         (
-            # The node publishes this topic itself, with another type.
-            start(kit.parameters({'speed.topic': '/parameter_events'})),
+            {'aft.speed.topic': '/parameter_events'},
             'the node cannot activate: its inputs cannot be subscribed to: ',
         ),
-        (start(kit.parameters(state_file=str(missing / 'x.json'))), 'there is no folder'),
-    ]
-    for program, *texts in expected:
-        refused(program, *texts)
+    ],
+)
+def test_a_bad_configuration_is_refused(
+    host: Any, kit: Any, change: dict[str, Any], text: str
+) -> None:
+    with pytest.raises(StickslipError, match=re.escape(text)):
+        host(kit.parameters() | change)
 
 
 @pytest.mark.slow

@@ -67,11 +67,6 @@ class Scene:
             EFFECTS[settings.name].build(settings, run)
         return run
 
-    @property
-    def message_count(self) -> int:
-        """Samples on all channels."""
-        return sum(channel.count(self.duration) for channel in self.channels)
-
 
 def load_scene(
     path: str | Path, seed: int | None = None, sensors: str | Path | None = None

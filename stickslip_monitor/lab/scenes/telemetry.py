@@ -122,10 +122,6 @@ class Channel:
         """The numbers the sensor sends for SI values: the inverse of what the monitor does."""
         return (si / self.input.factor - self.input.offset) / self.input.scale
 
-    def count(self, duration: float) -> int:
-        """Samples in a scene of some duration [s], from 0 to its end inclusive."""
-        return count(self.rate, duration)
-
 
 @dataclass(slots=True, eq=False)
 class Signal:

@@ -14,8 +14,6 @@ from stickslip_monitor.lab.accuracy.cases import BASE, CASES, METHODS, TYPICAL, 
 from stickslip_monitor.lab.accuracy.cases import REFERENCE_BEARING as BENCH
 from stickslip_monitor.lab.accuracy.harmonic_balance import (
     _Law,
-    _Problem,
-    _Series,
     half_range,
     harmonic_balance,
 )
@@ -32,7 +30,6 @@ from stickslip_monitor.lab.accuracy.time_stepping import (
     event_driven,
     smoothed,
     switching,
-    turning_points,
 )
 from stickslip_monitor.physics.averaging.boundaries import fold_speed
 from stickslip_monitor.physics.cycle.cycles import CycleKind, exact_cycle
@@ -254,23 +251,6 @@ def test_switching_follows_a_lining_that_overtakes_the_belt():
     assert amplitude == pytest.approx(exact_cycle(weak, rpm(30), 100.0).amplitude, rel=1e-3)
 
 
-def test_turning_points_are_of_sixth_order():
-    # x = sin t + 0.1 sin 2t: cos t = (sqrt(1 + 0.32) - 1)/0.8 at its turning points.
-    t_turn = math.acos((math.sqrt(1.32) - 1.0) / 0.8)
-    expected = math.sin(t_turn) + 0.1 * math.sin(2.0 * t_turn)
-    errors = []
-    for step in (0.4, 0.2):
-        misses = []
-        for shift in np.linspace(0.0, step, 11):
-            t = shift + step * np.arange(15)
-            x, v = np.sin(t) + 0.1 * np.sin(2 * t), np.cos(t) + 0.2 * np.cos(2 * t)
-            a = -np.sin(t) - 0.4 * np.sin(2 * t)
-            misses.append(abs(turning_points(x, v, a, step).max() - expected))
-        errors.append(max(misses))
-    assert order(errors, 2.0) == pytest.approx(6.0, abs=0.5)
-    assert turning_points(np.arange(4.0), np.ones(4), np.zeros(4), 0.1).size == 0
-
-
 def test_the_resolvent_solves_the_set_valued_law():
     law, step = _Law(BENCH, rpm(20), 1000.0), 1e-6
     y = np.array([-3.0, -0.31, -0.2, 0.0, 0.1, 0.2865, 0.5, 20.0])
@@ -282,19 +262,6 @@ def test_the_resolvent_solves_the_set_valued_law():
     assert force[~stuck] == pytest.approx(expected, rel=1e-12)
     difference = (law.resolvent(y + step)[0] - law.resolvent(y - step)[0]) / (2.0 * step)
     assert slope[~stuck] == pytest.approx(difference[~stuck], rel=1e-5)
-
-
-def test_jacobian_of_the_balance_against_differences():
-    problem = _Problem(_Series(3), _Law(BENCH, rpm(20), 1000.0), BENCH.damping_ratio)
-    z, step = np.array([1.5, 1.03, 0.0, 0.05, -0.03, 0.01, 0.02, 0.99]), 1e-7
-    _, jacobian = problem.residual(z[:-1], z[-1])
-    for i in range(z.size):
-        up, down = z.copy(), z.copy()
-        up[i] += step
-        down[i] -= step
-        rise = problem.residual(up[:-1], up[-1])[0] - problem.residual(down[:-1], down[-1])[0]
-        # Samples that change between stick and slip within the step blur the difference.
-        assert jacobian[:, i] == pytest.approx(rise / (2.0 * step), abs=2e-4)
 
 
 @pytest.mark.parametrize('speed', [10, 30])

@@ -16,7 +16,7 @@ from stickslip_monitor.commands.simulate import write_bag
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.effects import EFFECTS, STAGES, lining_motion
 from stickslip_monitor.lab.scenes.effects import effect as effect_module
-from stickslip_monitor.lab.scenes.scene import KEYS, Scene, load_scene, simulate
+from stickslip_monitor.lab.scenes.scene import KEYS, Scene, load_scene
 from stickslip_monitor.lab.scenes.telemetry import Messages
 from stickslip_monitor.lab.scenes.variation import random_stream
 from stickslip_monitor.monitor.signals import INPUTS
@@ -139,17 +139,6 @@ def test_leaving_an_effect_out_changes_no_stream_of_another(
         'load_in_waves', 'sensor_noise', 'spikes', 'not_a_number', 'clock_jitter', 'out_of_order',
         'repeated_stamps', 'dropout', 'vibration_background',
     }  # fmt: skip
-
-
-def test_nothing_is_allocated_for_what_is_not_listed(make_scene: MakeScene) -> None:
-    scene = make_scene(effects=[{name: EXAMPLES[name]} for name in ('speed_profile',)])
-    run = scene.build()
-    assert (run.sensors, run.effects, run.cut) == ({}, [], None)
-    for block in simulate(scene):
-        assert block.truth == []
-        for signal in block.signals.values():
-            assert signal.arrival_ns is signal.copies is None
-            assert signal.messages().log_time_ns is signal.stamp_ns
 
 
 @pytest.mark.slow
