@@ -10,7 +10,6 @@ of every law for large loads. A smooth law is a cubic spline, right to 1e-9; one
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -19,13 +18,11 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.physics.averaging.boundaries import fold_speed
+from stickslip_monitor.physics.averaging import boundaries
 from stickslip_monitor.physics.cycle.cycles import exact_fold_speed
 from stickslip_monitor.physics.law_numbers import PIECES, law_numbers
-from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.oscillator import Bearing, damping_per_load
 
-Boundary = Callable[[FloatArray], FloatArray]
-"""Speeds [m/s] at loads [N], shape (n,); ``nan`` where there is none, ``inf`` without an end."""
 # Octaves of load from the onset, and points: measured, twice as many gain nothing.
 _OCTAVES, _SMOOTH, _BROKEN = 8, 801, 1025
 # Loads among which the onset is looked for [N], and how often the interval is divided by 64.
@@ -91,12 +88,12 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
     """The averaged and the exact fold of a bearing over the load."""
 
     def averaged(load: FloatArray) -> FloatArray:
-        return np.asarray(fold_speed(bearing, load))
+        return np.asarray(boundaries.fold_speed(bearing, load))
 
     def exact(load: FloatArray) -> FloatArray:
         return np.asarray(exact_fold_speed(bearing, load))
 
-    onset = _onset(averaged)
+    onset = _onset(bearing)
     if onset == math.inf and not exact(np.array([_MOST]))[0] > 0.0:
         return BoundaryTable(math.inf, 1.0, np.zeros((2, 1, 4)))
     if onset == math.inf:
@@ -115,13 +112,15 @@ known_table = lru_cache(maxsize=64)(boundary_table)
 """The two folds of a bearing, tabulated once."""
 
 
-def _onset(boundary: Boundary) -> float:
-    """The least load [N] at which a boundary exists, to the last bits; ``inf`` for none."""
+def _onset(bearing: Bearing) -> float:
+    """The least load [N] with a fold by averaging, to the last bits; ``inf`` for none."""
+    law = bearing.friction
     low, high = math.log(_LEAST), math.log(_MOST)
     for _ in range(_ROUNDS):
         grid = np.linspace(low, high, 65)
         with np.errstate(all='ignore'):
-            there = np.flatnonzero(boundary(np.exp(grid)) > 0.0)
+            q = damping_per_load(bearing.damping, np.exp(grid))
+            there = np.flatnonzero(boundaries.averaged(law).has_fold(law, q))
         if not there.size:
             return math.inf
         k = int(there[0])

@@ -28,6 +28,8 @@ from stickslip_monitor.arrays import FloatArray
 _LIMIT = 120
 _CLOSE = 2e-16
 _SECANT_CLOSE = 1e-14
+# Steps by interpolation, after which a function that no parabola follows is bisected.
+_PATIENCE = 12
 
 
 def newton_on_bracket(
@@ -111,7 +113,7 @@ def root_on_bracket(
     b, a, fb, fa = low[running], high[running], ends[0][running], ends[1][running]
     arguments = [argument[running] for argument in parameters]
     share = fb / (fb - fa)
-    for _ in range(_LIMIT if running.size else 0):
+    for step in range(_LIMIT if running.size else 0):
         x = b + share * (a - b)
         fx = function(x, *arguments)
         same = np.sign(fx) == np.sign(fb)
@@ -136,7 +138,8 @@ def root_on_bracket(
             fits = (phi * phi < xi) & ((1.0 - phi) ** 2 < 1.0 - xi)
             ahead = fb / (fa - fb) * fc / (fa - fc)
             share = ahead + (c - b) / (a - b) * fb / (fc - fb) * fa / (fc - fa)
-        share = np.where(fits & np.isfinite(share), share, 0.5)
+        fits &= np.isfinite(share) & (step < _PATIENCE)
+        share = np.where(fits, share, 0.5)
         least = np.minimum(_CLOSE * np.abs(b) / np.abs(a - b), 0.5)
         share = np.clip(share, least, 1.0 - least)
     return root

@@ -43,15 +43,6 @@ def test_slope_is_the_derivative(law: FrictionLaw) -> None:
     np.testing.assert_allclose(law.slope(v), difference, rtol=1e-6, atol=1e-9)
 
 
-@each_law
-def test_shapes_follow_the_input(law: FrictionLaw) -> None:
-    for shape in ((), (0,), (3,), (2, 3)):
-        v = np.full(shape, 0.2)
-        assert law.coefficient(v).shape == shape
-        assert law.slope(v).shape == shape
-    assert isinstance(law, FrictionLaw)
-
-
 @pytest.mark.parametrize('v', [1e-9, 0.01, 0.5, 3.0, 70.0])
 def test_stribeck_is_the_law_of_the_specification(v: float) -> None:
     """PHYSICS.md's formula and its derivative at 40 digits, viscous rise added."""

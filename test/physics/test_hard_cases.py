@@ -104,19 +104,6 @@ def test_the_exact_cycle_of_a_sharp_law(taylor):
     assert cycle.stick_fraction == pytest.approx(float(stick), rel=1e-12)
 
 
-def test_hopf_load_beyond_the_floats():
-    bearing = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, 1e4), 0.1)
-    loads = hopf_load(bearing, np.linspace(0.0, 0.5, 1001))
-    assert np.all(np.diff(np.log(loads[np.isfinite(loads)])) > 0.0)
-    assert np.all(np.diff(np.isposinf(loads).astype(int)) >= 0)
-    assert hopf_load(bearing, 1.0) == hopf_load(bearing, 1e300) == math.inf
-    # Without damping any load will do; with a viscous rise, or without a fall, none.
-    undamped = Bearing(50.0, 0.0, 2.0e6, Stribeck(0.3, 0.1, 1e4), 0.1)
-    assert_array_equal(hopf_load(undamped, [0.0, 0.1, 1e300]), 0.0)
-    for law in (Stribeck(0.3, 0.1, 1e4, 1e-3), Stribeck(0.3, 0.3, 1e4), Stribeck(0.1, 0.3, 1e4)):
-        assert math.isnan(hopf_load(Bearing(50.0, 400.0, 2.0e6, law, 0.1), 1.0))
-
-
 # Friction that hardly falls
 
 

@@ -106,26 +106,3 @@ def test_bearing_refuses_a_frequency_beyond_floats(
 def test_bearing_refuses_what_is_no_friction_law() -> None:
     with pytest.raises(PhysicsError, match=r'friction = 0\.3 must be a friction law: Stribeck, C'):
         Bearing(friction=0.3, **GOOD)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ('name', 'value', 'sentence'),
-    [
-        ('inertia', -1.0, 'inertia = -1 kg m^2 must be greater than 0'),
-        ('torsional_damping', -1.0, 'torsional_damping = -1 N m s/rad must not be negative'),
-        ('torsional_stiffness', 0.0, 'torsional_stiffness = 0 N m/rad must be greater than 0'),
-        ('journal_radius', 0.0, 'journal_radius = 0 m must be greater than 0'),
-    ],
-)
-def test_torsional_quantities_are_refused_by_their_own_names(
-    name: str, value: float, sentence: str
-) -> None:
-    good = {
-        'inertia': 1.0,
-        'torsional_damping': 1.0,
-        'torsional_stiffness': 1.0,
-        'journal_radius': 0.1,
-    }
-    with pytest.raises(PhysicsError) as caught:
-        Bearing.from_torsional(friction=LAW, **(good | {name: value}))
-    assert str(caught.value) == sentence

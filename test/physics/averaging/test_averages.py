@@ -90,13 +90,6 @@ def test_level_friction_has_no_average_at_all_below_the_limit(law: FrictionLaw) 
     np.testing.assert_array_equal(harmonic(law, 0.3, a), np.zeros(500))
 
 
-def test_astern_mirrors_ahead_and_no_motion_has_no_average() -> None:
-    a = np.array([0.0, 0.1, 0.3])
-    for law in (*CLOSED.values(), Tabulated([0.0, 0.3], [0.3, 0.1])):
-        np.testing.assert_array_equal(harmonic(law, -0.2, a), harmonic(law, 0.2, a))
-        assert float(harmonic(law, 0.2, 0.0)) == 0.0
-
-
 def test_table_average_is_its_integral(brute_force: Any) -> None:
     """SciPy's adaptive quadrature, split at every bend of the table and at the reversal."""
     law = Tabulated([0.0, 0.05, 0.12, 0.3, 0.8], [0.31, 0.22, 0.24, 0.10, 0.13])
@@ -168,41 +161,3 @@ def test_slope_is_the_derivative_of_the_average(law: FrictionLaw, ratio: float) 
     expected = (step[0] - 8.0 * step[1] + 8.0 * step[2] - step[3]) / (12.0 * h)
     got = friction_harmonic_slope(law, v, a)
     np.testing.assert_allclose(got, expected, rtol=2e-6, atol=2e-6)
-
-
-@pytest.mark.parametrize('ratio', [0.3, 1.0, 1.0001, 1.02, 2.0])
-def test_stribeck_slope_to_twelve_digits(ratio: float, oracle: Any) -> None:
-    """Below the limit ``Delta beta e^-v (I0 - I1/alpha)``; beyond it mpmath's derivative of S."""
-    v = 0.2
-    a = v * ratio
-    g = oracle.groups(Bearing(1.0, 1.0, 1.0, STRIBECK, 0.1), v, 1.0)
-    alpha = g.decay * mp.mpf(a)
-    delta = mp.mpf(0.3) - mp.mpf(0.1)
-    if a <= v:
-        exact = mp.exp(-g.v) * (mp.besseli(0, alpha) - mp.besseli(1, alpha) / alpha)
-    else:
-        h = (alpha - g.v) / 10**8
-        rise = oracle.harmonic(g.v, alpha + h, g.r) - oracle.harmonic(g.v, alpha - h, g.r)
-        exact = rise / (2 * h)
-    got = float(friction_harmonic_slope(STRIBECK, np.array(v), np.array(a)))
-    assert got == pytest.approx(float(delta * g.decay * exact), rel=1e-11)
-
-
-def test_slope_survives_the_ends_of_the_float_range() -> None:
-    """Scale invariance: the Coulomb average depends on ``a/V`` only, so its slope goes as 1/V."""
-    law = Coulomb(0.3, 0.3)
-    one = float(friction_harmonic_slope(law, np.array(1.0), np.array(1.25)))
-    for scale in (1e-200, 1e-100, 1e100, 1e200):
-        got = float(friction_harmonic_slope(law, np.array(scale), np.array(1.25 * scale)))
-        assert got * scale == pytest.approx(one, rel=1e-12)
-
-
-def test_one_element_never_depends_on_its_neighbours() -> None:
-    rng = np.random.default_rng(7)
-    v, a = rng.uniform(0.01, 1.0, 200), rng.uniform(0.01, 2.0, 200)
-    for law in SMOOTH.values():
-        for function in (friction_harmonic, friction_harmonic_slope):
-            batch = function(law, v, a)
-            for i in (0, 3, 99, 199):
-                assert function(law, v[i : i + 1], a[i : i + 1])[0] == batch[i]
-                assert function(law, v[i:], a[i:])[0] == batch[i]

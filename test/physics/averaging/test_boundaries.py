@@ -244,30 +244,6 @@ def test_a_close_pair_of_cycles_is_not_lost(share: float, brute_force: Any) -> N
     assert fewer.amplitude.size == cycles.amplitude.size - 2
 
 
-@pytest.mark.slow
-@settings(max_examples=12, deadline=None)
-@given(data=st.data())
-def test_no_cycle_of_any_table_is_lost(data: st.DataObject, brute_force: Any) -> None:
-    """Random tables against the brute-force scan.
-
-    A pair closer together than the scan's step, or a balance that only just touches zero, is
-    undecided there and left out.
-    """
-    count = data.draw(st.integers(3, 7))
-    steps = data.draw(st.lists(st.floats(0.02, 0.15), min_size=count, max_size=count))
-    values = data.draw(st.lists(st.floats(0.05, 0.4), min_size=count, max_size=count))
-    law = Tabulated(np.cumsum(steps) - steps[0], values)
-    speed = data.draw(st.floats(0.02, 0.8))
-    a, f = brute_force.balance(law, speed, 400.0 / 1500.0)
-    turning = (f[1:-1] - f[:-2]) * (f[2:] - f[1:-1]) <= 0.0
-    if np.any(turning & (np.abs(f[1:-1]) < 1e-3)):
-        return
-    expected = np.count_nonzero((f[:-1] > 0.0) != (f[1:] > 0.0))
-    got = stationary_amplitudes(_bearing(law), speed, 1500.0)
-    assert got.amplitude.size == expected
-    assert np.all(got.amplitude * 200.0 <= a[-1])
-
-
 @pytest.mark.parametrize('load', [150.0, 400.0, 1600.0])
 def test_highest_hopf_speed_of_a_table_with_several(load: float) -> None:
     """Brute force: the highest speed at which a difference of the coefficient falls steeply."""
@@ -301,16 +277,6 @@ def test_hopf_speed_is_found_however_narrow_the_unstable_range(share: float) -> 
     # About the top of a concave slope every motion averages less than the slope itself.
     assert fold_speed(bearing, load) == pytest.approx(hopf_speed(bearing, load), rel=1e-12)
     assert np.isnan(hopf_speed(bearing, 400.0 / (height * (1.0 + share))))
-
-
-@pytest.mark.parametrize('load', [400.0, 1600.0])
-def test_fold_speed_of_a_table_is_the_last_with_a_cycle(load: float, brute_force: Any) -> None:
-    """The brute-force balance is somewhere positive just below it and nowhere above."""
-    fold = fold_speed(_bearing(TWO_FALLS), load)
-    q = 400.0 / load
-    assert brute_force.balance(TWO_FALLS, fold * (1.0 - 1e-4), q)[1].max() > 0.0
-    above = [brute_force.balance(TWO_FALLS, fold * s, q)[1].max() for s in (1.0001, 1.05, 2.0)]
-    assert max(above) < 0.0
 
 
 @pytest.mark.parametrize('name', LAWS)

@@ -59,24 +59,6 @@ def test_error_falls_with_the_order_of_the_series(order: int, longest: float) ->
     assert slopes == pytest.approx(order, abs=0.4)
 
 
-def test_samples_satisfy_the_equation_of_motion() -> None:
-    times = np.linspace(0.0, 1.0, 1001)
-    motion = integrate(REFERENCE, VARYING, MotionState(0.0, 0.0), times, compiled=False)
-    speed = motion.velocity + motion.relative_speed
-    load = np.array(
-        [
-            np.polyval(VARYING.load[i, ::-1], t - GRID[i])
-            for t, i in zip(times, np.clip(np.searchsorted(GRID, times) - 1, 0, 49), strict=True)
-        ]
-    )
-    assert np.max(np.abs(speed)) <= 0.09 + 1e-15
-    inner = 50.0 * motion.acceleration + 400.0 * motion.velocity + 2e6 * motion.displacement
-    slip = ~motion.sticking
-    friction = load * REFERENCE.friction.coefficient(motion.relative_speed)
-    assert inner[slip] == pytest.approx(friction[slip], abs=1e-8)
-    assert np.all(np.abs(inner[~slip]) <= 0.3 * load[~slip] + 1e-8)
-
-
 @pytest.mark.parametrize('law', LAWS)
 def test_numba_and_python_agree(law: Stribeck) -> None:
     pytest.importorskip('numba')
