@@ -249,6 +249,7 @@ class _Output:
 
 def _tolerance_advice(config: MonitorConfig) -> str:
     """A line for bearings whose values are taken as exact, and could be known less well."""
+    from stickslip_monitor.commands.check_results import wrapped
     from stickslip_monitor.physics.friction import Stribeck
 
     names = [
@@ -258,12 +259,13 @@ def _tolerance_advice(config: MonitorConfig) -> str:
     ]
     if not names:
         return ''
-    return (
+    text = (
         f'{printable(", ".join(names))}: state how well the values are known, and verdicts come'
         ' with probabilities and miss fewer episodes: from a drawing tolerance: {damping: 0.40,'
         ' static: 0.15, kinetic: 0.15, decay: 0.30, load: 0.05}, after an impact test damping:'
-        ' 0.10, after a friction bench static: 0.03, kinetic: 0.03, decay: 0.10\n'
+        ' 0.10, after a friction bench static: 0.03, kinetic: 0.03, decay: 0.10'
     )
+    return f'{wrapped(text, line_width())}\n'
 
 
 def _source(text: str | None, config: MonitorConfig) -> EvidenceSource | None:

@@ -285,14 +285,19 @@ class _Paint:
 
     def wrapped(self, line: str, indent: int = 2) -> str:
         """A line, broken where the screen ends."""
-        if self.width is None:
-            return line
-        # The last column stays free: not every terminal breaks behind it.
-        # A path that is cut in two cannot be copied.
-        return textwrap.fill(
-            line, max(self.width - 1, 20), subsequent_indent=' ' * indent,
-            break_long_words=False, break_on_hyphens=False,
-        )  # fmt: skip
+        return wrapped(line, self.width, indent)
+
+
+def wrapped(line: str, width: int | None, indent: int = 2) -> str:
+    """A line, broken at a number of letters; whole if that is None."""
+    if width is None:
+        return line
+    # The last column stays free: not every terminal breaks behind it.
+    # A path that is cut in two cannot be copied.
+    return textwrap.fill(
+        line, max(width - 1, 20), subsequent_indent=' ' * indent,
+        break_long_words=False, break_on_hyphens=False,
+    )  # fmt: skip
 
 
 def _lines(document: Mapping[str, Any], paint: _Paint) -> Iterator[str]:

@@ -89,7 +89,7 @@ def html_page(
 
 
 def png_sheet(parts: Sequence[RecordingPart], path: str) -> bytes:
-    """All pictures below each other, under the verdict.
+    """All pictures below each other, of several bearings under the verdict on all of them.
 
     Raises:
         ReportError: They are more than fit on one picture.
@@ -100,9 +100,11 @@ def png_sheet(parts: Sequence[RecordingPart], path: str) -> bytes:
             f"report '{path}': a picture holds {_MOST_ON_SHEET} bearings at most; write a .html"
             ' instead, or fewer bags'
         )
-    verdict = _overall(parts)
-    words_above = heading(f'{verdict.word}: {verdict.sentences[0]}', verdict.sentences[1:])
-    return sheet([drawn(words_above), *figures])
+    if sum(len(part.findings) for part in parts) > 1 or not figures:
+        verdict = _overall(parts)
+        above = heading(f'{verdict.word}: {verdict.sentences[0]}', verdict.sentences[1:])
+        figures = [drawn(above), *figures]
+    return sheet(figures)
 
 
 def _overall(parts: Sequence[RecordingPart]) -> Finding:

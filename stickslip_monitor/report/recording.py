@@ -175,7 +175,7 @@ def _timeline(course: Course) -> Timeline:
 
 
 def _figures(bag: str, course: Course, finding: Finding) -> Iterator[Any]:
-    yield heading(f'{bag}, {course.name}', finding.sentences)
+    yield heading(f'{finding.word}: {bag}, {course.name}', finding.sentences)
     if course.scan.time_ns.size:
         yield draw_map(course.config, track=_track(course))
         yield draw_timeline(_timeline(course), _WIDE)

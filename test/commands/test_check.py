@@ -197,7 +197,7 @@ def test_a_check_imports_only_what_it_needs() -> None:
         'numba',
     }
     assert loaded & strangers == set()
-    assert 'aft_stern: 7 events' in done.stdout
+    assert 'aft_stern: 6 events' in done.stdout
 
 
 # --- in a real browser -------------------------------------------------------------------------

@@ -219,7 +219,7 @@ def test_bash_completes_commands_options_and_files() -> None:
         _type(terminal, 'bags/coast_d\t', 'bags/coast_down/')
         _type(terminal, ' --conf\t', '--config ')
         _type(terminal, 'launch_configs/ref\t', 'reference_bearing.yaml')
-        _type(terminal, '\n', '7 events')
+        _type(terminal, '\n', '6 events')
     finally:
         os.write(terminal, b'\x03exit\n')
         os.close(terminal)
