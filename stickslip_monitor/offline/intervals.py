@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IndexArray
-from stickslip_monitor.monitor.assessment import Assessment, at_indices
+from stickslip_monitor.monitor.assessment import REGIMES, Assessment, Regime, at_indices
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.ladder import LADDER, Condition
 from stickslip_monitor.monitor.verdict import Event
 
+_BISTABLE, _UNSTABLE = REGIMES.index(Regime.BISTABLE), REGIMES.index(Regime.UNSTABLE)
 _SEVERITY = (Condition.NORMAL, Condition.INPUT_STALE, *LADDER[1:])
 
 
@@ -100,23 +101,15 @@ def together(
     return found
 
 
-# Strips of speed of which the exact cycle is worked out.
-_STRIPS = 16
-
-
 def _outermost(speed: FloatArray, load: FloatArray) -> IndexArray:
-    """The fastest and the most loaded point of each strip of speed, shape (m,).
+    """The points than which no other is both faster and more loaded, shape (m,).
 
     At one speed the amplitude of the exact cycle rises with the load, and at one load, as a rule,
-    with the speed: one of these has the greatest, or all but the greatest.
+    with the speed: one of these has the greatest, however a recording is cut.
     """
-    low, high = float(speed.min()), float(speed.max())
-    strip = ((speed - low) / (high - low or 1.0) * _STRIPS).astype(np.intp)
-    found = []
-    for column in (speed, load):
-        order = np.lexsort((column, strip))
-        found.append(order[np.append(np.diff(strip[order]) > 0, True)])
-    return np.unique(np.concatenate(found))
+    order = np.lexsort((np.arange(speed.size), -load, -speed))
+    heaviest = np.maximum.accumulate(load[order])
+    return np.sort(order[np.append(True, heaviest[1:] > heaviest[:-1])])
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +138,9 @@ class Worst:
         for name in ('hopf_margin', 'fold_margin'):
             margin = getattr(points, name)
             self._take(name, scan, None, np.where(np.isfinite(margin), margin, np.inf))
-        rows = np.flatnonzero(scan.sticking)
+        # One that dies out beyond the fold has no amplitude any more.
+        exists = (points.regime_code == _BISTABLE) | (points.regime_code == _UNSTABLE)
+        rows = np.flatnonzero(scan.sticking & exists)
         if rows.size:
             rows = rows[_outermost(np.abs(scan.speed[rows]), scan.load[rows])]
             amplitude = at_indices(points, rows).amplitude_exact

@@ -16,7 +16,7 @@ from stickslip_monitor.monitor.bulk import BearingScan, Scan
 # Every kind of sequence in turn; 16 and 5 have no common divisor with the number of kinds.
 NUMBERS = range(3, COUNT, 16)
 COMPILED = range(1, COUNT, 5)
-COLUMNS = ('time_ns', 'until_ns', 'speed', 'load', 'rung', 'sticking', 'sample', 'status')
+COLUMNS = ('time_ns', 'until_ns', 'speed', 'load', 'runs', 'rung', 'sticking', 'sample', 'status')
 
 
 def _stream(messages: Messages) -> Stream:
@@ -34,7 +34,7 @@ def _require_same(one: Scan, other: Scan) -> None:
     assert (one.measured is None) == (other.measured is None)
     if one.measured is not None and other.measured is not None:
         assert one.measured.tolist() == other.measured.tolist()
-    assert (one.at, one.runs, one.unknown) == (other.at, other.runs, other.unknown)
+    assert (one.at, one.unknown) == (other.at, other.unknown)
     assert _told(one.events) == _told(other.events)
 
 
@@ -101,4 +101,11 @@ def test_inputs_that_never_come_are_lost_by_the_end() -> None:
     )
     scan = Monitor(config).scan({NAME: _stream(own.messages[:0])}, 0, 60 * SECOND)[NAME]
     assert [str(event.after) for event in scan.events] == ['input_stale']
-    assert set(scan.events[0].lost) == {'speed', 'load'}
+    # As it is when the first of them is lost.
+    timeouts = {
+        'speed': config.bearings[0].speed.timeout_ns,
+        'load': config.bearings[0].load.timeout_ns,
+    }
+    first = min(timeouts.values())
+    assert scan.events[0].time_ns == first
+    assert set(scan.events[0].lost) == {name for name, own in timeouts.items() if own == first}

@@ -71,7 +71,7 @@ def test_clocks_that_differ_are_told(tmp_path: Path, capsys: pytest.CaptureFixtu
         )
     config = tmp_path / 'config.yaml'
     text = CONFIG.read_text('utf-8')
-    old = text[text.index('load:') :].splitlines()[0]
+    old = text[text.index('load: {') :].splitlines()[0]
     new = f'load: {{topic: {LOAD}, type: {STAMPED}, field: wrench.force.z, unit: N}}'
     config.write_text(text.replace(old, new))
     assert main(['check', str(tmp_path / 'bag.mcap'), '--config', str(config)]) == 2
