@@ -218,7 +218,7 @@ class BearingMonitor:
         speed, load = state.value
         judge = partial(assessed, self.config, settings, speed, load, state.runs)
         standing = standing_of(state, settings.live)
-        return Verdict(self.config.name, state.now, standing, judge, speed, load)
+        return Verdict(self.config.name, state.now, standing, judge, speed, load, state.runs)
 
     def _event(self, before: int, time_ns: int, onset: bool = False) -> Event:
         point = self.verdict.assessment if self.verdict else None

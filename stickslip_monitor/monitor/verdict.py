@@ -97,6 +97,7 @@ class Verdict:
         judge: Makes the assessment, when it is first asked for.
         speed: Surface speed [m/s].
         load: Load [N].
+        runs: Probability that stick-slip runs; 0 without a belief.
     """
 
     bearing: str
@@ -105,6 +106,7 @@ class Verdict:
     judge: Callable[[], Assessment]
     speed: float = math.nan
     load: float = math.nan
+    runs: float = 0.0
 
     @cached_property
     def assessment(self) -> Assessment:

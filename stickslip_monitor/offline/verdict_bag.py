@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from stickslip_monitor.bags.encode import (
     MESSAGE_TYPES,
     StatusFields,
     encode_diagnostics,
-    encode_float64,
+    encode_float64s,
     encode_string,
 )
 from stickslip_monitor.bags.reader import Request, Series
@@ -204,7 +204,9 @@ class _Messages(Sink):
     def __init__(self, config: MonitorConfig, spans: TimeSpans) -> None:
         self._spans = spans
         self._bearings = config.bearings
-        self._verdicts: dict[str, list[Verdict]] = {b.name: [] for b in config.bearings}
+        self._verdicts: dict[str, list[tuple[int, float, float, float, str]]] = {
+            b.name: [] for b in config.bearings
+        }
         self._kinds = output_topics(config.bearings, f'/{NODE}')
         self._told: dict[str, list[tuple[int, bytes]]] = {name: [] for name in self._kinds}
 
@@ -215,35 +217,52 @@ class _Messages(Sink):
     def columns(self) -> Iterator[MessageColumn]:
         """What was told since the last call."""
         for bearing in self._bearings:
-            self._tell_verdicts(bearing, self._verdicts[bearing.name])
-            self._verdicts[bearing.name].clear()
-        for topic, told in self._told.items():
+            told = self._verdicts[bearing.name]
             if told:
-                times, payload = zip(*told, strict=True)
-                yield MessageColumn(topic, self._kinds[topic], np.array(times), list(payload))
+                yield from self._of_verdicts(bearing, *zip(*told, strict=True))
                 told.clear()
+        for topic, messages in self._told.items():
+            if messages:
+                times, payload = zip(*messages, strict=True)
+                yield MessageColumn(topic, self._kinds[topic], np.array(times), list(payload))
+                messages.clear()
 
     def take_verdict(self, verdict: Verdict) -> None:
         """One operating point; what is said of it is worked out with those that follow."""
         if self.wants(verdict.time_ns):
-            self._verdicts[verdict.bearing].append(verdict)
+            measured = str(verdict.standing.measured)
+            row = verdict.time_ns, verdict.speed, verdict.load, verdict.runs, measured
+            self._verdicts[verdict.bearing].append(row)
 
-    def _tell_verdicts(self, bearing: BearingConfig, verdicts: Sequence[Verdict]) -> None:
-        """Numbers and words of some verdicts on one bearing."""
-        if not verdicts:
-            return
-        speed = np.array([verdict.speed for verdict in verdicts])
-        load = np.array([verdict.load for verdict in verdicts])
+    def _of_verdicts(
+        self,
+        bearing: BearingConfig,
+        time_ns: Sequence[int],
+        speed: Sequence[float],
+        load: Sequence[float],
+        runs: Sequence[float],
+        measured: Sequence[str],
+    ) -> Iterator[MessageColumn]:
+        """Numbers and words of some verdicts on one bearing, each of shape (n,)."""
         table = known_table(bearing.bearing)
-        points = assess(bearing.bearing, speed, load, bearing.belief, table)
-        said: dict[str, Any] = {name: getattr(points, name) for name in topic_numbers(bearing)}
-        if bearing.belief is not None:
-            said['probability_runs'] = [v.assessment.probability_runs for v in verdicts]
-        said |= {'regime': points.regime, 'measured': [str(v.standing.measured) for v in verdicts]}
-        for name in (*topic_numbers(bearing), *topic_words(bearing)):
-            for verdict, value in zip(verdicts, said[name], strict=True):
-                data = encode_string(value) if isinstance(value, str) else _encoded(name, value)
-                self._tell(f'/{NODE}/{bearing.name}/{name}', verdict.time_ns, data)
+        points = assess(bearing.bearing, np.array(speed), np.array(load), bearing.belief, table)
+        points.remember_runs(np.array(runs))
+        times = np.array(time_ns)
+        for name in topic_numbers(bearing):
+            values = getattr(points, name)
+            if name.startswith('amplitude'):
+                values = np.where(np.isnan(values), 0.0, values)  # there is no cycle
+            yield self._column(bearing, name, times, encode_float64s(values))
+        words = {'regime': points.regime.tolist(), 'measured': measured}
+        for name in topic_words(bearing):
+            encoded = {word: encode_string(word) for word in set(words[name])}
+            yield self._column(bearing, name, times, [encoded[word] for word in words[name]])
+
+    def _column(
+        self, bearing: BearingConfig, name: str, time_ns: IntArray, payload: Payload
+    ) -> MessageColumn:
+        topic = f'/{NODE}/{bearing.name}/{name}'
+        return MessageColumn(topic, self._kinds[topic], time_ns, payload)
 
     def take_event(self, event: Event) -> None:
         """One JSON warning."""
@@ -260,11 +279,6 @@ class _Messages(Sink):
 
     def _tell(self, topic: str, time_ns: int, data: bytes) -> None:
         self._told[topic].append((time_ns, data))
-
-
-def _encoded(name: str, value: float) -> bytes:
-    """A number as a message; an amplitude is 0 where there is no cycle."""
-    return encode_float64(0.0 if value != value and name.startswith('amplitude') else value)
 
 
 class _Course:

@@ -111,7 +111,7 @@ TABLE: dict[tuple[AlarmState, Trigger], tuple[Choice, ...]] = {
     (AlarmState.UNACKNOWLEDGED, Trigger.REMOVE): _AWAY,
     (AlarmState.ACKNOWLEDGED, Trigger.RECUR): (
         ('suppressed', AlarmState.ACKNOWLEDGED),
-        (ALWAYS, AlarmState.UNACKNOWLEDGED),
+        ('active', AlarmState.UNACKNOWLEDGED),
     ),
     (AlarmState.ACKNOWLEDGED, Trigger.CLEAR): _DONE,
     (AlarmState.ACKNOWLEDGED, Trigger.SUPPRESS): (
