@@ -146,7 +146,7 @@ def size_cycle(config: BearingConfig, s: Any, many: bool = False) -> None:
     """Work out the amplitude of the exact cycle, into the memory ``s``; compiled if many are."""
     speed, load = rule.median_point(s)
     amplitude = exact_amplitude(config.bearing, float(speed), float(load), many)
-    s.amplitude, s.sized = 0.0 if math.isnan(amplitude) else amplitude, s.now
+    s.amplitude, s.sized = s.amplitude if math.isnan(amplitude) else amplitude, s.now
 
 
 class _Snapshots(list[Any]):

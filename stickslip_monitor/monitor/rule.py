@@ -291,10 +291,10 @@ def amplitude_due(s: Any, c: Any) -> bool:
     """Whether the amplitude of the cycle is to be worked out, which is done once a second.
 
     Whoever takes samples does it, by the exact cycle at the medians (:func:`median_point`): that
-    costs a hundred times what all the rest does, and only a limit needs it. One that dies out
-    beyond the fold keeps its amplitude until it has ended.
+    costs a hundred times what all the rest does, and only a limit needs it. Where no cycle exists
+    any more the last amplitude stands until stick-slip has ended.
     """
-    needed = s.sticking == 1 and s.course == WITHIN and c.amplitude_limit < math.inf
+    needed = s.sticking == 1 and c.amplitude_limit < math.inf
     return needed and (s.sized == NEVER or s.now - s.sized >= SIZED)
 
 

@@ -148,7 +148,7 @@ def test_day_is_written_as_it_is_made(tmp_path: Path, scene: str) -> None:
     command = [sys.executable, '-c', code, scene, str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     hour, day = map(int, done.stdout.split())
-    assert day - hour < 8_000  # kilobytes; a chunk and its compression take four
+    assert day - hour < 12_000  # kilobytes; chunks and their compression take up to nine
 
 
 def test_truth_and_cut_are_told_apart_from_telemetry(
