@@ -147,20 +147,15 @@ def _amplitude(bearing: Bearing, speed: float, load: float) -> float:
         friction = law.kinetic + (law.static - law.kinetic) * math.exp(-law.decay * slip)
         return [v, (load * friction - c * v - k * x) / m]
 
-    def crest(_: float, state: FloatArray) -> float:
+    def turns(_: float, state: FloatArray) -> float:
         return float(state[1])
 
-    def trough(_: float, state: FloatArray) -> float:
-        return float(state[1])
-
-    crest.direction, trough.direction = -1.0, 1.0  # type: ignore[attr-defined]
-    trough.terminal = True  # type: ignore[attr-defined]
+    # The lining turns at its crest, which the slip begins before, and at its trough.
+    turns.terminal = 2  # type: ignore[attr-defined]
     start = [(load * law.static - c * speed) / k, speed]
     span = 20.0 * math.sqrt(m / k) + 10.0 * abs(start[0]) / speed
-    slip = solve_ivp(
-        motion, (0.0, span), start, 'DOP853', events=(crest, trough), rtol=1e-9, atol=1e-12
-    )
-    (high,), (low,) = slip.y_events
+    slip = solve_ivp(motion, (0.0, span), start, 'DOP853', events=turns, rtol=1e-9, atol=1e-12)
+    high, low = slip.y_events[0]
     return float(high[0] - low[0]) / 2.0
 
 
@@ -205,8 +200,8 @@ def noise(scene: Scene, config: BearingConfig) -> tuple[float, float]:
             if quantity in settings:
                 section = settings.value(quantity, '')
                 unit, size = section['unit'], section['standard_deviation']
-                own_factors = factors if quantity == 'load' else {}
-                factor = own_factors.get(unit) or config.bearing.speed.factor(unit)
+                speed = config.bearing.speed
+                factor = factors[unit] if quantity == 'load' else speed.factor(unit)
                 deviation[quantity] = size * factor
     return deviation['speed'], deviation['load']
 
@@ -407,6 +402,8 @@ class _Rule:
         if self.sticking:
             over = self.gone >= _DECAY / self.half - 1e-9
             self.sticking = self.depths['fold'] > 0.0 or not over
+            if not self.sticking:
+                self.sizes, self.sized = {}, -math.inf
         elif self.rate > 0.0 and self.grown >= self.alarm.onset_growth:
             self.sticking, self.gone = True, 0.0
 
@@ -415,8 +412,6 @@ class _Rule:
         sticking, depths = self.sticking, self.depths
         coming = sticking or self._coming(load)
         inside = sticking or depths['fold'] > 0.0
-        if not sticking:
-            self.sizes, self.sized = {}, -math.inf
         over = sticking and depths.get('amplitude', -1.0) > 0.0
         small = not sticking or depths.get('amplitude_clear', -1.0) <= 0.0
         near, wide = (coming or depths[n] > 0.0 for n in ('caution', 'caution_clear'))

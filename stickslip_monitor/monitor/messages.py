@@ -44,8 +44,7 @@ POINT_NUMBERS = (
     *BELIEFS,
 )
 """The numbers of an operating point in every record, in SI units."""
-# Fewer than make a surface of cycles worth building: that would take a second, and let what one
-# recording's numbers are, in the seventh digit, depend on those checked before it.
+# Events whose numbers are worked out at a time.
 _TOGETHER = 2048
 VERDICT_NUMBERS = ('amplitude', 'amplitude_exact', 'hopf_margin', 'fold_margin')
 """The numbers of a verdict that have a topic of their own, by the topic's last part."""

@@ -159,22 +159,22 @@ class Session:
         self.config = config
 
     def take(
-        self, name: str, which: int, time_ns: int, value: float, now: Moment, latest: bool = True
+        self, name: str, place: int, time_ns: int, value: float, now: Moment, latest: bool = True
     ) -> Update:
         """Take one number of one input.
 
         Args:
             name: The bearing.
-            which: The input, a place in :data:`.signals.INPUTS`.
+            place: The input, a place in :data:`.signals.INPUTS`.
             time_ns: When it was measured [ns].
             value: The number, in the input's own scale.
             now: When it came.
             latest: Whether no later number of this bearing waits already: what one that waits
                 will outdate is said only where it changes something.
         """
-        update = self.monitor.bearings[name].update(which, time_ns, value)
+        update = self.monitor.bearings[name].update(place, time_ns, value)
         if self._inputs is not None:
-            self._inputs.take(name, which, time_ns, value, update.status.believed, now.steady_ns)
+            self._inputs.take(name, place, time_ns, value, update.status.believed, now.steady_ns)
         if update.events:
             update = replace(update, events=self._explained(update.events, now))
         if update.verdict is not None:
@@ -182,7 +182,7 @@ class Session:
         if latest or update.events:
             self._say(name, bool(update.events), now)
         self._announce(update.events)
-        self.alarms.feed(name, which, time_ns, update)
+        self.alarms.feed(name, place, time_ns, update)
         return update
 
     def pass_time(self, name: str, time_ns: int, now: Moment) -> None:
