@@ -451,20 +451,22 @@ def take_level(s: Any, c: Any, si: float, stamp: int, last: int) -> None:
     s.level = si
     gap = stamp - last
     if last == NEVER or not 0 <= gap <= c.timeout[LEVEL]:
-        s.vibrating, s.level_count = UNKNOWN, 0
+        s.vibrating, s.level_count, s.spell = UNKNOWN, 0, NEVER
         s.level_mean = s.level_peak = level
         return
     s.level_mean += (level - s.level_mean) * (1.0 - math.exp(-gap * 1e-9 / LEVEL_LAG))
     threshold = level_threshold(s, c)
     if not s.raised & (1 << CAUTION):
         watch_outside(s, c, level >= threshold, gap, stamp)
-    before = s.vibrating
-    count_level(s, level >= threshold, level < threshold - c.hysteresis, min(gap, DUE // 2))
-    if s.vibrating == VIBRATING and before != VIBRATING:
+    high, low = level >= threshold, level < threshold - c.hysteresis
+    count_level(s, high, low, min(gap, DUE // 2))
+    if high and s.spell == NEVER:
         s.spell = stamp
-    elif s.vibrating == QUIET and before == VIBRATING and stamp - s.spell < SHORT:
-        # Stick-slip would have gone on: what ends by itself so soon was something else.
-        s.outside = stamp
+    elif low and s.spell != NEVER:
+        if stamp - s.spell < SHORT:
+            # Stick-slip would have gone on: what ends by itself so soon was something else.
+            s.outside = stamp
+        s.spell = NEVER
 
 
 def level_threshold(s: Any, c: Any) -> float:
