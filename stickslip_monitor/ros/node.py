@@ -7,7 +7,8 @@ import functools
 import os
 import re
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,17 +18,17 @@ from rclpy.parameter import Parameter
 
 from stickslip_monitor.errors import RosError, StickslipError, plural
 from stickslip_monitor.monitor.clip_recorder import ClipStore
-from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig
+from stickslip_monitor.monitor.config import BearingConfig, ClipConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME
 from stickslip_monitor.monitor.configure import build_config
 from stickslip_monitor.monitor.health import NodeHealth
+from stickslip_monitor.monitor.session import Session
 from stickslip_monitor.ros import parameters
 from stickslip_monitor.ros.active import Active
-from stickslip_monitor.ros.configured import Configured, resolved
-from stickslip_monitor.ros.inputs import check_inputs
+from stickslip_monitor.ros.inputs import RosGraph, check_inputs
 from stickslip_monitor.ros.message_types import ROS_FAULTS
-from stickslip_monitor.ros.outputs import output_names
-from stickslip_monitor.state_file import StateFile
+from stickslip_monitor.ros.outputs import Clips, Outputs, output_names
+from stickslip_monitor.state_file import StateFile, StateWriter
 
 FAILURE_PERIOD = 5.0
 
@@ -66,7 +67,7 @@ class MonitorNode(LifecycleNode):
         for note in self.config.notes:
             self.get_logger().warning(note)
         self._check(self.config)
-        self._make_store(self.config)
+        self.make_store(self.config.clips)
         parameters.declare(self)
         self.add_on_set_parameters_callback(self._on_parameters)
 
@@ -76,11 +77,8 @@ class MonitorNode(LifecycleNode):
         Raises:
             RosError: A transition failed.
         """
-        for name, trigger in (
-            ('configure', self.trigger_configure),
-            ('activate', self.trigger_activate),
-        ):
-            if trigger() != TransitionCallbackReturn.SUCCESS:
+        for name in ('configure', 'activate'):
+            if getattr(self, f'trigger_{name}')() != TransitionCallbackReturn.SUCCESS:
                 raise RosError(f'the node cannot {name}: {self._failure}')
 
     def survived(self, callback: Callable[..., Any]) -> Callable[..., Any]:
@@ -116,7 +114,7 @@ class MonitorNode(LifecycleNode):
         bearings = plural(len(self.config.bearings), 'bearing')
         self.get_logger().info(f'working out the boundaries of {bearings}')
         try:
-            self._configured = Configured(self, self.config, self.health, self._make_store)
+            self._configured = Configured(self, self.config)
         except (*ROS_FAULTS, StickslipError) as error:
             return self._failed(f'it cannot be set up: {sentence(error)}')
         self._transition('configured, inactive')
@@ -132,8 +130,7 @@ class MonitorNode(LifecycleNode):
             return self._failed(f'its inputs cannot be subscribed to: {sentence(error)}')
         result = super().on_activate(state)
         self._transition('active')
-        for line in _inputs_lines(self, self._configured.session.config):
-            self.get_logger().info(line)
+        self._tell_inputs(self._configured.session.config)
         self._active = active
         active.begin()
         return result
@@ -166,6 +163,21 @@ class MonitorNode(LifecycleNode):
             self._configured.close()
         super().destroy_node()
 
+    def make_store(self, config: ClipConfig) -> ClipStore | None:
+        """What takes the clips of a configuration; ``None`` where it wants none.
+
+        Raises:
+            StickslipError: There is none that could, or its folder cannot be made.
+        """
+        if not config.directory:
+            return None
+        if self._store is None:
+            raise RosError(
+                f"clips.directory = '{config.directory}': this node was started without anything"
+                " that writes clips; run the executable 'monitor'"
+            )
+        return self._store(config)
+
     def _note(self, what: str, text: str) -> None:
         if self._configured is not None:
             self._configured.note(what, text)
@@ -180,6 +192,18 @@ class MonitorNode(LifecycleNode):
         text = f'the monitor is {state}'
         self.get_logger().info(text)
         self._note('lifecycle', text)
+
+    def _tell_inputs(self, config: MonitorConfig) -> None:
+        """Log what an active node does."""
+        tell, domain = self.get_logger().info, os.environ.get('ROS_DOMAIN_ID') or '0'
+        bearings = plural(len(config.bearings), 'bearing')
+        tell(f'{self.get_fully_qualified_name()} monitors {bearings} in ROS domain {domain}')
+        for bearing in config.bearings:
+            inputs = (
+                f'{name} in {source.unit} from {source.topic} ({source.type}, {source.field_text})'
+                for name, source in bearing.inputs.items()
+            )
+            tell(f'{bearing.name}: {", ".join(inputs)}')
 
     def _stop_listening(self) -> None:
         active, self._active = self._active, None
@@ -199,18 +223,6 @@ class MonitorNode(LifecycleNode):
         if config.state_file:
             StateFile(config.state_file).check()
 
-    def _make_store(self, whole: MonitorConfig) -> ClipStore | None:
-        """What takes the clips of a configuration; ``None`` where it wants none."""
-        config = whole.clips
-        if not config.directory:
-            return None
-        if self._store is None:
-            raise RosError(
-                f"clips.directory = '{config.directory}': this node was started without anything"
-                " that writes clips; run the executable 'monitor'"
-            )
-        return self._store(config)
-
     def _on_parameters(self, changes: list[Parameter[Any]]) -> SetParametersResult:
         # Those of publishers and subscriptions are declared, and read-only, as these are made.
         changes = [each for each in changes if not each.name.startswith('qos_overrides.')]
@@ -220,7 +232,7 @@ class MonitorNode(LifecycleNode):
             self._check(config)
             told = parameters.told_changes(self, changes)
             if configured is None:
-                self._make_store(config)
+                self.make_store(config.clips)
             elif rebuilt:
                 configured.rebuild(config)
             else:
@@ -237,17 +249,114 @@ class MonitorNode(LifecycleNode):
         return SetParametersResult(successful=True)
 
 
-def _inputs_lines(node: MonitorNode, config: MonitorConfig) -> Iterator[str]:
-    """What an active node does, for the log."""
-    domain = os.environ.get('ROS_DOMAIN_ID') or '0'
-    bearings = plural(len(config.bearings), 'bearing')
-    yield f'{node.get_fully_qualified_name()} monitors {bearings} in ROS domain {domain}'
-    for bearing in config.bearings:
-        inputs = (
-            f'{name} in {source.unit} from {source.topic} ({source.type}, {source.field_text})'
-            for name, source in bearing.inputs.items()
+class Configured:
+    """What a configured node has, and keeps while it is not active.
+
+    Args:
+        node: The node.
+        config: Its configuration.
+
+    Raises:
+        Exception: One of :data:`.message_types.ROS_FAULTS`, or a StickslipError.
+
+    Attributes:
+        config: The configuration, names of topics as given.
+        health: How the node is.
+        clips: Takes what the node hears and says, where clips are wanted.
+        outputs: The publishers.
+        session: The monitor and what is around it.
+    """
+
+    def __init__(self, node: MonitorNode, config: MonitorConfig) -> None:
+        self._node, self.health = node, node.health
+        self._kept: StateWriter | None = None
+        self._publish(config)
+        try:
+            if config.state_file:
+                self._kept = StateWriter(StateFile(config.state_file))
+            self.session = self._session()
+        except BaseException:
+            self.destroy()
+            raise
+
+    def _publish(self, config: MonitorConfig) -> None:
+        store = self._node.make_store(config.clips)
+        self.config = config
+        self.clips = None if store is None else Clips(self._node, config.clips, store)
+        self.outputs = Outputs(self._node, config, self.health, self.clips)
+
+    def _session(self) -> Session:
+        node = self._node
+        return Session(
+            resolved(node, self.config),
+            self.outputs,
+            node.get_logger(),
+            lambda: node.get_clock().now().nanoseconds,
+            self._kept,
+            RosGraph(node),
         )
-        yield f'{bearing.name}: {", ".join(inputs)}'
+
+    def retune(self, config: MonitorConfig) -> None:
+        """Take over what may change while the node is active."""
+        self.session.retune(resolved(self._node, config))
+        self.config = config
+
+    def rebuild(self, config: MonitorConfig) -> None:
+        """Start afresh with other inputs; the alarms stay as they are."""
+        before, outputs = self.session, self.outputs
+        self._publish(config)
+        outputs.destroy()
+        self.session = self._session()
+        self.session.alarms.inherit(before.alarms)
+
+    def note(self, what: str, text: str) -> None:
+        """Put something on record with the list of alarms."""
+        self.session.alarms.note(what, text)
+
+    def look_at_files(self) -> None:
+        """Bring the health of what is written up to date."""
+        if self.clips is not None:
+            self.health.clip_fault = self.clips.fault
+        if self._kept is not None:
+            before, self.health.state_file_fault = self.health.state_file_fault, self._kept.fault
+            if self._kept.fault and not before:
+                self._node.get_logger().error(self._kept.fault)
+
+    def tick_clips(self) -> None:
+        """Let time pass for the clips."""
+        if self.clips is not None:
+            bearings = self.session.monitor.bearings.values()
+            self.clips.tick(max((b.now_ns or 0 for b in bearings), default=0))
+
+    def end_clips(self) -> None:
+        """Write what is left of the clips."""
+        if self.clips is not None:
+            self.clips.close()
+
+    def close(self) -> None:
+        """Write what is left of clips and alarms."""
+        self.end_clips()
+        if self._kept is not None:
+            self._kept.close()
+            self._kept = None
+
+    def destroy(self) -> None:
+        """Take everything down."""
+        self.close()
+        self.outputs.destroy()
+
+
+def resolved(node: LifecycleNode, config: MonitorConfig) -> MonitorConfig:
+    """The configuration with the full names of its topics, as people know them."""
+
+    def named(bearing: BearingConfig) -> BearingConfig:
+        inputs: dict[str, Any] = {
+            name: replace(source, topic=node.resolve_topic_name(source.topic))
+            for name, source in bearing.inputs.items()
+        }
+        return replace(bearing, **inputs)
+
+    return replace(config, bearings=tuple(map(named, config.bearings)))
 
 
 def sentence(error: Exception) -> str:

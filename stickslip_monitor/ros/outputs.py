@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the node publishes: numbers for each bearing, warnings, diagnostics."""
+"""What the node says: numbers, warnings, diagnostics, and event clips of what passed it."""
 
 from __future__ import annotations
 
 import json
+import queue
+import threading
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -13,9 +16,12 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
-from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.errors import cause
+from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder, ClipStore
+from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig
 from stickslip_monitor.monitor.health import DiagnosticRecord, NodeHealth, health_record
 from stickslip_monitor.monitor.messages import (
     BearingState,
@@ -27,25 +33,21 @@ from stickslip_monitor.monitor.messages import (
 )
 from stickslip_monitor.monitor.session import Sink
 from stickslip_monitor.monitor.verdict import Event, Verdict
-from stickslip_monitor.ros.event_clips import Clips
-from stickslip_monitor.ros.message_types import message_type
+from stickslip_monitor.ros.message_types import definition, message_type
 
 WARNINGS_KEPT = 100
 ALARMS_KEPT = 20
 # How long the end of the node waits for readers [s].
 _LAST_WORD = 0.5
+_CLIPS_WAITING = 2
+_LOSS_TOLD_EVERY = 60.0
+RETRY_PERIOD = 5.0
+"""A clip that cannot be written is tried again after so long [s]."""
 
 
-def _reliable() -> QoSProfile:
-    return QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-
-
-def _latched(depth: int) -> QoSProfile:
-    return QoSProfile(
-        depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
-    )
+def _reliable(depth: int = 10, latched: bool = False) -> QoSProfile:
+    durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
 
 
 def output_names(node: LifecycleNode, config: MonitorConfig) -> set[str]:
@@ -72,8 +74,8 @@ class Outputs(Sink):
         self._name = node.get_fully_qualified_name().lstrip('/')
         make: Callable[..., Any] = node.create_lifecycle_publisher
         own_qos = {'qos_overriding_options': QoSOverridingOptions.with_default_policies()}
-        self._warnings = make(String, '~/warnings', _latched(WARNINGS_KEPT), **own_qos)
-        self._alarms = make(String, '~/alarms', _latched(ALARMS_KEPT), **own_qos)
+        self._warnings = make(String, '~/warnings', _reliable(WARNINGS_KEPT, True), **own_qos)
+        self._alarms = make(String, '~/alarms', _reliable(ALARMS_KEPT, True), **own_qos)
         self._records = make(String, '~/bearings', _reliable(), **own_qos)
         self._diagnostics = make(DiagnosticArray, '/diagnostics', _reliable(), **own_qos)
         kinds = {
@@ -156,3 +158,96 @@ def _status(record: DiagnosticRecord) -> DiagnosticStatus:
         message=record.message,
         values=[KeyValue(key=key, value=value) for key, value in record.values.items()],
     )
+
+
+class Clips:
+    """Records what passes the node, and writes a clip around each alarm.
+
+    Clips are written in a thread, so that no callback waits for the disk; one that cannot be
+    written is tried again until a newer one comes; one that comes while two others wait is lost.
+
+    Args:
+        node: The node, for its log.
+        config: How long, how many and how large.
+        store: Where to.
+
+    Attributes:
+        fault: Why the last clip is lost; empty where it is not.
+    """
+
+    def __init__(self, node: LifecycleNode, config: ClipConfig, store: ClipStore) -> None:
+        self._node, self._store = node, store
+        self._definitions: dict[str, str] = {}
+        self._recorder = ClipRecorder(config, self._definitions)
+        self.fault = ''
+        self._waiting: queue.Queue[Clip | None] = queue.Queue(_CLIPS_WAITING)
+        self._thread: threading.Thread | None = None
+
+    def take(self, topic: str, message: Any, time_ns: int | None = None) -> None:
+        """Take a message that was heard or said.
+
+        Args:
+            topic: Its topic.
+            message: The message.
+            time_ns: Its time on the clock of the samples; the latest one if ``None`` [ns].
+        """
+        own = type(message)
+        kind = f'{own.__module__.partition(".")[0]}/msg/{own.__name__}'
+        if kind not in self._definitions:
+            self._definitions[kind] = definition(kind)
+        at_ns = self._recorder.now_ns if time_ns is None else time_ns
+        self._recorder.add(ClipMessage(at_ns, topic, kind, serialize_message(message)))
+
+    def note(self, event: Event) -> None:
+        """Take notice of a change of an alarm."""
+        self._recorder.note(event)
+
+    def tick(self, now_ns: int) -> None:
+        """Let time pass on the clock of the samples [ns]."""
+        self._recorder.advance(now_ns)
+        self._collect()
+
+    def close(self, patience: float = 10.0) -> None:
+        """Write what is left, the clip that is being taken too, within so much time [s]."""
+        self._recorder.finish()
+        self._collect()
+        if self._thread is not None:
+            try:
+                self._waiting.put(None, timeout=patience)
+                self._thread.join(patience)
+            except queue.Full:
+                self._lost(f'the disk takes longer than {patience:g} s')
+            self._thread = None
+
+    def _collect(self) -> None:
+        for clip in self._recorder.clips():
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._run, name='clips', daemon=True)
+                self._thread.start()
+            try:
+                self._waiting.put_nowait(clip)
+            except queue.Full:
+                self._lost('the disk does not keep up')
+
+    def _run(self) -> None:
+        clip = self._waiting.get()
+        while clip is not None:
+            written = self._written(clip)
+            # One that is not written is tried once more, unless a newer one comes.
+            with suppress(queue.Empty):
+                clip = self._waiting.get(timeout=None if written else RETRY_PERIOD)
+
+    def _written(self, clip: Clip) -> bool:
+        try:
+            for _ in self._store.write(clip):
+                pass
+        except Exception as error:
+            # Neither a full disk nor a fault of ours may stop the monitor, or later clips.
+            self._lost(cause(error))
+            return False
+        self.fault = ''
+        return True
+
+    def _lost(self, reason: str) -> None:
+        self.fault = f'an event clip is lost: {reason}'
+        self._node.get_logger().error(self.fault, throttle_duration_sec=_LOSS_TOLD_EVERY)

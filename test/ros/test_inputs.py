@@ -94,7 +94,7 @@ def test_messages_that_share_a_tick_of_the_clock_keep_their_order() -> None:
 
     heard: list[tuple[int, float]] = []
 
-    def receive(bearing: str, is_load: int, time_ns: int, value: float, latest: bool) -> None:
+    def receive(bearing: str, place: int, time_ns: int, value: float, latest: bool) -> None:
         if bearing == 'aft':
             heard.append((time_ns, value))
 
@@ -140,8 +140,8 @@ def _events(
 
     said: dict[str, list[Any]] = {'fore': [], 'aft': []}
 
-    def receive(bearing: str, is_load: int, time_ns: int, value: float, latest: bool) -> None:
-        said[bearing].extend(monitor.bearings[bearing].update(is_load, time_ns, value).events)
+    def receive(bearing: str, place: int, time_ns: int, value: float, latest: bool) -> None:
+        said[bearing].extend(monitor.bearings[bearing].update(place, time_ns, value).events)
 
     node = _Node()
     config, _ = _inputs(node, 'geometry_msgs/msg/Vector3Stamped', 'vector.x', receive)

@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 from stickslip_monitor.monitor.session import Moment
-from stickslip_monitor.ros.watchdog import ElapsedTime
+from stickslip_monitor.ros.active import ElapsedTime
 
 ROS = 10**18
 
