@@ -7,7 +7,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -24,9 +24,7 @@ from stickslip_monitor.monitor.session import Moment, Session
 from stickslip_monitor.monitor.signals import LEVEL
 from stickslip_monitor.ros.inputs import Guard, Inputs, Number, node_name
 from stickslip_monitor.ros.message_types import ROS_FAULTS
-
-if TYPE_CHECKING:
-    from stickslip_monitor.ros.node import Configured
+from stickslip_monitor.ros.outputs import Configured
 
 WATCHDOG_PERIOD = 0.1
 LAG_NS = 500_000_000

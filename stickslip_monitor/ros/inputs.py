@@ -72,7 +72,7 @@ class Number(NamedTuple):
     latest: bool
 
 
-class Reading(NamedTuple):
+class InputReader(NamedTuple):
     """One number that a message brings for one bearing."""
 
     bearing: str
@@ -135,7 +135,7 @@ class Inputs:
             for place, source in enumerate(bearing.inputs.values()):
                 key = source.topic, source.type
                 lane = lanes[key] = lanes.get(key) or Lane(node, now_ns, *key)
-                lane.readings.append(Reading(bearing.name, place, number_reader(source.field)))
+                lane.readings.append(InputReader(bearing.name, place, number_reader(source.field)))
                 lane.gaps.longest_ns = min(lane.gaps.longest_ns, source.timeout_ns)
         self._lanes = list(lanes.values())
 
@@ -222,7 +222,7 @@ class Lane:
     ) -> None:
         self._node, self._now_ns, self._topic, self._kind = node, now_ns, topic, kind
         self.name = node.resolve_topic_name(topic)
-        self.readings: list[Reading] = []
+        self.readings: list[InputReader] = []
         self.beside: list[Lane] = []
         self.thinned = self.lost = 0
         self.gaps = StampGaps(longest_ns=sys.maxsize)

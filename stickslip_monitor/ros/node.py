@@ -8,7 +8,6 @@ import os
 import re
 import traceback
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,17 +17,16 @@ from rclpy.parameter import Parameter
 
 from stickslip_monitor.errors import RosError, StickslipError, plural
 from stickslip_monitor.monitor.clip_recorder import ClipStore
-from stickslip_monitor.monitor.config import BearingConfig, ClipConfig, MonitorConfig
+from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME
 from stickslip_monitor.monitor.configure import build_config
 from stickslip_monitor.monitor.health import NodeHealth
-from stickslip_monitor.monitor.session import Session
 from stickslip_monitor.ros import parameters
 from stickslip_monitor.ros.active import Active
-from stickslip_monitor.ros.inputs import RosGraph, check_inputs
+from stickslip_monitor.ros.inputs import check_inputs
 from stickslip_monitor.ros.message_types import ROS_FAULTS
-from stickslip_monitor.ros.outputs import Clips, Outputs, output_names
-from stickslip_monitor.state_file import StateFile, StateWriter
+from stickslip_monitor.ros.outputs import Configured, output_names, resolved
+from stickslip_monitor.state_file import StateFile
 
 FAILURE_PERIOD = 5.0
 
@@ -114,7 +112,7 @@ class MonitorNode(LifecycleNode):
         bearings = plural(len(self.config.bearings), 'bearing')
         self.get_logger().info(f'working out the boundaries of {bearings}')
         try:
-            self._configured = Configured(self, self.config)
+            self._configured = Configured(self, self.config, self.health, self.make_store)
         except (*ROS_FAULTS, StickslipError) as error:
             return self._failed(f'it cannot be set up: {sentence(error)}')
         self._transition('configured, inactive')
@@ -247,116 +245,6 @@ class MonitorNode(LifecycleNode):
             self.get_logger().info(text)
             self._note('parameter', text)
         return SetParametersResult(successful=True)
-
-
-class Configured:
-    """What a configured node has, and keeps while it is not active.
-
-    Args:
-        node: The node.
-        config: Its configuration.
-
-    Raises:
-        Exception: One of :data:`.message_types.ROS_FAULTS`, or a StickslipError.
-
-    Attributes:
-        config: The configuration, names of topics as given.
-        health: How the node is.
-        clips: Takes what the node hears and says, where clips are wanted.
-        outputs: The publishers.
-        session: The monitor and what is around it.
-    """
-
-    def __init__(self, node: MonitorNode, config: MonitorConfig) -> None:
-        self._node, self.health = node, node.health
-        self._kept: StateWriter | None = None
-        self._publish(config)
-        try:
-            if config.state_file:
-                self._kept = StateWriter(StateFile(config.state_file))
-            self.session = self._session()
-        except BaseException:
-            self.destroy()
-            raise
-
-    def _publish(self, config: MonitorConfig) -> None:
-        store = self._node.make_store(config.clips)
-        self.config = config
-        self.clips = None if store is None else Clips(self._node, config.clips, store)
-        self.outputs = Outputs(self._node, config, self.health, self.clips)
-
-    def _session(self) -> Session:
-        node = self._node
-        return Session(
-            resolved(node, self.config),
-            self.outputs,
-            node.get_logger(),
-            lambda: node.get_clock().now().nanoseconds,
-            self._kept,
-            RosGraph(node),
-        )
-
-    def retune(self, config: MonitorConfig) -> None:
-        """Take over what may change while the node is active."""
-        self.session.retune(resolved(self._node, config))
-        self.config = config
-
-    def rebuild(self, config: MonitorConfig) -> None:
-        """Start afresh with other inputs; the alarms stay as they are."""
-        before, outputs = self.session, self.outputs
-        self._publish(config)
-        outputs.destroy()
-        self.session = self._session()
-        self.session.alarms.inherit(before.alarms)
-
-    def note(self, what: str, text: str) -> None:
-        """Put something on record with the list of alarms."""
-        self.session.alarms.note(what, text)
-
-    def look_at_files(self) -> None:
-        """Bring the health of what is written up to date."""
-        if self.clips is not None:
-            self.health.clip_fault = self.clips.fault
-        if self._kept is not None:
-            before, self.health.state_file_fault = self.health.state_file_fault, self._kept.fault
-            if self._kept.fault and not before:
-                self._node.get_logger().error(self._kept.fault)
-
-    def tick_clips(self) -> None:
-        """Let time pass for the clips."""
-        if self.clips is not None:
-            bearings = self.session.monitor.bearings.values()
-            self.clips.tick(max((b.now_ns or 0 for b in bearings), default=0))
-
-    def end_clips(self) -> None:
-        """Write what is left of the clips."""
-        if self.clips is not None:
-            self.clips.close()
-
-    def close(self) -> None:
-        """Write what is left of clips and alarms."""
-        self.end_clips()
-        if self._kept is not None:
-            self._kept.close()
-            self._kept = None
-
-    def destroy(self) -> None:
-        """Take everything down."""
-        self.close()
-        self.outputs.destroy()
-
-
-def resolved(node: LifecycleNode, config: MonitorConfig) -> MonitorConfig:
-    """The configuration with the full names of its topics, as people know them."""
-
-    def named(bearing: BearingConfig) -> BearingConfig:
-        inputs: dict[str, Any] = {
-            name: replace(source, topic=node.resolve_topic_name(source.topic))
-            for name, source in bearing.inputs.items()
-        }
-        return replace(bearing, **inputs)
-
-    return replace(config, bearings=tuple(map(named, config.bearings)))
 
 
 def sentence(error: Exception) -> str:
