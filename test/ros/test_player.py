@@ -183,7 +183,7 @@ def test_a_subscriber_slower_than_the_player(
     times = BEGIN + np.arange(1000, dtype=np.int64) * 10**6
     with BagWriter(path) as writer:
         writer.add_topic('/a', FLOAT64)
-        writer.write_float64('/a', times, np.arange(1000.0))
+        writer.write_float64s({'/a': (times, np.arange(1000.0))})
     listener = run(sys.executable, '-c', LISTENER)
     player = play(path, '--rate', '50', '--wait', '60')
     peer.until(lambda: not player.alive, 'the end', 60.0)
