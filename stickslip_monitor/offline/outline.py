@@ -56,27 +56,16 @@ class Outline:
 
 
 class _Rows(NamedTuple):
-    """Points that may stay, shape (n,) each, the first and last and those of extreme scores.
+    """Points that may stay, shape (n,) each: first and last, and those of extreme scores."""
 
-    Attributes:
-        number: Which point of the recording it is.
-        time_ns: Its time [ns].
-        until_ns: How long it counts [ns].
-        speed: Surface speed [m/s].
-        load: Load [N].
-        sticking: Whether stick-slip is predicted.
-        opens: Whether the line is interrupted before it.
-        scores: Columns whose extremes stay, shape (m, n); ``nan`` for none.
-    """
-
-    number: IntArray
+    number: IntArray  # which point of the recording it is
     time_ns: IntArray
-    until_ns: IntArray
-    speed: FloatArray
-    load: FloatArray
+    until_ns: IntArray  # how long it counts
+    speed: FloatArray  # of the surface [m/s]
+    load: FloatArray  # [N]
     sticking: BoolArray
-    opens: BoolArray
-    scores: FloatArray
+    opens: BoolArray  # whether the line is interrupted before it
+    scores: FloatArray  # columns whose extremes stay, shape (m, n); nan for none
 
     def kept(self, rows: IndexArray) -> _Rows:
         """Some of them."""
