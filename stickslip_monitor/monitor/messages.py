@@ -189,7 +189,7 @@ class BearingState:
 
     @property
     def faults(self) -> dict[str, str]:
-        """What is wrong with an input, by quantity; see :mod:`.input_faults`."""
+        """What is wrong with an input, by quantity; see :mod:`.input_watch`."""
         return {name: state.fault for name, state in self.inputs.items() if state.fault}
 
     @property
