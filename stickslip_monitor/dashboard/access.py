@@ -55,15 +55,12 @@ class Access:
 
     A session is a random number with its keyed hash: it outlives a restart and does not tell the
     token. Those that were ended are remembered until a restart; another token ends all.
-
-    Attributes:
-        token: What to know; empty where nothing is asked.
-        names: Host names, in lower case, under which this machine is known beside its addresses.
-        ended: The sessions that were ended, the oldest first.
     """
 
-    token: str = ''
+    token: str = ''  # what to know; empty where nothing is asked
+    # Host names, in lower case, under which this machine is known beside its addresses.
     names: Collection[str] = ()
+    # The sessions that were ended, the oldest first.
     ended: deque[str] = field(default_factory=lambda: deque(maxlen=_MOST_ENDED))
 
     def knows(self, token: str) -> bool:
