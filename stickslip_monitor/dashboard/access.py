@@ -95,23 +95,16 @@ class Access:
         if not self.token:
             return True
         kind, _, token = request.headers.get('Authorization', '').partition(' ')
-        if kind.lower() == 'bearer' and self.knows(token.strip()):
-            return True
-        return self.signed_in(request)
+        bearer = kind.lower() == 'bearer' and self.knows(token.strip())
+        return bearer or self.signed_in(request)
 
     def is_ours(self, host: str) -> bool:
         """Whether a Host header names this machine: an address, or a name it is known by."""
         try:
             name = (urlsplit(f'//{host}').hostname or '').rstrip('.')
+            return name in ('localhost', *self.names) or bool(ipaddress.ip_address(name))
         except ValueError:
             return False
-        if name == 'localhost' or name in self.names:
-            return True
-        try:
-            ipaddress.ip_address(name)
-        except ValueError:
-            return False
-        return True
 
 
 def same_origin(request: web.Request) -> bool:
@@ -187,8 +180,7 @@ class _Door(asyncio.Protocol):
     Args:
         inner: The server's own protocol of the connection.
         others: All that are open, in the order in which they last did something.
-        most: See :data:`MOST_CONNECTIONS`.
-        idle: See :data:`IDLE` [s].
+        most, idle: See :func:`listen`.
     """
 
     def __init__(self, inner: Any, others: dict[_Door, None], most: int, idle: float) -> None:
@@ -211,8 +203,8 @@ class _Door(asyncio.Protocol):
         self._inner.connection_made(transport)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        self._stop()
         self._others.pop(self, None)
+        self._wait()
         if self._transport is not None:
             self._inner.connection_lost(exc)
 
@@ -243,14 +235,10 @@ class _Door(asyncio.Protocol):
 
     def _wait(self) -> None:
         """Close it when it has been idle for too long from now on."""
-        self._stop()
-        if not self._busy and self._transport is not None and not self._transport.is_closing():
-            self._timer = asyncio.get_running_loop().call_later(self._idle, self.close)
-
-    def _stop(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
-            self._timer = None
+        if not self._busy and self in self._others:
+            self._timer = asyncio.get_running_loop().call_later(self._idle, self.close)
 
 
 @web.middleware

@@ -96,17 +96,24 @@ class Server:
         )
         for path, body, kind in page_files():
             app.router.add_get(path, _file(body, kind))
-        app.router.add_post('/login', self._login)
-        app.router.add_post('/logout', self._logout)
-        app.router.add_get('/events', self._events)
-        app.router.add_post('/act', self._act)
-        app.router.add_get('/metrics', self._scrape)
-        app.router.add_get('/history', self._history)
-        app.router.add_get('/log.csv', self._log)
-        if self._player is not None:
-            app.router.add_post('/replay', self._replay)
+        app.add_routes(
+            [
+                web.post('/login', self._login),
+                web.post('/logout', self._logout),
+                web.get('/events', self._events),
+                web.post('/act', self._act),
+                web.get('/metrics', self._scrape),
+                web.get('/history', self._history),
+                web.get('/log.csv', self._log),
+                *([web.post('/replay', self._replay)] if self._player is not None else []),
+            ]
+        )
         app.on_response_prepare.append(add_headers)
-        app.on_shutdown.append(self._end_streams)
+
+        async def end_streams(_: web.Application) -> None:
+            self._board.hub.close()
+
+        app.on_shutdown.append(end_streams)
         return app
 
     async def _login(self, request: web.Request) -> web.Response:
@@ -148,19 +155,16 @@ class Server:
             event = b'retry: 1000\n\n' + hub.event('state', state)
             while not reader.closed:
                 await asyncio.wait_for(response.write(event), self._stalled)
-                event = await self._next(reader.take)
+                try:
+                    event = await asyncio.wait_for(reader.take(), self._heartbeat)
+                except asyncio.TimeoutError:
+                    event = hub.event('beat', self._board.monitor())
         except (ConnectionError, asyncio.TimeoutError):
             if request.transport is not None:
                 request.transport.abort()
         finally:
             hub.leave(reader)
         return response
-
-    async def _next(self, take: Callable[[], Any]) -> bytes:
-        try:
-            return bytes(await asyncio.wait_for(take(), self._heartbeat))
-        except asyncio.TimeoutError:
-            return self._board.hub.event('beat', self._board.monitor())
 
     async def _act(self, request: web.Request) -> web.Response:
         asked = await _asked(request, self._action)
@@ -202,9 +206,6 @@ class Server:
     async def _scrape(self, request: web.Request) -> web.Response:
         body, kind = self._metrics.text(request.headers.get('Accept', ''))
         return web.Response(body=body, headers={'Content-Type': kind})
-
-    async def _end_streams(self, _: web.Application) -> None:
-        self._board.hub.close()
 
 
 def _file(body: bytes, kind: str) -> Callable[[web.Request], Any]:
@@ -264,12 +265,8 @@ def make_runner(application: web.Application) -> web.AppRunner:
     and what is no HTTP, as a port scan sends it, is refused without a word in the log.
     """
     log = logging.getLogger(f'{__name__}.http')
-    log.addFilter(_is_own_fault)
+    log.addFilter(lambda r: not (r.exc_info and isinstance(r.exc_info[1], HttpProcessingError)))
     return web.AppRunner(application, access_log=None, shutdown_timeout=2.0, logger=log)
-
-
-def _is_own_fault(record: logging.LogRecord) -> bool:
-    return not (record.exc_info and isinstance(record.exc_info[1], HttpProcessingError))
 
 
 async def serve(
@@ -303,7 +300,8 @@ async def serve(
         except (OSError, OverflowError) as error:
             reason = getattr(error, 'strerror', None) or error
             raise DashboardError(f'cannot listen at {address} port {port}: {reason}') from error
-        started(_url(listening))
+        host, own = listening.sockets[0].getsockname()[:2]
+        started(f'http://[{host}]:{own}/' if ':' in host else f'http://{host}:{own}/')
         while not stop.is_set():
             board.tick()
             with contextlib.suppress(asyncio.TimeoutError):
@@ -311,8 +309,3 @@ async def serve(
         listening.close()
     finally:
         await runner.cleanup()
-
-
-def _url(listening: asyncio.Server) -> str:
-    host, port = listening.sockets[0].getsockname()[:2]
-    return f'http://[{host}]:{port}/' if ':' in host else f'http://{host}:{port}/'

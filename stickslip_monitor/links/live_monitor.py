@@ -73,18 +73,19 @@ class LiveMonitor:
     ) -> None:
         self._clock, self._begun_ns = clock, clock()
         self._ahead_ns = time.time_ns() - self._begun_ns
-        own = Shown(display)
-        self._session = Session(config, own, log, lambda: self._now().time_ns, store, Graph())
+        self._session = Session(
+            config, Shown(display), log, lambda: self._now().time_ns, store, Graph()
+        )
         self._shown_ns = -_SHOWN_EVERY_NS
 
     def _now(self) -> Moment:
         steady_ns = self._clock()
         return Moment(steady_ns, steady_ns + self._ahead_ns)
 
-    def take(self, bearing: str, which: Input, value: float) -> None:
+    def take(self, bearing: str, place: Input, value: float) -> None:
         """Take one number of one input, measured now."""
         now = self._now()
-        self._session.take(bearing, which, now.time_ns, value, now)
+        self._session.take(bearing, place, now.time_ns, value, now)
 
     def act(self, request: ActionRequest) -> None:
         """Do what a person asks for."""

@@ -188,7 +188,7 @@ def without_truth(copy: Path, level: FloatArray | None = None) -> None:
             assert bag.start_ns is not None
             writer.add_topic('/level', 'std_msgs/msg/Float64')
             time_ns = bag.start_ns + np.arange(level.size) * 10**8
-            writer.write_float64('/level', time_ns, level)
+            writer.write_float64s({'/level': (time_ns, level)})
 
 
 # The coast-down begins on 2026-05-04 at 06:00 UTC and lasts 280 s.

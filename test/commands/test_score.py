@@ -188,7 +188,7 @@ def test_bad_input_is_named(
     with BagWriter(bare) as writer:
         for topic in ('/shaft/speed', '/bearing/aft_stern/load'):
             writer.add_topic(topic, 'std_msgs/msg/Float64')
-            writer.write_float64(topic, [0, 10**9], [1.0, 1.0])
+            writer.write_float64s({topic: ([0, 10**9], [1.0, 1.0])})
     cases = {
         (str(bare),): f"bag '{bare}' holds no truth about aft_stern: topic"
         " '/truth/aft_stern/events' is not in it; only simulated recordings",

@@ -65,7 +65,7 @@ class Ship:
             [],
             MonitorSide(
                 ['aft'],
-                lambda bearing, which, value: self.values.append(value),
+                lambda bearing, place, value: self.values.append(value),
                 lambda request: self.requests.append(str(request.action)),
                 self.tell,
                 logging.getLogger('test'),

@@ -65,7 +65,7 @@ class Ship:
         log = logging.getLogger('ship')
         self.live = LiveMonitor(config, self, log)
         paths = {Input.SPEED: SPEED, Input.LOAD: LOAD}
-        inputs = [SignalKInput(BEARING, which, path, '', 2.0) for which, path in paths.items()]
+        inputs = [SignalKInput(BEARING, place, path, '', 2.0) for place, path in paths.items()]
         self.client = SignalKClient(
             SignalKLink(server.url, '', '', PREFIX, True),
             token,

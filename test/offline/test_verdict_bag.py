@@ -76,7 +76,7 @@ SAMPLES: list[tuple[int, int, float]] = [
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording with garbage and silence; the load has a header."""
     path = tmp_path_factory.mktemp('bag') / 'in'
-    from stickslip_monitor.bags.encode import encode_float64, encode_stamped
+    from stickslip_monitor.bags.encode import encode_float64s, encode_stamped
 
     with BagWriter(path, chunk_size=400) as writer:
         writer.add_topic('/shaft', 'std_msgs/msg/Float64')
@@ -89,8 +89,8 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
                 (data,) = encode_stamped(kind, 'wrench.force.z', [at], [value]).tolist()
                 writer.write('/load', at, data)
             else:
-                writer.write('/shaft', at, encode_float64(value))
-        writer.write('/other', START, encode_float64(1.0))
+                writer.write('/shaft', at, encode_float64s([value]).tobytes())
+        writer.write('/other', START, encode_float64s([1.0]).tobytes())
     return path
 
 
@@ -261,7 +261,7 @@ def test_a_quiet_recording_has_its_diagnostics(tmp_path: Path) -> None:
 
 
 def test_a_clock_that_jumps_back_is_written(tmp_path: Path) -> None:
-    from stickslip_monitor.bags.encode import encode_float64, encode_stamped
+    from stickslip_monitor.bags.encode import encode_float64s, encode_stamped
 
     with BagWriter(tmp_path / 'in') as writer:
         writer.add_topic('/shaft', 'std_msgs/msg/Float64')
@@ -271,7 +271,7 @@ def test_a_clock_that_jumps_back_is_written(tmp_path: Path) -> None:
             kind = 'geometry_msgs/msg/WrenchStamped'
             (data,) = encode_stamped(kind, 'wrench.force.z', [stamp], [1000.0]).tolist()
             writer.write('/load', at, data)
-            writer.write('/shaft', at, encode_float64(20.0))
+            writer.write('/shaft', at, encode_float64s([20.0]).tobytes())
     found = check_bag(tmp_path / 'in', config_of())
     write_verdicts(found, config_of(), tmp_path / 'out.mcap')
     counts = Counter(topic for topic, _, _ in rosbags_messages(tmp_path / 'out.mcap'))

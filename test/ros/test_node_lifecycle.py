@@ -4,6 +4,7 @@ from __future__ import annotations
 import json
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -130,25 +131,19 @@ def test_the_loop_survives_a_request_that_raises(monkeypatch: pytest.MonkeyPatch
     survived: list[Exception] = []
     refused = rclpy_implementation.RCLError('Transition is not registered.')
     turns = iter([refused, ValueError('what nobody expected'), None])
-    running, ended = [True], []
+    running = [True]
 
-    class Executor:
-        def add_node(self, item: object) -> None:
-            pass
+    def spin_once(timeout: float) -> None:
+        fault = next(turns)
+        if fault is not None:
+            raise fault
+        running[0] = False
 
-        def spin_once(self, timeout: float) -> None:
-            fault = next(turns)
-            if fault is not None:
-                raise fault
-            running[0] = False
-
-        def shutdown(self) -> None:
-            ended.append(True)
-
-    monkeypatch.setattr(node, 'make_executor', Executor)
+    executor = Mock(spin_once=spin_once)
+    monkeypatch.setattr(node, 'make_executor', lambda: executor)
     monkeypatch.setattr(node.rclpy, 'ok', lambda: running[0])
     node._spin(SimpleNamespace(survive=survived.append), [])  # type: ignore[arg-type]
-    assert ended == [True]
+    executor.shutdown.assert_called_once()
     assert [str(error) for error in survived] == [
         'Transition is not registered.',
         'what nobody expected',

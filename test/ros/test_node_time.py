@@ -186,3 +186,33 @@ def test_clock_starts_late_and_jumps(host: Any, kit: Any) -> None:
     # The player has gone: a clock that stands still says nothing, the steady clock does.
     warnings.clear()
     peer.until(heard('input_stale'), 'the loss')
+
+
+ROS = 10**18
+
+
+@pytest.mark.parametrize(
+    ('simulated', 'begun', 'ticks'),
+    [
+        # On system time the steady clock counts, whatever ROS time does.
+        (False, ROS, [(30, ROS + 10**12, 30), (50, 0, 50)]),
+        (True, ROS, [(30, ROS + 600, 600), (40, ROS + 650, 650)]),
+        # A step back counts as no time.
+        (True, ROS, [(10, ROS + 500, 500), (20, ROS - 10**9, 500), (30, ROS - 10**9 + 7, 507)]),
+        # While the simulated clock is unknown, or stands still, the steady clock counts.
+        (True, 0, [(10, 0, 10), (20, ROS, 20), (30, ROS + 3, 23)]),
+        (True, ROS, [(10, ROS, 10), (20, ROS + 5, 15)]),
+    ],
+)
+def test_time_without_samples(
+    simulated: bool, begun: int, ticks: list[tuple[int, int, int]]
+) -> None:
+    from stickslip_monitor.monitor.session import Moment
+    from stickslip_monitor.ros.active import ElapsedTime
+
+    flow = ElapsedTime(simulated, Moment(0, begun))
+    for steady_ns, time_ns, elapsed in ticks:
+        assert flow.tick(Moment(steady_ns, time_ns)) == elapsed
+    # A sample starts the count anew.
+    flow.restart(Moment(100, ROS + 600))
+    assert flow.tick(Moment(150, ROS + 650)) == 50
