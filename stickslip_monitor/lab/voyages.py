@@ -23,8 +23,8 @@ from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.recorder_clock import on_recorder_clock, scan_on_recorder_clock
 from stickslip_monitor.lab.scenes.effects import STAGES
 from stickslip_monitor.lab.scenes.scene import Scene, load_scene, simulate
+from stickslip_monitor.lab.scenes.settings import as_believed
 from stickslip_monitor.lab.scenes.telemetry import Messages
-from stickslip_monitor.lab.scenes.variation import as_believed
 from stickslip_monitor.lab.warning_quality import (
     Interval,
     Quality,

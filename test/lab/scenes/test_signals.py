@@ -22,8 +22,8 @@ from scipy.integrate import quad
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.effects.ship import cos_turns, exp
 from stickslip_monitor.lab.scenes.scene import Scene, simulate
+from stickslip_monitor.lab.scenes.settings import as_believed, drawn, random_stream
 from stickslip_monitor.lab.scenes.telemetry import Channel, Messages, nominal_load
-from stickslip_monitor.lab.scenes.variation import as_believed, drawn, random_stream
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.physics.friction import Coulomb
 
