@@ -270,15 +270,6 @@ def test_the_two_friction_curves() -> None:
     assert curves.hopf_coefficient == pytest.approx(0.14, rel=1e-12)
 
 
-def test_with_constant_friction_nothing_starts_by_itself() -> None:
-    coulomb = replace(REFERENCE, friction=Coulomb(0.3, 0.1))
-    speed = np.array([1.0, 5.0, 20.0]) * RPM
-    assert np.isnan(hopf_speed(coulomb, 1000.0))
-    assert np.isnan(assess(coulomb, speed, 1000.0).amplitude).all()
-    # Yet a lining that once sticks goes on sticking, at low speed.
-    assert np.isfinite(exact_cycle(coulomb, speed, 1000.0).amplitude).tolist() == [1, 1, 0]
-
-
 TABLE = Tabulated([0.0, 0.1], [0.3, 0.1])
 
 
