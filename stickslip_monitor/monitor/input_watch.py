@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
-from stickslip_monitor.monitor.level import Unknown
+from stickslip_monitor.monitor.ladder import Unknown
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, Status, to_si
 from stickslip_monitor.monitor.source_faults import SourceWatch, fault_text, least_gap
@@ -173,7 +173,7 @@ class InputWatch:
         self, bearing: str, place: int, track: _Track, now_ns: int, without_clock: bool
     ) -> bool:
         """Look at one input; whether there is a fault that was not told before."""
-        track.look(now_ns, tuple(map(int, self._bearings[bearing].counted(place))))
+        track.look(now_ns, tuple(map(int, self._bearings[bearing].counts[place])))
         fault = input_fault(self._facts(bearing, place, now_ns, without_clock))
         track.looks = track.looks + 1 if fault else 0
         told = fault if track.looks >= PATIENCE else ''

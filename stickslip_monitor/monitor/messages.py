@@ -8,19 +8,18 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, joined
+from stickslip_monitor.monitor.assessment import BELIEFS, Assessment
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.health import NOT_MONITORING, DiagnosticRecord
 from stickslip_monitor.monitor.input_watch import InputState
-from stickslip_monitor.monitor.ladder import Condition, Level
-from stickslip_monitor.monitor.level import Measured, Unknown
+from stickslip_monitor.monitor.ladder import Condition, Level, Measured, Unknown
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES, Input, Status
 from stickslip_monitor.monitor.verdict import Event, Standing, Verdict
@@ -44,8 +43,6 @@ POINT_NUMBERS = (
     *BELIEFS,
 )
 """The numbers of an operating point in every record, in SI units."""
-# Events whose numbers are worked out at a time.
-_TOGETHER = 2048
 VERDICT_NUMBERS = ('amplitude', 'amplitude_exact', 'hopf_margin', 'fold_margin')
 """The numbers of a verdict that have a topic of their own, by the topic's last part."""
 
@@ -109,44 +106,15 @@ def point_record(point: Assessment | None) -> dict[str, Any]:
     """Regime, outcome and numbers of an assessment of scalars; all ``None`` without one."""
     if point is None:
         return dict.fromkeys(('regime', 'outcome', *POINT_NUMBERS))
-    return _point_record(point, [getattr(point, name) for name in POINT_NUMBERS])
-
-
-def _point_record(point: Assessment, numbers: Sequence[float]) -> dict[str, Any]:
     return {
         'regime': point.regime.value,
         'outcome': point.outcome.value,
-        **{name: number(value) for name, value in zip(POINT_NUMBERS, numbers, strict=True)},
+        **{name: number(getattr(point, name)) for name in POINT_NUMBERS},
     }
 
 
 def event_record(event: Event) -> dict[str, Any]:
     """One event; the fields are documented in docs/interfaces.md."""
-    return _event_record(event, point_record(event.assessment))
-
-
-def event_records(events: Sequence[Event]) -> list[dict[str, Any]]:
-    """Events of one bearing; their numbers are worked out together."""
-    known = [event.assessment for event in events if event.assessment is not None]
-    rows = (
-        row
-        for start in range(0, len(known), _TOGETHER)
-        for row in _numbers(joined(known[start : start + _TOGETHER]))
-    )
-    records = []
-    for event in events:
-        point = event.assessment
-        own = point_record(None) if point is None else _point_record(point, next(rows))
-        records.append(_event_record(event, own))
-    return records
-
-
-def _numbers(points: Assessment) -> Iterator[Sequence[float]]:
-    """The numbers of each point of an assessment of arrays."""
-    return zip(*(getattr(points, name).tolist() for name in POINT_NUMBERS), strict=True)
-
-
-def _event_record(event: Event, point: dict[str, Any]) -> dict[str, Any]:
     return {
         'schema': WARNING_SCHEMA,
         'bearing': event.bearing,
@@ -160,7 +128,7 @@ def _event_record(event: Event, point: dict[str, Any]) -> dict[str, Any]:
         'clears_in': event.standing.clears,
         'raised': event.standing.raised,
         **({} if event.measured is None else {'measured': event.measured.value}),
-        **point,
+        **point_record(event.assessment),
         'input_age': {name: number(age) for name, age in event.lost.items()},
         'text': event.text,
     }

@@ -16,14 +16,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor import rule
-from stickslip_monitor.monitor.bulk import Scan, assessed, lost_inputs, scan_bearing, size_cycle
+from stickslip_monitor.monitor.bulk import Scan, scan_bearing
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
-from stickslip_monitor.monitor.ladder import CONDITIONS, Condition
-from stickslip_monitor.monitor.level import MEASURED, Measured, Unknown, why_unknown
+from stickslip_monitor.monitor.ladder import CONDITIONS, MEASURED, Condition, Measured, Unknown
 from stickslip_monitor.monitor.rule_settings import settings_of
 from stickslip_monitor.monitor.rule_state import NEVER, State
 from stickslip_monitor.monitor.signals import INPUTS, Input, Sample, Status, Stream
@@ -32,25 +30,23 @@ from stickslip_monitor.monitor.verdict import (
     Event,
     Standing,
     Verdict,
+    assessed,
     describe,
     event_of,
+    lost_inputs,
+    size_cycle,
     standing_of,
+    why_unknown,
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Update:
-    """What one sample brought.
+    """What one sample brought."""
 
-    Attributes:
-        status: What became of the sample.
-        verdict: The verdict, where the sample completed an operating point.
-        events: Changes of the alarm up to and at the sample's time.
-    """
-
-    status: Status
-    verdict: Verdict | None = None
-    events: list[Event] = field(default_factory=list)
+    status: Status  # what became of it
+    verdict: Verdict | None = None  # where it completed an operating point
+    events: list[Event] = field(default_factory=list)  # changes of the alarm up to its time
 
 
 _STATUS = tuple(Status)
@@ -148,11 +144,6 @@ class BearingMonitor:
         stamp: int = self.state.stamp[place]
         return None if stamp == NEVER else stamp
 
-    def counted(self, place: int) -> NDArray[np.int64]:
-        """Samples of an input by :class:`Status`, shape (7,)."""
-        counts: NDArray[np.int64] = self.counts[place]
-        return counts
-
     def text(self) -> str:
         """What the alarm says now, for a person."""
         lost = self.lost() if self.state.lost else {}
@@ -223,8 +214,8 @@ class BearingMonitor:
     def _event(self, before: int, time_ns: int, onset: bool = False) -> Event:
         point = self.verdict.assessment if self.verdict else None
         change = CONDITIONS[before], self.condition
-        lost = lost_inputs(self.state, self._settings.live, time_ns) if self.state.lost else {}
-        return event_of(self.config, time_ns, change, point, self.standing, lost, onset)
+        c = self._settings.live
+        return event_of(self.config, self.state, c, time_ns, change, point, onset)
 
 
 class Monitor:

@@ -62,7 +62,7 @@ def test_of_messages_that_wait_all_are_evaluated_and_the_last_is_answered(
     heard = telemetry.heard['hopf_margin']
 
     def taken() -> int:
-        return int(monitor.node._configured.session.monitor.bearings['aft'].counted(0)[0])
+        return int(monitor.node._configured.session.monitor.bearings['aft'].counts[0][0])
 
     before, said, count = taken(), len(heard), MOST_AT_ONCE - 10
     for i in range(count):

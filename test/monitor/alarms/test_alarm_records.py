@@ -116,7 +116,7 @@ def test_an_acknowledgement_survives_a_restart(stuck: Annunciator) -> None:
 def test_an_unacknowledged_alarm_survives_a_restart(stuck: Annunciator) -> None:
     new = restarted(stuck, 10)
     assert new.sounding
-    assert new.flood.lately == 0
+    assert new.flood.figures(new.now_ns)['alarms_10min'] == 0
 
 
 @pytest.mark.parametrize(
