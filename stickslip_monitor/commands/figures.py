@@ -185,9 +185,10 @@ def _motion(point: Point) -> _Finding:
         ' motion runs onto a limit cycle with a straight piece, the stick phase.'
     )
     summary = (
-        f'amplitude {history.exact_amplitude * 1e3:.6g} mm'
-        f' (KBM {history.averaged_amplitude * 1e3:.6g} mm), period {history.period * 1e3:.6g} ms,'
-        f' sticking {history.stick_fraction * 100:.3g} % of it'
+        f'amplitude {history.cycle.amplitude * 1e3:.6g} mm'
+        f' (KBM {history.averaged_amplitude * 1e3:.6g} mm), period'
+        f' {history.cycle.period * 1e3:.6g} ms,'
+        f' sticking {history.cycle.stick_fraction * 100:.3g} % of it'
     )
     draw = partial(draw_motion, history, statement, point.footnote)
     return _Finding(history.columns(), draw, summary)
@@ -205,7 +206,7 @@ def _friction(point: Point) -> _Finding:
     )
     footnote = f'{point.name}, load {point.load:.6g} N'
     draw = partial(draw_friction_laws, curves, statement, footnote)
-    return _Finding(curves.columns(), draw, summary)
+    return _Finding(curves.columns, draw, summary)
 
 
 FINDINGS: Mapping[str, Callable[[Point], _Finding]] = {

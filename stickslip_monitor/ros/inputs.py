@@ -55,21 +55,13 @@ Guard = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 class Number(NamedTuple):
-    """One number of one input.
+    """One number of one input."""
 
-    Attributes:
-        bearing: Its bearing.
-        place: The input, a place in :data:`.signals.INPUTS`.
-        time_ns: When it was measured, or came [ns].
-        value: The number, in the input's own scale.
-        latest: Whether no later number of its bearing has come already.
-    """
-
-    bearing: str
-    place: int
-    time_ns: int
-    value: float
-    latest: bool
+    bearing: str  # its bearing
+    place: int  # the input, a place in :data:`.signals.INPUTS`
+    time_ns: int  # when it was measured, or came [ns]
+    value: float  # the number, in the input's own scale
+    latest: bool  # whether no later number of its bearing has come already
 
 
 class InputReader(NamedTuple):

@@ -227,20 +227,21 @@ def hear_health(diagnostics: str, take: Callable[[str, int, str], None]) -> Iter
 def _node() -> Iterator[tuple[Node, Callable[[], None]]]:
     """A node, and what has a thread of its own spin it. Signals are left to the program."""
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    executor = SingleThreadedExecutor()
-
-    def spin() -> None:
-        with suppress(ExternalShutdownException):
-            executor.spin()
-
-    thread = threading.Thread(target=spin, name='ros', daemon=True)
-    node = Node(_NAME)
-    executor.add_node(node)
     try:
-        yield node, thread.start
+        node, executor = Node(_NAME), SingleThreadedExecutor()
+        executor.add_node(node)
+
+        def spin() -> None:
+            with suppress(ExternalShutdownException):
+                executor.spin()
+
+        thread = threading.Thread(target=spin, name='ros', daemon=True)
+        try:
+            yield node, thread.start
+        finally:
+            executor.shutdown()
+            if thread.is_alive():
+                thread.join()
+            node.destroy_node()
     finally:
-        executor.shutdown()
-        if thread.is_alive():
-            thread.join()
-        node.destroy_node()
         rclpy.try_shutdown()

@@ -44,23 +44,15 @@ _LARGEST = 16 << 20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrictionCurve:
-    """A measured friction curve.
+    """A measured friction curve."""
 
-    Attributes:
-        speed: Sliding speeds >= 0, in any order, shape (n,) [m/s].
-        coefficient: Coefficients of friction, shape (n,) [-].
-        std: Standard deviation of each coefficient, of which only the ratios matter, shape (n,).
-        line: The line of the file that each point came from, shape (n,).
-        unit: The unit that the speeds were written in.
-        unit_source: Where that unit was found, for the user.
-    """
-
-    speed: FloatArray
-    coefficient: FloatArray
+    speed: FloatArray  # sliding speeds >= 0, in any order, shape (n,) [m/s]
+    coefficient: FloatArray  # coefficients of friction, shape (n,) [-]
+    # Standard deviation of each coefficient, of which only the ratios matter, shape (n,).
     std: FloatArray
-    line: IntArray
-    unit: str = 'm/s'
-    unit_source: str = 'given'
+    line: IntArray  # the line of the file that each point came from, shape (n,)
+    unit: str = 'm/s'  # the unit that the speeds were written in
+    unit_source: str = 'given'  # where that unit was found, for the user
 
     @classmethod
     def of(cls, speed: ArrayLike, coefficient: ArrayLike, std: ArrayLike = 1.0) -> FrictionCurve:

@@ -14,8 +14,8 @@ import sys
 
 import mpmath as mp
 
-from stickslip_monitor.lab.accuracy.cases import CASES, Case
-from stickslip_monitor.lab.accuracy.perturbation import Cubic
+from stickslip_monitor.lab.accuracy.cases import CASES
+from stickslip_monitor.lab.accuracy.measurement import Case
 from stickslip_monitor.physics.friction import Stribeck
 
 DIGITS, ORDER = 40, 40
@@ -32,10 +32,6 @@ def derivative(series):
     return [k * series[k] for k in range(1, len(series))]
 
 
-def product(a, b, k):
-    return mp.fsum(a[j] * b[k - j] for j in range(k + 1))
-
-
 class Slip:
     """A motion slipping behind (``side`` 1) or ahead (-1) of the belt."""
 
@@ -47,23 +43,17 @@ class Slip:
 
     def series(self, x, v):
         """Taylor coefficients in time of displacement and velocity."""
-        xs, vs, w, square, fall = [x], [v], [], [], []
+        xs, vs, w, fall = [x], [v], [], []
         for k in range(ORDER):
             w.append(self.side * ((self.belt if k == 0 else 0) - vs[k]))
-            square.append(product(w, w, k))
-            mu = self._coefficient(k, w, square, fall)
+            mu = self._coefficient(k, w, fall)
             force = self.side * self.load * mu
             xs.append(vs[k] / (k + 1))
             vs.append((force - self.c * vs[k] - self.k * xs[k]) / self.m / (k + 1))
         return xs, vs
 
-    def _coefficient(self, k, w, square, fall):
+    def _coefficient(self, k, w, fall):
         law = self.law
-        if isinstance(law, Cubic):
-            fallen = mp.mpf(law.static) - mp.mpf(law.minimum)
-            k1 = 3 * fallen / (2 * mp.mpf(law.minimum_speed))
-            k3 = fallen / (2 * mp.mpf(law.minimum_speed) ** 3)
-            return (mp.mpf(law.static) if k == 0 else 0) - k1 * w[k] + k3 * product(square, w, k)
         assert isinstance(law, Stribeck)
         beta = mp.mpf(law.decay)
         if k == 0:
