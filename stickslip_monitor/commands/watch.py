@@ -254,12 +254,11 @@ def _board(args: argparse.Namespace, config: MonitorConfig) -> Iterator[Dashboar
 async def _serve(args: argparse.Namespace, board: DashboardState | None, feed: Feed) -> None:
     """Serve the page, or wait, until a signal comes."""
     if board is not None:
-        from stickslip_monitor.dashboard.server import Server, serve
+        from stickslip_monitor.dashboard.server import Server
 
         for monitor in board.monitors:
             monitor.act = feed.act
-        application = Server(board, page_access(args)).application()
-        await serve(application, board, args.host, args.port, say_address)
+        await Server(board, page_access(args)).serve(args.host, args.port, say_address)
         return
     stop, loop = asyncio.Event(), asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -207,51 +207,36 @@ def _row(record: dict[str, Any]) -> Row:
 
 @dataclass(frozen=True, slots=True)
 class BearingView:
-    """What the page is told of a bearing once.
-
-    Attributes:
-        rpm: Shaft speed at a surface speed of 1 m/s [rpm].
-        speeds, loads: Ends of the stability map [m/s], [N].
-        curves: What divides it: ``speed``, rising [m/s], and for each the load from which the fold
-            margin is below the ``caution`` margin, a cycle exists (``fold``), and the equilibrium
-            is unstable (``hopf``) [N]; ``None`` where there is no such load.
-        caution_margin: Fold margin below which the alarm says caution.
-        amplitude_limit: Amplitude that raises the amplitude alarm [m]; ``None`` for none.
-        topics: Where speed and load are read, by quantity.
-        wider: Makes the view anew with a map that goes up to a load [N], and to a speed [m/s] and
-            the fold at that load.
-    """
+    """What the page is told of a bearing once."""
 
     name: str
-    rpm: float
-    speeds: tuple[float, float]
-    loads: tuple[float, float]
+    rpm: float  # shaft speed at a surface speed of 1 m/s [rpm]
+    speeds: tuple[float, float]  # ends of the stability map [m/s]
+    loads: tuple[float, float]  # the same of its other axis [N]
+    # What divides it: ``speed``, rising [m/s], and for each the load from which the fold margin is
+    # below the ``caution`` margin, a cycle exists (``fold``), and the equilibrium is unstable
+    # (``hopf``) [N]; ``None`` where there is no such load.
     curves: dict[str, list[float | None]]
-    caution_margin: float
+    caution_margin: float  # fold margin below which the alarm says caution
+    # Amplitude that raises the amplitude alarm [m]; ``None`` for none.
     amplitude_limit: float | None
-    topics: dict[str, str]
+    topics: dict[str, str]  # where speed and load are read, by quantity
+    # Makes the view anew with a map that goes up to a load [N], and to a speed [m/s] and the fold
+    # at that load.
     wider: Callable[[float, float], BearingView] | None = None
 
 
 @dataclass(slots=True)
 class Watched:
-    """A bearing: what is shown of it, and what was heard.
+    """A bearing: what is shown of it, and what was heard."""
 
-    Attributes:
-        key: Its name with the namespace of its node, as the page knows it: ``port/aft``.
-        view: What the page is told of it once.
-        record: The newest, for the page; ``None`` before it came.
-        history: The last ten minutes, a row a second.
-        at: When the newest came [s].
-        fitted: Whether the map is made for an operating point.
-    """
-
-    key: str
-    view: BearingView
-    record: dict[str, Any] | None = None
+    key: str  # its name with the namespace of its node, as the page knows it: ``port/aft``
+    view: BearingView  # what the page is told of it once
+    record: dict[str, Any] | None = None  # the newest, for the page; ``None`` before it came
+    # The last ten minutes, a row a second.
     history: deque[Row] = field(default_factory=lambda: deque(maxlen=SPAN // STEP))
-    at: float | None = None
-    fitted: bool = False
+    at: float | None = None  # when the newest came [s]
+    fitted: bool = False  # whether the map is made for an operating point
 
     def take(self, record: dict[str, Any], now: float) -> None:
         """Take a new record; in the history it replaces those of its second, and of its future."""
@@ -307,18 +292,14 @@ class WatchedMonitor:
 
     Args:
         source: Where it comes from, for a person: the node's full name, or the recording's.
-        views: Its bearings.
         space: Namespace of its node, without slashes around it; empty for none.
-        replay: Whether it comes from a recording.
         shelve_time: For how long an alarm is shelved [s].
         clock: Time that never steps [s].
 
     Attributes:
-        bearings: Its bearings by their own names.
         alarms: The newest list of alarms for the page; ``None`` before it came.
         act: Hands a request on to it; what comes of it arrives by :meth:`take_alarms`.
         told: Called with what is new for the page: kind, document, and what tells it from others.
-        log: Takes entries of the log.
     """
 
     act: Callable[[ActionRequest], object]

@@ -74,23 +74,15 @@ def parse(line: str) -> tuple[str, str, list[str]] | None:
 
 @dataclass(frozen=True, slots=True)
 class NmeaInput:
-    """One number of a sentence that is an input of a bearing.
-
-    Attributes:
-        sentence: ``RPM`` or ``XDR``.
-        talker: Its talker; empty for any.
-        kind: ``S`` shaft or ``E`` engine of RPM; type of transducer of XDR.
-        number: Number of the shaft or engine of RPM.
-        name: Name of the transducer of XDR.
-    """
+    """One number of a sentence that is an input of a bearing."""
 
     bearing: str
     place: Input
-    sentence: str
-    talker: str = ''
-    kind: str = ''
-    number: int = 0
-    name: str = ''
+    sentence: str  # ``RPM`` or ``XDR``
+    talker: str = ''  # its talker; empty for any
+    kind: str = ''  # ``S`` shaft or ``E`` engine of RPM; type of transducer of XDR
+    number: int = 0  # number of the shaft or engine of RPM
+    name: str = ''  # name of the transducer of XDR
 
     @property
     def label(self) -> str:
@@ -145,10 +137,7 @@ class Alerts:
 
     Args:
         bearings: Names of the bearings in the order of the file, which numbers them.
-        talker: Talker identifier of our sentences.
-        manufacturer: Manufacturer code; empty for none.
         first_alert: Identifier of the first kind of alarm.
-        accept_actions: Whether ACN sentences are obeyed.
     """
 
     def __init__(

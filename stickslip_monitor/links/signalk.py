@@ -76,19 +76,14 @@ def _values(update: Update) -> Iterator[tuple[str, Any]]:
 
 @dataclass(slots=True)
 class SignalKInput:
-    """A path that is an input of a bearing.
-
-    Attributes:
-        source: The only source to believe; empty to stay with the first that is heard.
-        timeout: After so long without a value it is silent [s].
-        heard: The source that is believed now, and when it was heard last.
-    """
+    """A path that is an input of a bearing."""
 
     bearing: str
     place: Input
     path: str
-    source: str
-    timeout: float
+    source: str  # the only source to believe; empty to stay with the first that is heard
+    timeout: float  # after so long without a value it is silent [s]
+    # The source that is believed now, and when it was heard last.
     heard: tuple[str, float] | None = None
 
     @property
@@ -110,7 +105,6 @@ class SignalKInputs:
     """Samples out of deltas.
 
     Args:
-        inputs: What to read.
         log: Told once of each source that is left aside.
     """
 
@@ -222,24 +216,16 @@ class SignalKValues:
 
 @dataclass(slots=True)
 class _Alarm:
-    """One notification as the server should have it.
+    """One notification as the server should have it."""
 
-    Attributes:
-        key: Bearing and alarm.
-        token: Names this occurrence of the alarm.
-        value: What was sent last.
-        source: The source under which it is sent.
-        revision: Counts what is sent.
-        base: Whether the server had it acknowledged and silenced when last heard; ``None``
-            before the first echo of this occurrence.
-    """
-
-    key: tuple[str, ...]
+    key: tuple[str, ...]  # bearing and alarm
     path: str
-    token: str
-    value: dict[str, Any]
-    source: str = SOURCE
-    revision: int = 0
+    token: str  # names this occurrence of the alarm
+    value: dict[str, Any]  # what was sent last
+    source: str = SOURCE  # the source under which it is sent
+    revision: int = 0  # counts what is sent
+    # Whether the server had it acknowledged and silenced when last heard; ``None`` before the
+    # first echo of this occurrence.
     base: tuple[bool, bool] | None = None
 
     def update(self, value: Mapping[str, Any] | None = None) -> Update:
@@ -258,7 +244,6 @@ class Notifications:
     """The alarms as notifications, and what people do with these at the server.
 
     Args:
-        bearings: Names of the bearings.
         prefix: Path before their names.
         run: A token of this run of the program.
     """

@@ -84,15 +84,15 @@ class BearingMonitor:
     def _rescale(self, place: int, old: Any) -> None:
         """Convert what is remembered of an input from the old settings into those of now."""
         state, new = self.state, self._settings.live
+        if place == Input.LEVEL:
+            # Decibels of a number that has an offset cannot be converted: learn them anew.
+            state.loudest, state.watched, state.vibrating = math.nan, 0, rule.UNKNOWN
+            return
 
         def converted(si: float) -> float:
             number = (si / old.factor[place] - old.offset[place]) / old.scale[place]
             return rule.si_value(new, place, number)
 
-        if place == Input.LEVEL:
-            # Decibels of a number that has an offset cannot be converted: learn them anew.
-            state.loudest, state.watched, state.vibrating = math.nan, 0, rule.UNKNOWN
-            return
         for values in (state.value, state.before, state.earlier):
             values[place] = converted(values[place])
         if place == Input.SPEED:
@@ -141,8 +141,7 @@ class BearingMonitor:
 
     def last_ns(self, place: int) -> int | None:
         """Stamp of the last valid sample of an input [ns]."""
-        stamp: int = self.state.stamp[place]
-        return None if stamp == NEVER else stamp
+        return None if self.state.stamp[place] == NEVER else int(self.state.stamp[place])
 
     def text(self) -> str:
         """What the alarm says now, for a person."""
@@ -194,22 +193,17 @@ class BearingMonitor:
             events.append(self._event(before, state.lost_since))
             before = rule.condition(state)
         sticking = state.sticking
-        if not rule.take(
-            state, c, settings.law, settings.table, settings.belief, place, time_ns, si
-        ):
+        given = settings.law, settings.table, settings.belief
+        if not rule.take(state, c, *given, place, time_ns, si):
             return Update(status, None, events)
-        self.verdict = self._judged()
+        point = *state.value, state.runs
+        judge = partial(assessed, self.config, settings, *point)
+        standing = standing_of(state, c)
+        self.verdict = Verdict(self.config.name, state.now, standing, judge, *point)
         onset = state.sticking > sticking
         if onset or rule.condition(state) != before:
             events.append(self._event(before, state.now, onset))
         return Update(status, self.verdict, events)
-
-    def _judged(self) -> Verdict:
-        state, settings = self.state, self._settings
-        speed, load = state.value
-        judge = partial(assessed, self.config, settings, speed, load, state.runs)
-        standing = standing_of(state, settings.live)
-        return Verdict(self.config.name, state.now, standing, judge, speed, load, state.runs)
 
     def _event(self, before: int, time_ns: int, onset: bool = False) -> Event:
         point = self.verdict.assessment if self.verdict else None

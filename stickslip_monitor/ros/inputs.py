@@ -25,8 +25,8 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.health import NodeHealth
-from stickslip_monitor.monitor.input_faults import Publisher, StampGaps
-from stickslip_monitor.monitor.input_watch import Graph
+from stickslip_monitor.monitor.input_watch import Graph, Publisher
+from stickslip_monitor.monitor.source_faults import StampGaps
 from stickslip_monitor.ros.message_types import (
     check_field,
     message_type,
@@ -55,21 +55,13 @@ Guard = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 class Number(NamedTuple):
-    """One number of one input.
+    """One number of one input."""
 
-    Attributes:
-        bearing: Its bearing.
-        place: The input, a place in :data:`.signals.INPUTS`.
-        time_ns: When it was measured, or came [ns].
-        value: The number, in the input's own scale.
-        latest: Whether no later number of its bearing has come already.
-    """
-
-    bearing: str
-    place: int
-    time_ns: int
-    value: float
-    latest: bool
+    bearing: str  # its bearing
+    place: int  # the input, a place in :data:`.signals.INPUTS`
+    time_ns: int  # when it was measured, or came [ns]
+    value: float  # the number, in the input's own scale
+    latest: bool  # whether no later number of its bearing has come already
 
 
 class InputReader(NamedTuple):
@@ -109,12 +101,9 @@ class Inputs:
     """The subscriptions of an active node.
 
     Args:
-        node: The node.
         config: The configuration as given: names of topics are resolved once.
         deliver: Called with the numbers of the messages that waited, in order of time.
         now_ns: ROS time [ns]; 0 where it is unknown.
-        survived: Guards the callbacks.
-        health: Where losses are counted.
         tap: Called with each message before the numbers of it, if given.
     """
 
@@ -203,10 +192,7 @@ class Lane:
     """One topic: its subscription, and the numbers that its messages bring.
 
     Args:
-        node: The node.
         now_ns: ROS time [ns]; 0 where it is unknown.
-        topic: The topic as configured.
-        kind: Its message type.
 
     Attributes:
         readings: What is read from a message.
@@ -312,11 +298,7 @@ class Lane:
 
 
 class RosGraph(Graph):
-    """The graph as a node sees it.
-
-    Args:
-        node: The node.
-    """
+    """The graph as a node sees it."""
 
     def __init__(self, node: Node) -> None:
         self._node = node

@@ -62,10 +62,7 @@ class Watcher:
     """Hears monitors. The callbacks run in the thread that spins the node.
 
     Args:
-        node: The node.
         listeners: Who takes what a monitor says, by the full name of its node.
-        diagnostics: Topic of their diagnostics.
-        hand_over: Calls a listener's method.
 
     Raises:
         RosError: A name is none.
@@ -134,9 +131,7 @@ class Bridge:
     """A publisher for each input that comes from a bus.
 
     Args:
-        node: The node that publishes.
         monitor: Full name of the monitor's node, to which names of topics are relative.
-        config: The configuration of the monitor.
         inputs: Bearing and input, of each that comes from a bus.
 
     Raises:
@@ -227,20 +222,21 @@ def hear_health(diagnostics: str, take: Callable[[str, int, str], None]) -> Iter
 def _node() -> Iterator[tuple[Node, Callable[[], None]]]:
     """A node, and what has a thread of its own spin it. Signals are left to the program."""
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    executor = SingleThreadedExecutor()
-
-    def spin() -> None:
-        with suppress(ExternalShutdownException):
-            executor.spin()
-
-    thread = threading.Thread(target=spin, name='ros', daemon=True)
-    node = Node(_NAME)
-    executor.add_node(node)
     try:
-        yield node, thread.start
+        node, executor = Node(_NAME), SingleThreadedExecutor()
+        executor.add_node(node)
+
+        def spin() -> None:
+            with suppress(ExternalShutdownException):
+                executor.spin()
+
+        thread = threading.Thread(target=spin, name='ros', daemon=True)
+        try:
+            yield node, thread.start
+        finally:
+            executor.shutdown()
+            if thread.is_alive():
+                thread.join()
+            node.destroy_node()
     finally:
-        executor.shutdown()
-        if thread.is_alive():
-            thread.join()
-        node.destroy_node()
         rclpy.try_shutdown()

@@ -52,11 +52,11 @@ class Action(str, Enum):
 
 
 class Flood:
-    """Counts the alarms that people are given, at most 1000 of them at a time."""
+    """Counts the alarms that people are given, 1000 at most; ``most``: in any ten minutes."""
 
     def __init__(self) -> None:
         self._times: deque[int] = deque(maxlen=1000)
-        self._most = 0
+        self.most = 0
         self._flooding = False
 
     def add(self, now_ns: int) -> None:
@@ -64,14 +64,14 @@ class Flood:
         self._pass(now_ns)
         self._times.append(now_ns)
         self._flooding |= len(self._times) > FLOOD_ABOVE
-        self._most = max(self._most, len(self._times))
+        self.most = max(self.most, len(self._times))
 
     def figures(self, now_ns: int) -> dict[str, Any]:
         """How many were given lately and at most, and whether it is a flood."""
         self._pass(now_ns)
         return {
             'alarms_10min': len(self._times),
-            'most_10min': self._most,
+            'most_10min': self.most,
             'flooding': self._flooding,
         }
 

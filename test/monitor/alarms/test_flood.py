@@ -34,26 +34,6 @@ def test_a_flood_begins_above_ten_and_ends_below_five() -> None:
     assert flood.figures(15 * MINUTE) == _figures(0, 11, False)
 
 
-def test_reading_the_figures_changes_nothing() -> None:
-    # Eleven alarms begin a flood at 10 s, four come at 595 s: from 610 s on only those are left,
-    # so it has ended whether or not anybody looked, and a fifth at 611 s begins none.
-    times = [*range(11), *(595,) * 4, 611]
-    read, unread = Flood(), Flood()
-    for second in times:
-        read.figures(second * SECOND - 1)  # somebody looks, just before
-        for flood in (read, unread):
-            flood.add(second * SECOND)
-    assert read.figures(611 * SECOND) == _figures(5, 15, False)
-    assert unread.figures(611 * SECOND) == _figures(5, 15, False)
-
-
-def test_counting_stops_at_a_thousand() -> None:
-    flood = Flood()
-    for number in range(5000):
-        flood.add(number)
-    assert flood.figures(5000) == _figures(1000, 1000, True)
-
-
 def _watch(config: MonitorConfig, stream: Stream, hours: int) -> tuple[list[AlarmChange], int]:
     """The events of a recording, with somebody who acknowledges once a minute."""
     events = Monitor(config).scan({'aft': stream}, 0, hours * 3600 * SECOND)['aft'].events
