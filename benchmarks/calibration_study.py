@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.calibration_ships import BEARING, Passage, Ship, make_ships, reports_of, sail
-from stickslip_monitor.commands.score_scenes import FIGURES, written
 from stickslip_monitor.drawing.canvas import new_figure, save_figure, style
 from stickslip_monitor.drawing.palette import INK, MUTED
 from stickslip_monitor.errors import CalibrationError
@@ -28,16 +27,18 @@ from stickslip_monitor.lab.calibration.calibrate import (
     calibrate,
     dip_limit,
 )
-from stickslip_monitor.lab.calibration.dips import (
+from stickslip_monitor.lab.calibration.evidence import (
+    TRUST,
+    TRUTH_TOLERANCE,
     Dip,
+    alternating,
     cut_dips,
 )
-from stickslip_monitor.lab.calibration.evidence import TRUST, TRUTH_TOLERANCE, alternating
 from stickslip_monitor.lab.calibration.posterior import prior_of
 from stickslip_monitor.lab.calibration.recordings import courses_of
 from stickslip_monitor.lab.scenes.scene import load_scene
 from stickslip_monitor.lab.voyages import OURS, Sailed, cases_of
-from stickslip_monitor.lab.warning_quality import Quality, pooled
+from stickslip_monitor.lab.warning_quality import FIGURES, Quality, pooled, written
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.averaging.closed_form import decline, speed_for_decline
 from stickslip_monitor.physics.belief import Belief, probability_runs

@@ -49,13 +49,13 @@ def write(path: Path, count: int, texts: int) -> None:
     generator = np.random.default_rng(1)
     time = np.arange(count, dtype=np.int64) * 1_000_000
     lengths = generator.integers(0, 200, texts).tolist()
-    columns = {topic: (time, encode_float64s(generator.normal(size=count))) for topic in TOPICS}
+    columns = [(topic, time, encode_float64s(generator.normal(size=count))) for topic in TOPICS]
     with BagWriter(path) as bag:
         for topic in TOPICS:
             bag.add_topic(topic, 'std_msgs/msg/Float64')
         bag.add_topic('/log', 'std_msgs/msg/String')
         strings = [encode_string('x' * length) for length in lengths]
-        bag.write_merged(columns | {'/log': (time[:texts], strings)})
+        bag.write_columns([*columns, ('/log', time[:texts], strings)])
 
 
 def _readers(plain: Path, mixed: Path, count: int) -> dict[str, Callable[[], object]]:

@@ -16,10 +16,10 @@ from typing import Any
 
 from trade_off import Curve, TradeOff, draw_trade_offs
 
-from stickslip_monitor.commands.score_scenes import FIGURES, RULES, judge_all, written
+from stickslip_monitor.commands.score import RULES, judge_all
 from stickslip_monitor.drawing.canvas import save_figure
 from stickslip_monitor.lab.voyages import BELOW_FOLD, BELOW_HOPF, OURS, Call, Voyage
-from stickslip_monitor.lab.warning_quality import Quality, pooled
+from stickslip_monitor.lab.warning_quality import FIGURES, Quality, pooled, written
 from stickslip_monitor.monitor.config import BEARING_PARAMETERS, AlarmConfig
 from stickslip_monitor.monitor.parameter import nanoseconds
 from stickslip_monitor.offline.processes import core_count

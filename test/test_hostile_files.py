@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from stickslip_monitor import cli
-from stickslip_monitor.bags.metadata import read_metadata
-from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.bags.reader import open_bag, read_metadata
 from stickslip_monitor.errors import BagError, ConfigurationError, StickslipError
 from stickslip_monitor.lab.friction_fit.curve_file import read_curve
 from stickslip_monitor.lab.scenes.scene import load_scene

@@ -28,7 +28,7 @@ from mcap_ros2.decoder import DecoderFactory
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
-from stickslip_monitor.bags.records import view
+from stickslip_monitor.bags.blocks import view
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.fields import FieldPath, read_field
 
@@ -42,8 +42,7 @@ _NUMBERS: Mapping[str, str] = {
 _TEXTS = ('string', 'wstring')
 
 LONGEST_TEXT = 1 << 18
-"""A definition that is longer is none of telemetry; the longest of ROS 2 have some 60 kB [bytes].
-"""
+"""Longer definitions are none of telemetry; the longest of ROS 2 have some 60 kB [bytes]."""
 _MOST_DIGITS = 10
 # CDR counts items with 32 bits.
 _LONGEST_SEQUENCE = (1 << 32) - 1
@@ -70,15 +69,23 @@ _DECODE_ERRORS = (
 )  # fmt: skip
 
 
+# RTPS 2.5, table 10.3.
+_ENCAPSULATIONS = {
+    0x02: 'PL_CDR_BE', 0x03: 'PL_CDR_LE', 0x06: 'CDR2_BE', 0x07: 'CDR2_LE', 0x08: 'D_CDR2_BE',
+    0x09: 'D_CDR2_LE', 0x0A: 'PL_CDR2_BE', 0x0B: 'PL_CDR2_LE', 0x04: 'XML',
+}  # fmt: skip
+
+
 class SchemaError(Exception):
     """A definition cannot be used, or a path does not fit it; the text is a clause."""
 
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One field: ``base`` is a primitive or a type name; ``size`` is the length of a fixed array.
+    """A field of a type.
 
-    ``bound`` is the largest length of a bounded sequence.
+    ``base`` is a primitive or a type's name, ``size`` the length of a fixed array, ``bound`` the
+    largest length of a bounded sequence.
     """
 
     name: str
@@ -172,15 +179,7 @@ def _field(line: str, package: str) -> Field:
 
 
 def number_at(definitions: Definitions, root: str, path: FieldPath) -> str:
-    """Follow a path through the definition of a type.
-
-    Args:
-        definitions: From :func:`parse_schema`.
-        root: Type of the message.
-        path: From :func:`stickslip_monitor.fields.parse_field`.
-
-    Returns:
-        The primitive at its end.
+    """Follow a path through the definition of a type to the primitive at its end.
 
     Raises:
         SchemaError: The path does not lead to a number.
@@ -236,15 +235,9 @@ Layout = tuple[Sequence[Token], Sequence[tuple[int, int]]]
 def compile_layout(
     definitions: Definitions, root: str, paths: Sequence[FieldPath]
 ) -> Layout | None:
-    """Compile the layout of a type for some of its numbers.
+    """Compile the layout of a type for the numbers at some paths.
 
-    Args:
-        definitions: Definitions of the type and those it uses.
-        root: The type.
-        paths: Paths that lead to numbers.
-
-    Returns:
-        The layout; None for a type whose messages must be decoded one by one.
+    None is returned for a type whose messages must be decoded one by one.
     """
     tokens: list[Token] = []
     numbers: dict[FieldPath, int] = {}
@@ -358,16 +351,15 @@ class FieldNumbers:
     """What was read from n messages.
 
     ``stamp_ns`` is None where the type has no header, and zero where a message has no stamp;
-    ``values`` has a row for each path; ``undecoded`` counts the messages that are not of the type,
-    ``encapsulations`` those in an encapsulation that is not decoded, by its number, ``short``
-    for each path those whose array is too short, and ``alone`` those that were decoded one by one.
+    ``values`` has a row for each path; ``faults`` counts the messages that are not decoded by the
+    reason, ``short`` for each path those whose array is too short, and ``alone`` those that were
+    decoded one by one.
     """
 
     stamp_ns: IntArray | None
     values: FloatArray
-    undecoded: int = 0
+    faults: Counter[str] = field(default_factory=Counter)
     short: Counter[int] = field(default_factory=Counter)
-    encapsulations: Counter[int] = field(default_factory=Counter)
     alone: int = 0
 
 
@@ -385,6 +377,7 @@ class FieldReader:
 
     def __init__(self, topic: str, schema: Schema, paths: Sequence[FieldPath]) -> None:
         self._paths = tuple(paths)
+        self._undecoded = f'cannot be decoded as {schema.name}'
         try:
             definitions = parse_schema(schema.name, schema.data)
             self._check(topic, schema.name, definitions)
@@ -407,37 +400,29 @@ class FieldReader:
                 ) from None
 
     def read(self, data: bytes, offset: IntArray, size: IntArray) -> FieldNumbers:
-        """Read messages.
-
-        Args:
-            data: A block of records.
-            offset: Where the data of each message begins in it, shape (n,).
-            size: How long it is, shape (n,) [bytes].
-
-        Returns:
-            The numbers, ``values`` of shape (paths, n).
-        """
+        """Read n messages whose data lies at some offsets of a block of records [bytes]."""
         count = len(offset)
         stamp_ns = np.zeros(count, np.int64) if self._stamped else None
         numbers = FieldNumbers(stamp_ns, np.full((len(self._paths), count), np.nan))
         rows: slice | IntArray = slice(None)
         if (size < _ENCAPSULATION).any():
             rows = np.flatnonzero(size >= _ENCAPSULATION)
-            numbers.undecoded += count - len(rows)
+            numbers.faults[self._undecoded] += count - len(rows)
         # The two bytes of the representation: zero, and zero or one for plain CDR.
         kind = view(data, '<u2')[offset[rows]]
-        for code in (_CDR_LE, _CDR_BE):
+        for code, order in ((_CDR_LE, '<'), (_CDR_BE, '>')):
             mine = kind == code
-            if mine.any():
+            if mine.all():
                 # Messages are rarely mixed, and a slice costs nothing where a selection copies.
-                is_all = mine.all()
-                chosen = rows if is_all else np.arange(count)[rows][mine]
-                order = '>' if code == _CDR_BE else '<'
-                self._fill(numbers, data, offset, size, chosen, order)
-                if is_all:
-                    return numbers
+                self._fill(numbers, data, offset, size, rows, order)
+                return numbers
+            if mine.any():
+                self._fill(numbers, data, offset, size, np.arange(count)[rows][mine], order)
         other = kind[(kind != _CDR_LE) & (kind != _CDR_BE)]
-        numbers.encapsulations.update(other.byteswap().tolist())
+        for code, number in sorted(Counter(other.byteswap().tolist()).items()):
+            name = _ENCAPSULATIONS.get(code, 'of no known name')
+            reason = f'are in the encapsulation {name} (0x{code:04x}), which is not decoded'
+            numbers.faults[reason] += number
         return numbers
 
     def _fill(
@@ -473,7 +458,7 @@ class FieldReader:
         try:
             message = self._decode(data)
         except _DECODE_ERRORS:
-            numbers.undecoded += 1
+            numbers.faults[self._undecoded] += 1
         else:
             for row, path in enumerate(self._paths):
                 try:

@@ -23,20 +23,25 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.blocks import (
     CHUNK_HEAD,
+    HEAD,
+    MAGIC,
     MOST,
+    PARSE_ERRORS,
     Block,
     Budget,
     DamagedBlock,
     Exhausted,
     Loaded,
+    Piece,
     prefetch,
+    walk,
 )
 from stickslip_monitor.bags.cdr import LONGEST_TEXT
-from stickslip_monitor.bags.records import HEAD, MAGIC, PARSE_ERRORS, Piece, walk
 from stickslip_monitor.bags.values import Cut
 from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.files import open_file
 
+CONVERT = "convert it with 'ros2 bag convert' first"
 DATED = 10**17
 """Times from here on are dates, not seconds since something was switched on [ns]."""
 STEP_COST = 300
@@ -305,15 +310,15 @@ class Contents:
 
     def _cut(self, heads: _Heads, last: int) -> Cut:
         total = self.counts.total()
+        messages = plural(total, 'message')
+        if heads.has_ended:
+            saved = f', behind the last message; all {messages}'
+        else:
+            saved = f', and {messages} before the cut'
         text = (
             f"file '{self.path.name}' is cut: its last whole record ends at byte {heads.offset} of"
-            f' {self.size}'
+            f' {self.size}{saved} {"was" if total == 1 else "were"} saved'
         )
-        messages, were = plural(total, 'message'), 'was' if total == 1 else 'were'
-        if heads.has_ended:
-            text += f', behind the last message; all {messages} {were} saved'
-        else:
-            text += f', and {messages} before the cut {were} saved'
         if heads.blocks and heads.blocks[-1].is_cut and last:
             text += f', {last} of them from the chunk that is cut'
         return Cut(self.path, heads.offset, self.size, self.end_ns, text)
@@ -435,14 +440,7 @@ class _Heads:
 
 
 def scan_file(path: Path, tell: Callable[[str], None]) -> Contents:
-    """Find out what a file holds.
-
-    Args:
-        path: The file.
-        tell: Told what is wrong with it, in sentences.
-
-    Returns:
-        Its contents. A file that ends too early is described by ``cut``.
+    """Find out what a file holds; ``tell`` is told what is wrong with it, in sentences.
 
     Raises:
         BagError: The file cannot be read, or is not MCAP.
@@ -453,8 +451,7 @@ def scan_file(path: Path, tell: Callable[[str], None]) -> Contents:
             begin = os.pread(number, 16, 0)
             if begin.startswith(b'SQLite format 3'):
                 raise BagError(
-                    f"bag file '{path}' is an SQLite recording (.db3), not MCAP: convert it with"
-                    " 'ros2 bag convert' first"
+                    f"bag file '{path}' is an SQLite recording (.db3), not MCAP: {CONVERT}"
                 )
             # A recorder stopped while it created the file leaves a part of the magic, or nothing.
             begin = begin[: len(MAGIC)]

@@ -33,14 +33,7 @@ _HEAD = b'\x00\x01\x00\x00'
 
 
 def encode_float64s(values: ArrayLike) -> NDArray[np.void]:
-    """Encode ``std_msgs/Float64`` messages.
-
-    Args:
-        values: The numbers, shape (n,).
-
-    Returns:
-        n messages, all of one length.
-    """
+    """Encode ``std_msgs/Float64`` messages of n numbers, all of one length."""
     numbers = np.asarray(values, '<f8')
     rows = np.empty(numbers.shape, np.dtype([('head', 'V4'), ('data', '<f8')]))
     rows['head'], rows['data'] = np.void(_HEAD), numbers
@@ -79,11 +72,6 @@ def encode_stamped(
     return rows.view(f'V{rows.itemsize}')
 
 
-def encode_float64(value: float) -> bytes:
-    """Encode one ``std_msgs/Float64`` message."""
-    return _HEAD + struct.pack('<d', value)
-
-
 def encode_bool(value: bool) -> bytes:
     """Encode one ``std_msgs/Bool`` message."""
     return _HEAD + struct.pack('<?', value)
@@ -107,12 +95,7 @@ class StatusFields:
 
 
 def encode_diagnostics(stamp_ns: int, statuses: Sequence[StatusFields]) -> bytes:
-    """Encode one ``diagnostic_msgs/DiagnosticArray`` message with an empty frame.
-
-    Args:
-        stamp_ns: The header's stamp [ns].
-        statuses: One for each component.
-    """
+    """Encode a ``diagnostic_msgs/DiagnosticArray`` with a stamp [ns] and an empty frame."""
     body = bytearray(struct.pack('<iI', stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000))
     body += _text('') + struct.pack('<I', len(statuses))
     for status in statuses:

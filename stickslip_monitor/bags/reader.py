@@ -5,24 +5,27 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import yaml
 
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.cdr import short_name
-from stickslip_monitor.bags.contents import DATED, Contents, scan_file
-from stickslip_monitor.bags.metadata import FILE_NAME, read_metadata
+from stickslip_monitor.bags.contents import CONVERT, DATED, Contents, scan_file
 from stickslip_monitor.bags.series import (
     Pass,
     Progress,
     Reading,
     Wanted,
-    joined,
     merged_messages,
     payloads,
 )
 from stickslip_monitor.bags.values import (
+    METADATA_NAME,
+    METADATA_ROOT,
     Cut,
     Fault,
     Findings,
@@ -35,57 +38,46 @@ from stickslip_monitor.bags.values import (
 )
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.fields import FieldPath, parse_field
-from stickslip_monitor.files import near_name
+from stickslip_monitor.files import near_name, read_file
 
 __all__ = ['Bag', 'Cut', 'Fault', 'Message', 'Request', 'Series', 'TopicInfo', 'open_bag']
 
 _MOST_NAMED = 10
 _LATEST_NS = (1 << 63) - 1
+# Of metadata: ten thousand topics or files [bytes].
+_LARGEST = 8 << 20
+_DEEPEST = 30
+_LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+_NOT_METADATA = (
+    yaml.YAMLError, LookupError, TypeError, ValueError, AttributeError, OverflowError,
+    RecursionError,
+)  # fmt: skip
 
 
 class Bag:
     """A recording that was opened; nothing stays open between calls."""
 
     def __init__(self, path: Path, files: Sequence[Contents], findings: Findings) -> None:
-        """Put the files of a recording together; see :func:`open_bag`."""
         self.path = path
         self.topics: dict[str, TopicInfo] = _list_topics(files)
         self._contents = tuple(files)
         self._findings = findings
-
-    @property
-    def files(self) -> tuple[Path, ...]:
+        self.files: tuple[Path, ...] = tuple(file.path for file in files)
         """The MCAP files in order."""
-        return tuple(file.path for file in self._contents)
-
-    @property
-    def start_ns(self) -> int | None:
-        """Earliest log time [ns], None in a recording without messages."""
-        starts = [file.start_ns for file in self._contents if file.start_ns is not None]
-        if self._earliest_ns == 0 and any(file.has_zero for file in self._contents):
-            starts.append(0)
-        return min(starts, default=None)
-
-    @property
-    def end_ns(self) -> int | None:
-        """Latest log time [ns], None in a recording without messages."""
-        ends = [file.end_ns for file in self._contents if file.end_ns is not None]
-        return max(ends, default=self.start_ns)
-
-    @property
-    def _earliest_ns(self) -> int:
-        """The least log time that is one: among dates, 0 is that of a clock that was not set."""
-        return int(any((file.end_ns or 0) >= DATED for file in self._contents))
-
-    @property
-    def message_count(self) -> int:
+        self.message_count = sum(file.counts.total() for file in files)
         """Messages on all topics."""
-        return sum(file.counts.total() for file in self._contents)
-
-    @property
-    def cuts(self) -> tuple[Cut, ...]:
+        self.cuts: tuple[Cut, ...] = tuple(file.cut for file in files if file.cut is not None)
         """The files that end too early."""
-        return tuple(file.cut for file in self._contents if file.cut is not None)
+        # The least log time that is one: among dates, 0 is that of a clock that was not set.
+        self._least_ns = int(any((file.end_ns or 0) >= DATED for file in files))
+        starts = [file.start_ns for file in files if file.start_ns is not None]
+        if self._least_ns == 0 and any(file.has_zero for file in files):
+            starts.append(0)
+        ends = [file.end_ns for file in files if file.end_ns is not None]
+        self.start_ns: int | None = min(starts, default=None)
+        """Earliest log time [ns], None in a recording without messages."""
+        self.end_ns: int | None = max(ends, default=self.start_ns)
+        """Latest log time [ns], None in a recording without messages."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -127,27 +119,25 @@ class Bag:
                 number, or a file cannot be read.
             ConfigurationError: A field is not a path.
         """
-        return joined(self.reading(requests, progress))
+        return self.reading(requests, progress).joined()
 
     def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> Reading:
-        """Read numbers of some topics in blocks, in bounded memory.
-
-        Args:
-            requests: What to read.
-            progress: Told the bytes done and the bytes to do after each block.
-
-        Returns:
-            What gives the series block by block, one stretch of time after the other.
-
-        Raises:
-            BagError: As of :meth:`read`.
-            ConfigurationError: As of :meth:`read`.
-        """
+        """The same in blocks, one stretch of time after the other, in bounded memory."""
         asked: dict[str, dict[FieldPath, list[Request]]] = {}
         for request in requests:
-            path = self._checked(request)
+            path = parse_field(request.field)
+            self._check([request.topic])
+            topic = self.topics[request.topic]
+            if not topic.readable:
+                raise BagError(
+                    f"topic '{topic.name}' ({topic.type}) cannot be read: {topic.problem}"
+                )
+            if request.type is not None and short_name(request.type) != short_name(topic.type):
+                raise BagError(
+                    f"topic '{topic.name}' has type {topic.type} in the bag, not {request.type}"
+                )
             asked.setdefault(request.topic, {}).setdefault(path, []).append(request)
-        wanted = [Wanted(topic, self.topics[topic].type, paths) for topic, paths in asked.items()]
+        wanted = [Wanted(topic, paths) for topic, paths in asked.items()]
         return Reading(self._contents, wanted, self._findings, progress)
 
     def _check(self, names: Iterable[str]) -> None:
@@ -155,19 +145,6 @@ class Bag:
         for name in names:
             if name not in self.topics:
                 raise BagError(missing_topic(self.topics, name))
-
-    def _checked(self, request: Request) -> FieldPath:
-        """The path to what a request asks for, if its topic has it."""
-        path = parse_field(request.field)
-        self._check([request.topic])
-        topic = self.topics[request.topic]
-        if not topic.readable:
-            raise BagError(f"topic '{topic.name}' ({topic.type}) cannot be read: {topic.problem}")
-        if request.type is not None and short_name(request.type) != short_name(topic.type):
-            raise BagError(
-                f"topic '{topic.name}' has type {topic.type} in the bag, not {request.type}"
-            )
-        return path
 
     def messages(
         self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
@@ -178,44 +155,30 @@ class Bag:
             topics: Which topics; all when None.
             spans: The log times that are wanted; all when None.
 
-        Yields:
-            The messages, still encoded.
-
         Raises:
             BagError: A topic is not there, or a file cannot be read.
         """
-        way, types = self._pass(topics, spans)
+        names = list(self.topics if topics is None else topics)
+        self._check(names)
+        types = {name: self.topics[name].type for name in names}
+        way = Pass(self._contents, types, self._findings, spans=spans)
         return merged_messages(way, types, spans or self._always)
 
     def payloads(
         self, topics: Collection[str], spans: TimeSpans | None = None
     ) -> Iterator[tuple[int, dict[str, tuple[IntArray, Payload]]]]:
-        """Yield messages by the block, still encoded, in the order in which blocks begin.
-
-        Args:
-            topics: Which topics.
-            spans: The log times that are wanted; all when None.
+        """The same by the block, still encoded, in the order in which blocks begin.
 
         Yields:
             When a block begins [ns], and log times and messages of each topic in it.
-
-        Raises:
-            BagError: A topic is not there, or a file cannot be read.
         """
-        way, _ = self._pass(topics, spans)
+        self._check(topics)
+        way = Pass(self._contents, topics, self._findings, spans=spans)
         return payloads(way, spans or self._always)
 
     @property
     def _always(self) -> TimeSpans:
-        return TimeSpans([(self._earliest_ns, _LATEST_NS)])
-
-    def _pass(
-        self, topics: Collection[str] | None, spans: TimeSpans | None
-    ) -> tuple[Pass, dict[str, str]]:
-        names = list(self.topics if topics is None else topics)
-        self._check(names)
-        types = {name: self.topics[name].type for name in names}
-        return Pass(self._contents, types, self._findings, spans=spans), types
+        return TimeSpans([(self._least_ns, _LATEST_NS)])
 
 
 def _list_topics(files: Iterable[Contents]) -> dict[str, TopicInfo]:
@@ -267,57 +230,88 @@ def open_bag(path: str | Path) -> Bag:
     path = Path(path)
     if not path.exists():
         raise BagError(f"bag '{path}' does not exist{near_name(path)}")
-    paths, warnings, expected = _folder_files(path) if path.is_dir() else ([path], [], None)
     findings = Findings()
-    for text in warnings:
-        findings(text)
+    paths, expected = _folder_files(path, findings) if path.is_dir() else ([path], None)
     bag = Bag(path, [scan_file(file, findings) for file in paths], findings)
     if expected is not None and expected != bag.message_count:
         findings(
-            f"'{path / FILE_NAME}' counts {expected} messages, the files hold {bag.message_count}"
+            f"'{path / METADATA_NAME}' counts {expected} messages, the files hold"
+            f' {bag.message_count}'
         )
     return bag
 
 
-def _folder_files(folder: Path) -> tuple[list[Path], list[str], int | None]:
-    """Find the files of a folder, what is odd about them, and the messages they should hold."""
+def _folder_files(folder: Path, tell: Callable[[str], None]) -> tuple[list[Path], int | None]:
+    """Find the files of a folder, and the messages they should hold; tell what is odd."""
     try:
-        list(folder.iterdir())
+        names = [path.name for path in folder.iterdir()]
     except OSError as error:
         raise BagError(f"bag folder '{folder}' cannot be read: {error.strerror}") from None
     metadata = read_metadata(folder)
-    there = sorted(folder.glob('*.mcap'), key=lambda file: natural(file.name))
+    there = [folder / name for name in sorted(names, key=natural) if name.endswith('.mcap')]
+    if not there and any(name.endswith('.db3') for name in names):
+        raise BagError(f"bag '{folder}' is an SQLite recording (.db3), not MCAP: {CONVERT}")
     if not there:
-        raise BagError(_nothing_there(folder))
+        raise BagError(f"bag '{folder}' has no .mcap file")
     if isinstance(metadata, str):
-        return there, [f'{metadata}: its .mcap files were read in the order of their names'], None
-    listed = dict.fromkeys(folder / name for name in metadata.files)
-    existing = set(there)
-    missing = [file for file in listed if file not in existing]
-    warnings = [
-        f"file '{file.name}' is listed in {FILE_NAME} but missing"
-        for file in missing[:_MOST_NAMED]
-    ]
+        tell(f'{metadata}: its .mcap files were read in the order of their names')
+        return there, None
+    listed, count = metadata
+    missing = [file for file in listed if file not in there]
+    for file in missing[:_MOST_NAMED]:
+        tell(f"file '{file.name}' is listed in {METADATA_NAME} but missing")
     if len(missing) > _MOST_NAMED:
-        warnings.append(f'{len(missing) - _MOST_NAMED} more files that it lists are missing')
-    warnings += [
-        f"file '{file.name}' is not listed in {FILE_NAME} and was not read"
-        for file in there
-        if file not in listed
-    ]
-    found = [file for file in listed if file in existing]
+        tell(f'{len(missing) - _MOST_NAMED} more files that it lists are missing')
+    for file in there:
+        if file not in listed:
+            tell(f"file '{file.name}' is not listed in {METADATA_NAME} and was not read")
+    found = [file for file in listed if file in there]
     if not found:
-        raise BagError(f"bag '{folder}' has none of the files its {FILE_NAME} lists")
-    return found, warnings, metadata.message_count
+        raise BagError(f"bag '{folder}' has none of the files its {METADATA_NAME} lists")
+    return found, count
 
 
-def _nothing_there(folder: Path) -> str:
-    if any(folder.glob('*.db3')):
-        return (
-            f"bag '{folder}' is an SQLite recording (.db3), not MCAP: convert it with"
-            " 'ros2 bag convert' first"
-        )
-    return f"bag '{folder}' has no .mcap file"
+def read_metadata(folder: Path) -> tuple[dict[Path, None], int] | str:
+    """Read a rosbag2 folder's metadata.
+
+    Returns:
+        The files it lists and how many messages they hold, or a sentence saying why it cannot be
+        used.
+
+    Raises:
+        BagError: It describes a recording of a kind this package cannot read.
+    """
+    path = folder / METADATA_NAME
+    try:
+        information = _load(read_file(path, _LARGEST))[METADATA_ROOT]
+        storage = information.get('storage_identifier', 'mcap')
+        mode = str(information.get('compression_mode') or 'none').lower()
+        if storage != 'mcap':
+            raise BagError(f"bag '{folder}' is stored as '{storage}', not mcap: {CONVERT}")
+        if mode in ('file', 'message'):
+            raise BagError(
+                f"bag '{folder}' has compression_mode '{mode}', but only the compression inside"
+                f' MCAP can be read: {CONVERT}'
+            )
+        names = (PurePosixPath(name).name for name in information['relative_file_paths'])
+        return dict.fromkeys(folder / name for name in names), int(information['message_count'])
+    except FileNotFoundError:
+        return f"folder '{folder}' has no {METADATA_NAME}"
+    except OSError as error:
+        return f"'{path}' cannot be read: {error.strerror}"
+    except _NOT_METADATA:
+        return f"'{path}' is not rosbag2 metadata"
+
+
+def _load(data: bytes) -> Any:
+    """YAML without aliases, which rosbag2 does not write, and without much nesting."""
+    depth = 0
+    for event in yaml.parse(data, _LOADER):
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > _DEEPEST or isinstance(event, yaml.AliasEvent):
+            raise ValueError('no metadata has this')
+    return yaml.load(data, _LOADER)
 
 
 def natural(name: str) -> list[tuple[int, str]]:

@@ -20,10 +20,9 @@ from mcap.records import Channel
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
-from stickslip_monitor.bags.blocks import Block, Budget, Exhausted, Loaded, prefetch
+from stickslip_monitor.bags.blocks import Block, Budget, Exhausted, Loaded, Piece, prefetch, view
 from stickslip_monitor.bags.cdr import FieldReader
 from stickslip_monitor.bags.contents import DATED, STEP_COST, Contents
-from stickslip_monitor.bags.records import Piece, view
 from stickslip_monitor.bags.values import Fault, Message, Payload, Request, Series, TimeSpans
 from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.fields import FieldPath
@@ -33,6 +32,9 @@ _OF_TOPIC, _OF_ALL = 1 << 15, 1 << 19
 
 # What a number costs that is kept until all before it is known [bytes].
 _ROW_COST = 24
+_BEYOND = 'have a log time of 2^63 ns or more, which is no time, and were not used'
+_UNSET = 'have log time 0, as of a clock that was not set, and were not used'
+_REFUSED = 'come behind a definition that does not fit, and were not used'
 
 Progress = Callable[[int, int], None]
 Columns = tuple[NDArray[Any], ...]
@@ -118,9 +120,7 @@ class Pass:
         return [key for key, c in file.channels.items() if c.topic in self.numbers]
 
     def _wanted(self, file: Contents) -> Iterator[Block]:
-        mask = 0
-        for key in self._keys(file):
-            mask |= 1 << key
+        mask = sum(1 << key for key in self._keys(file))
         return (b for b in file.blocks if b.channels is None or b.channels & mask)
 
     def stretches(self, table_of: MakeTable, most: int) -> Iterator[list[Table]]:
@@ -248,15 +248,9 @@ def _merged(tables: Sequence[Table]) -> Iterator[Columns]:
 
 
 def merged_messages(way: Pass, types: Mapping[str, str], spans: TimeSpans) -> Iterator[Message]:
-    """Yield messages by log time, then by place; a block is in memory while its time lasts.
+    """Yield messages of some topics, with their types, by log time, then by place.
 
-    Args:
-        way: A pass for the topics.
-        types: The topics with their types.
-        spans: The log times wanted.
-
-    Yields:
-        The messages, still encoded.
+    A block is in memory while its time lasts.
     """
     names = list(types.items())
     for tables in way.stretches(partial(_raw_table, spans), 1):
@@ -265,9 +259,8 @@ def merged_messages(way: Pass, types: Mapping[str, str], spans: TimeSpans) -> It
         for columns in _merged(tables) if tables else ():
             numbers = zip(*(column.tolist() for column in columns), strict=True)
             for time, topic, own, offset, size in numbers:
-                data = tables[own].data[offset : offset + size]
                 name, kind = names[topic]
-                yield Message(name, kind, time, data)
+                yield Message(name, kind, time, tables[own].data[offset : offset + size])
 
 
 def payloads(
@@ -275,12 +268,7 @@ def payloads(
 ) -> Iterator[tuple[int, dict[str, tuple[IntArray, Payload]]]]:
     """Yield messages by the piece, still encoded, in the order in which blocks begin.
 
-    Args:
-        way: A pass for the topics.
-        spans: The log times wanted.
-
-    Yields:
-        When a block begins [ns], and log times and messages of each topic in the piece.
+    That is when its block begins [ns], and log times and messages of each topic in it.
     """
     for _, job, tables in way.tables(partial(_raw_table, spans)):
         for table in tables:
@@ -310,47 +298,28 @@ def _raw(data: bytes, offset: IntArray, size: IntArray) -> Payload:
 
 @dataclass(slots=True)
 class Wanted:
-    """The numbers wanted of one topic with the requests for each, and what was wrong with them."""
+    """The numbers wanted of one topic with the requests for each, and what was wrong with them.
+
+    ``reasons`` counts the messages without numbers, ``short`` those whose array is too short for
+    one.
+    """
 
     topic: str
-    type: str
     requests: Mapping[FieldPath, Sequence[Request]]
     count: int = 0
-    beyond: int = 0
-    unset: int = 0
-    refused: int = 0
-    undecoded: int = 0
-    encapsulations: Counter[int] = field(default_factory=Counter)
+    reasons: Counter[str] = field(default_factory=Counter)
     short: Counter[int] = field(default_factory=Counter)
 
     def faults(self) -> Iterator[tuple[Request, tuple[Fault, ...]]]:
         """What was wrong, for each request."""
-        common = {
-            'have a log time of 2^63 ns or more, which is no time, and were not used': self.beyond,
-            'have log time 0, as of a clock that was not set, and were not used': self.unset,
-            'come behind a definition that does not fit, and were not used': self.refused,
-            f'cannot be decoded as {self.type}': self.undecoded,
-            **{
-                f'are in the encapsulation {_ENCAPSULATIONS.get(kind, "of no known name")}'
-                f' (0x{kind:04x}), which is not decoded': count
-                for kind, count in sorted(self.encapsulations.items())
-            },
-        }
         for row, requests in enumerate(self.requests.values()):
             short = f"have too few elements for field '{requests[0].field}'"
             faults = tuple(
                 Fault(count, f"{count} of {self.count} messages of '{self.topic}' {reason}")
-                for reason, count in (common | {short: self.short[row]}).items()
+                for reason, count in ({**self.reasons, short: self.short[row]}).items()
                 if count
             )
             yield from ((request, faults) for request in requests)
-
-
-# RTPS 2.5, table 10.3.
-_ENCAPSULATIONS = {
-    0x02: 'PL_CDR_BE', 0x03: 'PL_CDR_LE', 0x06: 'CDR2_BE', 0x07: 'CDR2_LE', 0x08: 'D_CDR2_BE',
-    0x09: 'D_CDR2_LE', 0x0A: 'PL_CDR2_BE', 0x0B: 'PL_CDR2_LE', 0x04: 'XML',
-}  # fmt: skip
 
 
 class Reading:
@@ -400,8 +369,10 @@ class Reading:
             BagError: A file cannot be read.
         """
         most = min(_OF_TOPIC * len(self._wanted), _OF_ALL)
+        none = np.empty(0, np.int64)
+        nothing = Table(0, (none, none, none, np.empty((self._width, 0))))
         for tables in self._pass.stretches(self._table, most):
-            for columns in _merged(tables or [self._nothing()]):
+            for columns in _merged(tables or [nothing]):
                 yield self._series(*columns)
         self._pass.compare()
 
@@ -433,17 +404,16 @@ class Reading:
             wanted.count += rows.size
             if own_times.min() < self._least:
                 beyond = int((own_times < 0).sum())
-                wanted.beyond += beyond
-                wanted.unset += int((own_times < self._least).sum()) - beyond
+                wanted.reasons[_BEYOND] += beyond
+                wanted.reasons[_UNSET] += int((own_times < self._least).sum()) - beyond
             reader = self._reader(number, job.file, channel)
             if isinstance(reader, BagError):
                 self._tell(f'{job.block.place} has messages of another definition: {reader}')
-                wanted.refused += rows.size
+                wanted.reasons[_REFUSED] += rows.size
                 continue
             numbers = reader.read(piece.data, piece.offset[rows], piece.size[rows])
             self._pass.spend(job, 2 * STEP_COST * numbers.alone + _ROW_COST * rows.size)
-            wanted.undecoded += numbers.undecoded
-            wanted.encapsulations.update(numbers.encapsulations)
+            wanted.reasons.update(numbers.faults)
             wanted.short.update(numbers.short)
             topic[rows] = number
             for column, own in zip(values, numbers.values, strict=False):
@@ -454,10 +424,6 @@ class Reading:
                 stamp[rows] = np.where(numbers.stamp_ns == 0, own_times, numbers.stamp_ns)
         is_wanted = (topic >= 0) & (times >= self._least)
         return Table(job.number, _in_order((times, topic, stamp, values), is_wanted))
-
-    def _nothing(self) -> Table:
-        none = np.empty(0, np.int64)
-        return Table(0, (none, none, none, np.empty((self._width, 0))))
 
     def _series(
         self, log_time: IntArray, topic: IntArray, stamp: IntArray, values: FloatArray
@@ -472,20 +438,18 @@ class Reading:
         self._sequence += log_time.size
         return result
 
+    def joined(self) -> dict[Request, Series]:
+        """The series of the whole recording."""
+        parts = list(self)
+        faults = self.faults()
 
-def joined(reading: Reading) -> dict[Request, Series]:
-    """The series of a whole recording."""
-    found: dict[Request, list[Series]] = {}
-    for part in reading:
-        for request, series in part.items():
-            found.setdefault(request, []).append(series)
-    faults = reading.faults()
-    return {request: _joined(series, faults[request]) for request, series in found.items()}
+        def whole(request: Request, name: str) -> Any:
+            return np.concatenate([getattr(part[request], name) for part in parts])
 
-
-def _joined(parts: Sequence[Series], faults: tuple[Fault, ...]) -> Series:
-    log_time, stamp, sequence = (
-        np.concatenate([getattr(part, name) for part in parts])
-        for name in ('log_time_ns', 'stamp_ns', 'sequence')
-    )
-    return Series(log_time, stamp, sequence, np.concatenate([p.value for p in parts]), faults)
+        names = ('log_time_ns', 'stamp_ns', 'sequence', 'value')
+        return {
+            request: Series(
+                **{name: whole(request, name) for name in names}, faults=faults[request]
+            )
+            for request in parts[0]
+        }

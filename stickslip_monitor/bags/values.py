@@ -15,6 +15,8 @@ from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 Payload = Sequence[bytes] | NDArray[np.void]
 """Messages, encoded: bytes of any lengths, or an array of items of one length."""
 
+METADATA_NAME, METADATA_ROOT = 'metadata.yaml', 'rosbag2_bagfile_information'
+"""The file that describes a rosbag2 folder, and the key of all in it."""
 _MOST_TOLD = 50
 
 
@@ -22,18 +24,15 @@ class Findings:
     """Sentences on what is wrong with a recording, each once, and not without end."""
 
     def __init__(self) -> None:
-        """Begin with none."""
         self._texts: dict[str, None] = {}
         self._more = 0
 
     def __call__(self, text: str) -> None:
         """Take one up."""
-        if text in self._texts:
-            return
-        if len(self._texts) < _MOST_TOLD:
-            self._texts[text] = None
-        else:
+        if text not in self._texts and len(self._texts) >= _MOST_TOLD:
             self._more += 1
+        else:
+            self._texts[text] = None
 
     @property
     def texts(self) -> tuple[str, ...]:
@@ -46,8 +45,8 @@ class Findings:
 class TopicInfo:
     """A topic of a recording.
 
-    ``problem`` is one clause saying why its messages cannot be decoded, as far as that is known
-    without its definition, which is read when a field is asked for; else empty.
+    ``problem`` is a clause on why its messages cannot be decoded, as far as that is known without
+    its definition, which is read when a field is asked for; else empty.
     """
 
     name: str
@@ -66,8 +65,8 @@ class TopicInfo:
 class Cut:
     """Where a recording file ends too early.
 
-    ``offset`` is the byte at which the last whole record ends, ``size`` the file's length, and
-    ``last_time_ns`` the latest log time among the messages that were saved.
+    The byte at which its last whole record ends, its length, and the latest log time among the
+    messages that were saved.
     """
 
     path: Path
@@ -98,10 +97,10 @@ class Fault:
 class Series:
     """One number of every message of a topic, in order of log time, then of place in the bag.
 
-    All arrays have one length.  ``stamp_ns`` is the header's stamp where the message has a header
-    and the stamp is not zero, else the log time.  ``sequence`` numbers the messages of all topics
-    read together, so that several series merge by it alone.  ``value`` is NaN where ``faults``
-    counts a message without a value.
+    All arrays have one length.  ``stamp_ns`` is the header's stamp where there is one and it is
+    not zero, else the log time.  ``sequence`` numbers the messages of all topics read together, so
+    that several series merge by it alone.  ``value`` is NaN where ``faults`` counts a message
+    without one.
     """
 
     log_time_ns: IntArray
@@ -122,29 +121,22 @@ class Message:
 
 
 class TimeSpans:
-    """Stretches of time, both ends included; they may overlap."""
+    """Stretches of time with first and last instant [ns], both included; they may overlap."""
 
     def __init__(self, spans: Iterable[tuple[int, int]]) -> None:
-        """Join what overlaps.
-
-        Args:
-            spans: First and last instant of each [ns].
-        """
         self.spans: list[tuple[int, int]] = []
         for start, end in sorted(spans):
             if self.spans and start <= self.spans[-1][1]:
                 start, other = self.spans.pop()
                 end = max(end, other)
             self.spans.append((start, end))
-        self._starts = np.array([start for start, _ in self.spans], np.int64)
-        self._ends = np.array([end for _, end in self.spans], np.int64)
+        self._edges = np.array(self.spans, np.int64).reshape(-1, 2)
 
     def holds(self, time_ns: IntArray) -> BoolArray:
         """Whether each time is in any of them, shape (n,)."""
-        if not self.spans:
-            return np.zeros(len(time_ns), np.bool_)
-        number = np.searchsorted(self._starts, time_ns, 'right') - 1
-        inside: BoolArray = (number >= 0) & (time_ns <= self._ends[number])
+        starts, ends = self._edges.T
+        number = np.searchsorted(starts, time_ns, 'right') - 1
+        inside: BoolArray = (number >= 0) & (time_ns <= np.append(ends, -1)[number])
         return inside
 
     def overlap(self, start_ns: int, end_ns: int) -> bool:

@@ -14,15 +14,15 @@ import itertools
 import shutil
 import zlib
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import IO
+from typing import IO, Any
 
 import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
+import yaml
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
@@ -45,11 +45,16 @@ from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import IntArray
-from stickslip_monitor.bags.blocks import INDEX_HEAD
+from stickslip_monitor.bags.blocks import (
+    HEAD,
+    INDEX_HEAD,
+    MAGIC,
+    MESSAGE_HEAD,
+    PARSE_ERRORS,
+    PAYLOAD,
+)
 from stickslip_monitor.bags.encode import MESSAGE_TYPES, MessageType, encode_float64s
-from stickslip_monitor.bags.metadata import FILE_NAME, TopicEntry, render_metadata
-from stickslip_monitor.bags.records import HEAD, MAGIC, MESSAGE_HEAD, PARSE_ERRORS, PAYLOAD
-from stickslip_monitor.bags.values import Payload
+from stickslip_monitor.bags.values import METADATA_NAME, METADATA_ROOT, Payload
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.files import open_file
 
@@ -72,23 +77,20 @@ _HEAD = np.dtype(
 )  # fmt: skip
 
 
+@dataclass(slots=True)
+class _Topic:
+    name: str
+    type: str
+    type_hash: str
+    channel: int
+    count: int = 0
+
+
 class _Column:
-    """The records of messages of one channel.
+    """The records of n messages in CDR of one channel; ``sizes`` are their lengths [bytes]."""
 
-    Args:
-        channel: The channel.
-        sequence: Number of the first of them.
-        log_time_ns: Log times, also taken as those of publication, shape (n,) [ns].
-        payload: n messages in CDR.
-
-    Attributes:
-        sizes: The length of each record, shape (n,) [bytes].
-    """
-
-    def __init__(
-        self, channel: int, sequence: int, log_time_ns: IntArray, payload: Payload
-    ) -> None:
-        self.channel, self.log_time_ns, self._payload = channel, log_time_ns, payload
+    def __init__(self, topic: _Topic, log_time_ns: IntArray, payload: Payload) -> None:
+        self.channel, self.log_time_ns, self._payload = topic.channel, log_time_ns, payload
         count = log_time_ns.size
         is_even = isinstance(payload, np.ndarray)
         data = [('data', payload.dtype)] if isinstance(payload, np.ndarray) else []
@@ -98,7 +100,7 @@ class _Column:
         self.sizes: IntArray = np.broadcast_to(np.asarray(sizes, np.int64), (count,))
         head = rows['head']
         head['opcode'], head['length'] = Opcode.MESSAGE, self.sizes - HEAD.size
-        head['channel'], head['sequence'] = channel, sequence + np.arange(count)
+        head['channel'], head['sequence'] = topic.channel, topic.count + np.arange(count)
         head['log_time'] = head['publish_time'] = log_time_ns
         if is_even:
             rows['data'] = payload
@@ -118,18 +120,17 @@ class _Column:
 
 @dataclass(slots=True)
 class _Draft:
-    """The chunk that is being laid out."""
+    """The chunk that is being laid out; ``index`` has log time and offset of its messages."""
 
     data: bytearray = field(default_factory=bytearray)
     index: dict[int, list[bytes]] = field(default_factory=dict)
-    start_ns: int | None = None
+    start_ns: int = _LATEST
     end_ns: int = 0
 
     def note(self, channel: int, pairs: bytes, first_ns: int, last_ns: int) -> None:
-        """Take up log time and offset of messages of a channel."""
+        """Take up messages of a channel."""
         self.index.setdefault(channel, []).append(pairs)
-        self.start_ns = first_ns if self.start_ns is None else min(first_ns, self.start_ns)
-        self.end_ns = max(last_ns, self.end_ns)
+        self.start_ns, self.end_ns = min(first_ns, self.start_ns), max(last_ns, self.end_ns)
 
 
 class McapFile:
@@ -146,7 +147,7 @@ class McapFile:
         self._compression, self._compress = COMPRESSIONS[compression]
         self._chunk_size = chunk_size
         self._draft = _Draft()
-        self._pool = ThreadPoolExecutor(1)
+        self.pool = ThreadPoolExecutor(1)
         self._waiting: deque[Future[tuple[Chunk, _Draft]]] = deque()
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
@@ -154,10 +155,6 @@ class McapFile:
         self._chunks: list[ChunkIndex] = []
         self._counts: Counter[int] = Counter()
         file.write(MAGIC + _bytes(Header(Profile.ROS2, _LIBRARY)))
-
-    def close(self) -> None:
-        """Let the thread go; what was not finished stays as it is."""
-        self._pool.shutdown(cancel_futures=True)
 
     def add_label(self, name: str) -> None:
         """Write a label before the first message."""
@@ -192,11 +189,6 @@ class McapFile:
         self._counts[channel] += 1
         head = HEAD.pack(Opcode.MESSAGE, MESSAGE_HEAD.size + len(data))
         self._add(head + MESSAGE_HEAD.pack(channel, sequence, log_time_ns, log_time_ns) + data)
-
-    def _add(self, data: bytes | memoryview) -> None:
-        self._draft.data += data
-        if len(self._draft.data) > self._chunk_size:
-            self._close_chunk()
 
     def add_merged(self, columns: Sequence[_Column]) -> None:
         """Write messages of several channels, merged by their log times."""
@@ -235,19 +227,23 @@ class McapFile:
             self._draft.note(columns[k].channel, pairs, int(times.min()), int(times.max()))
         self._add(data.data)
 
+    def _add(self, data: bytes | memoryview) -> None:
+        self._draft.data += data
+        if len(self._draft.data) > self._chunk_size:
+            self._close_chunk()
+
     def _close_chunk(self) -> None:
-        if not self._draft.index:
-            return
-        self._waiting.append(self._pool.submit(self._packed, self._draft))
-        self._draft = _Draft()
-        self.drain(_WAITING)
+        if self._draft.index:
+            self._waiting.append(self.pool.submit(self._packed, self._draft))
+            self._draft = _Draft()
+            self.drain(_WAITING)
 
     def _packed(self, draft: _Draft) -> tuple[Chunk, _Draft]:
         data = bytes(draft.data)
         chunk = Chunk(
             compression=self._compression,
             data=self._compress(data),
-            message_start_time=draft.start_ns or 0,
+            message_start_time=draft.start_ns,
             message_end_time=draft.end_ns,
             uncompressed_crc=zlib.crc32(data),
             uncompressed_size=len(data),
@@ -288,24 +284,6 @@ class McapFile:
         self._close_chunk()
         self.drain()
         self._file.write(_bytes(DataEnd(0)))
-        begin, summary, offsets = self._file.tell(), b'', b''
-        for opcode, records in self._groups():
-            group = b''.join(map(_bytes, records))
-            start = begin + len(summary)
-            offsets += _bytes(
-                SummaryOffset(group_opcode=opcode, group_start=start, group_length=len(group))
-            )
-            summary += group
-        offset_begin = begin + len(summary)
-        summary += offsets
-        head = HEAD.pack(Opcode.FOOTER, 20)
-        places = begin.to_bytes(8, 'little') + offset_begin.to_bytes(8, 'little')
-        crc = zlib.crc32(head + places, zlib.crc32(summary))
-        footer = Footer(summary_start=begin, summary_offset_start=offset_begin, summary_crc=crc)
-        self._file.write(summary + _bytes(footer) + MAGIC)
-
-    def _groups(self) -> tuple[tuple[Opcode, Sequence[McapRecord]], ...]:
-        """The records of the summary by kind."""
         statistics = Statistics(
             attachment_count=0,
             channel_count=len(self._channels),
@@ -317,14 +295,25 @@ class McapFile:
             message_end_time=max((c.message_end_time for c in self._chunks), default=0),
             schema_count=len(self._schemas),
         )
-        return (
-            (Opcode.SCHEMA, self._schemas),
-            (Opcode.CHANNEL, self._channels),
-            (Opcode.STATISTICS, [statistics]),
-            (Opcode.CHUNK_INDEX, self._chunks),
-            (Opcode.ATTACHMENT_INDEX, []),
-            (Opcode.METADATA_INDEX, self._metadata),
-        )
+        groups: Mapping[Opcode, Sequence[McapRecord]] = {
+            Opcode.SCHEMA: self._schemas,
+            Opcode.CHANNEL: self._channels,
+            Opcode.STATISTICS: [statistics],
+            Opcode.CHUNK_INDEX: self._chunks,
+            Opcode.ATTACHMENT_INDEX: [],
+            Opcode.METADATA_INDEX: self._metadata,
+        }
+        begin, summary, offsets = self._file.tell(), b'', b''
+        for opcode, records in groups.items():
+            group, start = b''.join(map(_bytes, records)), begin + len(summary)
+            offsets += _bytes(SummaryOffset(opcode, start, len(group)))
+            summary += group
+        offset_begin = begin + len(summary)
+        summary += offsets
+        places = begin.to_bytes(8, 'little') + offset_begin.to_bytes(8, 'little')
+        crc = zlib.crc32(HEAD.pack(Opcode.FOOTER, 20) + places, zlib.crc32(summary))
+        footer = Footer(summary_start=begin, summary_offset_start=offset_begin, summary_crc=crc)
+        self._file.write(summary + _bytes(footer) + MAGIC)
 
 
 def _bytes(record: McapRecord) -> bytes:
@@ -338,6 +327,15 @@ class BagWriter:
 
     The recording appears under its name when the block ends; if the block raises, nothing stays.
     Equal input gives equal bytes.  Messages lie in the file in the order they were written.
+
+    Args:
+        path: A name ending in ``.mcap`` for a single file, any other for a rosbag2 folder.
+        compression: ``'zstd'``, ``'lz4'`` or ``'none'``.
+        chunk_size: Bytes after which a chunk is closed, before compression.
+        label: What the recording is, by which :func:`is_labelled` knows it again.
+
+    Raises:
+        BagError: The path exists already, or the compression is unknown.
     """
 
     def __init__(
@@ -347,56 +345,51 @@ class BagWriter:
         chunk_size: int = 1 << 20,
         label: str | None = None,
     ) -> None:
-        """Choose what to write.
-
-        Args:
-            path: A name ending in ``.mcap`` for a single file, any other for a rosbag2 folder.
-            compression: ``'zstd'``, ``'lz4'`` or ``'none'``.
-            chunk_size: Bytes after which a chunk is closed, before compression.
-            label: What the recording is, by which :func:`is_labelled` knows it again.
-
-        Raises:
-            BagError: The path exists already, or the compression is unknown.
-        """
         self.path = Path(path)
         if compression not in COMPRESSIONS:
             known = ', '.join(COMPRESSIONS)
             raise BagError(f"compression '{compression}' is unknown: use one of {known}")
-        self._compression = compression
-        self._chunk_size = chunk_size
+        self._options = compression, chunk_size
         self._is_file = self.path.suffix == _SUFFIX
+        self._file_name = f'{self.path.name}_0{_SUFFIX}'
         self._label = label
         self._is_broken = False
-        self._topics: dict[str, TopicEntry] = {}
+        self._topics: dict[str, _Topic] = {}
         self._schemas: dict[str, tuple[int, MessageType]] = {}
-        self._start_ns = _LATEST
-        self._end_ns = 0
+        self._start_ns, self._end_ns = _LATEST, 0
         with self._trouble():
             self._refuse_existing()
 
     def __enter__(self) -> BagWriter:
         """Begin to write beside the target."""
         with self._trouble():
-            self._make_parent()
+            for folder in self.path.parents:
+                if folder.exists() and not folder.is_dir():
+                    raise BagError(
+                        f"bag '{self.path}' cannot be written: '{folder}' is a file, not a folder"
+                    )
+            self.path.parent.mkdir(parents=True, exist_ok=True)
             self._draft, self._file = self._begin_draft()
-            self._records = McapFile(self._file, self._compression, self._chunk_size)
+            self._records = McapFile(self._file, *self._options)
             if self._label is not None:
                 self._records.add_label(self._label)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Finish the recording, or remove what there is of it after an error."""
         try:
             if kind is None:
                 with self._trouble():
                     self._finish()
         finally:
-            self._clear()
+            self._records.pool.shutdown(cancel_futures=True)
+            # Closing a file on a full disk fails once more; the draft goes either way.
+            with contextlib.suppress(OSError):
+                self._file.close()
+            if self._is_file:
+                self._draft.unlink(missing_ok=True)
+            else:
+                shutil.rmtree(self._draft, ignore_errors=True)
 
     def add_topic(self, name: str, type: str, definition: str | None = None) -> None:  # noqa: A002
         """Add a topic.
@@ -422,7 +415,7 @@ class BagWriter:
                 number = self._records.add_schema(type, known.definition)
                 self._schemas[type] = number, known
             channel = self._records.add_channel(name, self._schemas[type][0], known.type_hash)
-        self._topics[name] = TopicEntry(name, type, known.type_hash, channel)
+        self._topics[name] = _Topic(name, type, known.type_hash, channel)
 
     def write(self, topic: str, log_time_ns: int, data: bytes) -> None:
         """Write one message.
@@ -435,15 +428,10 @@ class BagWriter:
         Raises:
             BagError: Unknown topic, a time out of range, or the disk does not take it.
         """
-        entry = self._entry(topic)
-        self._widen(topic, log_time_ns, log_time_ns)
+        entry = self._entry(topic, log_time_ns, log_time_ns)
         with self._trouble():
             self._records.add(entry.channel, entry.count, log_time_ns, data)
         entry.count += 1
-
-    def write_float64(self, topic: str, log_time_ns: ArrayLike, value: ArrayLike) -> None:
-        """Write ``std_msgs/Float64`` messages of one topic; see :meth:`write_float64s`."""
-        self.write_float64s({topic: (log_time_ns, value)})
 
     def write_float64s(self, columns: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> None:
         """Write ``std_msgs/Float64`` messages of several topics, merged by their log times.
@@ -460,42 +448,42 @@ class BagWriter:
                     f"topic '{name}' has {np.size(time)} log times for {np.size(value)} values:"
                     ' write one value for each time'
                 )
-        self.write_merged(
-            {name: (time, encode_float64s(value)) for name, (time, value) in columns.items()}
+        self.write_columns(
+            (n, time, encode_float64s(value)) for n, (time, value) in columns.items()
         )
 
-    def write_merged(self, columns: Mapping[str, tuple[ArrayLike, Payload]]) -> None:
+    def write_columns(self, columns: Iterable[tuple[str, ArrayLike, Payload]]) -> None:
         """Write encoded messages of several topics, merged by their log times.
 
         Args:
-            columns: Log times, shape (n,) [ns], and n messages in CDR of each topic.
+            columns: A topic, log times, shape (n,) [ns], and n messages in CDR; a topic may have
+                several columns, one after the other.
 
         Raises:
             BagError: As for :meth:`write`.
         """
-        self.write_columns((name, *column) for name, column in columns.items())
-
-    def write_columns(self, columns: Iterable[tuple[str, ArrayLike, Payload]]) -> None:
-        """The same; a topic may have several columns, each in order."""
         parts = []
         for name, time, payload in columns:
-            entry, log_time = self._entry(name), np.asarray(time, np.int64)
-            if log_time.size:
-                self._widen(name, int(log_time.min()), int(log_time.max()))
-            parts.append(_Column(entry.channel, entry.count, log_time, payload))
+            log_time = np.asarray(time, np.int64)
+            span = (int(log_time.min()), int(log_time.max())) if log_time.size else ()
+            entry = self._entry(name, *span)
+            parts.append(_Column(entry, log_time, payload))
             entry.count += log_time.size
         with self._trouble():
             self._records.add_merged(parts)
 
-    def _widen(self, topic: str, first_ns: int, last_ns: int) -> None:
-        """Widen the span of the recording by that of some messages."""
-        for log_time in (first_ns, last_ns):
+    def _entry(self, topic: str, *span: int) -> _Topic:
+        """A topic; the span of the recording is widened by that of its messages."""
+        if topic not in self._topics:
+            raise BagError(f"topic '{topic}' was not added to bag '{self.path}'")
+        for log_time in span:
             if not 0 <= log_time <= _LATEST:
                 raise BagError(
                     f"log time {log_time} ns of topic '{topic}' is not between 0 and {_LATEST}"
                 )
-        self._start_ns = min(self._start_ns, first_ns)
-        self._end_ns = max(self._end_ns, last_ns)
+            self._start_ns = min(self._start_ns, log_time)
+            self._end_ns = max(self._end_ns, log_time)
+        return self._topics[topic]
 
     def break_off(self) -> None:
         """Leave the recording as one that lost power in mid-write; nothing more can be written.
@@ -511,19 +499,6 @@ class BagWriter:
             head = self._file.read(HEAD.size)
             self._file.truncate(begin + (HEAD.size + HEAD.unpack(head)[1]) // 2)
         self._is_broken = True
-
-    def _entry(self, topic: str) -> TopicEntry:
-        if topic not in self._topics:
-            raise BagError(f"topic '{topic}' was not added to bag '{self.path}'")
-        return self._topics[topic]
-
-    def _make_parent(self) -> None:
-        for folder in self.path.parents:
-            if folder.exists() and not folder.is_dir():
-                raise BagError(
-                    f"bag '{self.path}' cannot be written: '{folder}' is a file, not a folder"
-                )
-        self.path.parent.mkdir(parents=True, exist_ok=True)
 
     def _refuse_existing(self) -> None:
         if self.path.exists():
@@ -544,30 +519,16 @@ class BagWriter:
         """Messages written so far, by topic."""
         return {name: topic.count for name, topic in self._topics.items()}
 
-    @property
-    def _file_name(self) -> str:
-        return f'{self.path.name}_0{_SUFFIX}'
-
     def _finish(self) -> None:
         if not self._is_broken:
             self._records.finish()
         self._file.close()
         if not (self._is_file or self._is_broken):
             start_ns = min(self._start_ns, self._end_ns)
-            text = render_metadata(self._file_name, start_ns, self._end_ns, self._topics.values())
-            (self._draft / FILE_NAME).write_text(text, 'utf-8')
+            text = _metadata(self._file_name, start_ns, self._end_ns, self._topics.values())
+            (self._draft / METADATA_NAME).write_text(text, 'utf-8')
         self._refuse_existing()
         self._draft.rename(self.path)
-
-    def _clear(self) -> None:
-        self._records.close()
-        # Closing a file on a full disk fails once more; the draft goes either way.
-        with contextlib.suppress(OSError):
-            self._file.close()
-        if self._is_file:
-            self._draft.unlink(missing_ok=True)
-        else:
-            shutil.rmtree(self._draft, ignore_errors=True)
 
     @contextlib.contextmanager
     def _trouble(self) -> Iterator[None]:
@@ -578,6 +539,45 @@ class BagWriter:
             raise BagError(
                 f"bag '{self.path}' cannot be written: {error.strerror or error}"
             ) from error
+
+
+def _metadata(file_name: str, start_ns: int, end_ns: int, topics: Collection[_Topic]) -> str:
+    """The ``metadata.yaml`` of a recording that is one file, in rosbag2's format of version 9."""
+
+    def span() -> dict[str, Any]:
+        # The same object twice would become a YAML alias, which rosbag2's reader need not know.
+        return {
+            'starting_time': {'nanoseconds_since_epoch': start_ns},
+            'duration': {'nanoseconds': end_ns - start_ns},
+            'message_count': sum(topic.count for topic in topics),
+        }
+
+    listed = [
+        {
+            'topic_metadata': {
+                'name': topic.name,
+                'type': topic.type,
+                'serialization_format': 'cdr',
+                'offered_qos_profiles': [],
+                'type_description_hash': topic.type_hash,
+            },
+            'message_count': topic.count,
+        }
+        for topic in topics
+    ]
+    information = {
+        'version': 9,
+        'storage_identifier': 'mcap',
+        **span(),
+        'topics_with_message_count': listed,
+        'compression_format': '',
+        'compression_mode': '',
+        'relative_file_paths': [file_name],
+        'files': [{'path': file_name, **span()}],
+        'custom_data': None,
+        'ros_distro': 'unknown',
+    }
+    return yaml.safe_dump({METADATA_ROOT: information}, sort_keys=False)
 
 
 def is_labelled(path: Path, label: str) -> bool:

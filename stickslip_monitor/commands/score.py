@@ -1,22 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Judge the monitor's warnings over simulated bags, or scenes, by what the lining really did.
 
-A bag must hold the truth, as those of a scene with the effect lining_motion do. For each episode
-of stick-slip: how long before its first stick the monitor warned (lead), and how long before it
-predicted stick-slip (alarm lead); the table has the least of each. A warning is false if what it
-says never was true: docs/warning_quality.md. The exit code is 1 where an episode was missed or
-warned of too late, or a warning was false.
-
-Of scenes (.yaml) no bag is written: each is simulated with several seeds, in processes, and judged
-as a whole, with the bare rules V < V_F and V < V_H beside the monitor.
+A bag must hold the truth, as those of a scene with the effect lining_motion do. Scenes (.yaml) are
+simulated in memory with several seeds, in processes. The bare rules V < V_F and V < V_H stand
+beside the monitor; what each figure means is in docs/warning_quality.md. The exit code is 1 where
+an episode of stick-slip was missed or warned of too late, or a stick-slip alarm was false.
 """
 
 from __future__ import annotations
 
 import argparse
-import statistics
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -32,26 +27,45 @@ from stickslip_monitor.commands.declared import (
     add_picture,
     say_written,
 )
-from stickslip_monitor.commands.output import add_json, console, print_json
-from stickslip_monitor.commands.score_scenes import is_scene, run_scenes
+from stickslip_monitor.commands.output import ProgressBar, add_json, console, print_json
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.lab.recorder_clock import scan_on_recorder_clock
-from stickslip_monitor.lab.score import (
-    EpisodeScore,
-    Score,
-    Truth,
-    WarningInterval,
-    in_total,
-    score_bearing,
+from stickslip_monitor.lab.scenes.scene import load_scene
+from stickslip_monitor.lab.voyages import (
+    BELOW_FOLD,
+    BELOW_HOPF,
+    OURS,
+    Call,
+    JudgedBag,
+    Voyage,
+    judge_bag,
+    judge_calls,
 )
-from stickslip_monitor.monitor.bulk import Scan
-from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+from stickslip_monitor.lab.warning_quality import (
+    FIGURES,
+    Episode,
+    Quality,
+    announced,
+    false_alarms,
+    pooled,
+    written,
+)
+from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.offline.follow import WholeBag, scan_whole
 from stickslip_monitor.offline.intervals import condition_intervals
-from stickslip_monitor.offline.truth import TruthRecord, has_truth, read_truth
+from stickslip_monitor.offline.processes import core_count
 
-SCHEMA = 'stickslip_monitor/score/1'
+OF_BAGS, OF_SCENES = 'stickslip_monitor/score/2', 'stickslip_monitor/warning_quality/1'
+RULES = {OURS: 'monitor', BELOW_FOLD: 'V < V_F', BELOW_HOPF: 'V < V_H'}
+_COLUMNS = {
+    'episodes': 'epi-\nsodes',
+    'lead_least': 'least\nlead',
+    'alarm_least': 'of the\nalarm',
+    'lead_10s': 'lead\n10 s',
+    'missed': 'mis-\nsed',
+    'detected': 'detec-\nted',
+    'false_per_100h': 'false\n/100 h',
+    'far_per_1000h': 'far\n/1000 h',
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -87,21 +101,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-@dataclass(frozen=True, slots=True)
-class Judged:
-    """One bearing in one bag; the scan's times are those of the recorder."""
-
-    path: str
-    config: BearingConfig
-    scan: Scan
-    truth: TruthRecord
-    score: Score
-
-
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    if any(map(is_scene, args.bags)):
-        return run_scenes(args)
+    scenes = [path for path in args.bags if Path(path).suffix in ('.yaml', '.yml')]
+    judged = [] if scenes else _judged_bags(args)
+    voyages = _judged_scenes(args, scenes) if scenes else [bag.voyage for bag in judged]
+    if args.picture is not None:
+        _draw(args.picture, judged, args.force)
+    if args.json:
+        print_json(_scenes_json(voyages) if scenes else _bags_json(judged))
+    else:
+        out = console()
+        _print(out, voyages, 'scene' if scenes else 'bag')
+        for bag in judged:
+            for text in _remarks(bag):
+                out.print(f'{escape(_name(bag.voyage, voyages))}: {text}')
+    return int(not pooled(voyage.rules[OURS] for voyage in voyages).is_good)
+
+
+def _judged_bags(args: argparse.Namespace) -> list[JudgedBag]:
     if args.config is None:
         raise ConfigurationError('--config is missing: a bag does not say what bearing it is of')
     if args.sensors or args.seeds > 1 or args.first_seed is not None:
@@ -109,177 +127,155 @@ def run(args: argparse.Namespace) -> int:
     config = load_config(args.config)
     if args.bearing is not None:
         config = MonitorConfig((config.bearing(args.bearing),), config.autostart)
-    judged = [one for path in args.bags for one in judge_bag(path, config)]
-    total = in_total(one.score for one in judged)
-    if args.picture is not None:
-        _draw(args.picture, judged, args.force)
-    if args.json:
-        print_json(to_json(judged, total))
-    else:
-        _print(console(), judged, total)
-    return int(not total.is_good)
+    return [judged for path in args.bags for judged in judge_bag(path, config)]
 
 
-def judge_bag(path: str | Path, config: MonitorConfig) -> list[Judged]:
-    """Judge the bearings of a bag about which it holds the truth.
-
-    Raises:
-        BagError: The bag cannot be read, or it holds no truth.
-    """
-    whole = scan_whole(path, config)
-    known = [b for b in config.bearings if has_truth(whole.bag, b.name)]
-    return [_judge(str(path), whole, bearing) for bearing in known or config.bearings[:1]]
-
-
-def _judge(path: str, whole: WholeBag, config: BearingConfig) -> Judged:
-    record = read_truth(whole.bag, config.name)
-    scan = scan_on_recorder_clock(whole, config)
-    truth = Truth(
-        start_ns=record.start_ns,
-        end_ns=record.end_ns,
-        episodes=record.episodes,
-        time_ns=record.fold_margin.time_ns,
-        hopf_margin=record.hopf_margin.value,
-        fold_margin=record.fold_margin.value,
-    )
-    span = (record.start_ns, record.end_ns)
-    score = score_bearing(config.alarm, scan.events, span, truth)
-    return Judged(path, config, scan, record, score)
+def _judged_scenes(args: argparse.Namespace, scenes: Sequence[str]) -> list[Voyage]:
+    bags = [path for path in args.bags if path not in scenes]
+    if bags:
+        raise ConfigurationError(
+            f"'{bags[0]}' is no scene: give either scenes (.yaml) or bags, not both"
+        )
+    for name in ('config', 'bearing', 'picture'):
+        if getattr(args, name) is not None:
+            raise ConfigurationError(f'--{name} is for bags: a scene says what is judged')
+    for name, least in (('seeds', 1), ('first_seed', 0), ('jobs', 1)):
+        value = getattr(args, name)
+        if value is not None and value < least:
+            raise ConfigurationError(
+                f'--{name.replace("_", "-")} {value} must be at least {least}'
+            )
+    sensors = tuple(args.sensors) if args.sensors else (None,)
+    calls = []
+    for scene in scenes:
+        first = args.first_seed
+        first = load_scene(scene, sensors=sensors[0]).seed if first is None else first
+        calls += [Call(scene, first + k, sensors) for k in range(args.seeds)]
+    return judge_all(calls, args.jobs or core_count())
 
 
-def to_json(judged: Sequence[Judged], total: Score) -> dict[str, Any]:
-    """The judgement as the documented JSON object."""
+def judge_all(calls: Sequence[Call], jobs: int) -> list[Voyage]:
+    """Judge all calls, with a progress bar; the order of the results is that of the calls."""
+    found: dict[int, list[Voyage]] = {}
+    with ProgressBar() as meter:
+        for number, voyages in judge_calls(calls, min(jobs, len(calls))):
+            found[number] = voyages
+            meter.show(f'{len(found)} of {len(calls)} voyages', len(found), len(calls))
+    return [voyage for number in range(len(calls)) for voyage in found[number]]
+
+
+def _bags_json(judged: Sequence[JudgedBag]) -> dict[str, Any]:
     bags: dict[str, dict[str, Any]] = {}
-    for one in judged:
-        lists = {
-            'events': {
-                'episodes': [_episode_json(e) for e in one.score.episodes],
-                'warnings': [_claim_json(c) for c in one.score.warnings],
-                'alarms': [_claim_json(c) for c in one.score.alarms],
-            }
+    for bag in judged:
+        bags.setdefault(bag.voyage.scene, {})[bag.voyage.bearing] = {
+            'figures': bag.voyage.rules[OURS].figures(),
+            'episodes': [asdict(episode) for episode in announced(bag.said, bag.truth)],
+            'false_alarms': [
+                {'start_ns': start, 'end_ns': end}
+                for start, end in false_alarms(bag.said, bag.truth)
+            ],
         }
-        bags.setdefault(one.path, {})[one.config.name] = _figures(one.score) | lists
     return {
-        'schema': SCHEMA,
+        'schema': OF_BAGS,
         'bags': [{'path': path, 'bearings': bearings} for path, bearings in bags.items()],
-        'total': _figures(total),
+        'total': _totals([bag.voyage for bag in judged]),
     }
 
 
-def _figures(score: Score) -> dict[str, Any]:
+def _scenes_json(voyages: Sequence[Voyage]) -> dict[str, Any]:
+    seeds: dict[str, dict[int | None, None]] = {}
+    for voyage in voyages:
+        seeds.setdefault(voyage.scene, {})[voyage.seed] = None
     return {
-        'seconds': score.seconds,
-        'episodes': len(score.episodes),
-        'missed': score.missed,
-        'late': score.late,
-        'lead': _spread(score.leads),
-        'alarm_lead': _spread(score.alarm_leads),
-        'warnings': len(score.warnings),
-        'alarms': len(score.alarms),
-        'false_warnings': sum(claim.holds is False for claim in score.warnings),
-        'false_alarms': sum(claim.holds is False for claim in score.alarms),
-        'false_per_hour': score.false_per_hour,
-        'sticking': score.sticking,
-        'unpredicted': score.unpredicted,
-        'unwarned': score.unwarned,
-        'overpredicted': score.overpredicted,
-        'wrong': score.wrong,
-        'blind': score.blind,
+        'schema': OF_SCENES,
+        'seeds': {scene: list(own) for scene, own in seeds.items()},
+        'sensors': [
+            {
+                'file': sensors,
+                'total': _totals(own),
+                'scenes': {
+                    scene: _ours(parts).figures()
+                    for scene, parts in _grouped(own, 'scene').items()
+                },
+            }
+            for sensors, own in _grouped(voyages, 'sensors').items()
+        ],
     }
 
 
-def _spread(leads: list[float]) -> dict[str, float] | None:
-    return {'least': min(leads), 'median': statistics.median(leads)} if leads else None
-
-
-def _episode_json(episode: EpisodeScore) -> dict[str, Any]:
-    return {
-        'first_stick': episode.first_ns,
-        'last_stick': episode.last_ns,
-        'lead': episode.lead,
-        'alarm_lead': episode.alarm_lead,
-        'blind': episode.blind,
-    }
-
-
-def _claim_json(claim: WarningInterval) -> dict[str, Any]:
-    return {
-        'start': claim.start_ns,
-        'end': claim.end_ns,
-        'highest': claim.highest.value,
-        'holds': claim.holds,
-    }
-
-
-def _print(out: Console, judged: Sequence[Judged], total: Score) -> None:
-    table = Table(title='warnings judged by the truth', title_justify='left', box=SIMPLE_HEAD)
-    names = [_name(one, judged) for one in judged]
-    table.add_column('bag', overflow='fold', min_width=min(max(map(len, names)), 30))
-    for heading in (
-        'hours', 'epi-\nsodes', 'missed', 'late', 'lead\n\\[s]', 'alarm\n\\[s]', 'false',
-        'false\nper h', 'wrong\n\\[s]',
-    ):  # fmt: skip
-        table.add_column(heading, justify='right', no_wrap=True)
-    for name, one in zip(names, judged, strict=True):
-        table.add_row(escape(name), *_cells(one.score))
-    if len(judged) > 1:
-        table.add_section()
-        table.add_row('total', *_cells(total), style='bold')
-    out.print(table)
-    for one in judged:
-        for text in _remarks(one):
-            out.print(f'{escape(_name(one, judged))}: {text}')
-
-
-def _name(one: Judged, judged: Sequence[Judged]) -> str:
-    bag = Path(one.path).name
-    if any(other.path != one.path and Path(other.path).name == bag for other in judged):
-        bag = one.path
-    several = len({other.config.name for other in judged}) > 1
-    return f'{bag} {one.config.name}' if several else bag
-
-
-def _cells(score: Score) -> list[str]:
-    false = len(score.false_claims)
-    return [
-        f'{score.seconds / 3600.0:.2f}',
-        str(len(score.episodes)),
-        _coloured(score.missed),
-        _coloured(score.late),
-        f'{min(score.leads):+.1f}' if score.leads else '',
-        f'{min(score.alarm_leads):+.1f}' if score.alarm_leads else '',
-        _coloured(false),
-        f'{score.false_per_hour:.2g}',
-        f'{score.wrong:.1f}',
-    ]
-
-
-def _coloured(count: int) -> str:
-    return f'[red]{count}[/]' if count else '0'
-
-
-def _remarks(one: Judged) -> list[str]:
-    """A sentence for every episode and for every warning that was false."""
-    start = one.truth.start_ns
-
-    def at(time_ns: int) -> str:
-        return f'{(time_ns - start) / 1e9:.1f} s'
-
-    found = [
-        f'stick-slip from {at(e.first_ns)} to {at(e.last_ns)}, {_lead_text(e)}'
-        for e in one.score.episodes
-    ]
-    found += [
-        f'[red]false[/]: {claim.highest.value} from {at(claim.start_ns)} to {at(claim.end_ns)}'
-        for claim in one.score.false_claims
-    ]
+def _grouped(voyages: Iterable[Voyage], by: str) -> dict[Any, list[Voyage]]:
+    found: dict[Any, list[Voyage]] = {}
+    for voyage in voyages:
+        found.setdefault(getattr(voyage, by), []).append(voyage)
     return found
 
 
-def _lead_text(episode: EpisodeScore) -> str:
+def _ours(voyages: Iterable[Voyage]) -> Quality:
+    return pooled(voyage.rules[OURS] for voyage in voyages)
+
+
+def _totals(voyages: Sequence[Voyage]) -> dict[str, dict[str, float | None]]:
+    return {rule: pooled(v.rules[rule] for v in voyages).figures() for rule in RULES}
+
+
+def _print(out: Console, voyages: Sequence[Voyage], kind: str) -> None:
+    """A table of all figures for each grade of sensors, and a line for each scene or bag."""
+    for sensors, own in _grouped(voyages, 'sensors').items():
+        title = 'warnings judged by the truth' + (f', {sensors}' if sensors else '')
+        table = Table(title=title, title_justify='left', box=SIMPLE_HEAD)
+        table.add_column('')
+        for label in RULES.values():
+            table.add_column(label, justify='right', no_wrap=True)
+        rows = _totals(own).values()
+        for name, (label, *_) in FIGURES.items():
+            table.add_row(label, *(written(name, row[name]) for row in rows))
+        out.print(table)
+        lines: dict[str, list[Voyage]] = {}
+        for voyage in own:
+            lines.setdefault(_name(voyage, own), []).append(voyage)
+        out.print(_by_name(kind, {name: _ours(parts).figures() for name, parts in lines.items()}))
+
+
+def _by_name(kind: str, rows: Mapping[str, Mapping[str, float | None]]) -> Table:
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    table.add_column(kind, overflow='fold', min_width=min(max(map(len, rows)), 30))
+    for label in _COLUMNS.values():
+        table.add_column(label, justify='right', no_wrap=True)
+    for name, figures in rows.items():
+        table.add_row(escape(name), *(written(column, figures[column]) for column in _COLUMNS))
+    return table
+
+
+def _name(voyage: Voyage, voyages: Sequence[Voyage]) -> str:
+    """A scene or a bag as briefly as it can be told from the others."""
+    if voyage.seed is not None:
+        return Path(voyage.scene).stem
+    bag = Path(voyage.scene).name
+    if any(other.scene != voyage.scene and Path(other.scene).name == bag for other in voyages):
+        bag = voyage.scene
+    several = len({other.bearing for other in voyages}) > 1
+    return f'{bag} {voyage.bearing}' if several else bag
+
+
+def _remarks(bag: JudgedBag) -> list[str]:
+    """A sentence for every episode and for every false alarm."""
+
+    def at(time_ns: int) -> str:
+        return f'{(time_ns - bag.truth.start_ns) / 1e9:.1f} s'
+
+    found = [
+        f'stick-slip from {at(e.first_ns)} to {at(e.last_ns)}, {_lead_text(e)}'
+        for e in announced(bag.said, bag.truth)
+    ]
+    return found + [
+        f'[red]false[/]: stick-slip alarm from {at(start)} to {at(end)}'
+        for start, end in false_alarms(bag.said, bag.truth)
+    ]
+
+
+def _lead_text(episode: Episode) -> str:
     if episode.lead is None:
-        blind = ' (an input was lost)' if episode.blind else ''
-        return f'[red]missed[/]{blind}'
+        return '[red]missed[/]'
     text = f'warned {_before(episode.lead)}'
     if episode.alarm_lead is None:
         return f'{text}, never predicted'
@@ -290,9 +286,9 @@ def _before(lead: float) -> str:
     return f'{lead:.1f} s before' if lead >= 0.0 else f'[red]{-lead:.1f} s late[/]'
 
 
-def _draw(path: str, judged: Sequence[Judged], force: bool) -> None:
+def _draw(path: str, judged: Sequence[JudgedBag], force: bool) -> None:
     if len(judged) != 1:
-        names = ', '.join(f'{one.config.name} in {one.path}' for one in judged)
+        names = ', '.join(f'{bag.voyage.bearing} in {bag.voyage.scene}' for bag in judged)
         raise ConfigurationError(
             f'--picture shows one bearing in one bag, and here are {names}: give one bag, and'
             ' --bearing where it has several'
@@ -300,8 +296,8 @@ def _draw(path: str, judged: Sequence[Judged], force: bool) -> None:
     from stickslip_monitor.drawing.canvas import save_figure
     from stickslip_monitor.drawing.timeline import LiningTruth, Timeline, draw_timeline
 
-    (one,) = judged
-    record = one.truth
+    (bag,) = judged
+    record = bag.record
     lining = LiningTruth(
         episodes=record.episodes,
         margin_ns=record.fold_margin.time_ns,
@@ -310,8 +306,7 @@ def _draw(path: str, judged: Sequence[Judged], force: bool) -> None:
         amplitude_ns=record.amplitude.time_ns,
         amplitude=record.amplitude.value,
     )
-    spells = condition_intervals(one.scan.events, record.start_ns, record.end_ns)
-    title = f'{Path(one.path).name}: {one.config.name}'
-    timeline = Timeline(one.config, one.scan, spells, lining, title)
-    save_figure(draw_timeline(timeline), path, force)
+    spells = condition_intervals(bag.scan.events, record.start_ns, record.end_ns)
+    title = f'{Path(bag.voyage.scene).name}: {bag.config.name}'
+    save_figure(draw_timeline(Timeline(bag.config, bag.scan, spells, lining, title)), path, force)
     say_written(path)

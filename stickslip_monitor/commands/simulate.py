@@ -96,7 +96,7 @@ def write_bag(
                     writer.add_topic(column.topic, column.type)
                 data = _ENCODERS[column.type](column.values)
                 messages[column.topic] = (column.stamps(scene.start_ns), data)
-            writer.write_merged(messages)
+            writer.write_columns((topic, *own) for topic, own in messages.items())
             if progress:
                 progress(block.end)
         if run.cut is not None:

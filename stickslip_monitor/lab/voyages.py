@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulates voyages in memory and judges the monitor, and bare rules beside it, by their truth.
+"""Judges the monitor, and bare rules beside it, over simulated scenes and over bags.
 
 One call is one scene with one seed, for as many grades of sensors as are asked for: what the ship
 does, and what the lining does with it, is simulated once. Arguments and results are plain values,
@@ -13,27 +13,43 @@ from collections import defaultdict
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.recorder_clock import on_recorder_clock
+from stickslip_monitor.lab.recorder_clock import on_recorder_clock, scan_on_recorder_clock
 from stickslip_monitor.lab.scenes.effects import STAGES
 from stickslip_monitor.lab.scenes.scene import Scene, load_scene, simulate
+from stickslip_monitor.lab.scenes.settings import as_believed
 from stickslip_monitor.lab.scenes.telemetry import Messages
-from stickslip_monitor.lab.scenes.variation import as_believed
-from stickslip_monitor.lab.score import Interval, Truth, merged
-from stickslip_monitor.lab.warning_quality import Quality, Said, given_of, quality_of
+from stickslip_monitor.lab.warning_quality import (
+    Interval,
+    Quality,
+    Said,
+    Truth,
+    given_of,
+    merged,
+    quality_of,
+)
 from stickslip_monitor.monitor.bulk import Scan, scan_bearing
-from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.ladder import LADDER, Condition, Level
 from stickslip_monitor.monitor.signals import Stream, to_si
 from stickslip_monitor.monitor.source_faults import SourceWatch, least_gap
+from stickslip_monitor.offline.follow import scan_whole
 from stickslip_monitor.offline.intervals import condition_intervals
 from stickslip_monitor.offline.processes import run_in_processes
-from stickslip_monitor.offline.truth import Column, episodes_of, topic
+from stickslip_monitor.offline.truth import (
+    Column,
+    TruthRecord,
+    episodes_of,
+    has_truth,
+    read_truth,
+    topic,
+)
 
 Alarm = Mapping[str, Any]
 OURS, BELOW_FOLD, BELOW_HOPF = 'monitor', 'below_fold', 'below_hopf'
@@ -41,42 +57,27 @@ OURS, BELOW_FOLD, BELOW_HOPF = 'monitor', 'below_fold', 'below_hopf'
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A scene with a seed.
+    """A scene with a seed."""
 
-    Attributes:
-        scene: Its file.
-        seed: The seed; None: the file's.
-        sensors: Files of sensors, one after the other; None: what the scene itself says.
-        variants: Fields of the alarm's configuration that are changed: each is judged as well.
-        varied_sensors: The file of sensors with which the variants are judged.
-    """
-
-    scene: str
-    seed: int | None
+    scene: str  # its file
+    seed: int | None  # the seed; None: the file's
+    # Files of sensors, one after the other; None: what the scene itself says.
     sensors: tuple[str | None, ...] = (None,)
+    # Fields of the alarm's configuration that are changed: each is judged as well.
     variants: tuple[Alarm, ...] = ()
-    varied_sensors: str | None = None
+    varied_sensors: str | None = None  # the file of sensors with which the variants are judged
 
 
 @dataclass(frozen=True, slots=True)
 class Voyage:
-    """What came of one bearing on one voyage with one grade of sensors.
+    """What came of one bearing on one voyage with one grade of sensors."""
 
-    Attributes:
-        scene: The scene's file.
-        seed: The seed.
-        sensors: The file of sensors; None: what the scene itself says.
-        bearing: Name of the bearing.
-        rules: The judgement of each rule by name.
-        variants: That of the monitor with each of the call's variants.
-    """
-
-    scene: str
-    seed: int
-    sensors: str | None
-    bearing: str
-    rules: dict[str, Quality]
-    variants: tuple[Quality, ...] = ()
+    scene: str  # the scene's file, or the recording
+    seed: int | None  # the seed; None: a recording
+    sensors: str | None  # the file of sensors; None: what the scene itself says
+    bearing: str  # name of the bearing
+    rules: dict[str, Quality]  # the judgement of each rule by name
+    variants: tuple[Quality, ...] = ()  # that of the monitor with each of the call's variants
 
 
 def judge_calls(
@@ -118,30 +119,25 @@ def judge(call: Call) -> list[Voyage]:
             truths = truths or {
                 b.name: _truth(scene, b.name, columns) for b in scene.config.bearings
             }
-            found += _voyages(call, sensors, scene, messages, truths)
+            for config in scene.config.bearings:
+                case = _case(scene, config, messages, truths[config.name])
+                found.append(
+                    Voyage(
+                        scene=call.scene,
+                        seed=scene.seed,
+                        sensors=sensors,
+                        bearing=config.name,
+                        rules=case.rules(),
+                        variants=tuple(
+                            case.varied(variant)
+                            for variant in call.variants
+                            if sensors == call.varied_sensors
+                        ),
+                    )
+                )
         except SceneError as error:
             raise SceneError(f'{call.scene}, seed {scene.seed}: {error}') from error
     return found
-
-
-def _voyages(
-    call: Call,
-    sensors: str | None,
-    scene: Scene,
-    messages: Mapping[str, Messages],
-    truths: Mapping[str, Truth],
-) -> Iterator[Voyage]:
-    variants = call.variants if sensors == call.varied_sensors else ()
-    for config in scene.config.bearings:
-        case = _case(scene, config, messages, truths[config.name])
-        yield Voyage(
-            scene=call.scene,
-            seed=scene.seed,
-            sensors=sensors,
-            bearing=config.name,
-            rules=case.rules(),
-            variants=tuple(case.varied(variant) for variant in variants),
-        )
 
 
 def cases_of(scene: Scene) -> Iterator[Sailed]:
@@ -165,48 +161,74 @@ def _case(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sailed:
-    """One bearing on one voyage: what the monitor believes and gets, and the truth.
+    """One bearing on one voyage: what the monitor believes and gets, and the truth."""
 
-    Attributes:
-        config: What the monitor believes.
-        stream: The samples.
-        arrival_ns: When the recorder got each [ns].
-        truth: The truth.
-        plain: Whether what happens shows in speed and load, and does so once.
-    """
+    config: BearingConfig  # what the monitor believes
+    stream: Stream  # the samples
+    arrival_ns: IntArray  # when the recorder got each [ns]
+    truth: Truth  # the truth
+    plain: bool  # whether what happens shows in speed and load, and does so once
 
-    config: BearingConfig
-    stream: Stream
-    arrival_ns: IntArray
-    truth: Truth
-    plain: bool
-
-    def rules(self) -> dict[str, Quality]:
-        """The judgement of the monitor and of the bare rules."""
-        scan = self._scan(self.config)
-        said = self._on_recorder_clock(scan)
-        ours = self._judged(_monitor_said(said, self.truth))
+    def rules(self, recorded: Scan | None = None) -> dict[str, Quality]:
+        """The judgement of the monitor, by its verdicts where they are known, and bare rules."""
+        recorded = self.recorded() if recorded is None else recorded
+        ours = self._judged(said_by(recorded, self.truth))
         wrong_source = _has_wrong_source(self.config, self.stream, self.arrival_ns)
-        bare = {name: self._judged(rule) for name, rule in _bare_rules(said).items()}
+        bare = {name: self._judged(said) for name, said in _bare_rules(recorded).items()}
         return {OURS: replace(ours, wrong_source=int(wrong_source)), **bare}
 
     def varied(self, variant: Alarm) -> Quality:
         """The judgement of the monitor with some fields of its alarm changed."""
         config = replace(self.config, alarm=replace(self.config.alarm, **variant))
-        return self._judged(_monitor_said(self._scan(config), self.truth))
+        return self._judged(said_by(self._scan(config), self.truth))
 
     def recorded(self) -> Scan:
         """The verdicts, on the recorder's clock."""
-        return self._on_recorder_clock(self._scan(self.config))
-
-    def _on_recorder_clock(self, scan: Scan) -> Scan:
-        return on_recorder_clock(self.stream, self.arrival_ns, scan)
+        return on_recorder_clock(self.stream, self.arrival_ns, self._scan(self.config))
 
     def _scan(self, config: BearingConfig) -> Scan:
-        return scan_bearing(config, self.stream, *_span(self.truth, self.stream))
+        """Between begin and end on the clock of the samples, as a check of a recording does."""
+        span, time = (self.truth.start_ns, self.truth.end_ns), self.stream.time_ns
+        if time.size and (time[0] < span[0] or time.max() > span[1]):
+            span = int(time[0]), int(time.max())
+        return scan_bearing(config, self.stream, *span)
 
     def _judged(self, said: Said) -> Quality:
         return quality_of(said, self.truth, self.plain)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JudgedBag:
+    """One bearing in one bag."""
+
+    voyage: Voyage  # the judgement
+    config: BearingConfig  # the bearing
+    scan: Scan  # the verdicts, on the recorder's clock
+    said: Said  # what they come to
+    truth: Truth  # what they are judged by
+    record: TruthRecord  # the whole truth
+
+
+def judge_bag(path: str | Path, config: MonitorConfig) -> list[JudgedBag]:
+    """Judge the bearings of a bag about which it holds the truth.
+
+    Raises:
+        BagError: The bag cannot be read, or it holds no truth.
+    """
+    whole = scan_whole(path, config)
+    found = []
+    for own in [b for b in config.bearings if has_truth(whole.bag, b.name)] or config.bearings[:1]:
+        record = read_truth(whole.bag, own.name)
+        margin = record.fold_margin
+        truth = Truth(
+            record.start_ns, record.end_ns, record.episodes, margin.time_ns, margin.value
+        )
+        scan, sent = scan_on_recorder_clock(whole, own), whole.bearings[own.name]
+        # A recording does not say whether all that happened in it shows in speed and load.
+        rules = Sailed(own, sent.stream, sent.arrival_ns, truth, plain=False).rules(scan)
+        voyage = Voyage(str(path), None, None, own.name, rules)
+        found.append(JudgedBag(voyage, own, scan, said_by(scan, truth), truth, record))
+    return found
 
 
 def _is_plain(scene: Scene) -> bool:
@@ -257,14 +279,6 @@ def _stream(config: BearingConfig, messages: Mapping[str, Messages]) -> tuple[St
     return Stream(stamp[order], inputs[order], value[order]), arrival[order]
 
 
-def _span(truth: Truth, stream: Stream) -> tuple[int, int]:
-    """Begin and end on the clock of the samples, as a check of the recording would take them."""
-    time = stream.time_ns
-    if time.size and (time[0] < truth.start_ns or time.max() > truth.end_ns):
-        return int(time[0]), int(time.max())
-    return truth.start_ns, truth.end_ns
-
-
 def _truth(scene: Scene, bearing: str, columns: Mapping[str, Sequence[Column]]) -> Truth:
     """The truth about a bearing.
 
@@ -291,7 +305,6 @@ def _truth(scene: Scene, bearing: str, columns: Mapping[str, Sequence[Column]]) 
         end_ns=end_ns,
         episodes=tuple(episodes_of(_events(events or ()), end_ns)),
         time_ns=np.concatenate([own.stamps(scene.start_ns) for own in margins]),
-        hopf_margin=column('hopf_margin'),
         fold_margin=fold,
     )
 
@@ -302,8 +315,8 @@ def _events(columns: Iterable[Column]) -> Iterator[tuple[str, int]]:
         yield event['event'], event['time']
 
 
-def _monitor_said(scan: Scan, truth: Truth) -> Said:
-    """The monitor's conditions; while an input is lost what stood before it goes on."""
+def said_by(scan: Scan, truth: Truth) -> Said:
+    """What the monitor's conditions say; while an input is lost what stood before it goes on."""
     warned: list[Interval] = []
     alarmed: list[Interval] = []
     level = Level.OK

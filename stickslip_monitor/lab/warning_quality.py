@@ -1,43 +1,35 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How well warnings are given over many voyages: rates of misses, false alarms and delays.
+"""How well warnings are given, by what the lining really did; a comparison of intervals.
 
 The three figures of alarm systems are the rates of false and of missed alarms and the delay
 (J. Xu, J. Wang, I. Izadi, T. Chen, IEEE Trans. Autom. Sci. Eng. 9(2), 2012, 296-307). Here:
 
 - *warned*: a warning (caution or above) stands at an episode's first stick; *lead* is how long it
-  has stood; *missed*: none stands from the first to the last stick.
-- *detected*: the stick-slip alarm stands at some time of the episode; *told*: before it, or within
-  its first 5 s.
+  has stood, negative where it came later; *missed*: none stands from the first to the last stick.
+- *detected*: the stick-slip alarm stands at some time of the episode, with a lead of its own;
+  *told*: before it, or within its first 5 s.
 - *false*: a stick-slip alarm without an episode within 60 s; *wrong* is the time in that alarm
-  that is further than 60 s from every episode.
-- *unfounded*: the time in that alarm without an episode.
+  that is further than 60 s from every episode, *unfounded* that outside of episodes.
 - *far*: warnings that are raised and cleared while the true fold margin is at least 0.4, and the
   time under a warning there.
 - *newly given*: a warning is raised 10 s or more before an episode and after the one before;
   episodes within 60 s of one another are one bout. A warning that is only held adds nothing.
 - *burst*: the most raised conditions in ten minutes; *given*: the same of alarms that are given to
   people, a condition that comes back within 60 s of being given being the same alarm.
-
-All of it is a pure comparison of intervals.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stickslip_monitor.lab.score import (
-    Interval,
-    Intervals,
-    Truth,
-    intersection,
-    lead_of,
-    merged,
-    seconds,
-)
+from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
+
+Interval = tuple[int, int]
+Intervals = Sequence[Interval]
+"""A set of time: sorted, disjoint, each with its begin and without its end [ns]."""
 
 NEAR_NS = 60 * 10**9
 """An alarm this close to an episode belongs to it [ns]."""
@@ -52,70 +44,135 @@ ENOUGH_LEAD = 10.0
 """A lead that leaves time to act [s]."""
 
 
+def merged(intervals: Iterable[Interval]) -> list[Interval]:
+    """Sort intervals, join those that overlap or touch, and drop the empty ones."""
+    found: list[Interval] = []
+    for start, end in sorted(intervals):
+        if end <= start:
+            continue
+        if found and start <= found[-1][1]:
+            found[-1] = (found[-1][0], max(end, found[-1][1]))
+        else:
+            found.append((start, end))
+    return found
+
+
+def intersection(first: Intervals, second: Intervals) -> list[Interval]:
+    """What two sets have in common."""
+    found: list[Interval] = []
+    i = k = 0
+    while i < len(first) and k < len(second):
+        start, end = max(first[i][0], second[k][0]), min(first[i][1], second[k][1])
+        if start < end:
+            found.append((start, end))
+        if first[i][1] <= second[k][1]:
+            i += 1
+        else:
+            k += 1
+    return found
+
+
+def seconds(intervals: Iterable[Interval]) -> float:
+    """Length of a set [s]."""
+    return sum(end - start for start, end in intervals) / 1e9
+
+
+def while_true(time_ns: IntArray, state: BoolArray, end_ns: int) -> list[Interval]:
+    """When a state that is known at some rising times [ns] was true; each holds to the next."""
+    edge = np.flatnonzero(np.diff(np.concatenate([[False], state, [False]]).astype(np.int8)))
+    ends = np.append(time_ns, end_ns)[edge]
+    return merged(zip(ends[::2].tolist(), ends[1::2].tolist(), strict=True))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """What the lining of one bearing did."""
+
+    start_ns: int  # from when on it is known [ns]
+    end_ns: int  # until when [ns]
+    # First and last instant of sticking of each episode of stick-slip; one that was still going on
+    # ends with the truth.
+    episodes: Intervals
+    time_ns: IntArray  # when the margin was taken, shape (n,), rising [ns]
+    # True fold margin, of the operating point without noise and of the friction there really was,
+    # shape (n,).
+    fold_margin: FloatArray
+
+
 @dataclass(frozen=True, slots=True)
 class Said:
-    """What a rule said over a voyage.
+    """What a rule said over a voyage."""
 
-    Attributes:
-        warned: When it warned of anything.
-        alarmed: When it said that stick-slip runs.
-        raised: When a condition got worse, or stick-slip began anew, rising [ns].
-        given: When an alarm was given to people, rising [ns].
-        changes: Changes of condition.
-    """
+    warned: Intervals  # when it warned of anything
+    alarmed: Intervals  # when it said that stick-slip runs
+    raised: Sequence[int]  # when a condition got worse, or stick-slip began anew, rising [ns]
+    given: Sequence[int]  # when an alarm was given to people, rising [ns]
+    changes: int  # changes of condition
 
-    warned: Intervals
-    alarmed: Intervals
-    raised: Sequence[int]
-    given: Sequence[int]
-    changes: int
+
+@dataclass(frozen=True, slots=True)
+class Episode:
+    """How an episode of stick-slip was announced: its sticks [ns], and leads [s] where any."""
+
+    first_ns: int
+    last_ns: int
+    lead: float | None
+    alarm_lead: float | None
+
+
+def announced(said: Said, truth: Truth) -> list[Episode]:
+    """The episodes within the time of the truth, with their leads."""
+    warned, alarmed, episodes = _within(truth, said.warned, said.alarmed, truth.episodes)
+    return [Episode(*e, _lead(e, warned), _lead(e, alarmed)) for e in episodes]
+
+
+def _within(truth: Truth, *sets: Intervals) -> list[list[Interval]]:
+    return [intersection(merged(s), [(truth.start_ns, truth.end_ns)]) for s in sets]
+
+
+def _lead(episode: Interval, stretches: Intervals) -> float | None:
+    """From the first stretch that reaches into an episode to the episode's begin [s]."""
+    for start, end in stretches:
+        if start < episode[1] and end > episode[0]:
+            return (episode[0] - start) / 1e9
+    return None
+
+
+def false_alarms(said: Said, truth: Truth) -> list[Interval]:
+    """The stick-slip alarms without an episode within 60 s."""
+    alarmed, episodes = _within(truth, said.alarmed, truth.episodes)
+    near = _near(episodes)
+    return [alarm for alarm in alarmed if not intersection([alarm], near)]
+
+
+def _near(episodes: Intervals) -> list[Interval]:
+    return merged((first - NEAR_NS, last + NEAR_NS) for first, last in episodes)
 
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """Sums over voyages, of which the rates are made.
+    """Sums over voyages, of which the rates are made."""
 
-    Attributes:
-        seconds: Time judged [s].
-        leads: Of each episode that was warned of, the lead [s]; negative where it came late.
-        missed: Episodes that were not warned of.
-        detected: Episodes that were detected.
-        told: Those of them that were told within 5 s.
-        plain: Episodes of voyages without knocks, wear and waves.
-        plain_detected: Those of them that were detected.
-        false: False stick-slip alarms.
-        wrong: Time in the stick-slip alarm far from every episode [s].
-        unfounded: Time in the stick-slip alarm without an episode [s].
-        bouts: Episodes, those within 60 s of one another as one.
-        newly: Bouts before which a warning was newly given.
-        far_seconds: Time far from the boundary [s].
-        far_warnings: Warnings in it.
-        far_warned: Time under a warning in it [s].
-        changes: Changes of condition.
-        bursts: Of each voyage the most raised conditions in ten minutes.
-        given: Of each voyage the most alarms given to people in ten minutes.
-        wrong_source: Voyages on which the source of an input was told to be wrong.
-    """
-
-    seconds: float = 0.0
-    leads: tuple[float, ...] = ()
-    missed: int = 0
-    detected: int = 0
-    told: int = 0
-    plain: int = 0
-    plain_detected: int = 0
-    false: int = 0
-    wrong: float = 0.0
-    unfounded: float = 0.0
-    bouts: int = 0
-    newly: int = 0
-    far_seconds: float = 0.0
-    far_warnings: int = 0
-    far_warned: float = 0.0
-    changes: int = 0
-    bursts: tuple[int, ...] = ()
-    given: tuple[int, ...] = ()
-    wrong_source: int = 0
+    seconds: float = 0.0  # time judged [s]
+    leads: tuple[float, ...] = ()  # of each episode that was warned of, the lead [s]
+    # The same for the stick-slip alarm, of each that was detected [s].
+    alarm_leads: tuple[float, ...] = ()
+    missed: int = 0  # episodes that were not warned of
+    plain: int = 0  # episodes of voyages without knocks, wear and waves
+    plain_detected: int = 0  # those of them that were detected
+    false: int = 0  # false stick-slip alarms
+    wrong: float = 0.0  # time in the stick-slip alarm far from every episode [s]
+    unfounded: float = 0.0  # time in the stick-slip alarm without an episode [s]
+    unalarmed: float = 0.0  # time in episodes without the stick-slip alarm [s]
+    bouts: int = 0  # episodes, those within 60 s of one another as one
+    newly: int = 0  # bouts before which a warning was newly given
+    far_seconds: float = 0.0  # time far from the boundary [s]
+    far_warnings: int = 0  # warnings in it
+    far_warned: float = 0.0  # time under a warning in it [s]
+    changes: int = 0  # changes of condition
+    bursts: tuple[int, ...] = ()  # of each voyage the most raised conditions in ten minutes
+    given: tuple[int, ...] = ()  # of each voyage the most alarms given to people in ten minutes
+    wrong_source: int = 0  # voyages on which the source of an input was told to be wrong
 
     def __add__(self, other: Quality) -> Quality:
         """Both together."""
@@ -128,41 +185,14 @@ class Quality:
         """Episodes of stick-slip."""
         return len(self.leads) + self.missed
 
+    @property
+    def is_good(self) -> bool:
+        """Whether every episode was warned of before its first stick, and no alarm was false."""
+        return not (self.missed or self.false or any(lead < 0.0 for lead in self.leads))
+
     def figures(self) -> dict[str, float | None]:
         """The rates by name; ``None`` where there was nothing to take one of."""
-        leads = np.sort(self.leads)
-        in_time = int(np.count_nonzero(leads >= 0.0))
-        early = int(np.count_nonzero(leads >= ENOUGH_LEAD))
-        return {
-            'hours': self.seconds / 3600.0,
-            'voyages': len(self.bursts),
-            'episodes': self.episodes,
-            'warned': _ratio(in_time, self.episodes),
-            'lead_p10': float(np.quantile(leads, 0.1)) if leads.size else None,
-            'lead_median': float(np.median(leads)) if leads.size else None,
-            'lead_10s': _ratio(early, self.episodes),
-            'missed': _ratio(self.missed, self.episodes),
-            'detected': _ratio(self.detected, self.episodes),
-            'told': _ratio(self.told, self.episodes),
-            'detected_plain': _ratio(self.plain_detected, self.plain),
-            'false_per_100h': _ratio(self.false * 360_000.0, self.seconds),
-            'wrong_hours': self.wrong / 3600.0,
-            'unfounded_hours': self.unfounded / 3600.0,
-            'newly_given': _ratio(self.newly, self.bouts),
-            'far_hours': self.far_seconds / 3600.0,
-            'far_warned_hours': self.far_warned / 3600.0,
-            'far_warned': _ratio(self.far_warned, self.far_seconds),
-            'far_per_1000h': _ratio(self.far_warnings * 3_600_000.0, self.far_seconds),
-            'changes_per_hour': _ratio(self.changes * 3600.0, self.seconds),
-            'largest_burst': max(self.bursts, default=None),
-            'bursts': sum(burst > MANY for burst in self.bursts),
-            'largest_given': max(self.given, default=None),
-            'wrong_source': self.wrong_source,
-        }
-
-
-def _ratio(part: float, whole: float) -> float | None:
-    return part / whole if whole else None
+        return {name: rate(self) for name, (_, _, rate) in FIGURES.items()}
 
 
 def pooled(parts: Iterable[Quality]) -> Quality:
@@ -170,39 +200,112 @@ def pooled(parts: Iterable[Quality]) -> Quality:
     return sum(parts, Quality())
 
 
+def _ratio(part: float, whole: float) -> float | None:
+    return part / whole if whole else None
+
+
+def _quantile(leads: Sequence[float], level: float) -> float | None:
+    return float(np.quantile(leads, level)) if leads else None
+
+
+def _share(q: Quality, leads: Sequence[float], least: float) -> float | None:
+    return _ratio(sum(lead >= least for lead in leads), q.episodes)
+
+
+FIGURES: Mapping[str, tuple[str, str, Callable[[Quality], float | None]]] = {
+    'hours': ('hours', '.2f', lambda q: q.seconds / 3600.0),
+    'voyages': ('voyages', 'd', lambda q: len(q.bursts)),
+    'episodes': ('episodes of stick-slip', 'd', lambda q: q.episodes),
+    'warned': ('warned before onset', '.1%', lambda q: _share(q, q.leads, 0.0)),
+    'lead_least': ('lead in s, least', '.1f', lambda q: min(q.leads, default=None)),
+    'lead_p10': ('lead in s, lowest tenth', '.1f', lambda q: _quantile(q.leads, 0.1)),
+    'lead_median': ('lead in s, median', '.1f', lambda q: _quantile(q.leads, 0.5)),
+    'lead_10s': ('lead of 10 s or more', '.1%', lambda q: _share(q, q.leads, ENOUGH_LEAD)),
+    'newly_given': (
+        'a warning newly given 10 s before', '.1%', lambda q: _ratio(q.newly, q.bouts)
+    ),
+    'missed': ('missed', '.1%', lambda q: _ratio(q.missed, q.episodes)),
+    'detected': ('detected', '.1%', lambda q: _ratio(len(q.alarm_leads), q.episodes)),
+    'told': ('detected within 5 s', '.1%', lambda q: _share(q, q.alarm_leads, -SOON)),
+    'detected_plain': (
+        'detected, without knocks, wear and waves', '.1%',
+        lambda q: _ratio(q.plain_detected, q.plain),
+    ),
+    'alarm_least': (
+        'lead of the alarm in s, least', '.1f', lambda q: min(q.alarm_leads, default=None)
+    ),
+    'false_per_100h': (
+        'false alarms per 100 h', '.1f', lambda q: _ratio(q.false * 360_000.0, q.seconds)
+    ),
+    'wrong_hours': ('hours wrongly in alarm', '.2f', lambda q: q.wrong / 3600.0),
+    'unfounded_hours': (
+        'hours in stick-slip without an episode', '.2f', lambda q: q.unfounded / 3600.0
+    ),
+    'unalarmed_hours': (
+        'hours of episodes without the alarm', '.2f', lambda q: q.unalarmed / 3600.0
+    ),
+    'far_hours': ('hours far from the boundary', '.1f', lambda q: q.far_seconds / 3600.0),
+    'far_per_1000h': (
+        'warnings per 1000 h there', '.1f',
+        lambda q: _ratio(q.far_warnings * 3_600_000.0, q.far_seconds),
+    ),
+    'far_warned_hours': ('hours under a warning there', '.2f', lambda q: q.far_warned / 3600.0),
+    'far_warned': (
+        'share of the time under a warning there', '.1%',
+        lambda q: _ratio(q.far_warned, q.far_seconds),
+    ),
+    'changes_per_hour': (
+        'changes of condition an hour', '.1f', lambda q: _ratio(q.changes * 3600.0, q.seconds)
+    ),
+    'largest_burst': (
+        'most raised conditions in 10 min', 'd', lambda q: max(q.bursts, default=None)
+    ),
+    'bursts': (
+        'voyages with more than 10 in 10 min', 'd', lambda q: sum(b > MANY for b in q.bursts)
+    ),
+    'largest_given': (
+        'most alarms given to people in 10 min', 'd', lambda q: max(q.given, default=None)
+    ),
+    'wrong_source': ('voyages with a wrong source told', 'd', lambda q: q.wrong_source),
+}  # fmt: skip
+"""Each figure with what it is called, how it is written, and how it is made."""
+
+
+def written(name: str, value: float | None) -> str:
+    """A figure as text; empty where there is none."""
+    return '' if value is None else format(value, FIGURES[name][1])
+
+
 def quality_of(said: Said, truth: Truth, plain: bool) -> Quality:
     """Judge one rule over one voyage.
 
     Args:
         said: What the rule said, within the time of the truth.
-        truth: What the lining did, and the true margins.
+        truth: What the lining did, and the true margin.
         plain: Whether the voyage is one without knocks, wear and waves.
     """
-    window = [(truth.start_ns, truth.end_ns)]
-    episodes = intersection(merged(truth.episodes), window)
-    warned, alarmed = intersection(said.warned, window), intersection(said.alarmed, window)
-    leads = [lead_of(episode, warned) for episode in episodes]
-    alarms = [lead_of(episode, alarmed) for episode in episodes]
-    detected = sum(lead is not None for lead in alarms)
-    near = merged((first - NEAR_NS, last + NEAR_NS) for first, last in episodes)
-    false = [alarm for alarm in alarmed if not intersection([alarm], near)]
-    far = _far(truth)
+    warned, alarmed, episodes = _within(truth, said.warned, said.alarmed, truth.episodes)
+    found = announced(said, truth)
+    leads = tuple(e.lead for e in found if e.lead is not None)
+    alarm_leads = tuple(e.alarm_lead for e in found if e.alarm_lead is not None)
+    both = seconds(intersection(alarmed, episodes))
+    far = while_true(truth.time_ns, truth.fold_margin >= FAR, truth.end_ns)
     bouts = _bouts(episodes)
     return Quality(
         seconds=(truth.end_ns - truth.start_ns) / 1e9,
-        leads=tuple(lead for lead in leads if lead is not None),
-        missed=sum(lead is None for lead in leads),
-        detected=detected,
-        told=sum(lead is not None and lead >= -SOON for lead in alarms),
-        plain=len(episodes) if plain else 0,
-        plain_detected=detected if plain else 0,
-        false=len(false),
-        wrong=seconds(alarmed) - seconds(intersection(alarmed, near)),
-        unfounded=seconds(alarmed) - seconds(intersection(alarmed, episodes)),
+        leads=leads,
+        alarm_leads=alarm_leads,
+        missed=len(found) - len(leads),
+        plain=len(found) if plain else 0,
+        plain_detected=len(alarm_leads) if plain else 0,
+        false=len(false_alarms(said, truth)),
+        wrong=seconds(alarmed) - seconds(intersection(alarmed, _near(episodes))),
+        unfounded=seconds(alarmed) - both,
+        unalarmed=seconds(episodes) - both,
         bouts=len(bouts),
         newly=_newly_given(bouts, said.raised),
         far_seconds=seconds(far),
-        far_warnings=sum(_inside(warning, far) for warning in warned),
+        far_warnings=sum(intersection([warning], far) == [warning] for warning in warned),
         far_warned=seconds(intersection(warned, far)),
         changes=said.changes,
         bursts=(largest_burst(said.raised),),
@@ -247,21 +350,3 @@ def largest_burst(times_ns: Sequence[int]) -> int:
     time = np.asarray(times_ns, dtype=np.int64)
     until = np.searchsorted(time, time + BURST_NS, side='left')
     return int(np.max(until - np.arange(time.size), initial=0))
-
-
-def _far(truth: Truth) -> list[Interval]:
-    """When the operating point was far from the boundary, by the true margins."""
-    return while_true(truth.time_ns, truth.fold_margin >= FAR, truth.end_ns)
-
-
-def while_true(
-    time_ns: NDArray[np.int64], state: NDArray[np.bool_], end_ns: int
-) -> list[Interval]:
-    """When a state that is known at some rising times [ns] was true; each holds to the next."""
-    edge = np.flatnonzero(np.diff(np.concatenate([[False], state, [False]]).astype(np.int8)))
-    ends = np.append(time_ns, end_ns)[edge]
-    return merged(zip(ends[::2].tolist(), ends[1::2].tolist(), strict=True))
-
-
-def _inside(interval: Interval, others: Intervals) -> bool:
-    return any(start <= interval[0] and interval[1] <= end for start, end in others)

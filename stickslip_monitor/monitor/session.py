@@ -29,15 +29,10 @@ LOOK_NS = 10**9
 
 
 class Moment(NamedTuple):
-    """Now, on both clocks [ns].
+    """Now, on both clocks [ns]."""
 
-    Attributes:
-        steady_ns: A clock that never steps: periods, delays and ages are measured on it.
-        time_ns: The clock of the samples; 0 while it is simulated and has said nothing.
-    """
-
-    steady_ns: int
-    time_ns: int
+    steady_ns: int  # it never steps: periods, delays and ages are measured on it
+    time_ns: int  # of the samples; 0 while it is simulated and has said nothing
 
 
 class Sink:
@@ -118,22 +113,17 @@ class Session:
             lambda name: self.monitor.bearings[name].text(),
             lambda: {name: b.state.record() for name, b in self.monitor.bearings.items()},
         )
-        known = self._kept()
-        self.monitor = Monitor(config, known)
-        for name in self.monitor.bearings.keys() & known.keys():
-            self.alarms.annunciator.causes[name].stand(self.monitor.condition(name))
-        self.monitoring = False
-        self._inputs: InputWatch | None = None
-
-    def _kept(self) -> dict[str, State]:
-        """What was remembered of each bearing before a restart, as far as it can be read."""
         known = {}
         for name, record in self.alarms.states.items():
             try:
                 known[name] = State.of_record(record)
             except (ValueError, AttributeError) as error:
-                self._log.warning(f'{name}: its memory is not taken over: {error}')
-        return known
+                log.warning(f'{name}: its memory is not taken over: {error}')
+        self.monitor = Monitor(config, known)
+        for name in self.monitor.bearings.keys() & known.keys():
+            self.alarms.annunciator.causes[name].stand(self.monitor.condition(name))
+        self.monitoring = False
+        self._inputs: InputWatch | None = None
 
     def begin(self) -> None:
         """Watch from now on: nothing is known of the time that has passed without samples."""
@@ -232,12 +222,12 @@ class Session:
 
     def states(self, names: Iterable[str], now: Moment) -> list[BearingState]:
         """The state of some bearings."""
-        looked, active = self._inputs, self.monitoring
+        looked = self._inputs if self.monitoring else None
         return [
             state_of(
                 self.monitor.bearings[name],
-                looked.states(name, now.steady_ns) if looked and active else None,
-                active,
+                looked.states(name, now.steady_ns) if looked else None,
+                self.monitoring,
             )
             for name in names
         ]
@@ -262,16 +252,13 @@ class Session:
         """The events; where an input is lost, with why."""
         if self._inputs is None:
             return events
-        return [
-            replace(event, text=' '.join(filter(None, (event.text, self._why(event, now)))))
-            if event.after is Condition.INPUT_STALE
-            else event
-            for event in events
-        ]
-
-    def _why(self, event: Event, now: Moment) -> str:
-        assert self._inputs is not None
-        return self._inputs.explain(event.bearing, now.steady_ns, now.time_ns == 0)
+        found = []
+        for event in events:
+            if event.after is Condition.INPUT_STALE:
+                why = self._inputs.explain(event.bearing, now.steady_ns, now.time_ns == 0)
+                event = replace(event, text=f'{event.text} {why}'.rstrip())
+            found.append(event)
+        return found
 
 
 def tell_event(log: Log, event: Event) -> None:

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import IO
 
-from stickslip_monitor.bags.metadata import FILE_NAME
+from stickslip_monitor.bags.blocks import MAGIC
 from stickslip_monitor.bags.reader import natural
-from stickslip_monitor.bags.records import MAGIC
+from stickslip_monitor.bags.values import METADATA_NAME
 from stickslip_monitor.errors import BagError
 
 Stamp = tuple[tuple[str, int, int], ...]
@@ -64,7 +64,7 @@ def _recordings(folder: Path, names: Iterable[str]) -> list[Path]:
     loose = [n for n in names if n.endswith('.mcap') and not n.startswith('.')]
     parts = [_PART.fullmatch(name) for name in loose]
     stems = {part and part['stem'] for part in parts}
-    if FILE_NAME in names or (len(stems) == 1 and None not in stems):
+    if METADATA_NAME in names or (len(stems) == 1 and None not in stems):
         return [folder]
     return [folder / name for name in loose]
 

@@ -37,7 +37,7 @@ string unit
 def write_file(path: Path, times: list[int]) -> None:
     with BagWriter(path) as writer:
         writer.add_topic('/x', FLOAT64)
-        writer.write_float64('/x', times, [float(time) for time in times])
+        writer.write_float64s({'/x': (times, [float(time) for time in times])})
 
 
 def write_folder(folder: Path, files: dict[str, list[int]], **metadata: object) -> None:

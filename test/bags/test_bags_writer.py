@@ -21,7 +21,6 @@ from stickslip_monitor.bags.encode import (
     MESSAGE_TYPES,
     STAMPED_FIELDS,
     encode_bool,
-    encode_float64,
     encode_float64s,
     encode_stamped,
     encode_string,
@@ -138,7 +137,7 @@ def test_built_in_types_are_those_of_ros(name: str) -> None:
 @pytest.mark.parametrize('value', [0.0, -1.5, math.inf, 1e-300])
 def test_encoders_agree_with_rosbags(value: float) -> None:
     for data, name in (
-        (encode_float64(value), 'Float64'),
+        (encode_float64s([value]).tobytes(), 'Float64'),
         (encode_bool(value > 0), 'Bool'),
         (encode_string(str(value)), 'String'),
     ):
@@ -176,7 +175,7 @@ def test_recording_that_breaks_off_is_read_to_the_cut(tmp_path: Path, name: str)
     values = np.random.default_rng(1).random(115_000)
     with BagWriter(tmp_path / name) as writer:
         writer.add_topic('/x', FLOAT64)
-        writer.write_float64('/x', TIMES[0] + np.arange(115_000), values)
+        writer.write_float64s({'/x': (TIMES[0] + np.arange(115_000), values)})
         assert writer.message_counts == {'/x': 115_000}
         writer.break_off()
     bag = open_bag(tmp_path / name)
@@ -226,7 +225,7 @@ def test_nothing_stays_after_an_error(tmp_path: Path, name: str, error: BaseExce
     def write() -> None:
         with BagWriter(tmp_path / name) as writer:
             writer.add_topic('/x', FLOAT64)
-            writer.write_float64('/x', TIMES, SPEED)
+            writer.write_float64s({'/x': (TIMES, SPEED)})
             raise error
 
     with pytest.raises(type(error)):
@@ -247,7 +246,7 @@ def test_nothing_stays_on_a_full_disk(
             writer.add_topic('/x', FLOAT64)
             names = {'write': 'add_merged', 'finish': 'finish'}
             monkeypatch.setattr(writer._records, names[target], fail)
-            writer.write_float64('/x', TIMES, SPEED)
+            writer.write_float64s({'/x': (TIMES, SPEED)})
 
     with pytest.raises(BagError) as caught:
         write()
@@ -302,7 +301,7 @@ def test_wrong_use_is_named(tmp_path: Path) -> None:
             "type 'a/msg/B' needs a definition: built in are only"
             f' {", ".join(MESSAGE_TYPES)}': lambda: writer.add_topic('/b', 'a/msg/B'),
             "topic '/x' has 2 log times for 3 values: write one value for each time": (
-                lambda: writer.write_float64('/x', [1, 2], [1, 2, 3])
+                lambda: writer.write_float64s({'/x': ([1, 2], [1, 2, 3])})
             ),
             "compression 'gzip' is unknown: use one of none, lz4, zstd": (
                 lambda: BagWriter(tmp_path / 'c', compression='gzip')
@@ -357,8 +356,8 @@ def test_many_at_once_have_the_bytes_of_the_writer_of_the_mcap_package(
     with BagWriter(tmp_path / 'ours.mcap', compression, chunk_size=5000) as writer:
         writer.add_topic('/x', FLOAT64)
         writer.add_topic('/text', 'std_msgs/msg/String')
-        writer.write_merged(
-            {'/x': (times['/x'], encode_float64s(values)), '/text': (times['/text'], texts)}
+        writer.write_columns(
+            [('/x', times['/x'], encode_float64s(values)), ('/text', times['/text'], texts)]
         )
         writer.write('/text', 5, texts[0])
     kind = {'none': CompressionType.NONE, 'lz4': CompressionType.LZ4, 'zstd': CompressionType.ZSTD}
@@ -372,7 +371,7 @@ def test_many_at_once_have_the_bytes_of_the_writer_of_the_mcap_package(
             extra = {'offered_qos_profiles': '', 'topic_type_hash': known.type_hash}
             channels[name] = theirs.register_channel(name, 'cdr', schema, extra)
         rows = [
-            (t, 0, n, encode_float64(v))
+            (t, 0, n, encode_float64s([v]).tobytes())
             for n, (t, v) in enumerate(zip(times['/x'].tolist(), values.tolist(), strict=True))
         ]
         rows += [

@@ -252,8 +252,8 @@ def test_two_publishers_and_a_wrong_unit_are_told(
     with BagWriter(bag) as writer:
         for topic in ('/shaft/speed', '/bearing/aft_stern/load'):
             writer.add_topic(topic, 'std_msgs/msg/Float64')
-        writer.write_float64('/shaft/speed', time, np.where(np.arange(200) % 2, 20.0, 60.0))
-        writer.write_float64('/bearing/aft_stern/load', time + 1, np.full(200, 1.0))
+        writer.write_float64s({'/shaft/speed': (time, np.where(np.arange(200) % 2, 20.0, 60.0))})
+        writer.write_float64s({'/bearing/aft_stern/load': (time + 1, np.full(200, 1.0))})
     args = ['check', str(bag), '--config', str(CONFIG)]
     assert main([*args, '--json']) == 1
     inputs = json.loads(capsys.readouterr().out)['bearings']['aft_stern']['inputs']

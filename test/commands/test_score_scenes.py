@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from stickslip_monitor.cli import main
-from stickslip_monitor.commands.score_scenes import judge_all
+from stickslip_monitor.commands.score import judge_all
 from stickslip_monitor.lab.scenes.scene import load_scene
 from stickslip_monitor.lab.voyages import OURS, Call, judge
 
@@ -85,11 +85,11 @@ def test_truth_is_that_of_the_bag(scene: str, tmp_path: Path, capsys: Any) -> No
     capsys.readouterr()
     config = str(CONFIGS / 'reference_bearing.yaml')
     main(['score', str(tmp_path / 'bag'), '--config', config, '--json'])
-    (episode,) = json.loads(capsys.readouterr().out)['bags'][0]['bearings']['aft_stern']['events'][
-        'episodes'
-    ]
+    (bag,) = json.loads(capsys.readouterr().out)['bags']
     (voyage,) = judge(Call(scene, None))
-    assert voyage.rules[OURS].leads == (episode['lead'],)
+    of_bag, of_scene = bag['bearings']['aft_stern']['figures'], voyage.rules[OURS].figures()
+    # A recording does not say whether all that happened in it shows in speed and load.
+    assert of_bag == of_scene | {'detected_plain': None}
 
 
 def test_a_table_is_printed(scene: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -167,7 +167,7 @@ def test_truth_and_cut_are_told_apart_from_telemetry(
 def test_stopping_in_the_middle_leaves_no_bag(
     tmp_path: Path, scene: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write = BagWriter.write_merged
+    write = BagWriter.write_columns
     blocks: list[Any] = []
 
     def stop(writer: BagWriter, columns: Any) -> None:
@@ -176,7 +176,7 @@ def test_stopping_in_the_middle_leaves_no_bag(
         blocks.append(columns)
         write(writer, columns)
 
-    monkeypatch.setattr(BagWriter, 'write_merged', stop)
+    monkeypatch.setattr(BagWriter, 'write_columns', stop)
     assert main(['simulate', scene, '-o', str(tmp_path / 'bag')]) == 130
     assert blocks
     assert {p.name for p in tmp_path.iterdir()} == {'config.yaml', 'scene.yaml'}

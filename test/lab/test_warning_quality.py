@@ -4,19 +4,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from stickslip_monitor.lab.score import Truth
+from stickslip_monitor.lab.voyages import said_by
 from stickslip_monitor.lab.warning_quality import (
+    Episode,
+    Interval,
     Quality,
     Said,
+    Truth,
+    announced,
+    false_alarms,
     given_of,
+    intersection,
     largest_burst,
+    merged,
     pooled,
     quality_of,
+    seconds,
 )
+from stickslip_monitor.monitor.bulk import Scan
+from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.verdict import Event
 
 HOUR = 3600
 Spans = Sequence[tuple[float, float]]
@@ -31,7 +45,7 @@ def truth(episodes: Spans, margin: Sequence[float] = ()) -> Truth:
     values = np.full(HOUR + 1, 0.2)
     values[: len(margin)] = margin
     time = np.arange(HOUR + 1) * 10**9
-    return Truth(0, HOUR * 10**9, ns(episodes), time, values, values)
+    return Truth(0, HOUR * 10**9, ns(episodes), time, values)
 
 
 def said(
@@ -58,6 +72,10 @@ def test_leads_misses_and_detection() -> None:
     assert figures['lead_10s'] == 1 / 4
     assert figures['missed'] == 1 / 4
     assert figures['detected'] == figures['detected_plain'] == 2 / 4
+    # 5 s and 3 s late; 15 s of the first episode, 13 s of the third, and the others pass without.
+    assert (figures['told'], figures['alarm_least']) == (2 / 4, -5.0)
+    assert quality.unalarmed == pytest.approx(5.0 + 10.0 + 3.0 + 10.0 + 10.0)
+    assert not quality.is_good
     assert figures['lead_median'] == 4.0
     # Between the lowest, -3, and the next, 4, a fifth of the way up: quantile 0.1 of three.
     assert figures['lead_p10'] == pytest.approx(-3.0 + 0.2 * 7.0)
@@ -123,8 +141,8 @@ def test_holding_an_alarm_is_time_without_an_episode_and_time_under_a_warning() 
 
 def test_what_comes_back_within_a_minute_is_the_alarm_that_was_given() -> None:
     raised = [(0, 2), (30, 2), (91, 2), (92, 4), (300, 2), (361, 2)]
-    seconds = given_of((time * 10**9, rung) for time, rung in raised)
-    assert [time_ns // 10**9 for time_ns in seconds] == [0, 91, 92, 300, 361]
+    found = given_of((time * 10**9, rung) for time, rung in raised)
+    assert [time_ns // 10**9 for time_ns in found] == [0, 91, 92, 300, 361]
 
 
 def test_voyages_add_up() -> None:
@@ -134,3 +152,81 @@ def test_voyages_add_up() -> None:
     assert both.figures()['warned'] == one.figures()['warned'] == 1.0
     assert pooled([]) == Quality()
     assert Quality().figures()['false_per_100h'] is None
+
+
+NORMAL, CAUTION, BISTABLE = Condition.NORMAL, Condition.CAUTION, Condition.BISTABLE
+STICK_SLIP, STALE = Condition.STICK_SLIP, Condition.INPUT_STALE
+
+
+def by_monitor(*changes: tuple[float, Condition]) -> Said:
+    """What a monitor says whose condition changes at some seconds."""
+    found, before = [], NORMAL
+    for second, after in changes:
+        found.append(Event('aft', round(second * 1e9), before, after, None, False, {}, ''))
+        before = after
+
+    class Recorded:
+        events = found
+
+    return said_by(cast(Scan, Recorded()), truth([]))
+
+
+@pytest.mark.parametrize(
+    ('changes', 'lead', 'alarm_lead', 'false'),
+    [
+        # That which stood at the first stick, not one that was cleared before.
+        (
+            [(5, CAUTION), (8, NORMAL), (20, CAUTION), (30, BISTABLE), (38, STICK_SLIP),
+             (60, NORMAL)],
+            30.0, 12.0, 0,
+        ),
+        ([(52, CAUTION), (54, STICK_SLIP), (65, NORMAL)], -2.0, -4.0, 0),
+        ([], None, None, 0),
+        ([(20, CAUTION), (49, NORMAL)], None, None, 0),
+        ([(61, STICK_SLIP), (80, NORMAL)], None, None, 0),
+        ([(121, STICK_SLIP), (130, NORMAL)], None, None, 1),
+        # It goes on while an input is lost, and a lost input alone is none.
+        ([(20, BISTABLE), (40, STALE), (60, BISTABLE), (80, NORMAL)], 30.0, None, 0),
+        ([(40, STALE), (60, NORMAL)], None, None, 0),
+    ],
+)  # fmt: skip
+def test_an_episode_from_50_to_60_s(
+    changes: list[tuple[float, Condition]],
+    lead: float | None,
+    alarm_lead: float | None,
+    false: int,
+) -> None:
+    said = by_monitor(*changes)
+    what_was = truth([(50, 60)])
+    assert announced(said, what_was) == [Episode(50 * 10**9, 60 * 10**9, lead, alarm_lead)]
+    assert len(false_alarms(said, what_was)) == false
+    good = lead is not None and lead >= 0.0 and not false
+    assert quality_of(said, what_was, True).is_good == good
+
+
+def test_only_the_time_of_the_truth_is_judged() -> None:
+    """From 30 to 70 s: an episode that goes on ends there; what was said before counts from 30."""
+    said = Said(ns([(10, 90)]), ns([(10, 20), (80, 90)]), [], [], 0)
+    margin = np.full(2, 0.2)
+    time = np.array([30, 31]) * 10**9
+    known = Truth(30 * 10**9, 70 * 10**9, ns([(5, 8), (60, 99)]), time, margin)
+    assert announced(said, known) == [Episode(60 * 10**9, 70 * 10**9, 30.0, None)]
+    quality = quality_of(said, known, True)
+    assert (quality.seconds, quality.false, quality.unalarmed) == (40.0, 0, 10.0)
+
+
+sets = st.lists(st.tuples(st.integers(0, 40), st.integers(0, 40)), max_size=8)
+
+
+def instants(found: list[Interval]) -> set[int]:
+    return {t for start, end in found for t in range(start, end)}
+
+
+@given(sets, sets)
+def test_sets_of_time_are_sets_of_instants(first: list[Interval], second: list[Interval]) -> None:
+    one, other = merged(first), merged(second)
+    assert instants(one) == instants(first)
+    edges = [t for interval in one for t in interval]
+    assert edges == sorted(set(edges))
+    assert instants(intersection(one, other)) == instants(first) & instants(second)
+    assert seconds(intersection(one, other)) == len(instants(first) & instants(second)) / 1e9

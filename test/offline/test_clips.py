@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from stickslip_monitor.bags.encode import encode_float64
+from stickslip_monitor.bags.encode import encode_float64s
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.cli import main
 from stickslip_monitor.errors import BagError
@@ -27,7 +27,7 @@ NS, T0 = 10**9, 1_777_874_400 * 10**9  # 2026-05-04 06:00:00 UTC
 
 def clip(number: int = 0, count: int = 3) -> Clip:
     messages = [
-        ClipMessage(T0 + i * NS, '/a', 'std_msgs/msg/Float64', encode_float64(i))
+        ClipMessage(T0 + i * NS, '/a', 'std_msgs/msg/Float64', encode_float64s([i]).tobytes())
         for i in range(count)
     ]
     messages.append(ClipMessage(T0, '/b', 'my_msgs/msg/Odd', b'\0\1\0\0\7\0\0\0'))

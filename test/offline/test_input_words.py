@@ -11,7 +11,7 @@ import pytest
 from stickslip_monitor.bags.encode import encode_float64s, encode_stamped
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
-from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
+from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
 from stickslip_monitor.monitor.signals import Status
 
 CONFIG = Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml'
@@ -49,11 +49,11 @@ def test_why_an_input_brings_nothing(
     time = START + np.arange(100) * 10**8
     with BagWriter(tmp_path / 'bag.mcap') as bag:
         bag.add_topic(SPEED, FLOAT)
-        bag.write_float64(SPEED, time, np.full(100, 30.0))
+        bag.write_float64s({SPEED: (time, np.full(100, 30.0))})
         if kind is not None and values is not None:
             bag.add_topic(LOAD, kind)
             if len(values):
-                bag.write_merged({LOAD: (time, encode_float64s(values))})
+                bag.write_columns([(LOAD, time, encode_float64s(values))])
     assert main(['check', str(tmp_path / 'bag.mcap'), '--config', str(CONFIG)]) == 2
     said = ''.join(capsys.readouterr())
     assert sentence in said
@@ -66,8 +66,8 @@ def test_clocks_that_differ_are_told(tmp_path: Path, capsys: pytest.CaptureFixtu
         bag.add_topic(SPEED, FLOAT)
         bag.add_topic(LOAD, STAMPED)
         stamped = encode_stamped(STAMPED, 'wrench.force.z', time - 100 * 10**9, np.full(100, 1e3))
-        bag.write_merged(
-            {SPEED: (time, encode_float64s(np.full(100, 30.0))), LOAD: (time, stamped)}
+        bag.write_columns(
+            [(SPEED, time, encode_float64s(np.full(100, 30.0))), (LOAD, time, stamped)]
         )
     config = tmp_path / 'config.yaml'
     text = CONFIG.read_text('utf-8')

@@ -33,7 +33,7 @@ def write(
     with BagWriter(path) as writer:
         writer.add_topic('/shaft/speed', 'std_msgs/msg/Float64')
         writer.add_topic(EVENTS, kind)
-        writer.write_float64('/shaft/speed', [0, 100 * SECOND], [1.0, 2.0])
+        writer.write_float64s({'/shaft/speed': ([0, 100 * SECOND], [1.0, 2.0])})
         for second, text in events:
             writer.write(EVENTS, round(second * SECOND), encode_string(text))
     return path
@@ -88,7 +88,7 @@ def test_numbers_keep_every_bit(tmp_path: Path) -> None:
         writer.write(EVENTS, 5, encode_string(event('start', 0)))
         for name, column in values.items():
             writer.add_topic(f'/truth/aft/{name}', 'std_msgs/msg/Float64')
-            writer.write_float64(f'/truth/aft/{name}', [5, 9], column)
+            writer.write_float64s({f'/truth/aft/{name}': ([5, 9], column)})
     truth = read(path)
     for name, column in values.items():
         numbers = getattr(truth, name)

@@ -78,7 +78,7 @@ def monitor(kit: Any) -> Monitor:
 
 def test_every_schema_is_named_on_the_page() -> None:
     files = {file.name for file in SCHEMAS.iterdir()}
-    assert files == set(re.findall(r'schemas/([a-z]+-1\.json)', PAGE.read_text()))
+    assert files == set(re.findall(r'schemas/([a-z]+-\d\.json)', PAGE.read_text()))
     for name in files:
         schema = json.loads((SCHEMAS / name).read_text('utf-8'))
         assert schema['properties']['schema']['const'] == schema['$id']
@@ -130,7 +130,7 @@ def fields(title: str) -> list[str]:
 
 def test_the_services() -> None:
     pytest.importorskip('rclpy', reason='ROS 2 is not installed')
-    from stickslip_monitor.ros.actions import SWITCHES, TRIGGERS
+    from stickslip_monitor.ros.active import SWITCHES, TRIGGERS
 
     assert fields('Services') == [*TRIGGERS, *SWITCHES]
 

@@ -98,17 +98,18 @@ class LiveAlarms:
         text_of: Callable[[str], str] = str,
         states_of: Callable[[], dict[str, Any]] = dict,
     ) -> None:
-        self._text_of, self._states_of = text_of, states_of
-        self.states: dict[str, Any] = {}
         self._config, self._clock, self._publish = config, clock, publish
         self._log, self._store = log, store
+        self._text_of, self._states_of = text_of, states_of
         self.annunciator = Annunciator(config)
+        self.states: dict[str, Any] = {}
         self._begun_ns = self._published_ns = 0
         self._sequence = 0
         self._unkept = ''
         self._monitoring = False
         self._notes: deque[Note] = deque(maxlen=NOTES_KEPT)
-        self._recall()
+        if store is not None:
+            self._recall(store)
 
     def retune(self, config: MonitorConfig) -> None:
         """Take over new delays, limits and times; no state is lost."""
@@ -147,7 +148,7 @@ class LiveAlarms:
                 self.keep()
 
     def feed(self, bearing: str, place: int, time_ns: int, update: Update) -> None:
-        """Take what one sample (of input 0 speed, 1 load) brought to the monitor."""
+        """Take what one sample of an input brought to the monitor."""
         changes = []
         if update.status in _FAULTS:
             changes += self.annunciator.take_fault(bearing, place, update.status, time_ns)
@@ -155,11 +156,14 @@ class LiveAlarms:
             changes += self.annunciator.take_verdict(update.verdict)
         for event in update.events:
             changes += self.annunciator.take_event(event)
-        self._changed(changes)
+        if changes:
+            self._announce(changes)
 
     def feed_events(self, events: list[Event]) -> None:
         """Take the changes of condition that passing time brought to the monitor."""
-        self._changed([c for event in events for c in self.annunciator.take_event(event)])
+        changes = [c for event in events for c in self.annunciator.take_event(event)]
+        if changes:
+            self._announce(changes)
 
     def act(
         self,
@@ -174,30 +178,17 @@ class LiveAlarms:
         if changes and reason:
             what = f'{bearing or "all bearings"}/{kind or "all alarms"}'
             self.note('action', f'{what}: {action} by {by}: {reason}')
-        self._changed(changes)
-        return changes
-
-    def _changed(self, changes: list[AlarmChange]) -> None:
         if changes:
             self._announce(changes)
+        return changes
 
     def _announce(self, changes: list[AlarmChange]) -> None:
-        self._published_ns = self.annunciator.now_ns
+        alarms, notes = self.annunciator, list(self._notes)
+        self._published_ns = alarms.now_ns
         self._sequence += 1
-        now_ns = self._clock()
-        notes = list(self._notes)
         self._notes.clear()
-        self._publish(
-            alarms_record(
-                self.annunciator,
-                changes,
-                now_ns,
-                self._sequence,
-                self._monitoring,
-                notes,
-                self._text_of,
-            )
-        )
+        told = self._clock(), self._sequence, self._monitoring, notes, self._text_of
+        self._publish(alarms_record(alarms, changes, *told))
         for change in changes:
             # What the monitor itself does is in the log as a warning already.
             if change.by != MONITOR:
@@ -205,7 +196,7 @@ class LiveAlarms:
                     f'{change.bearing}/{change.kind}: {change.what} by {change.by},'
                     f' {change.before} -> {change.after}'
                 )
-        if changes and self._store is not None:
+        if changes:
             self.keep()
 
     def keep(self) -> None:
@@ -221,20 +212,18 @@ class LiveAlarms:
                 self._unkept = str(error)
                 self._log.error(f'the alarms are not kept: {cause(error)}')
 
-    def _recall(self) -> None:
-        if self._store is None:
-            return
+    def _recall(self, store: Store) -> None:
+        """Take over what was kept, or set it aside where it is damaged."""
         try:
-            document = self._store.read()
+            document = store.read()
             if document is not None:
                 recall_state(self.annunciator, document, self._clock())
                 # The file of the last version has none.
                 states = document.get('states')
                 self.states = states if isinstance(states, dict) else {}
+            return
         except AlarmStateError as error:
-            self._set_aside(self._store, error)
-
-    def _set_aside(self, store: Store, reason: AlarmStateError) -> None:
+            reason = error
         try:
             end = f'it is now {store.set_aside()}, and the alarms start fresh'
         except OSError as error:
