@@ -173,12 +173,7 @@ async def add_headers(_: web.Request, response: web.StreamResponse) -> None:
 
 
 class Connections:
-    """Ends connections on which nothing is asked: idle for too long, or the idlest of too many.
-
-    Args:
-        most: See :data:`MOST_CONNECTIONS`.
-        idle: See :data:`IDLE` [s].
-    """
+    """Ends connections on which nothing is asked: idle for too long, or the idlest of too many."""
 
     def __init__(self, most: int, idle: float) -> None:
         self._most, self._idle = most, idle

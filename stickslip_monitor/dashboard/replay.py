@@ -40,8 +40,6 @@ class Replay:
     monitor can.
 
     Args:
-        path: The recording.
-        config: The configuration.
         rate: How much faster than recorded.
         board: What is fed; its one monitor is that of the recording.
 

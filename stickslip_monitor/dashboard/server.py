@@ -73,12 +73,7 @@ class Server:
     """The dashboard's handlers.
 
     Args:
-        board: What is shown.
-        access: Who may come in.
         player: What plays the recording; ``None`` but for a replay.
-        heartbeat: See :data:`HEARTBEAT` [s].
-        stalled: See :data:`STALLED` [s].
-        most, idle: See :class:`.access.Connections`.
     """
 
     def __init__(

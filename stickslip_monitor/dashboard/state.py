@@ -198,13 +198,9 @@ class DashboardState:
 
     Args:
         monitors: The monitors; no two of them in one namespace.
-        replay: Whether they come from a recording.
         log: What happened; one of its own that keeps nothing if ``None``.
 
     Attributes:
-        monitors: The monitors.
-        hub: Who is told of what is new.
-        log: What happened.
         links: Of each of the ship's buses whether it works, where buses are watched.
         playing: Of a replay where it is; ``None`` for none.
         finished: Whether the recording is over.

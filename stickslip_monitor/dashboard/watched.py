@@ -292,18 +292,14 @@ class WatchedMonitor:
 
     Args:
         source: Where it comes from, for a person: the node's full name, or the recording's.
-        views: Its bearings.
         space: Namespace of its node, without slashes around it; empty for none.
-        replay: Whether it comes from a recording.
         shelve_time: For how long an alarm is shelved [s].
         clock: Time that never steps [s].
 
     Attributes:
-        bearings: Its bearings by their own names.
         alarms: The newest list of alarms for the page; ``None`` before it came.
         act: Hands a request on to it; what comes of it arrives by :meth:`take_alarms`.
         told: Called with what is new for the page: kind, document, and what tells it from others.
-        log: Takes entries of the log.
     """
 
     act: Callable[[ActionRequest], object]

@@ -48,9 +48,6 @@ class LiveMonitor:
     steps: a clock that is set later moves no delay and loses no input.
 
     Args:
-        config: The configuration.
-        display: What shows bearings and alarms.
-        log: Where events and people's actions are told.
         store: What keeps the alarms over a restart; ``None`` for nothing.
         clock: Time that never steps [ns].
     """

@@ -137,10 +137,7 @@ class Alerts:
 
     Args:
         bearings: Names of the bearings in the order of the file, which numbers them.
-        talker: Talker identifier of our sentences.
-        manufacturer: Manufacturer code; empty for none.
         first_alert: Identifier of the first kind of alarm.
-        accept_actions: Whether ACN sentences are obeyed.
     """
 
     def __init__(

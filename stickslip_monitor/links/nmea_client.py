@@ -37,8 +37,6 @@ class Port(asyncio.DatagramProtocol, asyncio.Protocol):
 
     Args:
         name: The parameter that has the address.
-        address: The address.
-        on_line: Called with every line that comes.
         on_link: Told when the port begins or ceases to work.
         listens: Whether lines come in; datagrams go one way only.
         silent: After so long without a line it is opened again; infinite where none need come [s].
@@ -245,8 +243,6 @@ class NmeaClient:
     """Sentences in, alerts out.
 
     Args:
-        link: The configuration.
-        inputs: What to read.
         side: The monitor; it is told of the links ``nmea_in`` and ``nmea_out``.
     """
 

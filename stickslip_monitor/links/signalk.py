@@ -105,7 +105,6 @@ class SignalKInputs:
     """Samples out of deltas.
 
     Args:
-        inputs: What to read.
         log: Told once of each source that is left aside.
     """
 
@@ -245,7 +244,6 @@ class Notifications:
     """The alarms as notifications, and what people do with these at the server.
 
     Args:
-        bearings: Names of the bearings.
         prefix: Path before their names.
         run: A token of this run of the program.
     """

@@ -64,13 +64,8 @@ class SignalKClient:
     """Samples in, values and notifications out, people's acts back.
 
     Args:
-        link: The configuration.
-        token: The token, empty for none.
-        inputs: What to read.
         own_load: Bearings whose load comes from elsewhere.
         side: The monitor; it is told of the links ``signalk_in`` and ``signalk_out``.
-        heartbeat: See :data:`HEARTBEAT` [s].
-        unheard: See :data:`UNHEARD` [s].
     """
 
     def __init__(

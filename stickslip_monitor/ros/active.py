@@ -56,10 +56,7 @@ class Active:
     """The ears of a node, and its sense of time.
 
     Args:
-        node: The node, for ROS.
         configured: What it has: session, publishers, clips.
-        survived: Guards the callbacks.
-        simulated: Whether ROS time follows /clock.
 
     Raises:
         Exception: One of :data:`.message_types.ROS_FAULTS`: an input or service cannot be made.
@@ -203,11 +200,6 @@ class Actions:
 
     A service of std_srvs tells neither who calls it nor of which alarm; a request on the topic
     ``~/actions`` does.
-
-    Args:
-        node: The node.
-        bearings: Names of the bearings.
-        act: Does what a person asks for, and returns the changes.
     """
 
     def __init__(
@@ -276,10 +268,6 @@ class ElapsedTime:
     While ROS time follows a simulated clock that moves, that clock is the measure. One that
     stands still (the player has gone) cannot say that an input is lost, so then the steady clock
     is. A step back, and the first step from zero, count as no time.
-
-    Args:
-        simulated: Whether ROS time follows /clock.
-        now: Both clocks now.
     """
 
     def __init__(self, simulated: bool, now: Moment) -> None:
@@ -304,13 +292,7 @@ class ElapsedTime:
 
 
 class Watchdog:
-    """Tells a session of the time that passes without samples, bearing by bearing.
-
-    Args:
-        session: What is told.
-        simulated: Whether ROS time follows /clock.
-        now: Both clocks now.
-    """
+    """Tells a session of the time that passes without samples, bearing by bearing."""
 
     def __init__(self, session: Session, simulated: bool, now: Moment) -> None:
         self._session = session

@@ -101,12 +101,9 @@ class Inputs:
     """The subscriptions of an active node.
 
     Args:
-        node: The node.
         config: The configuration as given: names of topics are resolved once.
         deliver: Called with the numbers of the messages that waited, in order of time.
         now_ns: ROS time [ns]; 0 where it is unknown.
-        survived: Guards the callbacks.
-        health: Where losses are counted.
         tap: Called with each message before the numbers of it, if given.
     """
 
@@ -195,10 +192,7 @@ class Lane:
     """One topic: its subscription, and the numbers that its messages bring.
 
     Args:
-        node: The node.
         now_ns: ROS time [ns]; 0 where it is unknown.
-        topic: The topic as configured.
-        kind: Its message type.
 
     Attributes:
         readings: What is read from a message.
@@ -304,11 +298,7 @@ class Lane:
 
 
 class RosGraph(Graph):
-    """The graph as a node sees it.
-
-    Args:
-        node: The node.
-    """
+    """The graph as a node sees it."""
 
     def __init__(self, node: Node) -> None:
         self._node = node

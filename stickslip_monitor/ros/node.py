@@ -45,7 +45,6 @@ class MonitorNode(LifecycleNode):
 
     Attributes:
         config: The configuration in force.
-        health: How the node itself is.
     """
 
     # A node that could not be made is destroyed all the same.

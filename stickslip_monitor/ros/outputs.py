@@ -77,9 +77,6 @@ class Configured:
     """What a configured node has, and keeps while it is not active.
 
     Args:
-        node: The node.
-        config: Its configuration.
-        health: How it is.
         make_store: Makes what takes the clips; ``None`` where none are wanted.
 
     Raises:
@@ -87,10 +84,7 @@ class Configured:
 
     Attributes:
         config: The configuration, names of topics as given.
-        health: How the node is.
         clips: Takes what the node hears and says, where clips are wanted.
-        outputs: The publishers.
-        session: The monitor and what is around it.
     """
 
     def __init__(
@@ -182,9 +176,6 @@ class Outputs(Sink):
     """The publishers of a configured node. What nobody listens to is not published.
 
     Args:
-        node: The node.
-        config: The configuration.
-        health: How the node itself is.
         clips: Takes what is said, and notice of alarms, where clips are wanted.
     """
 
@@ -286,11 +277,6 @@ class Clips:
 
     Clips are written in a thread, so that no callback waits for the disk; one that cannot be
     written is tried again until a newer one comes; one that comes while two others wait is lost.
-
-    Args:
-        node: The node, for its log.
-        config: How long, how many and how large.
-        store: Where to.
 
     Attributes:
         fault: Why the last clip is lost; empty where it is not.

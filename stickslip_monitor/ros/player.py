@@ -30,9 +30,6 @@ Recorded = tuple[str, int, bytes]
 class Player:
     """A node that publishes encoded messages on their topics.
 
-    Args:
-        types: Message type of each topic.
-
     Attributes:
         skipped: Topics that cannot be played, with the reason.
     """

@@ -62,10 +62,7 @@ class Watcher:
     """Hears monitors. The callbacks run in the thread that spins the node.
 
     Args:
-        node: The node.
         listeners: Who takes what a monitor says, by the full name of its node.
-        diagnostics: Topic of their diagnostics.
-        hand_over: Calls a listener's method.
 
     Raises:
         RosError: A name is none.
@@ -134,9 +131,7 @@ class Bridge:
     """A publisher for each input that comes from a bus.
 
     Args:
-        node: The node that publishes.
         monitor: Full name of the monitor's node, to which names of topics are relative.
-        config: The configuration of the monitor.
         inputs: Bearing and input, of each that comes from a bus.
 
     Raises:
