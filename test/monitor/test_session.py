@@ -131,9 +131,7 @@ def test_time_in_which_nobody_could_listen_loses_no_input(ship: Ship) -> None:
     assert 'no valid value on /shaft/speed' in ship.events[0].text
 
 
-def test_verdicts_are_told_at_most_once_a_period_but_for_changes(
-    config: MonitorConfig,
-) -> None:
+def test_verdicts_are_told_at_most_once_a_period_but_for_changes(config: MonitorConfig) -> None:
     ship = Ship(replace(config, publish_period=1.0))
     ship.sail(10.0)
     assert len(ship.verdicts) in (10, 11)
