@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws the published findings: amplitudes over a parameter, stick-slip in time, friction curves.
+"""Draws the published findings: amplitudes over a parameter, and stick-slip in time.
 
 Every picture has a published statement above its axes, a footnote below them, and a legend that
 names its curves. Figures are unknown to pyplot; :func:`~.canvas.save_figure` writes them. Each
@@ -26,7 +26,7 @@ from stickslip_monitor.drawing.palette import (
     REGIME_COLOUR,
     REGIME_FILL,
 )
-from stickslip_monitor.lab.findings import FrictionCurves, History, Sweep
+from stickslip_monitor.lab.findings import History, Sweep
 from stickslip_monitor.monitor.assessment import Regime
 
 if TYPE_CHECKING:
@@ -67,13 +67,8 @@ def draw_amplitudes(
 ) -> Figure:
     """Draw the branches over a parameter and, below them, the error of averaging.
 
-    Args:
-        sweep: The branches.
-        statement: The published statement.
-        footnote: What they hold for.
-        label: The parameter's name and unit.
-        unit: The unit behind a number, with a space before it; may be empty.
-        scale: How many of the sweep's units that is.
+    The footnote says what they hold for, the label the parameter's name and unit. ``unit`` stands
+    behind a number, with a space before it, and is ``scale`` of the sweep's.
     """
     with style():
         figure = _stated_figure(statement, footnote)
@@ -152,42 +147,6 @@ def _errors(below: Axes, sweep: Sweep, value: FloatArray) -> None:
         below.plot(value, error, color=INK, lw=1.8, ls=line, zorder=4)
     shown = max(1.08 * float(np.nanmin(errors, initial=-0.1)), _WORST_SHOWN)
     below.set_ylim(shown, -0.16 * shown)
-
-
-_ROOM, _TANGENT = 1.3, 0.45
-
-
-def draw_friction_laws(curves: FrictionCurves, statement: str, footnote: str) -> Figure:
-    """Draw both laws, ahead and astern, and the slope that damping balances."""
-    with style():
-        figure = _stated_figure(statement, footnote)
-        axes = figure.add_axes((0.085, 0.105, 0.89, 0.695))
-        static, kinetic = curves.law.static, curves.law.kinetic
-        speeds, stribeck, coulomb = curves.columns.values()
-        highest = _ROOM * max(static, float(np.max(stribeck)))
-        axes.set_xlim(float(speeds[0]), float(speeds[-1]))
-        axes.set_ylim(-highest, highest)
-        axes.set_xlabel("relative speed $v = V - x'$ [m/s]")
-        axes.set_ylabel('coefficient of friction [-]')
-        axes.axhline(0.0, color=MUTED, lw=0.8, zorder=1)
-        ahead = speeds > 0.0
-        for mu, name, colour, line in (
-            (stribeck, 'Stribeck: falls with speed', SLIDING, '-'),
-            (coulomb, f'Coulomb: $\\mu_k$ = {kinetic:g}', EXACT, DASHES),
-        ):
-            for side, label in ((ahead, name), (~ahead, None)):
-                axes.plot(speeds[side], mu[side], color=colour, ls=line, lw=2.6, label=label)
-        name = f'at rest: −$\\mu_s$ to $\\mu_s$ = {static:g}'
-        axes.plot((0.0, 0.0), (-static, static), color=INK, lw=2.6, label=name)
-        speed, coefficient = curves.hopf_speed, curves.hopf_coefficient
-        x = speed * np.array([1.0 - _TANGENT, 1.0, 1.0 + _TANGENT])
-        axes.plot(
-            x, coefficient + curves.hopf_slope * (x - speed), color=INK, lw=1.2, zorder=4,
-            marker='o', markevery=[1], ms=7.5, mec=INK, mew=1.4, mfc=PAPER,
-            label=f'Hopf, $V_H$ = {speed:.4g} m/s: falls by $c/N$ per m/s, what damping can take',
-        )  # fmt: skip
-        _legend(axes, 2)
-        return figure
 
 
 _PERIODS_SHOWN = 3.0

@@ -3,8 +3,8 @@
 
 The published study averages the mass-spring-belt model (KBM) and compares with numerical
 integration. Here the numerical side is the exact non-smooth cycle, so each finding comes with the
-error of averaging: amplitudes of both branches over speed, load and kinetic coefficient, the
-growth of stick-slip from a small disturbance, and the friction curves.
+error of averaging: amplitudes of both branches over speed, load and kinetic coefficient, and the
+growth of stick-slip from a small disturbance.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from stickslip_monitor.physics.cycle.cycles import (
     exact_fold_speed,
     exact_unstable_cycle,
 )
-from stickslip_monitor.physics.friction import Coulomb, Stribeck
+from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.motion.integrator import Drive, Motion, MotionState, integrate
 from stickslip_monitor.physics.oscillator import Bearing
 
@@ -48,8 +48,6 @@ REFERENCE = Bearing(
 )
 """The test-bench bearing of the docs, for which the findings hold."""
 REFERENCE_RPM, REFERENCE_LOAD = 20.0, 1000.0
-
-_CURVE_POINTS, _CURVE_ROOM = 400, 1.3
 
 
 def stribeck_of(bearing: Bearing) -> Stribeck:
@@ -83,31 +81,6 @@ def check_point(bearing: Bearing, speed: float, load: float) -> None:
             f'speed = {speed / rpm:g} rpm must lie between 0 and the Hopf speed,'
             f' {hopf / rpm:.6g} rpm at {load:g} N: there stick-slip starts by itself'
         )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FrictionCurves:
-    """Coulomb's law and the Stribeck law with the same static and kinetic coefficient."""
-
-    law: Stribeck
-    columns: dict[str, FloatArray]  # relative speed, rising, without 0, and both coefficients
-    hopf_speed: float  # where damping just balances the fall of friction [m/s]
-    hopf_coefficient: float  # of the Stribeck law there [-]
-    hopf_slope: float  # of the Stribeck law there, -c/N [s/m]
-
-
-def friction_curves(bearing: Bearing, load: float) -> FrictionCurves:
-    """Both laws about zero relative speed, with the Hopf speed at a load [N]."""
-    law = stribeck_of(bearing)
-    hopf, fold = float(hopf_speed(bearing, load)), float(fold_speed(bearing, load))
-    ahead = np.geomspace(1e-3, 1.0, _CURVE_POINTS // 2) * _CURVE_ROOM * fold
-    speed = np.concatenate([-ahead[::-1], ahead])
-    columns = {
-        'relative_speed [m/s]': speed,
-        'stribeck_coefficient [-]': law.coefficient(speed),
-        'coulomb_coefficient [-]': Coulomb(law.static, law.kinetic).coefficient(speed),
-    }
-    return FrictionCurves(law, columns, hopf, float(law.coefficient(hopf)), float(law.slope(hopf)))
 
 
 _DISTURBANCE, _ARRIVED = 0.05, 0.995

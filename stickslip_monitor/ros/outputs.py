@@ -133,11 +133,11 @@ class Configured:
         self._publish(config)
         outputs.destroy()
         self.session = self._session()
-        self.session.alarms.inherit(before.alarms)
+        self.session.inherit(before)
 
     def note(self, what: str, text: str) -> None:
         """Put something on record with the list of alarms."""
-        self.session.alarms.note(what, text)
+        self.session.note(what, text)
 
     def look_at_files(self) -> None:
         """Bring the health of what is written up to date."""

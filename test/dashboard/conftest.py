@@ -56,10 +56,6 @@ class Ship:
         self.session.begin()
 
     @property
-    def alarms(self) -> Any:
-        return self.session.alarms
-
-    @property
     def time_ns(self) -> int:
         return T0 + round(self.seconds * 1e9)
 

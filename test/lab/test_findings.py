@@ -24,7 +24,6 @@ from stickslip_monitor.lab.findings import (
     History,
     Sweep,
     check_point,
-    friction_curves,
     over_kinetic,
     over_load,
     over_speed,
@@ -254,20 +253,6 @@ def test_the_history_ends_on_the_exact_cycle(history: History) -> None:
     cycle = np.column_stack([whole[0] * OMEGA, whole[1]])
     distance = np.hypot(*(motion[:, None] - cycle[None]).transpose(2, 0, 1)).min(axis=1)
     assert np.max(distance) < 6e-3 * V
-
-
-# 5. The friction curves.
-
-
-def test_the_two_friction_curves() -> None:
-    curves = friction_curves(REFERENCE, 1000.0)
-    speed, stribeck, coulomb = curves.columns.values()
-    ahead = speed > 0.0
-    np.testing.assert_allclose(stribeck, -stribeck[::-1])
-    np.testing.assert_array_equal(np.abs(coulomb), 0.1)
-    np.testing.assert_allclose(stribeck[ahead], 0.1 + 0.2 * np.exp(-10.0 * speed[ahead]))
-    assert curves.hopf_slope == pytest.approx(-400.0 / 1000.0, rel=1e-12)
-    assert curves.hopf_coefficient == pytest.approx(0.14, rel=1e-12)
 
 
 TABLE = Tabulated([0.0, 0.1], [0.3, 0.1])

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The methods compared, and the operating points on which they are, from easy to hard.
 
-The reference amplitudes are those of ``test/lab/accuracy/accuracy_reference.py``: Taylor series
-in 40 digits by mpmath, in the lab frame and in SI units, which shares no code with any method. A
-test computes some of them again.
+The reference amplitudes are Taylor series in 40 digits by mpmath, which share no code with any
+method; a test computes some of them again.
 """
 
 from __future__ import annotations

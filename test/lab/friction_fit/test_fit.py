@@ -14,7 +14,7 @@ from scipy.optimize import curve_fit
 
 from stickslip_monitor import Bearing, Stribeck, fold_speed, hopf_speed
 from stickslip_monitor.errors import FitError, PhysicsError
-from stickslip_monitor.lab.friction_fit.curve_file import Columns, FrictionCurve, read_curve
+from stickslip_monitor.lab.friction_fit.curve_file import FrictionCurve, read_curve
 from stickslip_monitor.lab.friction_fit.fit import StribeckFit, Viscous, fit_stribeck
 from stickslip_monitor.lab.friction_fit.solve import UNITS
 from stickslip_monitor.lab.friction_fit.spread import boundary_spread, drawn_laws
@@ -418,14 +418,19 @@ def test_as_benches_and_spreadsheets_write_it(write: Write, content: str) -> Non
 
 
 def test_columns_and_unit_may_be_named(write: Write) -> None:
-    curve = read_curve(write('a [rad/s],b,c,c2\n2.0,0.1,0.2,0.3\n'), Columns('a', 'c2'), None, 0.5)
+    curve = read_curve(
+        write('a [rad/s],b,c,c2\n2.0,0.1,0.2,0.3\n'),
+        {'speed': 'a', 'coefficient': 'c2'},
+        None,
+        0.5,
+    )
     assert (curve.speed[0], curve.coefficient[0]) == (0.5, 0.3)
 
 
 def test_std_and_weight(write: Write) -> None:
     path = write('v,mu,std,weight\n0,0.3,0.5,16\n')
     assert read_curve(path).std.tolist() == [0.5]
-    assert read_curve(path, Columns(weight='weight')).std.tolist() == [0.25]
+    assert read_curve(path, {'weight': 'weight'}).std.tolist() == [0.25]
 
 
 @pytest.mark.parametrize(
@@ -464,9 +469,9 @@ def test_options_that_do_not_fit_the_file_are_refused(write: Write, tmp_path: Pa
     with pytest.raises(FitError, match=r"'speed \[m/s\]' is in m/s, and --speed-unit says rpm"):
         read_curve(path, unit='rpm', journal_diameter=0.1)
     with pytest.raises(FitError, match=r"--std-column 'x' is none of the columns 'speed \[m/s"):
-        read_curve(path, Columns(std='x'))
+        read_curve(path, {'std': 'x'})
     with pytest.raises(FitError, match='give --std-column or --weight-column, not both'):
-        read_curve(path, Columns(std='mu', weight='mu'))
+        read_curve(path, {'std': 'mu', 'weight': 'mu'})
     with pytest.raises(PhysicsError, match=r'journal_diameter = -1 m must be greater than 0'):
         read_curve(write('speed [rpm],mu\n1,2\n'), journal_diameter=-1.0)
     with pytest.raises(FitError, match='No such file'):

@@ -213,12 +213,6 @@ def test_escalation_alarms_anew_and_easing_never_does(panel: Build) -> None:
     assert len(aft.given) == 4
 
 
-def test_easing_before_anybody_looked_keeps_the_worst_waiting(panel: Build) -> None:
-    aft = panel().at(1).goes('stick_slip').at(2).goes('caution')
-    assert aft.states == {'stick_slip': 'returned_unacknowledged', 'margin_low': 'acknowledged'}
-    assert aft.given == ['stick_slip']
-
-
 def test_a_jump_over_several_rungs_is_one_alarm(panel: Build) -> None:
     aft = panel().at(1).goes('amplitude_limit')
     assert aft.given == ['amplitude_limit']
@@ -406,16 +400,6 @@ def test_what_flickers_keeps_its_silence(panel: Build) -> None:
     aft.at(2).goes('normal').at(3).goes('stick_slip')
     assert not aft.alarms.sounding
     assert aft.given == ['stick_slip']
-
-
-def test_running_time_that_steps_back_counts_as_none(panel: Build) -> None:
-    aft = panel().at(100).goes('stick_slip')
-    aft.does('shelve')
-    for second in (50, 0, 699):
-        aft.at(second)
-        assert aft.state('stick_slip') == 'shelved'
-    aft.at(700)
-    assert aft.state('stick_slip') == 'unacknowledged'
 
 
 def test_the_time_between_restarts_of_the_monitor_is_believed(panel: Build) -> None:
