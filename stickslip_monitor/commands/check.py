@@ -281,7 +281,7 @@ def _source(text: str | None, config: MonitorConfig) -> EvidenceSource | None:
                 ' configure level.topic'
             )
     told = None if text in ('level', 'truth') else text
-    return replace(source_of(told, None, 'data', config), true=text == 'truth')
+    return replace(source_of(told, config), true=text == 'truth')
 
 
 def _lessons(

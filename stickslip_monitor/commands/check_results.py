@@ -20,7 +20,7 @@ from stickslip_monitor.errors import CalibrationError, StickslipError, plural
 from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.ladder import Level
-from stickslip_monitor.monitor.messages import event_records, number
+from stickslip_monitor.monitor.messages import event_record, number
 from stickslip_monitor.offline.archive import Stamp
 from stickslip_monitor.offline.check import BearingReport, CheckReport, InputReport, check_bag
 from stickslip_monitor.offline.follow import scan_whole
@@ -207,7 +207,7 @@ def bag_record(bag: Bag) -> dict[str, Any]:
 
 def _bearing_record(item: BearingReport) -> dict[str, Any]:
     return {
-        'events': event_records(item.events),
+        'events': [event_record(event) for event in item.events],
         'seconds': {regime.value: seconds for regime, seconds in item.seconds.items()},
         'worst': {
             name: {'time': extreme.time_ns, 'value': number(extreme.value)}

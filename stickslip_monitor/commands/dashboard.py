@@ -208,12 +208,11 @@ def page_access(args: argparse.Namespace) -> Access:
 async def _serve(
     args: argparse.Namespace, config: MonitorConfig, board: DashboardState, access: Access
 ) -> None:
-    from stickslip_monitor.dashboard.server import Server, serve
+    from stickslip_monitor.dashboard.server import Server
 
     feed = _replay if args.bag is not None else _live
     with feed(args, config, board) as player:
-        application = Server(board, access, player).application()
-        await serve(application, board, args.host, args.port, say_address)
+        await Server(board, access, player).serve(args.host, args.port, say_address)
 
 
 def say_address(url: str) -> None:

@@ -23,13 +23,12 @@ from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.recorder_clock import on_recorder_clock, scan_on_recorder_clock
 from stickslip_monitor.lab.scenes.effects import STAGES
 from stickslip_monitor.lab.scenes.scene import Scene, load_scene, simulate
+from stickslip_monitor.lab.scenes.settings import as_believed
 from stickslip_monitor.lab.scenes.telemetry import Messages
-from stickslip_monitor.lab.scenes.variation import as_believed
 from stickslip_monitor.lab.warning_quality import (
     Interval,
     Quality,
     Said,
-    Truth,
     given_of,
     merged,
     quality_of,
@@ -44,6 +43,7 @@ from stickslip_monitor.offline.intervals import condition_intervals
 from stickslip_monitor.offline.processes import run_in_processes
 from stickslip_monitor.offline.truth import (
     Column,
+    TruthNumbers,
     TruthRecord,
     episodes_of,
     has_truth,
@@ -57,42 +57,27 @@ OURS, BELOW_FOLD, BELOW_HOPF = 'monitor', 'below_fold', 'below_hopf'
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A scene with a seed.
+    """A scene with a seed."""
 
-    Attributes:
-        scene: Its file.
-        seed: The seed; None: the file's.
-        sensors: Files of sensors, one after the other; None: what the scene itself says.
-        variants: Fields of the alarm's configuration that are changed: each is judged as well.
-        varied_sensors: The file of sensors with which the variants are judged.
-    """
-
-    scene: str
-    seed: int | None
+    scene: str  # its file
+    seed: int | None  # the seed; None: the file's
+    # Files of sensors, one after the other; None: what the scene itself says.
     sensors: tuple[str | None, ...] = (None,)
+    # Fields of the alarm's configuration that are changed: each is judged as well.
     variants: tuple[Alarm, ...] = ()
-    varied_sensors: str | None = None
+    varied_sensors: str | None = None  # the file of sensors with which the variants are judged
 
 
 @dataclass(frozen=True, slots=True)
 class Voyage:
-    """What came of one bearing on one voyage with one grade of sensors.
+    """What came of one bearing on one voyage with one grade of sensors."""
 
-    Attributes:
-        scene: The scene's file, or the recording.
-        seed: The seed; None: a recording.
-        sensors: The file of sensors; None: what the scene itself says.
-        bearing: Name of the bearing.
-        rules: The judgement of each rule by name.
-        variants: That of the monitor with each of the call's variants.
-    """
-
-    scene: str
-    seed: int | None
-    sensors: str | None
-    bearing: str
-    rules: dict[str, Quality]
-    variants: tuple[Quality, ...] = ()
+    scene: str  # the scene's file, or the recording
+    seed: int | None  # the seed; None: a recording
+    sensors: str | None  # the file of sensors; None: what the scene itself says
+    bearing: str  # name of the bearing
+    rules: dict[str, Quality]  # the judgement of each rule by name
+    variants: tuple[Quality, ...] = ()  # that of the monitor with each of the call's variants
 
 
 def judge_calls(
@@ -125,7 +110,7 @@ def judge(call: Call) -> list[Voyage]:
         SceneError: The scene breaks a rule, or says nothing about the truth.
     """
     found: list[Voyage] = []
-    truths: dict[str, Truth] = {}
+    truths: dict[str, TruthRecord] = {}
     for sensors in call.sensors:
         scene = load_scene(call.scene, call.seed, sensors)
         try:
@@ -167,7 +152,7 @@ def cases_of(scene: Scene) -> Iterator[Sailed]:
 
 
 def _case(
-    scene: Scene, config: BearingConfig, messages: Mapping[str, Messages], truth: Truth
+    scene: Scene, config: BearingConfig, messages: Mapping[str, Messages], truth: TruthRecord
 ) -> Sailed:
     sent = None if config.level is None or config.level.topic not in messages else config.level
     believed = as_believed(replace(config, level=sent), scene.parameter_error, scene.seed)
@@ -176,21 +161,13 @@ def _case(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sailed:
-    """One bearing on one voyage: what the monitor believes and gets, and the truth.
+    """One bearing on one voyage: what the monitor believes and gets, and the truth."""
 
-    Attributes:
-        config: What the monitor believes.
-        stream: The samples.
-        arrival_ns: When the recorder got each [ns].
-        truth: The truth.
-        plain: Whether what happens shows in speed and load, and does so once.
-    """
-
-    config: BearingConfig
-    stream: Stream
-    arrival_ns: IntArray
-    truth: Truth
-    plain: bool
+    config: BearingConfig  # what the monitor believes
+    stream: Stream  # the samples
+    arrival_ns: IntArray  # when the recorder got each [ns]
+    truth: TruthRecord  # the truth
+    plain: bool  # whether what happens shows in speed and load, and does so once
 
     def rules(self, recorded: Scan | None = None) -> dict[str, Quality]:
         """The judgement of the monitor, by its verdicts where they are known, and bare rules."""
@@ -222,23 +199,13 @@ class Sailed:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JudgedBag:
-    """One bearing in one bag.
+    """One bearing in one bag."""
 
-    Attributes:
-        voyage: The judgement.
-        config: The bearing.
-        scan: The verdicts, on the recorder's clock.
-        said: What they come to.
-        truth: What they are judged by.
-        record: The whole truth.
-    """
-
-    voyage: Voyage
-    config: BearingConfig
-    scan: Scan
-    said: Said
-    truth: Truth
-    record: TruthRecord
+    voyage: Voyage  # the judgement
+    config: BearingConfig  # the bearing
+    scan: Scan  # the verdicts, on the recorder's clock
+    said: Said  # what they come to
+    truth: TruthRecord  # what they are judged by
 
 
 def judge_bag(path: str | Path, config: MonitorConfig) -> list[JudgedBag]:
@@ -250,16 +217,12 @@ def judge_bag(path: str | Path, config: MonitorConfig) -> list[JudgedBag]:
     whole = scan_whole(path, config)
     found = []
     for own in [b for b in config.bearings if has_truth(whole.bag, b.name)] or config.bearings[:1]:
-        record = read_truth(whole.bag, own.name)
-        margin = record.fold_margin
-        truth = Truth(
-            record.start_ns, record.end_ns, record.episodes, margin.time_ns, margin.value
-        )
+        truth = read_truth(whole.bag, own.name)
         scan, sent = scan_on_recorder_clock(whole, own), whole.bearings[own.name]
         # A recording does not say whether all that happened in it shows in speed and load.
         rules = Sailed(own, sent.stream, sent.arrival_ns, truth, plain=False).rules(scan)
         voyage = Voyage(str(path), None, None, own.name, rules)
-        found.append(JudgedBag(voyage, own, scan, said_by(scan, truth), truth, record))
+        found.append(JudgedBag(voyage, own, scan, said_by(scan, truth), truth))
     return found
 
 
@@ -311,7 +274,7 @@ def _stream(config: BearingConfig, messages: Mapping[str, Messages]) -> tuple[St
     return Stream(stamp[order], inputs[order], value[order]), arrival[order]
 
 
-def _truth(scene: Scene, bearing: str, columns: Mapping[str, Sequence[Column]]) -> Truth:
+def _truth(scene: Scene, bearing: str, columns: Mapping[str, Sequence[Column]]) -> TruthRecord:
     """The truth about a bearing.
 
     Raises:
@@ -332,12 +295,14 @@ def _truth(scene: Scene, bearing: str, columns: Mapping[str, Sequence[Column]]) 
             f' fold margin falls to {fold.min():.3g}'
         )
     end_ns = scene.start_ns + round(scene.duration * 1e9)
-    return Truth(
+    time_ns = np.concatenate([own.stamps(scene.start_ns) for own in margins])
+    return TruthRecord(
         start_ns=scene.start_ns,
         end_ns=end_ns,
         episodes=tuple(episodes_of(_events(events or ()), end_ns)),
-        time_ns=np.concatenate([own.stamps(scene.start_ns) for own in margins]),
-        fold_margin=fold,
+        hopf_margin=TruthNumbers(time_ns, column('hopf_margin')),
+        fold_margin=TruthNumbers(time_ns, fold),
+        amplitude=TruthNumbers(time_ns[:0], fold[:0]),
     )
 
 
@@ -347,7 +312,7 @@ def _events(columns: Iterable[Column]) -> Iterator[tuple[str, int]]:
         yield event['event'], event['time']
 
 
-def said_by(scan: Scan, truth: Truth) -> Said:
+def said_by(scan: Scan, truth: TruthRecord) -> Said:
     """What the monitor's conditions say; while an input is lost what stood before it goes on."""
     warned: list[Interval] = []
     alarmed: list[Interval] = []

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Messages of any type as numbers in order of time, and the definitions of their types."""
+
 from __future__ import annotations
 
+import math
 from collections import deque
 from contextlib import nullcontext
 from types import SimpleNamespace
@@ -10,11 +13,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stickslip_monitor.monitor.configure import build_config
+from stickslip_monitor import build_config
+from stickslip_monitor.errors import RosError
+from stickslip_monitor.fields import parse_field
 from stickslip_monitor.monitor.health import NodeHealth
 from stickslip_monitor.monitor.monitor import Monitor
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+from sensor_msgs.msg import JointState, MagneticField
+from std_msgs.msg import Byte, Float64, Header
+
+from stickslip_monitor.ros.inputs import check_inputs
+from stickslip_monitor.ros.message_types import _type, definition, number_reader, stamp_reader
 
 TICK_NS = 250_000_000
 
@@ -49,34 +60,19 @@ class _Node:
             self._callbacks[topic](self.queues[topic].popleft())
 
 
-def _inputs(node: Any, kind: str, field: str, receive: Any) -> Any:
+def _inputs(kit: Any, node: Any, kind: str, field: str, receive: Any) -> Any:
     """Two bearings on one shaft, each with a load of its own."""
     from stickslip_monitor.ros.inputs import Inputs
 
     values: dict[str, Any] = {'bearings': ['fore', 'aft']}
     for name in values['bearings']:
-        own = {
-            'mass': 50.0,
-            'damping': 400.0,
-            'stiffness': 2.0e6,
-            'journal_diameter': 0.1,
-            'friction.static': 0.3,
-            'friction.kinetic': 0.1,
-            'friction.decay': 10.0,
-            'speed.unit': 'rpm',
-            'load.unit': 'N',
-            'alarm.on_delay': 0.5,
-            'alarm.off_delay': 0.5,
-            'alarm.amplitude_limit': 0.5e-3,
-        }
+        own = {'alarm.on_delay': 0.5, 'alarm.off_delay': 0.5, 'alarm.amplitude_limit': 0.5e-3}
         for quantity, topic in (('speed', 'speed'), ('load', f'load/{name}')):
-            own |= {
-                f'{quantity}.topic': topic,
-                f'{quantity}.type': kind,
-                f'{quantity}.field': field,
-                f'{quantity}.timeout': 2.0,
-            }
-        values |= {f'{name}.{key}': value for key, value in own.items()}
+            source = {'topic': topic, 'type': kind, 'field': field, 'timeout': 2.0}
+            own |= {f'{quantity}.{key}': value for key, value in source.items()}
+        bearing = kit.parameters(own)
+        del bearing['bearings']
+        values |= {key.replace('aft', name, 1): value for key, value in bearing.items()}
     config = build_config(values)
 
     def deliver(numbers: Any) -> None:
@@ -88,18 +84,18 @@ def _inputs(node: Any, kind: str, field: str, receive: Any) -> Any:
     return config, inputs
 
 
-def test_messages_that_share_a_tick_of_the_clock_keep_their_order() -> None:
+def test_messages_that_share_a_tick_of_the_clock_keep_their_order(kit: Any) -> None:
     """As at ``ros2 bag play --rate 10 --clock 40``: ten messages of 10 Hz to every four ticks."""
     from std_msgs.msg import Float64
 
     heard: list[tuple[int, float]] = []
 
-    def receive(bearing: str, is_load: int, time_ns: int, value: float, latest: bool) -> None:
+    def receive(bearing: str, place: int, time_ns: int, value: float, latest: bool) -> None:
         if bearing == 'aft':
             heard.append((time_ns, value))
 
     node = _Node()
-    _inputs(node, 'std_msgs/msg/Float64', 'data', receive)
+    _inputs(kit, node, 'std_msgs/msg/Float64', 'data', receive)
     # Before the first /clock there is no time, and nothing is used.
     ticks = [0, 10**9, 10**9, 10**9, 10**9 + TICK_NS, 10**9 + TICK_NS, 5 * 10**8]
     for number, node.now in enumerate(ticks):
@@ -128,7 +124,7 @@ ARRIVALS = st.lists(
 
 
 def _events(
-    arrivals: list[tuple[str, int, float]], piles: list[tuple[int, int]]
+    kit: Any, arrivals: list[tuple[str, int, float]], piles: list[tuple[int, int]]
 ) -> dict[str, list[Any]]:
     """What is told of each bearing; messages pile up before all topics are woken in turn.
 
@@ -140,11 +136,11 @@ def _events(
 
     said: dict[str, list[Any]] = {'fore': [], 'aft': []}
 
-    def receive(bearing: str, is_load: int, time_ns: int, value: float, latest: bool) -> None:
-        said[bearing].extend(monitor.bearings[bearing].update(is_load, time_ns, value).events)
+    def receive(bearing: str, place: int, time_ns: int, value: float, latest: bool) -> None:
+        said[bearing].extend(monitor.bearings[bearing].update(place, time_ns, value).events)
 
     node = _Node()
-    config, _ = _inputs(node, 'geometry_msgs/msg/Vector3Stamped', 'vector.x', receive)
+    config, _ = _inputs(kit, node, 'geometry_msgs/msg/Vector3Stamped', 'vector.x', receive)
     monitor = Monitor(config)
     time_ms, todo = 10_000, deque(arrivals)
     for size, turn in piles:
@@ -165,7 +161,124 @@ def _events(
     piles=st.lists(st.tuples(st.integers(1, 12), st.integers(0, 2)), max_size=30),
 )
 def test_messages_that_wait_tell_what_they_tell_one_by_one(
-    arrivals: list[tuple[str, int, float]], piles: list[tuple[int, int]]
+    kit: Any, arrivals: list[tuple[str, int, float]], piles: list[tuple[int, int]]
 ) -> None:
     rest = [(1, 0)] * len(arrivals)
-    assert _events(arrivals, [*piles, *rest]) == _events(arrivals, rest)
+    assert _events(kit, arrivals, [*piles, *rest]) == _events(kit, arrivals, rest)
+
+
+JOINT = 'sensor_msgs/msg/JointState'
+COVARIANCE = 'magnetic_field_covariance'
+
+
+@pytest.mark.parametrize(
+    ('change', 'text'),
+    [
+        ({'speed.type': 'std_msgs/msg/Speed'}, "package std_msgs has no message type 'Speed'"),
+        (
+            {'speed.type': 'std_msgs/msg/String'},
+            "aft.speed.field 'data' of std_msgs/msg/String is a string, not a number",
+        ),
+        (
+            {'speed.type': JOINT, 'speed.field': 'velocity'},
+            f"aft.speed.field 'velocity' of {JOINT} is a sequence<double>, not a number",
+        ),
+        (
+            {'speed.field': 'data[0]'},
+            "aft.speed.field 'data[0]': [0] needs an array, but there is a double",
+        ),
+        (
+            {'load.field': 'data.value'},
+            "aft.load.field 'data.value': double has no field 'value'; it has: none, it is a"
+            ' double',
+        ),
+        (
+            {'speed.type': 'sensor_msgs/msg/MagneticField', 'speed.field': f'{COVARIANCE}[9]'},
+            f"aft.speed.field '{COVARIANCE}[9]': index 9 is outside double[9]",
+        ),
+        (
+            {'load.topic': 'shaft/speed', 'load.type': 'std_msgs/msg/Float32'},
+            "aft.load.type = 'std_msgs/msg/Float32' must be the same as aft.speed.type ="
+            " 'std_msgs/msg/Float64': both are read from shaft/speed",
+        ),
+        (
+            {'load.topic': '/monitor/aft/amplitude'},
+            "aft.load.topic = '/monitor/aft/amplitude' is published by this node itself",
+        ),
+    ],
+)
+def test_an_input_that_leads_to_no_number_is_refused(
+    kit: Any, change: dict[str, Any], text: str
+) -> None:
+    outputs = {'/monitor/aft/amplitude'}
+    check_inputs(build_config(kit.parameters()), outputs)
+    with pytest.raises(RosError) as error:
+        check_inputs(build_config(kit.parameters(change)), outputs)
+    assert str(error.value) == text
+
+
+@pytest.mark.parametrize(
+    ('message', 'path', 'number'),
+    [
+        (Float64(data=1.5), 'data', 1.5),
+        (Byte(data=b'\xfa'), 'data', 250.0),
+        (JointState(velocity=[1.0, 2.0]), 'velocity[1]', 2.0),
+        (JointState(velocity=[1.0, 2.0]), 'velocity[2]', math.nan),  # an array too short
+        (
+            MagneticField(magnetic_field_covariance=[float(k) for k in range(9)]),
+            f'{COVARIANCE}[8]',
+            8.0,
+        ),
+        (JointState(header=Header()), 'header.stamp.sec', 0.0),
+    ],
+)
+def test_the_number_at_a_path(message: Any, path: str, number: float) -> None:
+    assert number_reader(parse_field(path))(message) == pytest.approx(number, nan_ok=True)
+
+
+def test_the_stamp_of_a_header() -> None:
+    message = JointState()
+    message.header.stamp.sec, message.header.stamp.nanosec = 1_700_000_000, 999_999_999
+    read = stamp_reader(JOINT)
+    assert read is not None
+    assert read(message) == 1_700_000_000_999_999_999
+    assert stamp_reader('std_msgs/msg/Float64') is None
+
+
+@pytest.mark.parametrize(
+    'kind',
+    [
+        'std_msgs/msg/ByteMultiArray',
+        'sensor_msgs/msg/JointState',
+        'geometry_msgs/msg/PoseWithCovarianceStamped',
+        'diagnostic_msgs/msg/DiagnosticArray',
+    ],
+)
+def test_a_definition_has_the_fields_of_the_published_one(kind: str) -> None:
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    made: dict[str, Any] = get_types_from_msg(definition(kind), kind)
+    published = get_types_from_msg(store.generate_msgdef(kind, ros_version=2)[0], kind)
+    assert set(made) == set(published)
+    for name, (_, fields) in made.items():
+        assert fields == store.fielddefs[name][1], name
+
+
+@pytest.mark.parametrize(
+    ('text', 'expected'),
+    [
+        ('sequence<double, 5>', 'float64[<=5]'),
+        ('sequence<string<10>>', 'string<=10[]'),
+        ('float[9]', 'float32[9]'),
+        ('geometry_msgs/Point[3]', 'geometry_msgs/Point[3]'),
+        ('boolean', 'bool'),
+    ],
+)
+def test_bounds_and_arrays(text: str, expected: str) -> None:
+    assert _type(text) == expected
+
+
+def test_a_type_that_is_not_installed_is_named() -> None:
+    with pytest.raises(RosError, match='package no_msgs is not installed'):
+        definition('no_msgs/msg/Thing')

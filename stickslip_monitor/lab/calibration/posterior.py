@@ -44,21 +44,13 @@ Progress = Callable[[float, float], None]
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """What is believed before the evidence: a Gaussian over :data:`PARAMETERS`.
+    """What is believed before the evidence: a Gaussian over :data:`PARAMETERS`."""
 
-    Attributes:
-        mean: Shape (7,).
-        covariance: Shape (7, 7).
-        viscous: ``nu/c``, which is not inferred [1/N].
-        log_damping: Mean of ``ln c``, for what is known of the law alone.
-        damping_variance: Of ``ln c``.
-    """
-
-    mean: FloatArray
-    covariance: FloatArray
-    viscous: float = 0.0
-    log_damping: float = math.nan
-    damping_variance: float = math.nan
+    mean: FloatArray  # shape (7,)
+    covariance: FloatArray  # shape (7, 7)
+    viscous: float = 0.0  # ``nu/c``, which is not inferred [1/N]
+    log_damping: float = math.nan  # mean of ``ln c``, for what is known of the law alone
+    damping_variance: float = math.nan  # of ``ln c``
 
 
 def prior_of(bearing: Bearing, tolerance: Tolerance = EXACT) -> Prior:
@@ -101,17 +93,11 @@ def prior_of(bearing: Bearing, tolerance: Tolerance = EXACT) -> Prior:
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """Weighted points of what the evidence leaves.
+    """Weighted points of what the evidence leaves."""
 
-    Attributes:
-        theta: :data:`PARAMETERS`, shape (n, 7).
-        log_dips: Log likelihood of each dip, shape (n, dips).
-        log_base: Log of the prior over the mixture of all proposals, shape (n,).
-    """
-
-    theta: FloatArray
-    log_dips: FloatArray
-    log_base: FloatArray
+    theta: FloatArray  # :data:`PARAMETERS`, shape (n, 7)
+    log_dips: FloatArray  # log likelihood of each dip, shape (n, dips)
+    log_base: FloatArray  # log of the prior over the mixture of all proposals, shape (n,)
 
     @property
     def weight(self) -> FloatArray:
@@ -146,9 +132,7 @@ class Posterior:
     def draws(self, count: int = _DRAWS, before: int | None = None) -> FloatArray:
         """Equally probable points, taken systematically along ``ln N0``, shape (count, 7).
 
-        Args:
-            count: How many.
-            before: How many dips count; all by default.
+        Only the dips ``before`` a place count, where it is given.
         """
         weight = self.weight if before is None else self.weight_before(before)
         order = np.argsort(self.theta[:, 1])
@@ -160,13 +144,9 @@ class Posterior:
 def sample_posterior(
     prior: Prior, paths: Sequence[FloatArray], seed: int = SEED, progress: Progress | None = None
 ) -> Posterior:
-    """Sample what the dips leave of a prior.
+    """Sample what the dips, each of shape (bins, 8), leave of a prior.
 
-    Args:
-        prior: The prior.
-        paths: The dips, each of shape (bins, 8).
-        seed: Of the points.
-        progress: Called with the dips done and the dips to do at the most.
+    Progress is told the dips done and the dips to do at the most.
 
     Raises:
         CalibrationError: The points do not settle on a posterior.

@@ -59,22 +59,15 @@ class Model:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """The best curve of a model.
+    """The best curve of a model."""
 
-    Attributes:
-        curve: The points.
-        model: What is free.
-        values: The drop of the decaying part at the lowest speed [-], ``mu_k`` [-], ``ln beta``
-            [ln s/m] and ``nu`` [s/m], shape (4,).
-        weight: Tukey's weight of each point, shape (n,).
-        median_scale: Standard deviation by the median residual that the weights go by [-].
-    """
-
-    curve: FrictionCurve
-    model: Model
+    curve: FrictionCurve  # the points
+    model: Model  # what is free
+    # The drop of the decaying part at the lowest speed [-], ``mu_k`` [-], ``ln beta`` [ln s/m] and
+    # ``nu`` [s/m], shape (4,).
     values: FloatArray
-    weight: FloatArray
-    median_scale: float
+    weight: FloatArray  # tukey's weight of each point, shape (n,)
+    median_scale: float  # standard deviation by the median residual that the weights go by [-]
 
     @property
     def decay(self) -> float:
@@ -281,14 +274,9 @@ def descend(
     root: FloatArray | float,
     loss: Any = 'linear',
 ) -> FloatArray:
-    """The values that fit best from a start on.
+    """The values that fit best, from a start of the form of :attr:`Solution.values` on.
 
-    Args:
-        curve: The points.
-        model: What is free.
-        values: The start, as :attr:`Solution.values`.
-        root: Factor of each residual by its std, such as to make it of the order of 1.
-        loss: What of it is minimised, as scipy names it.
+    ``root`` times a residual by its std is of the order of 1; scipy knows the loss by its name.
     """
     free, rows, slowest = model.free, root / curve.std, curve.speed.min()
 

@@ -25,10 +25,8 @@ from stickslip_monitor.lab.scenes.effects import (
     read_effects,
 )
 from stickslip_monitor.lab.scenes.effects.effect import SceneRun
-from stickslip_monitor.lab.scenes.settings import Settings
-from stickslip_monitor.lab.scenes.shaft import Shaft, TimeBlock
-from stickslip_monitor.lab.scenes.telemetry import Channel, Signal, read_channels
-from stickslip_monitor.lab.scenes.variation import drawn, read_parameter_error
+from stickslip_monitor.lab.scenes.settings import Settings, drawn, read_parameter_error
+from stickslip_monitor.lab.scenes.telemetry import Channel, Shaft, Signal, TimeBlock, read_channels
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config, load_yaml
 
@@ -73,10 +71,7 @@ def load_scene(
 ) -> Scene:
     """Read and validate a scene file.
 
-    Args:
-        path: The file.
-        seed: The seed; by default the file's.
-        sensors: A file of sensors; by default that which the scene names, if any.
+    The seed is the file's and the sensors those that it names, unless others are given.
 
     Raises:
         SceneError: It cannot be read or breaks a rule; the text names the file.
