@@ -24,7 +24,9 @@ SECOND = 10**9
 
 def without_level(case: Sailed, _: np.random.Generator) -> Sailed:
     """No level at all."""
-    return replace(_kept(case, case.stream.inputs != LEVEL), config=replace(case.config, level=None))
+    return replace(
+        _kept(case, case.stream.inputs != LEVEL), config=replace(case.config, level=None)
+    )
 
 
 def in_bursts(case: Sailed, _: np.random.Generator) -> Sailed:
@@ -61,7 +63,7 @@ def amplified(case: Sailed, _: np.random.Generator, gain: float) -> Sailed:
 
 
 def blind(case: Sailed, random: np.random.Generator) -> Sailed:
-    """The level is alive and shows its background only: in the wrong place, or its cable is off."""
+    """The level shows its background only: it is in the wrong place, or its cable is off."""
     return _levelled(case, lambda _, level: 1.0 + 0.1 * random.standard_normal(level.size))
 
 
@@ -96,9 +98,7 @@ def with_bursts(case: Sailed, random: np.random.Generator) -> Sailed:
 
 def half_lost(case: Sailed, _: np.random.Generator) -> Sailed:
     """The level comes for half of each minute only."""
-    return _kept(
-        case, (case.stream.inputs != LEVEL) | (case.arrival_ns // (30 * SECOND) % 2 == 0)
-    )
+    return _kept(case, (case.stream.inputs != LEVEL) | (case.arrival_ns // (30 * SECOND) % 2 == 0))
 
 
 LEVELS: Mapping[str, Spoil] = {
