@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 import re
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -75,12 +74,7 @@ def style() -> Iterator[None]:
 
 
 def new_figure(width: float = WIDTH, height: float = HEIGHT) -> Figure:
-    """An empty figure, unknown to pyplot; to be called inside :func:`style`.
-
-    Args:
-        width: Its width [inch].
-        height: Its height [inch].
-    """
+    """An empty figure of a width and height [inch], unknown to pyplot; inside :func:`style`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -153,10 +147,7 @@ def span_words(axes: Axes, spans: Iterable[tuple[float, float, str]]) -> None:
 def save_figure(figure: Figure, path: str | Path, force: bool = False) -> None:
     """Write a figure as PNG or SVG, by the path's suffix; the same figure gives the same bytes.
 
-    Args:
-        figure: The figure.
-        path: Where to; a picture of ours that is there is replaced.
-        force: Whether any other file is replaced too.
+    A picture of ours that is there is replaced; any other file only by ``force``.
 
     Raises:
         DrawingError: The suffix is unknown or the file cannot be written.
@@ -177,12 +168,9 @@ def save_figure(figure: Figure, path: str | Path, force: bool = False) -> None:
 
 
 def write_csv(columns: Mapping[str, Iterable[Any]], path: str | Path, force: bool = False) -> None:
-    """Write named columns as CSV: numbers to full precision, empty where there is none.
+    """Write named columns of one length as CSV: full precision, empty where there is no number.
 
-    Args:
-        columns: Columns of one length by their headings.
-        path: Where to; a file with the same headings is replaced.
-        force: Whether any other file is replaced too.
+    A file with the same headings is replaced; any other only by ``force``.
 
     Raises:
         DrawingError: The file cannot be written.
@@ -193,13 +181,9 @@ def write_csv(columns: Mapping[str, Iterable[Any]], path: str | Path, force: boo
     writer = csv.writer(text, lineterminator='\n')
     writer.writerow(columns)
     headings = text.getvalue().encode()
-    writer.writerows(_cells(row) for row in rows)
+    writer.writerows(['' if v != v else str(v) for v in row] for row in rows)
     with _writing(path):
         write_whole(path, text.getvalue().encode(), headings, force)
-
-
-def _cells(row: Sequence[Any]) -> list[str]:
-    return ['' if isinstance(v, float) and math.isnan(v) else str(v) for v in row]
 
 
 @contextmanager
@@ -220,14 +204,13 @@ _HEAD = re.compile(r'<svg [^>]*viewBox="([^"]*)"[^>]*>')
 def inline_svg(figure: Figure, name: str, text: str) -> str:
     """A figure as an ``svg`` element to be put into a page.
 
+    The colours of the palette are variables (:func:`variable`) that the page sets, so that a dark
+    page has a dark picture.
+
     Args:
         figure: The figure.
         name: Put before every id, so that several pictures can share a page.
         text: What the picture shows, for those who do not see it.
-
-    Returns:
-        The element. The colours of the palette are variables (:func:`variable`) that the page
-        sets, so that a dark page has a dark picture.
     """
     file = io.StringIO()
     with style():
@@ -260,20 +243,20 @@ Pixels = NDArray[np.uint8]
 
 
 def sheet(rows: Sequence[Pixels]) -> bytes:
-    """Put drawn figures below each other.
-
-    Args:
-        rows: At least one; see :func:`drawn`.
-
-    Returns:
-        The picture as PNG.
-    """
+    """Put figures, at least one, below each other as PNG; see :func:`drawn`."""
     width = max(row.shape[1] for row in rows)
+    # White at the right of what is narrower.
+    whole = np.concatenate(
+        [
+            np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0)), constant_values=255)
+            for row in rows
+        ]
+    )
     with style():
         from matplotlib.image import imsave
 
-        file, named = io.BytesIO(), {'Software': SOFTWARE}
-        imsave(file, np.concatenate([_widened(row, width) for row in rows]), metadata=named)
+        file = io.BytesIO()
+        imsave(file, whole, metadata={'Software': SOFTWARE})
     return file.getvalue()
 
 
@@ -301,9 +284,3 @@ def drawn(figure: Figure) -> Pixels:
         canvas: Any = figure.canvas
         canvas.draw()
         return np.array(canvas.buffer_rgba())[:, :, :3]
-
-
-def _widened(picture: Pixels, width: int) -> Pixels:
-    """The picture with white at its right."""
-    room = ((0, 0), (0, width - picture.shape[1]), (0, 0))
-    return np.pad(picture, room, constant_values=255)

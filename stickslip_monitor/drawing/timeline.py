@@ -57,15 +57,10 @@ _TRUTH = '#333333'
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiningTruth:
-    """What the lining did; the arrays may be empty.
+    """What the lining did.
 
-    Attributes:
-        episodes: First and last instant of sticking of each episode [ns].
-        margin_ns: When the true margins were taken, shape (n,) [ns].
-        hopf_margin: True Hopf margin, shape (n,).
-        fold_margin: True fold margin, shape (n,).
-        amplitude_ns: When the amplitude was taken, shape (m,) [ns].
-        amplitude: Half the peak to peak of the displacement, shape (m,) [m].
+    When each episode of sticking began and ended [ns], the true margins, shape (n,), and the
+    amplitude, half the peak to peak of the displacement, shape (m,) [m]; n and m may be 0.
     """
 
     episodes: Sequence[tuple[int, int]]
@@ -101,14 +96,11 @@ class Timeline:
 
 
 def draw_timeline(timeline: Timeline, width: float = 9.0) -> Figure:
-    """Draw a recording over time.
+    """Draw a recording over time; long ones are thinned to their envelope.
 
     Args:
-        timeline: What to show; long recordings are thinned to their envelope.
+        timeline: What to show.
         width: Width of the figure [inch]; the height follows from the panels.
-
-    Returns:
-        A figure that pyplot does not know of.
 
     Raises:
         DrawingError: matplotlib is not installed.

@@ -44,8 +44,7 @@ def envelope(most: int, *columns: Any) -> IndexArray:
     """Which points of a recording to draw, so that the line keeps its outline.
 
     The points are taken in blocks of one length; of each block stay the least and the greatest
-    value of every column and, where the line is interrupted, the interruption. So every extreme
-    stays, at its own instant.
+    value of every column, at its own instant, and an interruption.
 
     Args:
         most: Points to draw, nearly; a shorter recording stays as it is.
@@ -76,12 +75,9 @@ def envelope(most: int, *columns: Any) -> IndexArray:
 
 @dataclass(frozen=True, slots=True)
 class TrackEvent:
-    """A change of the alarm, at the operating point that it was told at.
+    """A change of the alarm, at the operating point that it was told at [m/s, N].
 
-    Attributes:
-        speed: Surface speed [m/s]; ``nan`` where there was no operating point yet.
-        load: Load [N].
-        condition: The condition from then on.
+    The condition is that from then on; the speed is ``nan`` where there was no point yet.
     """
 
     speed: float

@@ -32,8 +32,7 @@ GRADES = tuple(_WORDS)
 class Finding:
     """What is said of a bearing, or of everything: a grade, its word, and sentences.
 
-    ``grade`` is ``clear``, ``warning``, ``alarm`` or ``unknown``; the first sentence is the
-    verdict, the others add to it.
+    The first sentence is the verdict, the others add to it.
     """
 
     grade: str
@@ -265,11 +264,7 @@ def _lost(course: Course) -> str:
 
 
 def overall(parts: Sequence[tuple[str, Finding]]) -> Finding:
-    """The verdict over all bearings of all recordings.
-
-    Args:
-        parts: Name of the recording and finding of each bearing in it.
-    """
+    """The verdict over all bearings: name of the recording and finding of each bearing in it."""
     if len(parts) == 1:
         return parts[0][1]
     grade = max((finding.grade for _, finding in parts), key=GRADES.index)
