@@ -15,7 +15,7 @@ import pytest
 
 import stickslip_monitor
 from stickslip_monitor import Stribeck, Tabulated, assess
-from stickslip_monitor.drawing.palette import CONDITION_NAMES
+from stickslip_monitor.drawing.canvas import CONDITION_NAMES
 from stickslip_monitor.monitor.alarms.causes import AlarmKind
 from stickslip_monitor.monitor.alarms.lifecycle import TABLE, AlarmState
 from stickslip_monitor.monitor.config import (

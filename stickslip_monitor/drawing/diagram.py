@@ -19,9 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.drawing.canvas import labelled, legend_below, span_words, style
-from stickslip_monitor.drawing.map import Range, diagram_speeds
-from stickslip_monitor.drawing.palette import (
+from stickslip_monitor.drawing.canvas import (
     DASHES,
     FOLD,
     HOPF,
@@ -30,7 +28,12 @@ from stickslip_monitor.drawing.palette import (
     PAPER,
     REGIME_COLOUR,
     REGIME_FILL,
+    labelled,
+    legend_below,
+    span_words,
+    style,
 )
+from stickslip_monitor.drawing.map import Range, diagram_speeds
 from stickslip_monitor.monitor.assessment import Regime, assess
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.averaging.boundaries import (

@@ -17,15 +17,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.drawing.canvas import HEIGHT, WIDTH, labelled, legend_below, style
-from stickslip_monitor.drawing.palette import (
+from stickslip_monitor.drawing.canvas import (
     CAUTION_FILL,
     DASHES,
     FOLD,
+    HEIGHT,
     HOPF,
     MUTED,
     REGIME_COLOUR,
     REGIME_FILL,
+    WIDTH,
+    labelled,
+    legend_below,
+    style,
 )
 from stickslip_monitor.drawing.track import Track, draw_track
 from stickslip_monitor.monitor.assessment import Regime

@@ -13,8 +13,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IndexArray
-from stickslip_monitor.drawing.canvas import WIDTH, legend_above
-from stickslip_monitor.drawing.palette import CONDITION_COLOUR, CONDITION_NAMES, INK, MUTED, PAPER
+from stickslip_monitor.drawing.canvas import (
+    CONDITION_COLOUR,
+    CONDITION_NAMES,
+    INK,
+    MUTED,
+    PAPER,
+    WIDTH,
+    legend_above,
+)
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.offline.outline import Verdicts
 

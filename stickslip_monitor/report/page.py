@@ -17,9 +17,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from stickslip_monitor import __version__
-from stickslip_monitor.drawing.canvas import Pixels, drawn, heading, inline_svg, sheet, variable
+from stickslip_monitor.drawing.canvas import (
+    CONDITION_NAMES,
+    ON_DARK,
+    Pixels,
+    drawn,
+    heading,
+    inline_svg,
+    sheet,
+    variable,
+)
 from stickslip_monitor.drawing.map import draw_map
-from stickslip_monitor.drawing.palette import CONDITION_NAMES, ON_DARK
 from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
 from stickslip_monitor.drawing.track import Track, track_of_scan
 from stickslip_monitor.errors import ReportError

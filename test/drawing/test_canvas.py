@@ -18,11 +18,7 @@ import pytest
 
 from stickslip_monitor import Stribeck
 from stickslip_monitor.drawing.calibration import draw_calibration
-from stickslip_monitor.drawing.canvas import inline_svg, save_figure, variable
-from stickslip_monitor.drawing.diagram import draw_diagram
-from stickslip_monitor.drawing.friction_fit import draw_friction_fit
-from stickslip_monitor.drawing.map import draw_map
-from stickslip_monitor.drawing.palette import (
+from stickslip_monitor.drawing.canvas import (
     CAUTION_FILL,
     CONDITION_COLOUR,
     FOLD,
@@ -33,7 +29,13 @@ from stickslip_monitor.drawing.palette import (
     PAPER,
     REGIME_COLOUR,
     REGIME_FILL,
+    inline_svg,
+    save_figure,
+    variable,
 )
+from stickslip_monitor.drawing.diagram import draw_diagram
+from stickslip_monitor.drawing.friction_fit import draw_friction_fit
+from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.errors import DrawingError, OutputError
 from stickslip_monitor.lab.calibration.calibrate import Calibration, DipResult
 from stickslip_monitor.lab.calibration.dips import Dip, VibrationReport, path_of
