@@ -88,8 +88,6 @@ setup(
             'colcon-ros',
             'colcon-test-result',
             'distributed>=2024.1',
-            # Grafana's own models of a dashboard.
-            'grafana-foundation-sdk>=1; python_version >= "3.11"',
             'hypothesis>=6.60',
             'mpmath>=1.2',
             'numba>=0.57',

@@ -17,7 +17,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.lab.calibration.dips import BIN_NS, TelemetryBins, VibrationReport
+from stickslip_monitor.lab.calibration.evidence import BIN_NS, TelemetryBins, VibrationReport
 from stickslip_monitor.physics.averaging.closed_form import growth, speed_for_decline
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import Bearing

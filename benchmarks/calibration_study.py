@@ -26,11 +26,13 @@ from stickslip_monitor.lab.calibration.calibrate import (
     calibrate,
     dip_limit,
 )
-from stickslip_monitor.lab.calibration.dips import (
+from stickslip_monitor.lab.calibration.evidence import (
+    TRUST,
+    TRUTH_TOLERANCE,
     Dip,
+    alternating,
     cut_dips,
 )
-from stickslip_monitor.lab.calibration.evidence import TRUST, TRUTH_TOLERANCE, alternating
 from stickslip_monitor.lab.calibration.posterior import prior_of
 from stickslip_monitor.lab.calibration.recordings import courses_of
 from stickslip_monitor.lab.scenes.scene import load_scene

@@ -18,8 +18,8 @@ import aiohttp
 from benchmarks.table import NOT_INSTALLED, Table, absent
 from scripts.make_screenshot import CHROMIUM, Page, program
 from stickslip_monitor.commands.dashboard import watched
-from stickslip_monitor.dashboard.access import Access, listen
-from stickslip_monitor.dashboard.server import Server, make_runner
+from stickslip_monitor.dashboard.access import Access
+from stickslip_monitor.dashboard.server import Server
 from stickslip_monitor.dashboard.state import DashboardState
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME, load_config
@@ -66,17 +66,15 @@ async def _measure(bearings: int, rate: float, tabs: int, seconds: float) -> tup
     """Busy shares of the first tab's main thread and of this process."""
     config = _fleet(bearings)
     board = DashboardState([watched(config, f'/{NODE_NAME}')])
-    runner = make_runner(Server(board, Access()).application())
-    await runner.setup()
-    listening = await listen(runner, '127.0.0.1', 0)
+    server = Server(board, Access())
+    listening = await server.listen('127.0.0.1', 0)
     url = f'http://127.0.0.1:{listening.sockets[0].getsockname()[1]}/'
     feed = asyncio.create_task(_feed(config, board, rate))
     try:
         return await _watch(url, tabs, seconds)
     finally:
         feed.cancel()
-        listening.close()
-        await runner.cleanup()
+        await server.close()
 
 
 async def _feed(config: MonitorConfig, board: DashboardState, rate: float) -> None:

@@ -16,8 +16,14 @@ import numpy as np
 from benchmarks.reference import LOAD, bearing
 from benchmarks.table import Table, absent, duration, ratio
 from benchmarks.timing import in_turns
-from stickslip_monitor.lab.accuracy.method import MethodResult, breakaway, typical_period
-from stickslip_monitor.lab.accuracy.time_stepping import smoothed, switching, turning_points
+from stickslip_monitor.lab.accuracy.measurement import MethodResult
+from stickslip_monitor.lab.accuracy.time_stepping import (
+    breakaway,
+    smoothed,
+    switching,
+    turning_points,
+    typical_period,
+)
 from stickslip_monitor.physics.cycle.cycles import exact_cycle
 from stickslip_monitor.physics.motion.integrator import FAST, Drive, MotionState, integrate
 from stickslip_monitor.physics.oscillator import Bearing

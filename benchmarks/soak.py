@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import math
 import os
 import re
@@ -16,9 +15,8 @@ from pathlib import Path
 from benchmarks.live import subjects
 from benchmarks.reference import CONFIG, LOAD
 from benchmarks.table import Table
-from stickslip_monitor.monitor.alarms.live_alarms import LiveAlarms
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.monitor import Monitor
+from stickslip_monitor.monitor.session import Moment, NoLog, Session, Sink
 from stickslip_monitor.monitor.signals import Input
 
 RATE, SECONDS, SHORT = 1000.0, 600.0, 10.0
@@ -64,23 +62,23 @@ def _node(seconds: float) -> list[str]:
 def _day(hours: int) -> list[str]:
     """What a monitor in this process does with some hours of telemetry."""
     config = load_config(CONFIG)
-    monitor, (name,) = Monitor(config), (bearing.name for bearing in config.bearings)
-    log = logging.getLogger('soak')
-    alarms = LiveAlarms(config, lambda: 0, lambda record: None, log)
-    alarms.begin()
-    bearing, step_ns = monitor.bearings[name], 10**9 // (2 * DAY_RATE)
+    (name,) = (bearing.name for bearing in config.bearings)
+    session = Session(config, Sink(), NoLog(), lambda: 0)
+    session.begin()
+    step_ns = 10**9 // (2 * DAY_RATE)
     begin, before, count = time.process_time(), 0.0, 2 * DAY_RATE * HOUR * hours
     for number in range(1, count + 1):
         which, time_ns = number % 2, number * step_ns
         rpm = 40.0 - 25.0 * math.sin(4e-9 * math.pi * time_ns / HOUR)
         value = LOAD + number % 7 if which == Input.LOAD else rpm
-        alarms.feed(name, which, time_ns, bearing.update(which, time_ns, value))
+        now = Moment(time_ns, time_ns)
+        session.take(name, which, time_ns, value, now)
         if number % (2 * DAY_RATE) == 0:
-            alarms.advance(time_ns)
+            session.tick(now, time_ns)
         if number == count // (4 * hours):
             before = memory(os.getpid())
     spent, after = time.process_time() - begin, memory(os.getpid())
-    lost = count - int(bearing.gate.counts[:, 0].sum())
+    lost = count - int(session.monitor.bearings[name].counts[:, 0].sum())
     return [
         str(count),
         str(lost),

@@ -2,8 +2,8 @@
 """Infer a bearing's stability boundaries from recordings and reports of vibration.
 
 Evidence is an operator's CSV file (--reports: bearing, start, end, state, and as one likes
-tolerance [s] and trust), a topic with the level of vibration (--level), or else the level that is
-configured for the bearing, or where there is none the truth in simulated bags. The result is a
+tolerance [s] and trust), or else the level that is configured for the bearing, or where there is
+none the truth in simulated bags. The result is a
 file that `calibration:` in the bearing's configuration names; it holds for the readings of the
 same sensors, and is no measurement of friction. The exit code is 1 where a warning says that the
 result is worth less (no episode, a doubtful report, a surprise), and 2 for bad input.
@@ -24,7 +24,6 @@ from rich.markup import escape
 from rich.table import Table
 
 from stickslip_monitor import __version__
-from stickslip_monitor.bags.reader import Request
 from stickslip_monitor.commands.arguments import the_bearing
 from stickslip_monitor.commands.declared import (
     add_config,
@@ -38,8 +37,7 @@ from stickslip_monitor.commands.output import ProgressBar, add_json, console, js
 from stickslip_monitor.errors import ConfigurationError, cause, plural
 from stickslip_monitor.files import read_json, write_whole
 from stickslip_monitor.lab.calibration.calibrate import FLOOR, Calibration, calibrate
-from stickslip_monitor.lab.calibration.dips import Dip
-from stickslip_monitor.lab.calibration.evidence import read_reports
+from stickslip_monitor.lab.calibration.evidence import Dip, read_reports
 from stickslip_monitor.lab.calibration.posterior import Prior, prior_of
 from stickslip_monitor.lab.calibration.recordings import EvidenceSource
 from stickslip_monitor.lab.calibration.result import (
@@ -69,12 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_input(parser, 'bags', nargs='+', metavar='BAG', help='rosbag2 folder or .mcap file')
     add_config(parser)
     parser.add_argument('--bearing', help='which bearing, where several are configured')
-    source = parser.add_mutually_exclusive_group()
-    add_input(source, '--reports', metavar='CSV', help="an operator's reports of vibration")
-    source.add_argument('--level', metavar='TOPIC', help='a topic with the level of vibration')
-    parser.add_argument(
-        '--field', default='data', help='path to the number in its messages (default: data)'
-    )
+    add_input(parser, '--reports', metavar='CSV', help="an operator's reports of vibration")
     # The result of the last calibration may be renewed in its place.
     result = {'': CALIBRATION_SCHEMA.encode()}
     add_output(parser, '--output', '-o', marks=result, renews=True, help='write the result, JSON')
@@ -100,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigurationError(f'--forget {args.forget:g} must be from 0 to 1')
     whole = load_config(args.config)
     config = the_bearing(whole, args.bearing)
-    source = source_of(args.reports, args.level, args.field, whole)
+    source = source_of(args.reports, whole)
     earlier = _earlier(args.add, config)
     prior = _prior(args, config, earlier)
     with ProgressBar() as meter:
@@ -152,20 +145,10 @@ def _prior(
     return prior_with_bench(prior, args.bench, document)
 
 
-def source_of(
-    reports: str | None, level: str | None, field: str, config: MonitorConfig
-) -> EvidenceSource:
-    """Who tells when the bearings of a configuration vibrated.
-
-    Args:
-        reports: An operator's file, if any.
-        level: A topic with the level of vibration, if any.
-        field: The number in its messages.
-        config: The configuration.
-    """
+def source_of(reports: str | None, config: MonitorConfig) -> EvidenceSource:
+    """Who tells when the bearings of a configuration vibrated: an operator's file, if any."""
     names = [bearing.name for bearing in config.bearings]
-    told = None if reports is None else tuple(read_reports(reports, names))
-    return EvidenceSource(told, None if level is None else Request(level, field))
+    return EvidenceSource(None if reports is None else tuple(read_reports(reports, names)))
 
 
 def _dips(

@@ -40,7 +40,7 @@ from stickslip_monitor.files import open_file, printable, write_whole
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.ladder import Level
-from stickslip_monitor.monitor.messages import event_records, number
+from stickslip_monitor.monitor.messages import event_record, number
 from stickslip_monitor.offline.archive import Stamp, stamp_of
 from stickslip_monitor.offline.check import BearingReport, CheckReport, InputReport, check_bag
 from stickslip_monitor.offline.follow import scan_whole
@@ -256,7 +256,7 @@ def _source(text: str | None, config: MonitorConfig) -> EvidenceSource | None:
             ' configure level.topic'
         )
     told = None if text in ('level', 'truth') else text
-    return replace(source_of(told, None, 'data', config), true=text == 'truth')
+    return replace(source_of(told, config), true=text == 'truth')
 
 
 def _lessons(
@@ -484,7 +484,7 @@ def bag_record(bag: Bag) -> dict[str, Any]:
 
 def _bearing_record(item: BearingReport) -> dict[str, Any]:
     return {
-        'events': event_records(item.events),
+        'events': [event_record(event) for event in item.events],
         'seconds': {regime.value: seconds for regime, seconds in item.seconds.items()},
         'worst': {
             name: {'time': extreme.time_ns, 'value': number(extreme.value)}

@@ -204,11 +204,10 @@ def page_access(args: argparse.Namespace) -> Access:
 async def _serve(
     args: argparse.Namespace, config: MonitorConfig, board: DashboardState, access: Access
 ) -> None:
-    from stickslip_monitor.dashboard.server import Server, serve
+    from stickslip_monitor.dashboard.server import Server
 
     async def show(player: Replay | None) -> None:
-        application = Server(board, access, player).application()
-        await serve(application, board, args.host, args.port, say_address)
+        await Server(board, access, player).serve(args.host, args.port, say_address)
 
     if args.bag is None:
         monitors = {monitor.source: monitor for monitor in board.monitors}

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draw the published findings on stick-slip of a water-lubricated rubber bearing.
 
-Five pictures, each with the statement it reproduces and with a CSV file of its data beside it:
+Four pictures, each with the statement it reproduces and with a CSV file of its data beside it:
 amplitude against belt speed, against normal force and against the kinetic friction coefficient,
-stick-slip in time and in the phase plane, and the two friction curves. Without a configuration
-they are those of the reference bearing of the docs; another bearing needs a Stribeck law.
+and stick-slip in time and in the phase plane. Without a configuration they are those of the
+reference bearing of the docs; another bearing needs a Stribeck law.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from stickslip_monitor.commands.output import ProgressBar, console
 from stickslip_monitor.drawing.canvas import save_figure, write_csv
 from stickslip_monitor.drawing.finding_pictures import (
     draw_amplitudes,
-    draw_friction_laws,
     draw_motion,
 )
 from stickslip_monitor.errors import ConfigurationError, DrawingError
@@ -36,7 +35,6 @@ from stickslip_monitor.lab.findings import (
     REFERENCE_RPM,
     Sweep,
     check_point,
-    friction_curves,
     over_kinetic,
     over_load,
     over_speed,
@@ -185,27 +183,13 @@ def _motion(point: Point) -> _Finding:
         ' motion runs onto a limit cycle with a straight piece, the stick phase.'
     )
     summary = (
-        f'amplitude {history.exact_amplitude * 1e3:.6g} mm'
-        f' (KBM {history.averaged_amplitude * 1e3:.6g} mm), period {history.period * 1e3:.6g} ms,'
-        f' sticking {history.stick_fraction * 100:.3g} % of it'
+        f'amplitude {history.cycle.amplitude * 1e3:.6g} mm'
+        f' (KBM {history.averaged_amplitude * 1e3:.6g} mm), period'
+        f' {history.cycle.period * 1e3:.6g} ms,'
+        f' sticking {history.cycle.stick_fraction * 100:.3g} % of it'
     )
     draw = partial(draw_motion, history, statement, point.footnote)
     return _Finding(history.columns(), draw, summary)
-
-
-def _friction(point: Point) -> _Finding:
-    curves = friction_curves(point.bearing, point.load)
-    statement = (
-        'The two friction curves of the study: with Coulomb’s law friction in motion is constant;'
-        ' with the Stribeck law it falls with speed and feeds the vibration.'
-    )
-    summary = (
-        f'static {curves.law.static:g}, kinetic {curves.law.kinetic:g}, slope at the Hopf speed'
-        f' {curves.hopf_slope:.6g} s/m'
-    )
-    footnote = f'{point.name}, load {point.load:.6g} N'
-    draw = partial(draw_friction_laws, curves, statement, footnote)
-    return _Finding(curves.columns(), draw, summary)
 
 
 FINDINGS: Mapping[str, Callable[[Point], _Finding]] = {
@@ -213,5 +197,4 @@ FINDINGS: Mapping[str, Callable[[Point], _Finding]] = {
     'finding_2_load': _load,
     'finding_3_kinetic': _kinetic,
     'finding_4_motion': _motion,
-    'finding_5_friction': _friction,
 }

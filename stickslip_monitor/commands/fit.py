@@ -11,6 +11,7 @@ the curve cannot identify the law.
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -34,8 +35,13 @@ from stickslip_monitor.drawing.canvas import save_figure, write_csv
 from stickslip_monitor.drawing.friction_fit import draw_friction_fit
 from stickslip_monitor.errors import ConfigurationError, plural
 from stickslip_monitor.files import write_whole
-from stickslip_monitor.lab.friction_fit.curve_file import Columns, FrictionCurve, read_curve
-from stickslip_monitor.lab.friction_fit.fit import VISCOUS_LEVEL, StribeckFit, fit_stribeck
+from stickslip_monitor.lab.friction_fit.curve_file import NAMES, FrictionCurve, read_curve
+from stickslip_monitor.lab.friction_fit.fit import (
+    VISCOUS_LEVEL,
+    StribeckFit,
+    ViscousTest,
+    fit_stribeck,
+)
 from stickslip_monitor.lab.friction_fit.solve import UNITS
 from stickslip_monitor.lab.friction_fit.spread import BoundarySpread, Spread, boundary_spread
 from stickslip_monitor.monitor.config import BearingConfig
@@ -46,6 +52,7 @@ from stickslip_monitor.physics.oscillator import SPEED_UNITS
 _FEWEST_DRAWS, _MOST_DRAWS = 100, 1_000_000
 SCHEMA = 'stickslip_monitor/fit/1'
 FRAGMENT_MARK = '# Fitted to '
+_POINT = ('speed', 'coefficient', 'residual', 'weight')
 _SPREADS = {
     'hopf_speed': 'Hopf speed', 'fold_speed': 'fold speed',
     'hopf_margin': 'Hopf margin', 'fold_margin': 'fold margin',
@@ -55,7 +62,7 @@ _SPREADS = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_input(parser, 'curve', metavar='CURVE.csv', help='the measured curve')
-    for name in ('speed', 'coefficient', 'std', 'weight'):
+    for name in NAMES:
         parser.add_argument(f'--{name}-column', metavar='HEADING', help=f'column of the {name}')
     parser.add_argument(
         '--speed-unit', choices=SPEED_UNITS, help='unit of the speeds, if the heading has none'
@@ -136,9 +143,7 @@ def _bearings(args: argparse.Namespace) -> list[BearingConfig]:
 
 
 def _read(args: argparse.Namespace, bearings: list[BearingConfig]) -> FrictionCurve:
-    columns = Columns(
-        args.speed_column, args.coefficient_column, args.std_column, args.weight_column
-    )
+    columns = {name: getattr(args, f'{name}_column') for name in NAMES}
     diameters = {item.bearing.journal_diameter for item in bearings}
     diameter = args.journal_diameter
     if diameter is None and len(diameters) == 1:
@@ -181,6 +186,7 @@ def to_json(
     spreads: list[tuple[BearingConfig, BoundarySpread]],
 ) -> dict[str, Any]:
     """The fit as the documented JSON object."""
+    points = point_columns(fit)
     return {
         'schema': SCHEMA,
         'path': args.curve,
@@ -198,7 +204,10 @@ def to_json(
         'scale': fit.scale,
         'degrees_of_freedom': fit.degrees_of_freedom,
         'viscous': _viscous_json(fit, args.viscous),
-        'outliers': [_outlier_json(fit, k) for k in fit.outliers],
+        'outliers': [
+            {'line': int(fit.curve.line[k])} | {name: float(points[name][k]) for name in _POINT}
+            for k in fit.outliers
+        ],
         'warnings': list(fit.warnings),
         'fragment': fragment(args.curve, fit),
         'bearings': [_bearing_json(item, spread, args) for item, spread in spreads],
@@ -207,19 +216,13 @@ def to_json(
 
 def _viscous_json(fit: StribeckFit, asked: str) -> dict[str, Any]:
     test = fit.viscous_test
-    names = ('slope', 't_value', 'f_value', 'p_value', 'aicc_gain')
+    names = [field.name for field in fields(ViscousTest)]
     return {
         'asked': asked,
         'used': 'viscous' in fit.names,
         **{name: number(getattr(test, name)) if test else None for name in names},
         'sentence': viscous_sentence(fit, asked),
     }
-
-
-def _outlier_json(fit: StribeckFit, k: int) -> dict[str, Any]:
-    columns = point_columns(fit)
-    names = ('speed', 'coefficient', 'residual', 'weight')
-    return {'line': int(fit.curve.line[k])} | {name: float(columns[name][k]) for name in names}
 
 
 def _bearing_json(
@@ -238,10 +241,7 @@ def _bearing_json(
 
 
 def _spread_json(spread: Spread | None) -> dict[str, float | None] | None:
-    if spread is None:
-        return None
-    names = ('estimate', 'delta_error', 'median', 'low', 'high')
-    return {name: number(getattr(spread, name)) for name in names}
+    return None if spread is None else {k: number(v) for k, v in asdict(spread).items()}
 
 
 def fragment(source: str, fit: StribeckFit) -> str:

@@ -125,10 +125,10 @@ def _labelled(config: MonitorConfig, links: LinksConfig) -> MonitorConfig:
                 f'{bearing.name}.level.topic = {bearing.level.topic!r}: without --node only speed'
                 ' and load come from a bus, and no level; leave it out'
             )
-        for which in (Input.SPEED, Input.LOAD):
-            if (bearing.name, which) not in labels:
+        for place in (Input.SPEED, Input.LOAD):
+            if (bearing.name, place) not in labels:
                 raise ConfigurationError(
-                    f"{SECTION}: '{bearing.name}.{which.name.lower()}' is missing: without --node"
+                    f"{SECTION}: '{bearing.name}.{place.name.lower()}' is missing: without --node"
                     ' every input comes from a bus'
                 )
         speed = replace(bearing.speed, topic=labels[bearing.name, Input.SPEED])
@@ -236,12 +236,11 @@ def _board(args: argparse.Namespace, config: MonitorConfig) -> Iterator[Dashboar
 async def _serve(args: argparse.Namespace, board: DashboardState | None, feed: Feed) -> None:
     """Serve the page, or wait, until a signal comes."""
     if board is not None:
-        from stickslip_monitor.dashboard.server import Server, serve
+        from stickslip_monitor.dashboard.server import Server
 
         for monitor in board.monitors:
             monitor.act = feed.act
-        application = Server(board, page_access(args)).application()
-        await serve(application, board, args.host, args.port, say_address)
+        await Server(board, page_access(args)).serve(args.host, args.port, say_address)
         return
     stop, loop = asyncio.Event(), asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -263,7 +262,7 @@ def _monitor(
     """What takes samples, and what has to run for it."""
     if args.node is not None:
         with listen_to_nodes({args.node: feed}, args.diagnostics) as watcher:
-            from stickslip_monitor.ros.bridge import Bridge
+            from stickslip_monitor.ros.watcher import Bridge
 
             feed.act = partial(watcher.act, args.node)
             bridge = Bridge(watcher.node, args.node, config, links.labels)
@@ -289,7 +288,7 @@ def _clients(links: LinksConfig, side: MonitorSide) -> list[Client]:
     if links.signalk is not None:
         token = _token(links.signalk.token_file)
         inputs = SignalKInputs(links.signalk_inputs, _log.warning)
-        theirs = {item.bearing for item in links.signalk_inputs if item.which is Input.LOAD}
+        theirs = {item.bearing for item in links.signalk_inputs if item.place is Input.LOAD}
         own_load = [name for name in side.bearings if name not in theirs]
         clients.append(SignalKClient(links.signalk, token, inputs, own_load, side))
     if links.nmea is not None:

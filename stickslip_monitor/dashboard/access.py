@@ -7,14 +7,15 @@ anything must come from a page of ours, and where there is a token, whoever come
 
 from __future__ import annotations
 
-import asyncio
 import hashlib
 import hmac
 import ipaddress
+import math
 import secrets
 import stat
+import time
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -54,15 +55,12 @@ class Access:
 
     A session is a random number with its keyed hash: it outlives a restart and does not tell the
     token. Those that were ended are remembered until a restart; another token ends all.
-
-    Attributes:
-        token: What to know; empty where nothing is asked.
-        names: Host names, in lower case, under which this machine is known beside its addresses.
-        ended: The sessions that were ended, the oldest first.
     """
 
-    token: str = ''
+    token: str = ''  # what to know; empty where nothing is asked
+    # Host names, in lower case, under which this machine is known beside its addresses.
     names: Collection[str] = ()
+    # The sessions that were ended, the oldest first.
     ended: deque[str] = field(default_factory=lambda: deque(maxlen=_MOST_ENDED))
 
     def knows(self, token: str) -> bool:
@@ -95,23 +93,16 @@ class Access:
         if not self.token:
             return True
         kind, _, token = request.headers.get('Authorization', '').partition(' ')
-        if kind.lower() == 'bearer' and self.knows(token.strip()):
-            return True
-        return self.signed_in(request)
+        bearer = kind.lower() == 'bearer' and self.knows(token.strip())
+        return bearer or self.signed_in(request)
 
     def is_ours(self, host: str) -> bool:
         """Whether a Host header names this machine: an address, or a name it is known by."""
         try:
             name = (urlsplit(f'//{host}').hostname or '').rstrip('.')
+            return name in ('localhost', *self.names) or bool(ipaddress.ip_address(name))
         except ValueError:
             return False
-        if name == 'localhost' or name in self.names:
-            return True
-        try:
-            ipaddress.ip_address(name)
-        except ValueError:
-            return False
-        return True
 
 
 def same_origin(request: web.Request) -> bool:
@@ -181,114 +172,33 @@ async def add_headers(_: web.Request, response: web.StreamResponse) -> None:
         response.headers.setdefault(name, value)
 
 
-class _Door(asyncio.Protocol):
-    """Stands before the server's protocol, and knows when no request is being answered.
+class Connections:
+    """Ends connections on which nothing is asked: idle for too long, or the idlest of too many."""
 
-    Args:
-        inner: The server's own protocol of the connection.
-        others: All that are open, in the order in which they last did something.
-        most: See :data:`MOST_CONNECTIONS`.
-        idle: See :data:`IDLE` [s].
-    """
+    def __init__(self, most: int, idle: float) -> None:
+        self._most, self._idle = most, idle
+        # Since when nothing is asked on each; infinite while a request is being answered.
+        self._since: dict[Any, float] = {}
 
-    def __init__(self, inner: Any, others: dict[_Door, None], most: int, idle: float) -> None:
-        self._inner, self._others, self._most, self._idle = inner, others, most, idle
-        self._transport: asyncio.Transport | None = None
-        self._timer: asyncio.TimerHandle | None = None
-        self._busy = 0
+    def count(self) -> Middleware:
+        """The middleware that knows on which connections a request is being answered."""
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        if len(self._others) >= self._most:
-            idlest = next((each for each in self._others if not each._busy), None)
-            if idlest is None:
-                transport.abort()
-                return
-            idlest.close()
-        self._transport = transport
-        self._others[self] = None
-        self._wait()
-        self._inner.connection_made(transport)
+        @web.middleware
+        async def middleware(request: web.Request, handler: Handler) -> web.StreamResponse:
+            self._since[request.protocol] = math.inf
+            try:
+                return await handler(request)
+            finally:
+                self._since[request.protocol] = time.monotonic()
 
-    def connection_lost(self, exc: Exception | None) -> None:
-        self._stop()
-        self._others.pop(self, None)
-        if self._transport is not None:
-            self._inner.connection_lost(exc)
+        return middleware
 
-    def data_received(self, data: bytes) -> None:
-        self._inner.data_received(data)
-
-    def eof_received(self) -> bool | None:
-        return bool(self._inner.eof_received())
-
-    def pause_writing(self) -> None:
-        self._inner.pause_writing()
-
-    def resume_writing(self) -> None:
-        self._inner.resume_writing()
-
-    def count(self, change: int) -> None:
-        """One more request has come whole, or has been answered."""
-        self._busy += change
-        if self._others.pop(self, self) is None:
-            self._others[self] = None
-        self._wait()
-
-    def close(self) -> None:
-        """End the connection, whatever is under way."""
-        self._others.pop(self, None)
-        if self._transport is not None:
-            self._transport.abort()
-
-    def _wait(self) -> None:
-        """Close it when it has been idle for too long from now on."""
-        self._stop()
-        if not self._busy and self._transport is not None and not self._transport.is_closing():
-            self._timer = asyncio.get_running_loop().call_later(self._idle, self.close)
-
-    def _stop(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
-
-
-@web.middleware
-async def count_requests(request: web.Request, handler: Handler) -> web.StreamResponse:
-    """The middleware that tells a connection when a request is being answered."""
-    transport = request.transport
-    door = None if transport is None else transport.get_protocol()
-    if not isinstance(door, _Door):
-        return await handler(request)
-    door.count(1)
-    try:
-        return await handler(request)
-    finally:
-        door.count(-1)
-
-
-async def listen(
-    runner: web.AppRunner,
-    address: str,
-    port: int,
-    most: int = MOST_CONNECTIONS,
-    idle: float = IDLE,
-) -> asyncio.Server:
-    """Listen at an address; when there are too many connections the idlest goes.
-
-    Args:
-        runner: The server.
-        address: The address.
-        port: The port; 0 for any.
-        most: See :data:`MOST_CONNECTIONS`.
-        idle: See :data:`IDLE` [s].
-
-    Raises:
-        OSError: It cannot be listened at.
-        OverflowError: The port is none.
-    """
-    make, others = runner.server, dict[_Door, None]()
-    assert make is not None
-    return await asyncio.get_running_loop().create_server(
-        lambda: _Door(make(), others, most, idle), address, port, backlog=128
-    )
+    def sweep(self, connections: Iterable[Any]) -> None:
+        """End those of a server's connections that must."""
+        now = time.monotonic()
+        known = {each: self._since.get(each, now) for each in connections if each.transport}
+        self._since = known
+        too_many = len(known) - self._most
+        for number, (each, since) in enumerate(sorted(known.items(), key=lambda item: item[1])):
+            if now - since > self._idle or (number < too_many and since < math.inf):
+                each.transport.abort()

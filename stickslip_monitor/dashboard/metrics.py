@@ -19,8 +19,7 @@ from stickslip_monitor.dashboard.state import DashboardState
 from stickslip_monitor.dashboard.watched import NOT_MONITORING, WatchedMonitor
 from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
 from stickslip_monitor.monitor.assessment import Regime
-from stickslip_monitor.monitor.ladder import Condition
-from stickslip_monitor.monitor.level import MEASURED
+from stickslip_monitor.monitor.ladder import MEASURED, Condition
 
 GAUGES = {
     'rpm': ('shaft_speed_rpm', 'Speed of the shaft in revolutions a minute, negative astern.'),
@@ -52,23 +51,15 @@ PREFIX = 'stickslip_'
 _UP = 'Whether the monitor, every bearing and its list of alarms are heard (1) or not (0).'
 _SPACE = ['namespace']
 _BEARING = ['namespace', 'bearing']
-_ZERO_WITHOUT_A_CYCLE = ('amplitude', 'amplitude_exact')
 _CONDITIONS = ('waiting', NOT_MONITORING, *(condition.value for condition in Condition))
-_STATES: tuple[tuple[str, str, tuple[str, ...], str], ...] = (
-    ('condition', 'reason', _CONDITIONS, 'Whether the condition of the bearing is this one.'),
-    (
-        'regime',
-        'regime',
-        tuple(regime.value for regime in Regime),
-        'Whether the operating point is in this regime.',
-    ),
-    (
-        'measured',
-        'measured',
-        tuple(state.value for state in MEASURED),
-        'Whether this is what the measured vibration says.',
-    ),
+_REGIMES = tuple(regime.value for regime in Regime)
+_LEVELS = tuple(state.value for state in MEASURED)
+_STATES = (
+    ('condition', 'condition', 'reason', _CONDITIONS, 'Whether its condition is this one.'),
+    ('regime', 'regime', 'regime', _REGIMES, 'Whether its operating point is in this regime.'),
+    ('measured', 'state', 'measured', _LEVELS, 'Whether the measured vibration says this.'),
 )
+"""Metric, label, key in the record of a bearing, values, and what it means."""
 
 
 class Metrics(Collector):
@@ -91,7 +82,9 @@ class Metrics(Collector):
     def collect(self) -> Iterator[Metric]:
         """Every metric."""
         board = self._board
-        yield _single('dashboard_readers', 'Pages that are open.', len(board.hub.readers))
+        yield _family(
+            'dashboard_readers', 'Pages that are open.', [], [([], len(board.hub.readers))]
+        )
         if board.links:
             text, links = "Whether a link to the ship's buses works.", board.links.items()
             yield _family('link_up', text, ['link'], [([name], up) for name, up in links])
@@ -110,13 +103,13 @@ class Metrics(Collector):
 
 def _presence(board: DashboardState, missing: set[str]) -> Iterator[Metric]:
     monitors = board.monitors
-    ups = [(_space(m), m.there and not board.finished) for m in monitors]
+    ups = [((m.namespace,), m.there and not board.finished) for m in monitors]
     yield _family('monitor_up', _UP, _SPACE, ups)
     yield _family(
         'monitor_silence_seconds',
         'Time since anything was heard of the monitor.',
         _SPACE,
-        [(_space(m), m.silent_for) for m in monitors if m.silent_for is not None],
+        [((m.namespace,), m.silent_for) for m in monitors if m.silent_for is not None],
     )
     pairs = [(m, name, own.key) for m in monitors for name, own in m.bearings.items()]
     yield _family(
@@ -131,14 +124,10 @@ _Known = list[tuple[tuple[str, str], dict[str, Any]]]
 # Of each bearing that is heard its labels, and its record.
 
 
-def _space(monitor: WatchedMonitor) -> tuple[str]:
-    return (monitor.namespace,)
-
-
 def _bearings(known: _Known) -> Iterator[Metric]:
     for key, (name, text) in GAUGES.items():
         # Where no cycle exists at an operating point its amplitude is 0.
-        none = 0.0 if key in _ZERO_WITHOUT_A_CYCLE else None
+        none = 0.0 if key in ('amplitude', 'amplitude_exact') else None
         values = [(n, none if r[key] is None and r['regime'] else r[key]) for n, r in known]
         yield _family(name, text, _BEARING, [(n, v) for n, v in values if v is not None])
     yield _family(
@@ -153,10 +142,10 @@ def _bearings(known: _Known) -> Iterator[Metric]:
         _BEARING,
         [(n, r['held_until'] is not None) for n, r in known],
     )
-    for name, key, states, text in _STATES:
+    for name, label, key, states, text in _STATES:
         own = [(n, r[key]) for n, r in known if r[key] is not None]
         flags = [((*n, state), now == state) for n, now in own for state in states]
-        yield _family(name, text, [*_BEARING, name if name != 'measured' else 'state'], flags)
+        yield _family(name, text, [*_BEARING, label], flags)
     yield from _inputs([((*n, name), own) for n, r in known for name, own in r['inputs'].items()])
 
 
@@ -207,11 +196,7 @@ def _alarms(monitors: list[WatchedMonitor]) -> Iterator[Metric]:
         [((*names, s.value), a['state'] == s.value) for names, a in alarms for s in AlarmState],
     )
     for name, (text, value) in _OF_ALARMS.items():
-        yield _family(name, text, _SPACE, [(_space(m), value(r)) for m, r in records])
-
-
-def _single(name: str, text: str, value: float) -> Metric:
-    return GaugeMetricFamily(f'{PREFIX}{name}', text, value=float(value))
+        yield _family(name, text, _SPACE, [((m.namespace,), value(r)) for m, r in records])
 
 
 def _family(

@@ -7,14 +7,12 @@ import asyncio
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from heapq import merge
-from typing import Any
+from typing import Any, NamedTuple
 
 from stickslip_monitor.bags.reader import Request, Series, open_bag
 from stickslip_monitor.dashboard.state import DashboardState
 from stickslip_monitor.errors import BagError, ConfigurationError
-from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.input_watch import Graph
 from stickslip_monitor.monitor.session import Moment, NoLog, Session, Shown
@@ -24,15 +22,14 @@ _SHOWN_EVERY = 0.2
 _TURN = 0.01
 
 
-@dataclass(frozen=True, slots=True)
-class _Sample:
-    """A number of the recording: when it was recorded, when it was measured [ns], its place."""
+class _Sample(NamedTuple):
+    """A number of the recording, when it was recorded, and when it was measured [ns]."""
 
+    number: int
     log_ns: int
     stamp_ns: int
-    place: int
     bearing: str
-    input: Input
+    place: Input
     value: float
 
 
@@ -43,8 +40,6 @@ class Replay:
     monitor can.
 
     Args:
-        path: The recording.
-        config: The configuration.
         rate: How much faster than recorded.
         board: What is fed; its one monitor is that of the recording.
 
@@ -60,7 +55,6 @@ class Replay:
             raise ConfigurationError(f'--rate {rate:g} must be a number above 0')
         self._config, self._rate, self._board = config, rate, board
         (self._shown,) = board.monitors
-        self._shown.act = self.act
         self._samples = list(_samples(path, config))
         if not self._samples:
             raise BagError(f"bag '{path}' has no sample of the configured inputs")
@@ -75,6 +69,7 @@ class Replay:
         """Stand before the first sample, with a monitor that knows nothing."""
         sink = Shown(self._shown)
         self._session = Session(self._config, sink, NoLog(), lambda: self._log_ns, None, Graph())
+        self._shown.act = self._session.act
         self._next = 0
         self._log_ns = self._start_ns
         # How far the clock of the samples is from the recorder's, bearing by bearing [ns].
@@ -92,10 +87,6 @@ class Replay:
         """How far it should have come by now [ns]."""
         passed = 0.0 if self._paused else (time.monotonic() - self._since) * self._rate
         return min(self._from_ns + round(passed * 1e9), self._start_ns + self._length_ns)
-
-    def act(self, request: ActionRequest) -> None:
-        """Do what a person asks for."""
-        self._session.act(request)
 
     def hold(self, paused: bool) -> None:
         """Stand still, or go on."""
@@ -170,10 +161,10 @@ class Replay:
         return Moment(self._log_ns, self._log_ns)
 
     def _take(self, sample: _Sample) -> None:
-        name, time_ns = sample.bearing, sample.stamp_ns
-        update = self._session.take(name, sample.input, time_ns, sample.value, self._now())
-        if update.status.believed and sample.input != Input.LEVEL:
-            self._ahead_ns[name] = time_ns - sample.log_ns
+        _, log_ns, time_ns, name, place, value = sample
+        update = self._session.take(name, place, time_ns, value, self._now())
+        if update.status.believed and place != Input.LEVEL:
+            self._ahead_ns[name] = time_ns - log_ns
 
     def _show(self) -> None:
         self._session.show(self._now())
@@ -190,18 +181,17 @@ class Replay:
 
 def _samples(path: str, config: MonitorConfig) -> Iterator[_Sample]:
     """The numbers of a recording in its order."""
-    bag = open_bag(path)
     sources = [
-        (b.name, which, Request(source.topic, source.field_text, source.type))
+        (b.name, place, Request(source.topic, source.field_text, source.type))
         for b in config.bearings
-        for which, source in zip(Input, b.inputs.values(), strict=False)
+        for place, source in zip(Input, b.inputs.values(), strict=False)
     ]
-    series = bag.read({request for *_, request in sources})
-    own = [_column(name, which, series[request]) for name, which, request in sources]
-    return merge(*own, key=lambda sample: sample.place)
+    series = open_bag(path).read({request for *_, request in sources})
+    own = [_column(name, place, series[request]) for name, place, request in sources]
+    return merge(*own, key=lambda sample: sample.number)
 
 
-def _column(name: str, which: Input, series: Series) -> Iterator[_Sample]:
-    columns = (series.log_time_ns, series.stamp_ns, series.sequence, series.value)
-    for log_ns, stamp_ns, place, value in zip(*(c.tolist() for c in columns), strict=True):
-        yield _Sample(log_ns, stamp_ns, place, name, which, value)
+def _column(name: str, place: Input, series: Series) -> Iterator[_Sample]:
+    columns = (series.sequence, series.log_time_ns, series.stamp_ns, series.value)
+    for number, log_ns, stamp_ns, value in zip(*(c.tolist() for c in columns), strict=True):
+        yield _Sample(number, log_ns, stamp_ns, name, place, value)

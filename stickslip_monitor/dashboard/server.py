@@ -19,11 +19,12 @@ from aiohttp.http_exceptions import HttpProcessingError
 
 from stickslip_monitor.dashboard.access import (
     COOKIE,
+    IDLE,
+    MOST_CONNECTIONS,
     Access,
+    Connections,
     add_headers,
-    count_requests,
     guard,
-    listen,
 )
 from stickslip_monitor.dashboard.metrics import Metrics
 from stickslip_monitor.dashboard.state import DashboardState
@@ -40,6 +41,8 @@ HEARTBEAT = 5.0
 """A stream is never silent for longer [s], so that both ends notice when the other has gone."""
 STALLED = 30.0
 """A reader that takes nothing for so long is let go [s]."""
+SWEEP = 0.1
+"""How often is looked for connections on which nothing is asked [s]."""
 PATIENCE = 3.0
 """How long an action may take [s]."""
 LARGEST_REQUEST = 4096
@@ -70,11 +73,7 @@ class Server:
     """The dashboard's handlers.
 
     Args:
-        board: What is shown.
-        access: Who may come in.
         player: What plays the recording; ``None`` but for a replay.
-        heartbeat: See :data:`HEARTBEAT` [s].
-        stalled: See :data:`STALLED` [s].
     """
 
     def __init__(
@@ -84,30 +83,107 @@ class Server:
         player: Replay | None = None,
         heartbeat: float = HEARTBEAT,
         stalled: float = STALLED,
+        most: int = MOST_CONNECTIONS,
+        idle: float = IDLE,
     ) -> None:
         self._board, self._access, self._player = board, access, player
         self._heartbeat, self._stalled = heartbeat, stalled
         self._metrics = Metrics(board)
+        self._connections = Connections(most, idle)
+        self._listening: asyncio.Server | None = None
 
     def application(self) -> web.Application:
         """The application to serve."""
         app = web.Application(
-            middlewares=[count_requests, guard(self._access)], client_max_size=LARGEST_REQUEST
+            middlewares=[self._connections.count(), guard(self._access)],
+            client_max_size=LARGEST_REQUEST,
         )
         for path, body, kind in page_files():
             app.router.add_get(path, _file(body, kind))
-        app.router.add_post('/login', self._login)
-        app.router.add_post('/logout', self._logout)
-        app.router.add_get('/events', self._events)
-        app.router.add_post('/act', self._act)
-        app.router.add_get('/metrics', self._scrape)
-        app.router.add_get('/history', self._history)
-        app.router.add_get('/log.csv', self._log)
-        if self._player is not None:
-            app.router.add_post('/replay', self._replay)
+        app.add_routes(
+            [
+                web.post('/login', self._login),
+                web.post('/logout', self._logout),
+                web.get('/events', self._events),
+                web.post('/act', self._act),
+                web.get('/metrics', self._scrape),
+                web.get('/history', self._history),
+                web.get('/log.csv', self._log),
+                *([web.post('/replay', self._replay)] if self._player is not None else []),
+            ]
+        )
         app.on_response_prepare.append(add_headers)
-        app.on_shutdown.append(self._end_streams)
+
+        async def end_streams(_: web.Application) -> None:
+            self._board.hub.close()
+
+        app.on_shutdown.append(end_streams)
         return app
+
+    async def listen(self, address: str, port: int) -> asyncio.Server:
+        """Listen at an address until :meth:`close`; port 0 stands for any that is free.
+
+        There is no access log, which would fill up with a line for every scrape and says who reads
+        what; and what is no HTTP, as a port scan sends it, is refused without a word in the log.
+
+        Raises:
+            DashboardError: The address cannot be listened at.
+        """
+        log, loop = logging.getLogger(f'{__name__}.http'), asyncio.get_running_loop()
+        log.addFilter(
+            lambda r: not (r.exc_info and isinstance(r.exc_info[1], HttpProcessingError))
+        )
+        self._runner = web.AppRunner(
+            self.application(), access_log=None, shutdown_timeout=2.0, logger=log
+        )
+        await self._runner.setup()
+        protocols = self._runner.server
+        assert protocols is not None
+        try:
+            listening = await loop.create_server(protocols, address, port, backlog=128)
+        except (OSError, OverflowError) as error:
+            reason = getattr(error, 'strerror', None) or error
+            raise DashboardError(f'cannot listen at {address} port {port}: {reason}') from error
+
+        def sweep() -> None:
+            self._connections.sweep(protocols.connections)
+            if listening.is_serving():
+                loop.call_later(SWEEP, sweep)
+
+        sweep()
+        self._listening = listening
+        return listening
+
+    async def close(self) -> None:
+        """Listen no more, and end all streams."""
+        if self._listening is not None:
+            self._listening.close()
+        await self._runner.cleanup()
+
+    async def serve(self, address: str, port: int, started: Callable[[str], None]) -> None:
+        """Serve until a signal comes.
+
+        Args:
+            address: Address to listen at.
+            port: Port; 0 for any that is free.
+            started: Called with the address of the page once it can be opened.
+
+        Raises:
+            DashboardError: The address cannot be listened at.
+        """
+        stop = asyncio.Event()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            asyncio.get_running_loop().add_signal_handler(number, stop.set)
+        try:
+            listening = await self.listen(address, port)
+            host, own = listening.sockets[0].getsockname()[:2]
+            started(f'http://[{host}]:{own}/' if ':' in host else f'http://{host}:{own}/')
+            while not stop.is_set():
+                self._board.tick()
+                with contextlib.suppress(asyncio.TimeoutError):
+                    await asyncio.wait_for(stop.wait(), 0.5)
+        finally:
+            await self.close()
 
     async def _login(self, request: web.Request) -> web.Response:
         try:
@@ -148,19 +224,16 @@ class Server:
             event = b'retry: 1000\n\n' + hub.event('state', state)
             while not reader.closed:
                 await asyncio.wait_for(response.write(event), self._stalled)
-                event = await self._next(reader.take)
+                try:
+                    event = await asyncio.wait_for(reader.take(), self._heartbeat)
+                except asyncio.TimeoutError:
+                    event = hub.event('beat', self._board.monitor())
         except (ConnectionError, asyncio.TimeoutError):
             if request.transport is not None:
                 request.transport.abort()
         finally:
             hub.leave(reader)
         return response
-
-    async def _next(self, take: Callable[[], Any]) -> bytes:
-        try:
-            return bytes(await asyncio.wait_for(take(), self._heartbeat))
-        except asyncio.TimeoutError:
-            return self._board.hub.event('beat', self._board.monitor())
 
     async def _act(self, request: web.Request) -> web.Response:
         asked = await _asked(request, self._action)
@@ -202,9 +275,6 @@ class Server:
     async def _scrape(self, request: web.Request) -> web.Response:
         body, kind = self._metrics.text(request.headers.get('Accept', ''))
         return web.Response(body=body, headers={'Content-Type': kind})
-
-    async def _end_streams(self, _: web.Application) -> None:
-        self._board.hub.close()
 
 
 def _file(body: bytes, kind: str) -> Callable[[web.Request], Any]:
@@ -255,64 +325,3 @@ def _text(done: bool, text: str) -> str:
 
 def _answer(code: int, text: str) -> web.Response:
     return web.Response(text=_text(code == 200, text), status=code, content_type=_JSON)
-
-
-def make_runner(application: web.Application) -> web.AppRunner:
-    """What runs the application.
-
-    It has no access log, which would fill up with a line for every scrape and says who reads what;
-    and what is no HTTP, as a port scan sends it, is refused without a word in the log.
-    """
-    log = logging.getLogger(f'{__name__}.http')
-    log.addFilter(_is_own_fault)
-    return web.AppRunner(application, access_log=None, shutdown_timeout=2.0, logger=log)
-
-
-def _is_own_fault(record: logging.LogRecord) -> bool:
-    return not (record.exc_info and isinstance(record.exc_info[1], HttpProcessingError))
-
-
-async def serve(
-    application: web.Application,
-    board: DashboardState,
-    address: str,
-    port: int,
-    started: Callable[[str], None],
-) -> None:
-    """Serve until a signal comes.
-
-    Args:
-        application: What to serve.
-        board: What is shown, for its sense of time.
-        address: Address to listen at.
-        port: Port; 0 for any that is free.
-        started: Called with the address of the page once it can be opened.
-
-    Raises:
-        DashboardError: The address cannot be listened at.
-    """
-    stop = asyncio.Event()
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, stop.set)
-    runner = make_runner(application)
-    await runner.setup()
-    try:
-        try:
-            listening = await listen(runner, address, port)
-        except (OSError, OverflowError) as error:
-            reason = getattr(error, 'strerror', None) or error
-            raise DashboardError(f'cannot listen at {address} port {port}: {reason}') from error
-        started(_url(listening))
-        while not stop.is_set():
-            board.tick()
-            with contextlib.suppress(asyncio.TimeoutError):
-                await asyncio.wait_for(stop.wait(), 0.5)
-        listening.close()
-    finally:
-        await runner.cleanup()
-
-
-def _url(listening: asyncio.Server) -> str:
-    host, port = listening.sockets[0].getsockname()[:2]
-    return f'http://[{host}]:{port}/' if ':' in host else f'http://{host}:{port}/'

@@ -11,15 +11,17 @@ import asyncio
 import csv
 import io
 import json
+import math
 import time
 from collections.abc import Iterable
 from datetime import datetime, timezone
 from itertools import islice
-from typing import Any, Protocol
+from typing import Any
 
 from stickslip_monitor.dashboard.watched import COLUMNS, Watched, WatchedMonitor
 from stickslip_monitor.errors import DashboardError, StickslipError
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
+from stickslip_monitor.state_file import StateWriter
 
 PAGE_SCHEMA = 'stickslip_monitor/dashboard/3'
 KEPT = 5000
@@ -35,18 +37,6 @@ KEPT_READERS = 12
 """Of these so many are kept for people who have signed in, however many programs listen."""
 
 
-class LogStore(Protocol):
-    """Keeps one document over a restart, and tries again where it cannot."""
-
-    fault: str
-
-    def read(self) -> Any:
-        """The document; ``None`` where there is none yet."""
-
-    def write(self, document: Any) -> None:
-        """Have a new document written in the place of the old one."""
-
-
 class EventLog:
     """The newest entries, oldest first; each is there once, however often it is told.
 
@@ -56,9 +46,9 @@ class EventLog:
         store: What keeps the entries over a restart; ``None`` for nothing.
     """
 
-    def __init__(self, store: LogStore | None = None) -> None:
+    def __init__(self, store: StateWriter | None = None) -> None:
         self._entries: dict[tuple[Any, ...], dict[str, Any]] = {}
-        self._store: LogStore | None = None
+        self._store: StateWriter | None = None
         if store is not None:
             document = store.read()
             known = document.get('entries') if isinstance(document, dict) else None
@@ -75,7 +65,7 @@ class EventLog:
         before = len(self._entries)
         checked = [entry for entry in map(_checked, entries) if entry is not None]
         for entry in checked:
-            self._entries.setdefault(_key(entry), entry)
+            self._entries.setdefault(tuple(entry.values()), entry)
         new = len(self._entries) > before
         while len(self._entries) > KEPT:
             del self._entries[next(iter(self._entries))]
@@ -102,10 +92,6 @@ class EventLog:
         return text.getvalue()
 
 
-def _key(entry: dict[str, Any]) -> tuple[Any, ...]:
-    return entry['time'], *(entry[key] for key in LOG_TEXTS)
-
-
 def _checked(entry: Any) -> dict[str, Any] | None:
     """An entry with a time [ms] or ``None``, and texts that are not too long."""
     if not isinstance(entry, dict):
@@ -116,10 +102,10 @@ def _checked(entry: Any) -> dict[str, Any] | None:
 
 
 def _iso(time_ms: int | None) -> str:
-    if time_ms is None:
-        return ''
     try:
-        when = datetime.fromtimestamp(time_ms / 1000.0, timezone.utc)
+        when = datetime.fromtimestamp(
+            (math.nan if time_ms is None else time_ms) / 1000.0, timezone.utc
+        )
     except (OverflowError, ValueError, OSError):
         return ''
     return when.isoformat(timespec='milliseconds').replace('+00:00', 'Z')
@@ -173,10 +159,7 @@ class Hub:
         self.readers: set[Reader] = set()
 
     def join(self, signed_in: bool = True) -> Reader:
-        """A new reader.
-
-        Args:
-            signed_in: Whether it is somebody who has signed in at the page.
+        """A new reader, who has signed in at the page or not.
 
         Raises:
             DashboardError: There are too many.
@@ -198,13 +181,7 @@ class Hub:
             reader.close()
 
     def send(self, kind: str, document: dict[str, Any], key: str = '') -> None:
-        """Give an event to every reader.
-
-        Args:
-            kind: Its name.
-            document: What it says.
-            key: What tells it from others of that name that do not replace it.
-        """
+        """Give an event to every reader; the key tells it from others of its kind."""
         event = self.event(kind, document)
         for reader in self.readers:
             reader.put(f'{kind} {key}', event)
@@ -221,13 +198,9 @@ class DashboardState:
 
     Args:
         monitors: The monitors; no two of them in one namespace.
-        replay: Whether they come from a recording.
         log: What happened; one of its own that keeps nothing if ``None``.
 
     Attributes:
-        monitors: The monitors.
-        hub: Who is told of what is new.
-        log: What happened.
         links: Of each of the ship's buses whether it works, where buses are watched.
         playing: Of a replay where it is; ``None`` for none.
         finished: Whether the recording is over.
@@ -290,7 +263,9 @@ class DashboardState:
         return [text for text in (*(monitor.notice() for monitor in self.monitors), log) if text]
 
     def _take(self, kind: str, document: dict[str, Any], key: str) -> None:
-        self.hub.send(kind, self._alarms() if kind == 'alarms' else document, key)
+        if kind == 'alarms':
+            document = {'alarms': self.alarms, 'log': self.log.latest()}
+        self.hub.send(kind, document, key)
         self._tell()
 
     def play(self, place: dict[str, Any]) -> None:
@@ -358,16 +333,14 @@ class DashboardState:
                 for own in monitor.bearings.values()
             ],
             'replay': self.playing,
-            **self._alarms(),
+            'alarms': self.alarms,
+            'log': self.log.latest(),
         }
 
     def history(self, bearing: str) -> dict[str, Any] | None:
         """The last ten minutes of a bearing, oldest first; ``None`` where there is none."""
         own = self.bearings.get(bearing)
         return None if own is None else {'columns': COLUMNS, 'rows': list(own.history)}
-
-    def _alarms(self) -> dict[str, Any]:
-        return {'alarms': self.alarms, 'log': self.log.latest()}
 
     async def ask(self, request: ActionRequest, patience: float) -> int:
         """Hand a request on to every monitor that it concerns and wait for what comes of it.
@@ -383,8 +356,12 @@ class DashboardState:
             DashboardError: There is nothing to do, or nothing came of it in time.
             StickslipError: It cannot be handed on.
         """
-        owners = [m for m in self.monitors if self._owns(m, request)]
-        asked = [m for m in owners if m.alarms is None or m.concerned(request)]
+        asked = [
+            m
+            for m in self.monitors
+            if request.bearing in (None, *(own.key for own in m.bearings.values()))
+            and (m.alarms is None or m.concerned(request))
+        ]
         if not asked:
             raise DashboardError(f'there is nothing to {request.action}')
         counts = await asyncio.gather(
@@ -394,7 +371,3 @@ class DashboardState:
             if isinstance(each, StickslipError):
                 raise each
         return sum(count for count in counts if isinstance(count, int))
-
-    def _owns(self, monitor: WatchedMonitor, request: ActionRequest) -> bool:
-        keys = {own.key for own in monitor.bearings.values()}
-        return request.bearing is None or request.bearing in keys

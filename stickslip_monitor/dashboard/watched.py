@@ -74,11 +74,7 @@ def _texts(value: Any) -> list[str]:
 
 
 def _fields(document: Any, readers: Mapping[str, Reader]) -> dict[str, Any]:
-    """The fields of a document that have a reader.
-
-    Raises:
-        ValueError: It is none, or lacks what must be there.
-    """
+    """The fields of a document that have a reader; ValueError where one that must be is not."""
     own = _must(dict)(document)
     return {name: read(own.get(name)) for name, read in readers.items()}
 
@@ -134,10 +130,7 @@ _ALARMS: dict[str, Reader] = {
 
 
 def checked_record(document: Any) -> dict[str, Any] | None:
-    """The record of a bearing for the page, times in milliseconds; ``None`` where it is none.
-
-    A number without a value is ``None``; so is what is no number.
-    """
+    """The record of a bearing for the page, times in milliseconds; ``None`` where it is none."""
     try:
         return _fields(document, _RECORD)
     except ValueError:
@@ -214,59 +207,39 @@ def _row(record: dict[str, Any]) -> Row:
 
 @dataclass(frozen=True, slots=True)
 class BearingView:
-    """What the page is told of a bearing once.
-
-    Attributes:
-        name: Name of the bearing.
-        rpm: Shaft speed at a surface speed of 1 m/s [rpm].
-        speeds, loads: Ends of the stability map [m/s], [N].
-        curves: What divides it: ``speed``, rising [m/s], and for each the load from which the fold
-            margin is below the ``caution`` margin, a cycle exists (``fold``), and the equilibrium
-            is unstable (``hopf``) [N]; ``None`` where there is no such load.
-        caution_margin: Fold margin below which the alarm says caution.
-        amplitude_limit: Amplitude that raises the amplitude alarm [m]; ``None`` for none.
-        topics: Where speed and load are read, by quantity.
-        wider: Makes the view anew with a map that goes up to a load [N], and to a speed [m/s] and
-            the fold at that load.
-    """
+    """What the page is told of a bearing once."""
 
     name: str
-    rpm: float
-    speeds: tuple[float, float]
-    loads: tuple[float, float]
+    rpm: float  # shaft speed at a surface speed of 1 m/s [rpm]
+    speeds: tuple[float, float]  # ends of the stability map [m/s]
+    loads: tuple[float, float]  # the same of its other axis [N]
+    # What divides it: ``speed``, rising [m/s], and for each the load from which the fold margin is
+    # below the ``caution`` margin, a cycle exists (``fold``), and the equilibrium is unstable
+    # (``hopf``) [N]; ``None`` where there is no such load.
     curves: dict[str, list[float | None]]
-    caution_margin: float
+    caution_margin: float  # fold margin below which the alarm says caution
+    # Amplitude that raises the amplitude alarm [m]; ``None`` for none.
     amplitude_limit: float | None
-    topics: dict[str, str]
+    topics: dict[str, str]  # where speed and load are read, by quantity
+    # Makes the view anew with a map that goes up to a load [N], and to a speed [m/s] and the fold
+    # at that load.
     wider: Callable[[float, float], BearingView] | None = None
 
 
 @dataclass(slots=True)
 class Watched:
-    """A bearing: what is shown of it, and what was heard.
+    """A bearing: what is shown of it, and what was heard."""
 
-    Attributes:
-        key: Its name with the namespace of its node, as the page knows it: ``port/aft``.
-        view: What the page is told of it once.
-        record: The newest, for the page; ``None`` before it came.
-        history: The last ten minutes, a row a second.
-        at: When the newest came [s].
-        fitted: Whether the map is made for an operating point.
-    """
-
-    key: str
-    view: BearingView
-    record: dict[str, Any] | None = None
+    key: str  # its name with the namespace of its node, as the page knows it: ``port/aft``
+    view: BearingView  # what the page is told of it once
+    record: dict[str, Any] | None = None  # the newest, for the page; ``None`` before it came
+    # The last ten minutes, a row a second.
     history: deque[Row] = field(default_factory=lambda: deque(maxlen=SPAN // STEP))
-    at: float | None = None
-    fitted: bool = False
+    at: float | None = None  # when the newest came [s]
+    fitted: bool = False  # whether the map is made for an operating point
 
     def take(self, record: dict[str, Any], now: float) -> None:
-        """Take a new record.
-
-        In the history it replaces one of the same second. Where the clock has stepped back, what
-        lies in its future is dropped.
-        """
+        """Take a new record; in the history it replaces those of its second, and of its future."""
         row, rows = _row(record), self.history
         self.record, self.at = record | {'row': row}, now
         while rows and rows[-1][0] // STEP >= row[0] // STEP:
@@ -274,11 +247,6 @@ class Watched:
         while rows and rows[0][0] < row[0] - SPAN:
             rows.popleft()
         rows.append(row)
-
-    @property
-    def idle(self) -> bool:
-        """Whether the node says that nobody watches the bearing."""
-        return self.record is not None and self.record['reason'] == NOT_MONITORING
 
     def map(self) -> dict[str, Any]:
         """The stability map for the page."""
@@ -324,21 +292,17 @@ class WatchedMonitor:
 
     Args:
         source: Where it comes from, for a person: the node's full name, or the recording's.
-        views: Its bearings.
         space: Namespace of its node, without slashes around it; empty for none.
-        replay: Whether it comes from a recording.
         shelve_time: For how long an alarm is shelved [s].
         clock: Time that never steps [s].
 
     Attributes:
-        bearings: Its bearings by their own names.
         alarms: The newest list of alarms for the page; ``None`` before it came.
         act: Hands a request on to it; what comes of it arrives by :meth:`take_alarms`.
         told: Called with what is new for the page: kind, document, and what tells it from others.
-        log: Takes entries of the log.
     """
 
-    act: Callable[[ActionRequest], None]
+    act: Callable[[ActionRequest], object]
     told: Send
     log: Callable[[list[dict[str, Any]]], None]
 
@@ -431,8 +395,10 @@ class WatchedMonitor:
         return f'{self.source}: {text}' if level and self.heard and not self._idle() else ''
 
     def _idle(self) -> bool:
+        """Whether the node says that nobody watches its bearings."""
+        records = [own.record for own in self.bearings.values() if own.record is not None]
         told = self.alarms is not None and not self.alarms['monitoring']
-        return told or any(own.idle for own in self.bearings.values())
+        return told or any(record['reason'] == NOT_MONITORING for record in records)
 
     def take_record(self, document: Any) -> None:
         """The record of a bearing has come; what is none, or of an unknown one, is ignored."""
@@ -444,8 +410,8 @@ class WatchedMonitor:
             self._remember(self._foreign, self.key(record['bearing']))
             return
         self._heard_at = self._clock()
-        record['text'] = self._full(record['bearing'], record['text'])
-        own.take(record | {'bearing': own.key}, self._heard_at)
+        self._name_fully(record)
+        own.take(record, self._heard_at)
         assert own.record is not None
         self.told('status', own.record, own.key)
 
@@ -459,8 +425,7 @@ class WatchedMonitor:
         if record is None:
             return
         for each in (*record['alarms'], *record['rows'], *record['changes']):
-            each['text'] = self._full(each['bearing'], each['text'])
-            each['bearing'] = self.key(each['bearing'])
+            self._name_fully(each)
         self.alarms, self._listed_at = record, self._clock()
         for alarm in document['alarms']:
             if alarm['bearing'] not in self.bearings:
@@ -469,17 +434,26 @@ class WatchedMonitor:
         self.log(sorted(entries, key=lambda entry: entry['time'] or 0))
         self.told('alarms', {}, '')
         for request, done in self._expected:
-            if not done.done() and (count := _answers(record['changes'], request)):
-                done.set_result(count)
+            answers = [
+                change
+                for change in record['changes']
+                if change['by'] == request.by
+                and change['what'] == request.action.value
+                and request.bearing in (None, change['bearing'])
+                and request.kind in (None, change['alarm'])
+            ]
+            if answers and not done.done():
+                done.set_result(len(answers))
 
     def take_other(self, node: str) -> None:
         """Another monitor than those that are shown has been heard."""
         self._remember(self._others, f'/{node}')
 
-    def _full(self, bearing: str, text: str) -> str:
-        """A sentence on a bearing, with the namespace in its name."""
-        inside = self.space and text.startswith(f'{bearing}: ')
-        return f'{self.space}/{text}' if inside else text
+    def _name_fully(self, record: dict[str, Any]) -> None:
+        """Put the namespace before the name of the bearing, in the sentence on it, too."""
+        if self.space and record['text'].startswith(f'{record["bearing"]}: '):
+            record['text'] = f'{self.space}/{record["text"]}'
+        record['bearing'] = self.key(record['bearing'])
 
     def _remember(self, names: dict[str, float], name: str) -> None:
         if name in names or len(names) < MOST_NAMES:
@@ -495,32 +469,16 @@ class WatchedMonitor:
             for alarm in alarms
         )
 
-    def bare(self, request: ActionRequest) -> ActionRequest:
-        """A request as the node itself knows the bearing."""
-        names = {own.key: name for name, own in self.bearings.items()}
-        known = None if request.bearing is None else names[request.bearing]
-        return replace(request, bearing=known)
-
     async def ask(self, request: ActionRequest, patience: float) -> int:
-        """Hand a request on and wait for what comes of it.
-
-        Args:
-            request: What is asked for, the bearing by its key.
-            patience: How long to wait [s].
-
-        Returns:
-            The number of alarms that were changed.
-
-        Raises:
-            DashboardError: Nothing came of it in time, or its alarms are not known.
-            StickslipError: It cannot be handed on.
-        """
+        """Hand a request on and wait so long [s] for what comes of it; see DashboardState.ask."""
         if self.alarms is None:
             raise DashboardError(_NO_ALARMS)
         entry = (request, asyncio.get_running_loop().create_future())
         self._expected.append(entry)
+        names = {own.key: name for name, own in self.bearings.items()}
+        own = None if request.bearing is None else names[request.bearing]
         try:
-            self.act(self.bare(request))
+            self.act(replace(request, bearing=own))
             return await asyncio.wait_for(entry[1], patience)
         except asyncio.TimeoutError as error:
             raise DashboardError(' '.join([_NO_ANSWER, *self.faults()])) from error
@@ -531,14 +489,3 @@ class WatchedMonitor:
 def _listed(names: list[str]) -> str:
     few = ', '.join(names[:5])
     return few if len(names) <= 5 else f'{few} and {len(names) - 5} more'
-
-
-def _answers(changes: list[dict[str, Any]], request: ActionRequest) -> int:
-    """How many of some changes are what was asked for."""
-    return sum(
-        change['by'] == request.by
-        and change['what'] == request.action.value
-        and request.bearing in (None, change['bearing'])
-        and request.kind in (None, change['alarm'])
-        for change in changes
-    )

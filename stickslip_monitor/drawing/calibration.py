@@ -20,7 +20,7 @@ from stickslip_monitor.drawing.canvas import (
 )
 from stickslip_monitor.errors import plural
 from stickslip_monitor.lab.calibration.calibrate import Calibration, DipResult
-from stickslip_monitor.lab.calibration.dips import load_of
+from stickslip_monitor.lab.calibration.evidence import load_of
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.belief import QUANTILES

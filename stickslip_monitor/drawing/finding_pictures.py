@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws the published findings: amplitudes over a parameter, stick-slip in time, friction curves.
+"""Draws the published findings: amplitudes over a parameter, and stick-slip in time.
 
 Every picture has a published statement above its axes, a footnote below them, and a legend that
 names its curves. Figures are unknown to pyplot; :func:`~.canvas.save_figure` writes them. Each
@@ -29,7 +29,7 @@ from stickslip_monitor.drawing.canvas import (
     span_words,
     style,
 )
-from stickslip_monitor.lab.findings import FrictionCurves, History, Sweep
+from stickslip_monitor.lab.findings import History, Sweep
 from stickslip_monitor.monitor.assessment import Regime
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def draw_amplitudes(
         _frames(axes, below, sweep, value)
         below.set_xlabel(label)
         _bands(axes, below, sweep, scale)
-        _branches(axes, sweep, value, scale)
+        _branches(axes, sweep, value)
         _marks(axes, sweep, scale, unit)
         _errors(below, sweep, value)
         _legend(axes, 4)
@@ -125,7 +125,7 @@ def _bands(axes: Axes, below: Axes, sweep: Sweep, scale: float) -> None:
     span_words(axes, words)
 
 
-def _branches(axes: Axes, sweep: Sweep, value: FloatArray, scale: float) -> None:
+def _branches(axes: Axes, sweep: Sweep, value: FloatArray) -> None:
     thick: dict[str, Any] = {'color': EXACT, 'lw': 3.0, 'zorder': 4}
     thin: dict[str, Any] = {'color': INK, 'lw': 1.3, 'zorder': 5}
     for y, name, look in (
@@ -135,11 +135,6 @@ def _branches(axes: Axes, sweep: Sweep, value: FloatArray, scale: float) -> None
         (sweep.averaged_unstable, 'KBM, unstable', thin | {'ls': DASHES}),
     ):
         axes.plot(value, y * 1e3, label=name, **look)
-    if sweep.reverse.size:
-        axes.plot(
-            sweep.reverse_value / scale, sweep.reverse * 1e3, 's', ms=6.5, mfc=PAPER,
-            mec=SLIDING, mew=1.6, zorder=6, label='unstable, reverse time',
-        )  # fmt: skip
 
 
 def _marks(axes: Axes, sweep: Sweep, scale: float, unit: str) -> None:
@@ -162,43 +157,8 @@ def _errors(below: Axes, sweep: Sweep, value: FloatArray) -> None:
     below.set_ylim(shown, -0.16 * shown)
 
 
-_ROOM, _TANGENT = 1.3, 0.45
-
-
-def draw_friction_laws(curves: FrictionCurves, statement: str, footnote: str) -> Figure:
-    """Draw both laws, ahead and astern, and the slope that damping balances."""
-    with style():
-        figure = _stated_figure(statement, footnote)
-        axes = figure.add_axes((0.085, 0.105, 0.89, 0.695))
-        static, kinetic = curves.law.static, curves.law.kinetic
-        highest = _ROOM * max(static, float(np.max(curves.stribeck)))
-        axes.set_xlim(float(curves.speed[0]), float(curves.speed[-1]))
-        axes.set_ylim(-highest, highest)
-        axes.set_xlabel("relative speed $v = V - x'$ [m/s]")
-        axes.set_ylabel('coefficient of friction [-]')
-        axes.axhline(0.0, color=MUTED, lw=0.8, zorder=1)
-        ahead = curves.speed > 0.0
-        for mu, name, colour, line in (
-            (curves.stribeck, 'Stribeck: falls with speed', SLIDING, '-'),
-            (curves.coulomb, f'Coulomb: $\\mu_k$ = {kinetic:g}', EXACT, DASHES),
-        ):
-            for side, label in ((ahead, name), (~ahead, None)):
-                axes.plot(curves.speed[side], mu[side], color=colour, ls=line, lw=2.6, label=label)
-        name = f'at rest: −$\\mu_s$ to $\\mu_s$ = {static:g}'
-        axes.plot((0.0, 0.0), (-static, static), color=INK, lw=2.6, label=name)
-        speed, coefficient = curves.hopf_speed, curves.hopf_coefficient
-        x = speed * np.array([1.0 - _TANGENT, 1.0, 1.0 + _TANGENT])
-        axes.plot(
-            x, coefficient + curves.hopf_slope * (x - speed), color=INK, lw=1.2, zorder=4,
-            marker='o', markevery=[1], ms=7.5, mec=INK, mew=1.4, mfc=PAPER,
-            label=f'Hopf, $V_H$ = {speed:.4g} m/s: falls by $c/N$ per m/s, what damping can take',
-        )  # fmt: skip
-        _legend(axes, 2)
-        return figure
-
-
 _PERIODS_SHOWN = 3.0
-_AT_BELT = 1e-9
+_AT_BELT, _CYCLE_POINTS = 1e-9, 721
 _MARGIN, _ABOVE = 1.25, 0.2
 
 
@@ -213,7 +173,7 @@ def draw_motion(history: History, statement: str, footnote: str) -> Figure:
 
 
 def _growth(axes: Axes, history: History) -> None:
-    offset = (history.displacement - history.equilibrium) * 1e3
+    offset = (history.motion.displacement - history.equilibrium) * 1e3
     scale = _MARGIN * float(np.max(np.abs(offset)))
     axes.set_xlim(0.0, float(history.time[-1]))
     axes.set_ylim(-scale, scale)
@@ -242,10 +202,10 @@ def _stick(axes: Axes, x: FloatArray, velocity: FloatArray, sticking: BoolArray)
 
 
 def _last_periods(axes: Axes, history: History) -> None:
-    begin = float(history.time[-1]) - _PERIODS_SHOWN * history.period
+    begin = float(history.time[-1]) - _PERIODS_SHOWN * float(history.cycle.period)
     shown = history.time >= begin
-    time, velocity = (history.time[shown] - begin) * 1e3, history.velocity[shown] * 1e3
-    sticking = history.sticking[shown]
+    time, velocity = (history.time[shown] - begin) * 1e3, history.motion.velocity[shown] * 1e3
+    sticking = history.motion.sticking[shown]
     axes.set_xlim(0.0, float(time[-1]))
     axes.set_xlabel('time, last three periods [ms]')
     _velocity_axis(axes, velocity, history.speed * 1e3)
@@ -259,18 +219,19 @@ def _last_periods(axes: Axes, history: History) -> None:
 
 
 def _portrait(axes: Axes, history: History) -> None:
-    x = (history.cycle_displacement - history.equilibrium) * 1e3
-    velocity, belt = history.cycle_velocity * 1e3, history.speed * 1e3
+    _, displacement, velocity, *_ = history.cycle.waveform(_CYCLE_POINTS)
+    x, velocity = (displacement - history.equilibrium) * 1e3, velocity * 1e3
+    belt = history.speed * 1e3
     axes.set_xlim(1.3 * float(x.min()), 1.3 * float(x.max()))
     axes.set_xlabel('$x - x_e$ [mm]')
     _velocity_axis(axes, velocity, belt)
-    offset = (history.displacement - history.equilibrium) * 1e3
-    axes.plot(offset, history.velocity * 1e3, color=EXACT, lw=0.5, alpha=0.45)
+    offset = (history.motion.displacement - history.equilibrium) * 1e3
+    axes.plot(offset, history.motion.velocity * 1e3, color=EXACT, lw=0.5, alpha=0.45)
     axes.plot(x, velocity, color=EXACT, lw=2.4, zorder=4)
     _stick(axes, x, velocity, np.abs(velocity - belt) <= _AT_BELT * belt)
     turn = np.linspace(0.0, 2.0 * np.pi, 181)
     a = history.averaged_amplitude * 1e3
-    ellipse = a * np.cos(turn), -a * history.natural_frequency * np.sin(turn)
+    ellipse = a * np.cos(turn), -a * history.bearing.natural_frequency * np.sin(turn)
     axes.plot(*ellipse, color=INK, lw=1.3, ls=DASHES, zorder=6)
     axes.plot(0.0, 0.0, 'o', ms=6.0, mfc=SLIDING, mec='none', zorder=6, label='steady sliding')
     _legend(axes, 2)

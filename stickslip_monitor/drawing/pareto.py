@@ -42,20 +42,13 @@ _FRONT = '#444444'
 
 @dataclass(frozen=True, slots=True)
 class MethodMark:
-    """A method in a panel.
+    """A method in a panel."""
 
-    Attributes:
-        family: Groups marks by colour and shape.
-        seconds: Time per operating point [s].
-        error: Relative error [-]; infinite where it fails.
-        front: Whether no other method beats it.
-        together: Whether many points were solved in one call; such marks are drawn hollow.
-    """
-
-    family: str
-    seconds: float
-    error: float
-    front: bool
+    family: str  # groups marks by colour and shape
+    seconds: float  # time per operating point [s]
+    error: float  # relative error [-]; infinite where it fails
+    front: bool  # whether no other method beats it
+    # Whether many points were solved in one call; such marks are drawn hollow.
     together: bool = False
 
 

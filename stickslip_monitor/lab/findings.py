@@ -3,26 +3,23 @@
 
 The published study averages the mass-spring-belt model (KBM) and compares with numerical
 integration. Here the numerical side is the exact non-smooth cycle, so each finding comes with the
-error of averaging: amplitudes of both branches over speed, load and kinetic coefficient, the
-growth of stick-slip from a small disturbance, and the friction curves. The unstable branch is
-found twice: by the return map of the exact cycle and, as published, by integration in reverse
-time, in which a pure-slip unstable cycle attracts.
+error of averaging: amplitudes of both branches over speed, load and kinetic coefficient, and the
+growth of stick-slip from a small disturbance.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from functools import partial
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from scipy.optimize import bisect, fixed_point
+from scipy.optimize import bisect
 from scipy.special import i1e
 
-from stickslip_monitor.arrays import BoolArray, FloatArray
+from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.physics.averaging.boundaries import (
@@ -33,12 +30,13 @@ from stickslip_monitor.physics.averaging.boundaries import (
     hopf_speed,
 )
 from stickslip_monitor.physics.cycle.cycles import (
+    Cycle,
     exact_cycle,
     exact_fold_speed,
     exact_unstable_cycle,
 )
-from stickslip_monitor.physics.friction import Coulomb, Stribeck
-from stickslip_monitor.physics.motion.integrator import Drive, MotionState, integrate
+from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.physics.motion.integrator import Drive, Motion, MotionState, integrate
 from stickslip_monitor.physics.oscillator import Bearing
 
 REFERENCE = Bearing(
@@ -50,8 +48,6 @@ REFERENCE = Bearing(
 )
 """The test-bench bearing of the docs, for which the findings hold."""
 REFERENCE_RPM, REFERENCE_LOAD = 20.0, 1000.0
-
-_CURVE_POINTS, _CURVE_ROOM = 400, 1.3
 
 
 def stribeck_of(bearing: Bearing) -> Stribeck:
@@ -87,99 +83,44 @@ def check_point(bearing: Bearing, speed: float, load: float) -> None:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FrictionCurves:
-    """Coulomb's law and the Stribeck law with the same static and kinetic coefficient."""
-
-    law: Stribeck
-    speed: FloatArray  # relative speeds, rising, without 0, shape (n,) [m/s]
-    stribeck: FloatArray  # coefficient, shape (n,) [-]
-    coulomb: FloatArray  # coefficient, shape (n,) [-]
-    hopf_speed: float  # where damping just balances the fall of friction [m/s]
-    hopf_coefficient: float  # of the Stribeck law there [-]
-    hopf_slope: float  # of the Stribeck law there, -c/N [s/m]
-
-    def columns(self) -> dict[str, FloatArray]:
-        """The curves as the columns of a table, SI units."""
-        return {
-            'relative_speed [m/s]': self.speed,
-            'stribeck_coefficient [-]': self.stribeck,
-            'coulomb_coefficient [-]': self.coulomb,
-        }
-
-
-def friction_curves(bearing: Bearing, load: float) -> FrictionCurves:
-    """Both laws about zero relative speed, with the Hopf speed at a load [N]."""
-    law = stribeck_of(bearing)
-    hopf, fold = float(hopf_speed(bearing, load)), float(fold_speed(bearing, load))
-    ahead = np.geomspace(1e-3, 1.0, _CURVE_POINTS // 2) * _CURVE_ROOM * fold
-    speed = np.concatenate([-ahead[::-1], ahead])
-    coulomb = Coulomb(law.static, law.kinetic).coefficient(speed)
-    at_hopf = float(law.coefficient(hopf)), float(law.slope(hopf))
-    return FrictionCurves(law, speed, law.coefficient(speed), coulomb, hopf, *at_hopf)
-
-
 _DISTURBANCE, _ARRIVED = 0.05, 0.995
 _MOST_PERIODS, _PERIODS_AFTER, _PER_PERIOD = 250, 8, 120
-_CYCLE_POINTS = 721
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class History:
     """Stick-slip as it grows from a small disturbance of steady sliding, and its cycle."""
 
+    bearing: Bearing
     speed: float  # surface speed [m/s]
-    natural_frequency: float  # [rad/s]
     equilibrium: float  # displacement of steady sliding [m]
     time: FloatArray  # shape (n,) [s]
-    displacement: FloatArray  # from the unloaded spring, shape (n,) [m]
-    velocity: FloatArray  # shape (n,) [m/s]
-    sticking: BoolArray  # shape (n,)
+    motion: Motion  # at these times
     envelope: FloatArray  # amplitude under KBM averaging at the same times, shape (n,) [m]
-    cycle_displacement: FloatArray  # one period of the exact cycle from breakaway, shape (p,) [m]
-    cycle_velocity: FloatArray  # shape (p,) [m/s]
     averaged_amplitude: float  # of stick-slip under KBM [m]
-    exact_amplitude: float  # of stick-slip [m]
-    period: float  # of the exact cycle [s]
-    stick_fraction: float  # share of it in which the lining sticks [-]
+    cycle: Cycle  # the exact one
 
     def columns(self) -> dict[str, FloatArray]:
         """The motion as the columns of a table, SI units."""
         return {
             'time [s]': self.time,
-            'displacement [m]': self.displacement,
-            'velocity [m/s]': self.velocity,
-            'sticking': self.sticking.astype(np.int64),
+            'displacement [m]': self.motion.displacement,
+            'velocity [m/s]': self.motion.velocity,
+            'sticking': self.motion.sticking.astype(np.int64),
             'kbm_envelope [m]': self.envelope,
         }
 
 
 def stick_slip_history(bearing: Bearing, speed: float, load: float) -> History:
     """Stick-slip from near an unstable equilibrium at a point [m/s, N] to its cycle."""
-    cycle = exact_cycle(bearing, speed, load)
     averaged = float(assess(bearing, speed, load).amplitude)
     centre = float(bearing.equilibrium(speed, load))
     time, envelope = _averaged_growth(bearing, speed, load, averaged)
     drive = Drive.constant(speed, load, float(time[-1]))
     start = MotionState.moving(centre + float(envelope[0]), 0.0, drive)
     motion = integrate(bearing, drive, start, time, compiled=False)
-    waveform = cycle.waveform(_CYCLE_POINTS)
-    return History(
-        speed=speed,
-        natural_frequency=bearing.natural_frequency,
-        equilibrium=centre,
-        time=time,
-        displacement=motion.displacement,
-        velocity=motion.velocity,
-        sticking=motion.sticking,
-        envelope=envelope,
-        cycle_displacement=waveform[1],
-        cycle_velocity=waveform[2],
-        averaged_amplitude=averaged,
-        exact_amplitude=float(cycle.amplitude),
-        period=float(cycle.period),
-        stick_fraction=float(cycle.stick_fraction),
-    )
+    cycle = exact_cycle(bearing, speed, load)
+    return History(bearing, speed, centre, time, motion, envelope, averaged, cycle)
 
 
 def _averaged_growth(
@@ -208,62 +149,9 @@ def _averaged_growth(
     return time, np.asarray(envelope, dtype=float)
 
 
-def reverse_time_amplitudes(bearing: Bearing, speed: FloatArray, load: float) -> FloatArray:
-    """The unstable pure-slip amplitude by integration in reverse time, as published.
-
-    Where steady sliding is stable, time reversed drives the motion away from it and onto the
-    unstable cycle: every motion begins with the amplitude that KBM gives that cycle, and is
-    followed by Dormand and Prince's method of order 8 from turn to turn, accelerated by Aitken's
-    rule. With ``tau = -omega t``, ``u = omega (x - x_e)/V`` and ``w = x'/V``:
-
-        ``du/dtau = -w``
-        ``dw/dtau = u + 2 zeta w - N (mu(V (1 - w)) - mu(V)) / (m omega V)``
-
-    Args:
-        bearing: The bearing.
-        speed: Surface speeds, shape (n,) [m/s].
-        load: Load [N].
-
-    Returns:
-        Half the peak-to-peak displacement, shape (n,) [m]; ``nan`` where steady sliding is not
-        stable or the motion does not settle.
-    """
-    threshold = np.asarray(assess(bearing, speed, load).threshold_amplitude)
-    pairs = zip(speed.tolist(), threshold.tolist(), strict=True)
-    return np.array([_reverse_time_amplitude(bearing, v, load, about) for v, about in pairs])
-
-
-def _reverse_time_amplitude(bearing: Bearing, v: float, load: float, about: float) -> float:
-    law, zeta, scale = bearing.friction, bearing.damping_ratio, v / bearing.natural_frequency
-    force = load / (bearing.mass * bearing.natural_frequency * v)
-    steady = float(law.coefficient(v))
-
-    def flow(_: float, state: FloatArray) -> tuple[float, float]:
-        u, w = state.tolist()
-        rise = force * (float(law.coefficient(v * (1.0 - w))) - steady)
-        return -w, u + 2.0 * zeta * w - rise
-
-    def turn(u: Any) -> Any:
-        """The last trough and crest of one turn that begins at a crest."""
-        found: Any = solve_ivp(
-            flow, (0.0, 2.5 * np.pi), [float(u), 0.0], method='DOP853', rtol=1e-11, atol=1e-13,
-            events=lambda _, state: state[1],
-        )  # fmt: skip
-        return found.y_events[0][-2:, 0]
-
-    if not math.isfinite(about):
-        return math.nan
-    try:
-        crest = fixed_point(lambda u: turn(u)[1], about / scale, xtol=1e-10, maxiter=40)
-    except (RuntimeError, IndexError):  # no convergence, or no turn
-        return math.nan
-    return 0.5 * float(np.ptp(turn(crest))) * scale
-
-
 _NEAR_AN_END = np.geomspace(1e-9, 0.05, 8)
 _WIDTHS = (1e-4, 1e-3, 1e-2, 0.1, 0.5)
 _SPEED_ROOM, _LOAD_ROOM, _FALL_ROOM = 1.12, 6.0, 0.55
-_none = partial(np.empty, 0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -281,9 +169,6 @@ class Sweep:
     hopf: float  # parameter at the Hopf bifurcation, the same for both methods
     exact_fold: float  # parameter at the exact fold
     averaged_fold: float  # parameter at the fold under KBM
-    # Where the unstable cycle was sought in reverse time, and the amplitude found there [m].
-    reverse_value: FloatArray = field(default_factory=_none)
-    reverse: FloatArray = field(default_factory=_none)
 
     @property
     def fold_amplitude(self) -> float:
@@ -304,55 +189,31 @@ class Sweep:
 
     def columns(self, heading: str) -> dict[str, FloatArray]:
         """The curves as the columns of a table, SI units; the heading is the parameter's."""
-        value = np.concatenate([self.value, self.reverse_value])
-        none, other = np.full(self.value.size, np.nan), np.full(self.reverse.size, np.nan)
-        table = {
-            heading: value,
-            'exact_stick_slip_amplitude [m]': np.append(self.exact, other),
-            'exact_unstable_amplitude [m]': np.append(self.exact_unstable, other),
-            'kbm_stick_slip_amplitude [m]': np.append(self.averaged, other),
-            'kbm_unstable_amplitude [m]': np.append(self.averaged_unstable, other),
-            'reverse_time_unstable_amplitude [m]': np.append(none, self.reverse),
+        return {
+            heading: self.value,
+            'exact_stick_slip_amplitude [m]': self.exact,
+            'exact_unstable_amplitude [m]': self.exact_unstable,
+            'kbm_stick_slip_amplitude [m]': self.averaged,
+            'kbm_unstable_amplitude [m]': self.averaged_unstable,
         }
-        rows = np.argsort(value, kind='stable')
-        return {name: column[rows] for name, column in table.items()}
 
 
-def over_speed(bearing: Bearing, load: float, points: int = 120, reverse: int = 9) -> Sweep:
-    """Amplitude against belt speed [m/s], with both branches.
-
-    Args:
-        bearing: A bearing with a fold at this load.
-        load: Load [N].
-        points: Number of even steps in speed.
-        reverse: Number of speeds between Hopf and fold at which the unstable cycle is sought in
-            reverse time as well.
-    """
-    hopf, averaged_fold = float(hopf_speed(bearing, load)), float(fold_speed(bearing, load))
-    fold = float(exact_fold_speed(bearing, load))
-    highest = _SPEED_ROOM * float(np.fmax(fold, averaged_fold))
-    speed = _grid(highest / points, highest, (hopf, fold, averaged_fold), points)
-    between = hopf + (fold - hopf) * np.linspace(0.2, 0.97, reverse)
-    return Sweep(
-        speed, *_amplitudes(bearing, speed, load), hopf, fold, averaged_fold,
-        between, reverse_time_amplitudes(bearing, between, load),
-    )  # fmt: skip
+def over_speed(bearing: Bearing, load: float, points: int = 120) -> Sweep:
+    """Amplitude against belt speed [m/s], in so many even steps, at a load with a fold [N]."""
+    ends = [float(at(bearing, load)) for at in (hopf_speed, exact_fold_speed, fold_speed)]
+    highest = _SPEED_ROOM * float(np.fmax(ends[1], ends[2]))
+    speed = _grid(highest / points, highest, ends, points)
+    return Sweep(speed, *_amplitudes(bearing, speed, load), *ends)
 
 
 def over_load(bearing: Bearing, speed: float, load: float, points: int = 100) -> Sweep:
-    """Amplitude against normal force [N] at a belt speed.
-
-    Args:
-        bearing: The bearing.
-        speed: Surface speed [m/s].
-        load: A load with a stick-slip cycle at this speed [N].
-        points: Number of even steps in load.
-    """
+    """Amplitude against normal force [N], to one with a stick-slip cycle at this speed [m/s]."""
     hopf, averaged_fold = float(hopf_load(bearing, speed)), float(fold_load(bearing, speed))
     fold = _edge(lambda n: _has_cycle(bearing, speed, n), averaged_fold)
+    ends = hopf, fold, averaged_fold
     highest = max(_LOAD_ROOM * averaged_fold, load)
-    loads = _grid(highest / points, highest, (hopf, fold, averaged_fold), points)
-    return Sweep(loads, *_amplitudes(bearing, speed, loads), hopf, fold, averaged_fold)
+    loads = _grid(highest / points, highest, ends, points)
+    return Sweep(loads, *_amplitudes(bearing, speed, loads), *ends)
 
 
 def over_kinetic(bearing: Bearing, speed: float, load: float, points: int = 40) -> Sweep:
@@ -361,12 +222,6 @@ def over_kinetic(bearing: Bearing, speed: float, load: float, points: int = 40) 
     The static coefficient stays, so friction falls by less the larger the kinetic one is. With
     ``kappa = (c + N nu)/(N Delta beta)`` the Hopf lies at ``kappa = exp(-v)`` and the fold under
     KBM at ``kappa = 2 I1e(v)/v``.
-
-    Args:
-        bearing: A bearing with a stick-slip cycle at this point.
-        speed: Surface speed [m/s].
-        load: Load [N].
-        points: Number of even steps in the coefficient.
     """
     law = stribeck_of(bearing)
     v = law.decay * speed
@@ -378,13 +233,10 @@ def over_kinetic(bearing: Bearing, speed: float, load: float, points: int = 40) 
 
     fold = _edge(lambda fall: _has_cycle(with_fall(fall), speed, load), averaged_fold)
     lowest = _FALL_ROOM * averaged_fold
-    falls = _grid(lowest, law.static, (hopf, fold, averaged_fold), points)[::-1]
+    ends = np.array([hopf, fold, averaged_fold])
+    falls = _grid(lowest, law.static, ends, points)[::-1]
     rows = [_amplitudes(with_fall(fall), speed, load) for fall in falls.tolist()]
-    exact, unstable, averaged, averaged_unstable = np.array(rows).T
-    return Sweep(
-        law.static - falls, exact, unstable, averaged, averaged_unstable,
-        law.static - hopf, law.static - fold, law.static - averaged_fold,
-    )  # fmt: skip
+    return Sweep(law.static - falls, *np.array(rows).T, *(law.static - ends).tolist())
 
 
 def _amplitudes(bearing: Bearing, speed: Any, load: Any) -> tuple[Any, Any, Any, Any]:
@@ -398,7 +250,7 @@ def _amplitudes(bearing: Bearing, speed: Any, load: Any) -> tuple[Any, Any, Any,
     )
 
 
-def _grid(low: float, high: float, ends: tuple[float, ...], points: int) -> FloatArray:
+def _grid(low: float, high: float, ends: Sequence[float] | FloatArray, points: int) -> FloatArray:
     """Even values, and more beside each bifurcation, where the branches bend."""
     near = np.outer(ends, np.concatenate([1.0 - _NEAR_AN_END, 1.0 + _NEAR_AN_END])).ravel()
     inside = near[(near > low) & (near < high)]

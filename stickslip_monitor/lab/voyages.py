@@ -23,8 +23,8 @@ from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.recorder_clock import on_recorder_clock, scan_on_recorder_clock
 from stickslip_monitor.lab.scenes.effects import STAGES
 from stickslip_monitor.lab.scenes.scene import Scene, load_scene, simulate
+from stickslip_monitor.lab.scenes.settings import as_believed
 from stickslip_monitor.lab.scenes.telemetry import Messages
-from stickslip_monitor.lab.scenes.variation import as_believed
 from stickslip_monitor.lab.warning_quality import (
     Interval,
     Quality,
@@ -57,42 +57,27 @@ OURS, BELOW_FOLD, BELOW_HOPF = 'monitor', 'below_fold', 'below_hopf'
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A scene with a seed.
+    """A scene with a seed."""
 
-    Attributes:
-        scene: Its file.
-        seed: The seed; None: the file's.
-        sensors: Files of sensors, one after the other; None: what the scene itself says.
-        variants: Fields of the alarm's configuration that are changed: each is judged as well.
-        varied_sensors: The file of sensors with which the variants are judged.
-    """
-
-    scene: str
-    seed: int | None
+    scene: str  # its file
+    seed: int | None  # the seed; None: the file's
+    # Files of sensors, one after the other; None: what the scene itself says.
     sensors: tuple[str | None, ...] = (None,)
+    # Fields of the alarm's configuration that are changed: each is judged as well.
     variants: tuple[Alarm, ...] = ()
-    varied_sensors: str | None = None
+    varied_sensors: str | None = None  # the file of sensors with which the variants are judged
 
 
 @dataclass(frozen=True, slots=True)
 class Voyage:
-    """What came of one bearing on one voyage with one grade of sensors.
+    """What came of one bearing on one voyage with one grade of sensors."""
 
-    Attributes:
-        scene: The scene's file, or the recording.
-        seed: The seed; None: a recording.
-        sensors: The file of sensors; None: what the scene itself says.
-        bearing: Name of the bearing.
-        rules: The judgement of each rule by name.
-        variants: That of the monitor with each of the call's variants.
-    """
-
-    scene: str
-    seed: int | None
-    sensors: str | None
-    bearing: str
-    rules: dict[str, Quality]
-    variants: tuple[Quality, ...] = ()
+    scene: str  # the scene's file, or the recording
+    seed: int | None  # the seed; None: a recording
+    sensors: str | None  # the file of sensors; None: what the scene itself says
+    bearing: str  # name of the bearing
+    rules: dict[str, Quality]  # the judgement of each rule by name
+    variants: tuple[Quality, ...] = ()  # that of the monitor with each of the call's variants
 
 
 def judge_calls(
@@ -176,21 +161,13 @@ def _case(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sailed:
-    """One bearing on one voyage: what the monitor believes and gets, and the truth.
+    """One bearing on one voyage: what the monitor believes and gets, and the truth."""
 
-    Attributes:
-        config: What the monitor believes.
-        stream: The samples.
-        arrival_ns: When the recorder got each [ns].
-        truth: The truth.
-        plain: Whether what happens shows in speed and load, and does so once.
-    """
-
-    config: BearingConfig
-    stream: Stream
-    arrival_ns: IntArray
-    truth: Truth
-    plain: bool
+    config: BearingConfig  # what the monitor believes
+    stream: Stream  # the samples
+    arrival_ns: IntArray  # when the recorder got each [ns]
+    truth: Truth  # the truth
+    plain: bool  # whether what happens shows in speed and load, and does so once
 
     def rules(self, recorded: Scan | None = None) -> dict[str, Quality]:
         """The judgement of the monitor, by its verdicts where they are known, and bare rules."""
@@ -222,23 +199,14 @@ class Sailed:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JudgedBag:
-    """One bearing in one bag.
+    """One bearing in one bag."""
 
-    Attributes:
-        voyage: The judgement.
-        config: The bearing.
-        scan: The verdicts, on the recorder's clock.
-        said: What they come to.
-        truth: What they are judged by.
-        record: The whole truth.
-    """
-
-    voyage: Voyage
-    config: BearingConfig
-    scan: Scan
-    said: Said
-    truth: Truth
-    record: TruthRecord
+    voyage: Voyage  # the judgement
+    config: BearingConfig  # the bearing
+    scan: Scan  # the verdicts, on the recorder's clock
+    said: Said  # what they come to
+    truth: Truth  # what they are judged by
+    record: TruthRecord  # the whole truth
 
 
 def judge_bag(path: str | Path, config: MonitorConfig) -> list[JudgedBag]:

@@ -86,42 +86,28 @@ def while_true(time_ns: IntArray, state: BoolArray, end_ns: int) -> list[Interva
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """What the lining of one bearing did.
+    """What the lining of one bearing did."""
 
-    Attributes:
-        start_ns: From when on it is known [ns].
-        end_ns: Until when [ns].
-        episodes: First and last instant of sticking of each episode of stick-slip; one that was
-            still going on ends with the truth.
-        time_ns: When the margin was taken, shape (n,), rising [ns].
-        fold_margin: True fold margin, of the operating point without noise and of the friction
-            there really was, shape (n,).
-    """
-
-    start_ns: int
-    end_ns: int
+    start_ns: int  # from when on it is known [ns]
+    end_ns: int  # until when [ns]
+    # First and last instant of sticking of each episode of stick-slip; one that was still going on
+    # ends with the truth.
     episodes: Intervals
-    time_ns: IntArray
+    time_ns: IntArray  # when the margin was taken, shape (n,), rising [ns]
+    # True fold margin, of the operating point without noise and of the friction there really was,
+    # shape (n,).
     fold_margin: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """What a rule said over a voyage.
+    """What a rule said over a voyage."""
 
-    Attributes:
-        warned: When it warned of anything.
-        alarmed: When it said that stick-slip runs.
-        raised: When a condition got worse, or stick-slip began anew, rising [ns].
-        given: When an alarm was given to people, rising [ns].
-        changes: Changes of condition.
-    """
-
-    warned: Intervals
-    alarmed: Intervals
-    raised: Sequence[int]
-    given: Sequence[int]
-    changes: int
+    warned: Intervals  # when it warned of anything
+    alarmed: Intervals  # when it said that stick-slip runs
+    raised: Sequence[int]  # when a condition got worse, or stick-slip began anew, rising [ns]
+    given: Sequence[int]  # when an alarm was given to people, rising [ns]
+    changes: int  # changes of condition
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,49 +151,28 @@ def _near(episodes: Intervals) -> list[Interval]:
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """Sums over voyages, of which the rates are made.
+    """Sums over voyages, of which the rates are made."""
 
-    Attributes:
-        seconds: Time judged [s].
-        leads: Of each episode that was warned of, the lead [s].
-        alarm_leads: The same for the stick-slip alarm, of each that was detected [s].
-        missed: Episodes that were not warned of.
-        plain: Episodes of voyages without knocks, wear and waves.
-        plain_detected: Those of them that were detected.
-        false: False stick-slip alarms.
-        wrong: Time in the stick-slip alarm far from every episode [s].
-        unfounded: Time in the stick-slip alarm without an episode [s].
-        unalarmed: Time in episodes without the stick-slip alarm [s].
-        bouts: Episodes, those within 60 s of one another as one.
-        newly: Bouts before which a warning was newly given.
-        far_seconds: Time far from the boundary [s].
-        far_warnings: Warnings in it.
-        far_warned: Time under a warning in it [s].
-        changes: Changes of condition.
-        bursts: Of each voyage the most raised conditions in ten minutes.
-        given: Of each voyage the most alarms given to people in ten minutes.
-        wrong_source: Voyages on which the source of an input was told to be wrong.
-    """
-
-    seconds: float = 0.0
-    leads: tuple[float, ...] = ()
+    seconds: float = 0.0  # time judged [s]
+    leads: tuple[float, ...] = ()  # of each episode that was warned of, the lead [s]
+    # The same for the stick-slip alarm, of each that was detected [s].
     alarm_leads: tuple[float, ...] = ()
-    missed: int = 0
-    plain: int = 0
-    plain_detected: int = 0
-    false: int = 0
-    wrong: float = 0.0
-    unfounded: float = 0.0
-    unalarmed: float = 0.0
-    bouts: int = 0
-    newly: int = 0
-    far_seconds: float = 0.0
-    far_warnings: int = 0
-    far_warned: float = 0.0
-    changes: int = 0
-    bursts: tuple[int, ...] = ()
-    given: tuple[int, ...] = ()
-    wrong_source: int = 0
+    missed: int = 0  # episodes that were not warned of
+    plain: int = 0  # episodes of voyages without knocks, wear and waves
+    plain_detected: int = 0  # those of them that were detected
+    false: int = 0  # false stick-slip alarms
+    wrong: float = 0.0  # time in the stick-slip alarm far from every episode [s]
+    unfounded: float = 0.0  # time in the stick-slip alarm without an episode [s]
+    unalarmed: float = 0.0  # time in episodes without the stick-slip alarm [s]
+    bouts: int = 0  # episodes, those within 60 s of one another as one
+    newly: int = 0  # bouts before which a warning was newly given
+    far_seconds: float = 0.0  # time far from the boundary [s]
+    far_warnings: int = 0  # warnings in it
+    far_warned: float = 0.0  # time under a warning in it [s]
+    changes: int = 0  # changes of condition
+    bursts: tuple[int, ...] = ()  # of each voyage the most raised conditions in ten minutes
+    given: tuple[int, ...] = ()  # of each voyage the most alarms given to people in ten minutes
+    wrong_source: int = 0  # voyages on which the source of an input was told to be wrong
 
     def __add__(self, other: Quality) -> Quality:
         """Both together."""

@@ -83,15 +83,13 @@ class LinksConfig:
     @property
     def labels(self) -> dict[tuple[str, Input], str]:
         """Of each input where it comes from, for a person."""
-        return {(i.bearing, i.which): i.label for i in self.signalk_inputs + self.nmea_inputs}
+        return {(i.bearing, i.place): i.label for i in self.signalk_inputs + self.nmea_inputs}
 
 
 def is_loopback(host: str | None) -> bool:
     """Whether a host is this machine, as far as its name tells."""
-    if host == 'localhost':
-        return True
     try:
-        return ipaddress.ip_address(host or '').is_loopback
+        return host == 'localhost' or ipaddress.ip_address(host or '').is_loopback
     except ValueError:
         return False
 
@@ -171,22 +169,12 @@ def _nmea(own: Mapping[str, Any], used: bool) -> NmeaLink | None:
     for name in ('nmea.listen', 'nmea.alerts'):
         if own[name]:
             check_port(name, own[name])
-    _require(
-        re.fullmatch('[A-Z][A-Z0-9]', own['nmea.talker']),
-        'nmea.talker',
-        own['nmea.talker'],
-        'two upper-case letters',
-    )
-    code = own['nmea.manufacturer']
-    _require(
-        re.fullmatch('([A-Z]{3})?', code),
-        'nmea.manufacturer',
-        code,
-        'three upper-case letters, or empty',
-    )
-    if not (listen or alerts):
-        return None
-    return filled(NmeaLink, 'nmea.', own)
+    for name, pattern, rule in (
+        ('nmea.talker', '[A-Z][A-Z0-9]', 'two upper-case letters'),
+        ('nmea.manufacturer', '([A-Z]{3})?', 'three upper-case letters, or empty'),
+    ):
+        _require(re.fullmatch(pattern, own[name]), name, own[name], rule)
+    return filled(NmeaLink, 'nmea.', own) if listen or alerts else None
 
 
 def check_port(name: str, value: str) -> SplitResult:
@@ -208,16 +196,16 @@ def check_port(name: str, value: str) -> SplitResult:
 
 
 def _input(
-    bearing: BearingConfig, which: Input, name: str, values: Mapping[str, Any]
+    bearing: BearingConfig, place: Input, name: str, values: Mapping[str, Any]
 ) -> SignalKInput | NmeaInput:
     own = {p.name: p.checked(f'{name}.{p.name}', values) for p in INPUT_PARAMETERS}
-    load = which is Input.LOAD
+    load = place is Input.LOAD
     if own['from'] == SIGNALK:
-        _check_unit(bearing, which, name, 'N' if load else 'Hz', 'Signal K')
+        _check_unit(bearing, place, name, 'N' if load else 'Hz', 'Signal K')
         path = own['path']
         _require(_PATH.fullmatch(path), f'{name}.path', path, 'a Signal K path, without *')
-        timeout = bearing.inputs[which.name.lower()].timeout_ns * 1e-9
-        return SignalKInput(bearing.name, which, path, own['source'], timeout)
+        timeout = bearing.inputs[place.name.lower()].timeout_ns * 1e-9
+        return SignalKInput(bearing.name, place, path, own['source'], timeout)
     sentence = 'XDR' if load else 'RPM'
     kinds = ('N',) if load else ('S', 'E')
     _require(own['sentence'] == sentence, f'{name}.sentence', own['sentence'], sentence)
@@ -225,14 +213,14 @@ def _input(
     _require(own['kind'] in kinds, f'{name}.kind', own['kind'], rule)
     rule = 'given: the name of the transducer'
     _require(own['name'] or not load, f'{name}.name', own['name'], rule)
-    _check_unit(bearing, which, name, 'N' if load else 'rpm', sentence)
+    _check_unit(bearing, place, name, 'N' if load else 'rpm', sentence)
     fields = {key: own[key] for key in ('sentence', 'talker', 'kind', 'number', 'name')}
-    return NmeaInput(bearing.name, which, **fields)
+    return NmeaInput(bearing.name, place, **fields)
 
 
-def _check_unit(bearing: BearingConfig, which: Input, name: str, unit: str, who: str) -> None:
+def _check_unit(bearing: BearingConfig, place: Input, name: str, unit: str, who: str) -> None:
     """The number goes to the monitor as it comes, so the monitor must be told its unit."""
-    if which is Input.LOAD:
+    if place is Input.LOAD:
         fits, actual = bearing.load.factor == 1.0, 'kN'
     else:
         factor = bearing.speed.factor

@@ -9,11 +9,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from stickslip_monitor.errors import StickslipError
-from stickslip_monitor.monitor.alarms.live_alarms import Log, Store
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.input_watch import Graph
-from stickslip_monitor.monitor.session import Display, Moment, Session, Shown
+from stickslip_monitor.monitor.session import Display, Log, Moment, Session, Shown, Store
 from stickslip_monitor.monitor.signals import Input
 
 TICK = 0.1
@@ -25,21 +24,14 @@ _SHOWN_EVERY_NS = 10**9
 
 @dataclass(frozen=True, slots=True)
 class MonitorSide:
-    """What a bus reaches of the monitor, which is here or in a node beside.
+    """What a bus reaches of the monitor, which is here or in a node beside."""
 
-    Attributes:
-        bearings: Names of all bearings in the order of the file.
-        take: Takes bearing, input and number of a sample.
-        act: Takes what people ask for.
-        tell: Told whether the link of that name works, and if not, why.
-        log: Where faults are told.
-    """
-
-    bearings: Sequence[str]
-    take: Callable[[str, Input, float], None]
-    act: Callable[[ActionRequest], None]
+    bearings: Sequence[str]  # names of all bearings in the order of the file
+    take: Callable[[str, Input, float], None]  # takes bearing, input and number of a sample
+    act: Callable[[ActionRequest], None]  # takes what people ask for
+    # Told whether the link of that name works, and if not, why.
     tell: Callable[[str, bool, str], None]
-    log: Log
+    log: Log  # where faults are told
 
     def ask(self, request: ActionRequest) -> None:
         """Hand on what somebody asks for at a bus; that it is refused is logged."""
@@ -56,9 +48,6 @@ class LiveMonitor:
     steps: a clock that is set later moves no delay and loses no input.
 
     Args:
-        config: The configuration.
-        display: What shows bearings and alarms.
-        log: Where events and people's actions are told.
         store: What keeps the alarms over a restart; ``None`` for nothing.
         clock: Time that never steps [ns].
     """
@@ -73,18 +62,19 @@ class LiveMonitor:
     ) -> None:
         self._clock, self._begun_ns = clock, clock()
         self._ahead_ns = time.time_ns() - self._begun_ns
-        own = Shown(display)
-        self._session = Session(config, own, log, lambda: self._now().time_ns, store, Graph())
+        self._session = Session(
+            config, Shown(display), log, lambda: self._now().time_ns, store, Graph()
+        )
         self._shown_ns = -_SHOWN_EVERY_NS
 
     def _now(self) -> Moment:
         steady_ns = self._clock()
         return Moment(steady_ns, steady_ns + self._ahead_ns)
 
-    def take(self, bearing: str, which: Input, value: float) -> None:
+    def take(self, bearing: str, place: Input, value: float) -> None:
         """Take one number of one input, measured now."""
         now = self._now()
-        self._session.take(bearing, which, now.time_ns, value, now)
+        self._session.take(bearing, place, now.time_ns, value, now)
 
     def act(self, request: ActionRequest) -> None:
         """Do what a person asks for."""

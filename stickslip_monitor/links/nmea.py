@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from functools import reduce
+from operator import xor
 from typing import Any
 
 from stickslip_monitor.monitor.alarms.annunciator import Action
@@ -54,7 +55,7 @@ def sentence(body: str) -> str:
 
 
 def _checksum(body: str) -> int:
-    return reduce(lambda total, character: total ^ ord(character), body, 0)
+    return reduce(xor, map(ord, body), 0)
 
 
 def parse(line: str) -> tuple[str, str, list[str]] | None:
@@ -73,25 +74,15 @@ def parse(line: str) -> tuple[str, str, list[str]] | None:
 
 @dataclass(frozen=True, slots=True)
 class NmeaInput:
-    """One number of a sentence that is an input of a bearing.
-
-    Attributes:
-        bearing: Name of the bearing.
-        which: What is measured.
-        sentence: ``RPM`` or ``XDR``.
-        talker: Its talker; empty for any.
-        kind: ``S`` shaft or ``E`` engine of RPM; type of transducer of XDR.
-        number: Number of the shaft or engine of RPM.
-        name: Name of the transducer of XDR.
-    """
+    """One number of a sentence that is an input of a bearing."""
 
     bearing: str
-    which: Input
-    sentence: str
-    talker: str = ''
-    kind: str = ''
-    number: int = 0
-    name: str = ''
+    place: Input
+    sentence: str  # ``RPM`` or ``XDR``
+    talker: str = ''  # its talker; empty for any
+    kind: str = ''  # ``S`` shaft or ``E`` engine of RPM; type of transducer of XDR
+    number: int = 0  # number of the shaft or engine of RPM
+    name: str = ''  # name of the transducer of XDR
 
     @property
     def label(self) -> str:
@@ -124,7 +115,7 @@ def samples(inputs: Sequence[NmeaInput], line: str) -> Iterator[tuple[str, Input
     for item in inputs:
         if item.sentence == formatter and item.talker in ('', talker):
             for value in item.read(fields):
-                yield item.bearing, item.which, value
+                yield item.bearing, item.place, value
 
 
 @dataclass(slots=True)
@@ -146,10 +137,7 @@ class Alerts:
 
     Args:
         bearings: Names of the bearings in the order of the file, which numbers them.
-        talker: Talker identifier of our sentences.
-        manufacturer: Manufacturer code; empty for none.
         first_alert: Identifier of the first kind of alarm.
-        accept_actions: Whether ACN sentences are obeyed.
     """
 
     def __init__(
@@ -218,19 +206,13 @@ class Alerts:
         if parsed is None or parsed[1] != 'ACN' or len(parsed[2]) != 6:
             return [], None
         _, manufacturer, identifier, instance, command, flag = parsed[2]
-        found = next(
-            (
-                (key, alert)
-                for key, alert in self._alerts.items()
-                if [f'{alert.identifier}', f'{alert.instance}'] == [identifier, instance]
-            ),
-            None,
-        )
-        if found is None or flag != 'C' or manufacturer != self._manufacturer:
+        keys = {(f'{a.identifier}', f'{a.instance}'): key for key, a in self._alerts.items()}
+        key = keys.get((identifier, instance))
+        if key is None or flag != 'C' or manufacturer != self._manufacturer:
             return [], None
         if command == 'Q':
             return self.current(), None
-        (bearing, kind), alert = found
+        (bearing, kind), alert = key, self._alerts[key]
         action, states = _COMMANDS.get(command, (None, ''))
         # A caution is not acknowledged over this link (IEC 62923-1).
         if alert.priority == 'C' or alert.letter not in states or not self._accept_actions:

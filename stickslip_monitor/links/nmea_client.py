@@ -7,13 +7,13 @@ A port that dies is opened again for ever.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import math
 import os
 import termios
 import time
 import tty
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from typing import Any
 
 from stickslip_monitor.errors import LinkError
@@ -37,8 +37,6 @@ class Port(asyncio.DatagramProtocol, asyncio.Protocol):
 
     Args:
         name: The parameter that has the address.
-        address: The address.
-        on_line: Called with every line that comes.
         on_link: Told when the port begins or ceases to work.
         listens: Whether lines come in; datagrams go one way only.
         silent: After so long without a line it is opened again; infinite where none need come [s].
@@ -65,7 +63,8 @@ class Port(asyncio.DatagramProtocol, asyncio.Protocol):
         self._listens, self._silent = listens, silent
         self._buffer = b''
         self._heard_at = 0.0
-        self._fault: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        self._loop = asyncio.get_running_loop()
+        self._fault: asyncio.Future[str] = self._loop.create_future()
         self._transport: Any = None
 
     async def start(self) -> None:
@@ -81,7 +80,7 @@ class Port(asyncio.DatagramProtocol, asyncio.Protocol):
                 raise LinkError(
                     f"{self.name} = '{self.address}' cannot be opened: {_reason(error)}"
                 ) from error
-            self._fail(_reason(error))
+            self._fail(error)
 
     async def run(self) -> None:
         """Keep it open until cancelled."""
@@ -93,17 +92,17 @@ class Port(asyncio.DatagramProtocol, asyncio.Protocol):
                 try:
                     await self._open()
                 except OSError as error:
-                    self._fail(_reason(error))
+                    self._fail(error)
         finally:
             self.close()
 
     def send(self, lines: Iterable[str]) -> None:
         """Send lines; one that cannot be sent is lost, and told."""
-        for line in lines:
+        for line in lines if self._transport is not None else ():
             try:
                 self._write(f'{line}\r\n'.encode('ascii', 'replace'))
             except OSError as error:
-                self._fail(_reason(error))
+                self._fail(error)
 
     def close(self) -> None:
         """Close it, whatever state it is in."""
@@ -112,8 +111,7 @@ class Port(asyncio.DatagramProtocol, asyncio.Protocol):
             self._transport = None
 
     async def _open(self) -> None:
-        self._fault = asyncio.get_running_loop().create_future()
-        self._buffer = b''
+        self._fault, self._buffer = self._loop.create_future(), b''
         await self._connect()
         if self._silent == math.inf:
             self._on_link(True, '')
@@ -123,32 +121,29 @@ class Port(asyncio.DatagramProtocol, asyncio.Protocol):
         ends = {'local_addr': where} if self._listens else {'remote_addr': where}
         # A socket that may broadcast is not connected, and then hears of no refusal.
         broadcast = None if self._listens else (self.url.hostname or '').endswith('.255')
-        make = asyncio.get_running_loop().create_datagram_endpoint
+        make = self._loop.create_datagram_endpoint
         self._transport, _ = await make(lambda: self, **ends, allow_broadcast=broadcast)
 
     def _write(self, data: bytes) -> None:
-        if self._transport is not None and not self._listens:
+        if not self._listens:
             self._transport.sendto(data)
 
     async def _end(self) -> str:
         """Wait until the port is at its end; return why."""
-        clock = asyncio.get_running_loop().time
-        self._heard_at = clock()
-        while True:
-            left = self._heard_at + self._silent - clock()
-            if left <= 0.0:
-                return f'nothing heard for {self._silent:g} s'
+        self._heard_at = self._loop.time()
+        while (left := self._heard_at + self._silent - self._loop.time()) > 0.0:
             done, _ = await asyncio.wait({self._fault}, timeout=None if left == math.inf else left)
             if done:
                 return self._fault.result()
+        return f'nothing heard for {self._silent:g} s'
 
-    def _fail(self, reason: str) -> None:
+    def _fail(self, why: Exception | str) -> None:
         if not self._fault.done():
-            self._fault.set_result(reason)
+            self._fault.set_result(why if isinstance(why, str) else _reason(why))
 
     def _take(self, data: bytes) -> None:
         """Bytes have come; whole lines are handed on, of one that never ends its end."""
-        self._heard_at = asyncio.get_running_loop().time()
+        self._heard_at = self._loop.time()
         self._on_link(True, '')
         *lines, rest = (self._buffer + data).split(b'\n')
         self._buffer = rest[-LONGEST_LINE:]
@@ -161,7 +156,7 @@ class Port(asyncio.DatagramProtocol, asyncio.Protocol):
 
     def error_received(self, error: Exception) -> None:
         """The other end of our datagrams is not there."""
-        self._fail(_reason(error))
+        self._fail(error)
 
 
 class TcpPort(Port):
@@ -171,7 +166,7 @@ class TcpPort(Port):
 
     async def _connect(self) -> None:
         where: Any = (self.url.hostname, self.url.port)
-        opened = asyncio.get_running_loop().create_connection(lambda: self, *where)
+        opened = self._loop.create_connection(lambda: self, *where)
         try:
             self._transport, _ = await asyncio.wait_for(opened, _NO_ANSWER)
         except asyncio.TimeoutError as error:
@@ -183,11 +178,9 @@ class TcpPort(Port):
 
     def connection_lost(self, error: Exception | None) -> None:
         """The connection is over."""
-        self._fail(_reason(error) if error else 'the other end closed the connection')
+        self._fail(error or 'the other end closed the connection')
 
     def _write(self, data: bytes) -> None:
-        if self._transport is None:
-            return
         # What a frozen server does not take is not kept for it.
         if self._transport.get_write_buffer_size() > 64 * LONGEST_LINE:
             raise OSError('the other end takes nothing')
@@ -195,7 +188,7 @@ class TcpPort(Port):
 
 
 class SerialPort(Port):
-    """A serial line, 8N1."""
+    """A serial line, 8N1; its transport is a file descriptor."""
 
     async def _connect(self) -> None:
         descriptor = os.open(self.url.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
@@ -208,7 +201,7 @@ class SerialPort(Port):
         except termios.error as error:
             os.close(descriptor)
             raise OSError('it is no serial line') from error
-        asyncio.get_running_loop().add_reader(descriptor, self._readable, descriptor)
+        self._loop.add_reader(descriptor, self._readable, descriptor)
         self._transport = descriptor
 
     def _readable(self, descriptor: int) -> None:
@@ -218,23 +211,23 @@ class SerialPort(Port):
             return
         except OSError as error:
             data = b''
-            self._fail(_reason(error))
+            self._fail(error)
         if data:
             self._take(data)
         else:
             self._fail('the line is closed')
-            asyncio.get_running_loop().remove_reader(descriptor)
+            self._loop.remove_reader(descriptor)
 
     def close(self) -> None:
         """Close the device."""
         if self._transport is not None:
-            asyncio.get_running_loop().remove_reader(self._transport)
-            with contextlib.suppress(OSError):
+            self._loop.remove_reader(self._transport)
+            with suppress(OSError):
                 os.close(self._transport)
             self._transport = None
 
     def _write(self, data: bytes) -> None:
-        if self._transport is not None and os.write(self._transport, data) < len(data):
+        if os.write(self._transport, data) < len(data):
             raise OSError('the line does not take so much')
 
 
@@ -250,8 +243,6 @@ class NmeaClient:
     """Sentences in, alerts out.
 
     Args:
-        link: The configuration.
-        inputs: What to read.
         side: The monitor; it is told of the links ``nmea_in`` and ``nmea_out``.
     """
 
@@ -262,7 +253,7 @@ class NmeaClient:
         )
         self._ports: list[Port] = []
         self._out: Port | None = None
-        self._listed = self._beaten = float('-inf')
+        self._listed = self._beaten = -math.inf
 
     async def start(self) -> None:
         """Open the ports.
@@ -270,23 +261,24 @@ class NmeaClient:
         Raises:
             LinkError: One cannot be opened.
         """
-        link, shared = self._link, self._link.listen == self._link.alerts
-        shared = shared and not link.listen.startswith('udp')
+        link = self._link
         if link.listen:
-            self._ports.append(self._port('listen', True))
-        if link.alerts:
-            self._out = self._ports[0] if shared else self._port('alerts', False)
-            self._ports += [] if shared else [self._out]
+            self._ports.append(self._port('listen', link.listen))
+        if link.alerts == link.listen and not link.listen.startswith('udp'):
+            self._out = self._ports[0] if self._ports else None
+        elif link.alerts:
+            self._out = self._port('alerts', link.alerts)
+            self._ports.append(self._out)
         for port in self._ports:
             await port.start()
 
-    def _port(self, role: str, listens: bool) -> Port:
+    def _port(self, role: str, address: str) -> Port:
+        listens = role == 'listen'
         name = 'nmea_in' if listens else 'nmea_out'
 
         def on_link(up: bool, why: str) -> None:
             self._side.tell(name, up, why)
 
-        address = getattr(self._link, role)
         # Where only acknowledgements may come, silence is nothing wrong.
         silent = SILENT if self._inputs and listens else math.inf
         kind = KINDS[check_port(f'nmea.{role}', address).scheme]

@@ -76,22 +76,14 @@ def _values(update: Update) -> Iterator[tuple[str, Any]]:
 
 @dataclass(slots=True)
 class SignalKInput:
-    """A path that is an input of a bearing.
-
-    Attributes:
-        bearing: Name of the bearing.
-        which: What is measured.
-        path: The path.
-        source: The only source to believe; empty to stay with the first that is heard.
-        timeout: After so long without a value it is silent [s].
-        heard: The source that is believed now, and when it was heard last.
-    """
+    """A path that is an input of a bearing."""
 
     bearing: str
-    which: Input
+    place: Input
     path: str
-    source: str
-    timeout: float
+    source: str  # the only source to believe; empty to stay with the first that is heard
+    timeout: float  # after so long without a value it is silent [s]
+    # The source that is believed now, and when it was heard last.
     heard: tuple[str, float] | None = None
 
     @property
@@ -113,7 +105,6 @@ class SignalKInputs:
     """Samples out of deltas.
 
     Args:
-        inputs: What to read.
         log: Told once of each source that is left aside.
     """
 
@@ -143,11 +134,13 @@ class SignalKInputs:
             for path, value in _values(update):
                 items = [item for item in self._inputs if item.path == path]
                 if items and self._fresh((path, source), stamp, items, now):
-                    for item in items:
-                        if item.admits(source, now):
-                            yield item.bearing, item.which, _number(value)
-                        else:
-                            self._tell_aside(path, source)
+                    admitted = [item for item in items if item.admits(source, now)]
+                    for item in admitted:
+                        yield item.bearing, item.place, _number(value)
+                    if admitted != items and (path, source) not in self._left_aside:
+                        self._left_aside.add((path, source))
+                        what = f"source '{source}' of {path}"
+                        self._log(f'Signal K: {what} is left aside; another is heard')
 
     def _fresh(
         self, key: tuple[str, str], stamp: object, items: list[SignalKInput], now: float
@@ -162,11 +155,6 @@ class SignalKInputs:
         # By the server's clock; with a stamp that cannot be read it may be of any age.
         age = now + self._server_ahead - _seconds(stamp)
         return age <= max(item.timeout for item in items)
-
-    def _tell_aside(self, path: str, source: str) -> None:
-        if (path, source) not in self._left_aside:
-            self._left_aside.add((path, source))
-            self._log(f"Signal K: source '{source}' of {path} is left aside; another is heard")
 
 
 def _number(value: object) -> float:
@@ -203,6 +191,9 @@ class SignalKValues:
     def _names(self, bearing: str) -> list[str]:
         return [name for name in VALUES if name != 'load' or bearing in self._own_load]
 
+    def _at(self, bearing: str, name: str) -> str:
+        return f'{self._prefix}.{camel(bearing)}.{name}'
+
     def values(self, bearing: str, record: Mapping[str, Any] | None) -> Update:
         """The values of a bearing; null where its inputs are lost, or with no record at all."""
         known = record if record is not None and record['reason'] != 'input_stale' else {}
@@ -210,47 +201,31 @@ class SignalKValues:
         numbers[REGIME] = known.get(REGIME)
         if numbers[REGIME] is not None and numbers['stickSlipAmplitude'] is None:
             numbers['stickSlipAmplitude'] = 0.0
-        at = f'{self._prefix}.{camel(bearing)}'
-        values = [{'path': f'{at}.{name}', 'value': value} for name, value in numbers.items()]
+        values = [{'path': self._at(bearing, name), 'value': n} for name, n in numbers.items()]
         return {'$source': SOURCE, 'values': values}
 
     def meta(self, bearing: str) -> Update:
         """What the values are. No zones: with these the server raises alarms of its own."""
-        at = f'{self._prefix}.{camel(bearing)}'
-        return {
-            '$source': SOURCE,
-            'meta': [
-                {
-                    'path': f'{at}.{name}',
-                    'value': {'units': unit, 'description': text, 'timeout': 5},
-                }
-                for name, (_, unit, text) in VALUES.items()
-                if name in self._names(bearing)
-            ],
-        }
+        meta = []
+        for name in self._names(bearing):
+            _, unit, text = VALUES[name]
+            value = {'units': unit, 'description': text, 'timeout': 5}
+            meta.append({'path': self._at(bearing, name), 'value': value})
+        return {'$source': SOURCE, 'meta': meta}
 
 
 @dataclass(slots=True)
 class _Alarm:
-    """One notification as the server should have it.
+    """One notification as the server should have it."""
 
-    Attributes:
-        key: Bearing and alarm.
-        path: Its path.
-        token: Names this occurrence of the alarm.
-        value: What was sent last.
-        source: The source under which it is sent.
-        revision: Counts what is sent.
-        base: Whether the server had it acknowledged and silenced when last heard; ``None``
-            before the first echo of this occurrence.
-    """
-
-    key: tuple[str, str]
+    key: tuple[str, ...]  # bearing and alarm
     path: str
-    token: str
-    value: dict[str, Any]
-    source: str = SOURCE
-    revision: int = 0
+    token: str  # names this occurrence of the alarm
+    value: dict[str, Any]  # what was sent last
+    source: str = SOURCE  # the source under which it is sent
+    revision: int = 0  # counts what is sent
+    # Whether the server had it acknowledged and silenced when last heard; ``None`` before the
+    # first echo of this occurrence.
     base: tuple[bool, bool] | None = None
 
     def update(self, value: Mapping[str, Any] | None = None) -> Update:
@@ -269,7 +244,6 @@ class Notifications:
     """The alarms as notifications, and what people do with these at the server.
 
     Args:
-        bearings: Names of the bearings.
         prefix: Path before their names.
         run: A token of this run of the program.
     """
@@ -277,25 +251,25 @@ class Notifications:
     def __init__(self, bearings: Iterable[str], prefix: str, run: str) -> None:
         self.pattern = f'notifications.{prefix}.*'
         self._run, self._count = run, 0
-        keys = [(name, kind.value) for name in bearings for kind in AlarmKind]
-        paths = {key: f'notifications.{prefix}.{camel(key[0])}.{camel(key[1])}' for key in keys}
-        begun = {**NORMAL, 'data': {'occurrence': f'{run}-0'}}
-        self._alarms = {
-            path: _Alarm(key, path, f'{run}-0', value=begun) for key, path in paths.items()
-        }
-        self._by_key = {alarm.key: alarm for alarm in self._alarms.values()}
-        self._monitor = _Alarm(
-            ('', MONITOR), f'notifications.{prefix}.{MONITOR}', f'{run}-0', value=begun
-        )
+
+        def begun(*key: str) -> _Alarm:
+            path = '.'.join(['notifications', prefix, *map(camel, key)])
+            token = f'{run}-0'
+            return _Alarm(key, path, token, {**NORMAL, 'data': {'occurrence': token}})
+
+        own = [begun(name, kind.value) for name in bearings for kind in AlarmKind]
+        self._by_key = {alarm.key: alarm for alarm in own}
+        self._alarms = {alarm.path: alarm for alarm in own}
+        self._monitor = begun(MONITOR)
 
     def take_alarms(self, record: Mapping[str, Any]) -> list[Update]:
         """What to send where a list of alarms differs from what was sent."""
-        updates: list[Update] = []
-        for record_ in record['alarms']:
-            own = self._by_key.get((record_['bearing'], record_['alarm']))
-            if own is not None:
-                updates += self._change(own, record_)
-        return updates
+        return [
+            update
+            for alarm in record['alarms']
+            if (own := self._by_key.get((alarm['bearing'], alarm['alarm'])))
+            for update in self._change(own, alarm)
+        ]
 
     def take_monitor(self, text: str) -> list[Update]:
         """Say what is wrong with the monitor itself; empty if nothing is."""
@@ -339,8 +313,7 @@ class Notifications:
         self, frame: object, own_vessel: str
     ) -> tuple[list[Update], list[ActionRequest]]:
         """What the server says of our notifications: what to send, and what people ask."""
-        updates: list[Update] = []
-        requests: list[ActionRequest] = []
+        updates, requests = list[Update](), list[ActionRequest]()
         for update in _updates(frame, own_vessel):
             source = str(update.get('$source', ''))
             for path, value in _values(update):
@@ -377,7 +350,9 @@ class Notifications:
         )
         # An older client takes the sound away; never an acknowledgement.
         current = value.get('data', {}).get('revision') == own.revision
-        quiet = current and 'sound' not in _methods(value) and 'sound' in own.value['method']
+        method = value.get('method')
+        loud = isinstance(method, list) and 'sound' in method
+        quiet = current and not loud and 'sound' in own.value['method']
         bearing, kind = own.key
         if acknowledged and _waits(own):
             return [ActionRequest(Action.ACKNOWLEDGE, BY, bearing, _KINDS[kind])]
@@ -427,10 +402,6 @@ def _status(value: Mapping[str, Any]) -> tuple[bool, bool]:
     return known.get('acknowledged') is True, known.get('silenced') is True
 
 
-def _methods(value: Mapping[str, Any]) -> Sequence[str]:
-    method = value.get('method')
-    return method if isinstance(method, list) else ()
-
-
 def _leftover(source: str, value: Mapping[str, Any]) -> bool:
+    """Whether another run, or source, of ours has left a notification behind."""
     return source.startswith(SOURCE) and value.get('state') != 'normal'

@@ -64,13 +64,8 @@ class SignalKClient:
     """Samples in, values and notifications out, people's acts back.
 
     Args:
-        link: The configuration.
-        token: The token, empty for none.
-        inputs: What to read.
         own_load: Bearings whose load comes from elsewhere.
         side: The monitor; it is told of the links ``signalk_in`` and ``signalk_out``.
-        heartbeat: See :data:`HEARTBEAT` [s].
-        unheard: See :data:`UNHEARD` [s].
     """
 
     def __init__(
@@ -159,9 +154,11 @@ class SignalKClient:
                 2.0 * self._heartbeat,
             )
         except aiohttp.ClientConnectorCertificateError as error:
+            inner = error.certificate_error
+            why = getattr(inner, 'verify_message', '') or str(inner)
             raise _Unusable(
                 f"signalk.url = '{self._link.url}': its certificate does not fit; give that of its"
-                f' signer as signalk.ca_file ({_certificate(error)})'
+                f' signer as signalk.ca_file ({why})'
             ) from error
         except aiohttp.WSServerHandshakeError as error:
             if error.status >= 500:
@@ -176,13 +173,12 @@ class SignalKClient:
 
     async def _hello(self, socket: aiohttp.ClientWebSocketResponse) -> dict[str, Any]:
         message = await asyncio.wait_for(socket.receive(), 2.0 * self._heartbeat)
-        try:
-            hello = json.loads(message.data) if message.type is aiohttp.WSMsgType.TEXT else None
-        except ValueError:
-            hello = None
         if message.type is not aiohttp.WSMsgType.TEXT:
             raise aiohttp.ClientError('the server closed the connection without a greeting')
-        if not isinstance(hello, dict) or not is_hello(hello):
+        hello: Any = None
+        with suppress(ValueError):
+            hello = json.loads(message.data)
+        if not is_hello(hello):
             raise _Unusable(f"signalk.url = '{self._link.url}' is no Signal K server")
         local = is_loopback(urlsplit(self._link.url).hostname)
         if self._link.accept_actions and version_of(hello) < SAFE_ACTIONS and not local:
@@ -287,11 +283,6 @@ def _reason(error: BaseException) -> str:
     inner = getattr(error, 'os_error', None) or error
     text = getattr(inner, 'strerror', None) or re.sub(r'ssl:(<[^>]*>|\S+) ?', '', str(inner))
     return text or 'no answer'
-
-
-def _certificate(error: aiohttp.ClientConnectorCertificateError) -> str:
-    inner = error.certificate_error
-    return getattr(inner, 'verify_message', '') or str(inner)
 
 
 async def request_token(

@@ -7,16 +7,17 @@ a verdict rests on is stored, the rest is worked out when it is first asked for.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray, flatten, in_blocks, restore
+from stickslip_monitor.monitor.ladder import SentenceEnum
 from stickslip_monitor.physics.averaging import boundaries
 from stickslip_monitor.physics.belief import Belief
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
@@ -25,24 +26,6 @@ from stickslip_monitor.physics.oscillator import Bearing, damping_per_load
 
 # Points from which on a table of the exact fold pays.
 _FEW = 64
-
-_SentenceEnum = TypeVar('_SentenceEnum', bound='SentenceEnum')
-
-
-class SentenceEnum(str, Enum):
-    """A name; each member carries its sentence."""
-
-    sentence: str
-
-    def __new__(cls: type[_SentenceEnum], name: str, sentence: str) -> _SentenceEnum:
-        """Make a member from its name and its sentence."""
-        member = str.__new__(cls, name)
-        member._value_ = name
-        member.sentence = sentence
-        return member
-
-    def __str__(self) -> str:
-        return str(self.value)
 
 
 class Regime(str, Enum):
@@ -58,49 +41,53 @@ class Regime(str, Enum):
 
 
 class Outcome(SentenceEnum):
-    """Why an assessment says what it says; each member carries its sentence."""
+    """Why an assessment says what it says, with the regime that it means."""
 
-    NO_CYCLE = 'no_cycle', 'Beyond the fold: no stick-slip cycle exists at this speed and load.'
+    regime: Regime
+
+    NO_CYCLE = (
+        'no_cycle',
+        Regime.STABLE,
+        'Beyond the fold: no stick-slip cycle exists at this speed and load.',
+    )
     BISTABLE = (
         'bistable',
+        Regime.BISTABLE,
         'Steady sliding and stick-slip are both stable: which one runs depends on the history.',
     )
-    STICK_SLIP = 'stick_slip', 'Steady sliding is unstable: stick-slip starts by itself.'
+    STICK_SLIP = (
+        'stick_slip',
+        Regime.UNSTABLE,
+        'Steady sliding is unstable: stick-slip starts by itself.',
+    )
     NO_BOUNDARY = (
         'no_boundary',
+        Regime.STABLE,
         'Friction does not fall fast enough with speed to overcome the damping at this load:'
         ' no speed has stick-slip.',
     )
-    NO_CONTACT = 'no_contact', 'The bearing carries no load: there is no friction.'
-    AT_REST = 'at_rest', 'The shaft is at rest: nothing slides.'
-    NOT_FINITE = 'not_finite', 'Speed or load is not a finite number.'
-
-
-REGIMES = tuple(Regime)
-OUTCOMES = tuple(Outcome)
-REGIME_OF_OUTCOME = (
-    Regime.STABLE,
-    Regime.BISTABLE,
-    Regime.UNSTABLE,
-    Regime.STABLE,
-    Regime.STABLE,
-    Regime.UNDETERMINED,
-    Regime.UNDETERMINED,
-)
-"""The regime of each of :data:`OUTCOMES`."""
-
-NO_CYCLE, BISTABLE, STICK_SLIP, NO_BOUNDARY, NO_CONTACT, AT_REST, NOT_FINITE = (
-    np.int8(OUTCOMES.index(outcome))
-    for outcome in (
-        Outcome.NO_CYCLE,
-        Outcome.BISTABLE,
-        Outcome.STICK_SLIP,
-        Outcome.NO_BOUNDARY,
-        Outcome.NO_CONTACT,
-        Outcome.AT_REST,
-        Outcome.NOT_FINITE,
+    NO_CONTACT = (
+        'no_contact',
+        Regime.STABLE,
+        'The bearing carries no load: there is no friction.',
     )
+    AT_REST = 'at_rest', Regime.UNDETERMINED, 'The shaft is at rest: nothing slides.'
+    NOT_FINITE = 'not_finite', Regime.UNDETERMINED, 'Speed or load is not a finite number.'
+
+
+REGIMES, OUTCOMES = tuple(Regime), tuple(Outcome)
+_REGIME_CODES = np.array([REGIMES.index(outcome.regime) for outcome in OUTCOMES], np.int8)
+NO_CYCLE, BISTABLE, STICK_SLIP, NO_BOUNDARY, NO_CONTACT, AT_REST, NOT_FINITE = map(
+    np.int8, range(len(OUTCOMES))
 )
+BELIEFS = (
+    'probability_can',
+    'probability_will',
+    'probability_runs',
+    'fold_margin_low',
+    'fold_margin_high',
+)
+"""What tolerances or a calibration add to an assessment; ``nan`` without them."""
 
 
 class Points(NamedTuple):
@@ -108,23 +95,10 @@ class Points(NamedTuple):
 
     speed: FloatArray
     load: FloatArray
-    code: NDArray[np.int8]
-    hopf: FloatArray
-    fold: FloatArray
-    exact_fold: FloatArray
-
-
-def column(name: str, bearing: Bearing, points: Points) -> FloatArray:
-    """A column of :data:`ON_DEMAND` of some operating points, shape (n,)."""
-    if name == 'amplitude_exact':
-        return np.asarray(exact_amplitude(bearing, points.speed, points.load))
-
-    def part(*columns: NDArray[Any]) -> tuple[FloatArray]:
-        return (_AVERAGED[name](bearing, Points(*columns)),)
-
-    with np.errstate(all='ignore'):
-        (result,) = in_blocks(part, *points)
-    return result
+    outcome_code: NDArray[np.int8]
+    hopf_speed: FloatArray
+    fold_speed: FloatArray
+    exact_fold_speed: FloatArray
 
 
 def margin(speed: FloatArray, boundary: FloatArray) -> FloatArray:
@@ -143,109 +117,53 @@ def margin(speed: FloatArray, boundary: FloatArray) -> FloatArray:
 
 
 def _margin(points: Points, boundary: FloatArray) -> FloatArray:
-    return np.where(points.code == NOT_FINITE, np.nan, margin(np.abs(points.speed), boundary))
+    return np.where(
+        points.outcome_code == NOT_FINITE, np.nan, margin(np.abs(points.speed), boundary)
+    )
 
 
-def _hopf_load(bearing: Bearing, points: Points) -> FloatArray:
-    load: FloatArray = boundaries.hopf_load(bearing, points.speed)
-    return load + (points.load - points.load)
-
-
-def _fold_load(bearing: Bearing, points: Points) -> FloatArray:
-    load: FloatArray = boundaries.fold_load(bearing, points.speed)
-    return load + (points.load - points.load)
-
-
-def _growth_rate(bearing: Bearing, points: Points) -> FloatArray:
-    rate: FloatArray = boundaries.growth_rate(bearing, points.speed, points.load)
-    return rate
-
-
-def _amplitude(bearing: Bearing, points: Points) -> FloatArray:
-    inside = (points.code == BISTABLE) | (points.code == STICK_SLIP)
-    # Where only the exact model has a cycle averaging has no amplitude.
-    inside &= np.abs(points.speed) < points.fold
-    return _only(inside, boundaries.stable_amplitude, bearing, points)
-
-
-def _threshold(bearing: Bearing, points: Points) -> FloatArray:
-    inside = (points.code == BISTABLE) & (np.abs(points.speed) < points.fold)
-    return _only(inside, boundaries.threshold_amplitude, bearing, points)
-
-
-def _only(
-    where: NDArray[np.bool_],
-    function: Callable[[Bearing, FloatArray, FloatArray], FloatArray],
+def _amplitude(
+    solve: Callable[[Bearing, FloatArray, FloatArray], FloatArray],
+    codes: list[np.int8],
     bearing: Bearing,
     points: Points,
 ) -> FloatArray:
-    """A function of speed and load at some points, ``nan`` elsewhere."""
-    rows = np.flatnonzero(where)
-    if 0 < rows.size == where.size:
-        return function(bearing, np.abs(points.speed), points.load)
-    result = np.full(where.shape, np.nan)
+    """An amplitude under averaging at the points of some outcomes, ``nan`` elsewhere."""
+    speed = np.abs(points.speed)
+    # Where only the exact model has a cycle averaging has no amplitude.
+    rows = np.flatnonzero(np.isin(points.outcome_code, codes) & (speed < points.fold_speed))
+    result = np.full(speed.shape, np.nan)
     if rows.size:
-        result[rows] = function(bearing, np.abs(points.speed[rows]), points.load[rows])
+        result[rows] = solve(bearing, speed[rows], points.load[rows])
     return result
 
 
-_AVERAGED: dict[str, Callable[[Bearing, Points], FloatArray]] = {
-    'hopf_margin': lambda _, points: _margin(points, points.hopf),
-    'fold_margin': lambda _, points: _margin(points, points.fold),
-    'exact_fold_margin': lambda _, points: _margin(points, points.exact_fold),
-    'stability_margin': lambda _, points: _margin(points, np.fmax(points.fold, points.exact_fold)),
-    'hopf_load': _hopf_load,
-    'fold_load': _fold_load,
-    'growth_rate': _growth_rate,
-    'amplitude': _amplitude,
-    'threshold_amplitude': _threshold,
+_ON_DEMAND: dict[str, Callable[[Bearing, Points], FloatArray]] = {
+    'hopf_margin': lambda _, p: _margin(p, p.hopf_speed),
+    'fold_margin': lambda _, p: _margin(p, p.fold_speed),
+    'exact_fold_margin': lambda _, p: _margin(p, p.exact_fold_speed),
+    'stability_margin': lambda _, p: _margin(p, np.fmax(p.fold_speed, p.exact_fold_speed)),
+    'hopf_load': lambda b, p: boundaries.hopf_load(b, p.speed) + (p.load - p.load),
+    'fold_load': lambda b, p: boundaries.fold_load(b, p.speed) + (p.load - p.load),
+    'growth_rate': lambda b, p: boundaries.growth_rate(b, p.speed, p.load),
+    'amplitude': partial(_amplitude, boundaries.stable_amplitude, [BISTABLE, STICK_SLIP]),
+    'threshold_amplitude': partial(_amplitude, boundaries.threshold_amplitude, [BISTABLE]),
+    'amplitude_exact': lambda b, p: np.asarray(exact_amplitude(b, p.speed, p.load)),
 }
-AVERAGED = tuple(_AVERAGED)
-"""Those that averaging gives, in order."""
 
-_REGIME_NAMES = np.array([regime.value for regime in REGIMES])
-_OUTCOME_NAMES = np.array([outcome.value for outcome in OUTCOMES])
-_REGIME_CODES = np.array([REGIMES.index(regime) for regime in REGIME_OF_OUTCOME], np.int8)
-COLUMNS = (
-    'speed',
-    'load',
-    'outcome_code',
-    'hopf_speed',
-    'fold_speed',
-    'exact_fold_speed',
-    *AVERAGED,
-)
+
+COLUMNS = (*Points._fields, *_ON_DEMAND)
 """The names of what is told of every operating point."""
-
-
-BELIEFS = (
-    'probability_can',
-    'probability_will',
-    'probability_runs',
-    'fold_margin_low',
-    'fold_margin_high',
-)
-"""What tolerances or a calibration add to an assessment; ``nan`` without them."""
-
-
-class _Column:
-    """What is worked out when it is first asked for, under the attribute's name."""
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self._name = name
-
-    def __get__(self, points: Assessment, owner: type) -> Any:
-        if self._name not in points._known:
-            points._known.update(_worked_out(self._name, points))
-        return points._known[self._name]
 
 
 def _worked_out(name: str, points: Assessment) -> dict[str, Any]:
     """A column and what comes with it, of the shape of the points."""
     if name in BELIEFS:
         return _believed(name, points)
-    flat = column(name, points._bearing, points._points())
-    return {name: restore(flat, np.shape(points.outcome_code))}
+    flat = Points(*(np.reshape(part, -1) for part in points._stored()))
+    with np.errstate(all='ignore'):
+        found = _ON_DEMAND[name](points._bearing, flat)
+    return {name: restore(found, np.shape(points.outcome_code))}
 
 
 def _believed(name: str, points: Assessment) -> dict[str, Any]:
@@ -310,28 +228,16 @@ class Assessment:
     _known: dict[str, Any] = field(default_factory=dict, repr=False)
     _belief: Belief | None = field(default=None, repr=False)
 
-    hopf_margin = _Column()
-    fold_margin = _Column()
-    exact_fold_margin = _Column()
-    stability_margin = _Column()
-    hopf_load = _Column()
-    fold_load = _Column()
-    growth_rate = _Column()
-    amplitude = _Column()
-    threshold_amplitude = _Column()
-    amplitude_exact = _Column()
-    probability_can = _Column()
-    probability_will = _Column()
-    probability_runs = _Column()
-    fold_margin_low = _Column()
-    fold_margin_high = _Column()
+    def __getattr__(self, name: str) -> Any:
+        """What is worked out when it is first asked for, and then kept."""
+        if name not in _ON_DEMAND and name not in BELIEFS:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute '{name}'")
+        if name not in self._known:
+            self._known.update(_worked_out(name, self))
+        return self._known[name]
 
-    def _stored(self) -> tuple[Any, ...]:
-        found = self.hopf_speed, self.fold_speed, self.exact_fold_speed
-        return self.speed, self.load, self.outcome_code, *found
-
-    def _points(self) -> Points:
-        return Points(*(np.reshape(part, -1) for part in self._stored()))
+    def _stored(self) -> Iterator[Any]:
+        return (getattr(self, name) for name in Points._fields)
 
     def __eq__(self, other: object) -> bool:
         """Whether both are of the same points, with the same verdict."""
@@ -367,7 +273,7 @@ class Assessment:
     def outcome(self) -> Any:
         """Why the verdict says what it says: an :class:`Outcome`, or names of many."""
         code = self.outcome_code
-        return _OUTCOME_NAMES[code] if np.ndim(code) else OUTCOMES[code]
+        return np.array(OUTCOMES, dtype=str)[code] if np.ndim(code) else OUTCOMES[code]
 
     @property
     def regime_code(self) -> Any:
@@ -379,7 +285,11 @@ class Assessment:
     def regime(self) -> Any:
         """What can happen at the point: a :class:`Regime`, or names of many."""
         code = self.outcome_code
-        return _REGIME_NAMES[self.regime_code] if np.ndim(code) else REGIME_OF_OUTCOME[code]
+        return (
+            np.array(REGIMES, dtype=str)[self.regime_code]
+            if np.ndim(code)
+            else REGIMES[self.regime_code]
+        )
 
 
 Assessments = Assessment
@@ -411,14 +321,9 @@ def assess(
         table = known_table(bearing)
     with np.errstate(all='ignore'):
         columns = in_blocks(partial(_judge, bearing, table), v, n)
-    return _of_columns((restore(part, shape) for part in (v, n, *columns)), bearing, {}, belief)
-
-
-def _of_columns(
-    parts: Iterable[Any], bearing: Bearing, known: dict[str, Any], belief: Belief | None
-) -> Assessment:
-    speed, load, code, hopf, fold, exact = parts
-    return Assessment(speed, load, code, hopf, fold, exact, bearing, known, belief)
+    stored = (restore(part, shape) for part in (v, n, *columns))
+    named = dict(zip(Points._fields, stored, strict=True))
+    return Assessment(**named, _bearing=bearing, _belief=belief)
 
 
 def _judge(
@@ -450,19 +355,12 @@ def _judge(
 
 def at_indices(points: Assessment, rows: Any) -> Assessment:
     """Some of the points of one-dimensional assessments; one of them for a number."""
-    parts: Any = (part[rows] for part in points._stored())
-    if not np.ndim(rows) and not isinstance(rows, slice):
-        parts = (part.item() for part in parts)
-        known = {name: column[rows].item() for name, column in points._known.items()}
-    else:
-        known = {name: column[rows] for name, column in points._known.items()}
-    return _of_columns(parts, points._bearing, known, points._belief)
+    single = not np.ndim(rows) and not isinstance(rows, slice)
 
+    def picked(column: Any) -> Any:
+        return column[rows].item() if single else column[rows]
 
-def joined(points: Sequence[Assessment]) -> Assessment:
-    """Assessments of points, at least one and all of one bearing."""
-    columns: Any = (
-        np.array(column) for column in zip(*(p._stored() for p in points), strict=True)
-    )
-    known = {name: np.array([getattr(p, name) for p in points]) for name in BELIEFS}
-    return _of_columns(columns, points[0]._bearing, known, points[0]._belief)
+    known = {name: picked(column) for name, column in points._known.items()}
+    stored = dict(zip(Points._fields, map(picked, points._stored()), strict=True))
+    bearing, belief = points._bearing, points._belief
+    return Assessment(**stored, _bearing=bearing, _known=known, _belief=belief)

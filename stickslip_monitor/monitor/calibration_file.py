@@ -62,8 +62,8 @@ def require_same_sensors(
         raise ConfigurationError(
             f"{path} is a calibration of '{document.get('bearing')}' and not of '{bearing}'"
         )
+    past = document.get('inputs')
     for quantity, now in inputs.items():
-        past = document.get('inputs')
         then = past.get(quantity) if isinstance(past, dict) else None
         if not isinstance(then, dict):
             raise ConfigurationError(f'{path} is damaged: it does not name its sensors')

@@ -36,20 +36,13 @@ class ClipMessage(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Clip:
-    """The messages around an alarm.
+    """The messages around an alarm."""
 
-    Attributes:
-        bearing: The bearing whose alarm began it.
-        condition: What the alarm said.
-        time_ns: When it began [ns].
-        messages: In order of arrival.
-        definitions: The ``ros2msg`` definition of each type that is not built in.
-    """
-
-    bearing: str
-    condition: Condition
-    time_ns: int
-    messages: tuple[ClipMessage, ...]
+    bearing: str  # whose alarm began it
+    condition: Condition  # what the alarm said
+    time_ns: int  # when it began
+    messages: tuple[ClipMessage, ...]  # in order of arrival
+    # The 'ros2msg' definition of each type that is not built in.
     definitions: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -134,15 +127,9 @@ class ClipRecorder:
         """End the clip that is being taken with what there is."""
         if self._event is None:
             return
-        self._done.append(
-            Clip(
-                self._event.bearing,
-                self._event.after,
-                self._event.time_ns,
-                tuple(self._taken),
-                dict(self._definitions),
-            )
-        )
+        event, taken = self._event, tuple(self._taken)
+        clip = Clip(event.bearing, event.after, event.time_ns, taken, dict(self._definitions))
+        self._done.append(clip)
         self._event, self._taken = None, []
 
     def _forget(self) -> None:

@@ -20,7 +20,6 @@ from stickslip_monitor.monitor.configure import build_config
 _LARGEST = 1 << 20
 NODE_NAME = 'stickslip_monitor'
 _ROS_OWN = ('use_sim_time', 'start_type_description_service')
-_ROS_OWN_SECTION = 'qos_overrides.'
 
 
 class _Loader(yaml.SafeLoader):
@@ -86,12 +85,35 @@ def load_yaml(path: str | Path) -> Any:
 
 
 def load_parameters(path: str | Path) -> dict[str, Any]:
-    """The parameters that a file gives the node, by their dotted names.
+    """The parameters that a file gives the node, by their dotted names, in the file's order.
 
     Raises:
         ConfigurationError: The file cannot be read; the text names it.
     """
-    return _node_parameters(path, load_yaml(path))
+    document = load_yaml(path)
+    if not isinstance(document, Mapping):
+        raise ConfigurationError(
+            f"{path} must be a ROS 2 parameter file: '/**:' with 'ros__parameters:' inside"
+        )
+    merged: dict[str, Any] = {}
+    for section, content in document.items():
+        if str(section).rstrip('/').rsplit('/', 1)[-1] not in (NODE_NAME, '*', '**'):
+            continue
+        parameters = content.get('ros__parameters') if isinstance(content, Mapping) else None
+        if not isinstance(parameters, Mapping):
+            raise ConfigurationError(f"{path}: section '{section}' must hold 'ros__parameters:'")
+        merged.update(_flattened('', parameters))
+    if not merged:
+        sections = ', '.join(str(section) for section in document)
+        raise ConfigurationError(
+            f"{path} has no parameters for '{NODE_NAME}': its sections are {sections}; use '/**'"
+        )
+    # 'ros2 param dump' writes what is not set as null.
+    return {
+        key: value
+        for key, value in merged.items()
+        if value is not None and not is_ros_parameter(key)
+    }
 
 
 def load_config(path: str | Path) -> MonitorConfig:
@@ -113,34 +135,6 @@ def load_config(path: str | Path) -> MonitorConfig:
     return config
 
 
-def _node_parameters(path: str | Path, document: Any) -> dict[str, Any]:
-    """Merge the sections that apply to the node, in the file's order, into dotted names."""
-    if not isinstance(document, Mapping):
-        raise ConfigurationError(
-            f"{path} must be a ROS 2 parameter file: '/**:' with 'ros__parameters:' inside"
-        )
-    merged: dict[str, Any] = {}
-    for section, content in document.items():
-        if str(section).rstrip('/').rsplit('/', 1)[-1] not in (NODE_NAME, '*', '**'):
-            continue
-        if not isinstance(content, Mapping) or not isinstance(
-            content.get('ros__parameters'), Mapping
-        ):
-            raise ConfigurationError(f"{path}: section '{section}' must hold 'ros__parameters:'")
-        merged.update(_flattened('', content['ros__parameters']))
-    if not merged:
-        sections = ', '.join(str(section) for section in document)
-        raise ConfigurationError(
-            f"{path} has no parameters for '{NODE_NAME}': its sections are {sections}; use '/**'"
-        )
-    # 'ros2 param dump' writes what is not set as null.
-    return {
-        key: value
-        for key, value in merged.items()
-        if value is not None and not is_ros_parameter(key)
-    }
-
-
 def load_section(path: str | Path, section: str) -> dict[str, Any]:
     """The parameters of one section of a parameter file, by their dotted names.
 
@@ -157,7 +151,7 @@ def load_section(path: str | Path, section: str) -> dict[str, Any]:
 
 def is_ros_parameter(name: str) -> bool:
     """Whether a parameter is one that every ROS 2 node has."""
-    return name in _ROS_OWN or name.startswith(_ROS_OWN_SECTION)
+    return name in _ROS_OWN or name.startswith('qos_overrides.')
 
 
 def _flattened(prefix: str, content: Mapping[Any, Any]) -> Iterator[tuple[str, Any]]:

@@ -19,6 +19,7 @@ from stickslip_monitor.monitor.calibration_file import (
 from stickslip_monitor.monitor.config import (
     BEARING_PARAMETERS,
     BEARINGS,
+    FRICTION_PARAMETERS,
     INPUT_PARAMETERS,
     LINING_PARAMETERS,
     NODE_PARAMETERS,
@@ -119,9 +120,8 @@ def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
         )
     except PhysicsError as error:
         raise ConfigurationError(f'{name}: {error}') from error
-    prefix = 'tolerance.'
     tolerance = Tolerance(
-        **{key[len(prefix) :]: own[key] for key in own if key.startswith(prefix)}
+        **{key.removeprefix('tolerance.'): own[key] for key in own if key.startswith('tolerance.')}
     )
     bearing, belief = _believed(name, bearing, own, tolerance)
     alarm = filled(AlarmConfig, 'alarm.', own)
@@ -145,19 +145,18 @@ def _believed(
     The belief is ``None`` where all is taken for exact.
     """
     path = own['calibration']
+    if not path and tolerance.is_exact:
+        return bearing, None
     try:
-        if path:
-            document = load_calibration(path)
-            inputs = {
-                quantity: {key: own[f'{quantity}.{key}'] for key in INPUT_KEYS}
-                for quantity in ('speed', 'load')
-            }
-            require_same_sensors(path, document, name, inputs)
-            belief = belief_of(path, document, tolerance)
-            return belief.nominal(bearing), belief
-        if tolerance.is_exact:
-            return bearing, None
-        return bearing, _of_tolerance(bearing, tolerance)
+        if not path:
+            return bearing, _of_tolerance(bearing, tolerance)
+        document = load_calibration(path)
+        sensors = {
+            name: {key: own[f'{name}.{key}'] for key in INPUT_KEYS} for name in ('speed', 'load')
+        }
+        require_same_sensors(path, document, name, sensors)
+        belief = belief_of(path, document, tolerance)
+        return belief.nominal(bearing), belief
     except PhysicsError as error:
         raise ConfigurationError(f'{name}: {error}') from error
 
@@ -168,20 +167,17 @@ _of_tolerance = lru_cache(maxsize=16)(Belief.from_tolerance)
 
 def _friction(name: str, own: Mapping[str, Any]) -> FrictionLaw:
     make, names = _LAWS[own['friction.law']]
-    needed = [key for key in names if _row(f'friction.{key}').optional]
-    for quantity in needed:
-        value = own[f'friction.{quantity}']
+    optional = {row.name for row in FRICTION_PARAMETERS if row.optional}
+    needed = [key for key in names if f'friction.{key}' in optional]
+    for key in needed:
+        value = own[f'friction.{key}']
         if value == () or value != value:
             raise ConfigurationError(
-                f"parameter '{name}.friction.{quantity}' is missing: the law"
+                f"parameter '{name}.friction.{key}' is missing: the law"
                 f' {own["friction.law"]} needs {", ".join(needed)}'
             )
-    law: FrictionLaw = make(*(own[f'friction.{quantity}'] for quantity in names))
+    law: FrictionLaw = make(*(own[f'friction.{key}'] for key in names))
     return law
-
-
-def _row(name: str) -> Any:
-    return next(row for row in BEARING_PARAMETERS if row.name == name)
 
 
 def _input(
@@ -211,10 +207,26 @@ def _input(
 def _level(name: str, own: Mapping[str, Any], *others: InputConfig) -> LevelConfig | None:
     """The input of measured vibration; ``None`` where there is none."""
     if not own['level.topic']:
-        _require_no_level(name, own)
+        for row in INPUT_PARAMETERS['level']:
+            value = own[row.name]
+            if value != row.default and value == value:
+                raise ConfigurationError(
+                    f"parameter '{name}.level.topic' is missing, and {name}.{row.name} ="
+                    f' {value!r} is given: name the topic of the measured vibration'
+                )
         return None
     level: LevelConfig = _input(LevelConfig, name, 'level', own, 1.0)
-    _check_threshold(name, level)
+    threshold, unit = level.threshold, level.unit
+    if threshold <= 0.0 and unit != 'dB':
+        raise ConfigurationError(
+            f'{name}.level.threshold = {threshold:g} {unit} must be above 0, as every RMS'
+            ' value is; for a level in decibels set level.unit to dB'
+        )
+    if abs(threshold) > level.maximum:
+        raise ConfigurationError(
+            f'{name}.level.threshold = {threshold:g} {unit} must not be above'
+            f' {name}.level.maximum = {level.maximum:g} {unit}: a value beyond is invalid'
+        )
     for quantity, other in zip(('speed', 'load'), others, strict=True):
         if level.topic != other.topic:
             continue
@@ -229,27 +241,3 @@ def _level(name: str, own: Mapping[str, Any], *others: InputConfig) -> LevelConf
                 f' {other.type!r}: both are read from {level.topic}'
             )
     return level
-
-
-def _require_no_level(name: str, own: Mapping[str, Any]) -> None:
-    for row in INPUT_PARAMETERS['level']:
-        value = own[row.name]
-        if value != row.default and value == value:
-            raise ConfigurationError(
-                f"parameter '{name}.level.topic' is missing, and {name}.{row.name} = {value!r} is"
-                ' given: name the topic of the measured vibration'
-            )
-
-
-def _check_threshold(name: str, level: LevelConfig) -> None:
-    threshold, in_db = level.threshold, level.unit == 'dB'
-    if threshold <= 0.0 and not in_db:
-        raise ConfigurationError(
-            f'{name}.level.threshold = {threshold:g} {level.unit} must be above 0, as every RMS'
-            ' value is; for a level in decibels set level.unit to dB'
-        )
-    if abs(threshold) > level.maximum:
-        raise ConfigurationError(
-            f'{name}.level.threshold = {threshold:g} {level.unit} must not be above'
-            f' {name}.level.maximum = {level.maximum:g} {level.unit}: a value beyond is invalid'
-        )

@@ -27,33 +27,19 @@ class DiagnosticRecord:
 
 @dataclass(slots=True)
 class NodeHealth:
-    """How the node itself is.
+    """How the node itself is."""
 
-    Attributes:
-        monitoring: Whether it is active.
-        failures: Callbacks that failed and were survived.
-        last_failure: What the last of them said.
-        lost: Messages that the middleware reports as lost.
-        missing: Messages missing by the stamps of senders whose period is known.
-        thinned: Messages left out because too many waited.
-        double: Whether another node has the same full name.
-        delays: How often the node was held up.
-        longest_delay: For how long at most [s].
-        state_file_fault: Why the alarms are not kept; empty where they are.
-        clip_fault: Why the last event clip is lost; empty where it is not.
-    """
-
-    monitoring: bool = False
-    failures: int = 0
-    last_failure: str = ''
-    lost: int = 0
-    missing: int = 0
-    thinned: int = 0
-    double: bool = False
-    delays: int = 0
-    longest_delay: float = 0.0
-    state_file_fault: str = ''
-    clip_fault: str = ''
+    monitoring: bool = False  # it is active
+    failures: int = 0  # callbacks that failed and were survived
+    last_failure: str = ''  # what the last of them said
+    lost: int = 0  # messages that the middleware reports as lost
+    missing: int = 0  # messages missing by the stamps of senders whose period is known
+    thinned: int = 0  # messages left out because too many waited
+    double: bool = False  # another node has the same full name
+    delays: int = 0  # how often the node was held up
+    longest_delay: float = 0.0  # for how long at most [s]
+    state_file_fault: str = ''  # why the alarms are not kept
+    clip_fault: str = ''  # why the last event clip is lost
 
     @property
     def level(self) -> Level:

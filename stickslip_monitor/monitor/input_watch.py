@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Looks at the inputs once a second: what comes of each, how fast, and what is wrong with it.
+"""What comes of each input, how fast, and what is wrong with it: one sentence for each fault.
 
-It knows neither clock nor ROS: time is an argument, and who publishes on a topic is asked of a
-:class:`Graph`.
+The facts are gathered by whoever has them: :class:`InputWatch` once a second beside a running
+monitor, a check from a recording. Neither knows ROS: who publishes is asked of a :class:`Graph`.
 """
 
 from __future__ import annotations
@@ -13,12 +13,20 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
-from stickslip_monitor.monitor.level import Unknown
+from stickslip_monitor.monitor.ladder import Unknown
 from stickslip_monitor.monitor.monitor import BearingMonitor
-from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, Status, to_si
+from stickslip_monitor.monitor.signals import (
+    INPUTS,
+    LEVEL,
+    QUANTITIES,
+    STATUS_SENTENCES,
+    Status,
+    to_si,
+)
 from stickslip_monitor.monitor.source_faults import SourceWatch, fault_text, least_gap
 
+MOSTLY = 1.0 / 3.0
+"""From this share of refused samples on it is told."""
 PATIENCE = 3
 """A fault is told when so many looks in a row have found it: discovery takes its time."""
 SHARE_SAMPLES, SHARE_NS = 20, 10 * 10**9
@@ -26,9 +34,92 @@ SHARE_SAMPLES, SHARE_NS = 20, 10 * 10**9
 _GRAPH_PERIOD = 5
 _RATE_LOOKS = 10
 _NUMBERS = re.compile(r'[\d.]+')
-_BELIEVED = [status for status in Status if status.believed]
 Counts = tuple[int, ...]
 """Samples by :class:`Status`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Publisher:
+    """Somebody who publishes on an input's topic."""
+
+    node: str  # full name
+    type: str
+    qos_fault: str = ''  # why its quality of service does not match
+
+
+@dataclass(frozen=True, slots=True)
+class InputFacts:
+    """What is known of one input of one bearing."""
+
+    topic: str  # as resolved
+    type: str  # the message type that is configured
+    timeout: float  # [s]
+    lost: bool  # it counts as lost, or has not come yet
+    publishers: Sequence[Publisher] | None = ()  # None where nobody can know
+    heard: bool = False  # believed samples come
+    refused: Status | None = None  # why the latest were; None where some were believed
+    share: float = 0.0  # of the samples of the last while that were refused
+    reason: Status | None = None  # why most of these were
+    without_clock: bool = False  # time follows /clock, which has said nothing yet
+    behind: float = 0.0  # how far its stamps are behind the other input's [s]
+    other: str = ''  # the other input's topic
+    stuck: bool = False  # its value has not changed for minutes, which only a level may not
+    source: str = ''  # what its samples tell of their source, see .source_faults
+
+
+MOSTLY = 1.0 / 3.0
+"""From this share of refused samples on it is told."""
+
+
+def input_fault(facts: InputFacts) -> str:
+    """The sentence on an input, the most fundamental fault first; empty where there is none."""
+    topic, publishers = facts.topic, facts.publishers
+    if facts.without_clock:
+        return 'use_sim_time is set, but nothing comes on /clock: no sample can be used.'
+    if facts.lost and (fault := _sender_fault(facts)):
+        return fault
+    if facts.heard and facts.behind > facts.timeout:
+        return (
+            f'Stamps on {topic} are {facts.behind:.3g} s behind those on {facts.other},'
+            f" which is more than the timeout of {facts.timeout:g} s: the senders' clocks differ."
+        )
+    if facts.share >= MOSTLY and facts.reason is not None:
+        return (
+            f'{facts.share:.0%} of the samples on {topic} are refused, most because:'
+            f' {STATUS_SENTENCES[facts.reason]}.'
+        )
+    if facts.lost and not facts.heard:
+        if not publishers:
+            return f'Nothing arrives of {topic}.'
+        return f'{publishers[0].node} publishes on {topic}, but nothing arrives.'
+    if facts.stuck:
+        return f'The level on {topic} never changes: its sensor is stuck.'
+    if publishers and len(publishers) > 1:
+        names = ', '.join(sorted({publisher.node for publisher in publishers}))
+        return f'{len(publishers)} publishers send on {topic} ({names}): their values are mixed.'
+    return f'On {topic}, {facts.source}.' if facts.source else ''
+
+
+def _sender_fault(facts: InputFacts) -> str:
+    """Why nothing believable can come from those who publish on the topic."""
+    topic = facts.topic
+    if facts.publishers is not None:
+        right = [publisher for publisher in facts.publishers if publisher.type == facts.type]
+        if not facts.publishers:
+            return f'Nobody publishes on {topic}.'
+        if not right:
+            wrong = facts.publishers[0]
+            return (
+                f'{wrong.node} publishes {wrong.type} on {topic}, but {facts.type} is configured.'
+            )
+        if all(publisher.qos_fault for publisher in right):
+            return (
+                f'The quality of service of {right[0].node} on {topic} does not match:'
+                f' {right[0].qos_fault}.'
+            )
+    if facts.refused is None:
+        return ''
+    return f'Every sample on {topic} is refused: {STATUS_SENTENCES[facts.refused]}.'
 
 
 class Graph:
@@ -42,17 +133,11 @@ class Graph:
 
 @dataclass(frozen=True, slots=True)
 class InputState:
-    """An input as it is now.
+    """An input as it is now."""
 
-    Attributes:
-        age: Time since the last believed sample came [s]; ``inf`` before the first.
-        rate: Believed samples lately [Hz]; ``nan`` while unknown.
-        fault: What is wrong with it; empty for nothing.
-    """
-
-    age: float = math.inf
-    rate: float = math.nan
-    fault: str = ''
+    age: float = math.inf  # since the last believed sample came [s]
+    rate: float = math.nan  # believed samples lately [Hz]; nan while unknown
+    fault: str = ''  # what is wrong with it
 
 
 @dataclass(slots=True)
@@ -61,11 +146,11 @@ class _Track:
 
     source: SourceWatch
     arrived_ns: int | None = None
-    last: Counts = ()
-    refused: Counts = ()
+    last: Counts = ()  # at the last look
+    refused: Counts = ()  # at the last look that found a new believed sample
     marks: deque[tuple[int, Counts]] = field(default_factory=lambda: deque(maxlen=2))
     rates: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_RATE_LOOKS))
-    looks: int = 0
+    looks: int = 0  # in a row that found a fault
     told: str = ''
 
     def look(self, now_ns: int, counts: Counts) -> None:
@@ -86,14 +171,6 @@ class _Track:
             return math.nan
         (begin, before), (end, after) = self.rates[0], self.rates[-1]
         return (after - before) * 1e9 / (end - begin) if end > begin else math.nan
-
-    def lately(self) -> Counts:
-        """The samples of the last while."""
-        return _grown(self.last, self.marks[0][1]) if self.marks else ()
-
-    def since_believed(self) -> Counts:
-        """The samples since the last look that found a new believed one."""
-        return _grown(self.last, self.refused)
 
 
 class InputWatch:
@@ -173,7 +250,7 @@ class InputWatch:
         self, bearing: str, place: int, track: _Track, now_ns: int, without_clock: bool
     ) -> bool:
         """Look at one input; whether there is a fault that was not told before."""
-        track.look(now_ns, tuple(map(int, self._bearings[bearing].counted(place))))
+        track.look(now_ns, tuple(map(int, self._bearings[bearing].counts[place])))
         fault = input_fault(self._facts(bearing, place, now_ns, without_clock))
         track.looks = track.looks + 1 if fault else 0
         told = fault if track.looks >= PATIENCE else ''
@@ -193,32 +270,25 @@ class InputWatch:
         lost = own_ns is None or monitor.is_lost(place)
         self._lost |= lost
         timeout = source.timeout_ns * 1e-9
-        lately = track.lately()
+        lately = _grown(track.last, track.marks[0][1]) if track.marks else ()
+        if source.topic not in self._publishers:
+            self._publishers[source.topic] = self._graph.publishers(source.topic)
         return InputFacts(
             topic=source.topic,
             type=source.type,
             timeout=timeout,
             lost=lost,
-            publishers=self._publishers_of(source.topic),
+            publishers=self._publishers[source.topic],
             heard=_age(track, now_ns) < 0.5 * timeout,
-            refused=_worst(track.since_believed()),
-            share=_refused(lately) if sum(lately) >= SHARE_SAMPLES else 0.0,
+            refused=_worst(_grown(track.last, track.refused)),
+            share=1.0 - _believed(lately) / sum(lately) if sum(lately) >= SHARE_SAMPLES else 0.0,
             reason=_worst(lately),
             without_clock=without_clock,
             behind=behind,
             other=other.topic,
-            stuck=place == LEVEL and _is_stuck(monitor),
+            stuck=place == LEVEL and monitor.unknown is Unknown.STUCK,
             source=', '.join(fault_text(fault, source) for fault in track.source.standing(now_ns)),
         )
-
-    def _publishers_of(self, topic: str) -> Sequence[Publisher] | None:
-        if topic not in self._publishers:
-            self._publishers[topic] = self._graph.publishers(topic)
-        return self._publishers[topic]
-
-
-def _is_stuck(monitor: BearingMonitor) -> bool:
-    return monitor.measured is not None and monitor.unknown is Unknown.STUCK
 
 
 def _age(track: _Track, now_ns: int) -> float:
@@ -226,16 +296,11 @@ def _age(track: _Track, now_ns: int) -> float:
 
 
 def _believed(counts: Counts) -> int:
-    return sum(counts[status] for status in _BELIEVED) if counts else 0
+    return sum(counts[: Status.CLOCK_JUMP + 1])
 
 
 def _grown(counts: Counts, before: Counts) -> Counts:
     return tuple(count - old for count, old in zip(counts, before, strict=True)) if counts else ()
-
-
-def _refused(counts: Counts) -> float:
-    """The share of the samples that were refused."""
-    return 1.0 - _believed(counts) / sum(counts)
 
 
 def _worst(counts: Counts) -> Status | None:

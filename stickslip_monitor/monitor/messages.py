@@ -1,26 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Events and verdicts as what is published and written, the same live and offline.
-
-The diagnostic status of a bearing: what the node publishes and what a checked bag is given.
-"""
+"""Events, verdicts and states as what is published and written, the same live and offline."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, joined
+from stickslip_monitor.monitor.assessment import BELIEFS, Assessment
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.health import NOT_MONITORING, DiagnosticRecord
 from stickslip_monitor.monitor.input_watch import InputState
-from stickslip_monitor.monitor.ladder import Condition, Level
-from stickslip_monitor.monitor.level import Measured, Unknown
+from stickslip_monitor.monitor.ladder import Condition, Level, Measured, Unknown
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES, Input, Status
 from stickslip_monitor.monitor.verdict import Event, Standing, Verdict
@@ -44,8 +41,6 @@ POINT_NUMBERS = (
     *BELIEFS,
 )
 """The numbers of an operating point in every record, in SI units."""
-# Events whose numbers are worked out at a time.
-_TOGETHER = 2048
 VERDICT_NUMBERS = ('amplitude', 'amplitude_exact', 'hopf_margin', 'fold_margin')
 """The numbers of a verdict that have a topic of their own, by the topic's last part."""
 
@@ -80,24 +75,19 @@ def topic_words(bearing: BearingConfig) -> tuple[str, ...]:
 
 def verdict_values(bearing: BearingConfig) -> dict[str, Callable[[Verdict], float | str]]:
     """What each topic of a bearing says of a verdict, by the topic's last part."""
-    values = {name: _number_of(name) for name in topic_numbers(bearing)}
-    return values | {name: _WORDS[name] for name in topic_words(bearing)}
+    values: dict[str, Callable[[Verdict], float | str]] = {
+        name: partial(_number_of, name) for name in topic_numbers(bearing)
+    }
+    values['regime'] = lambda verdict: str(verdict.assessment.regime.value)
+    if bearing.level is not None:
+        values['measured'] = lambda verdict: str(verdict.standing.measured)
+    return values
 
 
-def _number_of(name: str) -> Callable[[Verdict], float | str]:
+def _number_of(name: str, verdict: Verdict) -> float:
     """A number, worked out only where somebody wants it; an amplitude is 0 without a cycle."""
-
-    def read(verdict: Verdict) -> float:
-        value = float(getattr(verdict.assessment, name))
-        return 0.0 if math.isnan(value) and name.startswith('amplitude') else value
-
-    return read
-
-
-_WORDS: dict[str, Callable[[Verdict], float | str]] = {
-    'regime': lambda verdict: str(verdict.assessment.regime.value),
-    'measured': lambda verdict: str(verdict.standing.measured),
-}
+    value = float(getattr(verdict.assessment, name))
+    return 0.0 if math.isnan(value) and name.startswith('amplitude') else value
 
 
 def number(value: float) -> float | None:
@@ -109,44 +99,15 @@ def point_record(point: Assessment | None) -> dict[str, Any]:
     """Regime, outcome and numbers of an assessment of scalars; all ``None`` without one."""
     if point is None:
         return dict.fromkeys(('regime', 'outcome', *POINT_NUMBERS))
-    return _point_record(point, [getattr(point, name) for name in POINT_NUMBERS])
-
-
-def _point_record(point: Assessment, numbers: Sequence[float]) -> dict[str, Any]:
     return {
         'regime': point.regime.value,
         'outcome': point.outcome.value,
-        **{name: number(value) for name, value in zip(POINT_NUMBERS, numbers, strict=True)},
+        **{name: number(getattr(point, name)) for name in POINT_NUMBERS},
     }
 
 
 def event_record(event: Event) -> dict[str, Any]:
     """One event; the fields are documented in docs/interfaces.md."""
-    return _event_record(event, point_record(event.assessment))
-
-
-def event_records(events: Sequence[Event]) -> list[dict[str, Any]]:
-    """Events of one bearing; their numbers are worked out together."""
-    known = [event.assessment for event in events if event.assessment is not None]
-    rows = (
-        row
-        for start in range(0, len(known), _TOGETHER)
-        for row in _numbers(joined(known[start : start + _TOGETHER]))
-    )
-    records = []
-    for event in events:
-        point = event.assessment
-        own = point_record(None) if point is None else _point_record(point, next(rows))
-        records.append(_event_record(event, own))
-    return records
-
-
-def _numbers(points: Assessment) -> Iterator[Sequence[float]]:
-    """The numbers of each point of an assessment of arrays."""
-    return zip(*(getattr(points, name).tolist() for name in POINT_NUMBERS), strict=True)
-
-
-def _event_record(event: Event, point: dict[str, Any]) -> dict[str, Any]:
     return {
         'schema': WARNING_SCHEMA,
         'bearing': event.bearing,
@@ -160,7 +121,7 @@ def _event_record(event: Event, point: dict[str, Any]) -> dict[str, Any]:
         'clears_in': event.standing.clears,
         'raised': event.standing.raised,
         **({} if event.measured is None else {'measured': event.measured.value}),
-        **point,
+        **point_record(event.assessment),
         'input_age': {name: number(age) for name, age in event.lost.items()},
         'text': event.text,
     }
@@ -175,53 +136,25 @@ WAITING = 'Waiting for the first speed and load.'
 
 
 @dataclass(frozen=True, slots=True)
-class LevelState:
-    """The measured vibration of a bearing at an instant.
-
-    Attributes:
-        measured: What it says.
-        unknown: Why it says nothing; ``None`` where it does.
-        counts: Values by :class:`Status`, shape (6,).
-    """
-
-    measured: Measured
-    unknown: Unknown | None
-    counts: NDArray[np.int64]
-
-
-@dataclass(frozen=True, slots=True)
 class BearingState:
-    """A bearing at an instant.
-
-    Attributes:
-        config: The bearing.
-        condition: What the alarm says.
-        text: What it says, for a person.
-        assessment: The last assessment, of scalars; ``None`` before the first.
-        standing: What the alarm rests on.
-        lost: The inputs that are lost, with their ages [s].
-        counts: Samples by :class:`Input` and :class:`Status`, shape (3, 7).
-        time_ns: When, on the clock of the samples [ns]; 0 before the first.
-        inputs: Its inputs by quantity, where somebody looks at them.
-        monitoring: Whether anybody watches the bearing.
-        vibration: What is measured of it; ``None`` where none is configured.
-    """
+    """A bearing at an instant."""
 
     config: BearingConfig
     condition: Condition
-    text: str
-    assessment: Assessment | None
+    text: str  # what the condition says, for a person
+    assessment: Assessment | None  # the last one, of scalars
     standing: Standing
-    lost: dict[str, float]
-    counts: NDArray[np.int64]
-    time_ns: int = 0
-    inputs: Mapping[str, InputState] = field(default_factory=dict)
-    monitoring: bool = True
-    vibration: LevelState | None = None
+    lost: dict[str, float]  # the inputs that are lost, with their ages [s]
+    counts: NDArray[np.int64]  # samples by Input and Status, shape (3, 7)
+    time_ns: int  # on the clock of the samples; 0 before the first
+    inputs: Mapping[str, InputState]  # by quantity, where somebody looks at them
+    monitoring: bool  # somebody watches the bearing
+    measured: Measured | None  # what the level says; None where none is configured
+    unknown: Unknown | None  # why it says nothing
 
     @property
     def faults(self) -> dict[str, str]:
-        """What is wrong with an input, by quantity; see :mod:`.input_faults`."""
+        """What is wrong with an input, by quantity."""
         return {name: state.fault for name, state in self.inputs.items() if state.fault}
 
     @property
@@ -252,6 +185,12 @@ class BearingState:
         text = f'{name}: {WAITING}' if self.waiting else self.text
         return ' '.join([text, *dict.fromkeys(self.faults.values())])
 
+    @property
+    def rpm(self) -> float:
+        """Speed of the shaft at the last point [rpm]."""
+        assert self.assessment is not None
+        return float(self.config.bearing.speed.from_surface(self.assessment.speed, 'rpm'))
+
 
 def state_of(
     bearing: BearingMonitor,
@@ -259,7 +198,7 @@ def state_of(
     monitoring: bool = True,
 ) -> BearingState:
     """The state of a bearing that is, or was, monitored; see :class:`BearingState`."""
-    verdict = bearing.verdict
+    verdict, measured = bearing.verdict, bearing.measured
     return BearingState(
         bearing.config,
         bearing.condition,
@@ -271,14 +210,9 @@ def state_of(
         bearing.now_ns or 0,
         inputs or {},
         monitoring,
-        _level_of(bearing),
+        measured,
+        None if measured is None else bearing.unknown,
     )
-
-
-def _level_of(bearing: BearingMonitor) -> LevelState | None:
-    if bearing.measured is None:
-        return None
-    return LevelState(bearing.measured, bearing.unknown, bearing.counts[Input.LEVEL])
 
 
 def bearings_json(states: Iterable[BearingState], time_ns: int) -> str:
@@ -293,7 +227,9 @@ def bearing_record(state: BearingState) -> dict[str, Any]:
     standing, monitoring = state.standing, state.monitoring
     point = state.assessment if monitoring else None
     clears = standing.clears if point is not None else None
-    level = state.vibration if monitoring else None
+    measured = state.measured if monitoring else None
+    unknown = state.unknown if monitoring else None
+    heard = QUANTITIES if state.measured is None else INPUTS
     return {
         'bearing': state.config.name,
         'time': state.time_ns,
@@ -306,27 +242,19 @@ def bearing_record(state: BearingState) -> dict[str, Any]:
         'clears_in': clears,
         'held_until': None if clears is None else state.time_ns + round(clears * 1e9),
         'raised': standing.raised,
-        'rpm': None if point is None else _rpm(state.config, point),
+        'rpm': None if point is None else state.rpm,
         **point_record(point),
-        'measured': None if level is None else level.measured.value,
-        'unmeasured': level.unknown.sentence if level is not None and level.unknown else '',
+        'measured': None if measured is None else measured.value,
+        'unmeasured': '' if unknown is None else unknown.sentence,
         'unseen': standing.unseen,
-        'inputs': {name: _input_record(state, place) for place, name in enumerate(_heard(state))},
+        'inputs': {name: _input_record(state, place) for place, name in enumerate(heard)},
     }
 
 
-def _heard(state: BearingState) -> tuple[str, ...]:
-    return QUANTITIES if state.vibration is None else INPUTS
-
-
 def _input_record(state: BearingState, place: int) -> dict[str, Any]:
-    name = INPUTS[place]
+    name, counts = INPUTS[place], state.counts[place]
     known = state.inputs.get(name, InputState())
-    if place < len(QUANTITIES):
-        counts, lost = state.counts[place], name in state.lost
-    else:
-        assert state.vibration is not None
-        counts, lost = state.vibration.counts, state.vibration.unknown is Unknown.LOST
+    lost = state.unknown is Unknown.LOST if place == Input.LEVEL else name in state.lost
     return {
         'lost': lost,
         'age': number(known.age),
@@ -334,10 +262,6 @@ def _input_record(state: BearingState, place: int) -> dict[str, Any]:
         'fault': known.fault,
         'counts': {each.name.lower(): int(counts[each]) for each in Status},
     }
-
-
-def _rpm(config: BearingConfig, point: Assessment) -> float:
-    return float(config.bearing.speed.from_surface(point.speed, 'rpm'))
 
 
 def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:
@@ -376,7 +300,7 @@ def diagnostic_values(state: BearingState) -> dict[str, str | float]:
             'outcome': point.outcome.value,
             'stick-slip predicted': str(state.standing.sticking).lower(),
             'speed [m/s]': point.speed,
-            'shaft speed [rpm]': _rpm(state.config, point),
+            'shaft speed [rpm]': state.rpm,
             'load [N]': point.load,
             'hopf speed [m/s]': point.hopf_speed,
             'fold speed [m/s]': point.fold_speed,
@@ -397,25 +321,14 @@ def diagnostic_values(state: BearingState) -> dict[str, str | float]:
         result[f'{name} age [s]'] = age
     for name, text in state.faults.items():
         result[f'{name} fault'] = text
-    result |= _level_values(state)
-    counts = state.counts[: len(QUANTITIES)]
-    result |= zip(_COUNTED, map(int, counts.flat), strict=True)
-    if state.vibration is not None:
-        result |= zip(_COUNTED_LEVELS, map(int, state.vibration.counts), strict=True)
+    if state.measured is not None and state.monitoring:
+        result |= {
+            'measured': state.measured.value,
+            'measured unknown': '' if state.unknown is None else state.unknown.sentence,
+            'predicted but not measured for [s]': state.standing.unseen,
+        }
+    for place, name in enumerate(QUANTITIES if state.measured is None else INPUTS):
+        for status in Status:
+            key = f'{name} samples {status.name.lower().replace("_", " ")}'
+            result[key] = int(state.counts[place, status])
     return result
-
-
-_STATUSES = [status.name.lower().replace('_', ' ') for status in Status]
-_COUNTED = [f'{name} samples {status}' for name in QUANTITIES for status in _STATUSES]
-_COUNTED_LEVELS = [f'level samples {status}' for status in _STATUSES]
-
-
-def _level_values(state: BearingState) -> dict[str, str | float]:
-    level = state.vibration if state.monitoring else None
-    if level is None:
-        return {}
-    return {
-        'measured': level.measured.value,
-        'measured unknown': '' if level.unknown is None else level.unknown.sentence,
-        'predicted but not measured for [s]': state.standing.unseen,
-    }

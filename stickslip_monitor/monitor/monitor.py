@@ -16,14 +16,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor import rule
-from stickslip_monitor.monitor.bulk import Scan, assessed, lost_inputs, scan_bearing, size_cycle
+from stickslip_monitor.monitor.bulk import Scan, scan_bearing
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
-from stickslip_monitor.monitor.ladder import CONDITIONS, Condition
-from stickslip_monitor.monitor.level import MEASURED, Measured, Unknown, why_unknown
+from stickslip_monitor.monitor.ladder import CONDITIONS, MEASURED, Condition, Measured, Unknown
 from stickslip_monitor.monitor.rule_settings import settings_of
 from stickslip_monitor.monitor.rule_state import NEVER, State
 from stickslip_monitor.monitor.signals import INPUTS, Input, Sample, Status, Stream
@@ -32,25 +30,23 @@ from stickslip_monitor.monitor.verdict import (
     Event,
     Standing,
     Verdict,
+    assessed,
     describe,
     event_of,
+    lost_inputs,
+    size_cycle,
     standing_of,
+    why_unknown,
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Update:
-    """What one sample brought.
+    """What one sample brought."""
 
-    Attributes:
-        status: What became of the sample.
-        verdict: The verdict, where the sample completed an operating point.
-        events: Changes of the alarm up to and at the sample's time.
-    """
-
-    status: Status
-    verdict: Verdict | None = None
-    events: list[Event] = field(default_factory=list)
+    status: Status  # what became of it
+    verdict: Verdict | None = None  # where it completed an operating point
+    events: list[Event] = field(default_factory=list)  # changes of the alarm up to its time
 
 
 _STATUS = tuple(Status)
@@ -88,15 +84,15 @@ class BearingMonitor:
     def _rescale(self, place: int, old: Any) -> None:
         """Convert what is remembered of an input from the old settings into those of now."""
         state, new = self.state, self._settings.live
+        if place == Input.LEVEL:
+            # Decibels of a number that has an offset cannot be converted: learn them anew.
+            state.loudest, state.watched, state.vibrating = math.nan, 0, rule.UNKNOWN
+            return
 
         def converted(si: float) -> float:
             number = (si / old.factor[place] - old.offset[place]) / old.scale[place]
             return rule.si_value(new, place, number)
 
-        if place == Input.LEVEL:
-            # Decibels of a number that has an offset cannot be converted: learn them anew.
-            state.loudest, state.watched, state.vibrating = math.nan, 0, rule.UNKNOWN
-            return
         for values in (state.value, state.before, state.earlier):
             values[place] = converted(values[place])
         if place == Input.SPEED:
@@ -145,13 +141,7 @@ class BearingMonitor:
 
     def last_ns(self, place: int) -> int | None:
         """Stamp of the last valid sample of an input [ns]."""
-        stamp: int = self.state.stamp[place]
-        return None if stamp == NEVER else stamp
-
-    def counted(self, place: int) -> NDArray[np.int64]:
-        """Samples of an input by :class:`Status`, shape (7,)."""
-        counts: NDArray[np.int64] = self.counts[place]
-        return counts
+        return None if self.state.stamp[place] == NEVER else int(self.state.stamp[place])
 
     def text(self) -> str:
         """What the alarm says now, for a person."""
@@ -203,28 +193,23 @@ class BearingMonitor:
             events.append(self._event(before, state.lost_since))
             before = rule.condition(state)
         sticking = state.sticking
-        if not rule.take(
-            state, c, settings.law, settings.table, settings.belief, place, time_ns, si
-        ):
+        given = settings.law, settings.table, settings.belief
+        if not rule.take(state, c, *given, place, time_ns, si):
             return Update(status, None, events)
-        self.verdict = self._judged()
+        point = *state.value, state.runs
+        judge = partial(assessed, self.config, settings, *point)
+        standing = standing_of(state, c)
+        self.verdict = Verdict(self.config.name, state.now, standing, judge, *point)
         onset = state.sticking > sticking
         if onset or rule.condition(state) != before:
             events.append(self._event(before, state.now, onset))
         return Update(status, self.verdict, events)
 
-    def _judged(self) -> Verdict:
-        state, settings = self.state, self._settings
-        speed, load = state.value
-        judge = partial(assessed, self.config, settings, speed, load, state.runs)
-        standing = standing_of(state, settings.live)
-        return Verdict(self.config.name, state.now, standing, judge, speed, load, state.runs)
-
     def _event(self, before: int, time_ns: int, onset: bool = False) -> Event:
         point = self.verdict.assessment if self.verdict else None
         change = CONDITIONS[before], self.condition
-        lost = lost_inputs(self.state, self._settings.live, time_ns) if self.state.lost else {}
-        return event_of(self.config, time_ns, change, point, self.standing, lost, onset)
+        c = self._settings.live
+        return event_of(self.config, self.state, c, time_ns, change, point, onset)
 
 
 class Monitor:

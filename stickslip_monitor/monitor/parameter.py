@@ -9,8 +9,8 @@ cattrs would add is another set of sentences to translate and a dependency of th
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import Field, dataclass, field, fields, replace
+from collections.abc import Mapping
+from dataclasses import Field, dataclass, field, fields
 from numbers import Integral, Real
 from typing import Any, TypeVar
 
@@ -38,35 +38,20 @@ def nanoseconds(seconds: float) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One configuration parameter.
+    """One configuration parameter."""
 
-    Attributes:
-        name: Dotted name; for a bearing's parameter without the bearing's name.
-        kind: ``float``, ``int``, ``bool``, ``str``, or ``float[]``/``str[]`` for a list of these.
-        default: Value used where the file gives none; :data:`REQUIRED` where it must.
-        text: What it is, for descriptors and docs.
-        unit: Unit of the value, empty for a pure number.
-        minimum: Least value allowed.
-        maximum: Greatest value allowed.
-        above_minimum: The minimum itself is not allowed.
-        not_zero: Zero is not allowed.
-        choices: The values allowed, empty for any.
-        live: May be changed while the node is active.
-        fixed: May not be changed at all once the node has started.
-    """
-
-    name: str
-    kind: str
-    default: Any
-    text: str
+    name: str  # dotted; for a bearing's parameter without the bearing's name
+    kind: str  # float, int, bool or str, with [] for a list of these
+    default: Any  # used where the file gives none; REQUIRED where it must
+    text: str  # what it is, for descriptors and docs
     unit: str = ''
     minimum: float = -math.inf
     maximum: float = math.inf
-    above_minimum: bool = False
-    not_zero: bool = False
-    choices: tuple[str, ...] = ()
-    live: bool = False
-    fixed: bool = False
+    above_minimum: bool = False  # the minimum itself is not allowed
+    not_zero: bool = False  # zero is not allowed
+    choices: tuple[str, ...] = ()  # the values allowed, empty for any
+    live: bool = False  # may be changed while the node is active
+    fixed: bool = False  # may not be changed at all once the node has started
 
     @property
     def optional(self) -> bool:
@@ -98,13 +83,11 @@ class Parameter:
                 unit = f' [{self.unit}]' if self.unit else ''
                 raise ConfigurationError(f"parameter '{name}'{unit} is missing: {self.text}")
             return self.default
-        value = values[name]
-        kind, is_list = self.kind.removesuffix('[]'), self.kind.endswith('[]')
-        if is_list:
+        value, kind, items = values[name], self.kind.removesuffix('[]'), [values[name]]
+        if is_list := kind != self.kind:
             listed = hasattr(value, '__iter__') and not isinstance(value, str | bytes)
-            items = [_converted(kind, item) for item in value] if listed else [None]
-        else:
-            items = [_converted(kind, value)]
+            items = list(value) if listed else [None]
+        items = [_converted(kind, item) for item in items]
         if not all(item is not None and self._allows(item) for item in items):
             raise ConfigurationError(f'{name} = {value!r} must be {self.rule()}')
         return tuple(items) if is_list else items[0]
@@ -141,11 +124,15 @@ def parameter(default: Any, text: str, unit: str = '', **rules: Any) -> Any:
         rules: Further attributes of :class:`Parameter`, where they are not as the field's name
             and annotation say, and ``convert``: makes the field's value of the parameter's.
     """
-    convert: Callable[[Any], Any] = rules.get('convert', lambda value: value)
-    declared = {'text': text, 'unit': unit, 'default': default, 'convert': convert} | rules
+    rules = {
+        'convert': lambda value: value,
+        'text': text,
+        'unit': unit,
+        'default': default,
+    } | rules
     if default is REQUIRED:
-        return field(metadata=declared, kw_only=True)
-    return field(default=convert(default), metadata=declared)
+        return field(metadata=rules, kw_only=True)
+    return field(default=rules['convert'](default), metadata=rules)
 
 
 def duration(default: float, text: str, **rules: Any) -> Any:
@@ -162,16 +149,15 @@ def rows(section: type[Any], prefix: str = '', **changes: dict[str, Any]) -> tup
         prefix: What goes before the names, with its dot.
         changes: Attributes that differ in this section, by the parameter's name.
     """
-    found = [_row(item, prefix) for item in fields(section) if item.metadata]
-    return tuple(replace(row, **changes.get(row.name.removeprefix(prefix), {})) for row in found)
-
-
-def _row(item: Field[Any], prefix: str) -> Parameter:
-    declared = dict(item.metadata)
-    del declared['convert']
-    declared['text'] = declared['text'].replace('{input}', prefix.rstrip('.'))
-    own: dict[str, Any] = {'name': _name(item), 'kind': str(item.type)} | declared
-    return Parameter(**(own | {'name': prefix + own['name']}))
+    found = []
+    for item in fields(section):
+        if item.metadata:
+            name, text = _name(item), item.metadata['text'].replace('{input}', prefix.rstrip('.'))
+            own = {'kind': str(item.type)} | dict(item.metadata) | changes.get(name, {})
+            own |= {'name': prefix + name, 'text': changes.get(name, {}).get('text', text)}
+            del own['convert']
+            found.append(Parameter(**own))
+    return tuple(found)
 
 
 def _name(item: Field[Any]) -> str:

@@ -9,12 +9,19 @@ around a :class:`Session`: they differ in their clocks, in where samples come fr
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
-from stickslip_monitor.monitor.alarms.annunciator import AlarmChange
-from stickslip_monitor.monitor.alarms.live_alarms import LiveAlarms, Log, Store
+from stickslip_monitor.errors import AlarmStateError, cause
+from stickslip_monitor.monitor.alarms.alarm_records import (
+    Note,
+    alarms_record,
+    recall_state,
+    state_record,
+)
+from stickslip_monitor.monitor.alarms.annunciator import MONITOR, AlarmChange, Annunciator
 from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.input_watch import Graph, InputWatch
@@ -22,22 +29,63 @@ from stickslip_monitor.monitor.ladder import Condition, Level
 from stickslip_monitor.monitor.messages import BearingState, bearing_record, state_of
 from stickslip_monitor.monitor.monitor import Monitor, Update
 from stickslip_monitor.monitor.rule_state import State
+from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.monitor.verdict import Event, Verdict
 
 LOOK_NS = 10**9
 """Time between two looks at the inputs [ns]."""
+HEARTBEAT_NS = 60 * 10**9
+"""The list of alarms is published at least this often, as IEC 62923 asks of any source of them."""
+NOTES_KEPT = 50
+"""The latest of more notes than this are published with the next list."""
+_FAULTS = (Status.NOT_FINITE, Status.IMPLAUSIBLE)
+
+
+class Log(Protocol):
+    """Where people read what happened; a logger of :mod:`logging` or of rclpy."""
+
+    def info(self, text: str, /) -> object:
+        """Something that is as it should be."""
+
+    def warning(self, text: str, /) -> object:
+        """What people should look at."""
+
+    def error(self, text: str, /) -> object:
+        """Something that does not work."""
+
+
+class Store(Protocol):
+    """Keeps one document over a restart."""
+
+    path: Any
+
+    def read(self) -> Any:
+        """The document; ``None`` where there is none yet.
+
+        Raises:
+            AlarmStateError: It cannot be read.
+        """
+
+    def write(self, document: Any) -> None:
+        """Put a new document in the place of the old one.
+
+        Raises:
+            OSError: It cannot be written; the old one is untouched.
+        """
+
+    def set_aside(self) -> Any:
+        """Rename a damaged document and return its new name.
+
+        Raises:
+            OSError: It cannot be renamed.
+        """
 
 
 class Moment(NamedTuple):
-    """Now, on both clocks [ns].
+    """Now, on both clocks [ns]."""
 
-    Attributes:
-        steady_ns: A clock that never steps: periods, delays and ages are measured on it.
-        time_ns: The clock of the samples; 0 while it is simulated and has said nothing.
-    """
-
-    steady_ns: int
-    time_ns: int
+    steady_ns: int  # it never steps: periods, delays and ages are measured on it
+    time_ns: int  # of the samples; 0 while it is simulated and has said nothing
 
 
 class Sink:
@@ -88,14 +136,14 @@ class Session:
     Args:
         config: The configuration.
         sink: Takes what is told.
-        log: Where events, input faults and people's actions are told.
+        log: Where events, input faults, people's actions and what cannot be kept are told.
         clock: The time for stamps of what people do [ns].
         store: What keeps the alarms over a restart; ``None`` for nothing.
         graph: Who publishes the inputs; ``None`` where nobody looks for their faults.
 
     Attributes:
         monitor: The monitor.
-        alarms: The alarms.
+        annunciator: The alarms; to be changed through this object only.
         monitoring: Whether anybody watches the bearings.
     """
 
@@ -109,31 +157,47 @@ class Session:
         graph: Graph | None = None,
     ) -> None:
         self.config, self._sink, self._log, self._graph = config, sink, log, graph
-        self.alarms = LiveAlarms(
-            config,
-            clock,
-            sink.take_alarms,
-            log,
-            store,
-            lambda name: self.monitor.bearings[name].text(),
-            lambda: {name: b.state.record() for name, b in self.monitor.bearings.items()},
-        )
-        known = self._kept()
+        self._clock, self._store = clock, store
+        self.annunciator = Annunciator(config)
+        self._begun_ns = self._listed_ns = self._sequence = 0
+        self._unkept = ''
+        self._notes: deque[Note] = deque(maxlen=NOTES_KEPT)
+        known = {} if store is None else self._recalled(store)
         self.monitor = Monitor(config, known)
         for name in self.monitor.bearings.keys() & known.keys():
-            self.alarms.annunciator.causes[name].stand(self.monitor.condition(name))
+            self.annunciator.causes[name].stand(self.monitor.condition(name))
         self.monitoring = False
         self._inputs: InputWatch | None = None
 
-    def _kept(self) -> dict[str, State]:
-        """What was remembered of each bearing before a restart, as far as it can be read."""
-        known = {}
-        for name, record in self.alarms.states.items():
+    def _recalled(self, store: Store) -> dict[str, State]:
+        """Take over the alarms that were kept; what was remembered of the bearings with them."""
+        try:
+            document = store.read()
+            if document is None:
+                return {}
+            recall_state(self.annunciator, document, self._clock())
+        except AlarmStateError as error:
+            try:
+                end = f'it is now {store.set_aside()}, and the alarms start fresh'
+            except OSError as other:
+                end = f'the alarms start fresh; it cannot be set aside: {cause(other)}'
+            self._log.error(f'state_file {store.path} cannot be used: {error}; {end}')
+            return {}
+        known, states = {}, document.get('states')
+        # The file of the last version has none.
+        for name, record in states.items() if isinstance(states, dict) else ():
             try:
                 known[name] = State.of_record(record)
             except (ValueError, AttributeError) as error:
                 self._log.warning(f'{name}: its memory is not taken over: {error}')
         return known
+
+    def inherit(self, old: Session) -> None:
+        """The monitor starts afresh with other inputs; the alarms of before go on."""
+        self.annunciator, self._sequence = old.annunciator, old._sequence
+        self._notes = old._notes
+        self.annunciator.retune(self.config)
+        self.annunciator.restart()
 
     def begin(self) -> None:
         """Watch from now on: nothing is known of the time that has passed without samples."""
@@ -144,18 +208,20 @@ class Session:
         self._changed: set[str] = set()
         self._published: dict[str, int] = {}
         self._unsaid: dict[str, Verdict] = {}
-        self.alarms.begin()
+        self._begun_ns = self.annunciator.now_ns
+        self._list([])
 
     def end(self) -> None:
         """Nobody watches any more; what readers keep must not be the last state before."""
         self.monitoring = False
-        self.alarms.end()
+        self._list([])
+        self.keep()
         self.show(Moment(0, 0))
 
     def retune(self, config: MonitorConfig) -> None:
         """Take over new thresholds, delays, scales and timeouts; no state is lost."""
         self.monitor.retune(config)
-        self.alarms.retune(config)
+        self.annunciator.retune(config)
         self.config = config
 
     def take(
@@ -182,14 +248,19 @@ class Session:
         if latest or update.events:
             self._say(name, bool(update.events), now)
         self._announce(update.events)
-        self.alarms.feed(name, place, time_ns, update)
+        changes = []
+        if update.status in _FAULTS:
+            changes += self.annunciator.take_fault(name, place, update.status, time_ns)
+        if update.verdict is not None:
+            changes += self.annunciator.take_verdict(update.verdict)
+        self._alarm(changes, update.events)
         return update
 
     def pass_time(self, name: str, time_ns: int, now: Moment) -> None:
         """Let time pass for one bearing, up to a time of its samples, without a sample."""
         events = self._explained(self.monitor.bearings[name].advance(time_ns), now)
         self._announce(events)
-        self.alarms.feed_events(events)
+        self._alarm([], events)
 
     def excuse(self, held_ns: int) -> None:
         """We were held up for so long [ns]: no input is to blame for that time."""
@@ -203,20 +274,32 @@ class Session:
 
     def tick(self, now: Moment, elapsed_ns: int) -> None:
         """Let the alarms' running time pass (since :meth:`begin`), and look at the inputs."""
-        self.alarms.advance(elapsed_ns)
+        now_ns = self._begun_ns + elapsed_ns
+        changes = self.annunciator.advance(now_ns, self._clock())
+        if changes or self._notes or now_ns - self._listed_ns >= HEARTBEAT_NS:
+            self._list(changes)
+            self.keep()
         if self._looked_ns is not None and now.steady_ns - self._looked_ns < LOOK_NS:
             return
         self._looked_ns = now.steady_ns
         looked = self._inputs.look(now.steady_ns, now.time_ns == 0) if self._inputs else ()
         for bearing, text in looked:
             self._log.warning(f'{bearing}: {text}')
-            self.alarms.note('input', f'{bearing}: {text}')
+            self.note('input', f'{bearing}: {text}')
+
+    def note(self, what: str, text: str) -> None:
+        """Put something on record, with the next list of alarms; see :class:`.Note`."""
+        self._notes.append(Note(self._clock(), what, text))
 
     def act(self, request: ActionRequest) -> list[AlarmChange]:
-        """Do what a person asks for, and return what it changed."""
-        return self.alarms.act(
-            request.action, request.by, request.bearing, request.kind, request.reason
-        )
+        """Do what a person asks for, put on record why, and return what it changed."""
+        action, by, bearing, kind = request.action, request.by, request.bearing, request.kind
+        changes = self.annunciator.act(action, self._clock(), by, bearing, kind)
+        if changes and request.reason:
+            what = f'{bearing or "all bearings"}/{kind or "all alarms"}'
+            self.note('action', f'{what}: {action} by {by}: {request.reason}')
+        self._alarm(changes, [])
+        return changes
 
     def show(self, now: Moment) -> None:
         """Tell the state of every bearing."""
@@ -232,12 +315,12 @@ class Session:
 
     def states(self, names: Iterable[str], now: Moment) -> list[BearingState]:
         """The state of some bearings."""
-        looked, active = self._inputs, self.monitoring
+        looked = self._inputs if self.monitoring else None
         return [
             state_of(
                 self.monitor.bearings[name],
-                looked.states(name, now.steady_ns) if looked and active else None,
-                active,
+                looked.states(name, now.steady_ns) if looked else None,
+                self.monitoring,
             )
             for name in names
         ]
@@ -258,20 +341,62 @@ class Session:
             self._changed.add(event.bearing)
             tell_event(self._log, event)
 
+    def _alarm(self, changes: list[AlarmChange], events: list[Event]) -> None:
+        """Tell and keep what has changed of the alarms, by these events too."""
+        changes += [c for event in events for c in self.annunciator.take_event(event)]
+        if changes:
+            self._list(changes)
+            self.keep()
+
+    def _list(self, changes: list[AlarmChange]) -> None:
+        """Publish every alarm as it stands, with what has just changed."""
+        self._listed_ns = self.annunciator.now_ns
+        self._sequence += 1
+        notes = list(self._notes)
+        self._notes.clear()
+        record = alarms_record(
+            self.annunciator,
+            changes,
+            self._clock(),
+            self._sequence,
+            self.monitoring,
+            notes,
+            lambda name: self.monitor.bearings[name].text(),
+        )
+        self._sink.take_alarms(record)
+        for change in changes:
+            # What the monitor itself does is in the log as a warning already.
+            if change.by != MONITOR:
+                self._log.info(
+                    f'{change.bearing}/{change.kind}: {change.what} by {change.by},'
+                    f' {change.before} -> {change.after}'
+                )
+
+    def keep(self) -> None:
+        """Write what is kept; a full disk must not stop the monitor, and is told once."""
+        if self._store is None:
+            return
+        states = {name: b.state.record() for name, b in self.monitor.bearings.items()}
+        document = state_record(self.annunciator, self._clock()) | {'states': states}
+        try:
+            self._store.write(document)
+            self._unkept = ''
+        except OSError as error:
+            if str(error) != self._unkept:
+                self._unkept = str(error)
+                self._log.error(f'the alarms are not kept: {cause(error)}')
+
     def _explained(self, events: list[Event], now: Moment) -> list[Event]:
         """The events; where an input is lost, with why."""
         if self._inputs is None:
             return events
-        return [
-            replace(event, text=' '.join(filter(None, (event.text, self._why(event, now)))))
-            if event.after is Condition.INPUT_STALE
-            else event
-            for event in events
-        ]
-
-    def _why(self, event: Event, now: Moment) -> str:
-        assert self._inputs is not None
-        return self._inputs.explain(event.bearing, now.steady_ns, now.time_ns == 0)
+        found = []
+        for event in events:
+            if event.after is Condition.INPUT_STALE:
+                why = self._inputs.explain(event.bearing, now.steady_ns, now.time_ns == 0)
+                event = replace(event, text=f'{event.text} {why}'.rstrip())
+            found.append(event)
+        return found
 
 
 def tell_event(log: Log, event: Event) -> None:

@@ -61,12 +61,7 @@ class Levels:
     place: NDArray[np.int64]
 
     def __post_init__(self) -> None:
-        shapes = {self.time_ns.shape, self.value.shape, self.place.shape}
-        if len(shapes) != 1 or self.time_ns.ndim != 1:
-            raise ConfigurationError(
-                f'level columns have shapes {self.time_ns.shape}, {self.value.shape} and'
-                f' {self.place.shape}: they must be one-dimensional and of one length'
-            )
+        _require_columns('level', self.time_ns, self.value, self.place)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,28 +82,27 @@ class Stream:
     level: Levels | None = None
 
     def __post_init__(self) -> None:
-        shapes = {self.time_ns.shape, self.inputs.shape, self.value.shape}
-        if len(shapes) != 1 or self.time_ns.ndim != 1:
-            raise ConfigurationError(
-                f'stream columns have shapes {self.time_ns.shape}, {self.inputs.shape} and'
-                f' {self.value.shape}: they must be one-dimensional and of one length'
-            )
+        _require_columns('stream', self.time_ns, self.inputs, self.value)
         columns: dict[str, Any] = {
             'time_ns': np.asarray(self.time_ns, np.int64),
             'inputs': np.asarray(self.inputs).astype(np.int8),
             'value': np.asarray(self.value, float),
         }
         if self.level is not None:
-            own: dict[str, Any] = {
-                'time_ns': self.level.time_ns,
-                'inputs': Input.LEVEL,
-                'value': self.level.value,
-            }
-            for name, part in own.items():
-                columns[name] = np.insert(columns[name], self.level.place, part)
+            own: Any = self.level.time_ns, Input.LEVEL, self.level.value
+            for (name, column), part in zip(columns.items(), own, strict=True):
+                columns[name] = np.insert(column, self.level.place, part)
         for name, column in columns.items():
             object.__setattr__(self, name, column)
         object.__setattr__(self, 'level', None)
+
+
+def _require_columns(what: str, first: Any, second: Any, third: Any) -> None:
+    if not (first.shape == second.shape == third.shape and first.ndim == 1):
+        raise ConfigurationError(
+            f'{what} columns have shapes {first.shape}, {second.shape} and {third.shape}:'
+            ' they must be one-dimensional and of one length'
+        )
 
 
 class Status(IntEnum):

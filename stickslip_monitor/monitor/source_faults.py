@@ -32,15 +32,15 @@ together say is also held against what a stern bearing can be (:class:`Plausibil
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.monitor.assessment import Assessment, SentenceEnum
+from stickslip_monitor.monitor.assessment import Assessment
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig
+from stickslip_monitor.monitor.ladder import SentenceEnum
 from stickslip_monitor.physics.averaging.boundaries import fold_speed
 
 FASTEST = 30.0
@@ -52,11 +52,7 @@ FACTOR = 5.0
 
 
 class Plausibility:
-    """What all operating points of a recording say about the inputs of a bearing.
-
-    Args:
-        config: The bearing.
-    """
+    """What all operating points of a recording say about the inputs of a bearing."""
 
     def __init__(self, config: BearingConfig) -> None:
         self._config = config
@@ -69,39 +65,30 @@ class Plausibility:
 
     def take(self, points: Assessment) -> None:
         """Take some points, of arrays."""
-        if not points.speed.size:
-            return
         speed, load, fold = np.abs(points.speed), points.load, points.fold_speed
         self._count += speed.size
-        self._fastest = max(self._fastest, float(speed.max()))
+        self._fastest = float(speed.max(initial=self._fastest))
         self._negative += int(np.count_nonzero(load < 0.0))
         turning = (speed > 0.0) & (load > 0.0)
-        if not turning.all():
-            speed, load, fold = speed[turning], load[turning], fold[turning]
-        if not speed.size:
-            return
-        self._turning = True
-        self._heaviest = max(self._heaviest, float(load.max()))
-        bounded = np.isfinite(fold)
-        if not bounded.all():
-            self._bounded = False
-            speed, fold = speed[bounded], fold[bounded]
-        ratio = speed / fold
+        bounded = turning & np.isfinite(fold)
+        self._turning |= bool(turning.any())
+        self._bounded &= bool((bounded == turning).all())
+        self._heaviest = float(load[turning].max(initial=self._heaviest))
+        ratio = speed[bounded] / fold[bounded]
         self._least = float(ratio.min(initial=self._least))
         self._most = float(ratio.max(initial=self._most))
 
     def questions(self) -> dict[str, list[str]]:
         """Questions by quantity, each a clause that follows the name of the input."""
-        config = self._config
+        config, diameter = self._config, self._config.bearing.journal_diameter
         found: dict[str, list[str]] = {'speed': [], 'load': []}
         if config.speed.topic == config.load.topic and config.speed.field == config.load.field:
             found['load'].append(
                 'is read from the same field as the speed: is it the right topic?'
             )
-        if config.bearing.journal_diameter >= THICKEST:
+        if diameter >= THICKEST:
             found['speed'].append(
-                f'turns a journal of {config.bearing.journal_diameter:g} m: is journal_diameter in'
-                ' metres?'
+                f'turns a journal of {diameter:g} m: is journal_diameter in metres?'
             )
         if self._fastest > FASTEST:
             found['speed'].append(
@@ -156,6 +143,8 @@ _PENALTY = 2
 _MOST = 2 * ENOUGH
 _NEAR = 8
 _LEAST_RPM = 3.0
+STEADY = 8
+"""Intervals within 20 % of one another from which a sender's period is known."""
 
 
 class SourceFaultKind(SentenceEnum):
@@ -174,19 +163,12 @@ class SourceFaultKind(SentenceEnum):
 
 @dataclass(frozen=True, slots=True)
 class SourceFault:
-    """A fault of an input's source.
-
-    Attributes:
-        kind: What it is.
-        since_ns: Arrival of the first sample that showed it [ns].
-        raised_ns: Arrival of the sample with which there was enough evidence [ns].
-        levels: The two levels, the lower first, SI; ``nan`` where it is about stamps.
-    """
+    """A fault of an input's source, by the arrivals of samples."""
 
     kind: SourceFaultKind
-    since_ns: int
-    raised_ns: int
-    levels: tuple[float, float] = (math.nan, math.nan)
+    since_ns: int  # of the first sample that showed it
+    raised_ns: int  # of that with which there was enough evidence
+    levels: tuple[float, float] = (math.nan, math.nan)  # the two, rising, SI; nan for stamps
 
 
 def least_gap(config: BearingConfig, place: int) -> float:
@@ -230,16 +212,18 @@ class _Evidence:
         if now_ns - self.last_ns > HOLD_NS:
             self.against(self.count)
 
-    def add(self, now_ns: int, levels: tuple[float, float] = (math.nan, math.nan)) -> bool:
-        """One more piece; whether it raises the fault."""
+    def add(
+        self, now_ns: int, levels: tuple[float, float] = (math.nan, math.nan)
+    ) -> list[SourceFault]:
+        """One more piece; the fault, where it raises one."""
         self.expire(now_ns)
         if not self.count:
             self.since_ns = now_ns
         self.count, self.last_ns = min(self.count + 1, _MOST), now_ns
         if self.fault or self.count < ENOUGH or now_ns - self.since_ns < LEAST_NS:
-            return False
+            return []
         self.fault = SourceFault(self.kind, self.since_ns, now_ns, levels)
-        return True
+        return [self.fault]
 
 
 @dataclass(slots=True)
@@ -308,24 +292,16 @@ class SourceWatch:
         self._number += stamp_ns.size
         self._stamp_ns = int(stamp_ns[-1])
         known = np.isfinite(si)
-        if not known.all():
-            arrival_ns, si = arrival_ns[known], si[known]
-        if si.size:
-            found += self._jumps(arrival_ns, np.append(self._value, si))
-            self._value = float(si[-1])
-        return sorted(found, key=lambda fault: fault.raised_ns)
-
-    def _jumps(
-        self, arrival_ns: NDArray[np.int64], si: NDArray[np.float64]
-    ) -> Iterator[SourceFault]:
-        """The faults that values raise, each behind the one before the first."""
+        arrival_ns, si = arrival_ns[known], np.append(self._value, si[known])
+        self._value = float(si[-1])
         with np.errstate(over='ignore'):
             # As a rule one part of the condition leaves nothing for the others.
             steep = np.flatnonzero(np.abs(np.diff(si)) >= _GAP * np.abs(si[1:]))
             jumps = steep[_is_jump(si[steep], si[steep + 1], self.least_gap)]
         rows = (arrival_ns[jumps], si[jumps], si[jumps + 1])
-        for now_ns, before, after in zip(*(row.tolist() for row in rows), strict=True):
-            yield from self._jump(now_ns, before, after)
+        for now_ns, value, after in zip(*(row.tolist() for row in rows), strict=True):
+            found += self._jump(now_ns, value, after)
+        return sorted(found, key=lambda fault: fault.raised_ns)
 
     def standing(self, now_ns: int) -> tuple[SourceFault, ...]:
         """The faults that stand at a time of arrival [ns]."""
@@ -337,19 +313,14 @@ class SourceWatch:
         if number - self._last_back > _NEAR:
             self._stamps.against(_MOST)
         self._last_back = number
-        return _raised(self._stamps, self._stamps.add(arrival_ns))
+        return self._stamps.add(arrival_ns)
 
     def _jump(self, arrival_ns: int, before: float, after: float) -> list[SourceFault]:
         origin, self._origin = self._origin, before
         if not abs(after - origin) <= _TOLERANCE * abs(after - before):
             self._levels.against(_PENALTY)
             return []
-        levels = (min(before, after), max(before, after))
-        return _raised(self._levels, self._levels.add(arrival_ns, levels))
-
-
-def _raised(evidence: _Evidence, raised: bool) -> list[SourceFault]:
-    return [evidence.fault] if raised and evidence.fault else []
+        return self._levels.add(arrival_ns, (min(before, after), max(before, after)))
 
 
 def _is_jump(before: Any, after: Any, least_gap: float) -> Any:
@@ -362,3 +333,55 @@ def _is_jump(before: Any, after: Any, least_gap: float) -> Any:
         & (height >= _GAP * abs(before))
         & (height >= _GAP * abs(after))
     )
+
+
+@dataclass(slots=True)
+class StampGaps:
+    """Counts the messages missing from a sender that stamps them at a steady period.
+
+    The period is known once eight intervals lie within 20 % of one another. A gap counts when the
+    old period is seen again after it: a sender that has changed its rate has lost nothing.
+
+    Attributes:
+        longest_ns: Longer gaps are an outage, not missing messages [ns].
+        missing: Messages missing so far.
+    """
+
+    longest_ns: int
+    missing: int = 0
+    _last_ns: int = 0
+    _period_ns: int = 0
+    _least_ns: int = 0
+    _most_ns: int = 0
+    _steady: int = 0
+    _suspected: int = 0
+
+    def add(self, time_ns: int) -> None:
+        """Take the stamp of the next message."""
+        step, self._last_ns = time_ns - self._last_ns, time_ns
+        if 0 < step <= self.longest_ns:
+            self._learn(step)
+        else:
+            self._steady = self._suspected = 0
+        if not self._period_ns:
+            return
+        if 2 * step > 3 * self._period_ns:
+            if step <= self.longest_ns:
+                self._suspected += round(step / self._period_ns) - 1
+        elif 2 * step > self._period_ns:
+            self.missing += self._suspected
+            self._suspected = 0
+
+    def _learn(self, step: int) -> None:
+        least, most = min(self._least_ns, step), max(self._most_ns, step)
+        if self._steady and 5 * most <= 6 * least:
+            self._least_ns, self._most_ns = least, most
+            self._steady += 1
+        else:
+            self._least_ns = self._most_ns = step
+            self._steady = 1
+        if self._steady >= STEADY:
+            period = (self._least_ns + self._most_ns) // 2
+            if 5 * abs(period - self._period_ns) > self._period_ns:
+                self._suspected = 0
+            self._period_ns, self._steady = period, 0

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the monitor says: a verdict on every operating point, an event on every change of alarm."""
+"""What the monitor says: a verdict on every operating point, an event on every change of alarm.
+
+``s`` is the memory of a bearing and ``c`` its settings, as the rule takes them.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +13,14 @@ from functools import cached_property
 from typing import Any
 
 from stickslip_monitor.monitor import rule
-from stickslip_monitor.monitor.assessment import Assessment, Outcome, fold_share
+from stickslip_monitor.monitor.assessment import Assessment, Outcome, assess, fold_share
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.ladder import LADDER, Condition
-from stickslip_monitor.monitor.level import MEASURED, Measured
+from stickslip_monitor.monitor.ladder import LADDER, MEASURED, Condition, Measured, Unknown
+from stickslip_monitor.monitor.rule_settings import RuleSettings
 from stickslip_monitor.monitor.rule_state import NEVER
+from stickslip_monitor.monitor.signals import QUANTITIES
 from stickslip_monitor.physics.belief import Belief
+from stickslip_monitor.physics.cycle.cycles import exact_amplitude
 
 DOUBT = 60.0
 """Predicted for so long without measured vibration, the parameters are in doubt [s]."""
@@ -23,34 +28,19 @@ DOUBT = 60.0
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """What the alarm of a bearing rests on.
+    """What the alarm of a bearing rests on."""
 
-    Attributes:
-        rung: The rung of the ladder it stands on.
-        sticking: Whether stick-slip is predicted to run.
-        asked: The highest rung that the operating point by itself asks for.
-        growth: How far a disturbance has grown while stick-slip is not predicted [e-folds].
-        delay: For how long it must be asked for before that rung is raised [s].
-        clears: In how many seconds the rung clears if the point stays where it is; ``None``
-            while the point holds it.
-        raised: 1 for a rung that is raised, 2 for one that is held because it came back.
-        known: Whether it is known which state a bistable bearing is in.
-        measured: What the measured vibration says; ``None`` where none is configured.
-        unseen: For how long stick-slip has been predicted while no vibration was measured [s].
-        heard: Whether the level has ever risen where a cycle exists.
-    """
-
-    rung: int = 0
-    sticking: bool = False
-    asked: int = 0
-    growth: float = 0.0
-    delay: float = 0.0
-    clears: float | None = None
-    raised: int = 0
-    known: bool = False
-    measured: Measured | None = None
-    unseen: float = 0.0
-    heard: bool = False
+    rung: int = 0  # of the ladder on which it stands
+    sticking: bool = False  # stick-slip is predicted to run
+    asked: int = 0  # the highest rung that the operating point by itself asks for
+    growth: float = 0.0  # of a disturbance while stick-slip is not predicted [e-folds]
+    delay: float = 0.0  # how long it must be asked for before that rung is raised [s]
+    clears: float | None = None  # when the rung clears if the point stays [s]; None: held by it
+    raised: int = 0  # 1 for a rung that is raised, 2 for one that is held because it came back
+    known: bool = False  # it is known which state a bistable bearing is in
+    measured: Measured | None = None  # what the level says; None where none is configured
+    unseen: float = 0.0  # how long stick-slip has been predicted and not measured [s]
+    heard: bool = False  # the level has risen where a cycle exists
 
     @property
     def condition(self) -> Condition:
@@ -62,7 +52,7 @@ QUIET = Standing()
 
 
 def standing_of(s: Any, c: Any) -> Standing:
-    """What the alarm rests on, by the memory and the settings of a bearing."""
+    """What the alarm rests on."""
     rung, wanted = rule.rung_of(s), (s.raised & ~s.asks) | (s.asks & ~s.raised)
     asked = int(wanted).bit_length()
     clears, raised = None, 0
@@ -72,41 +62,77 @@ def standing_of(s: Any, c: Any) -> Standing:
         if s.asks & (1 << k):
             clears = max(0, rule.due(s, c, k) - s.count[k]) * 1e-9
     return Standing(
-        rung,
-        bool(s.sticking),
-        asked,
-        0.0 if s.sticking else s.growth,
-        rule.due(s, c, asked - 1) * 1e-9 if asked > rung else 0.0,
-        clears,
-        raised,
-        bool(s.known),
-        MEASURED[rule.measured_now(s, c)] if c.has_level else None,
-        0.0 if s.unseen == NEVER else (s.now - s.unseen) * 1e-9,
-        bool(s.heard),
+        rung=rung,
+        sticking=bool(s.sticking),
+        asked=asked,
+        growth=0.0 if s.sticking else s.growth,
+        delay=rule.due(s, c, asked - 1) * 1e-9 if asked > rung else 0.0,
+        clears=clears,
+        raised=raised,
+        known=bool(s.known),
+        measured=MEASURED[rule.measured_now(s, c)] if c.has_level else None,
+        unseen=0.0 if s.unseen == NEVER else (s.now - s.unseen) * 1e-9,
+        heard=bool(s.heard),
     )
+
+
+def why_unknown(s: Any, c: Any) -> Unknown | None:
+    """Why the level of a bearing says nothing; ``None`` where it does."""
+    stamp = s.stamp[rule.LEVEL]
+    if stamp == NEVER:
+        return Unknown.NOTHING
+    if abs(s.now - stamp) > c.timeout[rule.LEVEL]:
+        return Unknown.LOST
+    if stamp - s.moved > rule.STUCK:
+        return Unknown.STUCK
+    if s.loud > rule.LOUD:
+        return Unknown.LOUD
+    if s.vibrating != rule.UNKNOWN:
+        return None
+    learning = c.threshold != c.threshold and s.watched < rule.LEARNED
+    return Unknown.ONE_MODE if learning else Unknown.SHORT
+
+
+def lost_inputs(s: Any, c: Any, now: int) -> dict[str, float]:
+    """The inputs whose values no longer stand at a time [ns], with their ages [s]."""
+    found: dict[str, float] = {}
+    if s.began == NEVER:
+        return found
+    for place, name in enumerate(QUANTITIES):
+        came = s.came[place]
+        begun = s.began if came == NEVER else came
+        if now >= begun + rule.age_limit(s, c, place):
+            found[name] = math.inf if came == NEVER else (now - came) / 1e9
+    return found
+
+
+def assessed(
+    config: BearingConfig, settings: RuleSettings, speed: float, load: float, runs: float
+) -> Assessment:
+    """The models' assessment of a speed [m/s] and load [N]; ``runs``: the chance of stick-slip."""
+    point = assess(config.bearing, speed, load, config.belief, settings.boundaries)
+    point.remember_runs(runs)
+    return point
+
+
+def size_cycle(config: BearingConfig, s: Any, many: bool = False) -> None:
+    """Work out the amplitude of the exact cycle, into the memory ``s``; compiled if many are."""
+    speed, load = rule.median_point(s)
+    amplitude = exact_amplitude(config.bearing, float(speed), float(load), many)
+    s.amplitude, s.sized = s.amplitude if math.isnan(amplitude) else amplitude, s.now
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The state of one bearing after an operating point.
-
-    Attributes:
-        bearing: Name of the bearing.
-        time_ns: Time of the operating point: the later of its two measurements [ns].
-        standing: What the alarm rests on.
-        judge: Makes the assessment, when it is first asked for.
-        speed: Surface speed [m/s].
-        load: Load [N].
-        runs: Probability that stick-slip runs; 0 without a belief.
-    """
+    """The state of one bearing after an operating point."""
 
     bearing: str
-    time_ns: int
+    time_ns: int  # the later of its two measurements
     standing: Standing
-    judge: Callable[[], Assessment]
-    speed: float = math.nan
-    load: float = math.nan
-    runs: float = 0.0
+    judge: Callable[[], Assessment]  # makes the assessment, when it is first asked for
+    speed: float = math.nan  # of the surface [m/s]
+    load: float = math.nan  # [N]
+    runs: float = 0.0  # probability that stick-slip runs; 0 without a belief
 
     @cached_property
     def assessment(self) -> Assessment:
@@ -126,35 +152,20 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One change of a bearing's alarm, or a new onset of stick-slip while it stands.
-
-    Attributes:
-        bearing: Name of the bearing.
-        time_ns: When the change fell due [ns].
-        before: The condition before.
-        after: The condition from then on.
-        assessment: The last assessment up to then; ``None`` where there was none yet.
-        sticking: Whether stick-slip was predicted to run.
-        lost: The inputs that are lost, with their ages [s]; ``inf`` for one never received.
-        text: What happened, for a person.
-        standing: What the alarm rested on.
-        says: What the condition says by itself, whatever came before.
-        measured: What the measured vibration said; ``None`` where none is configured.
-        onset: Whether stick-slip has begun with it, which is announced whatever stood before.
-    """
+    """One change of a bearing's alarm, or a new onset of stick-slip while it stands."""
 
     bearing: str
-    time_ns: int
+    time_ns: int  # when the change fell due
     before: Condition
     after: Condition
-    assessment: Assessment | None
-    sticking: bool
-    lost: dict[str, float]
-    text: str
+    assessment: Assessment | None  # the last one up to then
+    sticking: bool  # stick-slip was predicted to run
+    lost: dict[str, float]  # the inputs that are lost, with their ages [s]; inf: never received
+    text: str  # what happened, for a person
     standing: Standing = QUIET
-    says: str = ''
-    measured: Measured | None = None
-    onset: bool = False
+    says: str = ''  # what the condition says by itself, whatever came before
+    measured: Measured | None = None  # None where no level is configured
+    onset: bool = False  # stick-slip has begun, which is announced whatever stood before
 
     @property
     def raised(self) -> bool:
@@ -166,15 +177,17 @@ class Event:
 
 def event_of(
     config: BearingConfig,
+    s: Any,
+    c: Any,
     time_ns: int,
     change: tuple[Condition, Condition],
     point: Assessment | None,
-    standing: Standing,
-    lost: dict[str, float],
     onset: bool = False,
 ) -> Event:
     """A change of alarm, from one condition to another, with what it rests on."""
     before, after = change
+    standing = QUIET if s.point == NEVER else standing_of(s, c)
+    lost = lost_inputs(s, c, time_ns) if s.lost else {}
     return Event(
         config.name,
         time_ns,
@@ -210,7 +223,8 @@ def describe(
     elif before is Condition.AMPLITUDE and condition is Condition.STICK_SLIP:
         what = f'Amplitude back below the limit. {what}'
     out = _way_out(config, standing, point)
-    text = f'{config.name}: {what}{out} Now {_point_text(config, point)}'
+    at = f'{_speed_text(config, point, abs(point.speed))}, {_three(point.load / 1e3)} kN'
+    text = f'{config.name}: {what}{out} Now {at}'
     if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NO_BOUNDARY):
         return f'{text}. {point.outcome.sentence}'
     if standing.sticking and math.isfinite(point.amplitude_exact):
@@ -256,10 +270,8 @@ def _caution_margin(config: BearingConfig) -> float:
 def _state_text(standing: Standing) -> str:
     """Whether a bistable bearing is quiet: measured, remembered, or not known."""
     if standing.measured is Measured.QUIET and standing.heard:
-        return 'No vibration is measured.'
-    if standing.known:
-        return 'Quiet by its history.'
-    return 'Whether it vibrates is not known.'
+        return Measured.QUIET.sentence
+    return 'Quiet by its history.' if standing.known else 'Whether it vibrates is not known.'
 
 
 def _measured_text(point: Assessment) -> str:
@@ -277,15 +289,12 @@ def _measured_text(point: Assessment) -> str:
 def _doubt_text(standing: Standing) -> str:
     if not standing.sticking or standing.unseen < DOUBT:
         return ''
-    if not standing.heard:
-        return (
-            f' No vibration has been measured for {about(standing.unseen)}; the level has never'
-            ' risen in stick-slip: can it hear the bearing?'
-        )
-    return (
-        f' No vibration has been measured for {about(standing.unseen)}: are the parameters and the'
-        ' threshold of the level right?'
+    asks = (
+        ': are the parameters and the threshold of the level right?'
+        if standing.heard
+        else '; the level has never risen in stick-slip: can it hear the bearing?'
     )
+    return f' No vibration has been measured for {about(standing.unseen)}{asks}'
 
 
 def _belief_text(config: BearingConfig, point: Assessment) -> str:
@@ -301,16 +310,11 @@ def _belief_text(config: BearingConfig, point: Assessment) -> str:
 
 
 def _lost_text(config: BearingConfig, lost: dict[str, float]) -> str:
-    inputs = {'speed': config.speed, 'load': config.load}
     return ' '.join(
-        f'Input {name} lost: no valid value on {inputs[name].topic}'
+        f'Input {name} lost: no valid value on {config.inputs[name].topic}'
         + (' so far.' if math.isinf(age) else f' for {age:.3g} s.')
         for name, age in lost.items()
     )
-
-
-def _point_text(config: BearingConfig, point: Assessment) -> str:
-    return f'{_speed_text(config, point, abs(point.speed))}, {_three(point.load / 1e3)} kN'
 
 
 def _speed_text(config: BearingConfig, point: Assessment, speed: float) -> str:
@@ -348,10 +352,8 @@ def _way_out(config: BearingConfig, standing: Standing, point: Assessment) -> st
         return ''
     if condition is Condition.CAUTION:
         return f' Clears above {_speed_text(config, point, clear)}.'
-    bounds = (
-        f'{_speed_text(config, point, limit)} ({_speed_text(config, point, clear)} to be clear)'
-    )
-    return f' Go above {bounds} or stop.'
+    to_be_clear = _speed_text(config, point, clear)
+    return f' Go above {_speed_text(config, point, limit)} ({to_be_clear} to be clear) or stop.'
 
 
 def _way_out_by_belief(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.arrays import FloatArray, IntArray
+from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.cdr import short_name
 from stickslip_monitor.bags.reader import Bag, Fault, missing_topic, open_bag
 from stickslip_monitor.bags.series import Progress
@@ -25,8 +25,8 @@ from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
-from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
-from stickslip_monitor.monitor.level import MEASURED, Unknown
+from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
+from stickslip_monitor.monitor.ladder import MEASURED, Unknown
 from stickslip_monitor.monitor.signals import INPUTS, LEVEL, STATUS_SENTENCES, Status, to_si
 from stickslip_monitor.monitor.source_faults import (
     Plausibility,
@@ -53,50 +53,32 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class Gaps:
-    """The rhythm of a topic.
+    """The rhythm of a topic."""
 
-    Attributes:
-        rate: Messages a second between the gaps [1/s]; ``nan`` for fewer than two.
-        count: Gaps, that is, intervals longer than the limit.
-        longest: The longest of them, longest first, at most five.
-    """
-
-    rate: float
-    count: int
-    longest: tuple[Gap, ...]
+    rate: float  # messages a second between the gaps [1/s]; nan for fewer than two
+    count: int  # intervals longer than the limit
+    longest: tuple[Gap, ...]  # of these, longest first, at most five
 
 
 class GapCount:
-    """Finds the intervals between the messages of a topic that are longer than a limit.
-
-    Args:
-        limit_ns: The longest interval that is no gap [ns].
-    """
+    """Finds the intervals between the messages of a topic that are longer than a limit [ns]."""
 
     def __init__(self, limit_ns: int) -> None:
         self._limit_ns = limit_ns
-        self._last: IntArray | None = None
+        self._last = np.empty(0, np.int64)
         self._count = self._regular = self._passed_ns = 0
         self._longest: list[tuple[int, int]] = []
 
     def take(self, stamp_ns: IntArray) -> None:
         """Take some stamps in order of arrival, shape (n,) [ns]; steps back count as no time."""
-        if not stamp_ns.size:
-            return
-        if self._last is not None:
-            stamp_ns = np.append(self._last, stamp_ns)
+        stamp_ns = np.append(self._last, stamp_ns)
         self._last = stamp_ns[-1:].copy()
         interval = np.diff(stamp_ns)
-        self._passed_ns += int(np.maximum(interval, 0).sum())
-        self._regular += interval.size
         long = np.flatnonzero(interval > self._limit_ns)
-        if long.size:
-            self._take_gaps(stamp_ns[long], interval[long])
-
-    def _take_gaps(self, start_ns: IntArray, lasting_ns: IntArray) -> None:
-        self._count += start_ns.size
-        self._regular -= start_ns.size
-        self._passed_ns -= int(lasting_ns.sum())
+        start_ns, lasting_ns = stamp_ns[long], interval[long]
+        self._count += long.size
+        self._regular += interval.size - long.size
+        self._passed_ns += int(np.maximum(interval, 0).sum() - lasting_ns.sum())
         order = np.argsort(-lasting_ns, kind='stable')[:_MOST_NAMED]
         self._longest += zip(lasting_ns[order].tolist(), start_ns[order].tolist(), strict=True)
         self._longest.sort(key=lambda gap: -gap[0])
@@ -112,33 +94,19 @@ class GapCount:
 
 @dataclass(frozen=True, slots=True)
 class InputReport:
-    """What came of one input of a bearing.
+    """What came of one input of a bearing."""
 
-    Attributes:
-        quantity: ``'speed'``, ``'load'`` or ``'level'``.
-        topic: Where it was read.
-        messages: Messages on the topic.
-        used: Samples that were believed.
-        faults: What was wrong with the others, and jumps of the clock.
-        gaps: How regularly they came; a gap is longer than the input's timeout.
-        span: The least and the greatest number believed, as in the messages; ``nan`` without any.
-        si_span: The same in SI units, surface speed [m/s] or load [N]; a level in its own unit.
-        sources: Faults of the source that the samples show; they are among the faults as well.
-        questions: What to ask where the numbers look like another unit or topic.
-        fault: Why the input brings nothing, in the words of the running monitor; or nothing.
-    """
-
-    quantity: str
+    quantity: str  # 'speed', 'load' or 'level'
     topic: str
-    messages: int
-    used: int
-    faults: tuple[Fault, ...]
-    gaps: Gaps
-    span: tuple[float, float] = (math.nan, math.nan)
-    si_span: tuple[float, float] = (math.nan, math.nan)
-    sources: tuple[SourceFault, ...] = ()
-    questions: tuple[str, ...] = ()
-    fault: str = ''
+    messages: int  # on the topic
+    used: int  # samples that were believed
+    faults: tuple[Fault, ...]  # what was wrong with the others, and jumps of the clock
+    gaps: Gaps  # intervals longer than the input's timeout
+    span: tuple[float, float] = (math.nan, math.nan)  # of the numbers believed, as in messages
+    si_span: tuple[float, float] = (math.nan, math.nan)  # the same in SI; a level in its own unit
+    sources: tuple[SourceFault, ...] = ()  # of the source; they are among the faults as well
+    questions: tuple[str, ...] = ()  # where the numbers look like another unit or topic
+    fault: str = ''  # why it brings nothing, in the words of the running monitor
 
     @property
     def complaints(self) -> list[str]:
@@ -150,29 +118,16 @@ class InputReport:
 
 @dataclass(frozen=True, slots=True)
 class BearingReport:
-    """What the monitor says of one bearing over a recording.
-
-    Attributes:
-        name: Name of the bearing.
-        events: All changes of the alarm, in order.
-        evaluations: How many operating points were evaluated.
-        seconds: Time spent in each regime [s]; time without a usable operating point counts as
-            undetermined.
-        worst: The least Hopf and fold margin and the greatest predicted amplitude, by name;
-            a quantity that never had a value is absent.
-        inputs: What came of speed and load, and of a level.
-        measured: Time by what the measured vibration said [s]; ``None`` where none is configured.
-        outline: The outline of its verdicts; ``None`` where none was asked for.
-    """
+    """What the monitor says of one bearing over a recording."""
 
     name: str
-    events: list[Event]
-    evaluations: int
-    seconds: dict[Regime, float]
-    worst: dict[str, Extreme]
+    events: list[Event]  # all changes of the alarm, in order
+    evaluations: int  # operating points
+    seconds: dict[Regime, float]  # in each regime; without a usable point: undetermined
+    worst: dict[str, Extreme]  # least margins and greatest amplitude, where there is one
     inputs: tuple[InputReport, ...]
-    measured: dict[str, float] | None = None
-    outline: Outline | None = None
+    measured: dict[str, float] | None = None  # time by what the level said [s], if there is one
+    outline: Outline | None = None  # of its verdicts, where it was asked for
 
     @property
     def complaints(self) -> list[str]:
@@ -189,18 +144,11 @@ class BearingReport:
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """The result of checking one bag.
-
-    Attributes:
-        bag: The bag.
-        bearings: What the monitor says of each bearing, by name.
-        start_ns: When the recording begins, on the clock of the samples [ns].
-        end_ns: When it ends; both are ``None`` in a recording without messages.
-    """
+    """The result of checking one bag; without messages it has no start and no end."""
 
     bag: Bag
-    bearings: dict[str, BearingReport]
-    start_ns: int | None
+    bearings: dict[str, BearingReport]  # by name
+    start_ns: int | None  # on the clock of the samples
     end_ns: int | None
 
     @property
@@ -306,7 +254,9 @@ class _BearingCheck:
         asked = self._plausibility.questions()
         if self._unknown is not None:
             asked['level'] = [f'says nothing at the end: {self._unknown.sentence}']
-        measured = zip(MEASURED, (self._measured_ns * 1e-9).tolist(), strict=True)
+        measured = zip(map(str, MEASURED), (self._measured_ns * 1e-9).tolist(), strict=True)
+        # Each input is held against the load, and the load against the speed.
+        others = [self._inputs[int(k != 1)] for k in range(len(self._inputs))]
         return BearingReport(
             self._config.name,
             self._events,
@@ -314,11 +264,10 @@ class _BearingCheck:
             seconds,
             self._worst.found,
             tuple(
-                # Each is held against the load, and the load against the speed.
-                each.report(own, tuple(asked.get(each.quantity, ())), self._inputs[int(k != 1)])
-                for k, (each, own) in enumerate(zip(self._inputs, faults, strict=True))
+                each.report(own, tuple(asked.get(each.quantity, ())), other)
+                for each, own, other in zip(self._inputs, faults, others, strict=True)
             ),
-            None if self._config.level is None else {k.value: lasting for k, lasting in measured},
+            None if self._config.level is None else dict(measured),
             None if self._outliner is None else self._outliner.outline(),
         )
 
@@ -341,38 +290,26 @@ class _InputCheck:
         self._gaps = GapCount(self._source.timeout_ns)
         self._watch = SourceWatch(least_gap(config, place))
         self._sources: list[SourceFault] = []
-        self._span = (math.inf, -math.inf)
-        self._messages = 0
-        self._delay_ns = 0
+        self._span = math.inf, -math.inf
+        self._messages = self._delay_ns = 0
 
     def take(self, block: BearingBlock) -> None:
         """Take the next part of the recording."""
-        series = block.series[self._place]
+        series, scan = block.series[self._place], block.scan
         self._messages += series.value.size
         if series.value.size:
             self._delay_ns = int(series.log_time_ns[-1] - series.stamp_ns[-1])
         self._gaps.take(series.stamp_ns)
-        si = to_si(self._source, series.value)
-        if self._place == LEVEL:
-            # A level that jumps between two values is what is looked for, and no fault.
-            si = np.full(si.shape, np.nan)
+        # A level that jumps between two values is what is looked for, and no fault.
+        is_level = self._place == LEVEL
+        si = np.full(series.value.size, np.nan) if is_level else to_si(self._source, series.value)
         self._sources += self._watch.see_many(series.log_time_ns, series.stamp_ns, si)
-        counts, believed = self._believed(block)
-        self._counts += counts
-        self._widen(believed)
-
-    def _believed(self, block: BearingBlock) -> tuple[IntArray, FloatArray]:
-        """Samples by :class:`Status`, and the numbers of those that were believed."""
-        scan, stream = block.scan, block.stream
-        counts, refused = scan.counts[self._place], scan.status > Status.CLOCK_JUMP
-        if not refused.any():
-            return counts, block.series[self._place].value
-        return counts, stream.value[(stream.inputs == self._place) & ~refused]
-
-    def _widen(self, value: FloatArray) -> None:
-        if value.size:
-            low, high = self._span
-            self._span = min(low, float(value.min())), max(high, float(value.max()))
+        self._counts += scan.counts[self._place]
+        refused, value = scan.status > Status.CLOCK_JUMP, series.value
+        if refused.any():
+            value = block.stream.value[(block.stream.inputs == self._place) & ~refused]
+        low, high = self._span
+        self._span = float(value.min(initial=low)), float(value.max(initial=high))
 
     def _fault(self, other: _InputCheck) -> str:
         """Why the input brings nothing, or what its clock differs from the other's by."""
@@ -395,29 +332,20 @@ class _InputCheck:
     ) -> InputReport:
         """What came of the input, by its messages' faults, and questions."""
         used = int(self._counts[: Status.CLOCK_JUMP + 1].sum())
-        ends = np.array(self._span if used else (math.nan, math.nan))
-        low, high = np.sort(to_si(self._source, ends)).tolist()
-        texts = Counter(fault_text(fault, self._source) for fault in self._sources)
+        first, last = self._span if used else (math.nan, math.nan)
+        low, high = sorted(float(to_si(self._source, end)) for end in (first, last))
+        counted = {text: int(self._counts[status]) for status, text in STATUS_SENTENCES.items()}
+        counted |= Counter(fault_text(fault, self._source) for fault in self._sources)
         return InputReport(
             quantity=self.quantity,
             topic=self._source.topic,
             messages=self._messages,
             used=used,
-            faults=(
-                *faults,
-                *_faults(self._counts),
-                *(Fault(count, text) for text, count in texts.items()),
-            ),
+            faults=(*faults, *(Fault(count, text) for text, count in counted.items() if count)),
             gaps=self._gaps.gaps(),
-            span=(float(ends[0]), float(ends[1])),
+            span=(first, last),
             si_span=(low, high),
             sources=tuple(self._sources),
             questions=asked,
             fault=self._fault(other),
         )
-
-
-def _faults(counts: NDArray[np.int64]) -> Iterator[Fault]:
-    for status, sentence in STATUS_SENTENCES.items():
-        if counts[status]:
-            yield Fault(int(counts[status]), sentence)

@@ -19,7 +19,6 @@ from stickslip_monitor.bags.writer import BagWriter, is_labelled
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder, begins_clip
 from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig
-from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.check import CheckReport
 from stickslip_monitor.offline.verdict_bag import NODE, MessageColumn, tell_verdicts, topics
 
@@ -112,39 +111,44 @@ class ClipFolder:
 
 
 def write_clips(checked: CheckReport, config: MonitorConfig, store: ClipFolder) -> int:
-    """Write a clip of every alarm in a checked bag.
+    """Write a clip of every alarm in a checked bag, and return how many there were.
 
     Args:
         checked: What the check found.
         config: The configuration it was checked with.
         store: Where to.
 
-    Returns:
-        How many clips were written.
-
     Raises:
         BagError: One cannot be written, or the bag cannot be read again.
     """
     definitions = {kind: text for _, kind, text in topics(checked, config) if text is not None}
     recorder = ClipRecorder(config.clips, definitions)
-    events = sorted(_events(checked), key=lambda event: event.time_ns)
+    events = [event for bearing in checked.bearings.values() for event in bearing.events]
+    events.sort(key=lambda event: event.time_ns)
     around = config.clips.around_ns
     alarms = [event.time_ns for event in events if begins_clip(event)]
     spans = TimeSpans((time_ns - around, time_ns + around) for time_ns in alarms)
     told = iter([event for event in events if spans.overlap(event.time_ns, event.time_ns)])
     count = 0
 
-    def take(columns: Sequence[MessageColumn]) -> None:
+    def store_clips() -> None:
         nonlocal count
+        for clip in recorder.clips():
+            for _ in store.write(clip):
+                pass
+            count += 1
+
+    def take(columns: Sequence[MessageColumn]) -> None:
         for message in _in_order(columns):
             recorder.add(message)
             if message.topic == f'/{NODE}/warnings':
                 recorder.note(next(told))
-            count += _store(recorder, store)
+            store_clips()
 
     tell_verdicts(checked, config, take, spans)
     recorder.finish()
-    return count + _store(recorder, store)
+    store_clips()
+    return count
 
 
 def _in_order(columns: Sequence[MessageColumn]) -> list[ClipMessage]:
@@ -155,16 +159,3 @@ def _in_order(columns: Sequence[MessageColumn]) -> list[ClipMessage]:
             ClipMessage(t, topic, kind, d) for t, d in zip(time_ns.tolist(), data, strict=True)
         ]
     return sorted(found, key=lambda message: message.time_ns)
-
-
-def _events(checked: CheckReport) -> Iterator[Event]:
-    for bearing in checked.bearings.values():
-        yield from bearing.events
-
-
-def _store(recorder: ClipRecorder, store: ClipFolder) -> int:
-    clips = recorder.clips()
-    for clip in clips:
-        for _ in store.write(clip):
-            pass
-    return len(clips)

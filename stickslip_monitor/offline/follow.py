@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.reader import Bag, Fault, Request, Series, open_bag
-from stickslip_monitor.bags.series import Progress, Reading
+from stickslip_monitor.bags.series import Progress
 from stickslip_monitor.monitor.bulk import BearingScan, Scan, scan_bearing
-from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
+from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.signals import Stream
 
 Inputs = tuple[Series, ...]
@@ -30,17 +30,11 @@ _SILENCE = Series(_NOTHING, _NOTHING, _NOTHING, np.empty(0), ())
 
 @dataclass(frozen=True, slots=True)
 class BearingBlock:
-    """A stretch of a recording, for one bearing.
+    """A stretch of a recording, for one bearing."""
 
-    Attributes:
-        series: Each input as it was recorded.
-        stream: The same, merged in the order of the recording.
-        scan: The verdicts that are known with them, a point behind.
-    """
-
-    series: Inputs
-    stream: Stream
-    scan: Scan
+    series: Inputs  # each input as it was recorded
+    stream: Stream  # the same, merged in the order of the recording
+    scan: Scan  # the verdicts that are known with them, a point behind
 
 
 class Follower(Protocol):
@@ -55,18 +49,11 @@ _Follower = TypeVar('_Follower', bound=Follower)
 
 @dataclass(frozen=True, slots=True)
 class Followed(Generic[_Follower]):
-    """What came of a bag.
+    """What came of a bag; start and end are ``None`` in a recording without messages."""
 
-    Attributes:
-        followers: By the bearing's name.
-        faults: What was wrong with the messages read.
-        start_ns: When the recording begins, on the clock of the samples [ns].
-        end_ns: When it ends; both are ``None`` in a recording without messages.
-    """
-
-    followers: dict[str, _Follower]
-    faults: Mapping[Request, tuple[Fault, ...]]
-    start_ns: int | None
+    followers: dict[str, _Follower]  # by the bearing's name
+    faults: Mapping[Request, tuple[Fault, ...]]  # what was wrong with the messages read
+    start_ns: int | None  # on the clock of the samples
     end_ns: int | None
 
 
@@ -75,62 +62,41 @@ def follow(
     config: MonitorConfig,
     make: Callable[[BearingConfig], _Follower],
     progress: Progress | None = None,
-    after: Callable[[int], None] | None = None,
 ) -> Followed[_Follower]:
     """Run the monitor over a bag.
 
     Args:
         bag: The bag.
         config: The configuration; its topics must be in the bag.
-        make: Makes what takes the blocks of a bearing; called again where the bag has to be
-            begun anew.
+        make: Makes what takes the blocks of a bearing.
         progress: Called with bytes read and bytes in all.
-        after: Called when all have taken a block, with the log time it goes up to [ns].
 
     Raises:
         BagError: The bag cannot be read, lacks a topic, or a field leads to no number.
     """
-    asked = {request for b in config.bearings for request in requests_of(b)}
-
-    def use(reading: Reading) -> Followed[_Follower]:
-        span = SampleSpan(bag)
-        courses = [_Course(b, make(b)) for b in config.bearings]
-        # Bearings know nothing of each other, and arithmetic on arrays needs no interpreter.
-        with ThreadPoolExecutor(min(len(courses), os.cpu_count() or 1)) as pool:
-            running: list[Future[None]] = []
-            read_ns: int | None = None
-
-            def taken() -> None:
-                for future in running:
-                    future.result()
-                if after is not None and read_ns is not None:
-                    after(read_ns)
-
-            for part in reading:
-                # What was read before is scanned while the next is read.
-                taken()
-                read_ns = max(
-                    (int(s.log_time_ns[-1]) for s in part.values() if s.log_time_ns.size),
-                    default=None,
-                )
-                span.hear(part.values())
-                running = [pool.submit(each.take, part, span.start_ns) for each in courses]
-            taken()
-            running = [pool.submit(each.finish, span.start_ns, span.end_ns) for each in courses]
-            taken()
-        followers = {each.config.name: each.follower for each in courses}
-        return Followed(followers, reading.faults(), span.start_ns, span.end_ns)
-
-    return use(bag.reading(asked, progress))
+    reading = bag.reading({r for b in config.bearings for r in requests_of(b)}, progress)
+    span = SampleSpan(bag)
+    courses = [_Course(b, make(b)) for b in config.bearings]
+    running: list[Future[None]] = []
+    # Bearings know nothing of each other, and arithmetic on arrays needs no interpreter.
+    with ThreadPoolExecutor(min(len(courses), os.cpu_count() or 1)) as pool:
+        for part in reading:
+            # What was read before is scanned while the next is read.
+            for future in running:
+                future.result()
+            span.hear(part.values())
+            running = [pool.submit(each.take, part, span.start_ns) for each in courses]
+        for future in running:
+            future.result()
+        for future in [pool.submit(each.finish, span.start_ns, span.end_ns) for each in courses]:
+            future.result()
+    followers = {each.config.name: each.follower for each in courses}
+    return Followed(followers, reading.faults(), span.start_ns, span.end_ns)
 
 
 def requests_of(config: BearingConfig) -> tuple[Request, ...]:
     """What to read for a bearing: one request for each of its inputs."""
-    return tuple(map(_request, config.inputs.values()))
-
-
-def _request(source: InputConfig) -> Request:
-    return Request(source.topic, source.field_text, source.type)
+    return tuple(Request(i.topic, i.field_text, i.type) for i in config.inputs.values())
 
 
 def _merged(series: Inputs) -> tuple[Stream, NDArray[np.intp]]:
@@ -186,51 +152,38 @@ class _Course(Generic[_Follower]):
         """Take a stretch of the recording."""
         series = tuple(part[request] for request in self._requests)
         stream, _ = _merged(series)
-        self._hand_on(series, stream, self._begun(start_ns).take(stream))
+        scan = self._begun(start_ns).take(stream)
+        self.follower.take(BearingBlock(series, stream, scan))
 
     def finish(self, start_ns: int | None, end_ns: int | None) -> None:
         """Come to its end."""
         series = tuple(_SILENCE for _ in self._requests)
         stream, _ = _merged(series)
-        self._hand_on(series, stream, self._begun(start_ns).finish(stream, end_ns))
+        scan = self._begun(start_ns).finish(stream, end_ns)
+        self.follower.take(BearingBlock(series, stream, scan))
 
     def _begun(self, start_ns: int | None) -> BearingScan:
         if self._scan is None:
             self._scan = BearingScan(self.config, start_ns)
         return self._scan
 
-    def _hand_on(self, series: Inputs, stream: Stream, scan: Scan) -> None:
-        self.follower.take(BearingBlock(series, stream, scan))
-
 
 @dataclass(frozen=True, slots=True)
 class WholeBearing:
-    """One bearing over a whole recording in memory.
+    """One bearing over a whole recording in memory."""
 
-    Attributes:
-        stream: Its samples, m of them.
-        arrival_ns: When the recorder got each, shape (m,) [ns].
-        scan: The verdicts.
-    """
-
-    stream: Stream
-    arrival_ns: IntArray
+    stream: Stream  # its samples, m of them
+    arrival_ns: IntArray  # when the recorder got each, shape (m,)
     scan: Scan
 
 
 @dataclass(frozen=True, slots=True)
 class WholeBag:
-    """A bag with all its verdicts in memory, for what needs them at once.
-
-    Attributes:
-        bag: The bag.
-        bearings: By name.
-        start_ns: When the recording begins, on the clock of the samples [ns].
-    """
+    """A bag with all its verdicts in memory, for what needs them at once."""
 
     bag: Bag
-    bearings: dict[str, WholeBearing]
-    start_ns: int | None
+    bearings: dict[str, WholeBearing]  # by name
+    start_ns: int | None  # on the clock of the samples
 
 
 def scan_whole(path: str | Path, config: MonitorConfig) -> WholeBag:

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The stretches of a recording between two changes of the alarm.
-
-The worst moments of a recording.
-"""
+"""The stretches of a recording between two changes of the alarm, and its worst moments."""
 
 from __future__ import annotations
 
@@ -49,14 +46,12 @@ def condition_intervals(
     Returns:
         The spells in order; the first is of no length where the first change is at the start.
     """
-    found = [ConditionInterval(start_ns, end_ns, Condition.NORMAL)]
-    for event in events:
-        last = found.pop()
-        found += [
-            ConditionInterval(last.start_ns, event.time_ns, last.condition),
-            ConditionInterval(event.time_ns, end_ns, event.after),
-        ]
-    return found
+    changes = [(start_ns, Condition.NORMAL), *((e.time_ns, e.after) for e in events)]
+    ends = [*(time_ns for time_ns, _ in changes[1:]), end_ns]
+    return [
+        ConditionInterval(begin, end, condition)
+        for (begin, condition), end in zip(changes, ends, strict=True)
+    ]
 
 
 def coarsened(parts: Sequence[ConditionInterval], most: int) -> list[ConditionInterval]:
@@ -65,10 +60,6 @@ def coarsened(parts: Sequence[ConditionInterval], most: int) -> list[ConditionIn
     Args:
         parts: Spells that follow each other.
         most: How many spells to return at most; fewer than that stay as they are.
-
-    Returns:
-        Spells over the same time. A stretch that touches several takes the most severe of them,
-        so that none is lost.
     """
     start, end = parts[0].start_ns, max(spell.end_ns for spell in parts)
     if len(parts) <= most or end <= start:

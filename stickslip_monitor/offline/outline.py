@@ -56,27 +56,16 @@ class Outline:
 
 
 class _Rows(NamedTuple):
-    """Points that may stay, shape (n,) each, the first and last and those of extreme scores.
+    """Points that may stay, shape (n,) each: first and last, and those of extreme scores."""
 
-    Attributes:
-        number: Which point of the recording it is.
-        time_ns: Its time [ns].
-        until_ns: How long it counts [ns].
-        speed: Surface speed [m/s].
-        load: Load [N].
-        sticking: Whether stick-slip is predicted.
-        opens: Whether the line is interrupted before it.
-        scores: Columns whose extremes stay, shape (m, n); ``nan`` for none.
-    """
-
-    number: IntArray
+    number: IntArray  # which point of the recording it is
     time_ns: IntArray
-    until_ns: IntArray
-    speed: FloatArray
-    load: FloatArray
+    until_ns: IntArray  # how long it counts
+    speed: FloatArray  # of the surface [m/s]
+    load: FloatArray  # [N]
     sticking: BoolArray
-    opens: BoolArray
-    scores: FloatArray
+    opens: BoolArray  # whether the line is interrupted before it
+    scores: FloatArray  # columns whose extremes stay, shape (m, n); nan for none
 
     def kept(self, rows: IndexArray) -> _Rows:
         """Some of them."""
@@ -96,7 +85,8 @@ class Outliner:
         self._config = config
         self._count = 0
         self._length = 1
-        self._rows: _Rows | None = None
+        times, numbers, flags = np.empty(0, np.int64), np.empty(0), np.empty(0, np.bool_)
+        self._rows = _Rows(times, times, times, numbers, numbers, flags, flags, np.empty((5, 0)))
         self._events: list[Event] = []
         self._last: tuple[int, int] | None = None
 
@@ -111,8 +101,7 @@ class Outliner:
         while self._count > _MOST * self._length:
             self._length *= 2
         rows = self._thinned(rows)
-        if self._rows is not None:
-            rows = _join(self._rows, rows)
+        rows = _join(self._rows, rows)
         self._rows = self._thinned(rows) if rows.number.size > 24 * _MOST else rows
 
     def _new(self, scan: Scan) -> _Rows:
@@ -145,7 +134,7 @@ class Outliner:
         )
 
     def _thinned(self, rows: _Rows) -> _Rows:
-        if self._length == 1:
+        if self._length == 1 or not rows.number.size:
             return rows
         stretch = rows.number // self._length
         starts = np.flatnonzero(np.diff(stretch, prepend=-1))
@@ -162,11 +151,6 @@ class Outliner:
     def outline(self) -> Outline:
         """The outline of what was taken; of few points all of them."""
         config = self._config
-        nothing = np.empty(0)
-        if self._rows is None:
-            none = assess(config.bearing, nothing, nothing, config.belief)
-            times = np.empty(0, np.int64)
-            return Outline(times, times, none, np.empty(0, np.bool_), self._events)
         rows = self._thinned(self._rows)
         known = assess(config.bearing, rows.speed, rows.load, config.belief)
         return Outline(rows.time_ns, self._until(rows), known, rows.sticking, self._events)

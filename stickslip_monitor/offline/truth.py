@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The truth in a simulated recording: what the lining did, on topics that no monitor reads.
-
-The truth of a scene: what no sensor of a ship could tell, on topics that no monitor reads.
-"""
+"""The truth of a scene: what no sensor of a ship could tell, on topics that no monitor reads."""
 
 from __future__ import annotations
 
@@ -20,49 +17,40 @@ from stickslip_monitor.bags.values import Request, Series
 from stickslip_monitor.errors import BagError
 
 EVENT_SCHEMA = 'stickslip_monitor/truth/1'
-_FLOAT64 = 'std_msgs/msg/Float64'
-_STRING = 'std_msgs/msg/String'
+ROOT = '/truth'
+FLOAT64 = 'std_msgs/msg/Float64'
+BOOL = 'std_msgs/msg/Bool'
+STRING = 'std_msgs/msg/String'
 _NUMBERS = ('hopf_margin', 'fold_margin', 'amplitude')
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TruthNumbers:
-    """One number over time; empty where it was not recorded.
+    """One number over time; empty where it was not recorded."""
 
-    Attributes:
-        time_ns: When, shape (n,) [ns].
-        value: Shape (n,).
-    """
-
-    time_ns: IntArray
-    value: FloatArray
+    time_ns: IntArray  # shape (n,)
+    value: FloatArray  # shape (n,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TruthRecord:
-    """The truth about one bearing.
+    """The truth about one bearing, from start to end.
 
-    Attributes:
-        start_ns: From when on it was recorded [ns].
-        end_ns: Until when [ns].
-        episodes: First and last instant of sticking of each episode of stick-slip [ns]; one that
-            was going on at the end ends with the recording.
-        hopf_margin: True Hopf margin.
-        fold_margin: True fold margin, taken at the same times.
-        amplitude: Half the peak to peak of the lining's displacement [m].
+    An episode is the first and the last instant of sticking [ns]; one that was going on at the end
+    ends with the recording.
     """
 
     start_ns: int
     end_ns: int
     episodes: tuple[tuple[int, int], ...]
     hopf_margin: TruthNumbers
-    fold_margin: TruthNumbers
-    amplitude: TruthNumbers
+    fold_margin: TruthNumbers  # taken at the same times
+    amplitude: TruthNumbers  # half the peak to peak of the lining's displacement [m]
 
 
 def has_truth(bag: Bag, bearing: str) -> bool:
     """Whether a recording holds the truth about a bearing."""
-    return _topic(bearing, 'events') in bag.topics
+    return topic(bearing, 'events') in bag.topics
 
 
 def read_truth(bag: Bag, bearing: str) -> TruthRecord:
@@ -71,34 +59,25 @@ def read_truth(bag: Bag, bearing: str) -> TruthRecord:
     Raises:
         BagError: The recording holds none, or it is not of the kind this version knows.
     """
-    topic = _topic(bearing, 'events')
+    name = topic(bearing, 'events')
     if not has_truth(bag, bearing):
-        known = ', '.join(name for name in _bearings(bag) if has_truth(bag, name))
+        known = ', '.join(each for each in _bearings(bag) if has_truth(bag, each))
         have = 'only simulated recordings of a scene with the effect lining_motion have it'
         raise BagError(
-            f"bag '{bag.path}' holds no truth about {bearing}: topic '{topic}' is not in it; "
+            f"bag '{bag.path}' holds no truth about {bearing}: topic '{name}' is not in it; "
             + (f'it is about {known}' if known else have)
         )
-    if bag.topics[topic].type != _STRING:
-        raise BagError(f"topic '{topic}' of bag '{bag.path}' is no {_STRING}")
-    events = [_event(bag, message.data, topic) for message in bag.messages([topic])]
+    if bag.topics[name].type != STRING:
+        raise BagError(f"topic '{name}' of bag '{bag.path}' is no {STRING}")
+    events = [_event(bag, message.data, name) for message in bag.messages([name])]
     times = [time for _, time in events] or [0]
     start = bag.start_ns if bag.start_ns is not None else times[0]
     over = bool(events) and events[-1][0] == 'end'
     end = times[-1] if over or bag.end_ns is None else bag.end_ns
-    asked = {
-        name: Request(_topic(bearing, name), 'data', _FLOAT64)
-        for name in _NUMBERS
-        if _topic(bearing, name) in bag.topics
-    }
-    series = bag.read(asked.values())
-    found = {name: series[request] for name, request in asked.items()}
-    numbers = {name: _numbers(found.get(name)) for name in _NUMBERS}
+    requests = {each: Request(topic(bearing, each), 'data', FLOAT64) for each in _NUMBERS}
+    series = bag.read(r for r in requests.values() if r.topic in bag.topics)
+    numbers = {each: _numbers(series.get(request)) for each, request in requests.items()}
     return TruthRecord(start, end, tuple(episodes_of(events, end)), **numbers)
-
-
-def _topic(bearing: str, name: str) -> str:
-    return f'/truth/{bearing}/{name}'
 
 
 def _bearings(bag: Bag) -> list[str]:
@@ -140,26 +119,13 @@ def _numbers(series: Series | None) -> TruthNumbers:
     return TruthNumbers(series.log_time_ns, series.value)
 
 
-ROOT = '/truth'
-FLOAT64 = 'std_msgs/msg/Float64'
-BOOL = 'std_msgs/msg/Bool'
-STRING = 'std_msgs/msg/String'
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Column:
-    """Messages of one truth topic over a stretch of time.
-
-    Attributes:
-        topic: The topic.
-        type: Its message type: of a number, a truth value or a text.
-        time: When, not falling, shape (n,) [s since the scene's start].
-        values: What, n of them.
-    """
+    """n messages of one truth topic over a stretch of time."""
 
     topic: str
-    type: str
-    time: FloatArray
+    type: str  # of a number, a truth value or a text
+    time: FloatArray  # not falling, shape (n,) [s since the scene's start]
     values: Sequence[Any] | FloatArray
 
     def stamps(self, start_ns: int) -> IntArray:

@@ -136,14 +136,14 @@ def _picked(column: MessageColumn, rows: NDArray[np.intp]) -> MessageColumn:
 
 def topics(checked: CheckReport, config: MonitorConfig) -> Iterator[tuple[str, str, str | None]]:
     """Name, type and, where it is not built in, definition of every topic of the verdicts."""
-    for name in _inputs(config):
+    for name in _input_topics(config):
         kind = checked.bag.topics[name].type
         yield name, kind, None if kind in MESSAGE_TYPES else checked.bag.definition(name)
     for name, kind in output_topics(config.bearings, f'/{NODE}').items():
         yield name, kind, None
 
 
-def _inputs(config: MonitorConfig) -> list[str]:
+def _input_topics(config: MonitorConfig) -> list[str]:
     """The topics the bearings read, each once."""
     return list(dict.fromkeys(i.topic for b in config.bearings for i in b.inputs.values()))
 
@@ -187,7 +187,7 @@ class _Raw:
 
     def __init__(self, checked: CheckReport, config: MonitorConfig, spans: TimeSpans) -> None:
         self._topics = checked.bag.topics
-        self._blocks = checked.bag.payloads(_inputs(config), spans)
+        self._blocks = checked.bag.payloads(_input_topics(config), spans)
         self._next = next(self._blocks, None)
 
     def until(self, read_ns: int | None) -> Iterator[MessageColumn]:
@@ -202,11 +202,8 @@ class _Messages(Sink):
     """What a session tells, encoded; what lies outside the spans is passed over."""
 
     def __init__(self, config: MonitorConfig, spans: TimeSpans) -> None:
-        self._spans = spans
-        self._bearings = config.bearings
-        self._verdicts: dict[str, list[tuple[int, float, float, float, str]]] = {
-            b.name: [] for b in config.bearings
-        }
+        self._spans, self._bearings = spans, config.bearings
+        self._verdicts: dict[str, list[Verdict]] = {b.name: [] for b in config.bearings}
         self._kinds = output_topics(config.bearings, f'/{NODE}')
         self._told: dict[str, list[tuple[int, bytes]]] = {name: [] for name in self._kinds}
 
@@ -219,7 +216,10 @@ class _Messages(Sink):
         for bearing in self._bearings:
             told = self._verdicts[bearing.name]
             if told:
-                yield from self._of_verdicts(bearing, *zip(*told, strict=True))
+                time_ns = np.array([verdict.time_ns for verdict in told])
+                for name, payload in _of_verdicts(bearing, told):
+                    topic = f'/{NODE}/{bearing.name}/{name}'
+                    yield MessageColumn(topic, self._kinds[topic], time_ns, payload)
                 told.clear()
         for topic, messages in self._told.items():
             if messages:
@@ -230,39 +230,7 @@ class _Messages(Sink):
     def take_verdict(self, verdict: Verdict) -> None:
         """One operating point; what is said of it is worked out with those that follow."""
         if self.wants(verdict.time_ns):
-            measured = str(verdict.standing.measured)
-            row = verdict.time_ns, verdict.speed, verdict.load, verdict.runs, measured
-            self._verdicts[verdict.bearing].append(row)
-
-    def _of_verdicts(
-        self,
-        bearing: BearingConfig,
-        time_ns: Sequence[int],
-        speed: Sequence[float],
-        load: Sequence[float],
-        runs: Sequence[float],
-        measured: Sequence[str],
-    ) -> Iterator[MessageColumn]:
-        """Numbers and words of some verdicts on one bearing, each of shape (n,)."""
-        table = known_table(bearing.bearing)
-        points = assess(bearing.bearing, np.array(speed), np.array(load), bearing.belief, table)
-        points.remember_runs(np.array(runs))
-        times = np.array(time_ns)
-        for name in topic_numbers(bearing):
-            values = getattr(points, name)
-            if name.startswith('amplitude'):
-                values = np.where(np.isnan(values), 0.0, values)  # there is no cycle
-            yield self._column(bearing, name, times, encode_float64s(values))
-        words = {'regime': points.regime.tolist(), 'measured': measured}
-        for name in topic_words(bearing):
-            encoded = {word: encode_string(word) for word in set(words[name])}
-            yield self._column(bearing, name, times, [encoded[word] for word in words[name]])
-
-    def _column(
-        self, bearing: BearingConfig, name: str, time_ns: IntArray, payload: Payload
-    ) -> MessageColumn:
-        topic = f'/{NODE}/{bearing.name}/{name}'
-        return MessageColumn(topic, self._kinds[topic], time_ns, payload)
+            self._verdicts[verdict.bearing].append(verdict)
 
     def take_event(self, event: Event) -> None:
         """One JSON warning."""
@@ -279,6 +247,26 @@ class _Messages(Sink):
 
     def _tell(self, topic: str, time_ns: int, data: bytes) -> None:
         self._told[topic].append((time_ns, data))
+
+
+def _of_verdicts(bearing: BearingConfig, told: Sequence[Verdict]) -> Iterator[tuple[str, Payload]]:
+    """What the topics of a bearing say of n verdicts, n messages each, by their last part."""
+    speed, load, runs = np.array([(v.speed, v.load, v.runs) for v in told]).T
+    table = known_table(bearing.bearing)
+    points = assess(bearing.bearing, speed, load, bearing.belief, table)
+    points.remember_runs(runs)
+    for name in topic_numbers(bearing):
+        values = getattr(points, name)
+        if name.startswith('amplitude'):
+            values = np.where(np.isnan(values), 0.0, values)  # there is no cycle
+        yield name, encode_float64s(values)
+    words = {
+        'regime': points.regime.tolist(),
+        'measured': [str(verdict.standing.measured) for verdict in told],
+    }
+    for name in topic_words(bearing):
+        encoded = {word: encode_string(word) for word in set(words[name])}
+        yield name, [encoded[word] for word in words[name]]
 
 
 class _Course:

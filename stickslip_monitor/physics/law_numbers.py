@@ -104,10 +104,11 @@ def friction_drop(law: LawNumbers, origin: float, top: float, step: float) -> fl
     """
     if law[PIECES] != 0.0:
         return top - forward_coefficient(law, origin + step)
-    at = decline(law, origin)
     if law[EXPONENT] == 1.0:
-        more = max(law[DECAY] * step, -1.0 - at)
+        at, more = law[DECAY] * origin, law[DECAY] * step
+        more = more if more > -1.0 - at else -1.0 - at
     else:
+        at = decline(law, origin)
         more = decline(law, origin + step) - at
     if more >= 0.0:
         return -law[GAP] * math.exp(-at) * math.expm1(-more) - law[VISCOUS] * step

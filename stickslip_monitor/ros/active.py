@@ -1,27 +1,34 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What lives only while the node is active: its ears, its services and the watchdog."""
+"""What lives only while the node is active: its ears, its services and its sense of time."""
 
 from __future__ import annotations
 
+import json
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleNode
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
 
-from stickslip_monitor.errors import plural
-from stickslip_monitor.monitor.session import Moment
+from stickslip_monitor.errors import ConfigurationError, plural
+from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange
+from stickslip_monitor.monitor.alarms.requests import ROS_SERVICE, ActionRequest, parse_request
+from stickslip_monitor.monitor.monitor import BearingMonitor
+from stickslip_monitor.monitor.session import Moment, Session
 from stickslip_monitor.monitor.signals import LEVEL
-from stickslip_monitor.ros.actions import Actions
-from stickslip_monitor.ros.configured import Configured
-from stickslip_monitor.ros.inputs import Guard, Inputs, Number, has_double
+from stickslip_monitor.ros.inputs import Guard, Inputs, Number, node_name
 from stickslip_monitor.ros.message_types import ROS_FAULTS
-from stickslip_monitor.ros.watchdog import ElapsedTime, Watchdog
+from stickslip_monitor.ros.outputs import Configured
 
 WATCHDOG_PERIOD = 0.1
+LAG_NS = 500_000_000
+"""The watchdog stays so far behind that a sample delivered late keeps the time of its stamp."""
 SHOW_NS = 10**9
 """The state of all bearings is told so often [ns]."""
 LOSS_PERIOD = 60.0
@@ -30,16 +37,26 @@ HELD_UP_NS = 10**9
 _OVERDUE_NS = 2 * 10**8
 """After so long [ns] the watchdog comes before further messages, and takes all that wait."""
 _DOUBLE_LOOKS = 5
+TRIGGERS = (
+    Action.ACKNOWLEDGE,
+    Action.SILENCE,
+    Action.RESET,
+    Action.SHELVE,
+    Action.UNSHELVE,
+)
+"""Services of type std_srvs/Trigger."""
+SWITCHES = {
+    'suppress': (Action.SUPPRESS, Action.UNSUPPRESS),
+    'out_of_service': (Action.REMOVE, Action.RESTORE),
+}
+"""Services of type std_srvs/SetBool, with what true and false do."""
 
 
 class Active:
     """The ears of a node, and its sense of time.
 
     Args:
-        node: The node, for ROS.
         configured: What it has: session, publishers, clips.
-        survived: Guards the callbacks.
-        simulated: Whether ROS time follows /clock.
 
     Raises:
         Exception: One of :data:`.message_types.ROS_FAULTS`: an input or service cannot be made.
@@ -51,21 +68,15 @@ class Active:
         self._node, self._own, self._simulated = node, configured, simulated
         self._session, self._health = configured.session, configured.health
         self._log, self._take = node.get_logger(), survived(self._receive)
-        self._actions: Actions | None = None
-        self._ticker: Any = None
+        tap = None if configured.clips is None else configured.clips.take
         self._inputs = Inputs(
-            node,
-            configured.config,
-            self._deliver,
-            self._now_ns,
-            survived,
-            self._health,
-            None if configured.clips is None else configured.clips.take,
+            node, configured.config, self._deliver, self._now_ns, survived, self._health, tap
         )
+        self._actions = Actions(node, list(self._session.monitor.bearings), self._session.act)
+        self._ticker: Any = None
         try:
             self._inputs.subscribe()
-            bearings = list(self._session.monitor.bearings)
-            self._actions = Actions(node, bearings, self._session.act)
+            self._actions.serve()
         except ROS_FAULTS:
             self.destroy()
             raise
@@ -95,8 +106,7 @@ class Active:
     def destroy(self) -> None:
         """Take subscriptions, services and timer down."""
         self._inputs.destroy()
-        if self._actions is not None:
-            self._actions.destroy()
+        self._actions.destroy()
         if self._ticker is not None:
             self._node.destroy_timer(self._ticker)
 
@@ -176,8 +186,157 @@ class Active:
             self._lost_told, self._lost_told_at = lost, steady
 
     def _look_for_double(self) -> None:
-        before, self._health.double = self._health.double, has_double(self._node)
+        own = (self._node.get_name(), self._node.get_namespace())
+        before = self._health.double
+        self._health.double = self._node.get_node_names_and_namespaces().count(own) > 1
         if self._health.double and not before:
             text = f'another node is called {self._node.get_fully_qualified_name()}, too'
             self._log.error(text)
             self._own.note('node', text)
+
+
+class Actions:
+    """The operator's actions: services for all bearings and for each, and a topic.
+
+    A service of std_srvs tells neither who calls it nor of which alarm; a request on the topic
+    ``~/actions`` does.
+    """
+
+    def __init__(
+        self,
+        node: LifecycleNode,
+        bearings: list[str],
+        act: Callable[[ActionRequest], list[AlarmChange]],
+    ) -> None:
+        self._node, self._bearings, self._act = node, bearings, act
+        self._services: list[Any] = []
+        self._requests: Any = None
+
+    def serve(self) -> None:
+        """Offer all services, and listen to the topic."""
+        for bearing in (None, *self._bearings):
+            prefix = '~' if bearing is None else f'~/{bearing}'
+            for action in TRIGGERS:
+                self._serve(Trigger, f'{prefix}/{action}', bearing, action, action)
+            for name, (on, off) in SWITCHES.items():
+                self._serve(SetBool, f'{prefix}/{name}', bearing, on, off)
+        qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+        self._requests = self._node.create_subscription(String, '~/actions', self._on_request, qos)
+
+    def destroy(self) -> None:
+        """Take services and topic down."""
+        if self._requests is not None:
+            self._node.destroy_subscription(self._requests)
+        for service in self._services:
+            self._node.destroy_service(service)
+
+    def _on_request(self, message: Any) -> None:
+        log = self._node.get_logger()
+        try:
+            request = parse_request(json.loads(message.data), self._bearings)
+        except (ConfigurationError, ValueError, RecursionError) as error:
+            text = f'a request on ~/actions is refused: {error}'
+            log.warning(text, throttle_duration_sec=1.0)
+            return
+        topic = self._node.resolve_topic_name('~/actions')
+        senders = {node_name(info) for info in self._node.get_publishers_info_by_topic(topic)}
+        who = ', '.join(sorted(senders)) or 'a node that has gone'
+        what = '/'.join(part for part in (request.bearing, request.kind) if part) or 'all alarms'
+        log.info(f'{request.action} of {what} asked for by {request.by} over {who}')
+        self._act(request)
+
+    def _serve(self, kind: Any, name: str, bearing: str | None, on: Action, off: Action) -> None:
+        """Offer a service; of a Trigger both actions are one."""
+
+        def serve(request: Any, response: Any) -> Any:
+            action = on if getattr(request, 'data', True) else off
+            what = bearing or 'all bearings'
+            self._node.get_logger().info(f'{action} of {what} asked for by a {ROS_SERVICE} call')
+            changes = self._act(ActionRequest(action, ROS_SERVICE, bearing))
+            names = ', '.join(f'{change.bearing}/{change.kind}' for change in changes)
+            nothing = f'there is nothing to {action}' if on is off else 'it is so already'
+            response.success = bool(changes) or on is not off
+            response.message = f'{action}: {names}' if names else nothing
+            return response
+
+        self._services.append(self._node.create_service(kind, name, serve))
+
+
+class ElapsedTime:
+    """Time since the last sample, on clocks that may stop or step.
+
+    While ROS time follows a simulated clock that moves, that clock is the measure. One that
+    stands still (the player has gone) cannot say that an input is lost, so then the steady clock
+    is. A step back, and the first step from zero, count as no time.
+    """
+
+    def __init__(self, simulated: bool, now: Moment) -> None:
+        self._simulated = simulated
+        self.restart(now)
+
+    def restart(self, now: Moment) -> None:
+        """A sample has come: the count starts anew."""
+        self._last, self._elapsed_ns = now, 0
+
+    def skip(self, now: Moment) -> None:
+        """The time up to now does not count."""
+        self._last = now
+
+    def tick(self, now: Moment) -> int:
+        """Return the time since the last sample [ns]."""
+        last, self._last = self._last, now
+        steady, simulated = now.steady_ns - last.steady_ns, now.time_ns - last.time_ns
+        moving = self._simulated and simulated != 0 and last.time_ns != 0
+        self._elapsed_ns += max(simulated, 0) if moving else steady
+        return self._elapsed_ns
+
+
+class Watchdog:
+    """Tells a session of the time that passes without samples, bearing by bearing."""
+
+    def __init__(self, session: Session, simulated: bool, now: Moment) -> None:
+        self._session = session
+        names = list(session.monitor.bearings)
+        self._flows = {name: ElapsedTime(simulated, now) for name in names}
+        # From when each waits for samples, on the clock of these [ns]; 0 for not yet.
+        self._bases = dict.fromkeys(names, 0)
+        self._heard: set[str] = set()
+
+    def hear(self, name: str) -> None:
+        """A sample of a bearing was believed."""
+        self._heard.add(name)
+
+    def skip(self, now: Moment) -> None:
+        """The time up to now does not count."""
+        for flow in self._flows.values():
+            flow.skip(now)
+
+    def tick(self, now: Moment) -> None:
+        """Tell of the time that has passed without samples."""
+        for name, bearing in self._session.monitor.bearings.items():
+            flow = self._flows[name]
+            if name in self._heard:
+                flow.restart(now)
+                self._bases[name] = bearing.now_ns or 0
+                continue
+            elapsed = max(flow.tick(now) - LAG_NS, 0)
+            base = self._bases[name] = self._base(name, bearing, now, elapsed)
+            if base:
+                self._session.pass_time(name, base + elapsed, now)
+        self._heard.clear()
+
+    def _base(self, name: str, bearing: BearingMonitor, now: Moment, elapsed: int) -> int:
+        """The time from which a bearing waits for samples [ns]; 0 for not yet.
+
+        Inputs are waited for from the first instant that ROS time knows. Where it knows none for
+        longer than a timeout, they are lost all the same.
+        """
+        base = self._bases[name]
+        if base > 1:
+            return base
+        if base == 0 and bearing.now_ns is not None:
+            return bearing.now_ns
+        if now.time_ns:
+            return now.time_ns - elapsed
+        timeouts = (bearing.config.speed.timeout_ns, bearing.config.load.timeout_ns)
+        return 1 if elapsed > min(timeouts) else base

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import heapq
 import operator
+import sys
 from collections.abc import Callable, Container, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -25,8 +25,8 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.health import NodeHealth
-from stickslip_monitor.monitor.input_faults import Publisher, StampGaps
-from stickslip_monitor.monitor.input_watch import Graph
+from stickslip_monitor.monitor.input_watch import Graph, Publisher
+from stickslip_monitor.monitor.source_faults import StampGaps
 from stickslip_monitor.ros.message_types import (
     check_field,
     message_type,
@@ -34,54 +34,37 @@ from stickslip_monitor.ros.message_types import (
     stamp_reader,
 )
 
-# Two seconds at 1 kHz while the machine is busy.
-_DEPTH = 2000
-
-
-def telemetry() -> QoSProfile:
-    """The quality of service of an input: best effort matches every publisher."""
-    return QoSProfile(
-        depth=_DEPTH,
-        history=HistoryPolicy.KEEP_LAST,
-        reliability=ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.VOLATILE,
-    )
-
-
-# Time [ns], topic and message.
-Arrival = tuple[int, 'Lane', Any]
-_time_of = operator.itemgetter(0)
-
+# Two seconds at 1 kHz while the machine is busy; best effort matches every publisher.
+TELEMETRY = QoSProfile(
+    depth=2000,
+    history=HistoryPolicy.KEEP_LAST,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.VOLATILE,
+)
 MOST_AT_ONCE = 200
 """Of more messages of a topic that wait than these, the others are left out and counted."""
 MOST_TOGETHER = 2000
 """The same of all topics, which a node that is late works off before it looks at the time."""
 
+Arrival = tuple[int, 'Lane', Any]
+"""Time [ns], topic and message."""
 Tap = Callable[[str, Any, int | None], None]
+"""Takes topic, message and its time [ns]."""
 Guard = Callable[[Callable[..., Any]], Callable[..., Any]]
 """Makes a callback whose exceptions are told and survived."""
 
 
 class Number(NamedTuple):
-    """One number of one input.
+    """One number of one input."""
 
-    Attributes:
-        bearing: Its bearing.
-        place: The input, a place in :data:`.signals.INPUTS`.
-        time_ns: When it was measured, or came [ns].
-        value: The number, in the input's own scale.
-        latest: Whether no later number of its bearing has come already.
-    """
-
-    bearing: str
-    place: int
-    time_ns: int
-    value: float
-    latest: bool
+    bearing: str  # its bearing
+    place: int  # the input, a place in :data:`.signals.INPUTS`
+    time_ns: int  # when it was measured, or came [ns]
+    value: float  # the number, in the input's own scale
+    latest: bool  # whether no later number of its bearing has come already
 
 
-@dataclass(frozen=True, slots=True)
-class InputReader:
+class InputReader(NamedTuple):
     """One number that a message brings for one bearing."""
 
     bearing: str
@@ -93,7 +76,7 @@ def check_inputs(config: MonitorConfig, outputs: Container[str]) -> None:
     """Check that every input's message type exists and its field leads to a number.
 
     Args:
-        config: The configuration with :func:`resolved` topics.
+        config: The configuration with the full names of its topics.
         outputs: Full names of the topics that the node itself publishes.
 
     Raises:
@@ -118,13 +101,10 @@ class Inputs:
     """The subscriptions of an active node.
 
     Args:
-        node: The node.
         config: The configuration as given: names of topics are resolved once.
         deliver: Called with the numbers of the messages that waited, in order of time.
         now_ns: ROS time [ns]; 0 where it is unknown.
-        survived: Guards the callbacks.
-        health: Where losses are counted.
-        tap: Called with topic, message and its time [ns] before the numbers of it, if given.
+        tap: Called with each message before the numbers of it, if given.
     """
 
     def __init__(
@@ -139,7 +119,14 @@ class Inputs:
     ) -> None:
         self._health, self._deliver, self._tap = health, deliver, tap
         self._survived = survived
-        self._lanes = _lanes(node, config, now_ns)
+        lanes: dict[tuple[str, str], Lane] = {}
+        for bearing in config.bearings:
+            for place, source in enumerate(bearing.inputs.values()):
+                key = source.topic, source.type
+                lane = lanes[key] = lanes.get(key) or Lane(node, now_ns, *key)
+                lane.readings.append(InputReader(bearing.name, place, number_reader(source.field)))
+                lane.gaps.longest_ns = min(lane.gaps.longest_ns, source.timeout_ns)
+        self._lanes = list(lanes.values())
 
     def subscribe(self) -> None:
         """Listen from now on.
@@ -148,6 +135,12 @@ class Inputs:
             Exception: One of :data:`.message_types.ROS_FAULTS`: a subscription cannot be made.
         """
         for lane in self._lanes:
+            bearings = {reading.bearing for reading in lane.readings}
+            lane.beside = [
+                other
+                for other in self._lanes
+                if other is not lane and any(r.bearing in bearings for r in other.readings)
+            ]
             lane.subscribe(self._survived(partial(self._on_message, lane)))
 
     def destroy(self) -> None:
@@ -169,105 +162,60 @@ class Inputs:
                 new = [other for other in one.beside if other not in found]
                 found |= {other: other.waiting() for other in new}
                 lanes += new
-        self._deliver(
-            self._numbers([found[one] for one in sorted(lanes, key=lambda one: one.place)])
-        )
+        self._deliver(self._numbers([found[one] for one in self._lanes if one in found]))
 
     def _numbers(self, topics: Sequence[list[Arrival]], held_up: bool = False) -> Iterator[Number]:
         """The numbers of what came on some topics in order of time, each topic's in its own."""
         some = [arrivals for arrivals in topics if arrivals]
-        arrivals = some[0] if len(some) == 1 else list(heapq.merge(*some, key=_time_of))
+        by_time = operator.itemgetter(0)
+        arrivals = some[0] if len(some) == 1 else list(heapq.merge(*some, key=by_time))
         last = {
             reading.bearing: number
             for number, (_, lane, _) in enumerate(arrivals)
-            for reading in lane.readers
+            for reading in lane.readings
         }
         for number, (time_ns, lane, message) in enumerate(arrivals):
             if self._tap is not None:
                 self._tap(lane.name, message, time_ns)
-            for reading in lane.readers:
-                latest = last[reading.bearing] == number and not held_up
-                value = reading.number(message)
-                yield Number(reading.bearing, reading.place, time_ns, value, latest)
+            for bearing, place, read in lane.readings:
+                latest = last[bearing] == number and not held_up
+                yield Number(bearing, place, time_ns, read(message), latest)
 
     def count_missing(self) -> None:
         """Bring the node's counts of messages that are lost or left out up to date."""
         self._health.lost = sum(lane.lost for lane in self._lanes)
-        self._health.missing = sum(lane.missing for lane in self._lanes)
+        self._health.missing = sum(lane.gaps.missing for lane in self._lanes)
         self._health.thinned = sum(lane.thinned for lane in self._lanes)
-
-
-def _lanes(node: LifecycleNode, config: MonitorConfig, now_ns: Callable[[], int]) -> list[Lane]:
-    """One for each topic."""
-    readers: dict[tuple[str, str], list[InputReader]] = {}
-    timeouts: dict[tuple[str, str], int] = {}
-    for bearing in config.bearings:
-        for place, source in enumerate(bearing.inputs.values()):
-            key = source.topic, source.type
-            number = number_reader(source.field)
-            readers.setdefault(key, []).append(InputReader(bearing.name, place, number))
-            timeouts[key] = min(source.timeout_ns, timeouts.get(key, source.timeout_ns))
-    lanes = [
-        Lane(node, now_ns, *key, own, timeouts[key], place)
-        for place, (key, own) in enumerate(readers.items())
-    ]
-    for lane in lanes:
-        lane.beside = [other for other in lanes if other.shares_bearing(lane)]
-    return lanes
 
 
 class Lane:
     """One topic: its subscription, and the numbers that its messages bring.
 
     Args:
-        node: The node.
         now_ns: ROS time [ns]; 0 where it is unknown.
-        topic: The topic as configured.
-        kind: Its message type.
-        readers: What is read from a message.
-        timeout_ns: The shortest timeout of those inputs [ns].
-        place: Its place among all topics.
 
     Attributes:
-        readers: What is read from a message.
+        readings: What is read from a message.
         name: The full name of the topic.
-        place: Its place among all topics.
         beside: The topics that bring other numbers of its bearings.
+        gaps: Counts what is missing by the stamps of the sender.
         thinned: Messages that were left out because too many waited.
         lost: Messages that never came, by the numbers of their publishers.
     """
 
     def __init__(
-        self,
-        node: LifecycleNode,
-        now_ns: Callable[[], int],
-        topic: str,
-        kind: str,
-        readers: list[InputReader],
-        timeout_ns: int,
-        place: int,
+        self, node: LifecycleNode, now_ns: Callable[[], int], topic: str, kind: str
     ) -> None:
         self._node, self._now_ns, self._topic, self._kind = node, now_ns, topic, kind
-        self.readers, self.place = readers, place
-        self.beside: list[Lane] = []
-        self._stamp = stamp_reader(kind)
         self.name = node.resolve_topic_name(topic)
+        self.readings: list[InputReader] = []
+        self.beside: list[Lane] = []
         self.thinned = self.lost = 0
+        self.gaps = StampGaps(longest_ns=sys.maxsize)
+        self._stamp = stamp_reader(kind)
         self._numbers: dict[bytes, int] = {}
-        self._unnumbered = 0
-        self._gaps = StampGaps(timeout_ns)
         self._subscription: Any = None
-        self._tick_ns = self._shared = 0
-
-    @property
-    def missing(self) -> int:
-        """Messages missing by the stamps of the sender."""
-        return self._gaps.missing
-
-    def shares_bearing(self, other: Lane) -> bool:
-        """Whether another topic brings a number of one of its bearings."""
-        own = {reading.bearing for reading in self.readers}
-        return other is not self and any(reading.bearing in own for reading in other.readers)
+        self._tick_ns = self._shared = self._unnumbered = 0
 
     def subscribe(self, take: Callable[..., Any]) -> None:
         """Listen from now on."""
@@ -275,7 +223,7 @@ class Lane:
             message_type(self._kind),
             self._topic,
             take,
-            telemetry(),
+            TELEMETRY,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
 
@@ -295,7 +243,7 @@ class Lane:
         while message is not None:
             if time_ns := self._time(message):
                 found.append((time_ns, self, message))
-            message = self._next() if len(found) < _DEPTH else None
+            message = self._next() if len(found) < TELEMETRY.depth else None
         if len(found) <= most:
             return found
         # Nobody must wait until all are worked off; the last is the one that counts.
@@ -303,6 +251,20 @@ class Lane:
         kept = found[::-step][::-1]
         self.thinned += len(found) - len(kept)
         return kept
+
+    def _next(self) -> Any:
+        """The next message, taken as rclpy's executors do; ``None`` for none.
+
+        No public way takes what waits; a turn of the executor for each message costs more than
+        all that is done with it (benchmarks/live.py).
+        """
+        subscription = self._subscription
+        with subscription.handle:
+            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+        if taken is None:
+            return None
+        self._count_lost(taken[1])
+        return taken[0]
 
     def _count_lost(self, info: Any) -> None:
         """Count what lies between a message and the one before of its publisher.
@@ -323,24 +285,10 @@ class Lane:
         self._unnumbered -= known
         self.lost += missing - known
 
-    def _next(self) -> Any:
-        """The next message, taken as rclpy's executors do; ``None`` for none.
-
-        No public way takes what waits; a turn of the executor for each message costs more than
-        all that is done with it (benchmarks/live.py).
-        """
-        subscription = self._subscription
-        with subscription.handle:
-            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-        if taken is None:
-            return None
-        self._count_lost(taken[1])
-        return taken[0]
-
     def _time(self, message: Any) -> int:
         """The time of measurement where the message carries it, else that of its arrival [ns]."""
         if self._stamp is not None and (stamp_ns := self._stamp(message)):
-            self._gaps.add(stamp_ns)
+            self.gaps.add(stamp_ns)
             return stamp_ns
         now_ns = self._now_ns()
         # Simulated time moves in ticks: messages that share one keep their order.
@@ -350,11 +298,7 @@ class Lane:
 
 
 class RosGraph(Graph):
-    """The graph as a node sees it.
-
-    Args:
-        node: The node.
-    """
+    """The graph as a node sees it."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -365,23 +309,12 @@ class RosGraph(Graph):
         return tuple(_publisher(info) for info in infos)
 
 
-def publishers_on(node: Node, topic: str) -> list[str]:
-    """The full names of the nodes that publish on a topic."""
-    infos = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
-    return sorted({_node_name(info) for info in infos})
-
-
-def has_double(node: Node) -> bool:
-    """Whether another node has the full name of this one."""
-    own = (node.get_name(), node.get_namespace())
-    return node.get_node_names_and_namespaces().count(own) > 1
-
-
-def _node_name(info: Any) -> str:
+def node_name(info: Any) -> str:
+    """The full name of the node of an end of a topic."""
     return f'{info.node_namespace.rstrip("/")}/{info.node_name}'
 
 
 def _publisher(info: Any) -> Publisher:
-    match, reason = qos_check_compatible(info.qos_profile, telemetry())
+    match, reason = qos_check_compatible(info.qos_profile, TELEMETRY)
     fits = match is not QoSCompatibility.ERROR
-    return Publisher(_node_name(info), info.topic_type, '' if fits else str(reason).strip(' ;.'))
+    return Publisher(node_name(info), info.topic_type, '' if fits else str(reason).strip(' ;.'))

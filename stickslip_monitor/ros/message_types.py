@@ -14,61 +14,14 @@ from stickslip_monitor.errors import RosError
 from stickslip_monitor.fields import FieldPath
 from stickslip_monitor.monitor.config import InputConfig
 
-_RULE = '=' * 80
-_PLAIN = {
-    'boolean': 'bool',
-    'octet': 'byte',
-    'float': 'float32',
-    'double': 'float64',
-}
-_SEQUENCE = re.compile(r'sequence<(?P<item>.+?)(?:, *(?P<most>\d+))?>')
-_ARRAY_TYPE = re.compile(r'(?P<item>.+)\[(?P<size>\d+)\]')
-_BOUNDED = re.compile(r'(?P<kind>w?string)<(?P<most>\d+)>')
-
-
-def definition(name: str) -> str:
-    """The concatenated ``ros2msg`` definition of a type such as ``sensor_msgs/msg/JointState``.
-
-    It comes from the Python class, as not every installation has the ``.msg`` files; constants and
-    default values, which that does not tell, have no part in how a message is encoded.
-
-    Raises:
-        RosError: It is not installed.
-    """
-    parts: dict[str, str] = {}
-    waiting = [name.replace('/msg/', '/')]
-    while waiting:
-        current = waiting.pop(0)
-        if current not in parts:
-            fields = _fields(current)
-            parts[current] = ''.join(f'{kind} {field}\n' for field, kind in fields.items())
-            waiting += [kind.split('[')[0] for kind in fields.values() if '/' in kind]
-    own, *others = parts.items()
-    return own[1] + ''.join(f'{_RULE}\nMSG: {kind}\n{text}' for kind, text in others)
-
-
-def _fields(short_name: str) -> dict[str, str]:
-    package, _, kind = short_name.partition('/')
-    message: Any = message_type(f'{package}/msg/{kind}')
-    return {name: _type(text) for name, text in message.get_fields_and_field_types().items()}
-
-
-def _type(text: str) -> str:
-    """A field's type as rclpy names it, in the words of a ``.msg`` file."""
-    if match := _SEQUENCE.fullmatch(text):
-        most = f'<={match["most"]}' if match['most'] else ''
-        return f'{_type(match["item"])}[{most}]'
-    if match := _ARRAY_TYPE.fullmatch(text):
-        return f'{_type(match["item"])}[{match["size"]}]'
-    if match := _BOUNDED.fullmatch(text):
-        return f'{match["kind"]}<={match["most"]}'
-    return _PLAIN.get(text, text)
-
-
-# What rclpy raises where a publisher or subscription cannot be made.
 ROS_FAULTS = (NameValidationException, RuntimeError, ValueError)
+"""What rclpy raises where a publisher or subscription cannot be made."""
+_RULE = '=' * 80
+_PLAIN = {'boolean': 'bool', 'octet': 'byte', 'float': 'float32', 'double': 'float64'}
+_SEQUENCE = re.compile(r'sequence<(?P<item>.+?)(?:, *(?P<most>\d+))?>')
+_ARRAY = re.compile(r'(?P<item>.+)\[(?P<size>\d+)\]')
+_BOUNDED = re.compile(r'(?P<kind>w?string)<(?P<most>\d+)>')
 _NUMBERS = re.compile(r'(boolean|octet|byte|char|float|double|long double|u?int(8|16|32|64))')
-_ARRAY = re.compile(r'sequence<(?P<seq>[^,>]+)(,\s*\d+)?>|(?P<arr>[^\[<]+)\[(?P<size>\d+)\]')
 
 
 def message_type(name: str) -> Any:
@@ -88,6 +41,45 @@ def message_type(name: str) -> Any:
         raise RosError(f"package {package} has no message type '{message}'") from error
 
 
+def _fields(name: str) -> dict[str, str]:
+    """The fields of a type such as ``std_msgs/Header``, their types as rclpy names them."""
+    package, message = name.split('/')[0], name.split('/')[-1]
+    return dict(message_type(f'{package}/msg/{message}').get_fields_and_field_types())
+
+
+def definition(name: str) -> str:
+    """The concatenated ``ros2msg`` definition of a type such as ``sensor_msgs/msg/JointState``.
+
+    It comes from the Python class, as not every installation has the ``.msg`` files; constants and
+    default values, which that does not tell, have no part in how a message is encoded.
+
+    Raises:
+        RosError: It is not installed.
+    """
+    parts: dict[str, str] = {}
+    waiting = [name.replace('/msg/', '/')]
+    while waiting:
+        current = waiting.pop(0)
+        if current not in parts:
+            fields = {field: _type(text) for field, text in _fields(current).items()}
+            parts[current] = ''.join(f'{kind} {field}\n' for field, kind in fields.items())
+            waiting += [kind.split('[')[0] for kind in fields.values() if '/' in kind]
+    own, *others = parts.items()
+    return own[1] + ''.join(f'{_RULE}\nMSG: {kind}\n{text}' for kind, text in others)
+
+
+def _type(text: str) -> str:
+    """A field's type as rclpy names it, in the words of a ``.msg`` file."""
+    if match := _SEQUENCE.fullmatch(text):
+        most = f'<={match["most"]}' if match['most'] else ''
+        return f'{_type(match["item"])}[{most}]'
+    if match := _ARRAY.fullmatch(text):
+        return f'{_type(match["item"])}[{match["size"]}]'
+    if match := _BOUNDED.fullmatch(text):
+        return f'{match["kind"]}<={match["most"]}'
+    return _PLAIN.get(text, text)
+
+
 def check_field(name: str, config: InputConfig) -> None:
     """Check that a field path leads to a number.
 
@@ -98,48 +90,32 @@ def check_field(name: str, config: InputConfig) -> None:
     Raises:
         RosError: It does not; the text names the step and the fields there are.
     """
-    current = config.type
+    current, what = config.type, f"{name}.field '{config.field_text}'"
     for step in config.field:
-        current = _follow(name, config, current, step)
+        current = _follow(what, current, step)
     if not _NUMBERS.fullmatch(current):
-        raise RosError(
-            f"{name}.field '{config.field_text}' of {config.type} is a {current}, not a number"
-        )
+        raise RosError(f'{what} of {config.type} is a {current}, not a number')
 
 
-def _follow(name: str, config: InputConfig, current: str, step: str | int) -> str:
+def _follow(what: str, current: str, step: str | int) -> str:
+    """The type to which a step leads from another."""
     if isinstance(step, int):
-        match = _ARRAY.fullmatch(current)
+        match = _SEQUENCE.fullmatch(current) or _ARRAY.fullmatch(current)
         if match is None:
-            raise RosError(
-                f"{name}.field '{config.field_text}': [{step}] needs an array, but there is a"
-                f' {current}'
-            )
-        if match['size'] and step >= int(match['size']):
-            raise RosError(
-                f"{name}.field '{config.field_text}': index {step} is outside {current}"
-            )
-        return match['seq'] or match['arr']
-    fields = {}
-    if '/' in current:
-        fields = message_type(_full_name(current)).get_fields_and_field_types()
+            raise RosError(f'{what}: [{step}] needs an array, but there is a {current}')
+        if step >= int(match.groupdict().get('size') or step + 1):
+            raise RosError(f'{what}: index {step} is outside {current}')
+        return match['item']
+    fields = _fields(current) if '/' in current else {}
     if step not in fields:
         there = ', '.join(fields) or f'none, it is a {current}'
-        raise RosError(
-            f"{name}.field '{config.field_text}': {current} has no field '{step}'; it has: {there}"
-        )
-    return str(fields[step])
-
-
-def _full_name(name: str) -> str:
-    package, message = name.split('/')[0], name.split('/')[-1]
-    return f'{package}/msg/{message}'
+        raise RosError(f"{what}: {current} has no field '{step}'; it has: {there}")
+    return fields[step]
 
 
 def stamp_reader(type_name: str) -> Callable[[Any], int] | None:
     """A function that reads ``header.stamp`` [ns], or ``None`` where the type has no header."""
-    fields = message_type(type_name).get_fields_and_field_types()
-    if next(iter(fields.items()), None) != ('header', 'std_msgs/Header'):
+    if next(iter(_fields(type_name).items()), None) != ('header', 'std_msgs/Header'):
         return None
 
     def read(message: Any) -> int:
@@ -159,8 +135,6 @@ def number_reader(path: FieldPath) -> Callable[[Any], float]:
                 value = value[step] if isinstance(step, int) else getattr(value, step)
         except IndexError:
             return float('nan')
-        if isinstance(value, bytes):
-            value = value[0]
-        return float(value)
+        return float(value[0] if isinstance(value, bytes) else value)
 
     return read

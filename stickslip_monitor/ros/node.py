@@ -7,7 +7,7 @@ import functools
 import os
 import re
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +23,9 @@ from stickslip_monitor.monitor.configure import build_config
 from stickslip_monitor.monitor.health import NodeHealth
 from stickslip_monitor.ros import parameters
 from stickslip_monitor.ros.active import Active
-from stickslip_monitor.ros.configured import Configured, resolved
 from stickslip_monitor.ros.inputs import check_inputs
 from stickslip_monitor.ros.message_types import ROS_FAULTS
-from stickslip_monitor.ros.outputs import output_names
+from stickslip_monitor.ros.outputs import Configured, output_names, resolved
 from stickslip_monitor.state_file import StateFile
 
 FAILURE_PERIOD = 5.0
@@ -46,7 +45,6 @@ class MonitorNode(LifecycleNode):
 
     Attributes:
         config: The configuration in force.
-        health: How the node itself is.
     """
 
     # A node that could not be made is destroyed all the same.
@@ -66,7 +64,7 @@ class MonitorNode(LifecycleNode):
         for note in self.config.notes:
             self.get_logger().warning(note)
         self._check(self.config)
-        self._make_store(self.config)
+        self.make_store(self.config.clips)
         parameters.declare(self)
         self.add_on_set_parameters_callback(self._on_parameters)
 
@@ -76,11 +74,8 @@ class MonitorNode(LifecycleNode):
         Raises:
             RosError: A transition failed.
         """
-        for name, trigger in (
-            ('configure', self.trigger_configure),
-            ('activate', self.trigger_activate),
-        ):
-            if trigger() != TransitionCallbackReturn.SUCCESS:
+        for name in ('configure', 'activate'):
+            if getattr(self, f'trigger_{name}')() != TransitionCallbackReturn.SUCCESS:
                 raise RosError(f'the node cannot {name}: {self._failure}')
 
     def survived(self, callback: Callable[..., Any]) -> Callable[..., Any]:
@@ -116,7 +111,7 @@ class MonitorNode(LifecycleNode):
         bearings = plural(len(self.config.bearings), 'bearing')
         self.get_logger().info(f'working out the boundaries of {bearings}')
         try:
-            self._configured = Configured(self, self.config, self.health, self._make_store)
+            self._configured = Configured(self, self.config, self.health, self.make_store)
         except (*ROS_FAULTS, StickslipError) as error:
             return self._failed(f'it cannot be set up: {sentence(error)}')
         self._transition('configured, inactive')
@@ -132,8 +127,7 @@ class MonitorNode(LifecycleNode):
             return self._failed(f'its inputs cannot be subscribed to: {sentence(error)}')
         result = super().on_activate(state)
         self._transition('active')
-        for line in _inputs_lines(self, self._configured.session.config):
-            self.get_logger().info(line)
+        self._tell_inputs(self._configured.session.config)
         self._active = active
         active.begin()
         return result
@@ -166,6 +160,21 @@ class MonitorNode(LifecycleNode):
             self._configured.close()
         super().destroy_node()
 
+    def make_store(self, config: ClipConfig) -> ClipStore | None:
+        """What takes the clips of a configuration; ``None`` where it wants none.
+
+        Raises:
+            StickslipError: There is none that could, or its folder cannot be made.
+        """
+        if not config.directory:
+            return None
+        if self._store is None:
+            raise RosError(
+                f"clips.directory = '{config.directory}': this node was started without anything"
+                " that writes clips; run the executable 'monitor'"
+            )
+        return self._store(config)
+
     def _note(self, what: str, text: str) -> None:
         if self._configured is not None:
             self._configured.note(what, text)
@@ -180,6 +189,18 @@ class MonitorNode(LifecycleNode):
         text = f'the monitor is {state}'
         self.get_logger().info(text)
         self._note('lifecycle', text)
+
+    def _tell_inputs(self, config: MonitorConfig) -> None:
+        """Log what an active node does."""
+        tell, domain = self.get_logger().info, os.environ.get('ROS_DOMAIN_ID') or '0'
+        bearings = plural(len(config.bearings), 'bearing')
+        tell(f'{self.get_fully_qualified_name()} monitors {bearings} in ROS domain {domain}')
+        for bearing in config.bearings:
+            inputs = (
+                f'{name} in {source.unit} from {source.topic} ({source.type}, {source.field_text})'
+                for name, source in bearing.inputs.items()
+            )
+            tell(f'{bearing.name}: {", ".join(inputs)}')
 
     def _stop_listening(self) -> None:
         active, self._active = self._active, None
@@ -199,18 +220,6 @@ class MonitorNode(LifecycleNode):
         if config.state_file:
             StateFile(config.state_file).check()
 
-    def _make_store(self, whole: MonitorConfig) -> ClipStore | None:
-        """What takes the clips of a configuration; ``None`` where it wants none."""
-        config = whole.clips
-        if not config.directory:
-            return None
-        if self._store is None:
-            raise RosError(
-                f"clips.directory = '{config.directory}': this node was started without anything"
-                " that writes clips; run the executable 'monitor'"
-            )
-        return self._store(config)
-
     def _on_parameters(self, changes: list[Parameter[Any]]) -> SetParametersResult:
         # Those of publishers and subscriptions are declared, and read-only, as these are made.
         changes = [each for each in changes if not each.name.startswith('qos_overrides.')]
@@ -220,7 +229,7 @@ class MonitorNode(LifecycleNode):
             self._check(config)
             told = parameters.told_changes(self, changes)
             if configured is None:
-                self._make_store(config)
+                self.make_store(config.clips)
             elif rebuilt:
                 configured.rebuild(config)
             else:
@@ -235,19 +244,6 @@ class MonitorNode(LifecycleNode):
             self.get_logger().info(text)
             self._note('parameter', text)
         return SetParametersResult(successful=True)
-
-
-def _inputs_lines(node: MonitorNode, config: MonitorConfig) -> Iterator[str]:
-    """What an active node does, for the log."""
-    domain = os.environ.get('ROS_DOMAIN_ID') or '0'
-    bearings = plural(len(config.bearings), 'bearing')
-    yield f'{node.get_fully_qualified_name()} monitors {bearings} in ROS domain {domain}'
-    for bearing in config.bearings:
-        inputs = (
-            f'{name} in {source.unit} from {source.topic} ({source.type}, {source.field_text})'
-            for name, source in bearing.inputs.items()
-        )
-        yield f'{bearing.name}: {", ".join(inputs)}'
 
 
 def sentence(error: Exception) -> str:

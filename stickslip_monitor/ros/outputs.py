@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the node publishes: numbers for each bearing, warnings, diagnostics."""
+"""What a configured node has: its session, its publishers, and event clips of what passes it."""
 
 from __future__ import annotations
 
 import json
+import queue
+import threading
 from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -13,9 +17,12 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
-from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.errors import cause
+from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder, ClipStore
+from stickslip_monitor.monitor.config import BearingConfig, ClipConfig, MonitorConfig
 from stickslip_monitor.monitor.health import DiagnosticRecord, NodeHealth, health_record
 from stickslip_monitor.monitor.messages import (
     BearingState,
@@ -25,27 +32,25 @@ from stickslip_monitor.monitor.messages import (
     output_topics,
     verdict_values,
 )
-from stickslip_monitor.monitor.session import Sink
+from stickslip_monitor.monitor.session import Session, Sink
 from stickslip_monitor.monitor.verdict import Event, Verdict
-from stickslip_monitor.ros.event_clips import Clips
-from stickslip_monitor.ros.message_types import message_type
+from stickslip_monitor.ros.inputs import RosGraph
+from stickslip_monitor.ros.message_types import definition, message_type
+from stickslip_monitor.state_file import StateFile, StateWriter
 
 WARNINGS_KEPT = 100
 ALARMS_KEPT = 20
 # How long the end of the node waits for readers [s].
 _LAST_WORD = 0.5
+_CLIPS_WAITING = 2
+_LOSS_TOLD_EVERY = 60.0
+RETRY_PERIOD = 5.0
+"""A clip that cannot be written is tried again after so long [s]."""
 
 
-def _reliable() -> QoSProfile:
-    return QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-
-
-def _latched(depth: int) -> QoSProfile:
-    return QoSProfile(
-        depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
-    )
+def _reliable(depth: int = 10, latched: bool = False) -> QoSProfile:
+    durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
 
 
 def output_names(node: LifecycleNode, config: MonitorConfig) -> set[str]:
@@ -55,13 +60,122 @@ def output_names(node: LifecycleNode, config: MonitorConfig) -> set[str]:
     return {node.resolve_topic_name(name) for name in names}
 
 
+def resolved(node: LifecycleNode, config: MonitorConfig) -> MonitorConfig:
+    """The configuration with the full names of its topics, as people know them."""
+
+    def named(bearing: BearingConfig) -> BearingConfig:
+        inputs: dict[str, Any] = {
+            name: replace(source, topic=node.resolve_topic_name(source.topic))
+            for name, source in bearing.inputs.items()
+        }
+        return replace(bearing, **inputs)
+
+    return replace(config, bearings=tuple(map(named, config.bearings)))
+
+
+class Configured:
+    """What a configured node has, and keeps while it is not active.
+
+    Args:
+        make_store: Makes what takes the clips; ``None`` where none are wanted.
+
+    Raises:
+        Exception: One of :data:`.message_types.ROS_FAULTS`, or a StickslipError.
+
+    Attributes:
+        config: The configuration, names of topics as given.
+        clips: Takes what the node hears and says, where clips are wanted.
+    """
+
+    def __init__(
+        self,
+        node: LifecycleNode,
+        config: MonitorConfig,
+        health: NodeHealth,
+        make_store: Callable[[ClipConfig], ClipStore | None],
+    ) -> None:
+        self._node, self.health, self._make_store = node, health, make_store
+        self._kept: StateWriter | None = None
+        self._publish(config)
+        try:
+            if config.state_file:
+                self._kept = StateWriter(StateFile(config.state_file))
+            self.session = self._session()
+        except BaseException:
+            self.destroy()
+            raise
+
+    def _publish(self, config: MonitorConfig) -> None:
+        store = self._make_store(config.clips)
+        self.config = config
+        self.clips = None if store is None else Clips(self._node, config.clips, store)
+        self.outputs = Outputs(self._node, config, self.health, self.clips)
+
+    def _session(self) -> Session:
+        node = self._node
+        return Session(
+            resolved(node, self.config),
+            self.outputs,
+            node.get_logger(),
+            lambda: node.get_clock().now().nanoseconds,
+            self._kept,
+            RosGraph(node),
+        )
+
+    def retune(self, config: MonitorConfig) -> None:
+        """Take over what may change while the node is active."""
+        self.session.retune(resolved(self._node, config))
+        self.config = config
+
+    def rebuild(self, config: MonitorConfig) -> None:
+        """Start afresh with other inputs; the alarms stay as they are."""
+        before, outputs = self.session, self.outputs
+        self._publish(config)
+        outputs.destroy()
+        self.session = self._session()
+        self.session.inherit(before)
+
+    def note(self, what: str, text: str) -> None:
+        """Put something on record with the list of alarms."""
+        self.session.note(what, text)
+
+    def look_at_files(self) -> None:
+        """Bring the health of what is written up to date."""
+        if self.clips is not None:
+            self.health.clip_fault = self.clips.fault
+        if self._kept is not None:
+            before, self.health.state_file_fault = self.health.state_file_fault, self._kept.fault
+            if self._kept.fault and not before:
+                self._node.get_logger().error(self._kept.fault)
+
+    def tick_clips(self) -> None:
+        """Let time pass for the clips."""
+        if self.clips is not None:
+            bearings = self.session.monitor.bearings.values()
+            self.clips.tick(max((b.now_ns or 0 for b in bearings), default=0))
+
+    def end_clips(self) -> None:
+        """Write what is left of the clips."""
+        if self.clips is not None:
+            self.clips.close()
+
+    def close(self) -> None:
+        """Write what is left of clips and alarms."""
+        self.end_clips()
+        if self._kept is not None:
+            self._kept.close()
+            self._kept = None
+
+    def destroy(self) -> None:
+        """Take everything down."""
+        self.close()
+        self.outputs.destroy()
+
+
 class Outputs(Sink):
     """The publishers of a configured node. What nobody listens to is not published.
 
     Args:
-        node: The node.
-        config: The configuration.
-        health: How the node itself is.
         clips: Takes what is said, and notice of alarms, where clips are wanted.
     """
 
@@ -72,8 +186,8 @@ class Outputs(Sink):
         self._name = node.get_fully_qualified_name().lstrip('/')
         make: Callable[..., Any] = node.create_lifecycle_publisher
         own_qos = {'qos_overriding_options': QoSOverridingOptions.with_default_policies()}
-        self._warnings = make(String, '~/warnings', _latched(WARNINGS_KEPT), **own_qos)
-        self._alarms = make(String, '~/alarms', _latched(ALARMS_KEPT), **own_qos)
+        self._warnings = make(String, '~/warnings', _reliable(WARNINGS_KEPT, True), **own_qos)
+        self._alarms = make(String, '~/alarms', _reliable(ALARMS_KEPT, True), **own_qos)
         self._records = make(String, '~/bearings', _reliable(), **own_qos)
         self._diagnostics = make(DiagnosticArray, '/diagnostics', _reliable(), **own_qos)
         kinds = {
@@ -156,3 +270,91 @@ def _status(record: DiagnosticRecord) -> DiagnosticStatus:
         message=record.message,
         values=[KeyValue(key=key, value=value) for key, value in record.values.items()],
     )
+
+
+class Clips:
+    """Records what passes the node, and writes a clip around each alarm.
+
+    Clips are written in a thread, so that no callback waits for the disk; one that cannot be
+    written is tried again until a newer one comes; one that comes while two others wait is lost.
+
+    Attributes:
+        fault: Why the last clip is lost; empty where it is not.
+    """
+
+    def __init__(self, node: LifecycleNode, config: ClipConfig, store: ClipStore) -> None:
+        self._node, self._store = node, store
+        self._definitions: dict[str, str] = {}
+        self._recorder = ClipRecorder(config, self._definitions)
+        self.fault = ''
+        self._waiting: queue.Queue[Clip | None] = queue.Queue(_CLIPS_WAITING)
+        self._thread: threading.Thread | None = None
+
+    def take(self, topic: str, message: Any, time_ns: int | None = None) -> None:
+        """Take a message that was heard or said.
+
+        Args:
+            topic: Its topic.
+            message: The message.
+            time_ns: Its time on the clock of the samples; the latest one if ``None`` [ns].
+        """
+        own = type(message)
+        kind = f'{own.__module__.partition(".")[0]}/msg/{own.__name__}'
+        if kind not in self._definitions:
+            self._definitions[kind] = definition(kind)
+        at_ns = self._recorder.now_ns if time_ns is None else time_ns
+        self._recorder.add(ClipMessage(at_ns, topic, kind, serialize_message(message)))
+
+    def note(self, event: Event) -> None:
+        """Take notice of a change of an alarm."""
+        self._recorder.note(event)
+
+    def tick(self, now_ns: int) -> None:
+        """Let time pass on the clock of the samples [ns]."""
+        self._recorder.advance(now_ns)
+        self._collect()
+
+    def close(self, patience: float = 10.0) -> None:
+        """Write what is left, the clip that is being taken too, within so much time [s]."""
+        self._recorder.finish()
+        self._collect()
+        if self._thread is not None:
+            try:
+                self._waiting.put(None, timeout=patience)
+                self._thread.join(patience)
+            except queue.Full:
+                self._lost(f'the disk takes longer than {patience:g} s')
+            self._thread = None
+
+    def _collect(self) -> None:
+        for clip in self._recorder.clips():
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._run, name='clips', daemon=True)
+                self._thread.start()
+            try:
+                self._waiting.put_nowait(clip)
+            except queue.Full:
+                self._lost('the disk does not keep up')
+
+    def _run(self) -> None:
+        clip = self._waiting.get()
+        while clip is not None:
+            written = self._written(clip)
+            # One that is not written is tried once more, unless a newer one comes.
+            with suppress(queue.Empty):
+                clip = self._waiting.get(timeout=None if written else RETRY_PERIOD)
+
+    def _written(self, clip: Clip) -> bool:
+        try:
+            for _ in self._store.write(clip):
+                pass
+        except Exception as error:
+            # Neither a full disk nor a fault of ours may stop the monitor, or later clips.
+            self._lost(cause(error))
+            return False
+        self.fault = ''
+        return True
+
+    def _lost(self, reason: str) -> None:
+        self.fault = f'an event clip is lost: {reason}'
+        self._node.get_logger().error(self.fault, throttle_duration_sec=_LOSS_TOLD_EVERY)

@@ -113,13 +113,14 @@ def changed_config(
         row = rows.get(name)
         if row is not None and not row.live and _plain(value) != _plain(proposed.get(name)):
             if row.fixed:
+                shown = list(value) if isinstance(_plain(value), tuple) else value
                 raise ConfigurationError(
-                    f'{name} = {_shown(value)} cannot be set: a running node keeps it; restart it'
+                    f'{name} = {shown!r} cannot be set: a running node keeps it; restart it'
                     ' with another parameter file'
                 )
-            rebuilt = True
             if active:
                 raise _read_only(name, value)
+            rebuilt = True
         proposed[name] = value
     return build_config(proposed), rebuilt
 
@@ -135,10 +136,6 @@ def told_changes(node: Node, changes: Iterable[RosParameter[Any]]) -> list[str]:
 
 def _plain(value: Any) -> Any:
     return tuple(value) if hasattr(value, '__iter__') and not isinstance(value, str) else value
-
-
-def _shown(value: Any) -> str:
-    return repr(list(value) if isinstance(_plain(value), tuple) else value)
 
 
 def _read_only(name: str, value: Any) -> ConfigurationError:

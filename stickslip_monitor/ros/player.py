@@ -20,10 +20,8 @@ from stickslip_monitor.ros.message_types import ROS_FAULTS, message_type
 
 CLOCK_PERIOD = 0.02
 _SETTLE = 0.5
-_CLOCK_TOPIC = '/clock'
 _QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 _CLOCK_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-
 
 Recorded = tuple[str, int, bytes]
 """Topic, when it was recorded [ns], and the message, still encoded."""
@@ -31,9 +29,6 @@ Recorded = tuple[str, int, bytes]
 
 class Player:
     """A node that publishes encoded messages on their topics.
-
-    Args:
-        types: Message type of each topic.
 
     Attributes:
         skipped: Topics that cannot be played, with the reason.
@@ -43,9 +38,9 @@ class Player:
         self.node = Node('stickslip_player')
         self.skipped: dict[str, str] = {}
         self._publishers: dict[str, Any] = {}
-        self._clock = self.node.create_publisher(Clock, _CLOCK_TOPIC, _CLOCK_QOS)
+        self._clock = self.node.create_publisher(Clock, '/clock', _CLOCK_QOS)
         for topic, kind in types.items():
-            if topic == _CLOCK_TOPIC:
+            if topic == '/clock':
                 self.skipped[topic] = 'the player publishes a clock of its own'
                 continue
             try:
@@ -131,24 +126,16 @@ class Player:
                 time.sleep(0.005)
         raise RosError(f'a subscriber of {publisher.topic_name} does not keep up: play slower')
 
-    def destroy(self) -> None:
-        """Take the node down."""
-        self.node.destroy_node()
-
 
 @contextmanager
 def open_player(types: dict[str, str]) -> Iterator[Player]:
-    """A player, with ROS running for as long.
-
-    Args:
-        types: Message type of each topic.
-    """
+    """A player of topics of these message types, with ROS running for as long."""
     rclpy.init()
     try:
         player = Player(types)
         try:
             yield player
         finally:
-            player.destroy()
+            player.node.destroy_node()
     finally:
         rclpy.try_shutdown()

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import signal
 import socket
 import sys
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 
@@ -51,29 +53,22 @@ class ServiceManager:
     """What started the node, as far as it wants to be told, by the datagrams of sd_notify(3).
 
     Without a service manager, which names its socket in ``NOTIFY_SOCKET``, nothing is told.
-
-    Args:
-        environment: What it has put into the environment.
     """
 
-    def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
-        self._address = environment.get('NOTIFY_SOCKET', '')
-        if self._address.startswith('@'):
-            self._address = f'\0{self._address[1:]}'
-        limit = environment.get('WATCHDOG_USEC', '')
+    def __init__(self) -> None:
+        # A name in the abstract space is given with an @ in the place of the zero byte.
+        self._address = re.sub('^@', '\0', os.environ.get('NOTIFY_SOCKET', ''))
+        limit = os.environ.get('WATCHDOG_USEC', '')
         # Half the limit, as sd_watchdog_enabled(3) recommends.
         self._period = 0.5e-6 * int(limit) if limit.isdecimal() else math.inf
         self._told = -math.inf
 
     def tell(self, state: str) -> None:
         """Send a state, such as ``READY=1``; a manager that is gone is nothing to stop for."""
-        if not self._address:
-            return
-        try:
-            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as own:
+        if self._address:
+            kind = socket.SOCK_DGRAM | socket.SOCK_NONBLOCK
+            with suppress(OSError), socket.socket(socket.AF_UNIX, kind) as own:
                 own.sendto(state.encode(), self._address)
-        except OSError:
-            pass
 
     def beat(self) -> None:
         """Say that the node is alive, as often as the watchdog wants to hear it."""
@@ -136,27 +131,33 @@ def _check_enclave(keystore: str, args: Sequence[str]) -> None:
         )
 
 
-def _initialise(args: Sequence[str] | None) -> None:
-    _check_environment(sys.argv if args is None else args)
+def _start(
+    args: Sequence[str] | None, store: Callable[[ClipConfig], ClipStore] | None
+) -> MonitorNode:
+    """Start ROS, and make the node.
+
+    Raises:
+        StickslipError: The arguments, a parameter or a name cannot be used.
+    """
+    what = 'the ROS arguments cannot be used'
     try:
         rclpy.init(
             args=None if args is None else list(args),
             signal_handler_options=SignalHandlerOptions.NO,
         )
-    except (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError) as error:
-        raise RosError(f'the ROS arguments cannot be used: {sentence(error)}') from error
-
-
-def _create(store: Callable[[ClipConfig], ClipStore] | None) -> MonitorNode:
-    try:
+        what = 'the node cannot be created'
         with warnings.catch_warnings():
             # What cannot be created is half created, and rclpy warns of the other half.
             warnings.simplefilter('ignore', RuntimeWarning)
             return MonitorNode(store)
-    except (*ROS_FAULTS, rclpy_implementation.RCLError) as error:
-        if isinstance(error, StickslipError):
-            raise
-        raise RosError(f'the node cannot be created: {sentence(error)}') from error
+    except StickslipError:
+        raise
+    except (
+        *ROS_FAULTS,
+        rclpy_implementation.RCLError,
+        rclpy_implementation.UnknownROSArgsError,
+    ) as error:
+        raise RosError(f'{what}: {sentence(error)}') from error
 
 
 def _run(args: Sequence[str] | None, store: Callable[[ClipConfig], ClipStore] | None) -> None:
@@ -166,10 +167,10 @@ def _run(args: Sequence[str] | None, store: Callable[[ClipConfig], ClipStore] | 
     told: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: told.append(number))
-    _initialise(args)
+    _check_environment(sys.argv if args is None else args)
     node = None
     try:
-        node = _create(store)
+        node = _start(args, store)
         if node.config.autostart and not told:
             node.start()
         _spin(node, told)

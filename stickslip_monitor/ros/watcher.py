@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Listens to monitors from another process, and hands on what people ask of it."""
+"""A node beside those of monitors: hears them, hands on what people ask, and what buses bring."""
 
 from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any, Protocol
@@ -15,14 +15,17 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
-from std_msgs.msg import String
+from std_msgs.msg import Float64, String
 
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.alarms.requests import ActionRequest, request_record
+from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.health import NODE_STATUS
 from stickslip_monitor.monitor.messages import BEARINGS_SCHEMA, hardware_id
+from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.ros.message_types import ROS_FAULTS
 
 
@@ -52,44 +55,33 @@ _ALARMS = QoSProfile(
 _RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 _NAME = 'stickslip_dashboard'
 """What the security policy allows a reader to be called."""
+NUMBER_TYPE, NUMBER_FIELD = 'std_msgs/msg/Float64', 'data'
 
 
 class Watcher:
-    """A node beside those of the monitors. Its callbacks run in the thread that spins it.
+    """Hears monitors. The callbacks run in the thread that spins the node.
 
     Args:
         listeners: Who takes what a monitor says, by the full name of its node.
-        diagnostics: Topic of their diagnostics.
-        hand_over: Calls a listener's method.
 
     Raises:
         RosError: A name is none.
     """
 
     def __init__(
-        self, listeners: Mapping[str, Listener], diagnostics: str, hand_over: HandOver
+        self, node: Node, listeners: Mapping[str, Listener], diagnostics: str, hand_over: HandOver
     ) -> None:
+        self.node, self._hand_over = node, hand_over
         self._listeners = {name.strip('/'): own for name, own in listeners.items()}
-        self._hand_over = hand_over
         self._actions: dict[str, Any] = {}
-        self.node = Node(_NAME)
-        name = diagnostics
+        listen, name = node.create_subscription, diagnostics
         try:
-            self.node.create_subscription(
-                DiagnosticArray, diagnostics, self._on_diagnostics, _RELIABLE
-            )
+            listen(DiagnosticArray, diagnostics, self._on_diagnostics, _RELIABLE)
             for name, own in listeners.items():
-                self.node.create_subscription(
-                    String, f'{name}/alarms', partial(self._on_alarms, own), _ALARMS
-                )
-                self.node.create_subscription(
-                    String, f'{name}/bearings', partial(self._on_bearings, own), _RELIABLE
-                )
-                self._actions[name] = self.node.create_publisher(
-                    String, f'{name}/actions', _RELIABLE
-                )
+                listen(String, f'{name}/alarms', partial(self._on_alarms, own), _ALARMS)
+                listen(String, f'{name}/bearings', partial(self._on_bearings, own), _RELIABLE)
+                self._actions[name] = node.create_publisher(String, f'{name}/actions', _RELIABLE)
         except ROS_FAULTS as error:
-            self.node.destroy_node()
             text = str(error).splitlines()[0].rstrip(':')
             raise RosError(f"node '{name}': {text}") from error
 
@@ -135,6 +127,57 @@ class Watcher:
             return None
 
 
+class Bridge:
+    """A publisher for each input that comes from a bus.
+
+    Args:
+        monitor: Full name of the monitor's node, to which names of topics are relative.
+        inputs: Bearing and input, of each that comes from a bus.
+
+    Raises:
+        RosError: An input is configured for other messages, or its topic's name is none.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        monitor: str,
+        config: MonitorConfig,
+        inputs: Iterable[tuple[str, Input]],
+    ) -> None:
+        self._publishers: dict[tuple[str, Input], Publisher[Float64]] = {}
+        topics = set()
+        for name, place in inputs:
+            quantity = place.name.lower()
+            source = config.bearing(name).inputs[quantity]
+            if (source.type, source.field_text) != (NUMBER_TYPE, NUMBER_FIELD):
+                raise RosError(
+                    f"{name}.{quantity}.type = '{source.type}' must be {NUMBER_TYPE}, field"
+                    f" '{NUMBER_FIELD}': what a bus brings is published so"
+                )
+            # Of two bearings on one shaft the first brings the speed for both.
+            if source.topic in topics:
+                continue
+            topics.add(source.topic)
+            try:
+                own = node.create_publisher(Float64, _resolved(source.topic, monitor), 10)
+            except ROS_FAULTS as error:
+                raise RosError(f'{source.topic} cannot be published: {error}') from error
+            self._publishers[name, place] = own
+
+    def take(self, bearing: str, place: Input, value: float) -> None:
+        """Publish one number."""
+        if (bearing, place) in self._publishers:
+            self._publishers[bearing, place].publish(Float64(data=value))
+
+
+def _resolved(topic: str, monitor: str) -> str:
+    """The full name of a topic, as the monitor's node resolves it."""
+    if topic.startswith('~'):
+        return f'{monitor}{topic[1:]}'
+    return topic if topic.startswith('/') else f'{monitor.rpartition("/")[0]}/{topic}'
+
+
 def _is_of_node(status: DiagnosticStatus) -> bool:
     """Whether a status is that of a monitor's node itself."""
     node, _, what = status.name.rpartition(': ')
@@ -145,14 +188,11 @@ def _is_of_node(status: DiagnosticStatus) -> bool:
 def open_watcher(
     listeners: Mapping[str, Listener], diagnostics: str, hand_over: HandOver
 ) -> Iterator[Watcher]:
-    """A watcher that is spun by a thread of its own, with ROS running for as long.
-
-    Signals are left to the program. See :class:`Watcher` for the arguments.
-    """
-    with _ros():
-        watcher = Watcher(listeners, diagnostics, hand_over)
-        with _spun(watcher.node):
-            yield watcher
+    """A watcher, with ROS running for as long; see :class:`Watcher` for the arguments."""
+    with _node() as (node, spin):
+        watcher = Watcher(node, listeners, diagnostics, hand_over)
+        spin()
+        yield watcher
 
 
 @contextmanager
@@ -169,41 +209,34 @@ def hear_health(diagnostics: str, take: Callable[[str, int, str], None]) -> Iter
         for status in filter(_is_of_node, message.status):
             take(f'/{status.hardware_id}', status.level[0], status.message)
 
-    with _ros():
-        node = Node(_NAME)
+    with _node() as (node, spin):
         try:
             node.create_subscription(DiagnosticArray, diagnostics, on_diagnostics, _RELIABLE)
         except ROS_FAULTS as error:
-            node.destroy_node()
             raise RosError(f"--diagnostics '{diagnostics}' is no name of a topic") from error
-        with _spun(node):
-            yield
+        spin()
+        yield
 
 
 @contextmanager
-def _ros() -> Iterator[None]:
+def _node() -> Iterator[tuple[Node, Callable[[], None]]]:
+    """A node, and what has a thread of its own spin it. Signals are left to the program."""
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        yield
+        node, executor = Node(_NAME), SingleThreadedExecutor()
+        executor.add_node(node)
+
+        def spin() -> None:
+            with suppress(ExternalShutdownException):
+                executor.spin()
+
+        thread = threading.Thread(target=spin, name='ros', daemon=True)
+        try:
+            yield node, thread.start
+        finally:
+            executor.shutdown()
+            if thread.is_alive():
+                thread.join()
+            node.destroy_node()
     finally:
         rclpy.try_shutdown()
-
-
-@contextmanager
-def _spun(node: Node) -> Iterator[None]:
-    """Spin a node in a thread of its own, and destroy it in the end."""
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-
-    def spin() -> None:
-        with suppress(ExternalShutdownException):
-            executor.spin()
-
-    thread = threading.Thread(target=spin, name='ros', daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        executor.shutdown()
-        thread.join()
-        node.destroy_node()

@@ -138,7 +138,6 @@ def test_an_operator_and_a_level_are_evidence_too(
     )
     for arguments in (
         [str(COAST_DOWN), '--reports', str(reports), '-c', str(wrong)],
-        [str(copy), '--level', '/level', '-c', str(wrong)],
         [str(copy), '-c', str(configured)],
     ):
         assert main(['calibrate', *arguments, '--json']) == 0
@@ -199,8 +198,6 @@ DAY = 'aft_stern,2026-05-04T06:00:00Z,2026-05-04T06:02:00Z,quiet\n'
 @pytest.mark.parametrize(
     ('option', 'content', 'words'),
     [
-        ('--level', '/bearing/aft_stern/load', 'has no two modes'),
-        ('--level', '/level', 'the level on /level never changes'),
         ('--forget', '-1', '--forget -1 must be from 0 to 1'),
         ('--bench', '{', 'cannot be read'),
         ('--add', '{', 'is not JSON'),
@@ -216,14 +213,11 @@ DAY = 'aft_stern,2026-05-04T06:00:00Z,2026-05-04T06:02:00Z,quiet\n'
 def test_bad_input_is_one_sentence(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, content: str, words: str
 ) -> None:
-    bag, value = COAST_DOWN, content
-    if option in ('--bench', '--add', '--reports'):
+    value = content
+    if option != '--forget':
         value = str(tmp_path / 'given')
         Path(value).write_text(content)
-    if content == '/level':
-        bag = tmp_path / 'still.mcap'
-        without_truth(bag, np.full(2800, 0.3))
-    assert main(['calibrate', str(bag), '-c', str(CONFIG), option, value]) == 2
+    assert main(['calibrate', str(COAST_DOWN), '-c', str(CONFIG), option, value]) == 2
     error = capsys.readouterr().err
     assert words in error
     assert error.startswith('ERROR: ')

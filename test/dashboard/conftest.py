@@ -56,10 +56,6 @@ class Ship:
         self.session.begin()
 
     @property
-    def alarms(self) -> Any:
-        return self.session.alarms
-
-    @property
     def time_ns(self) -> int:
         return T0 + round(self.seconds * 1e9)
 
@@ -105,11 +101,11 @@ class Dashboard:
         port: int = 0,
         nodes: tuple[str, ...] = ('/stickslip_monitor',),
         player: Any = None,
-        **limits: float,
+        **limits: Any,
     ) -> None:
         from stickslip_monitor.commands.dashboard import watched
-        from stickslip_monitor.dashboard.access import Access, listen
-        from stickslip_monitor.dashboard.server import Server, make_runner
+        from stickslip_monitor.dashboard.access import Access
+        from stickslip_monitor.dashboard.server import Server
         from stickslip_monitor.dashboard.state import DashboardState
         from stickslip_monitor.monitor.config_file import load_config
 
@@ -119,13 +115,11 @@ class Dashboard:
         self.ships = [Ship(monitor) for monitor in self.board.monitors]
         self.ship = self.ships[0]
         access = Access(token, frozenset({'ship.test'}))
-        self._app = Server(self.board, access, player, 0.3, 2.0).application()
-        self._runner = make_runner(self._app)
+        self.server = Server(self.board, access, player, 0.3, 2.0, **limits)
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
-        self.run(self._runner.setup())
-        self._listening = self.run(listen(self._runner, '127.0.0.1', port, **limits))
-        self.port = self._listening.sockets[0].getsockname()[1]
+        listening = self.run(self.server.listen('127.0.0.1', port))
+        self.port = listening.sockets[0].getsockname()[1]
         self.url = f'http://127.0.0.1:{self.port}/'
 
     def run(self, work: Any) -> Any:
@@ -145,8 +139,7 @@ class Dashboard:
 
     def stop(self) -> None:
         if self._loop.is_running():
-            self.do(self._listening.close)
-            self.run(self._runner.cleanup())
+            self.run(self.server.close())
             self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join()
             self._loop.close()

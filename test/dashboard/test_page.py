@@ -208,7 +208,7 @@ def test_hostile_texts_stay_text(dashboard: Any, page: Any) -> None:
 
     def poison() -> None:
         ship = dashboard.ship
-        for causes in ship.alarms.annunciator.causes.values():
+        for causes in ship.session.annunciator.causes.values():
             causes.texts = dict.fromkeys(AlarmKind, HOSTILE)
         own = record(dashboard)
         inputs = {'speed': own['inputs']['speed'] | {'fault': HOSTILE}}

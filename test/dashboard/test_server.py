@@ -317,7 +317,7 @@ def test_nothing_can_be_changed_but_alarms(dashboard: Any) -> None:
     """There is one way to act, and it is for alarms."""
     routes = {
         (route.method, route.resource.canonical)
-        for route in dashboard._app.router.routes()
+        for route in dashboard.server.application().router.routes()
         if route.method not in ('GET', 'HEAD')
     }
     assert routes == {('POST', '/act'), ('POST', '/login'), ('POST', '/logout')}

@@ -38,7 +38,7 @@ from stickslip_monitor.drawing.friction_fit import draw_friction_fit
 from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.errors import DrawingError, OutputError
 from stickslip_monitor.lab.calibration.calibrate import Calibration, DipResult
-from stickslip_monitor.lab.calibration.dips import Dip, VibrationReport, path_of
+from stickslip_monitor.lab.calibration.evidence import Dip, VibrationReport, path_of
 from stickslip_monitor.lab.calibration.posterior import prior_of, sample_posterior
 from stickslip_monitor.lab.friction_fit.curve_file import FrictionCurve
 from stickslip_monitor.lab.friction_fit.fit import fit_stribeck

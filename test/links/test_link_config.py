@@ -27,6 +27,7 @@ SIGNALK = {
     'aft.speed': {'from': 'signalk', 'path': 'propulsion.port.revolutions'},
     'aft.load': {'from': 'signalk', 'path': 'propulsion.port.shaft.aft.load'},
 }
+TOPICS = {'speed': {'unit': 'Hz', 'topic': '/s'}, 'load': {'unit': 'kN', 'topic': '/l'}}
 NMEA = {
     'nmea.listen': 'udp://127.0.0.1:10110',
     'aft.speed': {'from': 'nmea', 'sentence': 'RPM', 'kind': 'S', 'number': 2},
@@ -82,15 +83,10 @@ def test_the_example_and_the_docs_are_configurations(files: Files) -> None:
 def test_beside_a_node_topics_are_the_nodes_and_inputs_may_come_from_elsewhere(
     files: Files,
 ) -> None:
-    topics = {'speed': {'unit': 'Hz', 'topic': '/s'}, 'load': {'unit': 'kN', 'topic': '/l'}}
     links = {key: value for key, value in SIGNALK.items() if key != 'aft.load'}
-    config, made = load_watch(files.write(links, **topics), True)
+    config, made = load_watch(files.write(links, **TOPICS), True)
     assert config.bearings[0].speed.topic == '/s'
     assert list(made.labels) == [('aft', Input.SPEED)]
-    with pytest.raises(ConfigurationError, match=r"'aft\.load' is missing: without --node"):
-        load_watch(files.write(links), False)
-    with pytest.raises(ConfigurationError, match=r"parameter 'aft\.speed\.topic' is missing"):
-        load_watch(files.write(SIGNALK), True)
 
 
 SPEED = 'aft.speed'
@@ -144,20 +140,24 @@ def test_one_sentence_for_whatever_breaks_a_rule(
     assert '\n' not in str(error.value)
 
 
-def test_units_are_those_of_the_bus(files: Files) -> None:
-    for quantity, unit, needed in (('speed', 'rpm', 'Hz'), ('load', 'kN', 'N')):
-        path = files.write(SIGNALK, **{quantity: {'unit': unit}})
-        text = f"aft.{quantity}.unit = '{unit}' must be {needed}, in which Signal K gives it"
-        with pytest.raises(ConfigurationError, match=re.escape(text)):
-            load_watch(path, False)
-
-
-def test_a_section_without_a_bus(files: Files) -> None:
-    topics = {'speed': {'unit': 'Hz', 'topic': '/s'}, 'load': {'unit': 'N', 'topic': '/l'}}
-    with pytest.raises(ConfigurationError, match='uses no bus: give'):
-        load_watch(files.write({'nmea.talker': 'II'}, **topics), True)
-
-
-def test_a_file_without_the_section(files: Files) -> None:
-    with pytest.raises(ConfigurationError, match="has no section '/stickslip_links:'"):
-        load_watch(files.write(None), False)
+@pytest.mark.parametrize(
+    ('links', 'bearing', 'with_node', 'text'),
+    [
+        (SIGNALK, {'speed': {'unit': 'rpm'}}, False, "unit = 'rpm' must be Hz, in which Signal K"),
+        (SIGNALK, {'load': {'unit': 'kN'}}, False, "unit = 'kN' must be N, in which Signal K"),
+        ({'nmea.talker': 'II'}, TOPICS, True, 'uses no bus: give'),
+        (None, {}, False, "has no section '/stickslip_links:'"),
+        (
+            {k: v for k, v in SIGNALK.items() if k != 'aft.load'},
+            {},
+            False,
+            "'aft.load' is missing",
+        ),
+        (SIGNALK, {}, True, "parameter 'aft.speed.topic' is missing"),
+    ],
+)
+def test_what_does_not_fit_the_bearing(
+    files: Files, links: Any, bearing: dict[str, Any], with_node: bool, text: str
+) -> None:
+    with pytest.raises(ConfigurationError, match=re.escape(text)):
+        load_watch(files.write(links, **bearing), with_node)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import logging
 import math
 import os
@@ -55,16 +56,14 @@ async def until(condition: Callable[[], Any], what: Callable[[], Any] = lambda: 
         await asyncio.sleep(0.01)
 
 
-def on_loop(work: Callable[[], Coroutine[Any, Any, None]]) -> None:
-    async def run() -> None:
-        before = asyncio.all_tasks()
-        try:
-            await asyncio.wait_for(work(), 60.0)
-        finally:
-            for task in asyncio.all_tasks() - before:
-                task.cancel()
+def on_loop(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+    """A test on an event loop, whose tasks end with it."""
 
-    asyncio.run(run())
+    @functools.wraps(test)
+    def run(**fixtures: Any) -> None:
+        asyncio.run(asyncio.wait_for(test(**fixtures), 60.0))
+
+    return run
 
 
 def udp(port: int = 0) -> socket.socket:
@@ -85,148 +84,132 @@ async def at_work(port: Port) -> None:
     asyncio.get_running_loop().create_task(port.run())
 
 
-def test_datagrams_in_with_or_without_an_end_of_line() -> None:
-    async def work() -> None:
-        number = free()
-        end = End(f'udp://127.0.0.1:{number}')
-        await at_work(end.port)
-        assert end.states == []  # open, but nothing is known of a sender
-        with udp() as talker:
-            talker.sendto(RPM.encode(), ('127.0.0.1', number))
-            talker.sendto(f'{RPM}\r\n{RPM}\r\n'.encode(), ('127.0.0.1', number))
-            await until(lambda: len(end.lines) == 3)
-        assert {line.strip() for line in end.lines} == {RPM}
-        assert end.states == [True]
-
-    on_loop(work)
+@on_loop
+async def test_datagrams_in_with_or_without_an_end_of_line() -> None:
+    number = free()
+    end = End(f'udp://127.0.0.1:{number}')
+    await at_work(end.port)
+    assert end.states == []  # open, but nothing is known of a sender
+    with udp() as talker:
+        talker.sendto(RPM.encode(), ('127.0.0.1', number))
+        talker.sendto(f'{RPM}\r\n{RPM}\r\n'.encode(), ('127.0.0.1', number))
+        await until(lambda: len(end.lines) == 3)
+    assert {line.strip() for line in end.lines} == {RPM}
+    assert end.states == [True]
 
 
-def test_datagrams_out_to_somebody_who_comes_late() -> None:
-    async def work() -> None:
-        number = free()
-        end = End(f'udp://127.0.0.1:{number}', listens=False, silent=math.inf)
-        await at_work(end.port)
-        end.port.send([RPM])
-        await until(lambda: False in end.states, lambda: end.reasons)
-        assert end.reasons[-1] == 'Connection refused'
-        with udp(number) as display:
-            await until(lambda: end.states[-1])
-            end.port.send([RPM, RPM])
-            got: list[bytes] = []
-            while len(got) < 2:
-                got.append(await asyncio.get_running_loop().sock_recv(display, 1000))
-        assert got == [f'{RPM}\r\n'.encode()] * 2
-
-    on_loop(work)
+@on_loop
+async def test_datagrams_out_to_somebody_who_comes_late() -> None:
+    number = free()
+    end = End(f'udp://127.0.0.1:{number}', listens=False, silent=math.inf)
+    await at_work(end.port)
+    end.port.send([RPM])
+    await until(lambda: False in end.states, lambda: end.reasons)
+    assert end.reasons[-1] == 'Connection refused'
+    with udp(number) as display:
+        await until(lambda: end.states[-1])
+        end.port.send([RPM, RPM])
+        got: list[bytes] = []
+        while len(got) < 2:
+            got.append(await asyncio.get_running_loop().sock_recv(display, 1000))
+    assert got == [f'{RPM}\r\n'.encode()] * 2
 
 
-def test_a_stream_that_comes_late_ends_and_comes_back() -> None:
-    async def work() -> None:
-        talkers: list[asyncio.StreamWriter] = []
-        heard: list[bytes] = []
+@on_loop
+async def test_a_stream_that_comes_late_ends_and_comes_back() -> None:
+    talkers: list[asyncio.StreamWriter] = []
+    heard: list[bytes] = []
 
-        async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            talkers.append(writer)
-            heard.append(await reader.readline())
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        talkers.append(writer)
+        heard.append(await reader.readline())
 
-        number = free()
-        end = End(f'tcp://127.0.0.1:{number}')
-        await at_work(end.port)
-        await until(lambda: end.states == [False])
-        end.port.send([RPM])  # lost, as there is nobody
-        server = await asyncio.start_server(serve, '127.0.0.1', number)
-        await until(lambda: talkers)
-        talkers[0].write(b'x' * 5000 + f'\r\n{RPM[:10]}'.encode())
-        await asyncio.sleep(0.05)
-        talkers[0].write(f'{RPM[10:]}\r\n'.encode())
-        await until(lambda: RPM in [line.strip() for line in end.lines])
-        end.port.send([RPM])
-        await until(lambda: heard == [f'{RPM}\r\n'.encode()])
-        talkers[0].close()
-        await until(lambda: len(talkers) == 2)
-        assert end.states == [False, True, False]  # connected again, but silent
-        talkers[1].write(f'{RPM}\r\n'.encode())
-        await until(lambda: end.states == [False, True, False, True])
-        server.close()
-
-    on_loop(work)
+    number = free()
+    end = End(f'tcp://127.0.0.1:{number}')
+    await at_work(end.port)
+    await until(lambda: end.states == [False])
+    end.port.send([RPM])  # lost, as there is nobody
+    server = await asyncio.start_server(serve, '127.0.0.1', number)
+    await until(lambda: talkers)
+    talkers[0].write(b'x' * 5000 + f'\r\n{RPM[:10]}'.encode())
+    await asyncio.sleep(0.05)
+    talkers[0].write(f'{RPM[10:]}\r\n'.encode())
+    await until(lambda: RPM in [line.strip() for line in end.lines])
+    end.port.send([RPM])
+    await until(lambda: heard == [f'{RPM}\r\n'.encode()])
+    talkers[0].close()
+    await until(lambda: len(talkers) == 2)
+    assert end.states == [False, True, False]  # connected again, but silent
+    talkers[1].write(f'{RPM}\r\n'.encode())
+    await until(lambda: end.states == [False, True, False, True])
+    server.close()
 
 
-def test_a_serial_line_that_vanishes_and_comes_back(tmp_path: Path) -> None:
-    async def work() -> None:
-        ours, theirs = pty.openpty()
-        device = tmp_path / 'tty'
-        device.symlink_to(os.ttyname(theirs))
-        end = End(f'serial://{device}?baud=38400')
-        await at_work(end.port)
-        os.write(ours, f'{RPM}\r\n'.encode())
-        await until(lambda: end.lines)
-        end.port.send([RPM])
-        await asyncio.sleep(0.05)
-        assert os.read(ours, 1000) == f'{RPM}\r\n'.encode()
-        device.unlink()
-        os.close(theirs)
-        os.close(ours)
-        await until(lambda: end.states == [True, False], lambda: end.reasons)
-        ours, theirs = pty.openpty()
-        device.symlink_to(os.ttyname(theirs))
-        await asyncio.sleep(0.1)
-        os.write(ours, f'{RPM}\r\n'.encode())
-        await until(lambda: end.states == [True, False, True])
-        os.close(theirs)
-        os.close(ours)
-
-    on_loop(work)
+@on_loop
+async def test_a_serial_line_that_vanishes_and_comes_back(tmp_path: Path) -> None:
+    ours, theirs = pty.openpty()
+    device = tmp_path / 'tty'
+    device.symlink_to(os.ttyname(theirs))
+    end = End(f'serial://{device}?baud=38400')
+    await at_work(end.port)
+    os.write(ours, f'{RPM}\r\n'.encode())
+    await until(lambda: end.lines)
+    end.port.send([RPM])
+    await asyncio.sleep(0.05)
+    assert os.read(ours, 1000) == f'{RPM}\r\n'.encode()
+    device.unlink()
+    os.close(theirs)
+    os.close(ours)
+    await until(lambda: end.states == [True, False], lambda: end.reasons)
+    ours, theirs = pty.openpty()
+    device.symlink_to(os.ttyname(theirs))
+    await asyncio.sleep(0.1)
+    os.write(ours, f'{RPM}\r\n'.encode())
+    await until(lambda: end.states == [True, False, True])
+    os.close(theirs)
+    os.close(ours)
 
 
-def test_silence_is_a_fault_where_lines_are_expected() -> None:
-    async def work() -> None:
-        listens = End(f'udp://127.0.0.1:{free()}', silent=0.1)
-        sends = End(f'udp://127.0.0.1:{free()}', listens=False, silent=math.inf)
-        await at_work(listens.port)
-        await at_work(sends.port)
-        await until(lambda: listens.states == [False])
-        assert listens.reasons[-1] == 'nothing heard for 0.1 s'
-        assert sends.states == [True]
-
-    on_loop(work)
+@on_loop
+async def test_silence_is_a_fault_where_lines_are_expected() -> None:
+    listens = End(f'udp://127.0.0.1:{free()}', silent=0.1)
+    sends = End(f'udp://127.0.0.1:{free()}', listens=False, silent=math.inf)
+    await at_work(listens.port)
+    await at_work(sends.port)
+    await until(lambda: listens.states == [False])
+    assert listens.reasons[-1] == 'nothing heard for 0.1 s'
+    assert sends.states == [True]
 
 
-def test_where_only_acknowledgements_may_come_silence_is_no_fault(
+@on_loop
+async def test_where_only_acknowledgements_may_come_silence_is_no_fault(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(nmea_client, 'SILENT', 0.05)
     told: list[Any] = []
     log = logging.getLogger('test')
-
-    async def work() -> None:
-        side = MonitorSide(['aft'], print, print, lambda *state: told.append(state), log)
-        client = NmeaClient(NmeaLink(f'udp://127.0.0.1:{free()}', accept_actions=True), [], side)
-        await client.start()
-        asyncio.get_running_loop().create_task(client.run())
-        await asyncio.sleep(0.2)
-
-    on_loop(work)
+    side = MonitorSide(['aft'], print, print, lambda *state: told.append(state), log)
+    client = NmeaClient(NmeaLink(f'udp://127.0.0.1:{free()}', accept_actions=True), [], side)
+    await client.start()
+    asyncio.get_running_loop().create_task(client.run())
+    await asyncio.sleep(0.2)
     assert told == [('nmea_in', True, '')]
 
 
-def test_what_cannot_be_opened_at_the_start_is_an_error(tmp_path: Path) -> None:
+@on_loop
+async def test_what_cannot_be_opened_at_the_start_is_an_error(tmp_path: Path) -> None:
     no_line = tmp_path / 'file'
     no_line.touch()
-
-    async def work() -> None:
-        with udp() as other:
-            taken = f'udp://127.0.0.1:{other.getsockname()[1]}'
-            for address, reason in (
-                (taken, 'Address already in use'),
-                (f'serial://{tmp_path}/none', 'No such file or directory'),
-                (f'serial://{no_line}', 'it is no serial line'),
-            ):
-                text = f"nmea.listen = '{address}' cannot be opened: {reason}"
-                with pytest.raises(LinkError, match=re.escape(text)):
-                    await End(address).port.start()
-
-    on_loop(work)
+    with udp() as other:
+        taken = f'udp://127.0.0.1:{other.getsockname()[1]}'
+        for address, reason in (
+            (taken, 'Address already in use'),
+            (f'serial://{tmp_path}/none', 'No such file or directory'),
+            (f'serial://{no_line}', 'it is no serial line'),
+        ):
+            text = f"nmea.listen = '{address}' cannot be opened: {reason}"
+            with pytest.raises(LinkError, match=re.escape(text)):
+                await End(address).port.start()
 
 
 LOST = {'bearing': 'aft', 'alarm': 'input_lost', 'silenced': False, 'changed': 0, 'text': 'aft: x'}
@@ -249,7 +232,8 @@ class Display:
         return int(self.server.sockets[0].getsockname()[1])
 
 
-def test_sentences_in_alerts_out_and_acknowledgements_back(
+@on_loop
+async def test_sentences_in_alerts_out_and_acknowledgements_back(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     samples: list[Any] = []
@@ -261,39 +245,36 @@ def test_sentences_in_alerts_out_and_acknowledgements_back(
         if request.action == 'acknowledge':
             raise LinkError('no monitor is there')
 
-    async def work() -> None:
-        display = Display()
-        port = f'tcp://127.0.0.1:{await display.open()}'
-        client = NmeaClient(
-            NmeaLink(port, port, 'II', '', 10001, 30.0, 60.0, True),
-            [NmeaInput('aft', Input.SPEED, 'RPM', kind='S', number=1)],
-            MonitorSide(
-                ['aft'],
-                lambda *sample: samples.append(sample),
-                act,
-                lambda *state: told.append(state),
-                logging.getLogger('test'),
-            ),
-        )
-        await client.start()
-        running = asyncio.get_running_loop().create_task(client.run())
-        lost = [{**LOST, 'state': 'unacknowledged'}]
-        client.take_alarms({'time': 0, 'changes': [], 'alarms': lost})
-        client.tick(True)
-        client.tick(True)
-        await until(lambda: len(display.got) == 4)
-        assert [line[3:6] for line in display.got] == [b'ALF', b'ALF', b'ALC', b'HBT']
-        display.say(RPM)
-        for command in 'SAO':
-            display.say(sentence(f'BNACN,060130.00,,10005,1,{command},C'))
-        await until(lambda: len(display.got) == 5, lambda: (display.got, requests))
-        assert display.got[4][3:6] == b'ARC'
-        await client.finish()
-        await until(lambda: len(display.got) == 6)
-        assert display.got[5].startswith(b'$IIHBT,60.0,V,1')
-        running.cancel()
-
-    on_loop(work)
+    display = Display()
+    port = f'tcp://127.0.0.1:{await display.open()}'
+    client = NmeaClient(
+        NmeaLink(port, port, 'II', '', 10001, 30.0, 60.0, True),
+        [NmeaInput('aft', Input.SPEED, 'RPM', kind='S', number=1)],
+        MonitorSide(
+            ['aft'],
+            lambda *sample: samples.append(sample),
+            act,
+            lambda *state: told.append(state),
+            logging.getLogger('test'),
+        ),
+    )
+    await client.start()
+    running = asyncio.get_running_loop().create_task(client.run())
+    lost = [{**LOST, 'state': 'unacknowledged'}]
+    client.take_alarms({'time': 0, 'changes': [], 'alarms': lost})
+    client.tick(True)
+    client.tick(True)
+    await until(lambda: len(display.got) == 4)
+    assert [line[3:6] for line in display.got] == [b'ALF', b'ALF', b'ALC', b'HBT']
+    display.say(RPM)
+    for command in 'SAO':
+        display.say(sentence(f'BNACN,060130.00,,10005,1,{command},C'))
+    await until(lambda: len(display.got) == 5, lambda: (display.got, requests))
+    assert display.got[4][3:6] == b'ARC'
+    await client.finish()
+    await until(lambda: len(display.got) == 6)
+    assert display.got[5].startswith(b'$IIHBT,60.0,V,1')
+    running.cancel()
     assert samples == [('aft', 0, 74.6)]
     assert requests == ['silence', 'acknowledge']
     assert ('nmea_in', True, '') in told

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
 import logging
 import ssl
 import subprocess
@@ -65,7 +66,7 @@ class Ship:
             [],
             MonitorSide(
                 ['aft'],
-                lambda bearing, which, value: self.values.append(value),
+                lambda bearing, place, value: self.values.append(value),
                 lambda request: self.requests.append(str(request.action)),
                 self.tell,
                 logging.getLogger('test'),
@@ -110,21 +111,24 @@ async def sailing(ship: Ship) -> AsyncIterator[Ship]:
         await asyncio.gather(task, return_exceptions=True)
 
 
-Work = Callable[[SmallServer], Coroutine[Any, Any, None]]
+def at_sea(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+    """A test with a small server, its first argument."""
 
-
-def at_sea(work: Work) -> None:
-    """Run a test with a small server."""
-
-    async def run() -> None:
+    async def sail(**fixtures: Any) -> None:
         server = SmallServer()
         await server.start()
         try:
-            await asyncio.wait_for(work(server), 3.0 * DEADLINE)
+            await asyncio.wait_for(test(server, **fixtures), 3.0 * DEADLINE)
         finally:
             await server.stop()
 
-    asyncio.run(run())
+    def run(**fixtures: Any) -> None:
+        asyncio.run(sail(**fixtures))
+
+    signature = inspect.signature(test)
+    own = [each for name, each in signature.parameters.items() if name != 'server']
+    run.__signature__ = signature.replace(parameters=own)  # type: ignore[attr-defined]
+    return run
 
 
 RECORD = {
@@ -136,142 +140,121 @@ RECORD = {
 }
 
 
-def test_a_server_that_forgets_gets_everything_back() -> None:
-    async def work(server: SmallServer) -> None:
-        async with sailing(Ship(server)) as ship:
-            ship.client.take_alarms(alarms('unacknowledged'))
-            ship.client.take_record(RECORD)
-            await ship.until(lambda: ship.kept(MARGIN) == -0.5 and ship.up('signalk_out'))
-            assert ship.kept(STICK)['state'] == 'alarm'
-            await server.stop()
-            await ship.until(lambda: not ship.up('signalk_in') and not ship.up('signalk_out'))
-            server.kept.clear()
-            server.received.clear()
-            server.status.clear()
-            await server.start()
-            await ship.until(lambda: ship.up('signalk_out') and ship.kept(MARGIN) == -0.5)
-            assert ship.kept(STICK)['state'] == 'alarm'
-            assert ship.kept('notifications.p.shaft.monitor')['state'] == 'normal'
-            assert any('meta' in update for update in server.received)
-            await server.publish(PATH, 3.0)
-            await ship.until(lambda: ship.values == [3.0])
-            assert ship.requests == []
-            # No name that only Python has for a part of the connection.
-            assert not [why for why in ship.reasons if '<' in why or 'ssl' in why]
-
-    at_sea(work)
+@at_sea
+async def test_a_server_that_forgets_gets_everything_back(server: SmallServer) -> None:
+    async with sailing(Ship(server)) as ship:
+        ship.client.take_alarms(alarms('unacknowledged'))
+        ship.client.take_record(RECORD)
+        await ship.until(lambda: ship.kept(MARGIN) == -0.5 and ship.up('signalk_out'))
+        assert ship.kept(STICK)['state'] == 'alarm'
+        await server.stop()
+        await ship.until(lambda: not ship.up('signalk_in') and not ship.up('signalk_out'))
+        server.kept.clear()
+        server.received.clear()
+        server.status.clear()
+        await server.start()
+        await ship.until(lambda: ship.up('signalk_out') and ship.kept(MARGIN) == -0.5)
+        assert ship.kept(STICK)['state'] == 'alarm'
+        assert ship.kept('notifications.p.shaft.monitor')['state'] == 'normal'
+        assert any('meta' in update for update in server.received)
+        await server.publish(PATH, 3.0)
+        await ship.until(lambda: ship.values == [3.0])
+        assert ship.requests == []
+        # No name that only Python has for a part of the connection.
+        assert not [why for why in ship.reasons if '<' in why or 'ssl' in why]
 
 
-def test_a_frozen_server_is_noticed_by_its_silence() -> None:
-    async def work(server: SmallServer) -> None:
-        server.frozen = True
-        async with sailing(Ship(server, heartbeat=0.2)) as ship:
-            await ship.until(lambda: not ship.up('signalk_in'))
-            server.frozen = False
-            await ship.until(lambda: ship.up('signalk_in'))
-
-    at_sea(work)
+@at_sea
+async def test_a_frozen_server_is_noticed_by_its_silence(server: SmallServer) -> None:
+    server.frozen = True
+    async with sailing(Ship(server, heartbeat=0.2)) as ship:
+        await ship.until(lambda: not ship.up('signalk_in'))
+        server.frozen = False
+        await ship.until(lambda: ship.up('signalk_in'))
 
 
-def test_what_is_not_taken_is_told() -> None:
-    async def work(server: SmallServer) -> None:
-        server.deaf = True
-        async with sailing(Ship(server, unheard=0.2)) as ship:
-            await ship.until(lambda: ('signalk_out', False) in ship.told)
-            assert 'has the token the right to' in ship.reasons[-1]
-            assert ship.up('signalk_in')
-            server.deaf = False
-            ship.client.take_alarms(alarms('unacknowledged'))
-            await ship.until(lambda: ship.up('signalk_out'))
-
-    at_sea(work)
+@at_sea
+async def test_what_is_not_taken_is_told(server: SmallServer) -> None:
+    server.deaf = True
+    async with sailing(Ship(server, unheard=0.2)) as ship:
+        await ship.until(lambda: ('signalk_out', False) in ship.told)
+        assert 'has the token the right to' in ship.reasons[-1]
+        assert ship.up('signalk_in')
+        server.deaf = False
+        ship.client.take_alarms(alarms('unacknowledged'))
+        await ship.until(lambda: ship.up('signalk_out'))
 
 
 @pytest.mark.parametrize('accepts', [False, True])
-def test_people_act_at_the_server(accepts: bool) -> None:
-    async def work(server: SmallServer) -> None:
-        async with sailing(Ship(server, accept_actions=accepts)) as ship:
-            for state in ('unacknowledged', 'acknowledged', 'normal', 'unacknowledged'):
-                ship.client.take_alarms(alarms(state))
-                await ship.until(
-                    lambda state=state: ship.kept(STICK)['data']['lifecycle'] == state
-                )
-            assert ship.requests == []
-            await server.act(STICK, silenced=True)
-            await server.act(STICK, acknowledged=True)
-            await server.publish(PATH, 1.0)
-            await ship.until(lambda: ship.values)
-            assert ship.requests == (['silence', 'acknowledge'] if accepts else [])
-
-    at_sea(work)
+@at_sea
+async def test_people_act_at_the_server(server: SmallServer, accepts: bool) -> None:
+    async with sailing(Ship(server, accept_actions=accepts)) as ship:
+        for state in ('unacknowledged', 'acknowledged', 'normal', 'unacknowledged'):
+            ship.client.take_alarms(alarms(state))
+            await ship.until(lambda state=state: ship.kept(STICK)['data']['lifecycle'] == state)
+        assert ship.requests == []
+        await server.act(STICK, silenced=True)
+        await server.act(STICK, acknowledged=True)
+        await server.publish(PATH, 1.0)
+        await ship.until(lambda: ship.values)
+        assert ship.requests == (['silence', 'acknowledge'] if accepts else [])
 
 
-def test_the_end_takes_values_back_and_leaves_alarms() -> None:
-    async def work(server: SmallServer) -> None:
-        async with sailing(Ship(server)) as ship:
-            ship.client.take_alarms(alarms('unacknowledged'))
-            ship.client.take_record(RECORD)
-            await ship.until(lambda: ship.kept(MARGIN) == -0.5)
-            ship.client.tick(False)
-            await asyncio.sleep(0.05)
-            assert ship.kept('notifications.p.shaft.monitor')['message'] == (
-                'The monitor is not heard.'
-            )
-            await ship.client.finish()
-            await asyncio.sleep(0.1)
-            assert ship.kept(MARGIN) is None
-            assert ship.kept(STICK)['state'] == 'alarm'
-            assert ship.kept('notifications.p.shaft.monitor')['state'] == 'warn'
-
-    at_sea(work)
+@at_sea
+async def test_the_end_takes_values_back_and_leaves_alarms(server: SmallServer) -> None:
+    async with sailing(Ship(server)) as ship:
+        ship.client.take_alarms(alarms('unacknowledged'))
+        ship.client.take_record(RECORD)
+        await ship.until(lambda: ship.kept(MARGIN) == -0.5)
+        ship.client.tick(False)
+        await asyncio.sleep(0.05)
+        assert ship.kept('notifications.p.shaft.monitor')['message'] == (
+            'The monitor is not heard.'
+        )
+        await ship.client.finish()
+        await asyncio.sleep(0.1)
+        assert ship.kept(MARGIN) is None
+        assert ship.kept(STICK)['state'] == 'alarm'
+        assert ship.kept('notifications.p.shaft.monitor')['state'] == 'warn'
 
 
-def test_a_wrong_token_at_the_start_is_an_error_and_later_a_fault() -> None:
-    async def work(server: SmallServer) -> None:
+@at_sea
+async def test_a_wrong_token_at_the_start_is_an_error_and_later_a_fault(
+    server: SmallServer,
+) -> None:
+    server.token = 'the-right-one'
+    ship = Ship(server, token='a-wrong-one', token_file='token')
+    with pytest.raises(LinkError, match=r"token_file = 'token': the token is refused.* \(401\)"):
+        await ship.client.run()
+    async with sailing(Ship(server, token='the-right-one', token_file='token')) as ship:
+        server.token = 'another'
+        await server.restart()
+        await ship.until(lambda: any('the token is refused' in why for why in ship.reasons))
+        assert not ship.up('signalk_in')
         server.token = 'the-right-one'
-        ship = Ship(server, token='a-wrong-one', token_file='token')
-        with pytest.raises(
-            LinkError, match=r"token_file = 'token': the token is refused.* \(401\)"
-        ):
-            await ship.client.run()
-        async with sailing(Ship(server, token='the-right-one', token_file='token')) as ship:
-            server.token = 'another'
-            await server.restart()
-            await ship.until(lambda: any('the token is refused' in why for why in ship.reasons))
-            assert not ship.up('signalk_in')
-            server.token = 'the-right-one'
-            await ship.until(lambda: ship.up('signalk_in'))
-
-    at_sea(work)
+        await ship.until(lambda: ship.up('signalk_in'))
 
 
 @pytest.mark.parametrize('greeting', ['no JSON {', '3', '{"name": "another"}'])
-def test_another_program_is_no_signal_k_server(greeting: str) -> None:
-    async def work(server: SmallServer) -> None:
-        server.greeting = greeting
-        with pytest.raises(LinkError, match='is no Signal K server'):
-            await Ship(server).client.run()
-
-    at_sea(work)
+@at_sea
+async def test_another_program_is_no_signal_k_server(server: SmallServer, greeting: str) -> None:
+    server.greeting = greeting
+    with pytest.raises(LinkError, match='is no Signal K server'):
+        await Ship(server).client.run()
 
 
 @pytest.mark.parametrize(('version', 'works'), [('2.23.0', False), ('2.24.0', True)])
-def test_a_server_that_takes_an_acknowledgement_from_anybody(
-    version: str, works: bool, monkeypatch: pytest.MonkeyPatch
+@at_sea
+async def test_a_server_that_takes_an_acknowledgement_from_anybody(
+    server: SmallServer, version: str, works: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def work(server: SmallServer) -> None:
-        server.version = version
-        if works:
-            async with sailing(Ship(server)) as ship:
-                assert ship.up('signalk_in')
-            return
+    monkeypatch.setattr(signalk_client, 'is_loopback', lambda host: False)
+    server.version = version
+    if not works:
         with pytest.raises(LinkError, match=r'accept_actions must be false .* 2\.23\.0'):
             await Ship(server).client.run()
-        async with sailing(Ship(server, accept_actions=False)) as ship:
-            assert ship.up('signalk_in')
-
-    monkeypatch.setattr(signalk_client, 'is_loopback', lambda host: False)
-    at_sea(work)
+    async with sailing(Ship(server, accept_actions=works)) as ship:
+        assert ship.up('signalk_in')
 
 
 @pytest.fixture(scope='module')
@@ -285,20 +268,19 @@ def certificate(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_certificate_must_fit(certificate: Path, tmp_path: Path) -> None:
+@at_sea
+async def test_a_certificate_must_fit(
+    server: SmallServer, certificate: Path, tmp_path: Path
+) -> None:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(certificate / 'cert.pem', certificate / 'key.pem')
-
-    async def work(server: SmallServer) -> None:
-        await server.stop()
-        await server.start(context)
-        with pytest.raises(LinkError, match=r'its certificate does not fit; .* signalk\.ca_file'):
-            await Ship(server, 'https').client.run()
-        ca_file = str(certificate / 'cert.pem')
-        async with sailing(Ship(server, 'https', ca_file=ca_file)) as ship:
-            assert ship.up('signalk_in')
-
-    at_sea(work)
+    await server.stop()
+    await server.start(context)
+    with pytest.raises(LinkError, match=r'its certificate does not fit; .* signalk\.ca_file'):
+        await Ship(server, 'https').client.run()
+    ca_file = str(certificate / 'cert.pem')
+    async with sailing(Ship(server, 'https', ca_file=ca_file)) as ship:
+        assert ship.up('signalk_in')
     for text in ('', 'no certificate'):
         (tmp_path / 'ca.pem').write_text(text)
         with pytest.raises(LinkError, match=r"ca_file = '.*ca\.pem' has no certificate"):
@@ -312,22 +294,22 @@ def test_a_certificate_must_fit(certificate: Path, tmp_path: Path) -> None:
         (['PENDING', 'COMPLETED'], 'DENIED', None),
     ],
 )
-def test_a_token_is_asked_for(states: list[str], permission: str, expected: str | None) -> None:
-    async def work(server: SmallServer) -> None:
-        server.requests, server.permission = states, permission
-        link = SignalKLink(f'http://127.0.0.1:{server.port}', 'token', '', '', False)
-        said: list[str] = []
-        asked = request_token(link, 'id', said.append, every=0.01)
-        if expected is None:
-            with pytest.raises(LinkError, match='was denied'):
-                await asked
-        else:
-            assert await asked == expected
-        assert said == [
-            f'Approve stickslip_monitor in the pages of {link.url} (Security, Access Requests)'
-        ]
-        await server.stop()
-        with pytest.raises(LinkError, match=r'cannot be asked for a token: [^<]+$'):
-            await request_token(link, 'id', said.append)
-
-    at_sea(work)
+@at_sea
+async def test_a_token_is_asked_for(
+    server: SmallServer, states: list[str], permission: str, expected: str | None
+) -> None:
+    server.requests, server.permission = states, permission
+    link = SignalKLink(f'http://127.0.0.1:{server.port}', 'token', '', '', False)
+    said: list[str] = []
+    asked = request_token(link, 'id', said.append, every=0.01)
+    if expected is None:
+        with pytest.raises(LinkError, match='was denied'):
+            await asked
+    else:
+        assert await asked == expected
+    assert said == [
+        f'Approve stickslip_monitor in the pages of {link.url} (Security, Access Requests)'
+    ]
+    await server.stop()
+    with pytest.raises(LinkError, match=r'cannot be asked for a token: [^<]+$'):
+        await request_token(link, 'id', said.append)

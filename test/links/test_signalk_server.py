@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The links against the real signalk-server: an alarm again and again, and the right to write."""
+"""The links against the real signalk-server: an alarm again and again."""
 
 from __future__ import annotations
 
@@ -18,11 +18,10 @@ import aiohttp
 
 from benchmarks.signalk_servers import RealServer, missing
 from stickslip_monitor import build_config
-from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links.link_config import SignalKLink
 from stickslip_monitor.links.live_monitor import LiveMonitor, MonitorSide
 from stickslip_monitor.links.signalk import SignalKInput, SignalKInputs
-from stickslip_monitor.links.signalk_client import SignalKClient, request_token
+from stickslip_monitor.links.signalk_client import SignalKClient
 from stickslip_monitor.monitor.alarms import annunciator
 from stickslip_monitor.monitor.config_file import load_parameters
 from stickslip_monitor.monitor.signals import Input
@@ -54,7 +53,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealServer]:
 class Ship:
     """The monitor without ROS at a real server, with a shaft meter and somebody who looks on."""
 
-    def __init__(self, server: RealServer, token: str = '') -> None:
+    def __init__(self, server: RealServer) -> None:
         self.server, self.rpm = server, AHEAD
         changes = {f'{BEARING}.{name}': value for name, value in CHANGES.items()}
         config = build_config(load_parameters(REFERENCE) | changes)
@@ -65,10 +64,10 @@ class Ship:
         log = logging.getLogger('ship')
         self.live = LiveMonitor(config, self, log)
         paths = {Input.SPEED: SPEED, Input.LOAD: LOAD}
-        inputs = [SignalKInput(BEARING, which, path, '', 2.0) for which, path in paths.items()]
+        inputs = [SignalKInput(BEARING, place, path, '', 2.0) for place, path in paths.items()]
         self.client = SignalKClient(
             SignalKLink(server.url, '', '', PREFIX, True),
-            token,
+            '',
             SignalKInputs(inputs, log.warning),
             [],
             MonitorSide([BEARING], self.live.take, self.live.act, self.tell, log),
@@ -154,14 +153,13 @@ class Ship:
 
 
 @asynccontextmanager
-async def sailing(server: RealServer, token: str = '', writes: bool = True) -> AsyncIterator[Ship]:
-    ship = Ship(server, token)
+async def sailing(server: RealServer) -> AsyncIterator[Ship]:
+    ship = Ship(server)
     works = [ship.client.run(), ship.live.run(), ship.tick()]
     works += [ship.as_another(ship.meter), ship.as_another(ship.watchman)]
     tasks = [asyncio.create_task(work) for work in works]
     try:
-        link = 'signalk_out' if writes else 'signalk_in'
-        await ship.until(lambda: ship.links.get(link), link)
+        await ship.until(lambda: ship.links.get('signalk_out'), 'an echo')
         yield ship
     finally:
         for task in tasks:
@@ -210,46 +208,3 @@ def test_rounds_with_none_invented_and_none_lost(
             assert raised.count('stick_slip') == 8
 
     at_sea(work())
-
-
-def test_a_token_by_request_and_the_right_to_write(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> None:
-    if why := missing():
-        pytest.skip(why)
-    server = RealServer(tmp_path_factory.mktemp('secure'), secure=True)
-    access = f'{server.url}/skServer/security/access/requests'
-    officer = {'Authorization': f'Bearer {server.officer}'}
-
-    async def approve() -> None:
-        async with aiohttp.ClientSession(headers=officer) as session:
-            while True:
-                async with session.get(access) as answer:
-                    waiting = await answer.json()
-                if waiting:
-                    break
-                await asyncio.sleep(0.1)
-            body = {'expiration': '1y', 'permissions': 'readwrite'}
-            number = waiting[0]['accessIdentifier']
-            async with session.put(f'{access}/{number}/approved', json=body) as answer:
-                assert answer.status == 200, await answer.text()
-
-    async def work() -> None:
-        link = SignalKLink(server.url, 'token', '', PREFIX, False)
-        wrong = Ship(server, 'eyJ.a-wrong-token.x')
-        with pytest.raises(LinkError, match='the token is refused'):
-            await asyncio.wait_for(wrong.client.run(), DEADLINE)
-        approving = asyncio.create_task(approve())
-        token = await request_token(link, 'a7b2b1f6-5f0e-4d0b-9a51-0c4c4b1d3f11', print, 0.1)
-        await approving
-        # Without the right to write everything is dropped without a word: only silence tells.
-        async with sailing(server, token='', writes=False) as ship:
-            await ship.until(lambda: ship.links.get('signalk_out') is False, 'the missing echo')
-            assert ship.links['signalk_in']
-        async with sailing(server, token=token) as ship:
-            assert ship.links['signalk_out']
-
-    try:
-        at_sea(work())
-    finally:
-        server.stop()

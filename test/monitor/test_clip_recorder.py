@@ -93,15 +93,6 @@ def test_without_messages_time_ends_it() -> None:
     assert seconds(clip) == list(range(10, 21))
 
 
-def test_what_there_is_can_be_had_at_once() -> None:
-    recorder = ClipRecorder(CONFIG)
-    run(recorder, 21, event(20))
-    recorder.finish()
-    assert len(recorder.clips()) == 1
-    recorder.finish()
-    assert recorder.clips() == []
-
-
 def test_a_clock_that_jumps_back_ends_it_and_starts_anew() -> None:
     recorder = ClipRecorder(CONFIG)
     run(recorder, 53, event(50))

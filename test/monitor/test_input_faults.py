@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, StampGaps, input_fault
+from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
 from stickslip_monitor.monitor.signals import Status
+from stickslip_monitor.monitor.source_faults import StampGaps
 
 FLOAT = 'std_msgs/msg/Float64'
 PLC, OTHER = Publisher('/plc', FLOAT), Publisher('/other', FLOAT)

@@ -12,7 +12,7 @@ from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_conf
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.ladder import LADDER, Condition
 from stickslip_monitor.monitor.monitor import Update
-from stickslip_monitor.monitor.signals import QUANTITIES, Status
+from stickslip_monitor.monitor.signals import Status
 
 SECOND = 10**9
 # The first point below the Hopf speed decides, and no delay waits for a second one.
@@ -142,19 +142,6 @@ def test_bearings_are_independent(reference: dict[str, Any]) -> None:
     assert monitor.condition('forward') is Condition.STICK_SLIP
 
 
-def test_one_shaft_speed_for_two_bearings(reference: dict[str, Any]) -> None:
-    heavy = {'forward.load.topic': '/bearing/forward/load', 'forward.journal_diameter': 0.2}
-    config = _two(reference, **heavy)
-    assert config.bearing('aft').speed.topic == config.bearing('forward').speed.topic
-    monitor = Monitor(config)
-    verdicts = []
-    for name in ('aft', 'forward'):
-        _feed(monitor, 0.0, 'speed', 30.0, name)
-        verdicts.append(_feed(monitor, 0.0, 'load', 1000.0, name).verdict)
-    aft, forward = (v.assessment.speed for v in verdicts if v is not None)
-    assert forward == pytest.approx(2.0 * aft, rel=1e-15)
-
-
 def test_advance_starts_the_waiting_for_every_bearing(reference: dict[str, Any]) -> None:
     monitor = Monitor(_two(reference, **{'forward.load.timeout': 2.0}))
     assert monitor.advance(0) == []
@@ -163,13 +150,6 @@ def test_advance_starts_the_waiting_for_every_bearing(reference: dict[str, Any])
         ('aft', 5.0, 'normal', 'input_stale'),
         ('forward', 2.0, 'normal', 'input_stale'),
     ]
-
-
-def test_an_earlier_time_changes_nothing(configure: Configure) -> None:
-    monitor = Monitor(configure())
-    monitor.advance(10 * SECOND)
-    assert monitor.advance(3 * SECOND) == []
-    assert monitor.bearings['aft'].now_ns == 10 * SECOND
 
 
 def test_a_first_sample_before_the_start_moves_the_start(configure: Configure) -> None:
@@ -324,14 +304,6 @@ def test_a_new_timeout_is_that_of_the_clock_jump_too(configure: Configure) -> No
     assert found == [[late, accepted, accepted], [late, late, Status.CLOCK_JUMP]]
 
 
-def test_a_longer_timeout_reaches_an_input_already_heard(configure: Configure) -> None:
-    monitor = Monitor(configure(speed__timeout=5.0, load__timeout=5.0))
-    _point(monitor, 0.0, QUIET)
-    monitor.retune(configure(speed__timeout=50.0, load__timeout=40.0))
-    assert monitor.advance(40 * SECOND) == []
-    assert [_brief(e) for e in monitor.advance(41 * SECOND)] == [(40.0, 'normal', 'input_stale')]
-
-
 def test_retune_converts_the_values_that_stand(configure: Configure) -> None:
     monitor = Monitor(configure())
     for time in range(3):
@@ -346,12 +318,6 @@ def test_retune_converts_the_values_that_stand(configure: Configure) -> None:
     verdict = _feed(monitor, 3.0, 'load', 500.0).verdict
     assert verdict is not None
     assert verdict.assessment.load == 1000.0
-
-
-def test_retune_before_the_first_sample(configure: Configure) -> None:
-    monitor = Monitor(configure())
-    monitor.retune(configure(**AT_ONCE))
-    assert _point(monitor, 0.0, UNSTABLE) == [(0.0, 'normal', 'stick_slip')]
 
 
 def test_retune_with_other_bearings_is_refused_whole(reference: dict[str, Any]) -> None:
@@ -375,50 +341,6 @@ def test_unknown_names(configure: Configure) -> None:
         monitor.condition('bow')
 
 
-S, L = 0, 1
-NAN = math.nan
-RECORDINGS = {
-    # A lost input returns at a point with the rung of before: no change of rung, yet an event.
-    'returned': [(0, L, 1000), (0, S, 0), (7, S, 0), (1, L, 1000), (7, L, 1000), (8, S, 0)],
-    # A delay ends exactly at the last point.
-    'last': [(0, S, 20), (0, L, 1000), (1, S, 20), (2, S, 20), (2, L, 1000)],
-    # A delay ends at an instant of two points, at the second of which the condition is gone.
-    'twice': [(0, S, 20), (0, L, 1000), (1, S, 20), (2, L, 1000), (2, S, 60), (3, S, 60)],
-    # A delay ends at the very deadline of an input, which is then lost.
-    'deadline': [(0, S, 20), (0, L, 1000), (2, S, 20), (3, S, 60), (4, S, 60), (9, S, 60)],
-    # The same, and the input that was lost is the next to speak.
-    'back': [(0, S, 20), (0, L, 1000), (2, S, 20), (4, L, 0), (5, L, 0), (7, S, 20), (8, L, 0)],
-    'silent jump': [(0, S, 20), (0, L, 1000), (2, S, 20), (2, L, NAN), (-50, S, 60), (-50, L, 9)],
-}
-
-
-@pytest.mark.parametrize('rows', RECORDINGS.values(), ids=RECORDINGS)
-@pytest.mark.parametrize('off', [1.0, 3.0])
-def test_scan_tells_what_update_tells(
-    configure: Configure, rows: list[tuple[int, int, float]], off: float
-) -> None:
-    config = configure(
-        alarm__on_delay=2.0, alarm__off_delay=off, speed__timeout=3.0, load__timeout=4.0
-    )
-    live = Monitor(config)
-    events, conditions = [], []
-    for time, place, value in rows:
-        update = _feed(live, time, QUANTITIES[place], value)
-        events += update.events
-        if update.verdict is not None:
-            conditions.append(update.verdict.condition)
-    now = live.bearings['aft'].now_ns
-    assert now is not None
-    events += live.advance(now)
-    times, loads, values = (np.array(column) for column in zip(*rows, strict=True))
-    stream = Stream(times * SECOND, loads == L, values.astype(float))
-    scan = live.scan({'aft': stream}, None, now)['aft']
-    assert [(e.time_ns, e.before, e.after, e.text) for e in scan.events] == [
-        (e.time_ns, e.before, e.after, e.text) for e in events
-    ]
-    assert scan.condition == conditions
-
-
 def test_scan_leaves_the_monitor_alone(configure: Configure) -> None:
     monitor = Monitor(configure())
     _point(monitor, 0.0, QUIET)
@@ -427,11 +349,3 @@ def test_scan_leaves_the_monitor_alone(configure: Configure) -> None:
     assert monitor.bearings['aft'].now_ns == 0
     with pytest.raises(ConfigurationError, match="bearing 'bow' is not configured"):
         monitor.scan({'bow': stream})
-
-
-def test_scan_of_nothing(configure: Configure) -> None:
-    empty = Stream(np.empty(0, np.int64), np.empty(0, bool), np.empty(0))
-    scan = Monitor(configure()).scan({'aft': empty}, 0, 60 * SECOND)['aft']
-    assert scan.time_ns.size == 0
-    assert [_brief(e) for e in scan.events] == [(5.0, 'normal', 'input_stale')]
-    assert Monitor(configure()).scan({'aft': empty})['aft'].events == []

@@ -46,34 +46,6 @@ def test_only_thresholds_scales_and_timeouts_are_live() -> None:
 
 
 @pytest.mark.parametrize(
-    ('row', 'words'),
-    [
-        (Parameter('x', 'float', 1.0, ''), 'a finite number'),
-        (Parameter('x', 'float', math.inf, '', 'm', minimum=0.0), 'a number not below 0 m'),
-        (
-            Parameter('x', 'float', 1.0, '', 'kg', minimum=0.0, above_minimum=True),
-            'a finite number above 0 kg',
-        ),
-        (Parameter('x', 'float', 1.0, '', maximum=2.5), 'a finite number not above 2.5'),
-        (
-            Parameter('x', 'float', 1.0, '', 's', minimum=1.0, maximum=2.0),
-            'a finite number not below 1 and not above 2 s',
-        ),
-        (Parameter('x', 'float', 1.0, '', not_zero=True), 'a finite number other than 0'),
-        (Parameter('x', 'bool', True, ''), 'true or false'),
-        (Parameter('x', 'str', 'a', '', choices=('a', 'b')), 'one of a, b'),
-        (Parameter('x', 'str[]', (), ''), 'a list of texts'),
-        (
-            Parameter('x', 'float[]', (), '', 'm/s', minimum=0.0),
-            'a list of finite numbers not below 0 m/s',
-        ),
-    ],
-)
-def test_rule_in_words(row: Parameter, words: str) -> None:
-    assert row.rule() == words
-
-
-@pytest.mark.parametrize(
     ('kind', 'value', 'plain'),
     [
         ('float', np.float32(0.5), 0.5),

@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from stickslip_monitor.monitor.configure import build_config
+from stickslip_monitor import MonitorConfig
 from stickslip_monitor.monitor.input_watch import Graph
 from stickslip_monitor.monitor.messages import BearingState, bearing_record
 from stickslip_monitor.monitor.session import Moment, NoLog, Session, Sink
@@ -39,25 +41,8 @@ class Shown(Sink):
 class Ship:
     """A session that is fed five times a second."""
 
-    def __init__(self, **changes: Any) -> None:
-        own = {
-            'mass': 50.0,
-            'damping': 400.0,
-            'stiffness': 2.0e6,
-            'journal_diameter': 0.1,
-            'friction.static': 0.3,
-            'friction.kinetic': 0.1,
-            'friction.decay': 10.0,
-            'speed.topic': '/speed',
-            'speed.unit': 'rpm',
-            'speed.timeout': 2.0,
-            'load.topic': '/load',
-            'load.unit': 'N',
-            'load.timeout': 2.0,
-        }
-        values = {f'aft.{key}': value for key, value in own.items()}
+    def __init__(self, config: MonitorConfig) -> None:
         self.shown, self.now_ns = Shown(), 0
-        config = build_config({'bearings': ['aft']} | values | changes)
         self.session = Session(config, self.shown, NoLog(), lambda: T0, None, Graph())
         self.session.begin()
 
@@ -79,8 +64,13 @@ class Ship:
         return bearing_record(self.shown.states[0])
 
 
-def test_the_record_of_a_bearing_has_numbers() -> None:
-    record = Ship().sail(20.0, rpm=20.0)
+@pytest.fixture
+def ship(configure: Callable[..., MonitorConfig]) -> Ship:
+    return Ship(configure(speed__timeout=2.0, load__timeout=2.0))
+
+
+def test_the_record_of_a_bearing_has_numbers(ship: Ship) -> None:
+    record = ship.sail(20.0, rpm=20.0)
     assert (record['reason'], record['sticking'], record['level']) == ('stick_slip', True, 'ERROR')
     assert record['rpm'] == pytest.approx(20.0)
     # Fold speed 40.7231 rpm of this bearing at 1000 N (docs/physics.md).
@@ -90,17 +80,15 @@ def test_the_record_of_a_bearing_has_numbers() -> None:
     assert record['inputs']['load']['counts']['accepted'] == 100
 
 
-def test_a_mostly_dead_sensor_is_told_with_its_share() -> None:
-    ship = Ship()
+def test_a_mostly_dead_sensor_is_told_with_its_share(ship: Ship) -> None:
     assert ship.sail(20.0, rpm=lambda k: 60.0 if k % 10 else math.nan)['level'] == 'OK'
     record = ship.sail(60.0, rpm=lambda k: math.nan if k % 5 else 60.0)
     assert record['level'] == 'WARN'
-    assert '80% of the samples on /speed are refused, most because: not a' in record['text']
+    assert '80% of the samples on /shaft/speed are refused, most because: not a' in record['text']
     assert ship.sail(60.0)['level'] == 'OK'
 
 
-def test_time_in_which_nobody_could_listen_loses_no_input() -> None:
-    ship = Ship()
+def test_time_in_which_nobody_could_listen_loses_no_input(ship: Ship) -> None:
     ship.sail(5.0)
     ship.now_ns += 10 * SECOND
     ship.session.excuse(10 * SECOND)
@@ -108,11 +96,13 @@ def test_time_in_which_nobody_could_listen_loses_no_input() -> None:
     assert ship.shown.events == []
     ship.sail(4.0, rpm=None)
     assert [event.after.value for event in ship.shown.events] == ['input_stale']
-    assert 'no valid value on /speed' in ship.shown.events[0].text
+    assert 'no valid value on /shaft/speed' in ship.shown.events[0].text
 
 
-def test_verdicts_are_told_at_most_once_a_period_but_for_changes() -> None:
-    ship = Ship(publish_period=1.0)
+def test_verdicts_are_told_at_most_once_a_period_but_for_changes(
+    configure: Callable[..., MonitorConfig],
+) -> None:
+    ship = Ship(replace(configure(), publish_period=1.0))
     ship.sail(10.0)
     assert len(ship.shown.verdicts) in (10, 11)
     told = len(ship.shown.verdicts)

@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from stickslip_monitor.monitor.configure import build_config
+from stickslip_monitor import MonitorConfig
 from stickslip_monitor.monitor.source_faults import (
     SourceFault,
     SourceFaultKind,
@@ -152,25 +154,8 @@ def test_a_fault_stands_for_a_minute_and_clears_when_values_settle() -> None:
     assert watch.standing(last + 60 * SECOND + 1) == ()
 
 
-def test_what_is_said() -> None:
-    config = build_config(
-        {
-            'bearings': ['aft'],
-            'aft.mass': 50.0,
-            'aft.damping': 400.0,
-            'aft.stiffness': 2e6,
-            'aft.journal_diameter': 0.1,
-            'aft.friction.static': 0.3,
-            'aft.friction.kinetic': 0.1,
-            'aft.friction.decay': 10.0,
-            'aft.speed.topic': '/speed',
-            'aft.speed.unit': 'rpm',
-            'aft.load.topic': '/load',
-            'aft.load.unit': 'kN',
-            'aft.load.offset': 0.5,
-            'aft.load.scale': 2.0,
-        }
-    ).bearing('aft')
+def test_what_is_said(configure: Callable[..., MonitorConfig]) -> None:
+    config = configure(load__unit='kN', load__offset=0.5, load__scale=2.0).bearing('aft')
     # Three revolutions a minute of a journal of 0.1 m.
     assert least_gap(config, 0) == pytest.approx(3.0 / 60.0 * np.pi * 0.1)
     assert least_gap(config, 1) == 0.0

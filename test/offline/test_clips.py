@@ -12,7 +12,6 @@ import pytest
 from stickslip_monitor.bags.encode import encode_float64s
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.cli import main
-from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage
 from stickslip_monitor.monitor.config import ClipConfig
 from stickslip_monitor.monitor.config_file import load_config
@@ -115,12 +114,6 @@ def test_what_a_crash_left_is_swept_when_it_is_old(tmp_path: Path) -> None:
         os.utime(path, (1000, 1000))
     folder(tmp_path)
     assert set(tmp_path.iterdir()) == {new, other, foreign}
-
-
-def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
-    (tmp_path / 'file').touch()
-    with pytest.raises(BagError, match=r"clips\.directory = '.*file/clips' cannot be made"):
-        folder(tmp_path / 'file' / 'clips')
 
 
 # --- the clips of a recorded bag ---------------------------------------------------------------

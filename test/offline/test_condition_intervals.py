@@ -48,11 +48,6 @@ def test_neighbours_of_the_same_kind_are_one() -> None:
     assert [(s.start_ns, s.end_ns) for s in found] == [(10, 30), (40, 50)]
 
 
-def test_a_spell_in_which_the_clock_jumped_back_has_no_length() -> None:
-    assert ConditionInterval(100, 20, STICK).seconds == 0.0
-    assert ConditionInterval(0, 2 * 10**9, STICK).seconds == 2.0
-
-
 def test_of_very_many_spells_the_worst_of_each_stretch_stays() -> None:
     # A second of each in turn for 1000 s, and one millisecond of stick-slip.
     parts = [
@@ -67,8 +62,3 @@ def test_of_very_many_spells_the_worst_of_each_stretch_stays() -> None:
     assert (found[0].start_ns, found[-1].end_ns) == (0, 1000 * NS)
     assert found[1].start_ns <= 500 * NS < found[1].end_ns
     assert all(a.end_ns == b.start_ns for a, b in pairwise(found))
-
-
-def test_few_spells_stay_as_they_are() -> None:
-    parts = condition_intervals(COURSE, 0, 50)
-    assert coarsened(parts, 5) == parts

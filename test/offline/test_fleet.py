@@ -146,21 +146,6 @@ def test_an_archive_is_checked_as_on_this_machine(
     assert there == checked(capsys, tmp_path, '--jobs', 1)
 
 
-@pytest.mark.slow
-def test_a_report_has_the_pictures_that_the_workers_drew(
-    address: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    shutil.copytree(ROOT / 'bags' / 'history_above', tmp_path / 'archive' / 'history_above')
-    (tmp_path / 'archive' / 'broken.mcap').mkdir()
-    (tmp_path / 'archive' / 'broken.mcap' / 'metadata.yaml').touch()
-    page = tmp_path / 'page.html'
-    checked(capsys, tmp_path / 'archive', '--scheduler', address, '--report', page)
-    text = page.read_text('utf-8')
-    # A map and a course of the one that could be checked, each in two widths.
-    assert text.count('<svg') == 4
-    assert 'this recording could not be checked' in text
-
-
 # --- what goes wrong ---------------------------------------------------------------------------
 
 

@@ -11,7 +11,7 @@ import pytest
 from stickslip_monitor.bags.encode import encode_float64s, encode_stamped
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
-from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
+from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
 from stickslip_monitor.monitor.signals import Status
 
 CONFIG = Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml'

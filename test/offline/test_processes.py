@@ -35,14 +35,6 @@ def test_a_process_that_dies_costs_its_own_call_only() -> None:
     assert set(outcome.values()) == {None}
 
 
-def test_calls_run_in_processes_of_their_own_beside_each_other() -> None:
-    calls = [('import time; time.sleep(0.3)',)] * 2
-    assert dict(run_in_processes(exec, calls, 2)) == {0: None, 1: None}
-    workers = {process for _, process in run_in_processes(os.getpid, [()] * 4, 2)}
-    assert os.getpid() not in workers
-    assert len(workers) <= 2
-
-
 def test_work_that_is_broken_off_leaves_no_process() -> None:
     before = multiprocessing.active_children()
     arriving = run_in_processes(time.sleep, [(0.0,), (600.0,), (600.0,)], 2)

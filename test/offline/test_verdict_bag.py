@@ -19,7 +19,6 @@ from stickslip_monitor.bags.reader import Request, open_bag
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
 from stickslip_monitor.commands.check_results import to_json
-from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.messages import diagnostic_record, event_record, state_of
 from stickslip_monitor.monitor.verdict import Event, Verdict
@@ -222,13 +221,6 @@ def test_blocks_of_a_few_messages_give_the_same_file_and_check(
     assert one == other
 
 
-def test_every_change_has_its_diagnostics(written: Path, checked: CheckReport) -> None:
-    arrays = {t: m for topic, t, m in rosbags_messages(written) if topic == '/diagnostics'}
-    for event in checked.bearings['aft'].events:
-        values = {pair.key: pair.value for pair in arrays[event.time_ns].status[0].values}
-        assert 'reason' in values
-
-
 def test_a_publish_period_thins_the_values_and_keeps_the_changes(bag: Path) -> None:
     config = config_of(publish_period=5.0)
     found = check_bag(bag, config)
@@ -337,8 +329,3 @@ def test_what_cannot_be_written_is_named_before_the_check(
     assert check(*[f'nowhere_{number}' for number in range(bags)], '--mcap', tmp_path / name) == 2
     assert words in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ['there.mcap']
-
-
-def test_a_definition_is_only_asked_of_what_is_there(bag: Path) -> None:
-    with pytest.raises(BagError, match="topic '/none' is not in the bag"):
-        open_bag(bag).definition('/none')

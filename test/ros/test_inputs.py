@@ -49,34 +49,19 @@ class _Node:
             self._callbacks[topic](self.queues[topic].popleft())
 
 
-def _inputs(node: Any, kind: str, field: str, receive: Any) -> Any:
+def _inputs(kit: Any, node: Any, kind: str, field: str, receive: Any) -> Any:
     """Two bearings on one shaft, each with a load of its own."""
     from stickslip_monitor.ros.inputs import Inputs
 
     values: dict[str, Any] = {'bearings': ['fore', 'aft']}
     for name in values['bearings']:
-        own = {
-            'mass': 50.0,
-            'damping': 400.0,
-            'stiffness': 2.0e6,
-            'journal_diameter': 0.1,
-            'friction.static': 0.3,
-            'friction.kinetic': 0.1,
-            'friction.decay': 10.0,
-            'speed.unit': 'rpm',
-            'load.unit': 'N',
-            'alarm.on_delay': 0.5,
-            'alarm.off_delay': 0.5,
-            'alarm.amplitude_limit': 0.5e-3,
-        }
+        own = {'alarm.on_delay': 0.5, 'alarm.off_delay': 0.5, 'alarm.amplitude_limit': 0.5e-3}
         for quantity, topic in (('speed', 'speed'), ('load', f'load/{name}')):
-            own |= {
-                f'{quantity}.topic': topic,
-                f'{quantity}.type': kind,
-                f'{quantity}.field': field,
-                f'{quantity}.timeout': 2.0,
-            }
-        values |= {f'{name}.{key}': value for key, value in own.items()}
+            source = {'topic': topic, 'type': kind, 'field': field, 'timeout': 2.0}
+            own |= {f'{quantity}.{key}': value for key, value in source.items()}
+        bearing = kit.parameters(own)
+        del bearing['bearings']
+        values |= {key.replace('aft', name, 1): value for key, value in bearing.items()}
     config = build_config(values)
 
     def deliver(numbers: Any) -> None:
@@ -88,18 +73,18 @@ def _inputs(node: Any, kind: str, field: str, receive: Any) -> Any:
     return config, inputs
 
 
-def test_messages_that_share_a_tick_of_the_clock_keep_their_order() -> None:
+def test_messages_that_share_a_tick_of_the_clock_keep_their_order(kit: Any) -> None:
     """As at ``ros2 bag play --rate 10 --clock 40``: ten messages of 10 Hz to every four ticks."""
     from std_msgs.msg import Float64
 
     heard: list[tuple[int, float]] = []
 
-    def receive(bearing: str, is_load: int, time_ns: int, value: float, latest: bool) -> None:
+    def receive(bearing: str, place: int, time_ns: int, value: float, latest: bool) -> None:
         if bearing == 'aft':
             heard.append((time_ns, value))
 
     node = _Node()
-    _inputs(node, 'std_msgs/msg/Float64', 'data', receive)
+    _inputs(kit, node, 'std_msgs/msg/Float64', 'data', receive)
     # Before the first /clock there is no time, and nothing is used.
     ticks = [0, 10**9, 10**9, 10**9, 10**9 + TICK_NS, 10**9 + TICK_NS, 5 * 10**8]
     for number, node.now in enumerate(ticks):
@@ -128,7 +113,7 @@ ARRIVALS = st.lists(
 
 
 def _events(
-    arrivals: list[tuple[str, int, float]], piles: list[tuple[int, int]]
+    kit: Any, arrivals: list[tuple[str, int, float]], piles: list[tuple[int, int]]
 ) -> dict[str, list[Any]]:
     """What is told of each bearing; messages pile up before all topics are woken in turn.
 
@@ -140,11 +125,11 @@ def _events(
 
     said: dict[str, list[Any]] = {'fore': [], 'aft': []}
 
-    def receive(bearing: str, is_load: int, time_ns: int, value: float, latest: bool) -> None:
-        said[bearing].extend(monitor.bearings[bearing].update(is_load, time_ns, value).events)
+    def receive(bearing: str, place: int, time_ns: int, value: float, latest: bool) -> None:
+        said[bearing].extend(monitor.bearings[bearing].update(place, time_ns, value).events)
 
     node = _Node()
-    config, _ = _inputs(node, 'geometry_msgs/msg/Vector3Stamped', 'vector.x', receive)
+    config, _ = _inputs(kit, node, 'geometry_msgs/msg/Vector3Stamped', 'vector.x', receive)
     monitor = Monitor(config)
     time_ms, todo = 10_000, deque(arrivals)
     for size, turn in piles:
@@ -165,7 +150,7 @@ def _events(
     piles=st.lists(st.tuples(st.integers(1, 12), st.integers(0, 2)), max_size=30),
 )
 def test_messages_that_wait_tell_what_they_tell_one_by_one(
-    arrivals: list[tuple[str, int, float]], piles: list[tuple[int, int]]
+    kit: Any, arrivals: list[tuple[str, int, float]], piles: list[tuple[int, int]]
 ) -> None:
     rest = [(1, 0)] * len(arrivals)
-    assert _events(arrivals, [*piles, *rest]) == _events(arrivals, rest)
+    assert _events(kit, arrivals, [*piles, *rest]) == _events(kit, arrivals, rest)

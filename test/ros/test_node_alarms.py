@@ -103,33 +103,6 @@ def test_requests_on_the_topic(host: Any, kit: Any) -> None:
     assert {(c['what'], c['by']) for c in panel.changes} == {('suppress', 'Ada')}
 
 
-def test_absurd_values_and_a_lost_input(host: Any, kit: Any) -> None:
-    fast = {
-        'alarm.on_delay': 0.3,
-        'alarm.off_delay': 5.0,
-        'alarm.input_off_delay': 1.0,
-        'speed.timeout': 1.0,
-        'load.timeout': 1.0,
-    }
-    monitor = host(kit.parameters(kit.STAMPED, fast))
-    panel, telemetry = Panel(monitor), kit.Telemetry(monitor)
-    # The greeting of the telemetry is over: from here on nothing believable comes.
-    for _ in range(10):
-        telemetry.send(float('nan'), 1000.0)
-        panel.peer.spin(0.1)
-    panel.peer.until(lambda: 'input_implausible' in panel.states(), 'absurd values')
-    panel.peer.until(lambda: panel.states().get('input_lost') == 'unacknowledged', 'the loss')
-    panel.peer.until(
-        lambda: panel.states().get('input_implausible') == 'returned_unacknowledged', 'the return'
-    )
-    texts = {a['alarm']: a['text'] for a in panel.lists[-1]['alarms']}
-    assert texts['input_implausible'] == (
-        f'aft: Input speed implausible: values on {monitor.input("shaft")} are not a finite'
-        ' number.'
-    )
-    assert 'Input speed lost' in texts['input_lost']
-
-
 def test_an_acknowledged_alarm_survives_a_restart(host: Any, kit: Any, tmp_path: Path) -> None:
     from sensor_msgs.msg import JointState
 

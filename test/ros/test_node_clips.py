@@ -100,9 +100,9 @@ def test_a_clip_that_cannot_be_written_is_told_and_the_node_goes_on(
 
 
 def test_a_lost_clip_is_written_when_there_is_room_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    from stickslip_monitor.ros import event_clips
+    from stickslip_monitor.ros import outputs
 
-    monkeypatch.setattr(event_clips, 'RETRY_PERIOD', 0.02)
+    monkeypatch.setattr(outputs, 'RETRY_PERIOD', 0.02)
     full, written = threading.Event(), threading.Event()
     full.set()
 
@@ -114,7 +114,7 @@ def test_a_lost_clip_is_written_when_there_is_room_again(monkeypatch: pytest.Mon
             yield
 
     node: Any = SimpleNamespace(get_logger=lambda: SimpleNamespace(error=lambda text, **_: None))
-    own: Any = event_clips.Clips(node, SimpleNamespace(), Store())  # type: ignore[arg-type]
+    own: Any = outputs.Clips(node, SimpleNamespace(), Store())  # type: ignore[arg-type]
     own._recorder = SimpleNamespace(
         clips=iter([[Clip('aft', Condition.STICK_SLIP, 1, ())], []]).__next__,
         finish=lambda: None,

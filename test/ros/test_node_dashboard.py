@@ -4,9 +4,7 @@
 from __future__ import annotations
 
 import json
-import math
 import re
-import signal
 import sys
 import urllib.error
 import urllib.request
@@ -143,58 +141,3 @@ def test_it_shows_the_node_and_acts_on_it(start: Any, open_page: Any, kit: Any) 
     assert shown.figure('load_newtons') is None
     gone = (503, 'the monitor is not there, or not active: nothing was done')
     peer.until(lambda: shown.act('unshelve', 'stick_slip') == gone, 'the word that it is gone')
-
-
-@pytest.mark.slow
-def test_twin_screws_are_two_things(start: Any, open_page: Any, kit: Any, tmp_path: Path) -> None:
-    """Two nodes with one bearing each, of one name: the well one never covers the other."""
-    port = start(kit.parameters(kit.STAMPED))
-    shared = ('-r', f'/diagnostics:=/{port.space}/diagnostics')
-    starboard = start(kit.parameters(kit.STAMPED), *shared)
-    peer, keep = port.peer, ('--log', str(tmp_path / 'log.json'))
-    dashboard, shown = open_page(port, starboard, more=keep)
-    other = Page(shown.url, starboard.space)
-    sick, well = kit.Telemetry(port), kit.Telemetry(starboard)
-    sick.hold(20.0, 1000.0, 2.0)
-    well.hold(60.0, 1000.0, 2.0)
-    peer.until(lambda: shown.figure('predicted') == 1.0, 'the alarm')
-
-    def reasons() -> dict[str, str]:
-        return {b['name']: (b['status'] or {}).get('reason') for b in shown.state()['bearings']}
-
-    both = {f'{port.space}/aft': 'stick_slip', f'{starboard.space}/aft': 'normal'}
-    peer.until(lambda: reasons() == both, 'both')
-    assert other.figure('predicted') == 0.0
-    assert (shown.figure('speed_meters_per_second'), other.figure('speed_meters_per_second')) == (
-        pytest.approx(math.pi * 0.1 / 3.0), pytest.approx(math.pi * 0.1)
-    )  # fmt: skip
-
-    # Only the one that is meant is acknowledged.
-    assert other.act('acknowledge', 'stick_slip') == (409, 'there is nothing to acknowledge')
-    assert shown.act('acknowledge', 'stick_slip') == (200, 'acknowledge: 1 alarm')
-    peer.until(lambda: 'acknowledge by Ada' in port.output, 'its word')
-    assert 'acknowledge by Ada' not in starboard.output
-
-    # The dashboard starts again in the midst of it, and knows all that happened, once.
-    before = shown.state()['log']
-    assert dashboard.stop() == 0
-    _, shown = open_page(port, starboard, more=keep)
-    other = Page(shown.url, starboard.space)
-    assert [e for e in shown.state()['log'] if e in before] == before
-    peer.until(lambda: shown.state()['monitor']['faults'] == [], 'everything')
-    assert reasons() == both
-    log = shown.state()['log']
-    assert len({json.dumps(entry) for entry in log}) == len(log)
-
-    # It hangs, with its alarm: that is told, and nothing that the other says is taken for it.
-    port.process.send_signal(signal.SIGSTOP)
-    peer.until(lambda: shown.up() == 0.0, 'silence')
-    assert other.up() == 1.0
-    state = shown.state()
-    assert state['monitor']['unheard'] == [f'{port.space}/aft']
-    assert f'/{port.space}/stickslip_monitor has been silent' in state['monitor']['faults'][0]
-    active = [a for a in state['alarms']['alarms'] if a['active']]
-    assert {a['bearing'] for a in active} == {f'{port.space}/aft'}
-    assert ('stick_slip', 'acknowledged') in {(a['alarm'], a['state']) for a in active}
-    port.process.send_signal(signal.SIGCONT)
-    peer.until(lambda: shown.up() == 1.0, 'its return')

@@ -8,6 +8,7 @@ import statistics
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -156,41 +157,25 @@ def test_publish_period_thins_values_but_not_changes(host: Any, kit: Any) -> Non
     assert 1 <= len(telemetry.heard['regime']) <= len(warnings)
 
 
-class Reader:
-    """A publisher with so many readers, whose reliable queue may be full."""
-
-    topic_name = 'aft/amplitude'
-
-    def __init__(self, readers: int, full: bool = False) -> None:
-        self.readers, self.full, self.published = readers, full, 0
-
-    def get_subscription_count(self) -> int:
-        return self.readers
-
-    def publish(self, message: object) -> None:
-        from rclpy.impl.implementation_singleton import rclpy_implementation
-
-        self.published += 1
-        if self.full:
-            raise rclpy_implementation.RCLError('cannot publish data')
-
-
 def test_what_nobody_listens_to_is_not_worked_out_and_what_fails_is_logged() -> None:
-    from stickslip_monitor.ros.outputs import Outputs
+    from rclpy.impl.implementation_singleton import rclpy_implementation
 
-    def never(point: object) -> float:
-        raise AssertionError('worked out for nobody')
+    from stickslip_monitor.ros.outputs import Outputs
 
     logged: list[str] = []
     logger = SimpleNamespace(warning=lambda text, **options: logged.append(text))
-    heard, unheard, full = Reader(1), Reader(0), Reader(1, full=True)
+    heard, unheard, full = (Mock(topic_name=name) for name in ('heard', 'unheard', 'full'))
+    unheard.get_subscription_count.return_value = 0
+    for each in (heard, full):
+        each.get_subscription_count.return_value = 1
+    full.publish.side_effect = rclpy_implementation.RCLError('cannot publish data')
     outputs: Any = Outputs.__new__(Outputs)
     outputs._clips, outputs._node = None, SimpleNamespace(get_logger=lambda: logger)
-    message = SimpleNamespace()
+    message, never = SimpleNamespace(), Mock(side_effect=AssertionError('for nobody'))
     outputs._bearings = {
-        'aft': [(unheard, message, never)]
-        + [(each, message, lambda _: 0.5) for each in (full, heard)]
+        'aft': [(unheard, message, never)] + [(p, message, lambda _: 0.5) for p in (full, heard)]
     }
-    outputs.take_verdict(SimpleNamespace(assessment=None, bearing='aft', time_ns=1))
-    assert (heard.published, unheard.published, message.data) == (1, 0, 0.5)
-    assert logged == ['not published on aft/amplitude: cannot publish data']
+    outputs.take_verdict(SimpleNamespace(bearing='aft', time_ns=1))
+    heard.publish.assert_called_once_with(message)
+    assert message.data == 0.5
+    assert logged == ['not published on full: cannot publish data']

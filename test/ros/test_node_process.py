@@ -11,6 +11,7 @@ import subprocess
 import sys
 import sysconfig
 import time
+from contextlib import contextmanager, nullcontext
 from fnmatch import fnmatchcase
 from pathlib import Path
 from types import SimpleNamespace
@@ -23,6 +24,8 @@ import yaml
 from stickslip_monitor.errors import RosError, StickslipError
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+from stickslip_monitor.ros import run as node
 
 ROOT = Path(__file__).parents[2]
 UNIT = ROOT / 'launch_configs' / 'systemd' / 'stickslip-monitor.service'
@@ -37,7 +40,7 @@ def refused(program: Any, *texts: str) -> None:
     assert all(text in errors[0] for text in texts)
 
 
-def node(*arguments: str) -> list[str]:
+def command(*arguments: str) -> list[str]:
     return [sys.executable, '-m', 'stickslip_monitor.live', '--ros-args', *arguments]
 
 
@@ -45,8 +48,12 @@ def node(*arguments: str) -> list[str]:
 def test_what_ros_cannot_use_is_refused(run: Any, start: Any, kit: Any, tmp_path: Path) -> None:
     missing = tmp_path / 'missing.yaml'
     for program, *texts in (
-        (run(*node('--params-file', str(missing))), 'failed to initialize rcl', str(missing)),
-        (run(*node('--no-such-option')), 'the ROS arguments cannot be used: ', '--no-such-option'),
+        (run(*command('--params-file', str(missing))), 'failed to initialize rcl', str(missing)),
+        (
+            run(*command('--no-such-option')),
+            'the ROS arguments cannot be used: ',
+            '--no-such-option',
+        ),
         (
             start(kit.parameters(), '-r', f'__node:={"n" * 300}'),
             'the node cannot be created: error creating node: invalid node name: node name length',
@@ -120,9 +127,9 @@ sys.exit(node.main(sys.argv))
 def test_signals_during_start_up(run: Any, kit: Any, tmp_path: Path) -> None:
     file = tmp_path / 'parameters.yaml'
     file.write_text(yaml.safe_dump({'/**': {'ros__parameters': kit.parameters()}}))
-    command = [sys.executable, '-c', STARTING, '--ros-args', '--params-file', str(file)]
+    starting = [sys.executable, '-c', STARTING, '--ros-args', '--params-file', str(file)]
     for number, delay in ((signal.SIGINT, 0.0), (signal.SIGTERM, 0.02), (signal.SIGINT, 0.2)):
-        program = run(*command)
+        program = run(*starting)
         end = time.monotonic() + kit.DEADLINE
         while 'starting' not in program.output and time.monotonic() < end:
             time.sleep(0.002)
@@ -218,8 +225,6 @@ def test_health_is_asked_of_a_running_node(host: Any, run: Any, kit: Any) -> Non
 def test_what_health_says(
     name: str | None, heard: dict[str, Any], expected: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from contextlib import contextmanager
-
     from stickslip_monitor.commands import health
     from stickslip_monitor.ros import watcher
 
@@ -257,62 +262,46 @@ def test_the_unit_is_one_that_systemd_takes(tmp_path: Path) -> None:
     assert subprocess.run(safe, capture_output=True, check=False).returncode == 0
 
 
+KEYS = {'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_KEYSTORE': 'keys'}
+
+
 @pytest.mark.parametrize(
-    ('environment', 'text'),
+    ('environment', 'arguments', 'text'),
     [
-        (
-            {'ROS_SECURITY_ENABLE': 'true'},
-            'ROS_SECURITY_ENABLE is true, but ROS_SECURITY_KEYSTORE names no keystore',
-        ),
-        ({'ROS_DOMAIN_ID': '233'}, "ROS_DOMAIN_ID = '233' must be 0 to 232"),
-        ({'ROS_DOMAIN_ID': 'ship'}, "ROS_DOMAIN_ID = 'ship' must be 0 to 232"),
-        (
-            {'STICKSLIP_MONITOR_EXECUTOR': 'odd'},
-            "STICKSLIP_MONITOR_EXECUTOR = 'odd' must be events or single",
-        ),
+        ({'ROS_SECURITY_ENABLE': 'true'}, '', 'but ROS_SECURITY_KEYSTORE names no keystore'),
+        # Unless told to enforce it, ROS 2 goes on without any security then.
+        (KEYS, '', "has no enclave '/'"),
+        (KEYS, '-e /other', "has no enclave '/other'"),
+        (KEYS, '--enclave /stickslip_monitor', ''),
+        ({'ROS_DOMAIN_ID': '233'}, '', "ROS_DOMAIN_ID = '233' must be 0 to 232"),
+        ({'ROS_DOMAIN_ID': 'ship'}, '', "ROS_DOMAIN_ID = 'ship' must be 0 to 232"),
+        ({'STICKSLIP_MONITOR_EXECUTOR': 'odd'}, '', "EXECUTOR = 'odd' must be events or single"),
     ],
 )
 def test_an_environment_that_ros_would_ignore_or_die_of_is_refused(
-    environment: dict[str, str], text: str, monkeypatch: pytest.MonkeyPatch
+    environment: dict[str, str],
+    arguments: str,
+    text: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from stickslip_monitor.ros import run as node
-
-    monkeypatch.delenv('ROS_SECURITY_KEYSTORE', raising=False)
+    own = tmp_path / 'keys' / 'enclaves' / 'stickslip_monitor'
+    own.mkdir(parents=True)
+    (own / 'cert.pem').touch()
+    monkeypatch.chdir(tmp_path)
+    for name in ('ROS_SECURITY_KEYSTORE', 'ROS_SECURITY_ENCLAVE_OVERRIDE'):
+        monkeypatch.delenv(name, raising=False)
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
-    with pytest.raises(RosError, match=f'^{text}$'):
-        node._check_environment([])
+    refusal = pytest.raises(RosError, match=f'{text}$') if text else nullcontext()
+    with refusal:
+        node._check_environment(['--ros-args', *arguments.split()])
 
 
 def test_the_executor_can_be_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
-    from stickslip_monitor.ros import run
-
-    monkeypatch.setenv(run.EXECUTOR, 'single')
-    monkeypatch.setattr(run, 'SingleThreadedExecutor', lambda: 'the common one')
-    assert run.make_executor() == 'the common one'
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'enclave'),
-    [((), '/'), (('-e', '/other'), '/other'), (('--enclave', '/stickslip_monitor'), '')],
-)
-def test_security_without_the_nodes_own_keys_is_refused(
-    arguments: tuple[str, ...], enclave: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Unless told to enforce it, ROS 2 goes on without any security then."""
-    from stickslip_monitor.ros import run as node
-
-    own = tmp_path / 'enclaves' / 'stickslip_monitor'
-    own.mkdir(parents=True)
-    (own / 'cert.pem').touch()
-    monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
-    monkeypatch.setenv('ROS_SECURITY_KEYSTORE', str(tmp_path))
-    monkeypatch.delenv('ROS_SECURITY_ENCLAVE_OVERRIDE', raising=False)
-    if not enclave:
-        node._check_environment(['--ros-args', *arguments])
-        return
-    with pytest.raises(RosError, match=f"has no enclave '{enclave}'$"):
-        node._check_environment(['--ros-args', *arguments])
+    monkeypatch.setenv(node.EXECUTOR, 'single')
+    monkeypatch.setattr(node, 'SingleThreadedExecutor', lambda: 'the common one')
+    assert node.make_executor() == 'the common one'
 
 
 def test_the_security_policy_covers_all_topics_and_services(host: Any, kit: Any) -> None:

@@ -120,26 +120,6 @@ def test_late_delivery_does_not_move_the_time_of_a_verdict(host: Any, kit: Any) 
     assert raised['time'] - kit.T0 == pytest.approx((begun + 0.7) * 1e9, abs=1e3)
 
 
-def test_stamps_that_jump_back_move_all_times_along(host: Any, kit: Any) -> None:
-    monitor = host(kit.parameters(kit.STAMPED, {'alarm.on_delay': 3.0}))
-    warnings, diagnostics = monitor.warnings(), monitor.diagnostics()
-    telemetry = kit.Telemetry(monitor)
-    telemetry.hold(20.0, 1000.0, 2.0)
-    # The clock jumps back by more than the timeout of 1000 s: three values that agree tell.
-    telemetry.now = -2000.0
-    for _ in range(20):
-        telemetry.send(20.0, 1000.0)
-    monitor.peer.until(
-        lambda: any(e['to'] == 'stick_slip' for e in kit.events(warnings)), 'the warning'
-    )
-    event = kit.events(warnings)[-1]
-    # 1.9 s of the on-delay were over before the jump.
-    assert -1999.0 < (event['time'] - kit.T0) * 1e-9 < -1998.0
-    monitor.peer.until(
-        lambda: kit.status(diagnostics).get('speed samples clock jump') == '1', 'the jump counted'
-    )
-
-
 def test_clock_starts_late_and_jumps(host: Any, kit: Any) -> None:
     timing = {'speed.timeout': 2.0, 'load.timeout': 2.0, 'alarm.on_delay': 2.0}
     monitor = host(kit.parameters(timing, {'alarm.off_delay': 2.0}, use_sim_time=True))
@@ -186,3 +166,33 @@ def test_clock_starts_late_and_jumps(host: Any, kit: Any) -> None:
     # The player has gone: a clock that stands still says nothing, the steady clock does.
     warnings.clear()
     peer.until(heard('input_stale'), 'the loss')
+
+
+ROS = 10**18
+
+
+@pytest.mark.parametrize(
+    ('simulated', 'begun', 'ticks'),
+    [
+        # On system time the steady clock counts, whatever ROS time does.
+        (False, ROS, [(30, ROS + 10**12, 30), (50, 0, 50)]),
+        (True, ROS, [(30, ROS + 600, 600), (40, ROS + 650, 650)]),
+        # A step back counts as no time.
+        (True, ROS, [(10, ROS + 500, 500), (20, ROS - 10**9, 500), (30, ROS - 10**9 + 7, 507)]),
+        # While the simulated clock is unknown, or stands still, the steady clock counts.
+        (True, 0, [(10, 0, 10), (20, ROS, 20), (30, ROS + 3, 23)]),
+        (True, ROS, [(10, ROS, 10), (20, ROS + 5, 15)]),
+    ],
+)
+def test_time_without_samples(
+    simulated: bool, begun: int, ticks: list[tuple[int, int, int]]
+) -> None:
+    from stickslip_monitor.monitor.session import Moment
+    from stickslip_monitor.ros.active import ElapsedTime
+
+    flow = ElapsedTime(simulated, Moment(0, begun))
+    for steady_ns, time_ns, elapsed in ticks:
+        assert flow.tick(Moment(steady_ns, time_ns)) == elapsed
+    # A sample starts the count anew.
+    flow.restart(Moment(100, ROS + 600))
+    assert flow.tick(Moment(150, ROS + 650)) == 50

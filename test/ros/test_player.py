@@ -137,7 +137,6 @@ def test_what_cannot_be_played_is_skipped_and_named(
     ('arguments', 'text'),
     [
         (('bag', '--rate', '0'), 'ERROR: --rate 0 must be a number above 0'),
-        (('bag', '--rate', '-2'), 'ERROR: --rate -2 must be a number above 0'),
         (('bag', '--rate', 'nan'), 'ERROR: --rate nan must be a number above 0'),
         (('bag', '--rate', 'inf'), 'ERROR: --rate inf must be a number above 0'),
         (('bag', '--loop', '0'), 'ERROR: --loop 0 must be at least 1'),
@@ -195,13 +194,13 @@ def test_a_subscriber_slower_than_the_player(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('number', 'code'), [(signal.SIGINT, 130), (signal.SIGTERM, 130)])
-def test_signals_end_the_player(peer: Any, bag: Path, play: Any, number: int, code: int) -> None:
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_signals_end_the_player(peer: Any, bag: Path, play: Any, number: int) -> None:
     from std_msgs.msg import Float64
 
     a = Heard(peer, Float64, '/a')
     player = play(bag, '--rate', '0.1', '--wait', '60')
     peer.until(lambda: a.messages, 'a message')
     player.process.send_signal(number)
-    assert player.wait() == code
+    assert player.wait() == 130
     assert player.output == ''

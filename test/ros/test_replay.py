@@ -19,20 +19,6 @@ from stickslip_monitor.offline.check import check_bag
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 BEGIN = 1_700_000_000 * 10**9
-HEADER = """std_msgs/Header header
-{fields}
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
-JOINT_STATE = HEADER.format(
-    fields='string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort'
-)
 DELAYS = {'alarm.on_delay': 1.0, 'alarm.off_delay': 3.0}
 
 
@@ -75,11 +61,13 @@ def test_stamped_messages_give_the_same_events_to_the_nanosecond(
     from rclpy.serialization import serialize_message
     from sensor_msgs.msg import JointState
 
+    from stickslip_monitor.ros.message_types import definition
+
     monitor = start(kit.parameters(kit.STAMPED, DELAYS))
     path = tmp_path / 'bag'
     with BagWriter(path) as writer:
         topic = monitor.input('shaft')
-        writer.add_topic(topic, kit.JOINT, JOINT_STATE)
+        writer.add_topic(topic, kit.JOINT, definition(kit.JOINT))
         for time, rpm, load in zip(*coast(40.0, 10.0), strict=True):
             message = JointState(velocity=[rpm], effort=[load])
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(int(time), 10**9)
@@ -90,32 +78,3 @@ def test_stamped_messages_give_the_same_events_to_the_nanosecond(
     assert len(expected) >= 5
     heard = replay(monitor, run, kit, path, 20.0, len(expected))
     assert heard == expected
-
-
-@pytest.mark.slow
-def test_plain_numbers_on_simulated_time(start: Any, run: Any, kit: Any, tmp_path: Path) -> None:
-    # Before the first /clock the inputs count as lost after their timeout.
-    patient = {'speed.timeout': 60.0, 'load.timeout': 60.0}
-    monitor = start(kit.parameters(DELAYS, patient), '-p', 'use_sim_time:=true')
-    topics = {
-        f'aft.{quantity}.topic': monitor.input(monitor.values[f'aft.{quantity}.topic'])
-        for quantity in ('speed', 'load')
-    }
-    # Six seconds each: normal, caution, bistable, stick-slip, caution again, normal.
-    rpm = np.repeat([60.0, 42.5, 35.0, 25.0, 42.5, 60.0], 60)
-    time = BEGIN + np.arange(rpm.size, dtype=np.int64) * 10**8
-    path = tmp_path / 'bag'
-    with BagWriter(path) as writer:
-        for topic in topics.values():
-            writer.add_topic(topic, 'std_msgs/msg/Float64')
-        columns = ((time, rpm), (time + 10**7, np.full(rpm.size, 1e3)))
-        writer.write_float64s(dict(zip(topics.values(), columns, strict=True)))
-    expected = offline(path, monitor.values | topics)
-    assert {e['to'] for e in expected} == {'caution', 'bistable', 'stick_slip', 'normal'}
-    rate = 8.0
-    heard = replay(monitor, run, kit, path, rate, len(expected))
-    assert [(e['from'], e['to']) for e in heard] == [(e['from'], e['to']) for e in expected]
-    # A message has the time that the clock shows when it arrives. Delivery and two busy
-    # processes are allowed 0.4 s of real time.
-    errors = [(a['time'] - b['time']) * 1e-9 for a, b in zip(heard, expected, strict=True)]
-    assert max(map(abs, errors)) < 0.4 * rate

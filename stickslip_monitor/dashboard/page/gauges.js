@@ -1,34 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
 // Margins and amplitude as horizontal gauges, each with its number and a sentence beside it.
 
-import { make } from '/map.js';
+import { give, make } from '/map.js';
 
 const W = 400;
 
 function build(name) {
   const root = document.createElement('div');
   root.className = 'gauge';
-  root.innerHTML = '<div class="row"><span class="name"></span><b></b></div>';
+  root.innerHTML = '<div class="row"><span class="name"></span><b></b></div><div class="scale" aria-hidden="true"><span></span><span></span><span></span></div><small></small>';
   const svg = make('svg', { viewBox: `0 0 ${W} 30`, preserveAspectRatio: 'none', 'aria-hidden': 'true' });
-  const scale = document.createElement('div');
-  scale.className = 'scale';
-  scale.ariaHidden = 'true';
-  for (let k = 0; k < 3; k += 1) scale.append(document.createElement('span'));
-  const note = document.createElement('small');
-  root.append(svg, scale, note);
+  const [number, scale, note] = ['b', '.scale', 'small'].map((part) => root.querySelector(part));
+  scale.before(svg);
   root.querySelector('.name').textContent = name;
-  root.setAttribute('role', 'meter');
-  root.setAttribute('aria-label', name);
-  return { root, svg, note, scale, number: root.querySelector('b') };
+  give(root, { role: 'meter', 'aria-label': name });
+  return { root, svg, note, scale, number };
 }
 
 function tell(parts, low, high, now, number, note) {
   parts.number.textContent = number;
   parts.note.textContent = note;
-  parts.root.setAttribute('aria-valuemin', low);
-  parts.root.setAttribute('aria-valuemax', high);
-  parts.root.setAttribute('aria-valuenow', now);
-  parts.root.setAttribute('aria-valuetext', `${number}, ${note}`);
+  give(parts.root, { 'aria-valuemin': low, 'aria-valuemax': high, 'aria-valuenow': now, 'aria-valuetext': `${number}, ${note}` });
 }
 
 /** What the ends and the middle of a gauge stand for. */
@@ -58,19 +50,15 @@ export class MarginGauge {
     const bars = [rect('track', 0, W), rect(this.look, 0, zero), rect('near', zero, near - zero)];
     if (this.look === 'bad') bars.push(rect('hatched', 0, zero));
     bars.push(make('path', { class: 'zero', d: `M${zero} 3V25` }));
-    if (margin !== null) {
-      const x = Math.min(Math.max(this.x(margin), 8), W - 8);
+    if (margin === null) {
+      tell(this.parts, -100, 100, known ? 100 : 0, '–', known ? 'no such boundary at this load' : 'unknown');
+    } else {
+      const x = Math.min(Math.max(this.x(margin), 8), W - 8), percent = 100 * margin, size = Math.abs(percent);
       bars.push(make('path', { class: 'needle', d: `M${x} 22L${x - 8} 0H${x + 8}Z` }));
-    }
-    this.parts.svg.replaceChildren(...bars);
-    if (margin !== null) {
-      const percent = 100 * margin;
-      const size = Math.abs(percent);
       const number = size > 999 ? '> +999 %' : `${percent < 0 ? '−' : '+'}${size.toFixed(size < 99.95 ? 1 : 0)} %`;
       tell(this.parts, -100, 100, Math.min(Math.max(percent, -100), 100).toFixed(1), number, this.words[margin < 0 ? 0 : 1]);
-    } else {
-      tell(this.parts, -100, 100, known ? 100 : 0, '–', known ? 'no such boundary at this load' : 'unknown');
     }
+    this.parts.svg.replaceChildren(...bars);
   }
 }
 

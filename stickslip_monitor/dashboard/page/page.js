@@ -121,16 +121,9 @@ class Bearing {
 function inputRow(body, name, topic) {
   const row = body.insertRow();
   row.dataset.input = name;
-  const head = document.createElement('th');
-  head.scope = 'row';
-  const code = document.createElement('code');
-  code.textContent = topic ?? '';
-  const fault = document.createElement('small');
-  fault.className = 'fault';
-  head.append(`${name} `, code, fault);
-  row.append(head);
-  row.insertCell();
-  row.insertCell();
+  row.innerHTML = '<th scope="row"> <code></code><small class="fault"></small></th><td></td><td></td>';
+  row.firstChild.prepend(name);
+  row.querySelector('code').textContent = topic ?? '';
   return row;
 }
 
@@ -281,12 +274,12 @@ class Page {
 
   /** What was done goes by itself; what was not stays until it is seen and touched. */
   answer(text, done) {
-    put(get(done ? 'say' : 'say-now'), text);
-    put(get('answer'), text);
-    get('answer').hidden = false;
+    const answer = get('answer');
+    for (const place of [get(done ? 'say' : 'say-now'), answer]) put(place, text);
+    answer.hidden = false;
+    answer.classList.toggle('failed', !done);
     clearTimeout(this.answering);
-    get('answer').classList.toggle('failed', !done);
-    if (done) this.answering = setTimeout(() => { get('answer').hidden = true; }, ANSWER);
+    if (done) this.answering = setTimeout(() => { answer.hidden = true; }, ANSWER);
   }
 }
 
@@ -319,14 +312,9 @@ async function asked(dialog) {
 /** A change of an alarm, or a note of the node on anything else. */
 function logRow(entry) {
   const row = document.createElement('tr');
-  row.insertCell().textContent = clock(entry.time);
-  if (!entry.alarm) {
-    const note = row.insertCell();
-    note.colSpan = 3;
-    note.textContent = `${entry.node}: ${entry.text}`;
-    return row;
-  }
-  for (const text of [`${nameOf(entry)}, ${entry.bearing}`, WHAT[entry.what] ?? entry.what, entry.by]) row.insertCell().textContent = text;
+  const note = `${entry.node}: ${entry.text}`, change = [`${nameOf(entry)}, ${entry.bearing}`, WHAT[entry.what] ?? entry.what, entry.by];
+  for (const text of [clock(entry.time), ...(entry.alarm ? change : [note])]) row.insertCell().textContent = text;
+  if (!entry.alarm) row.cells[1].colSpan = 3;
   if (entry.what === 'raise') {
     const words = document.createElement('small');
     words.textContent = withoutName(entry);

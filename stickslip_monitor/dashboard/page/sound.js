@@ -13,7 +13,7 @@ const BEEP = 0.18, STEP = 0.28;
 
 export class Sound {
   constructor(choice) {
-    [this.choice, this.wanted, this.dead, this.calls] = [choice, '', false, 0];
+    [this.choice, this.wanted, this.dead] = [choice, '', false];
     choice.value = 'off';
     // A browser gives sound only after somebody has touched the page, as by this very choice.
     choice.addEventListener('change', () => { this.context ??= new AudioContext(); this.context.resume(); this.set(); });
@@ -43,7 +43,6 @@ export class Sound {
       beep.start(at);
       beep.stop(at + BEEP);
     });
-    this.calls += 1;
-    Object.assign(this.choice.dataset, { beeps: this.calls, tone: this.tone });
+    this.choice.dataset.tone = this.tone;
   }
 }

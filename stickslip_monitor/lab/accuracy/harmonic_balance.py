@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.lab.accuracy.method import MethodResult, found, not_converged
+from stickslip_monitor.lab.accuracy.measurement import MethodResult, found, not_converged
 from stickslip_monitor.physics.averaging.boundaries import stationary_amplitudes
 from stickslip_monitor.physics.friction import Coulomb
 from stickslip_monitor.physics.oscillator import Bearing

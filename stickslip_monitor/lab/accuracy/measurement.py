@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What accuracy costs in time: every method on every case, its error and its time.
+"""What accuracy costs in time: methods, cases, and the error and the time of each on each.
 
 Time is measured warm and repeatedly; the median counts. A sample in which the wall clock runs
 well ahead of the process' own time was disturbed by another process and is left out.
@@ -13,19 +13,81 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, fields
+from enum import Enum
 from pathlib import Path
 from statistics import median
 
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.files import read_file
-from stickslip_monitor.lab.accuracy.cases import Case
-from stickslip_monitor.lab.accuracy.method import Method, MethodOutcome
+from stickslip_monitor.physics.oscillator import Bearing
 
 Clock = Callable[[], float]
 
 _DISTURBED = 1.2
 _FLOOR = 1e-14
 _LARGEST = 16 << 20
+
+
+class MethodOutcome(Enum):
+    """How a method ended; refused is a bearing whose law it is not made for."""
+
+    CYCLE = 'cycle'
+    NO_CYCLE = 'no_cycle'
+    NOT_CONVERGED = 'not_converged'
+    REFUSED = 'refused'
+
+
+@dataclass(frozen=True, slots=True)
+class MethodResult:
+    """What a method says of one operating point."""
+
+    amplitude: float  # half the peak-to-peak displacement of the stable cycle [m]; ``nan`` without
+    outcome: MethodOutcome
+    # How often the friction law was asked, an array of speeds counting once; ``None`` where it
+    # is not counted.
+    evaluations: int | None
+
+
+def found(amplitude: float, evaluations: int | None = None) -> MethodResult:
+    """A result: a cycle where the amplitude is a number, none where it is ``nan``."""
+    outcome = MethodOutcome.CYCLE if math.isfinite(amplitude) else MethodOutcome.NO_CYCLE
+    return MethodResult(amplitude, outcome, evaluations)
+
+
+def not_converged(evaluations: int | None = None) -> MethodResult:
+    """A result of a method that gave up within its allowed number of steps."""
+    return MethodResult(math.nan, MethodOutcome.NOT_CONVERGED, evaluations)
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """A way to compute the amplitude of the stable cycle."""
+
+    name: str  # short and unique
+    family: str  # what it shares with its variants, which differ in accuracy only
+    # Solves an operating point: bearing, surface speed ``V`` > 0 [m/s], load ``N`` > 0 [N].
+    amplitude: Callable[[Bearing, float, float], MethodResult]
+    applies: Callable[[Bearing], bool] = lambda _: True  # whether it is made for a bearing's law
+    points: int = 1  # operating points solved together in one call; its time is shared among them
+    slow: bool = False  # whether a quick look leaves it out
+
+    def solve(self, bearing: Bearing, speed: float, load: float) -> MethodResult:
+        """Apply it where it applies."""
+        if not self.applies(bearing):
+            return MethodResult(math.nan, MethodOutcome.REFUSED, None)
+        return self.amplitude(bearing, speed, load)
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """An operating point with the amplitude of its stable cycle."""
+
+    name: str  # short and unique
+    bearing: Bearing
+    speed: float  # surface speed ``V`` [m/s]
+    load: float  # load ``N`` [N]
+    reference: float  # amplitude to 15 digits or more [m]
+    quick: bool = False  # whether a quick look has it
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,23 +103,18 @@ class Effort:
 QUICK = Effort(budget=0.02, sample=1e-3, fewest=3, most=15)
 
 
-@dataclass(frozen=True, slots=True)
-class Timing:
-    """How long a call takes."""
-
-    # Median of the undisturbed samples; of process time where most were disturbed [s].
-    seconds: float
-    samples: int  # number of samples that count
-    disturbed: bool  # whether most samples were disturbed
-
-
 def time_call(
     call: Callable[[], object],
     effort: Effort,
     wall: Clock = time.perf_counter,
     cpu: Clock = time.process_time,
-) -> Timing:
-    """Measure a call that has been made before, and so is warm, by two clocks [s]."""
+) -> tuple[float, int, bool]:
+    """Measure a call that has been made before, and so is warm, by two clocks [s].
+
+    Returns:
+        The median of the undisturbed samples, how many count, and whether most were disturbed:
+        then all count, by process time [s].
+    """
     start = wall()
     call()
     once = max(wall() - start, 1e-9)
@@ -72,8 +129,8 @@ def time_call(
         samples.append(((wall() - wall_begin) / inner, (cpu() - cpu_begin) / inner))
     quiet = [w for w, c in samples if w <= _DISTURBED * c]
     if 2 * len(quiet) >= len(samples):
-        return Timing(median(quiet), len(quiet), disturbed=False)
-    return Timing(median(c for _, c in samples), len(samples), disturbed=True)
+        return median(quiet), len(quiet), False
+    return median(c for _, c in samples), len(samples), True
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,9 +153,11 @@ class Row:
 def measure(method: Method, case: Case, effort: Effort) -> Row:
     """Error and time of a method at a case; the first call warms it up."""
     result = method.solve(case.bearing, case.speed, case.load)
-    timing = Timing(math.nan, 0, disturbed=False)
+    seconds, samples, disturbed = math.nan, 0, False
     if result.outcome is not MethodOutcome.REFUSED:
-        timing = time_call(lambda: method.amplitude(case.bearing, case.speed, case.load), effort)
+        seconds, samples, disturbed = time_call(
+            lambda: method.amplitude(case.bearing, case.speed, case.load), effort
+        )
     return Row(
         method=method.name,
         family=method.family,
@@ -109,9 +168,9 @@ def measure(method: Method, case: Case, effort: Effort) -> Row:
         outcome=result.outcome.value,
         evaluations=-1 if result.evaluations is None else result.evaluations,
         points=method.points,
-        seconds=timing.seconds / method.points,
-        samples=timing.samples,
-        disturbed=timing.disturbed,
+        seconds=seconds / method.points,
+        samples=samples,
+        disturbed=disturbed,
     )
 
 
@@ -135,27 +194,26 @@ class Summary:
 def summarise(rows: Sequence[Row], base: str) -> list[Summary]:
     """One summary a method, in the order of their first rows; times over those of ``base``."""
     unit = {row.case: row.seconds for row in rows if row.method == base}
-    groups: dict[str, list[Row]] = {}
-    for row in rows:
-        groups.setdefault(row.method, []).append(row)
-    return [_summary(group, unit) for group in groups.values()]
-
-
-def _summary(group: list[Row], unit: dict[str, float]) -> Summary:
-    used = [row for row in group if row.outcome != 'refused']
-    errors = [abs(row.error) if math.isfinite(row.error) else math.inf for row in used]
-    ratios = [row.seconds / unit[row.case] for row in used if row.case in unit]
-    return Summary(
-        method=group[0].method,
-        family=group[0].family,
-        points=group[0].points,
-        seconds=median(row.seconds for row in used) if used else math.nan,
-        ratio=median(ratios) if ratios else math.nan,
-        worst=max(errors, default=math.nan),
-        middle=median(errors) if errors else math.nan,
-        answered=sum(math.isfinite(error) for error in errors),
-        refused=len(group) - len(used),
-    )
+    found = []
+    for name in dict.fromkeys(row.method for row in rows):
+        group = [row for row in rows if row.method == name]
+        used = [row for row in group if row.outcome != 'refused']
+        errors = [abs(row.error) if math.isfinite(row.error) else math.inf for row in used]
+        ratios = [row.seconds / unit[row.case] for row in used if row.case in unit]
+        found.append(
+            Summary(
+                method=name,
+                family=group[0].family,
+                points=group[0].points,
+                seconds=median(row.seconds for row in used) if used else math.nan,
+                ratio=median(ratios) if ratios else math.nan,
+                worst=max(errors, default=math.nan),
+                middle=median(errors) if errors else math.nan,
+                answered=sum(math.isfinite(error) for error in errors),
+                refused=len(group) - len(used),
+            )
+        )
+    return found
 
 
 def pareto(seconds: Sequence[float], errors: Sequence[float]) -> list[int]:
@@ -203,12 +261,10 @@ def read_rows(path: str | Path) -> list[Row]:
     if not lines or list(lines[0]) != [field.name for field in fields(Row)]:
         raise ConfigurationError(f"{path} is no measurement of 'stickslip accuracy'")
     try:
-        return [_parsed(line) for line in lines]
+        # Each value is parsed by the type of its field, which the type checker cannot follow.
+        return [
+            Row(**{f.name: _PARSERS[str(f.type)](line[f.name]) for f in fields(Row)})  # type: ignore[arg-type]
+            for line in lines
+        ]
     except (ValueError, TypeError) as error:
         raise ConfigurationError(f'{path} has a cell that is no number: {error}') from error
-
-
-def _parsed(line: dict[str, str]) -> Row:
-    values = {field.name: _PARSERS[str(field.type)](line[field.name]) for field in fields(Row)}
-    # Each value was parsed by the type of its field, which the type checker cannot follow.
-    return Row(**values)  # type: ignore[arg-type]

@@ -16,13 +16,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.lab.accuracy.method import (
-    MethodResult,
-    breakaway,
-    found,
-    not_converged,
-    typical_period,
-)
+from stickslip_monitor.lab.accuracy.measurement import MethodResult, found, not_converged
 from stickslip_monitor.physics.friction import FrictionLaw, Stribeck
 from stickslip_monitor.physics.motion.integrator import (
     Drive,
@@ -35,6 +29,17 @@ from stickslip_monitor.physics.oscillator import Bearing
 
 Flow = Callable[[float, FloatArray], tuple[float, float]]
 Event = Callable[[float, FloatArray], float]
+
+
+def breakaway(bearing: Bearing, speed: float, load: float) -> float:
+    """Displacement ``x_0 = (mu_s N - c V)/k`` at which sticking ends [m]."""
+    return (bearing.friction.static * load - bearing.damping * speed) / bearing.stiffness
+
+
+def typical_period(bearing: Bearing, speed: float, load: float) -> float:
+    """A cycle's duration, to plan with: a free vibration and the stick of a weak damper [s]."""
+    lead = breakaway(bearing, speed, load) - float(bearing.equilibrium(speed, load))
+    return 2.0 * np.pi / bearing.natural_frequency + 2.0 * max(lead, 0.0) / speed
 
 
 def run(

@@ -13,7 +13,7 @@ from scipy.special import ndtri
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import CalibrationError, plural
-from stickslip_monitor.lab.calibration.dips import (
+from stickslip_monitor.lab.calibration.evidence import (
     Dip,
     VibrationReport,
     counter_reports,
@@ -54,37 +54,24 @@ _ONE_LOAD = 1.1
 
 @dataclass(frozen=True, slots=True)
 class EpisodeEnd:
-    """The end of one episode against what was expected of it before its dip.
+    """The end of one episode against what was expected of it before its dip."""
 
-    Attributes:
-        time_ns: When it ended [ns].
-        speed: Surface speed there [m/s].
-        predicted: Median fold speed at the load there [m/s]; 0 where there was none.
-        late: Probability that it would have ended by then; 0.5 on average. Its report's tolerance
-            is allowed for: that of the time within it at which this is nearest to 0.5.
-    """
-
-    time_ns: int
-    speed: float
-    predicted: float
+    time_ns: int  # when it ended [ns]
+    speed: float  # surface speed there [m/s]
+    predicted: float  # median fold speed at the load there [m/s]; 0 where there was none
+    # Probability that it would have ended by then; 0.5 on average. Its report's tolerance is
+    # allowed for: that of the time within it at which this is nearest to 0.5.
     late: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DipResult:
-    """What a calibration makes of one dip.
+    """What a calibration makes of one dip."""
 
-    Attributes:
-        dip: The dip.
-        log_predictive: Log probability of its reports after those of all dips before it.
-        worthless: Probability that each report is worthless, in their order.
-        ends: Its episodes' ends.
-    """
-
-    dip: Dip
-    log_predictive: float
-    worthless: tuple[float, ...]
-    ends: tuple[EpisodeEnd, ...]
+    dip: Dip  # the dip
+    log_predictive: float  # log probability of its reports after those of all dips before it
+    worthless: tuple[float, ...]  # probability that each report is worthless, in their order
+    ends: tuple[EpisodeEnd, ...]  # its episodes' ends
 
     @property
     def doubtful(self) -> list[tuple[VibrationReport, float]]:
@@ -105,22 +92,14 @@ class DipResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """What the evidence tells of a bearing.
+    """What the evidence tells of a bearing."""
 
-    Attributes:
-        prior: What was believed before.
-        posterior: What is believed now.
-        dips: In order of time.
-        floor: Relative error of a boundary that no evidence takes away.
-        seed: Of the points drawn.
-        repeated: Names of recordings with dips that were given before, which count once.
-    """
-
-    prior: Prior
-    posterior: Posterior
-    dips: tuple[DipResult, ...]
-    floor: float = FLOOR
-    seed: int = SEED
+    prior: Prior  # what was believed before
+    posterior: Posterior  # what is believed now
+    dips: tuple[DipResult, ...]  # in order of time
+    floor: float = FLOOR  # relative error of a boundary that no evidence takes away
+    seed: int = SEED  # of the points drawn
+    # Names of recordings with dips that were given before, which count once.
     repeated: tuple[str, ...] = ()
 
     @property

@@ -44,21 +44,13 @@ Progress = Callable[[float, float], None]
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """What is believed before the evidence: a Gaussian over :data:`PARAMETERS`.
+    """What is believed before the evidence: a Gaussian over :data:`PARAMETERS`."""
 
-    Attributes:
-        mean: Shape (7,).
-        covariance: Shape (7, 7).
-        viscous: ``nu/c``, which is not inferred [1/N].
-        log_damping: Mean of ``ln c``, for what is known of the law alone.
-        damping_variance: Of ``ln c``.
-    """
-
-    mean: FloatArray
-    covariance: FloatArray
-    viscous: float = 0.0
-    log_damping: float = math.nan
-    damping_variance: float = math.nan
+    mean: FloatArray  # shape (7,)
+    covariance: FloatArray  # shape (7, 7)
+    viscous: float = 0.0  # ``nu/c``, which is not inferred [1/N]
+    log_damping: float = math.nan  # mean of ``ln c``, for what is known of the law alone
+    damping_variance: float = math.nan  # of ``ln c``
 
 
 def prior_of(bearing: Bearing, tolerance: Tolerance = EXACT) -> Prior:
@@ -101,17 +93,11 @@ def prior_of(bearing: Bearing, tolerance: Tolerance = EXACT) -> Prior:
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """Weighted points of what the evidence leaves.
+    """Weighted points of what the evidence leaves."""
 
-    Attributes:
-        theta: :data:`PARAMETERS`, shape (n, 7).
-        log_dips: Log likelihood of each dip, shape (n, dips).
-        log_base: Log of the prior over the mixture of all proposals, shape (n,).
-    """
-
-    theta: FloatArray
-    log_dips: FloatArray
-    log_base: FloatArray
+    theta: FloatArray  # :data:`PARAMETERS`, shape (n, 7)
+    log_dips: FloatArray  # log likelihood of each dip, shape (n, dips)
+    log_base: FloatArray  # log of the prior over the mixture of all proposals, shape (n,)
 
     @property
     def weight(self) -> FloatArray:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What recordings tell of a bearing: its speed and load, and when it vibrated.
 
-The evidence is an operator's list, a topic with the level of vibration, or the truth in a
-simulated recording; never what the monitor itself said, which would be a circle. :func:`learned`
+The evidence is an operator's list, the bearing's level of vibration, or the truth in a simulated
+recording; never what the monitor itself said, which would be a circle. :func:`learned`
 says in a sentence what a calibration would change, which changes nothing by itself.
 """
 
@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from stickslip_monitor.bags.reader import Request, Series
 from stickslip_monitor.errors import CalibrationError, plural
 from stickslip_monitor.lab.calibration.calibrate import (
     FLOOR,
@@ -23,21 +22,16 @@ from stickslip_monitor.lab.calibration.calibrate import (
     calibrate,
     dip_limit,
 )
-from stickslip_monitor.lab.calibration.dips import (
-    Dip,
-    TelemetryBins,
-    VibrationReport,
-    course_of,
-    cut_dips,
-)
 from stickslip_monitor.lab.calibration.evidence import (
     LEVEL_TOLERANCE,
     TRUST,
     TRUTH_TOLERANCE,
+    Dip,
+    TelemetryBins,
+    VibrationReport,
     alternating,
-    in_order,
-    level_episodes,
-    level_threshold,
+    course_of,
+    cut_dips,
 )
 from stickslip_monitor.lab.calibration.posterior import Prior, Progress, prior_of
 from stickslip_monitor.lab.recorder_clock import scan_on_recorder_clock
@@ -52,19 +46,11 @@ from stickslip_monitor.physics.belief import QUANTILES
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """What one recording tells of a bearing.
+    """What one recording tells of a bearing."""
 
-    Attributes:
-        name: Of the recording.
-        courses: Speed and load between two jumps of the clock.
-        reports: When it vibrated and when it did not.
-        level: What was measured of it, not yet made into reports.
-    """
-
-    name: str
-    courses: tuple[TelemetryBins, ...]
-    reports: tuple[VibrationReport, ...] = ()
-    level: Series | None = None
+    name: str  # of the recording
+    courses: tuple[TelemetryBins, ...]  # speed and load between two jumps of the clock
+    reports: tuple[VibrationReport, ...] = ()  # when it vibrated and when it did not
 
 
 def courses_of(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:
@@ -84,16 +70,10 @@ class EvidenceSource:
 
     Where nobody is named it is the level that is configured for the bearing, or else the truth in
     a simulated recording.
-
-    Attributes:
-        told: An operator's reports.
-        level: The topic and field of a level of vibration.
-        true: Whether it is the truth, and nothing else.
     """
 
-    told: tuple[VibrationReport, ...] | None = None
-    level: Request | None = None
-    true: bool = False
+    told: tuple[VibrationReport, ...] | None = None  # an operator's reports
+    true: bool = False  # whether it is the truth, and nothing else
 
     def of_recording(self, whole: WholeBag, config: BearingConfig) -> Evidence:
         """What one recording tells.
@@ -101,24 +81,22 @@ class EvidenceSource:
         Raises:
             CalibrationError: It has no truth, and nobody else tells.
         """
-        bag, name = whole.bag, whole.bag.path.name
-        scan = whole.bearings[config.name].scan
-        if self._by_own_level(config):
-            assert config.level is not None
-            source = f'{config.level.topic} in {name}'
-            return Evidence(name, courses_of(name, scan), measured_reports(config, scan, source))
-        if self.told is None and self.level is None:
+        name, scan = whole.bag.path.name, whole.bearings[config.name].scan
+        if self.told is not None:
+            return Evidence(name, courses_of(name, scan), self._told_of(config))
+        if (topic := self._level_of(config)) is None:
             return _true_evidence(whole, config)
-        courses = courses_of(name, scan)
-        level = None if self.level is None else bag.read([self.level])[self.level]
-        return Evidence(name, courses, self._told_of(config), level)
-
-    def _by_own_level(self, config: BearingConfig) -> bool:
-        somebody = self.told is not None or self.level is not None or self.true
-        return config.level is not None and not somebody
+        reports = measured_reports(config, scan, f'{topic} in {name}')
+        return Evidence(name, courses_of(name, scan), reports)
 
     def _told_of(self, config: BearingConfig) -> tuple[VibrationReport, ...]:
         return tuple(report for report in self.told or () if report.bearing == config.name)
+
+    def _level_of(self, config: BearingConfig) -> str | None:
+        """The topic of the level that tells, if one does."""
+        if config.level is None or self.told is not None or self.true:
+            return None
+        return config.level.topic
 
     def dips(self, config: BearingConfig, prior: Prior, found: Sequence[Evidence]) -> list[Dip]:
         """The dips of all recordings of which something was reported.
@@ -128,14 +106,12 @@ class EvidenceSource:
                 not tell vibration from quiet.
         """
         _require_inside(self._told_of(config), found)
-        if self._by_own_level(config) and not any(one.reports for one in found):
-            assert config.level is not None
+        topic = self._level_of(config)
+        if topic is not None and not any(one.reports for one in found):
             raise CalibrationError(
-                f'the level on {config.level.topic} never says whether {config.name} vibrates: it'
-                ' is lost, never changes, or has one mode only'
+                f'the level on {topic} never says whether {config.name} vibrates: it is lost,'
+                ' never changes, or has one mode only'
             )
-        if self.level is not None:
-            found = _with_level_reports(config, self.level.topic, found)
         limit = dip_limit(prior)
         timeout = max(config.speed.timeout_ns, config.load.timeout_ns)
         dips = [
@@ -182,7 +158,7 @@ def _true_evidence(whole: WholeBag, config: BearingConfig) -> Evidence:
     if not has_truth(bag, config.name):
         raise CalibrationError(
             f"bag '{bag.path}' holds no truth about {config.name}, as those of a simulation do:"
-            ' give --reports or --level'
+            ' give --reports, or configure its level'
         )
     truth = read_truth(bag, config.name)
     scan = scan_on_recorder_clock(whole, config)
@@ -200,40 +176,6 @@ def _require_inside(told: Sequence[VibrationReport], found: Sequence[Evidence]) 
                 f'{report.source}: the report lies outside the recordings: give the bag that it'
                 ' is about'
             )
-
-
-def _with_level_reports(
-    config: BearingConfig, topic: str, found: Sequence[Evidence]
-) -> list[Evidence]:
-    """The recordings with the reports that their levels make; one threshold for all of them."""
-    measured = [one.level for one in found if one.level is not None]
-    threshold = level_threshold(topic, np.concatenate([own.value for own in measured]))
-    return [replace(one, reports=_level_reports(config, topic, one, threshold)) for one in found]
-
-
-def _level_reports(
-    config: BearingConfig, topic: str, one: Evidence, threshold: float
-) -> tuple[VibrationReport, ...]:
-    assert one.level is not None
-    gap = max(config.speed.timeout_ns, config.load.timeout_ns)
-    known = np.isfinite(one.level.value) & (one.level.value > 0.0)
-    time, value = one.level.stamp_ns[known], one.level.value[known]
-    bounds = [0, *(np.flatnonzero(np.diff(time) > gap) + 1).tolist(), time.size]
-    source = f'{topic} in {one.name}'
-    reports = [
-        report
-        for a, b in pairwise(bounds)
-        if b - a > 1
-        for report in alternating(
-            config.name,
-            (int(time[a]), int(time[b - 1])),
-            level_episodes(time[a:b], value[a:b], threshold, gap),
-            LEVEL_TOLERANCE,
-            TRUST,
-            source,
-        )
-    ]
-    return tuple(in_order(reports))
 
 
 def learned(

@@ -11,7 +11,7 @@ import numpy as np
 
 from stickslip_monitor.errors import CalibrationError, PhysicsError
 from stickslip_monitor.lab.calibration.calibrate import Calibration, DipResult
-from stickslip_monitor.lab.calibration.dips import Dip
+from stickslip_monitor.lab.calibration.evidence import Dip
 from stickslip_monitor.lab.calibration.likelihood import PARAMETERS
 from stickslip_monitor.lab.calibration.posterior import Prior
 from stickslip_monitor.monitor.calibration_file import CALIBRATION_SCHEMA, INPUT_KEYS

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -44,23 +45,15 @@ _LARGEST = 16 << 20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrictionCurve:
-    """A measured friction curve.
+    """A measured friction curve."""
 
-    Attributes:
-        speed: Sliding speeds >= 0, in any order, shape (n,) [m/s].
-        coefficient: Coefficients of friction, shape (n,) [-].
-        std: Standard deviation of each coefficient, of which only the ratios matter, shape (n,).
-        line: The line of the file that each point came from, shape (n,).
-        unit: The unit that the speeds were written in.
-        unit_source: Where that unit was found, for the user.
-    """
-
-    speed: FloatArray
-    coefficient: FloatArray
+    speed: FloatArray  # sliding speeds >= 0, in any order, shape (n,) [m/s]
+    coefficient: FloatArray  # coefficients of friction, shape (n,) [-]
+    # Standard deviation of each coefficient, of which only the ratios matter, shape (n,).
     std: FloatArray
-    line: IntArray
-    unit: str = 'm/s'
-    unit_source: str = 'given'
+    line: IntArray  # the line of the file that each point came from, shape (n,)
+    unit: str = 'm/s'  # the unit that the speeds were written in
+    unit_source: str = 'given'  # where that unit was found, for the user
 
     @classmethod
     def of(cls, speed: ArrayLike, coefficient: ArrayLike, std: ArrayLike = 1.0) -> FrictionCurve:
@@ -70,19 +63,9 @@ class FrictionCurve:
         return cls(v, mu, each, np.arange(1, mu.size + 1))
 
 
-@dataclass(frozen=True, slots=True)
-class Columns:
-    """Which columns to read, by their headings; ``None`` where they are to be recognised."""
-
-    speed: str | None = None
-    coefficient: str | None = None
-    std: str | None = None
-    weight: str | None = None
-
-
 def read_curve(
     path: str | Path,
-    columns: Columns | None = None,
+    columns: Mapping[str, str | None] | None = None,
     unit: str | None = None,
     journal_diameter: float | None = None,
 ) -> FrictionCurve:
@@ -95,15 +78,24 @@ def read_curve(
 
     Args:
         path: The file.
-        columns: The headings of the columns to read; by default they are recognised.
+        columns: The headings of some quantities of :data:`NAMES`; by default they are recognised.
         unit: Unit of the speeds; by default the one in the heading, else m/s.
         journal_diameter: ``D`` > 0 [m], for speeds in a unit of turning.
 
     Raises:
         FitError: The file breaks a rule; the text names file, line, column, value and rule.
     """
-    rows, delimiter = _rows(path)
-    chosen = _choose(path, rows[0], columns or Columns())
+    rows, delimiter = read_table(path, _LARGEST, FitError)
+    if len(rows) > _MOST_POINTS:
+        raise FitError(
+            f'{path} has {len(rows)} lines, and more than {_MOST_POINTS} are not fitted: average'
+            ' the points of equal speed'
+        )
+    if not rows:
+        raise FitError(f'{path} is empty: it must have a line of headings and the points')
+    if len(rows) == 1:
+        raise FitError(f'{path} has headings (line {rows[0].line}) but no points')
+    chosen = _choose(path, rows[0], columns or {})
     heading = rows[0].cells[chosen['speed']]
     unit, source = _unit(path, rows[0].line, heading, unit)
     values = {
@@ -127,21 +119,6 @@ def read_curve(
     return FrictionCurve(values['speed'] * factor, values['coefficient'], std, lines, unit, source)
 
 
-def _rows(path: str | Path) -> tuple[list[TableRow], str]:
-    """Headings and data, and what separates the cells."""
-    rows, delimiter = read_table(path, _LARGEST, FitError)
-    if len(rows) > _MOST_POINTS:
-        raise FitError(
-            f'{path} has {len(rows)} lines, and more than {_MOST_POINTS} are not fitted: average'
-            ' the points of equal speed'
-        )
-    if not rows:
-        raise FitError(f'{path} is empty: it must have a line of headings and the points')
-    if len(rows) == 1:
-        raise FitError(f'{path} has headings (line {rows[0].line}) but no points')
-    return rows, delimiter
-
-
 def _split(heading: str) -> tuple[str, str]:
     """A heading's name in lower case, and its unit."""
     match = _HEADING.fullmatch(heading)
@@ -153,9 +130,11 @@ def _split(heading: str) -> tuple[str, str]:
     return name, unit.strip()
 
 
-def _choose(path: str | Path, headings: TableRow, columns: Columns) -> dict[str, int]:
+def _choose(
+    path: str | Path, headings: TableRow, columns: Mapping[str, str | None]
+) -> dict[str, int]:
     """The index of each quantity's column; std and weight only where there is one."""
-    asked = {quantity: getattr(columns, quantity) for quantity in NAMES}
+    asked = {quantity: columns.get(quantity) for quantity in NAMES}
     if asked['std'] is not None and asked['weight'] is not None:
         raise FitError('give --std-column or --weight-column, not both')
     found = {q: _index(path, headings, q, asked[q]) for q in NAMES}

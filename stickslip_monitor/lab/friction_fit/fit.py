@@ -50,20 +50,13 @@ Viscous = Literal['auto', 'yes', 'no']
 
 @dataclass(frozen=True, slots=True)
 class ViscousTest:
-    """The comparison of the law with and without its viscous slope, at the same weights.
+    """The comparison of the law with and without its viscous slope, at the same weights."""
 
-    Attributes:
-        slope: The slope that fits best, of either sign [s/m].
-        t_value: The slope by its standard error [-].
-        f_value: What it takes from the weighted squares, by their variance [-].
-        p_value: Probability of a larger ``f_value`` without any slope [-].
-        aicc_gain: By how much it lowers the corrected Akaike criterion; negative if it does not.
-    """
-
-    slope: float
-    t_value: float
-    f_value: float
-    p_value: float
+    slope: float  # the slope that fits best, of either sign [s/m]
+    t_value: float  # the slope by its standard error [-]
+    f_value: float  # what it takes from the weighted squares, by their variance [-]
+    p_value: float  # probability of a larger ``f_value`` without any slope [-]
+    # By how much it lowers the corrected Akaike criterion; negative if it does not.
     aicc_gain: float
 
     @property
@@ -74,16 +67,11 @@ class ViscousTest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StribeckFit(Solution):
-    """A fitted law with its uncertainty.
+    """A fitted law with its uncertainty."""
 
-    Attributes:
-        law: The fitted law.
-        decay_interval: 95 % profile interval of ``decay`` [s/m].
-        viscous_test: The test of the viscous slope; ``None`` with too few points for it.
-    """
-
-    law: Stribeck
-    decay_interval: tuple[float, float]
+    law: Stribeck  # the fitted law
+    decay_interval: tuple[float, float]  # 95 % profile interval of ``decay`` [s/m]
+    # The test of the viscous slope; ``None`` with too few points for it.
     viscous_test: ViscousTest | None
 
     @property

@@ -59,22 +59,15 @@ class Model:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """The best curve of a model.
+    """The best curve of a model."""
 
-    Attributes:
-        curve: The points.
-        model: What is free.
-        values: The drop of the decaying part at the lowest speed [-], ``mu_k`` [-], ``ln beta``
-            [ln s/m] and ``nu`` [s/m], shape (4,).
-        weight: Tukey's weight of each point, shape (n,).
-        median_scale: Standard deviation by the median residual that the weights go by [-].
-    """
-
-    curve: FrictionCurve
-    model: Model
+    curve: FrictionCurve  # the points
+    model: Model  # what is free
+    # The drop of the decaying part at the lowest speed [-], ``mu_k`` [-], ``ln beta`` [ln s/m] and
+    # ``nu`` [s/m], shape (4,).
     values: FloatArray
-    weight: FloatArray
-    median_scale: float
+    weight: FloatArray  # tukey's weight of each point, shape (n,)
+    median_scale: float  # standard deviation by the median residual that the weights go by [-]
 
     @property
     def decay(self) -> float:

@@ -22,41 +22,26 @@ _STEP = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """What the fit's uncertainty leaves of a quantity that follows from the law.
+    """What the fit's uncertainty leaves of a quantity that follows from the law."""
 
-    Attributes:
-        estimate: At the fitted law.
-        delta_error: Standard error by the delta method; ``nan`` where that does not apply.
-        median: Of the drawn laws.
-        low: 2.5 % quantile of the drawn laws.
-        high: 97.5 % quantile of the drawn laws.
-    """
-
-    estimate: float
-    delta_error: float
-    median: float
-    low: float
-    high: float
+    estimate: float  # at the fitted law
+    delta_error: float  # standard error by the delta method; ``nan`` where that does not apply
+    median: float  # of the drawn laws
+    low: float  # 2.5 % quantile of the drawn laws
+    high: float  # 97.5 % quantile of the drawn laws
 
 
 @dataclass(frozen=True, slots=True)
 class BoundarySpread:
-    """Spread of the boundaries of a bearing; 0 m/s stands for a bearing without a boundary.
+    """Spread of the boundaries of a bearing; 0 m/s stands for a bearing without a boundary."""
 
-    Attributes:
-        hopf_speed: Hopf speed [m/s].
-        fold_speed: Fold speed [m/s].
-        without: Share of the drawn laws that have no boundary at this load [-].
-        hopf_margin: ``V/V_H - 1`` at a speed, ``inf`` without a boundary; ``None`` without speed.
-        fold_margin: ``V/V_F - 1``, likewise.
-        regimes: Shares of the drawn laws that are unstable, bistable and stable at that speed.
-    """
-
-    hopf_speed: Spread
-    fold_speed: Spread
-    without: float
+    hopf_speed: Spread  # hopf speed [m/s]
+    fold_speed: Spread  # fold speed [m/s]
+    without: float  # share of the drawn laws that have no boundary at this load [-]
+    # ``V/V_H - 1`` at a speed, ``inf`` without a boundary; ``None`` without speed.
     hopf_margin: Spread | None = None
-    fold_margin: Spread | None = None
+    fold_margin: Spread | None = None  # ``V/V_F - 1``, likewise
+    # Shares of the drawn laws that are unstable, bistable and stable at that speed.
     regimes: dict[str, float] | None = None
 
 

@@ -20,7 +20,7 @@ from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes import telemetry
 from stickslip_monitor.lab.scenes.profile import Profile
-from stickslip_monitor.lab.scenes.shaft import Shaft
+from stickslip_monitor.lab.scenes.telemetry import Shaft
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.friction import FrictionLaw, Tabulated
 from stickslip_monitor.physics.motion.integrator import (

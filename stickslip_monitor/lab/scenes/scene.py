@@ -25,10 +25,8 @@ from stickslip_monitor.lab.scenes.effects import (
     read_effects,
 )
 from stickslip_monitor.lab.scenes.effects.effect import SceneRun
-from stickslip_monitor.lab.scenes.settings import Settings
-from stickslip_monitor.lab.scenes.shaft import Shaft, TimeBlock
-from stickslip_monitor.lab.scenes.telemetry import Channel, Signal, read_channels
-from stickslip_monitor.lab.scenes.variation import drawn, read_parameter_error
+from stickslip_monitor.lab.scenes.settings import Settings, drawn, read_parameter_error
+from stickslip_monitor.lab.scenes.telemetry import Channel, Shaft, Signal, TimeBlock, read_channels
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config, load_yaml
 

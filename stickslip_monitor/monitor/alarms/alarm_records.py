@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +21,7 @@ from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
 ALARM_SCHEMA = 'stickslip_monitor/alarm/1'
 STATE_SCHEMA = 'stickslip_monitor/alarm_state/1'
 _SHOWN = (*STANDING, AlarmState.LATCHED, AlarmState.SHELVED, AlarmState.OUT_OF_SERVICE)
-_STATES = {state.value: state for state in AlarmState}
+# What of an alarm is kept over a restart, and of which types it is in JSON.
 _KEPT: dict[str, tuple[type, ...]] = {
     'state': (str,),
     'active': (bool,),
@@ -37,16 +37,10 @@ _KEPT: dict[str, tuple[type, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Something to be put on record that concerns no single alarm.
-
-    Attributes:
-        time_ns: When [ns].
-        what: ``lifecycle``, ``parameter``, ``input``, ``node`` or ``action``.
-        text: What, for a person.
-    """
+    """Something to be put on record that concerns no single alarm."""
 
     time_ns: int
-    what: str
+    what: str  # 'lifecycle', 'parameter', 'input', 'node' or 'action'
     text: str
 
 
@@ -60,7 +54,6 @@ def alarms_record(
     text_of: Callable[[str], str] = str,
 ) -> dict[str, Any]:
     """Every alarm as it stands, and what has just happened; the fields are in interfaces.md."""
-    flood = annunciator.flood
     return {
         'schema': ALARM_SCHEMA,
         'time': time_ns,
@@ -68,11 +61,7 @@ def alarms_record(
         'monitoring': monitoring,
         'sounding': annunciator.sounding,
         'unacknowledged': sum(alarm.state in WAITING for alarm in annunciator),
-        'flood': {
-            'alarms_10min': flood.lately,
-            'most_10min': flood.most,
-            'flooding': flood.flooding,
-        },
+        'flood': annunciator.flood.figures(annunciator.now_ns),
         'changes': [change_record(change) for change in changes],
         'notes': [{'time': n.time_ns, 'what': n.what, 'text': n.text} for n in notes],
         'alarms': [alarm_record(annunciator, alarm) for alarm in annunciator],
@@ -120,43 +109,33 @@ def alarm_record(annunciator: Annunciator, alarm: LiveAlarm) -> dict[str, Any]:
 def row_records(
     annunciator: Annunciator, text_of: Callable[[str], str]
 ) -> Iterator[dict[str, Any]]:
-    """One row for each bearing of which anything is on show: its worst alarm, and what is now.
-
-    Args:
-        annunciator: The alarms.
-        text_of: What there is to say of a bearing now.
-    """
+    """One row for each bearing of which anything is on show: its worst alarm, and what is now."""
     for name, own in annunciator.alarms.items():
-        shown = sorted(
-            (alarm for alarm in own.values() if alarm.state in _SHOWN),
-            key=lambda alarm: -alarm.kind.priority,
-        )
-        if shown:
-            yield _row(shown, text_of(name))
-
-
-def _row(shown: Sequence[LiveAlarm], text: str) -> dict[str, Any]:
-    worst = shown[0]
-    # The row waits for somebody where any of its alarms does.
-    state = next((alarm.state for alarm in shown if alarm.state in WAITING), worst.state)
-    return {
-        'bearing': worst.bearing,
-        'alarm': worst.kind.value,
-        'priority': worst.kind.priority.name.lower(),
-        'state': state.value,
-        'sounding': any(alarm.sounding for alarm in shown),
-        'silenced': any(alarm.silenced for alarm in shown),
-        'since': worst.since_ns,
-        'changed': worst.changed_ns,
-        'by': worst.by,
-        'count': worst.count,
-        'text': text,
-        'first_text': worst.first_text,
-        'first_time': worst.first_ns,
-        'came_back': worst.came_back,
-        'came_back_since': worst.first_ns if worst.came_back else None,
-        'kinds': [alarm.kind.value for alarm in shown],
-    }
+        shown = [alarm for alarm in own.values() if alarm.state in _SHOWN]
+        if not shown:
+            continue
+        shown.sort(key=lambda alarm: -alarm.kind.priority)
+        worst = shown[0]
+        # The row waits for somebody where any of its alarms does.
+        state = next((alarm.state for alarm in shown if alarm.state in WAITING), worst.state)
+        yield {
+            'bearing': name,
+            'alarm': worst.kind.value,
+            'priority': worst.kind.priority.name.lower(),
+            'state': state.value,
+            'sounding': any(alarm.sounding for alarm in shown),
+            'silenced': any(alarm.silenced for alarm in shown),
+            'since': worst.since_ns,
+            'changed': worst.changed_ns,
+            'by': worst.by,
+            'count': worst.count,
+            'text': text_of(name),
+            'first_text': worst.first_text,
+            'first_time': worst.first_ns,
+            'came_back': worst.came_back,
+            'came_back_since': worst.first_ns if worst.came_back else None,
+            'kinds': [alarm.kind.value for alarm in shown],
+        }
 
 
 def state_record(annunciator: Annunciator, time_ns: int) -> dict[str, Any]:
@@ -203,31 +182,31 @@ def recall_state(annunciator: Annunciator, document: Any, time_ns: int) -> None:
     if document.get('schema') != STATE_SCHEMA:
         raise AlarmStateError(f'schema = {document.get("schema")!r} must be {STATE_SCHEMA!r}')
     bearings = _entry(document, 'bearings', (dict,), 'the document')
+    for name in bearings:
+        _check(name, bearings[name])
     passed_ns = max(time_ns - kept_ns, 0)
-    plans = [_plan(annunciator, name, bearings[name]) for name in bearings]
-    for plan in plans:
-        for alarm, record in plan:
-            _take_over(alarm, record, annunciator.now_ns, passed_ns, kept_ns)
-    for name, causes in annunciator.causes.items():
-        causes.shaft_locked = bearings.get(name, {}).get('shaft_locked', False)
+    for name in bearings.keys() & annunciator.alarms.keys():
+        annunciator.causes[name].shaft_locked = bearings[name]['shaft_locked']
+        for kind, record in bearings[name]['alarms'].items():
+            alarm = annunciator.alarms[name].get(AlarmKind(kind))
+            if alarm is not None:
+                _take_over(alarm, record)
+                if alarm.state is AlarmState.SHELVED:
+                    left_ns = max(record['shelf_left'] - passed_ns, 0)
+                    alarm.shelf_end_ns = annunciator.now_ns + left_ns
+                    alarm.shelved_until_ns = kept_ns + record['shelf_left']
     annunciator.restart()
 
 
-def _plan(
-    annunciator: Annunciator, name: str, record: Any
-) -> list[tuple[LiveAlarm, dict[str, Any]]]:
+def _check(name: str, record: Any) -> None:
     _entry(record, 'shaft_locked', (bool,), name)
-    alarms = _entry(record, 'alarms', (dict,), name)
-    kinds = {kind.value for kind in AlarmKind}
-    for kind in alarms:
-        if kind not in kinds:
+    for kind, kept in _entry(record, 'alarms', (dict,), name).items():
+        if kind not in {each.value for each in AlarmKind}:
             raise AlarmStateError(f'{name}: there is no alarm {kind!r}')
         for key, types in _KEPT.items():
-            _entry(alarms[kind], key, types, f'{name}.{kind}')
-        if alarms[kind]['state'] not in _STATES:
-            raise AlarmStateError(f'{name}.{kind}: there is no state {alarms[kind]["state"]!r}')
-    own = annunciator.alarms.get(name, {})
-    return [(alarm, alarms[kind.value]) for kind, alarm in own.items() if kind.value in alarms]
+            _entry(kept, key, types, f'{name}.{kind}')
+        if kept['state'] not in {each.value for each in AlarmState}:
+            raise AlarmStateError(f'{name}.{kind}: there is no state {kept["state"]!r}')
 
 
 def _entry(record: Any, key: str, types: tuple[type, ...], where: str) -> Any:
@@ -238,14 +217,9 @@ def _entry(record: Any, key: str, types: tuple[type, ...], where: str) -> Any:
     return record[key]
 
 
-def _take_over(
-    alarm: LiveAlarm, record: dict[str, Any], now_ns: int, passed_ns: int, kept_ns: int
-) -> None:
-    alarm.state = _STATES[record['state']]
+def _take_over(alarm: LiveAlarm, record: dict[str, Any]) -> None:
+    alarm.state = AlarmState(record['state'])
     alarm.active, alarm.occurred = record['active'], record['occurred']
     alarm.since_ns, alarm.changed_ns = record['since'], record['changed']
     alarm.by, alarm.text = record['by'], record['text']
     alarm.suppressed_by = tuple(record['suppressed_by'])
-    if alarm.state is AlarmState.SHELVED:
-        alarm.shelf_end_ns = now_ns + max(record['shelf_left'] - passed_ns, 0)
-        alarm.shelved_until_ns = kept_ns + record['shelf_left']

@@ -11,9 +11,9 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from enum import Enum
+from typing import Any
 
 from stickslip_monitor.monitor.alarms.causes import LATCHING, RUNG_OF, AlarmKind, Causes, kinds_of
-from stickslip_monitor.monitor.alarms.flood import WINDOW_NS, Flood, FloodFigures
 from stickslip_monitor.monitor.alarms.lifecycle import AlarmState, Facts, Trigger, follow
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.signals import Status
@@ -24,12 +24,14 @@ MONITOR, TIMER = 'monitor', 'timer'
 UNSILENCE = 'unsilence'
 ON_SHOW = (AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED)
 WAITING = (AlarmState.UNACKNOWLEDGED, AlarmState.RETURNED)
-STANDING = (AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED, AlarmState.RETURNED)
+STANDING = (*ON_SHOW, AlarmState.RETURNED)
+WINDOW_NS = 600 * 10**9
+"""Alarms that people were given are counted over such a time [ns]. A cause that comes again within
+it has come back; later it is a new matter."""
 MOST_GIVEN = 6
-"""So many alarms of a bearing are given in ten minutes; further ones wait without a sound."""
-BACK_NS = WINDOW_NS
-"""What comes again within such a time has come back [ns]; later it is a new matter."""
-_TRIGGERS = {trigger.value: trigger for trigger in Trigger}
+"""So many alarms of a bearing are given in that time; further ones wait without a sound."""
+FLOOD_ABOVE, FLOOD_ENDS_BELOW = 10, 5
+"""The flood of ISA-18.2: it begins and ends with so many alarms given in that time."""
 
 
 class Action(str, Enum):
@@ -49,49 +51,59 @@ class Action(str, Enum):
         return self.value
 
 
+class Flood:
+    """Counts the alarms that people are given, 1000 at most; ``most``: in any ten minutes."""
+
+    def __init__(self) -> None:
+        self._times: deque[int] = deque(maxlen=1000)
+        self.most = 0
+        self._flooding = False
+
+    def add(self, now_ns: int) -> None:
+        """An alarm was given."""
+        self._pass(now_ns)
+        self._times.append(now_ns)
+        self._flooding |= len(self._times) > FLOOD_ABOVE
+        self.most = max(self.most, len(self._times))
+
+    def figures(self, now_ns: int) -> dict[str, Any]:
+        """How many were given lately and at most, and whether it is a flood."""
+        self._pass(now_ns)
+        return {
+            'alarms_10min': len(self._times),
+            'most_10min': self.most,
+            'flooding': self._flooding,
+        }
+
+    def _pass(self, now_ns: int) -> None:
+        while self._times and now_ns - self._times[0] >= WINDOW_NS:
+            self._times.popleft()
+        self._flooding &= len(self._times) >= FLOOD_ENDS_BELOW
+
+
 @dataclass(slots=True)
 class LiveAlarm:
-    """One alarm of one bearing, as it stands.
-
-    Attributes:
-        bearing: Name of the bearing.
-        kind: What it is about.
-        state: Where it is in its life.
-        active: Whether its cause is there.
-        occurred: Whether that has been so since the alarm was last normal, or reset.
-        silenced: Whether its sound is off; a flag beside the state.
-        suppressed_by: Why its cause means nothing now; empty where it counts.
-        since_ns: Stamp of the cause's coming [ns]; ``None`` before the first.
-        changed_ns: Stamp of the last change of state [ns].
-        by: Who made that change.
-        shelved_until_ns: Stamp at which the shelf ends [ns], while shelved.
-        count: How often it was given to people since the start.
-        text: What was last said of its cause.
-        came_back: How often its cause has come again since it came first.
-        first_ns, first_text: Stamp of that first time [ns], and what was said then.
-        came_ns: When its cause came last, on the running time [ns].
-        shelf_end_ns, silence_end_ns: When these end, on the running time [ns].
-    """
+    """One alarm of one bearing, as it stands; stamps are ``None`` before the first change."""
 
     bearing: str
     kind: AlarmKind
     state: AlarmState = AlarmState.NORMAL
-    active: bool = False
-    occurred: bool = False
+    active: bool = False  # its cause is there
+    occurred: bool = False  # it was so since the alarm was last normal, or reset
     silenced: bool = False
-    suppressed_by: tuple[str, ...] = ()
-    since_ns: int | None = None
-    changed_ns: int | None = None
-    by: str = ''
-    shelved_until_ns: int | None = None
-    count: int = 0
-    text: str = ''
-    came_back: int = 0
-    first_ns: int | None = None
-    first_text: str = ''
-    came_ns: int | None = None
-    shelf_end_ns: int = 0
-    silence_end_ns: int = 0
+    suppressed_by: tuple[str, ...] = ()  # why its cause means nothing now
+    since_ns: int | None = None  # stamp of the cause's coming
+    changed_ns: int | None = None  # stamp of the last change of state
+    by: str = ''  # who made that change
+    shelved_until_ns: int | None = None  # stamp, while shelved
+    count: int = 0  # how often it was given to people since the start
+    text: str = ''  # what was last said of its cause
+    came_back: int = 0  # how often its cause has come again since it came first
+    first_ns: int | None = None  # stamp of that first time
+    first_text: str = ''  # what was said then
+    came_ns: int | None = None  # when its cause came last, on the running time
+    shelf_end_ns: int = 0  # on the running time
+    silence_end_ns: int = 0  # on the running time
 
     @property
     def sounding(self) -> bool:
@@ -100,7 +112,7 @@ class LiveAlarm:
 
     def come(self, now_ns: int, time_ns: int) -> None:
         """Its cause has come: again, unless the last time is long ago."""
-        if self.came_ns is None or now_ns - self.came_ns > BACK_NS:
+        if self.came_ns is None or now_ns - self.came_ns > WINDOW_NS:
             self.came_back, self.first_ns, self.first_text = 0, time_ns, self.text
         else:
             self.came_back += 1
@@ -109,29 +121,17 @@ class LiveAlarm:
 
 @dataclass(frozen=True, slots=True)
 class AlarmChange:
-    """Something that happened to an alarm.
-
-    Attributes:
-        time_ns: When [ns].
-        bearing: Name of the bearing.
-        kind: Which alarm.
-        what: The :class:`Trigger` or :class:`Action`; ``unsilence`` where a silence ran out.
-        before: The state before.
-        after: The state from then on.
-        by: Who did it: a person's name, ``ros service``, ``monitor`` or ``timer``.
-        text: What was last said of the alarm's cause.
-        quiet: Whether it is given without a sound, because too many were given lately.
-    """
+    """Something that happened to an alarm."""
 
     time_ns: int
     bearing: str
     kind: AlarmKind
-    what: str
+    what: str  # the trigger or action; 'unsilence' where a silence ran out
     before: AlarmState
     after: AlarmState
-    by: str
-    text: str
-    quiet: bool = False
+    by: str  # a person's name, 'ros service', 'monitor' or 'timer'
+    text: str  # what was last said of the alarm's cause
+    quiet: bool = False  # given without a sound, because too many were given lately
 
     @property
     def raised(self) -> bool:
@@ -148,20 +148,16 @@ class Annunciator:
 
     Attributes:
         alarms: Of each bearing its alarms by kind, worst first.
+        flood: How many alarms people were given.
     """
 
     def __init__(self, config: MonitorConfig) -> None:
-        self.config = config
         self.now_ns = 0
+        self.flood = Flood()
         self.causes = {b.name: Causes(b) for b in config.bearings}
-        self.alarms = {
-            b.name: {kind: LiveAlarm(b.name, kind) for kind in kinds_of(b)}
-            for b in config.bearings
-        }
-        self._flood = Flood()
-        self._given: dict[str, deque[int]] = {
-            b.name: deque(maxlen=MOST_GIVEN) for b in config.bearings
-        }
+        self.alarms: dict[str, dict[AlarmKind, LiveAlarm]] = {b.name: {} for b in config.bearings}
+        self._given = {name: deque[int](maxlen=MOST_GIVEN) for name in self.alarms}
+        self.retune(config)
 
     def __iter__(self) -> Iterator[LiveAlarm]:
         """Every alarm."""
@@ -171,11 +167,6 @@ class Annunciator:
     def sounding(self) -> bool:
         """Whether any alarm calls for attention aloud."""
         return any(alarm.sounding for alarm in self)
-
-    @property
-    def flood(self) -> FloodFigures:
-        """How many alarms people were given lately."""
-        return self._flood.figures(self.now_ns)
 
     def retune(self, config: MonitorConfig) -> None:
         """Take over new delays, limits and times; no state is lost."""
@@ -188,8 +179,8 @@ class Annunciator:
     def restart(self) -> None:
         """The monitor starts afresh: what it knew is believed until it knows again."""
         for name, old in self.causes.items():
-            own = self.alarms[name].values()
-            self.causes[name] = Causes(old.config, {alarm.kind for alarm in own if alarm.active})
+            active = {alarm.kind for alarm in self.alarms[name].values() if alarm.active}
+            self.causes[name] = Causes(old.config, active)
             self.causes[name].shaft_locked = old.shaft_locked
 
     def advance(self, now_ns: int, time_ns: int) -> list[AlarmChange]:
@@ -207,12 +198,9 @@ class Annunciator:
         name, time_ns = event.bearing, event.time_ns
         self.causes[name].take_event(event, self.now_ns)
         changes = self._sync(name, time_ns)
-        standing = (
-            alarm
-            for alarm in self.alarms[name].values()
-            if alarm.kind in RUNG_OF and alarm.active and alarm.state in ON_SHOW
-        )
-        worst = next(standing, None)
+        own = self.alarms[name]
+        shown = (own[kind] for kind in RUNG_OF if own[kind].active and own[kind].state in ON_SHOW)
+        worst = next(shown, None)
         if event.onset and worst is not None and worst.kind not in {c.kind for c in changes}:
             worst.come(self.now_ns, time_ns)
             changes += self._fire(worst, Trigger.RECUR, time_ns, MONITOR)
@@ -221,7 +209,7 @@ class Annunciator:
     def take_fault(
         self, bearing: str, place: int, status: Status, time_ns: int
     ) -> list[AlarmChange]:
-        """A sample of one input  was refused for its value."""
+        """A sample of one input was refused for its value."""
         self.causes[bearing].take_fault(place, status, self.now_ns)
         return self._sync(bearing, time_ns)
 
@@ -255,17 +243,13 @@ class Annunciator:
         Raises:
             ConfigurationError: There is no such bearing.
         """
-        if bearing is not None:
-            self.config.bearing(bearing)
-        names = self.alarms if bearing is None else [bearing]
+        names = self.alarms if bearing is None else [self.config.bearing(bearing).name]
         if action in (Action.SUPPRESS, Action.UNSUPPRESS):
             return [c for n in names for c in self._lock(action, n, time_ns, by)]
-        chosen = [
-            alarm for name in names for alarm in self._chosen(self.alarms[name], action, kind)
-        ]
+        chosen = [a for name in names for a in self._chosen(self.alarms[name], action, kind)]
         if action is Action.SILENCE:
             return [self._silence(alarm, time_ns, by) for alarm in chosen if alarm.sounding]
-        trigger = _TRIGGERS[action.value]
+        trigger = Trigger(action.value)
         return [c for alarm in chosen for c in self._fire(alarm, trigger, time_ns, by)]
 
     def _chosen(
@@ -273,12 +257,11 @@ class Annunciator:
     ) -> list[LiveAlarm]:
         if kind is not None:
             below = action in (Action.ACKNOWLEDGE, Action.SILENCE)
-            chosen = [own[kind]] if kind in own else []
             # One matter: who knows of the worst knows of what it covers.
-            return chosen + [a for a in own.values() if below and self.covering(a) is kind]
-        if action is Action.SHELVE:
-            return [alarm for alarm in own.values() if alarm.state in STANDING]
-        return list(own.values())
+            return [
+                a for a in own.values() if a.kind is kind or (below and self.covering(a) is kind)
+            ]
+        return [a for a in own.values() if action is not Action.SHELVE or a.state in STANDING]
 
     def _lock(self, action: Action, name: str, time_ns: int, by: str) -> list[AlarmChange]:
         locked = action is Action.SUPPRESS
@@ -321,32 +304,24 @@ class Annunciator:
                 triggers.append(Trigger.SUPPRESS if reasons else Trigger.UNSUPPRESS)
             if active != alarm.active:
                 triggers.append(Trigger.RAISE if active else Trigger.CLEAR)
-                alarm.since_ns = time_ns if active else alarm.since_ns
                 if active:
+                    alarm.since_ns = time_ns
                     alarm.come(self.now_ns, time_ns)
             alarm.active, alarm.suppressed_by = active, reasons
             for trigger in triggers:
                 changes += self._fire(alarm, trigger, time_ns, by)
         return changes
 
-    def _facts(self, alarm: LiveAlarm) -> Facts:
-        return Facts(
-            suppressed=bool(alarm.suppressed_by),
-            covered=self.covering(alarm) is not None,
-            active=alarm.active,
-            held=alarm.occurred and self.latching(alarm),
-        )
-
     def covering(self, alarm: LiveAlarm) -> AlarmKind | None:
         """The worse alarm of the ladder that stands for one, if there is any."""
-        worse = (
-            other.kind
-            for other in self.alarms[alarm.bearing].values()
-            if RUNG_OF.get(other.kind, 0) > RUNG_OF.get(alarm.kind, len(AlarmKind))
-            and other.active
-            and other.state in ON_SHOW
-        )
-        return next(worse, None) if alarm.active else None
+        if not alarm.active or alarm.kind not in RUNG_OF:
+            return None
+        for kind, other in self.alarms[alarm.bearing].items():  # worst first
+            if kind is alarm.kind:
+                return None
+            if other.active and other.state in ON_SHOW:
+                return kind
+        return None
 
     def latching(self, alarm: LiveAlarm) -> bool:
         """Whether an alarm stays until it is reset."""
@@ -355,13 +330,21 @@ class Annunciator:
     def _fire(
         self, alarm: LiveAlarm, trigger: Trigger, time_ns: int, by: str
     ) -> list[AlarmChange]:
-        before = alarm.state
-        after = follow(before, trigger, self._facts(alarm))
+        facts = Facts(
+            suppressed=bool(alarm.suppressed_by),
+            covered=self.covering(alarm) is not None,
+            active=alarm.active,
+            held=alarm.occurred and self.latching(alarm),
+        )
+        before, after = alarm.state, follow(alarm.state, trigger, facts)
         if alarm.suppressed_by:
             # Suppression goes on acting for as long as its reason holds.
-            after = follow(after, Trigger.SUPPRESS, self._facts(alarm))
+            after = follow(after, Trigger.SUPPRESS, facts)
         alarm.state = after
-        _remember(alarm)
+        if after in ON_SHOW or (after is AlarmState.SHELVED and alarm.active):
+            alarm.occurred = True
+        elif after in (AlarmState.NORMAL, AlarmState.SUPPRESSED, AlarmState.OUT_OF_SERVICE):
+            alarm.occurred = False
         if after is before:
             return []
         alarm.changed_ns, alarm.by, alarm.shelved_until_ns = time_ns, by, None
@@ -383,15 +366,8 @@ class Annunciator:
             alarm.silenced, alarm.silence_end_ns = True, given[0] + WINDOW_NS
             return replace(change, quiet=True)
         given.append(self.now_ns)
-        self._flood.add(self.now_ns)
+        self.flood.add(self.now_ns)
         return change
-
-
-def _remember(alarm: LiveAlarm) -> None:
-    if alarm.state in ON_SHOW or (alarm.state is AlarmState.SHELVED and alarm.active):
-        alarm.occurred = True
-    elif alarm.state in (AlarmState.NORMAL, AlarmState.SUPPRESSED, AlarmState.OUT_OF_SERVICE):
-        alarm.occurred = False
 
 
 def _change(alarm: LiveAlarm, time_ns: int, what: str, before: AlarmState, by: str) -> AlarmChange:

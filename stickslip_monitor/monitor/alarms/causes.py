@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the alarms of one bearing are about: kinds, causes, and when these mean nothing.
 
-Thresholds, deadbands and delays of the ladder are those of :mod:`.rungs` and :mod:`.alarm`; its
-events are taken here as they come. What the ladder does not know (an input that comes and goes,
-absurd values, a shaft that starts to turn) has its delays here.
+The ladder's thresholds and delays are the rule's, whose events are taken as they come. What the
+ladder does not know (an input that comes and goes, absurd values, a shaft that starts to turn) has
+its delays here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Set
-from enum import Enum, IntEnum
+from enum import IntEnum
 
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.ladder import LADDER, Condition
+from stickslip_monitor.monitor.ladder import LADDER, Condition, SentenceEnum
 from stickslip_monitor.monitor.signals import INPUTS, STATUS_SENTENCES, Status
 from stickslip_monitor.monitor.verdict import Event
 
@@ -28,19 +28,10 @@ class Priority(IntEnum):
     ALARM = 3
 
 
-class AlarmKind(str, Enum):
+class AlarmKind(SentenceEnum):
     """What an alarm of a bearing is about."""
 
     priority: Priority
-    sentence: str
-
-    def __new__(cls, name: str, priority: Priority, sentence: str) -> AlarmKind:
-        """Make a member from its name, its priority and its sentence."""
-        member = str.__new__(cls, name)
-        member._value_ = name
-        member.priority = priority
-        member.sentence = sentence
-        return member
 
     AMPLITUDE_LIMIT = 'amplitude_limit', Priority.ALARM, Condition.AMPLITUDE.sentence
     STICK_SLIP = 'stick_slip', Priority.ALARM, Condition.STICK_SLIP.sentence
@@ -53,9 +44,6 @@ class AlarmKind(str, Enum):
         'An input keeps bringing values that cannot be.',
     )
     VIBRATION = 'vibration', Priority.WARNING, Condition.VIBRATION.sentence
-
-    def __str__(self) -> str:
-        return self.value
 
 
 RUNG_OF = {
@@ -90,65 +78,60 @@ class Causes:
     """
 
     def __init__(self, config: BearingConfig, recalled: Set[AlarmKind] = frozenset()) -> None:
-        self.config = config
-        self.recalled = recalled
+        self.config, self.recalled = config, recalled
         self.shaft_locked = False
         self.texts: dict[AlarmKind, str] = {}
         self._recalled_until: int | None = None
-        self._rung = 0
-        self._vibration = False
-        self._lost = False
-        self._lost_until: int | None = None
+        self._condition = Condition.NORMAL  # of the operating point
+        self._lost, self._lost_until = False, 0
+        self._absurd, self._absurd_last = False, 0
         self._absurd_since: int | None = None
-        self._absurd_last = 0
-        self._absurd = False
-        self._resting = False
-        self._resting_asked = False
-        self._resting_since = 0
-        self._start_up_until = 0
+        self._resting = self._resting_asked = False
+        self._resting_since = self._start_up_until = 0
 
     def stand(self, condition: Condition) -> None:
         """The condition of the bearing is known from before a restart."""
         self._lost = condition is Condition.INPUT_STALE
-        self._vibration = condition is Condition.VIBRATION
-        self._rung = 0 if self._lost else LADDER.index(condition)
+        self._condition = Condition.NORMAL if self._lost else condition
 
     def holds(self, kind: AlarmKind) -> bool:
         """Whether the cause is there."""
-        if kind in self.recalled:
-            return True
-        if kind is AlarmKind.INPUT_LOST:
-            return self._lost or self._lost_until is not None
-        if kind is AlarmKind.INPUT_IMPLAUSIBLE:
-            return self._absurd
-        if kind is AlarmKind.VIBRATION:
-            return self._vibration
-        return self._rung >= RUNG_OF[kind]
+        if kind in RUNG_OF:
+            there = LADDER.index(self._condition) >= RUNG_OF[kind]
+        elif kind is AlarmKind.VIBRATION:
+            there = self._condition is Condition.VIBRATION
+        elif kind is AlarmKind.INPUT_LOST:
+            there = self._lost or self._lost_until > 0
+        else:
+            there = self._absurd
+        return there or kind in self.recalled
 
     def suppression(self, kind: AlarmKind, now_ns: int) -> list[str]:
         """Why the cause means nothing now; empty where it counts."""
-        reasons = [SHAFT_LOCKED] if self.shaft_locked else []
-        if kind in SUPPRESSIBLE:
-            reasons += [AT_REST] if self._resting else []
-            reasons += [START_UP] if now_ns < self._start_up_until else []
-        return reasons
+        suppressible = kind in SUPPRESSIBLE
+        reasons = {
+            SHAFT_LOCKED: self.shaft_locked,
+            AT_REST: suppressible and self._resting,
+            START_UP: suppressible and now_ns < self._start_up_until,
+        }
+        return [reason for reason, holds in reasons.items() if holds]
 
     def take_event(self, event: Event, now_ns: int) -> None:
         """The bearing's condition has changed."""
         if event.after is Condition.INPUT_STALE:
-            self._lost, self._lost_until = True, None
+            self._lost, self._lost_until = True, 0
             self.texts[AlarmKind.INPUT_LOST] = event.text
             return
         if event.before is Condition.INPUT_STALE:
             delay = self.config.alarm.input_off_delay_ns
-            self._lost, self._lost_until = False, now_ns + delay if delay else None
-        before, self._rung = self._rung, LADDER.index(event.after)
-        self._vibration = event.after is Condition.VIBRATION
-        if self._vibration:
-            self.texts[AlarmKind.VIBRATION] = event.says or event.text
+            self._lost, self._lost_until = False, now_ns + delay if delay else 0
+        before, self._condition = LADDER.index(self._condition), event.after
+        now, says = LADDER.index(event.after), event.says or event.text
+        if event.after is Condition.VIBRATION:
+            self.texts[AlarmKind.VIBRATION] = says
         for kind, rung in RUNG_OF.items():
-            if before < rung <= self._rung or rung == self._rung:
-                self.texts[kind] = event.says or event.text
+            if before < rung <= now or rung == now:
+                self.texts[kind] = says
 
     def take_fault(self, place: int, status: Status, now_ns: int) -> None:
         """A sample's value could not be believed.
@@ -157,15 +140,14 @@ class Causes:
         off-delay of one another, for the on-delay. It is gone when none has come for the inputs'
         own off-delay.
         """
-        alarm, quantity = self.config.alarm, INPUTS[place]
-        source = self.config.inputs[quantity]
         self._settle_absurd(now_ns)
         if self._absurd_since is None:
             self._absurd_since = now_ns
         self._absurd_last = now_ns
-        self._absurd = self._absurd or now_ns - self._absurd_since >= alarm.on_delay_ns
+        self._absurd |= now_ns - self._absurd_since >= self.config.alarm.on_delay_ns
+        topic = self.config.inputs[INPUTS[place]].topic
         self.texts[AlarmKind.INPUT_IMPLAUSIBLE] = (
-            f'{self.config.name}: Input {quantity} implausible: values on {source.topic} are'
+            f'{self.config.name}: Input {INPUTS[place]} implausible: values on {topic} are'
             f' {STATUS_SENTENCES[status]}.'
         )
 
@@ -176,15 +158,15 @@ class Causes:
             self._recalled_until = now_ns + alarm.on_delay_ns + alarm.off_delay_ns
         if resting != self._resting_asked:
             self._resting_asked, self._resting_since = resting, now_ns
-        return resting != self._resting and self._settle_rest(now_ns)
+        return self._settle_rest(now_ns)
 
     def advance(self, now_ns: int) -> None:
         """Let time pass."""
-        if self._lost_until is not None and now_ns >= self._lost_until:
-            self._lost_until = None
-        self._settle_absurd(now_ns)
+        if now_ns >= self._lost_until:
+            self._lost_until = 0
         if self._recalled_until is not None and now_ns >= self._recalled_until:
             self.recalled, self._recalled_until = frozenset(), None
+        self._settle_absurd(now_ns)
         self._settle_rest(now_ns)
 
     def _settle_absurd(self, now_ns: int) -> None:

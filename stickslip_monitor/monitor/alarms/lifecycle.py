@@ -8,25 +8,15 @@ alarm is always an acknowledged one.
 
 from __future__ import annotations
 
-from enum import Enum
 from typing import NamedTuple
 
-from stickslip_monitor.monitor.assessment import SentenceEnum
+from stickslip_monitor.monitor.ladder import SentenceEnum
 
 
-class AlarmState(str, Enum):
-    """Where an alarm is in its life."""
+class AlarmState(SentenceEnum):
+    """Where an alarm is in its life, with its letter in ISA-18.2."""
 
     letter: str
-    sentence: str
-
-    def __new__(cls, name: str, letter: str, sentence: str) -> AlarmState:
-        """Make a member from its name, its letter in ISA-18.2 and its sentence."""
-        member = str.__new__(cls, name)
-        member._value_ = name
-        member.letter = letter
-        member.sentence = sentence
-        return member
 
     NORMAL = 'normal', 'A', 'The cause is absent, and nothing waits for anybody.'
     UNACKNOWLEDGED = 'unacknowledged', 'B', 'The cause is there and nobody has acknowledged it.'
@@ -41,12 +31,9 @@ class AlarmState(str, Enum):
     SUPPRESSED = 'suppressed', 'H', 'Kept quiet by design: here the cause means nothing.'
     OUT_OF_SERVICE = 'out_of_service', 'I', 'Taken out of service until somebody restores it.'
 
-    def __str__(self) -> str:
-        return self.value
-
 
 class Trigger(SentenceEnum):
-    """What can happen to an alarm; each member carries its sentence."""
+    """What can happen to an alarm."""
 
     RAISE = 'raise', 'the cause has come'
     RECUR = 'recur', 'stick-slip has begun anew while its alarm stands'
@@ -62,38 +49,25 @@ class Trigger(SentenceEnum):
 
 
 class Facts(NamedTuple):
-    """What a transition may depend on.
+    """What a transition may depend on."""
 
-    Attributes:
-        suppressed: A reason for suppression by design holds.
-        covered: The cause is there, and a worse alarm of the same ladder is there and on show.
-        active: The cause is there.
-        held: The alarm latches, and its cause has been there since its last reset.
-    """
-
-    suppressed: bool = False
-    covered: bool = False
-    active: bool = False
-    held: bool = False
+    suppressed: bool = False  # a reason for suppression by design holds
+    covered: bool = False  # the cause and a worse alarm of the same ladder are there, on show
+    active: bool = False  # the cause is there
+    held: bool = False  # the alarm latches, and its cause has been there since its last reset
 
 
 Choice = tuple[str, AlarmState]
 ALWAYS = ''
 
-_AGAIN: tuple[Choice, ...] = (
-    ('covered', AlarmState.ACKNOWLEDGED),
-    ('active', AlarmState.UNACKNOWLEDGED),
-)
-_ASIDE: tuple[Choice, ...] = (('suppressed', AlarmState.SUPPRESSED),)
-_HELD: tuple[Choice, ...] = (('held', AlarmState.RETURNED),)
-_BACK: tuple[Choice, ...] = ((ALWAYS, AlarmState.NORMAL),)
-_COME: tuple[Choice, ...] = (
-    ('covered', AlarmState.ACKNOWLEDGED),
-    (ALWAYS, AlarmState.UNACKNOWLEDGED),
-)
-_DONE: tuple[Choice, ...] = (('held', AlarmState.LATCHED), (ALWAYS, AlarmState.NORMAL))
-_SHELF: tuple[Choice, ...] = ((ALWAYS, AlarmState.SHELVED),)
-_AWAY: tuple[Choice, ...] = ((ALWAYS, AlarmState.OUT_OF_SERVICE),)
+_AGAIN = (('covered', AlarmState.ACKNOWLEDGED), ('active', AlarmState.UNACKNOWLEDGED))
+_ASIDE = (('suppressed', AlarmState.SUPPRESSED),)
+_HELD = (('held', AlarmState.RETURNED),)
+_BACK = ((ALWAYS, AlarmState.NORMAL),)
+_COME = (('covered', AlarmState.ACKNOWLEDGED), (ALWAYS, AlarmState.UNACKNOWLEDGED))
+_DONE = (('held', AlarmState.LATCHED), (ALWAYS, AlarmState.NORMAL))
+_SHELF = ((ALWAYS, AlarmState.SHELVED),)
+_AWAY = ((ALWAYS, AlarmState.OUT_OF_SERVICE),)
 
 # State and trigger lead to the first choice whose fact holds. What is not in the table does not
 # change the state, and a person's action that is not in it is refused.

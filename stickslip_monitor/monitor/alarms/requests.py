@@ -12,31 +12,20 @@ from stickslip_monitor.monitor.alarms.annunciator import MONITOR, TIMER, Action
 from stickslip_monitor.monitor.alarms.causes import AlarmKind
 
 ACTION_SCHEMA = 'stickslip_monitor/action/1'
-LONGEST_NAME = 40
-LONGEST_REASON = 200
+LONGEST_NAME, LONGEST_REASON = 40, 200
 ROS_SERVICE = 'ros service'
 RESERVED = (MONITOR, TIMER, ROS_SERVICE)
 """Names by which the log says that it was no person, or none who gave a name."""
-_ACTIONS = {action.value: action for action in Action}
-_KINDS = {kind.value: kind for kind in AlarmKind}
 
 
 @dataclass(frozen=True, slots=True)
 class ActionRequest:
-    """One action that a person asks for.
-
-    Attributes:
-        action: What.
-        by: Who.
-        bearing: The bearing; all of them if ``None``.
-        kind: The alarm; all that the action is about if ``None``.
-        reason: Why; empty where nobody says.
-    """
+    """One action that a person asks for."""
 
     action: Action
     by: str
-    bearing: str | None = None
-    kind: AlarmKind | None = None
+    bearing: str | None = None  # None: all of them
+    kind: AlarmKind | None = None  # None: all that the action is about
     reason: str = ''
 
 
@@ -67,21 +56,18 @@ def parse_request(document: Any, bearings: Collection[str]) -> ActionRequest:
     if document.get('schema') != ACTION_SCHEMA:
         raise ConfigurationError(f"schema must be '{ACTION_SCHEMA}'")
     bearing = _choice(document, 'bearing', {name: name for name in bearings})
-    kind = _choice(document, 'alarm', _KINDS)
-    action = _choice(document, 'action', _ACTIONS)
+    kind = _choice(document, 'alarm', {kind.value: kind for kind in AlarmKind})
+    actions = {action.value: action for action in Action}
+    action = _choice(document, 'action', actions)
     if action is None:
-        raise ConfigurationError('action = null must be one of ' + ', '.join(_ACTIONS))
-    by, reason = checked_name(document.get('by')), _checked_reason(document.get('reason'))
-    return ActionRequest(action, by, bearing, kind, reason)
-
-
-def _checked_reason(reason: Any) -> str:
-    text = '' if reason is None else reason
-    if not isinstance(text, str) or len(text) > LONGEST_REASON or not text.isprintable():
+        raise ConfigurationError('action = null must be one of ' + ', '.join(actions))
+    by, reason = checked_name(document.get('by')), document.get('reason')
+    reason = '' if reason is None else reason
+    if not isinstance(reason, str) or len(reason) > LONGEST_REASON or not reason.isprintable():
         raise ConfigurationError(
             f'reason = {_short(reason)} must be at most {LONGEST_REASON} printable characters'
         )
-    return text.strip()
+    return ActionRequest(action, by, bearing, kind, reason.strip())
 
 
 def checked_name(name: Any) -> str:

@@ -18,7 +18,7 @@ that there is no such cycle, and the kind says why. Speeds astern mirror speeds 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
@@ -30,9 +30,10 @@ from stickslip_monitor import jit
 from stickslip_monitor.arrays import FloatArray, flatten, mapped, restore
 from stickslip_monitor.physics import law_numbers as law_module
 from stickslip_monitor.physics import roots
-from stickslip_monitor.physics.cycle import slip, step, waveform
+from stickslip_monitor.physics.cycle import slip, step
 from stickslip_monitor.physics.cycle.exact_fold import exact_fold
-from stickslip_monitor.physics.law_numbers import law_numbers
+from stickslip_monitor.physics.law_numbers import HOLD, law_numbers
+from stickslip_monitor.physics.motion.integrator import Drive, MotionState, Phase, integrate
 from stickslip_monitor.physics.oscillator import Bearing
 
 
@@ -66,9 +67,6 @@ _MODULES = (law_module, roots, step, slip)
 _MANY = 2000
 # Exponent beyond which a Floquet multiplier is as good as infinite.
 _LARGEST = 700.0
-
-_Motion = Callable[[Bearing, float, float, float, FloatArray], tuple[FloatArray, FloatArray]]
-_MOTIONS: dict[CycleKind, _Motion] = {CycleKind.PURE_SLIP: waveform.pure_slip}
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,11 +110,25 @@ class Cycle:
         for i in np.flatnonzero(kind <= CycleKind.PURE_SLIP):
             speed, load = self._points[0][i], self._points[1][i]
             time = np.linspace(0.0, period[i], count)
-            motion = _MOTIONS.get(tuple(CycleKind)[int(kind[i])], waveform.through_belt)
-            x, v = motion(self._bearing, speed, load, self._start[i], time)
-            out[:, i] = time, x, v
+            drive = Drive.constant(speed, load, float(period[i]))
+            slips = kind[i] == CycleKind.PURE_SLIP
+            start = _beginning(self._bearing, speed, load, self._start[i], slips)
+            motion = integrate(self._bearing, drive, start, time, compiled=False)
+            out[:, i] = time, motion.displacement, motion.velocity
         time, x, v = out.reshape(3, *np.shape(self.kind), count)
         return time, x, v
+
+
+def _beginning(
+    bearing: Bearing, speed: float, load: float, start: float, slips: bool
+) -> MotionState:
+    """The state in which a cycle begins, from the place that :class:`slip.Found` tells."""
+    law, side = law_numbers(bearing.friction), math.copysign(1.0, speed)
+    medium = slip.slip_medium(law, _body(bearing), abs(speed), load)
+    place = medium[1] * law[HOLD] - medium[2]
+    place += slip.steady_displacement(law, medium) - start if slips else start
+    displacement = float(side * place * abs(speed) / bearing.natural_frequency)
+    return MotionState(displacement, float(speed) if slips else 0.0, Phase(int(side)))
 
 
 def _points_found(

@@ -1,19 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The exact fold over the load: the last speed at which the slip phase meets the belt.
 
-A few loads are solved one by one. Many are read off Chebyshev polynomials in the logarithm of the
-load, through folds solved at their nodes, on intervals halved until the last coefficients are
-rounding. The fold of a measured curve has kinks and may jump: of its loads every so-many-th is
-solved, and those between them only where a cubic through their neighbours does not tell them.
+It is in a smooth ratio to the averaged fold. Of many loads every so-many-th is solved, and those
+between them only where a polynomial through their neighbours does not tell the ratio well enough.
 What is known at neighbouring loads tells where to look.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
-from numpy.polynomial import chebyshev
 
 from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.physics.averaging import boundaries
@@ -36,15 +34,13 @@ from stickslip_monitor.physics.law_numbers import (
 )
 from stickslip_monitor.physics.oscillator import Bearing
 
-# Nodes of an interval of ln N, and the loads below which it is not worth them; how far the last
-# coefficients may be from nothing.
-_NODES, _CLOSE, _STEEP_CLOSE = 13, 3e-10, 3e-6
-# Of a law in pieces every so-many-th load is solved, and how far a cubic may be off between them.
-_STRIDE, _TOLD = 32, 2e-5
+# Every so-many-th of many loads is solved at first, and polynomials go through so many of them.
+_STRIDE, _NEIGHBOURS = 64, 8
+# How far a polynomial may be off in the middle between solved loads, to be believed at their
+# quarters: of a smooth law (where the error then falls by 256), a steep one, one in pieces.
+_TOLD, _STEEP_TOLD, _ROUGHLY_TOLD = 5e-8, 3e-6, 2e-5
 # Growth rate of the slip at breakaway, N |mu'(0)| / (m omega), of a steep law.
 _STEEP = 4.0
-# The narrowest interval that is halved: beyond it a fold jumps, and loads are solved one by one.
-_NARROW = 0.02
 # Loads in units of the least with a cycle, and forces ``N Delta/(m omega V)``, up to which
 # averaging has the fold to 1e-10, and orbits gain too little to tell it better.
 _WEAKLY, _SLIGHT = 1.003, 1e-6
@@ -64,21 +60,70 @@ def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
     Returns:
         ``nan`` where no speed has a cycle, ``inf`` where none is the last, shape (n,).
     """
-    search = _Search(bearing)
-    place, back = np.unique(load, return_inverse=True)
-    out, height = np.full(place.size, np.nan), place * search.law[STEEPEST] / bearing.damping
-    if search.is_closed:
-        averaged = np.asarray(boundaries.fold_speed(bearing, place))
-        drop = (search.law[HOLD] - search.law[KINETIC]) * place / bearing.momentum
+    search, is_closed = _Search(bearing), computes_as(bearing.friction, Stribeck)
+    loads, back = np.unique(load, return_inverse=True)
+    averaged = np.asarray(boundaries.fold_speed(bearing, loads))
+    out, height = np.full(loads.size, np.nan), loads * search.law[STEEPEST] / bearing.damping
+    if is_closed:
+        drop = (search.law[HOLD] - search.law[KINETIC]) * loads / bearing.momentum
         near = (height > 1.0) & ((height < _WEAKLY) | (drop < _SLIGHT * averaged))
         out[near] = averaged[near]
         height[near] = 0.0
     rows = np.flatnonzero(height > 1.0)
-    steep = np.array([search.is_steep(math.log(n)) for n in place[rows]], dtype=bool)
-    for part in (rows[steep], rows[~steep]):
-        if part.size:
-            search.fill(np.log(place[part]), out, part)
+    # Coulomb's law, the limit for large loads, has a fold in proportion to the load.
+    scale = np.where((averaged > 0.0) & (averaged < np.inf), averaged, loads)
+    steep = np.array([search.is_steep(n) for n in loads[rows]], dtype=bool)
+    for part, close in ((rows[steep], _STEEP_TOLD), (rows[~steep], _TOLD)):
+
+        def ratio(i: int, part: IndexArray = part) -> float:
+            return search.at(loads[part[i]], averaged[part[i]]) / float(scale[part[i]])
+
+        close = _ROUGHLY_TOLD if search.in_pieces else close
+        out[part] = interpolated(np.log(loads[part]), ratio, close) * scale[part]
     return out[back]
+
+
+def interpolated(place: FloatArray, solve: Callable[[int], float], close: float) -> FloatArray:
+    """Positive values at ascending places, solved only where their neighbours do not tell them.
+
+    Args:
+        place: Shape (n,).
+        solve: The value at an index; called from above.
+        close: Relative error of a polynomial in the middle between solved places up to which it
+            is believed where these are half as far apart.
+    """
+    count = place.size
+    value = np.full(count, np.nan)
+    stride = min(_STRIDE, 1 << max(count.bit_length() - 3, 0))
+    for i in range(0, count, stride)[::-1]:
+        value[i] = solve(i)
+    told = np.zeros(count, dtype=bool)  # from an index to the next that is known
+    while stride > 1:
+        half = stride // 2
+        miss = np.full(count, np.inf)
+        for i in range(half, count, stride)[::-1]:
+            first = (i - half) // stride - _NEIGHBOURS // 2 + 1
+            last = (count - 1) // stride - _NEIGHBOURS + 1
+            near = range(max(min(first, last), 0) * stride, count, stride)[:_NEIGHBOURS]
+            guess = math.exp(_through(place[near], np.log(value[near]), place[i]))
+            value[i] = guess if told[i - half] else solve(i)
+            known = 0.0 < value[i] < math.inf and guess > 0.0
+            miss[i - half] = abs(guess / value[i] - 1.0) if known else math.inf
+        # The error falls to a sixteenth at least where the stretch is halved.
+        beside = np.maximum(miss, np.maximum(np.roll(miss, stride), np.roll(miss, -stride)))
+        sure = beside[::stride] < close
+        told[::stride] = sure
+        told[half::stride] = sure[: told[half::stride].size]
+        stride = half
+    return value
+
+
+def _through(x: FloatArray, y: FloatArray, at: float) -> float:
+    """The polynomial through some points; ``nan`` where one is missing."""
+    apart = x[:, None] - x
+    np.fill_diagonal(apart, 1.0)
+    weights = np.prod(at - x) / (at - x) / np.prod(apart, axis=1)
+    return float(weights @ y)
 
 
 class _Search:
@@ -89,130 +134,68 @@ class _Search:
         self.law = law_numbers(bearing.friction)
         self.body = bearing.mass, bearing.damping, bearing.stiffness
         self.in_pieces = self.law[PIECES] > 0.0
-        self.is_closed = computes_as(bearing.friction, Stribeck)
         self.orbit = ROUGHLY if self.in_pieces else GRAZING
         self.known: dict[float, float] = {}  # logarithms of fold over scale, by ln N
+        self.rate = math.nan  # of the grazing margin over ln V at the last fold
+        self.none = 0.0  # the largest load found to have no cycle
 
-    def fill(self, place: FloatArray, out: FloatArray, rows: IndexArray) -> None:
-        """Write the folds of an interval, at ascending places ``ln N``."""
-        low, high = float(place[0]), float(place[-1])
-        if self.in_pieces:
-            out[rows] = self._refined(place)
-            return
-        if place.size <= _NODES or high - low < _NARROW:
-            out[rows] = [self.at(x) for x in place[::-1].tolist()][::-1]
-            return
-        x = chebyshev.chebpts1(_NODES)
-        nodes = 0.5 * (low + high) + 0.5 * (high - low) * x
-        found = [self.at(node) for node in nodes[::-1].tolist()][::-1]
-        ratio = np.log(np.array(found) / self.scale(nodes))
-        if np.isfinite(ratio).all():
-            series = chebyshev.chebfit(x, ratio, _NODES - 1)
-            close = _STEEP_CLOSE if self.is_steep(high) else _CLOSE
-            if np.max(np.abs(series[-2:])) < close:
-                share = (2.0 * place - low - high) / (high - low)
-                out[rows] = np.exp(chebyshev.chebval(share, series)) * self.scale(place)
-                return
-        elif not np.isfinite(found).any() and len({repr(fold) for fold in found}) == 1:
-            out[rows] = found[0]
-            return
-        middle = int(np.searchsorted(place, 0.5 * (low + high)))
-        self.fill(place[middle:], out, rows[middle:])
-        self.fill(place[:middle], out, rows[:middle])
-
-    def _refined(self, place: FloatArray) -> FloatArray:
-        """Folds at ascending places ``ln N``, solved where their neighbours do not tell them."""
-        count = place.size
-        fold = np.full(count, np.nan)
-        stride = min(_STRIDE, 1 << (count.bit_length() - 1))
-        for i in range(0, count, stride)[::-1]:
-            fold[i] = self.at(float(place[i]))
-        told = np.zeros(count, dtype=bool)  # from an index to the next that is known
-        while stride > 1:
-            half = stride // 2
-            miss = np.full(count, np.inf)
-            for i in range(half, count, stride):
-                near = range(max(i - half - stride, 0) // stride * stride, count, stride)[:4]
-                guess = _through(place[near], fold[near], place[i])
-                fold[i] = guess if told[i - half] else self.at(float(place[i]))
-                miss[i - half] = 0.0 if told[i - half] else _off(guess, fold[i])
-            # The error of a cubic falls by a sixteenth where its stretch is halved.
-            beside = np.maximum(miss, np.maximum(np.roll(miss, stride), np.roll(miss, -stride)))
-            sure = beside[::stride] < _TOLD
-            told[::stride] = sure
-            told[half::stride] = sure[: told[half::stride].size]
-            stride = half
-        return fold
-
-    def scale(self, place: FloatArray) -> FloatArray:
-        """Speeds to which the fold is in a smooth ratio, at places ``ln N`` [m/s]."""
-        load = np.exp(place)
-        if self.is_closed:
-            averaged = np.asarray(boundaries.fold_speed(self.bearing, load))
-            if np.isfinite(averaged).all():
-                return averaged
-        return load
-
-    def at(self, place: float) -> float:
-        """The fold at one place ``ln N`` [m/s]."""
-        scale = float(self.scale(np.array([place]))[0])
-        fold = math.nan
+    def at(self, load: float, averaged: float) -> float:
+        """The fold at a load, given the averaged one [m/s]."""
+        fold, place = math.nan, math.log(load)
+        scale = averaged if 0.0 < averaged < math.inf else load
+        if load < self.none:
+            return fold
         if len(self.known) > 1:
-            load, guess = math.exp(place), scale * math.exp(self._guessed(place))
-            steep = self.is_steep(place)
+            guess, steep = scale * math.exp(self._guessed(place)), self.is_steep(load)
             if not steep:
                 fold = self._polished(load, guess)
             if math.isnan(fold) and (steep or self.in_pieces):
                 fold = fold_near(self.law, self.body, load, guess, ROUGHLY)
         if math.isnan(fold):
-            fold = self._searched(math.exp(place))
+            fold = self._searched(load, averaged)
+            self.none = load if math.isnan(fold) else self.none
         if 0.0 < fold < math.inf:
             self.known[place] = math.log(fold / scale)
         return fold
 
-    def is_steep(self, place: float) -> bool:
+    def is_steep(self, load: float) -> bool:
         """Whether slip grows so fast at breakaway that near grazing orbits part at once."""
-        m, _, k = self.body
         # A law that falls at once has no such growth.
-        return _STEEP * math.sqrt(k * m) < math.exp(place) * self.law[STEEPEST] < math.inf
+        return _STEEP * self.bearing.momentum < load * self.law[STEEPEST] < math.inf
 
     def _guessed(self, place: float) -> float:
         """The logarithm of the ratio by a polynomial through what is known nearest by."""
-        near = sorted(self.known, key=lambda x: abs(x - place))[:6]
-        total = 0.0
-        for x in near:
-            weight = self.known[x]
-            for other in near:
-                if other != x:
-                    weight *= (place - other) / (x - other)
-            total += weight
-        ends = [self.known[x] for x in near[:2]]
+        near = sorted(self.known, key=lambda x: abs(x - place))[:_NEIGHBOURS]
+        known = [self.known[x] for x in near]
         # Far from what is known a polynomial runs away.
-        spread = 2.0 * abs(ends[0] - ends[1]) + 0.02
-        return min(max(total, min(ends) - spread), max(ends) + spread)
+        spread = 2.0 * abs(known[0] - known[1]) + 0.02
+        found = _through(np.array(near), np.array(known), place)
+        return min(max(found, min(known[:2]) - spread), max(known[:2]) + spread)
 
     def _polished(self, load: float, guess: float) -> float:
         """The fold by the secant method from a guess; ``nan`` where that leads to none."""
         law, body = self.law, self.body
         before, after = guess, guess * (1.0 + 1e-5)
         f_before = grazing_margin(law, body, before, load, self.orbit)
+        if abs(f_before) < abs(0.01 * self.rate):
+            after = guess * (1.0 - f_before / self.rate)
         for _ in range(_SECANTS):
             f_after = grazing_margin(law, body, after, load, self.orbit)
             if f_after == f_before:
                 break
-            step = -f_after * (after - before) / (f_after - f_before)
-            if not abs(step) < 0.05 * guess or (f_after - f_before) * (after - before) > 0.0:
+            last, step = after - before, -f_after * (after - before) / (f_after - f_before)
+            if not abs(step) < 0.05 * guess or (f_after - f_before) * last > 0.0:
                 break
+            self.rate = (f_after - f_before) / last * after
             before, f_before, after = after, f_after, after + step
-            # The error after a step is far less than its square.
-            if abs(step) <= math.sqrt(_CONVERGED) * after:
+            # The error after a step is far less than its product with the one before.
+            if abs(step * last) <= _CONVERGED * after * after:
                 return after
         return math.nan
 
-    def _searched(self, load: float) -> float:
+    def _searched(self, load: float, averaged: float) -> float:
         law, jump = self.bearing.friction, self._coulomb(load)
         if not self.in_pieces:
-            averaged = boundaries.fold_speed(self.bearing, load) if self.is_closed else 0.0
             guess = float(np.fmax(averaged, jump))
             if not 0.0 < guess < math.inf:
                 return guess if guess == math.inf else math.nan
@@ -240,18 +223,3 @@ class _Search:
         if lost == 0.0:
             return math.inf if drop > 0.0 else 0.0
         return drop / math.sqrt(lost)
-
-
-def _through(x: FloatArray, y: FloatArray, at: float) -> float:
-    """The polynomial in ``ln y`` through some points, of which none may be missing."""
-    with np.errstate(divide='ignore', invalid='ignore'):
-        logs = np.log(y)
-        weights = [
-            np.prod((at - np.delete(x, i)) / (x[i] - np.delete(x, i))) for i in range(x.size)
-        ]
-        return float(np.exp(weights @ logs))
-
-
-def _off(guess: float, fold: float) -> float:
-    """How far a guess is off, ``inf`` where one of the two is no number."""
-    return abs(guess / fold - 1.0) if 0.0 < fold < math.inf and guess > 0.0 else math.inf

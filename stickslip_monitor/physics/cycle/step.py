@@ -7,19 +7,34 @@ their digits:
 
     e' = drift - z        z' = e + offset - 2 zeta z + N/(m omega V) (mu(reference) - mu)
 
-The coefficients are those of E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential
-Equations I, 2nd edition, Springer, 1993, section II.5 (DOP853).
+The method is DOP853 of E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential
+Equations I, 2nd edition, Springer, 1993, section II.5, with the coefficients that scipy has.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
+from typing import Any, TypeAlias
+
+from scipy.integrate import DOP853
 
 from stickslip_monitor.physics.law_numbers import LawNumbers, friction_drop
 
 # V [m/s], N/(m omega V), 2 zeta, offset, reference speed [m/s], mu there, drift
 Medium: TypeAlias = tuple[float, float, float, float, float, float, float]
+
+
+def _row(coefficients: Any) -> tuple[float, ...]:
+    """The coefficients of a stage that are not 0, in order."""
+    return tuple(a for a in coefficients.tolist() if a != 0.0)
+
+
+_C: tuple[float, ...] = tuple(DOP853.C.tolist())
+_A1, _A2, _A3, _A4, _A5, _A6 = (_row(DOP853.A[i]) for i in range(1, 7))
+_A7, _A8, _A9, _A10, _A11 = (_row(DOP853.A[i]) for i in range(7, 12))
+_B, _E5 = _row(DOP853.B), _row(DOP853.E5)
+# Where the third-order formula differs from the eighth-order one.
+_E3 = _row((DOP853.B - DOP853.E3[:12])[[0, 8, 11]])
 
 
 def acceleration(law: LawNumbers, medium: Medium, e: float, z: float) -> float:
@@ -29,231 +44,76 @@ def acceleration(law: LawNumbers, medium: Medium, e: float, z: float) -> float:
 
 
 def slip_step(
-    law: LawNumbers, medium: Medium, e: float, z0: float, r0: float, h: float
+    law: LawNumbers, medium: Medium, e0: float, z0: float, r0: float, step: float
 ) -> tuple[float, float, float, float]:
     """Displacement, relative speed and its rate after a step, and the step's error.
 
     Args:
         law: The law.
         medium: What the motion takes place in.
-        e: Displacement at its begin.
+        e0: Displacement at its begin.
         z0: Relative speed there.
         r0: The rate of that.
-        h: Length of the step, negative to go back in time.
+        step: Its length, negative to go back in time.
     """
     drift = medium[6]
-    z1 = z0 + h * (0.05260015195876773 * r0)
-    x = e + h * (0.05260015195876773 * drift - (0.05260015195876773 * z0))
+    (a,) = _A1
+    z1 = z0 + step * a * r0
+    x = e0 + step * (_C[1] * drift - a * z0)
     r1 = acceleration(law, medium, x, z1)
-    z2 = z0 + h * (0.0197250569845379 * r0 + 0.0591751709536137 * r1)
-    x = e + h * (0.0789002279381516 * drift - (0.0197250569845379 * z0 + 0.0591751709536137 * z1))
+    a, b = _A2
+    z2 = z0 + step * (a * r0 + b * r1)
+    x = e0 + step * (_C[2] * drift - (a * z0 + b * z1))
     r2 = acceleration(law, medium, x, z2)
-    z3 = z0 + h * (0.02958758547680685 * r0 + 0.08876275643042054 * r2)
-    x = e + h * (
-        0.1183503419072274 * drift - (0.02958758547680685 * z0 + 0.08876275643042054 * z2)
-    )
+    a, b = _A3
+    z3 = z0 + step * (a * r0 + b * r2)
+    x = e0 + step * (_C[3] * drift - (a * z0 + b * z2))
     r3 = acceleration(law, medium, x, z3)
-    z4 = z0 + h * (0.2413651341592667 * r0 - 0.8845494793282861 * r2 + 0.924834003261792 * r3)
-    x = e + h * (
-        0.2816496580927726 * drift
-        - (0.2413651341592667 * z0 - 0.8845494793282861 * z2 + 0.924834003261792 * z3)
-    )
+    a, b, c = _A4
+    z4 = z0 + step * (a * r0 + b * r2 + c * r3)
+    x = e0 + step * (_C[4] * drift - (a * z0 + b * z2 + c * z3))
     r4 = acceleration(law, medium, x, z4)
-    z5 = z0 + h * (0.037037037037037035 * r0 + 0.17082860872947386 * r3 + 0.12546768756682242 * r4)
-    x = e + h * (
-        0.3333333333333333 * drift
-        - (0.037037037037037035 * z0 + 0.17082860872947386 * z3 + 0.12546768756682242 * z4)
-    )
+    a, b, c = _A5
+    z5 = z0 + step * (a * r0 + b * r3 + c * r4)
+    x = e0 + step * (_C[5] * drift - (a * z0 + b * z3 + c * z4))
     r5 = acceleration(law, medium, x, z5)
-    z6 = z0 + h * (
-        0.037109375 * r0 + 0.17025221101954405 * r3 + 0.06021653898045596 * r4 - 0.017578125 * r5
-    )
-    x = e + h * (
-        0.25 * drift
-        - (
-            0.037109375 * z0
-            + 0.17025221101954405 * z3
-            + 0.06021653898045596 * z4
-            - 0.017578125 * z5
-        )
-    )
+    a, b, c, d = _A6
+    z6 = z0 + step * (a * r0 + b * r3 + c * r4 + d * r5)
+    x = e0 + step * (_C[6] * drift - (a * z0 + b * z3 + c * z4 + d * z5))
     r6 = acceleration(law, medium, x, z6)
-    z7 = z0 + h * (
-        0.03709200011850479 * r0
-        + 0.17038392571223998 * r3
-        + 0.10726203044637328 * r4
-        - 0.015319437748624402 * r5
-        + 0.008273789163814023 * r6
-    )
-    x = e + h * (
-        0.3076923076923077 * drift
-        - (
-            0.03709200011850479 * z0
-            + 0.17038392571223998 * z3
-            + 0.10726203044637328 * z4
-            - 0.015319437748624402 * z5
-            + 0.008273789163814023 * z6
-        )
-    )
+    a, b, c, d, e = _A7
+    z7 = z0 + step * (a * r0 + b * r3 + c * r4 + d * r5 + e * r6)
+    x = e0 + step * (_C[7] * drift - (a * z0 + b * z3 + c * z4 + d * z5 + e * z6))
     r7 = acceleration(law, medium, x, z7)
-    z8 = z0 + h * (
-        0.6241109587160757 * r0
-        - 3.3608926294469414 * r3
-        - 0.868219346841726 * r4
-        + 27.59209969944671 * r5
-        + 20.154067550477894 * r6
-        - 43.48988418106996 * r7
-    )
-    x = e + h * (
-        0.6512820512820513 * drift
-        - (
-            0.6241109587160757 * z0
-            - 3.3608926294469414 * z3
-            - 0.868219346841726 * z4
-            + 27.59209969944671 * z5
-            + 20.154067550477894 * z6
-            - 43.48988418106996 * z7
-        )
-    )
+    a, b, c, d, e, f = _A8
+    z8 = z0 + step * (a * r0 + b * r3 + c * r4 + d * r5 + e * r6 + f * r7)
+    x = e0 + step * (_C[8] * drift - (a * z0 + b * z3 + c * z4 + d * z5 + e * z6 + f * z7))
     r8 = acceleration(law, medium, x, z8)
-    z9 = z0 + h * (
-        0.47766253643826434 * r0
-        - 2.4881146199716677 * r3
-        - 0.590290826836843 * r4
-        + 21.230051448181193 * r5
-        + 15.279233632882423 * r6
-        - 33.28821096898486 * r7
-        - 0.020331201708508627 * r8
-    )
-    x = e + h * (
-        0.6 * drift
-        - (
-            0.47766253643826434 * z0
-            - 2.4881146199716677 * z3
-            - 0.590290826836843 * z4
-            + 21.230051448181193 * z5
-            + 15.279233632882423 * z6
-            - 33.28821096898486 * z7
-            - 0.020331201708508627 * z8
-        )
-    )
-    r9 = acceleration(law, medium, x, z9)
-    z10 = z0 + h * (
-        -0.9371424300859873 * r0
-        + 5.186372428844064 * r3
-        + 1.0914373489967295 * r4
-        - 8.149787010746927 * r5
-        - 18.52006565999696 * r6
-        + 22.739487099350505 * r7
-        + 2.4936055526796523 * r8
-        - 3.0467644718982196 * r9
-    )
-    x = e + h * (
-        0.8571428571428571 * drift
-        - (
-            -0.9371424300859873 * z0
-            + 5.186372428844064 * z3
-            + 1.0914373489967295 * z4
-            - 8.149787010746927 * z5
-            - 18.52006565999696 * z6
-            + 22.739487099350505 * z7
-            + 2.4936055526796523 * z8
-            - 3.0467644718982196 * z9
-        )
-    )
-    r10 = acceleration(law, medium, x, z10)
-    z11 = z0 + h * (
-        2.273310147516538 * r0
-        - 10.53449546673725 * r3
-        - 2.0008720582248625 * r4
-        - 17.9589318631188 * r5
-        + 27.94888452941996 * r6
-        - 2.8589982771350235 * r7
-        - 8.87285693353063 * r8
-        + 12.360567175794303 * r9
-        + 0.6433927460157636 * r10
-    )
-    x = e + h * (
-        1.0 * drift
-        - (
-            2.273310147516538 * z0
-            - 10.53449546673725 * z3
-            - 2.0008720582248625 * z4
-            - 17.9589318631188 * z5
-            + 27.94888452941996 * z6
-            - 2.8589982771350235 * z7
-            - 8.87285693353063 * z8
-            + 12.360567175794303 * z9
-            + 0.6433927460157636 * z10
-        )
-    )
-    r11 = acceleration(law, medium, x, z11)
-    after = z0 + h * (
-        0.054293734116568765 * r0
-        + 4.450312892752409 * r5
-        + 1.8915178993145003 * r6
-        - 5.801203960010585 * r7
-        + 0.3111643669578199 * r8
-        - 0.1521609496625161 * r9
-        + 0.20136540080403034 * r10
-        + 0.04471061572777259 * r11
-    )
-    place = e + h * (
-        drift
-        - (
-            0.054293734116568765 * z0
-            + 4.450312892752409 * z5
-            + 1.8915178993145003 * z6
-            - 5.801203960010585 * z7
-            + 0.3111643669578199 * z8
-            - 0.1521609496625161 * z9
-            + 0.20136540080403034 * z10
-            + 0.04471061572777259 * z11
-        )
-    )
-    rate = acceleration(law, medium, place, after)
-    fifth_z = (
-        0.01312004499419488 * r0
-        - 1.2251564463762044 * r5
-        - 0.4957589496572502 * r6
-        + 1.6643771824549864 * r7
-        - 0.35032884874997366 * r8
-        + 0.3341791187130175 * r9
-        + 0.08192320648511571 * r10
-        - 0.022355307863886294 * r11
-    )
-    fifth_e = (
-        0.01312004499419488 * z0
-        - 1.2251564463762044 * z5
-        - 0.4957589496572502 * z6
-        + 1.6643771824549864 * z7
-        - 0.35032884874997366 * z8
-        + 0.3341791187130175 * z9
-        + 0.08192320648511571 * z10
-        - 0.022355307863886294 * z11
-    )
-    third_z = (
-        -0.18980075407240762 * r0
-        + 4.450312892752409 * r5
-        + 1.8915178993145003 * r6
-        - 5.801203960010585 * r7
-        - 0.4226823213237919 * r8
-        - 0.1521609496625161 * r9
-        + 0.20136540080403034 * r10
-        + 0.02265179219836082 * r11
-    )
-    third_e = (
-        -0.18980075407240762 * z0
-        + 4.450312892752409 * z5
-        + 1.8915178993145003 * z6
-        - 5.801203960010585 * z7
-        - 0.4226823213237919 * z8
-        - 0.1521609496625161 * z9
-        + 0.20136540080403034 * z10
-        + 0.02265179219836082 * z11
-    )
-    fifth = max(abs(fifth_z), abs(fifth_e))
-    third = max(abs(third_z), abs(third_e))
+    a, b, c, d, e, f, g = _A9
+    rate = a * r0 + b * r3 + c * r4 + d * r5 + e * r6 + f * r7 + g * r8
+    lag = a * z0 + b * z3 + c * z4 + d * z5 + e * z6 + f * z7 + g * z8
+    z9 = z0 + step * rate
+    r9 = acceleration(law, medium, e0 + step * (_C[9] * drift - lag), z9)
+    a, b, c, d, e, f, g, h = _A10
+    rate = a * r0 + b * r3 + c * r4 + d * r5 + e * r6 + f * r7 + g * r8 + h * r9
+    lag = a * z0 + b * z3 + c * z4 + d * z5 + e * z6 + f * z7 + g * z8 + h * z9
+    z10 = z0 + step * rate
+    r10 = acceleration(law, medium, e0 + step * (_C[10] * drift - lag), z10)
+    a, b, c, d, e, f, g, h, i = _A11
+    rate = a * r0 + b * r3 + c * r4 + d * r5 + e * r6 + f * r7 + g * r8 + h * r9 + i * r10
+    lag = a * z0 + b * z3 + c * z4 + d * z5 + e * z6 + f * z7 + g * z8 + h * z9 + i * z10
+    z11 = z0 + step * rate
+    r11 = acceleration(law, medium, e0 + step * (drift - lag), z11)
+    a, b, c, d, e, f, g, h = _B
+    rate = a * r0 + b * r5 + c * r6 + d * r7 + e * r8 + f * r9 + g * r10 + h * r11
+    lag = a * z0 + b * z5 + c * z6 + d * z7 + e * z8 + f * z9 + g * z10 + h * z11
+    place, after = e0 + step * (drift - lag), z0 + step * rate
+    a, b, c = _E3
+    third = max(abs(rate - (a * r0 + b * r8 + c * r11)), abs(lag - (a * z0 + b * z8 + c * z11)))
+    a, b, c, d, e, f, g, h = _E5
+    rate = a * r0 + b * r5 + c * r6 + d * r7 + e * r8 + f * r9 + g * r10 + h * r11
+    lag = a * z0 + b * z5 + c * z6 + d * z7 + e * z8 + f * z9 + g * z10 + h * z11
+    fifth = max(abs(rate), abs(lag))
     scale = math.hypot(fifth, 0.1 * third)
-    error = abs(h) * fifth * (fifth / scale) if scale > 0.0 else 0.0
-    return place, after, rate, error
+    error = abs(step) * fifth * (fifth / scale) if scale > 0.0 else 0.0
+    return place, after, acceleration(law, medium, place, after), error

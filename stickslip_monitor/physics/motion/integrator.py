@@ -9,6 +9,7 @@ The law is never smoothed: every change of phase is located to rounding.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from typing import Any
@@ -293,8 +294,62 @@ def integrate(
     """
     at = np.atleast_1d(np.asarray(times, dtype=float))
     _check_times(at, drive)
-    run = _Run(bearing, drive, state, at, accuracy, is_compiled(compiled))
-    return run.motion(run.march())
+    use, law = is_compiled(compiled), series_law(bearing.friction)
+    # In the order of the kernel's names.
+    body = [bearing.mass, bearing.damping, bearing.stiffness, bearing.natural_frequency]
+    body += [law.hold, accuracy.tolerance, accuracy.longest]
+    limit = _step_limit(bearing, drive, law, accuracy)
+    phase = _starting_phase(body, drive, state)
+    start = MotionState(state.displacement, state.relative_speed, phase)
+    piece = int(np.searchsorted(law.edges, abs(state.relative_speed), side='right')) - 1
+
+    def numbers(values: Any, kind: type = float) -> Any:
+        """What the inner loops take: an array if compiled, else lists, which are fast then."""
+        array: NDArray[Any] = np.ascontiguousarray(values, dtype=kind)
+        return array if use else array.tolist()
+
+    inputs = [drive.time, drive.speed.ravel(), drive.load.ravel(), body]
+    inputs += [law.exponential, law.edges, law.cubics.ravel()]
+    options = numbers([accuracy.order, limit, _LOG, int(law.is_cubic)], int)
+    now = numbers([state.displacement, state.relative_speed, 0.0, 0.0])
+    where = numbers([0, int(phase), piece, 0, 0, 0, 0, 0], int)
+    out, phases = numbers(np.zeros((4, at.size))), numbers(np.zeros(at.size), np.int8)
+    log, kinds = numbers(np.zeros(_LOG)), numbers(np.zeros(_LOG), np.int8)
+    columns = max(accuracy.order, kernel.STICK_DEGREE) + 2
+    work = numbers(np.zeros((kernel.WORK, columns)))
+    # So short functions cost a third of the time in calls: they are copied into one another.
+    march: Callable[..., int] = kernel.march
+    if use:
+        march = jit.compiled('march', polynomial, kernel)
+    arguments = (*map(numbers, inputs), options, now, where, numbers(at), out, phases)
+    instants: list[FloatArray] = []
+    afters: list[Phases] = [np.array([phase], dtype=np.int8)]
+    status = kernel.EVENTS_FULL
+    while status == kernel.EVENTS_FULL:
+        status = march(*arguments, log, kinds, work)
+        count = int(where[kernel.EVENTS])
+        instants.append(np.array(log[:count], dtype=float))
+        afters.append(np.array(kinds[:count], dtype=np.int8))
+        where[kernel.EVENTS] = 0
+    count, after = int(where[kernel.CURSOR]), np.concatenate(afters)
+    sampled = np.array(out, dtype=float).reshape(4, -1)[:, :count]
+    within = float(now[kernel.TIME]) + float(now[kernel.TIME_REST])
+    last = Phase(int(where[kernel.PHASE]))
+    return Motion(
+        time=at[:count],
+        displacement=sampled[0],
+        velocity=sampled[1],
+        acceleration=sampled[2],
+        relative_speed=sampled[3],
+        phase=np.array(phases[:count], dtype=np.int8),
+        transitions=Transitions(np.concatenate(instants), after[:-1], after[1:]),
+        start=start,
+        final=MotionState(float(now[kernel.X]), float(now[kernel.V]), last),
+        outcome=_OUTCOMES[status],
+        steps=int(where[kernel.STEPS]),
+        expansions=int(where[kernel.EXPANSIONS]),
+        span=(drive.start, float(drive.time[int(where[kernel.PIECE])]) + within),
+    )
 
 
 def is_compiled(compiled: bool | None) -> bool:
@@ -311,12 +366,6 @@ def is_compiled(compiled: bool | None) -> bool:
     return jit.has_compiler() if compiled is None else compiled
 
 
-def _vector(values: Any, compiled: bool, kind: type = float) -> Any:
-    """What the inner loops take for an array: an array if compiled, else lists, which are fast."""
-    array: NDArray[Any] = np.ascontiguousarray(values, dtype=kind)
-    return array if compiled else array.tolist()
-
-
 def _check_times(times: FloatArray, drive: Drive) -> None:
     if times.ndim != 1 or not np.isfinite(times).all() or np.any(np.diff(times) < 0.0):
         raise PhysicsError('times must be one row of finite numbers that do not fall')
@@ -325,27 +374,6 @@ def _check_times(times: FloatArray, drive: Drive) -> None:
             f'times from {times[0]:g} to {times[-1]:g} s must lie within the drive, from'
             f' {drive.start:g} to {drive.end:g} s'
         )
-
-
-def _body(bearing: Bearing, law: SeriesLaw, accuracy: Accuracy) -> list[float]:
-    body = [0.0] * kernel.BODY
-    body[kernel.MASS] = bearing.mass
-    body[kernel.DAMPING] = bearing.damping
-    body[kernel.STIFFNESS] = bearing.stiffness
-    body[kernel.OMEGA] = bearing.natural_frequency
-    body[kernel.HOLD] = law.hold
-    body[kernel.TOLERANCE] = accuracy.tolerance
-    body[kernel.LONGEST] = accuracy.longest
-    return body
-
-
-def _options(bearing: Bearing, drive: Drive, law: SeriesLaw, accuracy: Accuracy) -> list[int]:
-    options = [0] * kernel.OPTIONS
-    options[kernel.ORDER] = accuracy.order
-    options[kernel.STEP_LIMIT] = _step_limit(bearing, drive, law, accuracy)
-    options[kernel.EVENT_LIMIT] = _LOG
-    options[kernel.CUBIC] = int(law.is_cubic)
-    return options
 
 
 def _step_limit(bearing: Bearing, drive: Drive, law: SeriesLaw, accuracy: Accuracy) -> int:
@@ -368,111 +396,3 @@ def _starting_phase(body: list[float], drive: Drive, state: MotionState) -> Phas
     work[kernel.BELT_SPEED][:] = drive.speed[0].tolist()
     work[kernel.LOAD][:] = drive.load[0].tolist()
     return Phase(kernel.phase_at_rest(0, body, work))
-
-
-def _where(law: SeriesLaw, start: MotionState) -> list[int]:
-    where = [0] * kernel.WHERE
-    where[kernel.PHASE] = int(start.phase or 0)
-    piece = np.searchsorted(law.edges, abs(start.relative_speed), side='right') - 1
-    where[kernel.LAW_PIECE] = int(piece)
-    return where
-
-
-class _Run:
-    """One motion, as the arrays that the inner loops work on."""
-
-    def __init__(
-        self,
-        bearing: Bearing,
-        drive: Drive,
-        state: MotionState,
-        times: FloatArray,
-        accuracy: Accuracy,
-        compiled: bool,
-    ) -> None:
-        law = series_law(bearing.friction)
-        body = _body(bearing, law, accuracy)
-        phase = _starting_phase(body, drive, state)
-        self.bearing, self.drive, self.times = bearing, drive, times
-        self.start = MotionState(state.displacement, state.relative_speed, phase)
-        # So short functions cost a third of the time in calls: they are copied into one another.
-        self.function = jit.compiled('march', polynomial, kernel) if compiled else kernel.march
-        self.logs: list[FloatArray] = []
-        self.afters: list[Phases] = []
-
-        def numbers(values: Any, kind: type = float) -> Any:
-            return _vector(values, compiled, kind)
-
-        self.inputs = (
-            numbers(drive.time),
-            numbers(drive.speed.ravel()),
-            numbers(drive.load.ravel()),
-            numbers(body),
-            numbers(law.exponential),
-            numbers(law.edges),
-            numbers(law.cubics.ravel()),
-        )
-        self.options = numbers(_options(bearing, drive, law, accuracy), int)
-        self.state = numbers([state.displacement, state.relative_speed, 0.0, 0.0])
-        self.where = numbers(_where(law, self.start), int)
-        self.sampled = numbers(times)
-        self.out = numbers(np.zeros((4, times.size)))
-        self.phases = numbers(np.zeros(times.size), np.int8)
-        self.log = numbers(np.zeros(_LOG))
-        self.kinds = numbers(np.zeros(_LOG), np.int8)
-        columns = max(accuracy.order, kernel.STICK_DEGREE) + 2
-        self.work = numbers(np.zeros((kernel.WORK, columns)))
-
-    def march(self) -> MotionOutcome:
-        """Run the inner loops, emptying the log of transitions whenever it is full."""
-        status = kernel.EVENTS_FULL
-        while status == kernel.EVENTS_FULL:
-            status = self.function(
-                *self.inputs,
-                self.options,
-                self.state,
-                self.where,
-                self.sampled,
-                self.out,
-                self.phases,
-                self.log,
-                self.kinds,
-                self.work,
-            )
-            count = int(self.where[kernel.EVENTS])
-            self.logs.append(np.array(self.log[:count], dtype=float))
-            self.afters.append(np.array(self.kinds[:count], dtype=np.int8))
-            self.where[kernel.EVENTS] = 0
-        return _OUTCOMES[status]
-
-    def motion(self, outcome: MotionOutcome) -> Motion:
-        """What was found."""
-        count = int(self.where[kernel.CURSOR])
-        out = np.array(self.out, dtype=float).reshape(4, -1)[:, :count]
-        phase = Phase(int(self.where[kernel.PHASE]))
-        final = MotionState(float(self.state[kernel.X]), float(self.state[kernel.V]), phase)
-        return Motion(
-            time=self.times[:count],
-            displacement=out[0],
-            velocity=out[1],
-            acceleration=out[2],
-            relative_speed=out[3],
-            phase=np.array(self.phases[:count], dtype=np.int8),
-            transitions=self._transitions(),
-            start=self.start,
-            final=final,
-            outcome=outcome,
-            steps=int(self.where[kernel.STEPS]),
-            expansions=int(self.where[kernel.EXPANSIONS]),
-            span=(self.drive.start, self._end()),
-        )
-
-    def _end(self) -> float:
-        piece = int(self.where[kernel.PIECE])
-        within = float(self.state[kernel.TIME]) + float(self.state[kernel.TIME_REST])
-        return float(self.drive.time[piece]) + within
-
-    def _transitions(self) -> Transitions:
-        after = np.concatenate(self.afters)
-        before = np.append(np.int8(self.start.phase or 0), after)[: after.size]
-        return Transitions(np.concatenate(self.logs), before, after)

@@ -27,18 +27,14 @@ Rows: TypeAlias = MutableSequence[Vector]
 
 # body: the oscillator and the accuracy asked for
 MASS, DAMPING, STIFFNESS, OMEGA, HOLD, TOLERANCE, LONGEST = range(7)
-BODY = 7
 # law: an exponential, or (CUBIC) cubics; both on the pieces between `edges`
 KINETIC, GAP, DECAY, VISCOUS = range(4)
-LAW = 4
 # state: relative speed, and the time since the piece began in two parts
 X, V, TIME, TIME_REST = range(4)
 # where: what is counted
 PIECE, PHASE, LAW_PIECE, CURSOR, EVENTS, STEPS, EXPANSIONS, STALLED = range(8)
-WHERE = 8
 # options
 ORDER, STEP_LIMIT, EVENT_LIMIT, CUBIC = range(4)
-OPTIONS = 4
 # rows of `work`, each of which holds one series
 XS, VS, FS, MU, AUX, SQUARE, BELT_SPEED, LOAD, SCALED, SCRATCH = range(10)
 WORK = 10

@@ -6,16 +6,17 @@ from __future__ import annotations
 import importlib.util
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
+import mpmath as mp
 import pytest
 
 from stickslip_monitor.commands.accuracy import markdown
 from stickslip_monitor.drawing.canvas import write_csv
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.lab.accuracy import measurement
-from stickslip_monitor.lab.accuracy.cases import BASE, CASES, METHODS
+from stickslip_monitor.lab.accuracy.cases import BASE, CASES
 from stickslip_monitor.lab.accuracy.measurement import (
     Effort,
     Row,
@@ -30,19 +31,24 @@ from stickslip_monitor.lab.accuracy.measurement import (
 DOCS = Path(__file__).parents[3] / 'docs'
 TINY = Effort(budget=0.0, sample=1e-9, fewest=1, most=1)
 
-_spec = importlib.util.spec_from_file_location(
-    'accuracy_reference', Path(__file__).with_name('accuracy_reference.py')
-)
+_PATH = Path(__file__).parents[2] / 'physics' / 'cycle' / 'test_cycles_reference.py'
+_spec = importlib.util.spec_from_file_location(_PATH.stem, _PATH)
 assert _spec is not None
 assert _spec.loader is not None
 taylor = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(taylor)
 
 
-@pytest.mark.parametrize('name', ['38 rpm', '20 rpm', 'viscous', 'eta = 5', 'cubic law'])
+@pytest.mark.parametrize('name', ['38 rpm', '20 rpm', 'eta = 5'])
 def test_stored_references_are_those_of_40_digits(name):
     (case,) = (case for case in CASES if case.name == name)
-    assert case.reference == pytest.approx(float(taylor.reference(case)), rel=3e-16)
+    b, law, speed = case.bearing, case.bearing.friction, mp.mpf(case.speed)
+    omega = mp.sqrt(mp.mpf(b.stiffness) / b.mass)
+    force = mp.mpf(case.load) / (b.mass * omega * speed)
+    zeta = mp.mpf(b.damping) / (2 * b.mass * omega)
+    static, kinetic = (force * mp.mpf(mu) for mu in (law.static, law.kinetic))
+    amplitude, _, _ = taylor.stick_slip(zeta, static, kinetic, mp.mpf(law.decay) * speed)
+    assert case.reference == pytest.approx(float(amplitude * speed / omega), rel=3e-16)
 
 
 class Clocks:
@@ -56,11 +62,6 @@ class Clocks:
         wall, cpu = next(self.steps)
         self.wall += wall
         self.cpu += cpu
-
-
-def timing(steps, effort):
-    clocks = Clocks(steps)
-    return time_call(clocks.call, effort, lambda: clocks.wall, lambda: clocks.cpu)
 
 
 @pytest.mark.parametrize(
@@ -78,9 +79,9 @@ def timing(steps, effort):
 )
 def test_the_median_of_undisturbed_samples_counts(steps, effort, seconds, samples, disturbed):
     clocks = Clocks(steps)
-    found = time_call(clocks.call, effort, lambda: clocks.wall, lambda: clocks.cpu)
-    assert found.seconds == pytest.approx(seconds, rel=1e-6)
-    assert (found.samples in samples, found.disturbed) == (True, disturbed)
+    taken, count, busy = time_call(clocks.call, effort, lambda: clocks.wall, lambda: clocks.cpu)
+    assert taken == pytest.approx(seconds, rel=1e-6)
+    assert (count in samples, busy) == (True, disturbed)
     assert clocks.wall > effort.sample * effort.fewest
 
 
@@ -118,23 +119,12 @@ def test_the_front_is_what_nothing_beats(seconds, errors, front):
     assert pareto(seconds, errors) == front
 
 
-def test_a_measurement_with_no_assertion_on_its_time():
-    (other,) = (method for method in METHODS if method.name == 'Thomsen and Fidlin')
-    rows = [measure(m, case, TINY) for m in (BASE, other) for case in (CASES[0], CASES[-1])]
-    assert [r.outcome for r in rows] == ['cycle', 'cycle', 'refused', 'cycle']
-    assert rows[0].seconds > 0.0
-    assert math.isnan(rows[2].seconds)
-
-
-def test_time_is_shared_among_points(monkeypatch):
-    @dataclass(frozen=True)
-    class Fixed:
-        seconds: float = 8.0
-        samples: int = 3
-        disturbed: bool = False
-
-    monkeypatch.setattr(measurement, 'time_call', lambda *_: Fixed())
-    assert measure(replace(BASE, points=4), CASES[1], TINY).seconds == 2.0
+def test_a_measurement_has_the_time_of_a_point_unless_refused(monkeypatch):
+    monkeypatch.setattr(measurement, 'time_call', lambda *_: (8.0, 3, False))
+    taken = measure(replace(BASE, points=4), CASES[1], TINY)
+    assert (taken.outcome, taken.seconds, taken.samples) == ('cycle', 2.0, 3)
+    refused = measure(replace(BASE, applies=lambda _: False), CASES[1], TINY)
+    assert (refused.outcome, math.isnan(refused.seconds)) == ('refused', True)
 
 
 def test_csv_round_trip_to_the_last_bit(tmp_path):
@@ -164,6 +154,6 @@ def test_the_page_shows_the_stored_measurement():
     page = (DOCS / 'accuracy.md').read_text('utf-8')
     mark = '<!-- lines of: stickslip accuracy --from docs/accuracy.csv --markdown -->\n'
     shown = page.partition(mark)[2].partition('\n\n')[0].splitlines()
-    assert len(shown) > 10
+    assert len(shown) >= 10
     # The page leaves some methods out.
     assert set(shown) <= set(markdown(read_rows(DOCS / 'accuracy.csv')).splitlines())

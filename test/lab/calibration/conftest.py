@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from stickslip_monitor.lab.calibration.dips import BIN_NS, TelemetryBins, VibrationReport
+from stickslip_monitor.lab.calibration.evidence import BIN_NS, TelemetryBins, VibrationReport
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
 

@@ -17,7 +17,7 @@ from stickslip_monitor.lab.calibration.calibrate import (
     calibrate,
     dip_limit,
 )
-from stickslip_monitor.lab.calibration.dips import (
+from stickslip_monitor.lab.calibration.evidence import (
     BIN_NS,
     Dip,
     TelemetryBins,

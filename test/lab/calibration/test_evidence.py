@@ -9,16 +9,12 @@ import numpy as np
 import pytest
 
 from stickslip_monitor.errors import CalibrationError
-from stickslip_monitor.lab.calibration.dips import (
+from stickslip_monitor.lab.calibration.evidence import (
     BIN_NS,
     TelemetryBins,
     VibrationReport,
     course_of,
     cut_dips,
-)
-from stickslip_monitor.lab.calibration.evidence import (
-    level_episodes,
-    level_threshold,
     read_reports,
 )
 
@@ -64,30 +60,6 @@ def test_a_bad_report_is_named(tmp_path: Path, rows: str, words: str) -> None:
     path.write_text(HEAD + rows)
     with pytest.raises(CalibrationError, match=words):
         read_reports(path, ['aft'])
-
-
-def test_a_level_is_cut_where_its_two_modes_part() -> None:
-    random = np.random.default_rng(1)
-    time = np.arange(3000, dtype=np.int64) * 10**8
-    loud = ((time > 50e9) & (time < 90e9)) | ((time > 200e9) & (time < 206e9))
-    level = np.where(loud, 3.0, 0.1) * np.exp(0.2 * random.standard_normal(3000))
-    level[1000] = 3.0  # a single value is no episode
-    threshold = level_threshold('/level', level)
-    assert 0.2 < threshold < 2.0
-    episodes = np.array(level_episodes(time, level, threshold, 5 * BIN_NS)) / 1e9
-    assert episodes == pytest.approx(np.array([[50.1, 90.0], [200.1, 206.0]]), abs=0.11)
-
-
-@pytest.mark.parametrize(
-    ('level', 'words'),
-    [
-        (np.full(100, 0.3), 'never changes'),
-        (np.exp(0.3 * np.random.default_rng(2).standard_normal(5000)), 'has no two modes'),
-    ],
-)
-def test_a_level_that_tells_nothing_is_refused(level: np.ndarray, words: str) -> None:
-    with pytest.raises(CalibrationError, match=f'/level .*{words}|{words}'):
-        level_threshold('/level', level)
 
 
 def test_a_dip_begins_anew_after_rest_a_gap_and_fast_stretches(coast: Coast) -> None:

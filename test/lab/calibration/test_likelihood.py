@@ -10,7 +10,7 @@ import pytest
 
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.lab.calibration.dips import (
+from stickslip_monitor.lab.calibration.evidence import (
     BIN_NS,
     TelemetryBins,
     VibrationReport,

@@ -165,20 +165,6 @@ def test_a_knock_beyond_the_threshold_starts_stick_slip(
     assert 'last_stick' not in kinds
 
 
-def test_a_knock_rings_down_above_the_fold(make_scene: Make) -> None:
-    """At 60 rpm: ``J/(m omega) exp(sigma t)`` with the growth rate sigma < 0."""
-    scene = make_scene(
-        effects=effects([[0, 60]], deviation=0.0, knocks=[[1.0, 1.0]], amplitude={'rate': 5.0}),
-        duration=3.0,
-    )
-    time, values = told(scene)['amplitude']
-    sigma = float(growth(np.array([60 * RPM]))[0])
-    late = time > 1.3
-    since = time[late] - 1.0 - 3.5 * 2.0 * np.pi / OMEGA
-    expected = 1.0 / (MASS * OMEGA) * np.exp(sigma * since)
-    assert np.array(values)[late] == pytest.approx(expected, rel=0.03)
-
-
 def test_the_same_speed_sticks_or_not_by_its_history(make_scene: Make) -> None:
     """36 rpm is bistable: from above it stays quiet, from below it goes on to stick."""
     for start, sticks in ((60.0, False), (15.0, True)):
@@ -189,15 +175,6 @@ def test_the_same_speed_sticks_or_not_by_its_history(make_scene: Make) -> None:
         assert late.any() == sticks
         assert ('first_stick' in events(found, scene)) is sticks
         assert 'last_stick' not in events(found, scene)
-
-
-def test_stick_slip_ends_at_the_exact_fold(make_scene: Make) -> None:
-    """Upwards at 0.5 rpm/s: at 40.718 rpm but for the few cycles that the end takes."""
-    scene = make_scene(effects=effects([[0, 0], [1, 38], [9, 42]], deviation=0.0), duration=10.0)
-    found = told(scene)
-    last = events(found, scene)['last_stick'][-1]
-    assert 38.0 + 0.5 * (last - 1.0) == pytest.approx(40.718, abs=0.12)
-    assert last == pytest.approx(found['stick'][0][-1], abs=1e-9)
 
 
 def test_a_shaft_at_rest_is_no_stick_slip(make_scene: Make) -> None:
@@ -213,16 +190,6 @@ def test_a_shaft_at_rest_is_no_stick_slip(make_scene: Make) -> None:
     kinds = events(found, scene)
     if 'first_stick' in kinds:  # the last cycles before the stop, which is at 5 s
         assert kinds['last_stick'][0] <= 5.0
-
-
-def test_the_wait_before_the_first_turn_is_no_stick_slip(make_scene: Make) -> None:
-    """At rest for 3 s, then to 25 rpm in 1 s: 0.003 m/s, where the shaft turns, at 3.023 s."""
-    scene = make_scene(effects=effects([[3, 0], [4, 25]]), duration=8.0)
-    found = told(scene)
-    (first,) = events(found, scene)['first_stick']
-    assert first > 3.023
-    # The interval of sticking is told as it was, from the scene's start to the breaking away.
-    assert found['stick'][1][0] == pytest.approx(found['stick'][0][0], abs=1e-9)
 
 
 def test_samples_tell_one_motion(make_scene: Make) -> None:
@@ -280,45 +247,6 @@ def test_with_and_without_numba_the_bits_are_the_same(
     plain = told(scene)
     assert len(plain['stick'][1]) > 50
     assert_same(compiled, plain)
-
-
-def test_telemetry_and_the_lining_do_not_feel_each_other(make_scene: Make) -> None:
-    """Random numbers are its own, and only the lining feels a friction that drifts."""
-    noise = {'sensor_noise': {'speed': {'standard_deviation': 0.1, 'unit': 'rpm'}}}
-    alone = effects([[0, 45]], motion={'rate': 50.0})
-    drifts = [*alone, noise, drift('factor', [[0, 1.3]])]
-    listed = {
-        'alone': alone,
-        'both': [*alone, noise],
-        'drifts': drifts,
-        'still': [*alone[:2], noise],
-    }
-    scenes = {name: make_scene(effects=own, duration=5.0) for name, own in listed.items()}
-    motion = {name: told(scenes[name])['displacement'][1] for name in ('alone', 'both', 'drifts')}
-    assert motion['alone'] == motion['both'] != motion['drifts']
-    (first, *others) = (
-        next(iter(simulate(scenes[name]))).signals['/shaft/speed'].value.tolist()
-        for name in ('both', 'drifts', 'still')
-    )
-    assert others == [first] * 2
-
-
-def test_two_bearings_move_each_for_itself(make_scene: Make) -> None:
-    """The one with thrice the load sticks; each draws its own disturbance."""
-    bearings = {'aft': {}, 'fore': {'load': {'topic': '/bearing/fore/load'}}}
-    listed = [
-        {'speed_profile': {'unit': 'rpm', 'points': [[0, 0], [1, 25]]}},
-        {'load_profile': {'unit': 'N', 'points': [[0, 1000.0]], 'bearing': 'aft'}},
-        {'load_profile': {'unit': 'N', 'points': [[0, 300.0]], 'bearing': 'fore'}},
-        {'lining_motion': {'disturbance': {'standard_deviation': 0.001, 'unit': 'kN'}}},
-    ]
-    found: dict[str, list[float]] = {}
-    for block in simulate(make_scene(bearings, effects=listed, duration=8.0)):
-        for column in block.truth:
-            if column.topic.endswith('stick'):
-                found.setdefault(column.topic, []).extend(column.time.tolist())
-    late = {topic: sum(t > 4.0 for t in times) for topic, times in found.items()}
-    assert late == {'/truth/aft/stick': pytest.approx(126, abs=2), '/truth/fore/stick': 0}
 
 
 # Episodes, with a gap of one second allowed.
@@ -457,17 +385,6 @@ def test_the_law_moves_in_steps_of_a_second() -> None:
         assert isinstance(law, Stribeck)
         assert law.kinetic == pytest.approx(2.0 * kinetic)
         assert (law.static, law.decay) == (0.6, 10.0)
-
-
-def test_stick_slip_dies_where_kinetic_friction_has_risen_enough(make_scene: Make) -> None:
-    """At 20 rpm and 1000 N: at mu_k = 0.2003 by the averages; 0.005 a second from 0.18 on."""
-    listed = [
-        *effects([[0, 0], [1, 20]], deviation=0.0),
-        drift('kinetic', [[0, 0.1], [2, 0.18], [10, 0.22]]),
-    ]
-    scene = make_scene(effects=listed, duration=10.0)
-    last = events(told(scene), scene)['last_stick'][-1]
-    assert 0.18 + 0.005 * (last - 2.0) == pytest.approx(0.2003, abs=0.006)
 
 
 def test_a_factor_does_what_the_load_does(make_scene: Make) -> None:

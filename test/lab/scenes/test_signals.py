@@ -22,8 +22,8 @@ from scipy.integrate import quad
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.effects.ship import cos_turns, exp
 from stickslip_monitor.lab.scenes.scene import Scene, simulate
+from stickslip_monitor.lab.scenes.settings import as_believed, drawn
 from stickslip_monitor.lab.scenes.telemetry import Channel, Messages, nominal_load
-from stickslip_monitor.lab.scenes.variation import as_believed, drawn, random_stream
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.physics.friction import Coulomb
 
@@ -131,13 +131,6 @@ def test_turns_are_the_integral_of_the_speed(make_scene: MakeScene) -> None:
     assert shaft.turns('aft', np.array([-5.0]))[0] == pytest.approx(-5.0)
 
 
-def test_load_of_a_journal_that_lifts_off_is_zero(make_scene: MakeScene) -> None:
-    shaft = make_scene(effects=[LIFTS_OFF]).build().shaft
-    time = np.linspace(0.0, 60.0, 61)
-    expected = [max(0.0, 1000.0 - 30.0 * t) for t in time]
-    np.testing.assert_allclose(shaft.load('aft', time), expected, atol=1e-9)
-
-
 def test_bearings_of_one_shaft_share_its_turning(
     make_scene: MakeScene, messages_of: MessagesOf
 ) -> None:
@@ -179,13 +172,6 @@ def test_noise_is_white_and_depends_on_its_seed_alone(
     assert not any(np.any(other[topic].raw == alone[topic].raw) for topic in alone)
     noisy['effects'] = [{'sensor_noise': {'load': NOISE['load']}}]
     assert messages_of(make_scene(**noisy))[LOAD].raw.tolist() == alone[LOAD].raw.tolist()
-
-
-def test_streams_differ_by_name_and_seed() -> None:
-    names = [('a', 'b'), ('a', 'c'), ('ab',), ('a',), ('b', 'a')]
-    first = [random_stream(seed, *n).random() for seed in (1, 2) for n in names]
-    assert len(set(first)) == 2 * len(names)
-    assert random_stream(1, 'a', 'b').random() == first[0]
 
 
 def test_numbers_are_drawn_evenly_and_each_from_its_own_stream() -> None:

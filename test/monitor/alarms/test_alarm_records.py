@@ -98,11 +98,6 @@ def test_the_record(stuck: Annunciator) -> None:
     }
 
 
-def test_what_waits_and_sounds_is_counted(stuck: Annunciator) -> None:
-    record = alarms_record(stuck, [], T0, 0)
-    assert (record['sounding'], record['unacknowledged']) == (True, 1)
-
-
 def test_an_acknowledgement_survives_a_restart(stuck: Annunciator) -> None:
     stuck.act(Action.ACKNOWLEDGE, T0 + 2 * SECOND, 'Ada')
     new = restarted(stuck, 10)
@@ -111,12 +106,6 @@ def test_an_acknowledgement_survives_a_restart(stuck: Annunciator) -> None:
     assert (alarm.state, alarm.by, alarm.text) == ('acknowledged', 'Ada', 'aft: stick_slip')
     assert new.take_event(_event(101, Condition.NORMAL, Condition.STICK_SLIP)) == []
     assert not new.sounding
-
-
-def test_an_unacknowledged_alarm_survives_a_restart(stuck: Annunciator) -> None:
-    new = restarted(stuck, 10)
-    assert new.sounding
-    assert new.flood.lately == 0
 
 
 @pytest.mark.parametrize(

@@ -213,12 +213,6 @@ def test_escalation_alarms_anew_and_easing_never_does(panel: Build) -> None:
     assert len(aft.given) == 4
 
 
-def test_easing_before_anybody_looked_keeps_the_worst_waiting(panel: Build) -> None:
-    aft = panel().at(1).goes('stick_slip').at(2).goes('caution')
-    assert aft.states == {'stick_slip': 'returned_unacknowledged', 'margin_low': 'acknowledged'}
-    assert aft.given == ['stick_slip']
-
-
 def test_a_jump_over_several_rungs_is_one_alarm(panel: Build) -> None:
     aft = panel().at(1).goes('amplitude_limit')
     assert aft.given == ['amplitude_limit']
@@ -254,15 +248,6 @@ def test_latching_waits_for_its_reset(panel: Build) -> None:
     assert aft.states == {'stick_slip': 'latched'}
     assert aft.does('acknowledge') == []
     aft.does('reset')
-    assert aft.states == {}
-
-
-def test_a_reset_forgets_what_was(panel: Build) -> None:
-    aft = panel(alarm__latch=True).at(1).goes('stick_slip')
-    aft.does('acknowledge')
-    aft.at(2).goes('normal').does('reset')
-    aft.does('shelve', 'stick_slip')
-    aft.does('unshelve')
     assert aft.states == {}
 
 
@@ -308,13 +293,6 @@ def test_to_shelve_what_stands_does_not_hide_what_comes(panel: Build) -> None:
     assert aft.given == ['margin_low', 'stick_slip']
 
 
-def test_unshelving_by_hand(panel: Build) -> None:
-    aft = panel().at(1).goes('caution')
-    aft.does('shelve')
-    aft.at(2).goes('normal').does('unshelve')
-    assert aft.states == {}
-
-
 def test_a_shaft_at_rest_suppresses_the_ladder(panel: Build) -> None:
     aft = panel().at(0).turns(0.0)
     aft.at(9.9)
@@ -342,12 +320,6 @@ def test_start_up_is_inhibited(panel: Build) -> None:
     assert (aft.given, aft.state('stick_slip')) == ([], 'suppressed')
     aft.at(72)
     assert aft.given == ['stick_slip']
-
-
-def test_a_start_up_that_is_over_in_time_is_no_alarm(panel: Build) -> None:
-    aft = panel(alarm__startup_inhibit=60.0).at(0).turns(0.0).at(10)
-    aft.turns(20.0).at(12).goes('stick_slip').at(50).goes('normal').at(100)
-    assert (aft.given, aft.states) == ([], {})
 
 
 def test_suppression_takes_no_alarm_that_waits(panel: Build) -> None:
@@ -382,16 +354,6 @@ def test_a_locked_shaft_suppresses_the_inputs_too(panel: Build) -> None:
     assert (aft.given, set(aft.states.values())) == ([], {'suppressed'})
     aft.at(3).does('unsuppress')
     assert aft.states == {'input_lost': 'unacknowledged'}
-
-
-def test_to_lock_the_shaft_under_an_alarm_is_told(panel: Build) -> None:
-    aft = panel().at(1).goes('stick_slip')
-    changes = {change.kind.value: change for change in aft.does('suppress')}
-    assert (changes['stick_slip'].before, changes['stick_slip'].after) == (
-        'unacknowledged',
-        'unacknowledged',
-    )
-    assert {change.by for change in changes.values()} == {'Ada'}
 
 
 def test_out_of_service_until_restored(panel: Build) -> None:
@@ -438,24 +400,6 @@ def test_what_flickers_keeps_its_silence(panel: Build) -> None:
     aft.at(2).goes('normal').at(3).goes('stick_slip')
     assert not aft.alarms.sounding
     assert aft.given == ['stick_slip']
-
-
-def test_running_time_that_steps_back_counts_as_none(panel: Build) -> None:
-    aft = panel().at(100).goes('stick_slip')
-    aft.does('shelve')
-    for second in (50, 0, 699):
-        aft.at(second)
-        assert aft.state('stick_slip') == 'shelved'
-    aft.at(700)
-    assert aft.state('stick_slip') == 'unacknowledged'
-
-
-def test_stamps_that_jump_change_no_life(panel: Build) -> None:
-    aft = panel().at(1).goes('stick_slip')
-    aft.does('acknowledge')
-    aft.log += aft.alarms.advance(2 * SECOND, T0 - 10**18)
-    aft.log += aft.alarms.advance(3 * SECOND, T0 + 10**18)
-    assert aft.state('stick_slip') == 'acknowledged'
 
 
 def test_the_time_between_restarts_of_the_monitor_is_believed(panel: Build) -> None:

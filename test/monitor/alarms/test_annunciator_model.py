@@ -188,7 +188,7 @@ class Life(RuleBasedStateMachine):
         if hasattr(self, 'annunciator'):
             record: dict[str, Any] = alarms_record(self.annunciator, [], self.now, 0)
             assert len(record['alarms']) == len(AlarmKind)
-            assert len(self.annunciator._flood._times) <= 1000
+            assert len(self.annunciator.flood._times) <= 1000
             given = sum(alarm.count for alarm in self.annunciator)
             assert record['flood']['alarms_10min'] <= record['flood']['most_10min'] <= given
 

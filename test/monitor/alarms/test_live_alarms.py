@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one feed of the alarm machine, on time, log and store of the test."""
+"""The alarms of a session, on time, log and store of the test."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ from typing import Any
 
 import pytest
 
-from stickslip_monitor import Monitor, MonitorConfig
+from stickslip_monitor import MonitorConfig
 from stickslip_monitor.errors import AlarmStateError
 from stickslip_monitor.monitor.alarms.annunciator import Action
 from stickslip_monitor.monitor.alarms.causes import AlarmKind
-from stickslip_monitor.monitor.alarms.live_alarms import HEARTBEAT_NS, LiveAlarms
+from stickslip_monitor.monitor.alarms.requests import ActionRequest
+from stickslip_monitor.monitor.session import HEARTBEAT_NS, Moment, Session, Sink
 
 SECOND = 10**9
 T0 = 1_700_000_000 * SECOND
 Configure = Callable[..., MonitorConfig]
 
 
-class Ship:
+class Ship(Sink):
     """Clock, log, store and publisher in one."""
 
     path = 'state.json'
@@ -27,13 +28,15 @@ class Ship:
     def __init__(self, config: MonitorConfig, document: Any = None) -> None:
         self.now_ns, self.document, self.full = 0, document, ''
         self.published: list[dict[str, Any]] = []
+        self.take_alarms = self.published.append  # type: ignore[method-assign]
         self.lines: list[str] = []
         self.info = self.warning = self.error = self.lines.append
-        self.monitor = Monitor(config)
-        self.alarms = LiveAlarms(
-            config, lambda: T0 + self.now_ns, self.published.append, self, store=self
-        )
-        self.alarms.begin()
+        self.session = Session(config, self, self, lambda: T0 + self.now_ns, self)
+        self.session.begin()
+
+    @property
+    def now(self) -> Moment:
+        return Moment(self.now_ns, T0 + self.now_ns)
 
     def read(self) -> Any:
         if isinstance(self.document, str):
@@ -52,16 +55,17 @@ class Ship:
         for _ in range(seconds):
             self.now_ns += SECOND
             for place, value in enumerate((rpm, load)):
-                time_ns = T0 + self.now_ns
-                update = self.monitor.bearings['aft'].update(place, time_ns, value)
-                self.alarms.feed('aft', place, time_ns, update)
-            self.alarms.advance(self.now_ns)
+                self.session.take('aft', place, T0 + self.now_ns, value, self.now)
+            self.session.tick(self.now, self.now_ns)
 
     def drift(self, seconds: int) -> None:
         for _ in range(seconds):
             self.now_ns += SECOND
-            self.alarms.feed_events(self.monitor.advance(T0 + self.now_ns))
-            self.alarms.advance(self.now_ns)
+            self.session.pass_time('aft', T0 + self.now_ns, self.now)
+            self.session.tick(self.now, self.now_ns)
+
+    def does(self, action: Action, kind: AlarmKind | None = None) -> list[Any]:
+        return self.session.act(ActionRequest(action, 'Ada', 'aft' if kind else None, kind))
 
     def states(self) -> dict[str, str]:
         alarms = self.published[-1]['alarms']
@@ -73,12 +77,10 @@ def test_samples_time_and_people_change_the_list_and_the_store(configure: Config
     ship.sail(20.0, 1000.0, 5)  # deep in the stick-slip range
     assert ship.states()['stick_slip'] == 'unacknowledged'
     assert ship.states()['bistable'] == 'acknowledged'
-    assert not ship.lines  # the monitor's own changes are told elsewhere
-    changes = ship.alarms.act(Action.ACKNOWLEDGE, 'Ada', 'aft', AlarmKind.STICK_SLIP)
+    assert not any(' by ' in line for line in ship.lines)  # the monitor's own changes are events
+    changes = ship.does(Action.ACKNOWLEDGE, AlarmKind.STICK_SLIP)
     assert [change.by for change in changes] == ['Ada']
-    assert ship.lines == [
-        'aft/stick_slip: acknowledge by Ada, unacknowledged -> acknowledged',
-    ]
+    assert ship.lines[-1] == 'aft/stick_slip: acknowledge by Ada, unacknowledged -> acknowledged'
     ship.drift(10)  # nothing more is heard: lost, and what stood stands
     assert ship.states()['input_lost'] == 'unacknowledged'
     assert ship.states()['stick_slip'] == 'acknowledged'
@@ -90,10 +92,10 @@ def test_samples_time_and_people_change_the_list_and_the_store(configure: Config
 
 def test_the_list_is_published_once_a_minute_without_any_change(configure: Configure) -> None:
     ship = Ship(configure())
-    ship.alarms.advance(HEARTBEAT_NS - 1)
+    ship.session.tick(ship.now, HEARTBEAT_NS - 1)
     assert len(ship.published) == 1
-    ship.alarms.advance(HEARTBEAT_NS)
-    ship.alarms.advance(HEARTBEAT_NS + 1)
+    ship.session.tick(ship.now, HEARTBEAT_NS)
+    ship.session.tick(ship.now, HEARTBEAT_NS + 1)
     assert [record['changes'] for record in ship.published] == [[], []]
 
 
@@ -104,7 +106,7 @@ def test_a_store_that_fails_is_told_once_for_each_outage(configure: Configure) -
     for full in ('disk full', 'disk full', '', 'disk full'):
         ship.full = full
         for action in (Action.SHELVE, Action.UNSHELVE):
-            ship.alarms.act(action, 'Ada')
+            ship.does(action)
         told.append(sum('not kept' in line for line in ship.lines))
     assert told == [1, 1, 1, 2]
 

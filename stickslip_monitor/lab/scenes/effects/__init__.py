@@ -7,12 +7,12 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.scenes.effects import lining_motion, recorder, sensor, ship
+from stickslip_monitor.lab.scenes.effects import lining_motion, sensors, ship
 from stickslip_monitor.lab.scenes.effects.effect import DECLARED, Effect
 from stickslip_monitor.lab.scenes.settings import Settings, suggestion
 
 # Imported for the effects that they declare.
-_MODULES = (ship, lining_motion, sensor, recorder)
+_MODULES = (ship, lining_motion, sensors)
 STAGES: Mapping[str, tuple[str, ...]] = {
     stage: tuple(name for name, effect in DECLARED.items() if effect.stage == stage)
     for stage in ('shaft', 'turning', 'lining', 'sensing', 'sensor', 'recording', 'file')

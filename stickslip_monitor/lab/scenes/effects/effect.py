@@ -16,10 +16,15 @@ import numpy as np
 from stickslip_monitor.bags.encode import STAMPED_FIELDS
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.lining import FrictionCourse
-from stickslip_monitor.lab.scenes.settings import Settings
-from stickslip_monitor.lab.scenes.shaft import Memory, Sensor, Shaft, TimeBlock
-from stickslip_monitor.lab.scenes.telemetry import Channel, Signal
-from stickslip_monitor.lab.scenes.variation import random_stream
+from stickslip_monitor.lab.scenes.settings import Settings, random_stream
+from stickslip_monitor.lab.scenes.telemetry import (
+    Channel,
+    Memory,
+    Sensor,
+    Shaft,
+    Signal,
+    TimeBlock,
+)
 from stickslip_monitor.monitor.config import LEVEL_UNITS, LOAD_UNITS, BearingConfig
 from stickslip_monitor.monitor.signals import INPUTS
 from stickslip_monitor.physics.oscillator import SPEED_UNITS

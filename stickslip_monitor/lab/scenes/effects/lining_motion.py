@@ -41,10 +41,8 @@ from stickslip_monitor.lab.scenes.lining import (
     with_parameters,
 )
 from stickslip_monitor.lab.scenes.profile import Profile, check_points, read_profile
-from stickslip_monitor.lab.scenes.settings import Settings
-from stickslip_monitor.lab.scenes.shaft import TimeBlock
-from stickslip_monitor.lab.scenes.telemetry import Channel, nominal_load
-from stickslip_monitor.lab.scenes.variation import random_stream
+from stickslip_monitor.lab.scenes.settings import Settings, random_stream
+from stickslip_monitor.lab.scenes.telemetry import Channel, TimeBlock, nominal_load
 from stickslip_monitor.monitor.assessment import margin
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.offline.truth import BOOL, FLOAT64, STRING, Column, event_text, topic

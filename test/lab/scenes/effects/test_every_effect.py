@@ -17,8 +17,8 @@ from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.effects import EFFECTS, STAGES, lining_motion
 from stickslip_monitor.lab.scenes.effects import effect as effect_module
 from stickslip_monitor.lab.scenes.scene import KEYS, Scene, load_scene
+from stickslip_monitor.lab.scenes.settings import random_stream
 from stickslip_monitor.lab.scenes.telemetry import Messages
-from stickslip_monitor.lab.scenes.variation import random_stream
 from stickslip_monitor.monitor.signals import INPUTS
 
 MakeScene = Callable[..., Scene]

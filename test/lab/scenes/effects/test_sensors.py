@@ -131,13 +131,6 @@ def test_quantised_numbers_are_the_nearest_multiples(send: Send) -> None:
     assert (speed - RPM).var() == pytest.approx(0.25**2 / 12.0, rel=1e-2)
 
 
-def test_quantisation_comes_after_the_noise(send: Send) -> None:
-    noise = {'sensor_noise': {'load': {'standard_deviation': 7.0, 'unit': 'N'}}}
-    _, found = send({'quantisation': {'load': {'step': 4, 'unit': 'N'}}}, noise, STEADY)
-    np.testing.assert_allclose(found / 4.0, np.rint(found / 4.0), atol=1e-9)
-    assert found.std() == pytest.approx(math.sqrt(7.0**2 + 4.0**2 / 12.0), rel=0.04)
-
-
 def test_spikes_are_as_many_and_as_large_as_stated(send: Send) -> None:
     spikes = {'spikes': {'load': {'size': 0.3, 'unit': 'kN', 'share': 0.05}}}
     _, found = send(STEADY, spikes)
