@@ -294,19 +294,12 @@ def _draw(path: str, judged: Sequence[JudgedBag], force: bool) -> None:
             ' --bearing where it has several'
         )
     from stickslip_monitor.drawing.canvas import save_figure
-    from stickslip_monitor.drawing.timeline import LiningTruth, Timeline, draw_timeline
+    from stickslip_monitor.drawing.timeline import Timeline, draw_timeline
 
     (bag,) = judged
-    record = bag.record
-    lining = LiningTruth(
-        episodes=record.episodes,
-        margin_ns=record.fold_margin.time_ns,
-        hopf_margin=record.hopf_margin.value,
-        fold_margin=record.fold_margin.value,
-        amplitude_ns=record.amplitude.time_ns,
-        amplitude=record.amplitude.value,
-    )
-    spells = condition_intervals(bag.scan.events, record.start_ns, record.end_ns)
+    spells = condition_intervals(bag.scan.events, bag.truth.start_ns, bag.truth.end_ns)
     title = f'{Path(bag.voyage.scene).name}: {bag.config.name}'
-    save_figure(draw_timeline(Timeline(bag.config, bag.scan, spells, lining, title)), path, force)
+    save_figure(
+        draw_timeline(Timeline(bag.config, bag.scan, spells, bag.truth, title)), path, force
+    )
     say_written(path)

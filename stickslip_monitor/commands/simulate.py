@@ -73,13 +73,8 @@ def write_bag(
 ) -> dict[str, int]:
     """Write a scene's telemetry; the bag appears under its name when it is complete.
 
-    Args:
-        scene: The scene.
-        path: The bag: a rosbag2 folder, or one file if the name ends in ``.mcap``.
-        progress: Told the seconds simulated so far after each block.
-
-    Returns:
-        The messages written, by topic.
+    The path is a rosbag2 folder, or one file if the name ends in ``.mcap``. Progress is told the
+    seconds simulated so far after each block. The messages written are returned by topic.
 
     Raises:
         BagError: The bag exists already or cannot be written.

@@ -70,13 +70,8 @@ def draw_amplitudes(
 ) -> Figure:
     """Draw the branches over a parameter and, below them, the error of averaging.
 
-    Args:
-        sweep: The branches.
-        statement: The published statement.
-        footnote: What they hold for.
-        label: The parameter's name and unit.
-        unit: The unit behind a number, with a space before it; may be empty.
-        scale: How many of the sweep's units that is.
+    The footnote says what they hold for, the label the parameter's name and unit. ``unit`` stands
+    behind a number, with a space before it, and is ``scale`` of the sweep's.
     """
     with style():
         figure = _stated_figure(statement, footnote)

@@ -39,12 +39,7 @@ _CURVE_POINTS, _BEYOND = 400, 1.05
 def draw_friction_fit(
     fit: StribeckFit, footnote: str = '', spread: BoundarySpread | None = None
 ) -> Figure:
-    """Draw the points, the curve with its confidence band, and the outliers.
-
-    Args:
-        fit: The fit.
-        footnote: Said below the axes.
-        spread: Of the boundaries of a bearing to mark.
+    """Draw the points, the curve with its confidence band, the outliers, and boundaries.
 
     Returns:
         A figure that pyplot does not know of; :func:`~.canvas.save_figure` writes it.

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stickslip_monitor.arrays import FloatArray, IntArray
+from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.drawing.canvas import (
     CAUTION_FILL,
     CONDITION_COLOUR,
@@ -35,6 +35,7 @@ from stickslip_monitor.monitor.ladder import Level
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.intervals import ConditionInterval, coarsened
 from stickslip_monitor.offline.outline import Verdicts
+from stickslip_monitor.offline.truth import TruthRecord
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,22 +57,6 @@ _LEFT, _RIGHT, _ABOVE, _BELOW, _BETWEEN = 0.82, 0.28, 0.5, 0.62, 0.27
 _TRUTH = '#333333'
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LiningTruth:
-    """What the lining did.
-
-    When each episode of sticking began and ended [ns], the true margins, shape (n,), and the
-    amplitude, half the peak to peak of the displacement, shape (m,) [m]; n and m may be 0.
-    """
-
-    episodes: Sequence[tuple[int, int]]
-    margin_ns: IntArray
-    hopf_margin: FloatArray
-    fold_margin: FloatArray
-    amplitude_ns: IntArray
-    amplitude: FloatArray
-
-
 @dataclass(frozen=True, slots=True)
 class Timeline:
     """What a timeline shows of one bearing.
@@ -87,7 +72,7 @@ class Timeline:
     config: BearingConfig
     scan: Verdicts
     spells: Sequence[ConditionInterval]
-    lining: LiningTruth | None = None
+    lining: TruthRecord | None = None
     title: str = ''
 
     @property
@@ -235,11 +220,10 @@ def _margins(axes: Axes, lines: _Lines) -> None:
         ('hopf_margin', HOPF, '-', REGIME_COLOUR[Regime.UNSTABLE], 'Hopf'),
         ('fold_margin', FOLD, DASHES, REGIME_COLOUR[Regime.BISTABLE], 'fold'),
     ):
-        if lines.lining is not None and lines.lining.margin_ns.size:
-            when, true = lines.at(lines.lining.margin_ns), getattr(lines.lining, name)
-            axes.plot(
-                when, 100.0 * _finite(true), color=wide, alpha=0.4, lw=4.0, label=f'{word}, true'
-            )
+        if lines.lining is not None and lines.lining.fold_margin.time_ns.size:
+            told = getattr(lines.lining, name)
+            when, true = lines.at(told.time_ns), 100.0 * _finite(told.value)
+            axes.plot(when, true, color=wide, alpha=0.4, lw=4.0, label=f'{word}, true')
         time, margin = lines.line(name)
         axes.plot(time, margin, color=colour, lw=1.4, zorder=4, ls=dashes, label=f'{word} margin')
         highest = max(highest, float(np.nanmax(margin, initial=-np.inf)))
@@ -271,8 +255,8 @@ def _amplitude(axes: Axes, lines: _Lines) -> None:
     limit = lines.config.alarm.amplitude_limit * 1e3
     greatest = max(float(np.nanmax(line, initial=0.0)) for line in (possible, predicted))
     if lines.lining is not None:
-        true = 1e3 * lines.lining.amplitude
-        when = lines.at(lines.lining.amplitude_ns)
+        true = 1e3 * lines.lining.amplitude.value
+        when = lines.at(lines.lining.amplitude.time_ns)
         axes.plot(when, true, color=_TRUTH, lw=1.2, label='true', zorder=5)
         greatest = max(greatest, float(np.nanmax(true, initial=0.01)))
     if np.isfinite(limit) and limit < 3.0 * greatest:

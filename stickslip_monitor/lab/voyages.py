@@ -29,7 +29,6 @@ from stickslip_monitor.lab.warning_quality import (
     Interval,
     Quality,
     Said,
-    Truth,
     given_of,
     merged,
     quality_of,
@@ -44,6 +43,7 @@ from stickslip_monitor.offline.intervals import condition_intervals
 from stickslip_monitor.offline.processes import run_in_processes
 from stickslip_monitor.offline.truth import (
     Column,
+    TruthNumbers,
     TruthRecord,
     episodes_of,
     has_truth,
@@ -110,7 +110,7 @@ def judge(call: Call) -> list[Voyage]:
         SceneError: The scene breaks a rule, or says nothing about the truth.
     """
     found: list[Voyage] = []
-    truths: dict[str, Truth] = {}
+    truths: dict[str, TruthRecord] = {}
     for sensors in call.sensors:
         scene = load_scene(call.scene, call.seed, sensors)
         try:
@@ -152,7 +152,7 @@ def cases_of(scene: Scene) -> Iterator[Sailed]:
 
 
 def _case(
-    scene: Scene, config: BearingConfig, messages: Mapping[str, Messages], truth: Truth
+    scene: Scene, config: BearingConfig, messages: Mapping[str, Messages], truth: TruthRecord
 ) -> Sailed:
     sent = None if config.level is None or config.level.topic not in messages else config.level
     believed = as_believed(replace(config, level=sent), scene.parameter_error, scene.seed)
@@ -166,7 +166,7 @@ class Sailed:
     config: BearingConfig  # what the monitor believes
     stream: Stream  # the samples
     arrival_ns: IntArray  # when the recorder got each [ns]
-    truth: Truth  # the truth
+    truth: TruthRecord  # the truth
     plain: bool  # whether what happens shows in speed and load, and does so once
 
     def rules(self, recorded: Scan | None = None) -> dict[str, Quality]:
@@ -205,8 +205,7 @@ class JudgedBag:
     config: BearingConfig  # the bearing
     scan: Scan  # the verdicts, on the recorder's clock
     said: Said  # what they come to
-    truth: Truth  # what they are judged by
-    record: TruthRecord  # the whole truth
+    truth: TruthRecord  # what they are judged by
 
 
 def judge_bag(path: str | Path, config: MonitorConfig) -> list[JudgedBag]:
@@ -218,16 +217,12 @@ def judge_bag(path: str | Path, config: MonitorConfig) -> list[JudgedBag]:
     whole = scan_whole(path, config)
     found = []
     for own in [b for b in config.bearings if has_truth(whole.bag, b.name)] or config.bearings[:1]:
-        record = read_truth(whole.bag, own.name)
-        margin = record.fold_margin
-        truth = Truth(
-            record.start_ns, record.end_ns, record.episodes, margin.time_ns, margin.value
-        )
+        truth = read_truth(whole.bag, own.name)
         scan, sent = scan_on_recorder_clock(whole, own), whole.bearings[own.name]
         # A recording does not say whether all that happened in it shows in speed and load.
         rules = Sailed(own, sent.stream, sent.arrival_ns, truth, plain=False).rules(scan)
         voyage = Voyage(str(path), None, None, own.name, rules)
-        found.append(JudgedBag(voyage, own, scan, said_by(scan, truth), truth, record))
+        found.append(JudgedBag(voyage, own, scan, said_by(scan, truth), truth))
     return found
 
 
@@ -279,7 +274,7 @@ def _stream(config: BearingConfig, messages: Mapping[str, Messages]) -> tuple[St
     return Stream(stamp[order], inputs[order], value[order]), arrival[order]
 
 
-def _truth(scene: Scene, bearing: str, columns: Mapping[str, Sequence[Column]]) -> Truth:
+def _truth(scene: Scene, bearing: str, columns: Mapping[str, Sequence[Column]]) -> TruthRecord:
     """The truth about a bearing.
 
     Raises:
@@ -300,12 +295,14 @@ def _truth(scene: Scene, bearing: str, columns: Mapping[str, Sequence[Column]]) 
             f' fold margin falls to {fold.min():.3g}'
         )
     end_ns = scene.start_ns + round(scene.duration * 1e9)
-    return Truth(
+    time_ns = np.concatenate([own.stamps(scene.start_ns) for own in margins])
+    return TruthRecord(
         start_ns=scene.start_ns,
         end_ns=end_ns,
         episodes=tuple(episodes_of(_events(events or ()), end_ns)),
-        time_ns=np.concatenate([own.stamps(scene.start_ns) for own in margins]),
-        fold_margin=fold,
+        hopf_margin=TruthNumbers(time_ns, column('hopf_margin')),
+        fold_margin=TruthNumbers(time_ns, fold),
+        amplitude=TruthNumbers(time_ns[:0], fold[:0]),
     )
 
 
@@ -315,7 +312,7 @@ def _events(columns: Iterable[Column]) -> Iterator[tuple[str, int]]:
         yield event['event'], event['time']
 
 
-def said_by(scan: Scan, truth: Truth) -> Said:
+def said_by(scan: Scan, truth: TruthRecord) -> Said:
     """What the monitor's conditions say; while an input is lost what stood before it goes on."""
     warned: list[Interval] = []
     alarmed: list[Interval] = []

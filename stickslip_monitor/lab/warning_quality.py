@@ -25,7 +25,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
+from stickslip_monitor.arrays import BoolArray, IntArray
+from stickslip_monitor.offline.truth import TruthRecord
 
 Interval = tuple[int, int]
 Intervals = Sequence[Interval]
@@ -84,21 +85,6 @@ def while_true(time_ns: IntArray, state: BoolArray, end_ns: int) -> list[Interva
     return merged(zip(ends[::2].tolist(), ends[1::2].tolist(), strict=True))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Truth:
-    """What the lining of one bearing did."""
-
-    start_ns: int  # from when on it is known [ns]
-    end_ns: int  # until when [ns]
-    # First and last instant of sticking of each episode of stick-slip; one that was still going on
-    # ends with the truth.
-    episodes: Intervals
-    time_ns: IntArray  # when the margin was taken, shape (n,), rising [ns]
-    # True fold margin, of the operating point without noise and of the friction there really was,
-    # shape (n,).
-    fold_margin: FloatArray
-
-
 @dataclass(frozen=True, slots=True)
 class Said:
     """What a rule said over a voyage."""
@@ -120,13 +106,13 @@ class Episode:
     alarm_lead: float | None
 
 
-def announced(said: Said, truth: Truth) -> list[Episode]:
+def announced(said: Said, truth: TruthRecord) -> list[Episode]:
     """The episodes within the time of the truth, with their leads."""
     warned, alarmed, episodes = _within(truth, said.warned, said.alarmed, truth.episodes)
     return [Episode(*e, _lead(e, warned), _lead(e, alarmed)) for e in episodes]
 
 
-def _within(truth: Truth, *sets: Intervals) -> list[list[Interval]]:
+def _within(truth: TruthRecord, *sets: Intervals) -> list[list[Interval]]:
     return [intersection(merged(s), [(truth.start_ns, truth.end_ns)]) for s in sets]
 
 
@@ -138,7 +124,7 @@ def _lead(episode: Interval, stretches: Intervals) -> float | None:
     return None
 
 
-def false_alarms(said: Said, truth: Truth) -> list[Interval]:
+def false_alarms(said: Said, truth: TruthRecord) -> list[Interval]:
     """The stick-slip alarms without an episode within 60 s."""
     alarmed, episodes = _within(truth, said.alarmed, truth.episodes)
     near = _near(episodes)
@@ -276,20 +262,15 @@ def written(name: str, value: float | None) -> str:
     return '' if value is None else format(value, FIGURES[name][1])
 
 
-def quality_of(said: Said, truth: Truth, plain: bool) -> Quality:
-    """Judge one rule over one voyage.
-
-    Args:
-        said: What the rule said, within the time of the truth.
-        truth: What the lining did, and the true margin.
-        plain: Whether the voyage is one without knocks, wear and waves.
-    """
+def quality_of(said: Said, truth: TruthRecord, plain: bool) -> Quality:
+    """Judge one rule over one voyage, which is plain without knocks, wear and waves."""
     warned, alarmed, episodes = _within(truth, said.warned, said.alarmed, truth.episodes)
     found = announced(said, truth)
     leads = tuple(e.lead for e in found if e.lead is not None)
     alarm_leads = tuple(e.alarm_lead for e in found if e.alarm_lead is not None)
     both = seconds(intersection(alarmed, episodes))
-    far = while_true(truth.time_ns, truth.fold_margin >= FAR, truth.end_ns)
+    margin = truth.fold_margin
+    far = while_true(margin.time_ns, margin.value >= FAR, truth.end_ns)
     bouts = _bouts(episodes)
     return Quality(
         seconds=(truth.end_ns - truth.start_ns) / 1e9,

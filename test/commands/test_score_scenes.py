@@ -99,12 +99,6 @@ def test_a_table_is_printed(scene: str, capsys: pytest.CaptureFixture[str]) -> N
         assert words in out
 
 
-def test_a_missed_episode_gives_code_1(tmp_path: Path) -> None:
-    """A monitor that is told of twice the damping and half the decay."""
-    scene = write(tmp_path / 'told.yaml', parameter_error={'damping': 0.9, 'friction.decay': 0.9})
-    assert main(['score', scene, '--seeds', '8', '--jobs', '1']) == 1
-
-
 def test_two_publishers_are_told(tmp_path: Path) -> None:
     path = write(tmp_path / 'two.yaml')
     document = yaml.safe_load(Path(path).read_text('utf-8'))

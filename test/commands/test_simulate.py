@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import errno
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -18,9 +17,6 @@ from rosbags.typesys import Stores, get_typestore
 
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
-from stickslip_monitor.commands.simulate import write_bag
-from stickslip_monitor.errors import BagError
-from stickslip_monitor.lab.scenes.scene import load_scene
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 CONFIG = """
@@ -199,10 +195,3 @@ def test_path_that_is_too_long_is_named(
         assert f"'{name}'" in error
         assert os.strerror(errno.ENAMETOOLONG) in error
         assert error.count('\n') == 1
-
-
-def test_folder_that_cannot_be_made_is_named(tmp_path: Path, scene: str) -> None:
-    file = re.escape(str(tmp_path / 'scene.yaml'))
-    text = rf"bag '{file}/bag' cannot be written: '{file}' is a file, not a folder"
-    with pytest.raises(BagError, match=text):
-        write_bag(load_scene(scene), tmp_path / 'scene.yaml' / 'bag')

@@ -13,12 +13,13 @@ import pytest
 
 from stickslip_monitor import Monitor, Stream
 from stickslip_monitor.drawing.canvas import CONDITION_COLOUR, FOLD
-from stickslip_monitor.drawing.timeline import LiningTruth, Timeline, draw_timeline, marked_events
+from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.intervals import condition_intervals
+from stickslip_monitor.offline.truth import TruthNumbers, TruthRecord
 
 pytest.importorskip('matplotlib')
 CONFIG = load_config(Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml')
@@ -154,9 +155,9 @@ def test_astern_is_drawn_by_its_size_and_as_what_it_is() -> None:
 def test_what_the_lining_did_stands_beside_what_was_said() -> None:
     course = timeline([60.0] * 20 + [20.0] * 20, start=0)
     when = np.arange(40) * 10**9
-    lining = LiningTruth(
-        [(25 * 10**9, 39 * 10**9)], when, when * 1e-11, when * 2e-11, when, np.full(40, 5e-4)
-    )
+    numbers = (when * 1e-11, when * 2e-11, np.full(40, 5e-4))
+    episodes = ((25 * 10**9, 39 * 10**9),)
+    lining = TruthRecord(0, 39 * 10**9, episodes, *(TruthNumbers(when, own) for own in numbers))
     found = panels(draw_timeline(replace(course, lining=lining)))
     assert legend_of(found['speed'])[0] == 'lining sticks'
     lines = {line.get_label(): np.array(line.get_data()) for line in found['margin'].lines}

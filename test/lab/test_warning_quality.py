@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from stickslip_monitor.lab.voyages import said_by
 from stickslip_monitor.lab.warning_quality import (
@@ -17,7 +18,6 @@ from stickslip_monitor.lab.warning_quality import (
     Interval,
     Quality,
     Said,
-    Truth,
     announced,
     false_alarms,
     given_of,
@@ -31,7 +31,9 @@ from stickslip_monitor.lab.warning_quality import (
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.verdict import Event
+from stickslip_monitor.offline.truth import TruthNumbers, TruthRecord
 
+Array = NDArray[np.float64]
 HOUR = 3600
 Spans = Sequence[tuple[float, float]]
 
@@ -40,12 +42,18 @@ def ns(spans: Spans) -> tuple[tuple[int, int], ...]:
     return tuple((round(start * 1e9), round(end * 1e9)) for start, end in spans)
 
 
-def truth(episodes: Spans, margin: Sequence[float] = ()) -> Truth:
-    """An hour; margins of both boundaries once a second, 0.2 where none are given."""
+def record(span: tuple[int, int], episodes: Spans, margin: Array) -> TruthRecord:
+    """The truth over some seconds, with a fold margin once a second from their begin."""
+    time = (span[0] + np.arange(margin.size)) * 10**9
+    none, known = TruthNumbers(time[:0], margin[:0]), TruthNumbers(time, margin)
+    return TruthRecord(span[0] * 10**9, span[1] * 10**9, ns(episodes), none, known, none)
+
+
+def truth(episodes: Spans, margin: Sequence[float] = ()) -> TruthRecord:
+    """An hour, with a margin of 0.2 where none is given."""
     values = np.full(HOUR + 1, 0.2)
     values[: len(margin)] = margin
-    time = np.arange(HOUR + 1) * 10**9
-    return Truth(0, HOUR * 10**9, ns(episodes), time, values)
+    return record((0, HOUR), episodes, values)
 
 
 def said(
@@ -207,9 +215,7 @@ def test_an_episode_from_50_to_60_s(
 def test_only_the_time_of_the_truth_is_judged() -> None:
     """From 30 to 70 s: an episode that goes on ends there; what was said before counts from 30."""
     said = Said(ns([(10, 90)]), ns([(10, 20), (80, 90)]), [], [], 0)
-    margin = np.full(2, 0.2)
-    time = np.array([30, 31]) * 10**9
-    known = Truth(30 * 10**9, 70 * 10**9, ns([(5, 8), (60, 99)]), time, margin)
+    known = record((30, 70), [(5, 8), (60, 99)], np.full(2, 0.2))
     assert announced(said, known) == [Episode(60 * 10**9, 70 * 10**9, 30.0, None)]
     quality = quality_of(said, known, True)
     assert (quality.seconds, quality.false, quality.unalarmed) == (40.0, 0, 10.0)

@@ -261,7 +261,7 @@ def calibrate(
         floor: Relative error of a boundary that no evidence takes away.
         forget: Standard deviation that ``ln N0`` is given anew before each dip: the bearing wears.
         seed: Of the points drawn.
-        progress: Called with the work done and the work to do at the most.
+        progress: Told the work done and the work to do at the most.
         known: Fingerprint, begin and end [ns] of the dips that the prior rests on.
 
     Raises:

@@ -77,15 +77,11 @@ class VibrationReport:
 
 
 def read_reports(path: str | Path, bearings: Sequence[str]) -> list[VibrationReport]:
-    """Read an operator's reports.
+    """Read an operator's reports on some bearings.
 
     Cells are separated by comma, semicolon or tab; blank lines and lines that start with ``#``
     are skipped. The first other line has the headings ``bearing, start, end, state`` and, as one
     likes, ``tolerance [s]`` and ``trust``. Times are ISO 8601 with a zone.
-
-    Args:
-        path: The file.
-        bearings: The bearings that there are.
 
     Raises:
         CalibrationError: A line breaks a rule; the text names file, line, value and rule.
@@ -240,14 +236,7 @@ class Dip:
 
 
 def course_of(name: str, time_ns: IntArray, speed: FloatArray, load: FloatArray) -> TelemetryBins:
-    """Averages over bins of a second.
-
-    Args:
-        name: The recording.
-        time_ns: Not falling, shape (n,) [ns].
-        speed: Surface speed, shape (n,) [m/s].
-        load: Shape (n,) [N].
-    """
+    """Averages over bins of a second; times do not fall [ns], shapes are (n,) [m/s, N]."""
     bins, inverse = np.unique(time_ns // BIN_NS, return_inverse=True)
     count = np.bincount(inverse)
     size = np.abs(speed)
@@ -339,18 +328,10 @@ def path_of(
     span: tuple[int, int],
     viscous: float = 0.0,
 ) -> FloatArray:
-    """A dip as the likelihood takes it.
+    """A dip as the likelihood takes it, shape (bins, 8), up to the last report.
 
-    Args:
-        time_ns: Middles of bins, strictly rising, shape (bins,) [ns].
-        speed: Shape (bins,) [m/s], above 0.
-        load: Shape (bins,) [N], above 0.
-        reports: In order of time.
-        span: Begin and end of the dip [ns].
-        viscous: ``nu/c`` [1/N].
-
-    Returns:
-        Shape (bins, 8); bins after the last report are left out.
+    Time, the middles of bins [ns], speed [m/s] and load [N] are of shape (bins,), above 0 and
+    rising in time; the span is the dip's [ns], ``viscous`` is ``nu/c`` [1/N].
     """
     path = np.zeros((time_ns.size, 8))
     path[1:, H] = np.diff(time_ns) / 1e9
@@ -380,15 +361,10 @@ def load_of(path: FloatArray, viscous: float = 0.0) -> FloatArray:
 
 
 def chance(reports: Sequence[VibrationReport], k: int, seconds: float) -> float:
-    """The probability with which a worthless report would have read just this.
+    """The probability with which a worthless report ``k`` would have read just this.
 
-    A wrong squeal could have begun, and ended, at any time of the dip, so that it meets a report
-    of quiet only by chance. An end at which no quiet is reported tells nothing of that.
-
-    Args:
-        reports: Those of the dip, in order of time.
-        k: Which of them.
-        seconds: Length of the dip [s].
+    A wrong squeal could have begun, and ended, at any of the dip's seconds, so that it meets a
+    report of quiet only by chance. An end at which no quiet is reported tells nothing of that.
     """
     report = reports[k]
     if not report.squeal:

@@ -132,9 +132,7 @@ class Posterior:
     def draws(self, count: int = _DRAWS, before: int | None = None) -> FloatArray:
         """Equally probable points, taken systematically along ``ln N0``, shape (count, 7).
 
-        Args:
-            count: How many.
-            before: How many dips count; all by default.
+        Only the dips ``before`` a place count, where it is given.
         """
         weight = self.weight if before is None else self.weight_before(before)
         order = np.argsort(self.theta[:, 1])
@@ -146,13 +144,9 @@ class Posterior:
 def sample_posterior(
     prior: Prior, paths: Sequence[FloatArray], seed: int = SEED, progress: Progress | None = None
 ) -> Posterior:
-    """Sample what the dips leave of a prior.
+    """Sample what the dips, each of shape (bins, 8), leave of a prior.
 
-    Args:
-        prior: The prior.
-        paths: The dips, each of shape (bins, 8).
-        seed: Of the points.
-        progress: Called with the dips done and the dips to do at the most.
+    Progress is told the dips done and the dips to do at the most.
 
     Raises:
         CalibrationError: The points do not settle on a posterior.

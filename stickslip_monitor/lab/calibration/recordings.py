@@ -131,13 +131,7 @@ class EvidenceSource:
 def measured_reports(
     config: BearingConfig, scan: Scan, source: str
 ) -> tuple[VibrationReport, ...]:
-    """What the configured level said; nothing where it was not known.
-
-    Args:
-        config: The bearing.
-        scan: The verdicts on a recording.
-        source: Where the reports come from.
-    """
+    """What the configured level said in a recording; nothing where it was not known."""
     state, time = scan.measured, scan.time_ns
     if state is None or not time.size:
         return ()
@@ -187,12 +181,7 @@ def learned(
 ) -> list[str]:
     """What the recordings teach of a bearing, a sentence each.
 
-    Args:
-        config: The bearing.
-        source: Who tells when it vibrated.
-        found: What each recording tells, or why it tells nothing.
-        command: What would calibrate it.
-        progress: Told the work done and the work to do at the most.
+    Each has told what it knows, or why it tells nothing; the command is what would calibrate it.
     """
     known = [one for one in found if isinstance(one, Evidence)]
     try:

@@ -41,15 +41,7 @@ def to_document(
     created: str,
     version: str,
 ) -> dict[str, Any]:
-    """The calibration as the documented JSON object.
-
-    Args:
-        config: The bearing.
-        found: The calibration.
-        earlier: The object that it was added to.
-        created: When, ISO 8601.
-        version: Of the package.
-    """
+    """The calibration as the documented JSON object, added to an earlier one if any."""
     posterior, past = found.posterior, earlier or {}
     low, high = found.loads
     before = past.get('loads', (low, high))
@@ -109,10 +101,7 @@ def _dip(one: DipResult) -> dict[str, Any]:
 def prior_from(path: str, document: Mapping[str, Any], own: Prior) -> Prior:
     """The posterior of an earlier calibration as a prior.
 
-    Args:
-        path: The file, for a sentence.
-        document: The earlier result.
-        own: The prior of the configuration, for what the earlier one did not infer yet.
+    What the earlier one did not infer yet is that of the bearing's own.
 
     Raises:
         CalibrationError: The object is damaged.
@@ -156,15 +145,10 @@ def known_dips(document: Mapping[str, Any], dips: Sequence[Dip]) -> list[tuple[s
 
 
 def prior_with_bench(prior: Prior, path: str, document: Mapping[str, Any]) -> Prior:
-    """The prior with the law that was fitted on a test bench.
-
-    Args:
-        prior: That of the configuration; its damping stays.
-        path: The file of the fit, for a sentence.
-        document: What ``stickslip fit --json`` printed.
+    """A prior with the law of ``stickslip fit --json``; the damping stays.
 
     Raises:
-        CalibrationError: The object is none.
+        CalibrationError: The document is none of these.
     """
     try:
         if document['schema'] != 'stickslip_monitor/fit/1':

@@ -163,13 +163,8 @@ class StribeckFit(Solution):
 def fit_stribeck(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit:
     """Fit the Stribeck law to a measured curve.
 
-    Args:
-        curve: The curve.
-        viscous: Whether the law has a viscous slope; ``'auto'`` where the F-test wants it. With
-            ``'yes'`` a slope that is negative by chance is held at 0.
-
-    Returns:
-        The law with its uncertainty.
+    It has a viscous slope with ``'yes'``, where one that is negative by chance is held at 0, and
+    with ``'auto'`` where the F-test wants it.
 
     Raises:
         FitError: The curve cannot identify the law.

@@ -274,14 +274,9 @@ def descend(
     root: FloatArray | float,
     loss: Any = 'linear',
 ) -> FloatArray:
-    """The values that fit best from a start on.
+    """The values that fit best, from a start of the form of :attr:`Solution.values` on.
 
-    Args:
-        curve: The points.
-        model: What is free.
-        values: The start, as :attr:`Solution.values`.
-        root: Factor of each residual by its std, such as to make it of the order of 1.
-        loss: What of it is minimised, as scipy names it.
+    ``root`` times a residual by its std is of the order of 1; scipy knows the loss by its name.
     """
     free, rows, slowest = model.free, root / curve.std, curve.speed.min()
 

@@ -57,15 +57,8 @@ def boundary_spread(
 
     Laws are drawn from the multivariate t distribution of (mu_s, mu_k, ln beta, nu) with the fit's
     covariance and degrees of freedom. ``V_H = d/beta`` with ``d = ln(Delta beta/(c/N + nu))``, and
-    ``V_F`` follows from the same ``d``.
-
-    Args:
-        fit: The fit.
-        damping: ``c`` > 0 of the bearing [N s/m].
-        load: ``N`` > 0 [N].
-        speed: Surface speed > 0 for the margins [m/s].
-        draws: Number of laws drawn.
-        seed: Of the random generator; the same seed gives the same answer.
+    ``V_F`` follows from the same ``d``; damping ``c`` [N s/m] and load ``N`` [N] are above 0. A
+    surface speed > 0 [m/s] has margins, too.
 
     Raises:
         PhysicsError: A quantity breaks its rule.

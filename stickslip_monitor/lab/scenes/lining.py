@@ -32,7 +32,6 @@ from stickslip_monitor.physics.motion.integrator import (
     Phase,
     integrate,
 )
-from stickslip_monitor.physics.oscillator import Bearing
 
 FACTOR = 'factor'
 # Of the parameters of all laws, those that a common factor multiplies.
@@ -203,7 +202,7 @@ class Regular:
 class AmplitudeWindows:
     """The amplitude of a motion in a short window before each instant ``k / rate``, ``k > 0``.
 
-    Rates above :meth:`highest_rate` [Hz] would let windows overlap; period and duration are in s.
+    Windows of :data:`PERIODS` must not overlap; period and duration are in s.
     """
 
     def __init__(self, rate: float, period: float, duration: float) -> None:
@@ -212,11 +211,6 @@ class AmplitudeWindows:
         self._next = _STEPS + 1  # the window before the scene's start is not there
         self._step = PERIODS * period / _STEPS
         self._kept = np.empty((2, 0))
-
-    @staticmethod
-    def highest_rate(period: float) -> float:
-        """Rate at which windows would touch [Hz]."""
-        return 1.0 / (PERIODS * period)
 
     def until(self, end: float) -> FloatArray:
         """The next instants to look at, up to and with ``end`` [s]."""
@@ -279,14 +273,6 @@ _PER_PERIOD = 4.0
 _PLACES = 12
 
 
-@dataclass(frozen=True, slots=True)
-class Impulse:
-    """A blow on the lining: its time since the scene's start [s], and its impulse [N s]."""
-
-    time: float
-    impulse: float
-
-
 class Lining:
     """The lining of one bearing; its state is kept from stretch to stretch.
 
@@ -295,15 +281,15 @@ class Lining:
     fixed grid, and only whole pieces are followed.
 
     The load fluctuates on that grid with a standard deviation >= 0 [N], by its own random stream;
-    knocks are in order of time.
+    knocks are times [s], rising, with impulses [N s].
     """
 
     def __init__(
         self, config: BearingConfig, shaft: Shaft, course: FrictionCourse, deviation: float,
-        knocks: Sequence[Impulse], random: np.random.Generator, duration: float,
+        knocks: Sequence[tuple[float, float]], random: np.random.Generator, duration: float,
     ) -> None:  # fmt: skip
         self.config, self._shaft, self._course = config, shaft, course
-        self._deviation, self._knocks, self._random = deviation, knocks, random
+        self._deviation, self._knocks, self._random = deviation, dict(knocks), random
         self._duration = duration
         cycles = config.bearing.natural_frequency / (2.0 * math.pi)
         self.rate = math.ceil(max(_LEAST_RATE, _PER_PERIOD * cycles))
@@ -366,16 +352,16 @@ class Lining:
         nodes = np.concatenate([self._nodes, self._drive_at(time)], axis=1)
         self._nodes = nodes[:, -1:]
         for knock in self._knocks:
-            if nodes[0, 0] < knock.time < nodes[0, -1] and knock.time not in nodes[0]:
-                place = int(np.searchsorted(nodes[0], knock.time))
-                row = [np.interp(knock.time, nodes[0], column) for column in nodes]
+            if nodes[0, 0] < knock < nodes[0, -1] and knock not in nodes[0]:
+                place = int(np.searchsorted(nodes[0], knock))
+                row = [np.interp(knock, nodes[0], column) for column in nodes]
                 nodes = np.insert(nodes, place, row, axis=1)
         return nodes
 
     def _stretches(self, nodes: FloatArray) -> Iterator[tuple[int, int]]:
         """First and last node of each stretch with one law and without a knock inside."""
         time = nodes[0]
-        inner = np.isin(time, [knock.time for knock in self._knocks])
+        inner = np.isin(time, list(self._knocks))
         if self._course.drifts:
             inner |= time % STEP == 0.0
         inner[[0, -1]] = False
@@ -384,10 +370,10 @@ class Lining:
 
     def _integrate(self, nodes: FloatArray, times: FloatArray) -> Motion:
         start = float(nodes[0, 0])
-        impulse = sum(knock.impulse for knock in self._knocks if knock.time == start)
-        bearing = self._bearing(self._course.at(start))
+        law, own = self._course.at(start), self.config.bearing
+        bearing = own if law is own.friction else replace(own, friction=law)
         state = self._state
-        if impulse:
+        if impulse := self._knocks.get(start):
             relative = state.relative_speed - impulse / bearing.mass
             state = MotionState(state.displacement, relative)
         motion = integrate(bearing, Drive.sampled(*nodes), state, times, accuracy=FAST)
@@ -398,10 +384,6 @@ class Lining:
             )
         self._state = motion.final
         return motion
-
-    def _bearing(self, law: FrictionLaw) -> Bearing:
-        own = self.config.bearing
-        return own if law is own.friction else replace(own, friction=law)
 
     def _changes(self, motion: Motion) -> list[tuple[float, bool, bool]]:
         """Where sticking begins and ends, at knocks and changes of the law too."""

@@ -71,10 +71,7 @@ def load_scene(
 ) -> Scene:
     """Read and validate a scene file.
 
-    Args:
-        path: The file.
-        seed: The seed; by default the file's.
-        sensors: A file of sensors; by default that which the scene names, if any.
+    The seed is the file's and the sensors those that it names, unless others are given.
 
     Raises:
         SceneError: It cannot be read or breaks a rule; the text names the file.

@@ -33,7 +33,6 @@ from stickslip_monitor.lab.scenes.lining import (
     AmplitudeWindows,
     Episodes,
     FrictionCourse,
-    Impulse,
     Lining,
     Regular,
     Walk,
@@ -137,21 +136,29 @@ def lining_motion(settings: Settings, run: SceneRun) -> None:
     for config in run.bearings(settings):
         factor = run.shaft.channel(config.name, 'load').factor(unit)
         blow = _blow(settings, config)
-        own = [Impulse(knock.time, knock.impulse * blow) for knock in knocks]
+        own = [(time, impulse * blow) for time, impulse in knocks]
         random = random_stream(run.seed, settings.name, config.name)
         course = run.course(config)
         lining = Lining(config, run.shaft, course, factor * deviation, own, random, run.duration)
         followed = FollowedLining(lining, run)
-        _ask(followed, settings, run)
+        # Windows of a higher rate would overlap.
+        most = 1.0 / (PERIODS * followed.period)
+        if rate := _rate(settings, 'amplitude', most):
+            followed.ask_amplitude(rate)
+        if rate := _rate(settings, 'motion', _HIGHEST_MOTION_RATE):
+            followed.ask_motion(rate)
+        if channel := _level_channel(run, config, most):
+            followed.ask_level(channel)
         run.effects.append(followed.apply)
 
 
-def _knocks(settings: Settings, duration: float) -> list[Impulse]:
+def _knocks(settings: Settings, duration: float) -> list[tuple[float, float]]:
+    """Time [s] and impulse of each blow."""
     if 'knocks' not in settings:
         return []
     rows = settings.rows('knocks', 'blow', 'a list of blows [time in s, impulse in N s]')
-    knocks = [Impulse(*point) for point in check_points(rows, duration)]
-    if any(knock.time == duration for knock in knocks):
+    knocks = check_points(rows, duration)
+    if knocks[-1][0] == duration:
         label = settings.label('knocks')
         raise SceneError(f'{label}: no blow can follow at {duration:g} s, where the scene ends')
     return knocks
@@ -164,17 +171,6 @@ def _blow(settings: Settings, config: BearingConfig) -> float:
     return config.bearing.mass * float(fold_speed(config.bearing, nominal_load(config)))
 
 
-def _ask(followed: FollowedLining, settings: Settings, run: SceneRun) -> None:
-    """Ask for the amplitude, the level and the motion where the scene does."""
-    period, duration = followed.period, run.duration
-    if rate := _rate(settings, 'amplitude', AmplitudeWindows.highest_rate(period)):
-        followed.ask_amplitude(AmplitudeWindows(rate, period, duration))
-    if rate := _rate(settings, 'motion', _HIGHEST_MOTION_RATE):
-        followed.ask_motion(Regular(rate, duration))
-    if channel := _level_channel(run, followed.lining.config, period):
-        followed.ask_level(AmplitudeWindows(channel.rate, period, duration), channel)
-
-
 def _rate(settings: Settings, key: str, most: float) -> float:
     """The rate of what is asked for [Hz], 0 where it is not."""
     if key not in settings:
@@ -183,8 +179,8 @@ def _rate(settings: Settings, key: str, most: float) -> float:
     return own.number('rate', 'Hz', above=0.0, most=most)
 
 
-def _level_channel(run: SceneRun, config: BearingConfig, period: float) -> Channel | None:
-    """The channel of a bearing's level, if the scene sends it."""
+def _level_channel(run: SceneRun, config: BearingConfig, most: float) -> Channel | None:
+    """The channel of a bearing's level, if the scene sends it, at a rate up to the most [Hz]."""
     try:
         channel = run.shaft.channel(config.name, 'level')
     except KeyError:
@@ -194,7 +190,6 @@ def _level_channel(run: SceneRun, config: BearingConfig, period: float) -> Chann
             f'{config.name}.level.unit = {channel.input.unit} in the configuration: a scene can'
             f' send a level in {", ".join(LEVEL_FACTORS)} only'
         )
-    most = AmplitudeWindows.highest_rate(period)
     if channel.rate > most:
         raise SceneError(
             f'telemetry.level.rate = {channel.rate:g} Hz must not be above {most:.3g} Hz for'
@@ -242,19 +237,21 @@ class FollowedLining:
         self._pending[name] = Pending(topic(self.lining.config.name, name), kind)
         return self._pending[name]
 
-    def ask_amplitude(self, windows: AmplitudeWindows) -> None:
-        """Record the amplitude of some windows."""
-        self._take_amplitudes(windows, self._record('amplitude', FLOAT64), 1.0)
+    def ask_amplitude(self, rate: float) -> None:
+        """Record the amplitude at a rate [Hz]."""
+        self._take_amplitudes(rate, self._record('amplitude', FLOAT64), 1.0)
 
-    def _take_amplitudes(self, windows: AmplitudeWindows, pending: Pending, scale: float) -> None:
+    def _take_amplitudes(self, rate: float, pending: Pending, scale: float) -> None:
+        windows = AmplitudeWindows(rate, self.period, self._run.duration)
+
         def take(walk: Walk) -> None:
             at, found = windows.amplitudes(walk.displacement, walk.velocity)
             pending.add(at, np.round(found, _PLACES) * scale)
 
         self._asked.append((windows, take))
 
-    def ask_motion(self, instants: Regular) -> None:
-        """Record the motion at some instants."""
+    def ask_motion(self, rate: float) -> None:
+        """Record the motion at a rate [Hz]."""
         kinds = {name: BOOL if name == 'sticking' else FLOAT64 for name in _MOTION}
         pending = {name: self._record(name, kind) for name, kind in kinds.items()}
 
@@ -262,14 +259,14 @@ class FollowedLining:
             for name, own in pending.items():
                 own.add(walk.time, getattr(walk, name))
 
-        self._asked.append((instants, take))
+        self._asked.append((Regular(rate, self._run.duration), take))
 
-    def ask_level(self, windows: AmplitudeWindows, channel: Channel) -> None:
+    def ask_level(self, channel: Channel) -> None:
         """Add to the level that is sent the RMS value of a harmonic motion of the amplitude."""
         pending, bearing = Pending('level', FLOAT64), self.lining.config.bearing
         power, factor = LEVEL_FACTORS[channel.input.unit]
         scale = bearing.natural_frequency**power * factor * math.sqrt(0.5)
-        self._take_amplitudes(windows, pending, scale)
+        self._take_amplitudes(channel.rate, pending, scale)
 
         def send(block: TimeBlock) -> None:
             found = pending.due(block.end, block.end == block.duration)
