@@ -45,54 +45,30 @@ def generate_launch_description() -> LaunchDescription:
     reference = PathJoinSubstitution(
         [FindPackageShare(PACKAGE), 'launch_configs', 'reference_bearing.yaml']
     )
-    use_sim_time = ParameterValue(LaunchConfiguration('use_sim_time'), value_type=bool)
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument(
-                'config',
-                default_value=reference,
-                description='Parameter file: bearings, inputs and alarm limits',
-            ),
-            DeclareLaunchArgument(
-                'namespace', default_value='', description='ROS namespace of the node'
-            ),
-            DeclareLaunchArgument(
-                'use_sim_time',
-                default_value='false',
-                choices=['true', 'false'],
-                description='Take time from /clock, as when a bag is replayed',
-            ),
-            DeclareLaunchArgument(
-                'log_level',
-                default_value='info',
-                choices=['debug', 'info', 'warn', 'error', 'fatal'],
-                description='Least severe log message shown',
-            ),
-            DeclareLaunchArgument(
-                'respawn',
-                default_value='false',
-                choices=['true', 'false'],
-                description='Start the monitor again when it ends without being told to',
-            ),
-            DeclareLaunchArgument(
-                'enclave', default_value='/', description='SROS 2 enclave of the node'
-            ),
-            OpaqueFunction(function=check_config),
-            Node(
-                **program(),
-                namespace=LaunchConfiguration('namespace'),
-                parameters=[LaunchConfiguration('config'), {'use_sim_time': use_sim_time}],
-                ros_arguments=[
-                    '--log-level',
-                    LaunchConfiguration('log_level'),
-                    '--enclave',
-                    LaunchConfiguration('enclave'),
-                ],
-                respawn=LaunchConfiguration('respawn'),
-                respawn_delay=5.0,
-                on_exit=on_exit,
-                output='screen',
-                emulate_tty=True,
-            ),
-        ]
+    levels, choice = ['debug', 'info', 'warn', 'error', 'fatal'], ['true', 'false']
+    arguments = (
+        ('config', reference, 'Parameter file: bearings, inputs and alarm limits', None),
+        ('namespace', '', 'ROS namespace of the node', None),
+        ('use_sim_time', 'false', 'Take time from /clock, as when a bag is replayed', choice),
+        ('log_level', 'info', 'Least severe log message shown', levels),
+        ('respawn', 'false', 'Start the monitor again when it ends without being told', choice),
+        ('enclave', '/', 'SROS 2 enclave of the node', None),
     )
+    given = {name: LaunchConfiguration(name) for name, *_ in arguments}
+    use_sim_time = ParameterValue(given['use_sim_time'], value_type=bool)
+    node = Node(
+        **program(),
+        namespace=given['namespace'],
+        parameters=[given['config'], {'use_sim_time': use_sim_time}],
+        ros_arguments=['--log-level', given['log_level'], '--enclave', given['enclave']],
+        respawn=given['respawn'],
+        respawn_delay=5.0,
+        on_exit=on_exit,
+        output='screen',
+        emulate_tty=True,
+    )
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=text, choices=choices)
+        for name, default, text, choices in arguments
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=check_config), node])

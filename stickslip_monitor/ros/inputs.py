@@ -34,13 +34,8 @@ from stickslip_monitor.ros.message_types import (
     stamp_reader,
 )
 
-# Two seconds at 1 kHz while the machine is busy; best effort matches every publisher.
-TELEMETRY = QoSProfile(
-    depth=2000,
-    history=HistoryPolicy.KEEP_LAST,
-    reliability=ReliabilityPolicy.BEST_EFFORT,
-    durability=DurabilityPolicy.VOLATILE,
-)
+# Two seconds at 1 kHz while the machine is busy.
+_DEPTH = 2000
 MOST_AT_ONCE = 200
 """Of more messages of a topic that wait than these, the others are left out and counted."""
 MOST_TOGETHER = 2000
@@ -52,6 +47,16 @@ Tap = Callable[[str, Any, int | None], None]
 """Takes topic, message and its time [ns]."""
 Guard = Callable[[Callable[..., Any]], Callable[..., Any]]
 """Makes a callback whose exceptions are told and survived."""
+
+
+def telemetry() -> QoSProfile:
+    """A new quality of service of an input (rclpy changes it): best effort matches every one."""
+    return QoSProfile(
+        depth=_DEPTH,
+        history=HistoryPolicy.KEEP_LAST,
+        reliability=ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.VOLATILE,
+    )
 
 
 class Number(NamedTuple):
@@ -223,7 +228,7 @@ class Lane:
             message_type(self._kind),
             self._topic,
             take,
-            TELEMETRY,
+            telemetry(),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
 
@@ -243,7 +248,7 @@ class Lane:
         while message is not None:
             if time_ns := self._time(message):
                 found.append((time_ns, self, message))
-            message = self._next() if len(found) < TELEMETRY.depth else None
+            message = self._next() if len(found) < _DEPTH else None
         if len(found) <= most:
             return found
         # Nobody must wait until all are worked off; the last is the one that counts.
@@ -315,6 +320,6 @@ def node_name(info: Any) -> str:
 
 
 def _publisher(info: Any) -> Publisher:
-    match, reason = qos_check_compatible(info.qos_profile, TELEMETRY)
+    match, reason = qos_check_compatible(info.qos_profile, telemetry())
     fits = match is not QoSCompatibility.ERROR
     return Publisher(node_name(info), info.topic_type, '' if fits else str(reason).strip(' ;.'))
