@@ -9,8 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stickslip_monitor.drawing.canvas import legend_below, new_figure, style
-from stickslip_monitor.drawing.palette import DASHES, INK, MUTED, PAPER
+from stickslip_monitor.drawing.canvas import (
+    DASHES,
+    INK,
+    MUTED,
+    PAPER,
+    legend_below,
+    new_figure,
+    style,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 from stickslip_monitor.monitor import rule
-from stickslip_monitor.monitor.assessment import Assessment, assess, at_indices
+from stickslip_monitor.monitor.assessment import Assessment, assess
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.ladder import CONDITIONS, LADDER, Condition, Unknown
+from stickslip_monitor.monitor.ladder import CONDITIONS, LADDER, Unknown
 from stickslip_monitor.monitor.rule_settings import RuleSettings, settings_of
 from stickslip_monitor.monitor.rule_state import NEVER, STATE_TYPE, State
 from stickslip_monitor.monitor.signals import Input, Status, Stream
@@ -67,15 +67,6 @@ class Scan:
         found = assess(config.bearing, self.speed, self.load, config.belief, table)
         found.remember_runs(self.runs)
         return found
-
-    @property
-    def condition(self) -> list[Condition]:
-        """What the alarm says after each point."""
-        return [LADDER[rung] for rung in self.rung]
-
-    def point(self, k: int) -> Assessment:
-        """The assessment of one point."""
-        return at_indices(self.assessment, k)
 
 
 def scan_bearing(

@@ -127,8 +127,7 @@ class AlarmConfig:
         False, 'The stick-slip and amplitude alarms stay until they are reset.', live=True
     )
     startup_inhibit_ns: int = duration(
-        0.0,
-        'For how long after the shaft starts to turn the alarms on stick-slip are suppressed.',
+        0.0, 'For how long after the shaft starts to turn the alarms on stick-slip are suppressed.'
     )
     can_probability: float = _probability(
         0.5,
@@ -143,8 +142,7 @@ class AlarmConfig:
         maximum=0.999,
     )
     caution_probability: float = _probability(
-        0.05,
-        'The same for caution, in the place of the margin.',
+        0.05, 'The same for caution, in the place of the margin.'
     )
     onset_growth: float = parameter(
         3.0,
@@ -265,11 +263,7 @@ def _physical(name: str, unit: str, text: str, default: float = math.nan) -> Par
 
 
 BEARINGS = Parameter(
-    'bearings',
-    'str[]',
-    REQUIRED,
-    'Names of the bearings; each has its own section.',
-    fixed=True,
+    'bearings', 'str[]', REQUIRED, 'Names of the bearings; each has its own section.', fixed=True
 )
 NODE_PARAMETERS = (BEARINGS, *rows(MonitorConfig), *rows(ClipConfig, 'clips.'))
 """The parameters of the node."""
@@ -334,10 +328,7 @@ INPUT_PARAMETERS = {
         maximum={'default': 100.0, 'unit': 'm/s'},
     ),
     'load': rows(
-        InputConfig,
-        'load.',
-        unit={'choices': LOAD_UNITS},
-        maximum={'default': 1e8, 'unit': 'N'},
+        InputConfig, 'load.', unit={'choices': LOAD_UNITS}, maximum={'default': 1e8, 'unit': 'N'}
     ),
     'level': rows(
         LevelConfig,

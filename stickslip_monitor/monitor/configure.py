@@ -115,8 +115,7 @@ def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
     own = {row.name: row.checked(f'{name}.{row.name}', values) for row in BEARING_PARAMETERS}
     try:
         bearing = Bearing(
-            **{row.name: own[row.name] for row in LINING_PARAMETERS},
-            friction=_friction(name, own),
+            **{row.name: own[row.name] for row in LINING_PARAMETERS}, friction=_friction(name, own)
         )
     except PhysicsError as error:
         raise ConfigurationError(f'{name}: {error}') from error

@@ -268,10 +268,7 @@ class SourceWatch:
         return tuple(raised)
 
     def see_many(
-        self,
-        arrival_ns: NDArray[np.int64],
-        stamp_ns: NDArray[np.int64],
-        si: NDArray[np.float64],
+        self, arrival_ns: NDArray[np.int64], stamp_ns: NDArray[np.int64], si: NDArray[np.float64]
     ) -> list[SourceFault]:
         """:meth:`see` of several samples.
 

@@ -139,16 +139,6 @@ class Verdict:
         """The models' assessment of the operating point, of numbers."""
         return self.judge()
 
-    @property
-    def sticking(self) -> bool:
-        """Whether stick-slip is predicted to run."""
-        return self.standing.sticking
-
-    @property
-    def condition(self) -> Condition:
-        """What the alarm says."""
-        return self.standing.condition
-
 
 @dataclass(frozen=True, slots=True)
 class Event:

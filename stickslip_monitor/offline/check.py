@@ -134,13 +134,6 @@ class BearingReport:
         """What was wrong with the samples, one clause for each kind."""
         return [text for item in self.inputs for text in item.complaints]
 
-    @property
-    def has_warnings(self) -> bool:
-        """Whether any event raised a warning or an alarm, or an input has a wrong source."""
-        return any(event.after.level for event in self.events) or any(
-            item.sources for item in self.inputs
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
@@ -150,11 +143,6 @@ class CheckReport:
     bearings: dict[str, BearingReport]  # by name
     start_ns: int | None  # on the clock of the samples
     end_ns: int | None
-
-    @property
-    def has_warnings(self) -> bool:
-        """Whether any bearing has warnings."""
-        return any(bearing.has_warnings for bearing in self.bearings.values())
 
 
 def check_bag(

@@ -50,25 +50,24 @@ def connected(address: str) -> Iterator[Client]:
 
 def _check_scheduler(address: str) -> None:
     """Ask for the scheduler first: a client that does not find one is slow to say so and to go."""
+    from distributed import Security, rpc
+
+    async def kind() -> str:
+        secured = Security().get_connection_args('client')
+        async with rpc(address, connection_args=secured) as other:
+            return str((await other.identity())['type'])
+
     try:
-        kind = asyncio.run(asyncio.wait_for(_kind(address), _PATIENCE))
+        found = asyncio.run(asyncio.wait_for(kind(), _PATIENCE))
     except asyncio.TimeoutError:
         reason = f'no answer in {_PATIENCE:g} s'
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         reason = _line(error)
     else:
-        if kind == 'Scheduler':
+        if found == 'Scheduler':
             return
-        reason = f'it is a {kind} of Dask'
+        reason = f'it is a {found} of Dask'
     raise FleetError(f"scheduler '{address}' cannot be reached: {reason}")
-
-
-async def _kind(address: str) -> str:
-    from distributed import Security, rpc
-
-    secured = Security().get_connection_args('client')
-    async with rpc(address, connection_args=secured) as other:
-        return str((await other.identity())['type'])
 
 
 def versions() -> dict[str, str]:
@@ -80,18 +79,15 @@ def versions() -> dict[str, str]:
 
 
 def _check_versions(client: Client, address: str) -> None:
-    here = versions()
     for worker, there in client.run(versions, on_error='return').items():
+        place = f"worker {worker} of scheduler '{address}'"
         if isinstance(there, Exception):
-            raise FleetError(
-                f"worker {worker} of scheduler '{address}' cannot run stickslip_monitor"
-                f' {__version__}: {_line(there)}'
-            )
-        for name, version in here.items():
+            raise FleetError(f'{place} cannot run stickslip_monitor {__version__}: {_line(there)}')
+        for name, version in versions().items():
             if there[name] != version:
                 raise FleetError(
-                    f"worker {worker} of scheduler '{address}' has {name} {there[name]}, not"
-                    f' {version} as here: verdicts are only the same with the same versions'
+                    f'{place} has {name} {there[name]}, not {version} as here: verdicts are only'
+                    ' the same with the same versions'
                 )
 
 
@@ -100,8 +96,7 @@ def on_cluster(
 ) -> Iterator[tuple[str, Any]]:
     """Call a pure function many times on the workers of a cluster.
 
-    A worker that is lost costs nothing but time: what it was doing, and results that were still
-    with it, are done again by the others.
+    What a lost worker was doing, and results that were still with it, are done again by others.
 
     Args:
         client: The connection.
@@ -142,11 +137,7 @@ def on_cluster(
 
 
 def _outcome(future: Future) -> Any:
-    """Result or exception of a call that is done.
-
-    Raises:
-        CancelledError: Nobody is there any more to do it.
-    """
+    """Result or exception of a call; cancelled where nobody is there any more to do it."""
     try:
         return future.result()
     except CancelledError:

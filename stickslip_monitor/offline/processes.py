@@ -9,7 +9,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
@@ -38,36 +38,27 @@ def run_in_processes(
     waiting = dict(enumerate(calls))
     while waiting:
         for number, outcome in _together(function, waiting, jobs):
-            del waiting[number]
-            yield number, outcome
+            if not isinstance(outcome, BrokenProcessPool):
+                del waiting[number]
+                yield number, outcome
         # A process that dies takes all calls along that were waiting. The one that it died of was
         # running, so it is among the oldest: alone in a process, each of these shows what it does.
         for number in list(waiting)[: jobs + 1]:
-            call = waiting.pop(number)
-            yield number, dict(_together(function, {number: call}, 1, broken=True))[number]
+            yield from _together(function, {number: waiting.pop(number)}, 1)
 
 
 def _together(
-    function: Callable[..., Any],
-    calls: dict[int, tuple[Any, ...]],
-    jobs: int,
-    broken: bool = False,
+    function: Callable[..., Any], calls: dict[int, tuple[Any, ...]], jobs: int
 ) -> Generator[tuple[int, Any], None, None]:
-    """Call in one pool; calls of a pool that breaks are told only if asked for."""
+    """Call in one pool."""
     with _pool(min(jobs, len(calls))) as pool:
         with _uninterrupted():
             futures = {pool.submit(function, *call): number for number, call in calls.items()}
         for future in as_completed(futures):
-            outcome = _outcome(future)
-            if broken or not isinstance(outcome, BrokenProcessPool):
-                # Whoever takes it decides how long it is kept.
-                yield futures.pop(future), outcome
-            del future, outcome
-
-
-def _outcome(future: Future[Any]) -> Any:
-    error = future.exception()
-    return future.result() if error is None else error
+            error = future.exception()
+            # Whoever takes it decides how long it is kept.
+            yield futures.pop(future), future.result() if error is None else error
+            del future, error
 
 
 @contextlib.contextmanager

@@ -6,12 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stickslip_monitor.monitor.assessment import (
-    COLUMNS,
-    Outcome,
-    Regime,
-    assess,
-)
+from stickslip_monitor.monitor.assessment import COLUMNS, Outcome, Regime, assess
 from stickslip_monitor.physics.averaging.boundaries import (
     fold_load,
     fold_speed,

@@ -75,7 +75,7 @@ def test_a_rejected_sample_changes_nothing(configure: Configure) -> None:
         assert (update.status, update.verdict, update.events) == (status, None, [])
     assert monitor.bearings['aft'].now_ns == 0
     assert monitor.bearings['aft'].verdict is not None
-    assert not monitor.bearings['aft'].verdict.sticking
+    assert not monitor.bearings['aft'].verdict.standing.sticking
 
 
 def test_coast_down_and_recovery(configure: Configure) -> None:
@@ -273,7 +273,7 @@ def test_retune_takes_over_scale_deadband_and_limit(configure: Configure) -> Non
     update = _feed(monitor, 1.0, 'load', 600.0)
     assert update.verdict is not None
     assert update.verdict.assessment.load == 1200.0
-    assert update.verdict.condition is Condition.AMPLITUDE
+    assert update.verdict.standing.condition is Condition.AMPLITUDE
     assert _feed(monitor, 2.0, 'speed', 22.0).status is Status.IMPLAUSIBLE
     monitor.retune(configure(alarm__minimum_speed=0.2))
     _feed(monitor, 3.0, 'speed', INSIDE)

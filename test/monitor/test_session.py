@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A session in the test's own time: what it tells of samples, silence and mostly dead sensors."""
+"""A session in the test's own time: what it tells of samples, silence and people, and keeps."""
 
 from __future__ import annotations
 
@@ -11,22 +11,35 @@ from typing import Any
 import pytest
 
 from stickslip_monitor import MonitorConfig
+from stickslip_monitor.errors import AlarmStateError
+from stickslip_monitor.monitor.alarms.annunciator import Action
+from stickslip_monitor.monitor.alarms.causes import AlarmKind
+from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.input_watch import Graph
 from stickslip_monitor.monitor.messages import BearingState, bearing_record
-from stickslip_monitor.monitor.session import Moment, NoLog, Session, Sink
+from stickslip_monitor.monitor.session import HEARTBEAT_NS, Moment, Session, Sink
 from stickslip_monitor.monitor.verdict import Event, Verdict
 
 SECOND = 10**9
 T0 = 1_700_000_000 * SECOND
+Configure = Callable[..., MonitorConfig]
 
 
-class Shown(Sink):
-    """What was told."""
+class Ship(Sink):
+    """Clock, log, store and sink of a session that is fed five times a second."""
 
-    def __init__(self) -> None:
+    path = 'state.json'
+
+    def __init__(self, config: MonitorConfig, document: Any = None) -> None:
+        self.now_ns, self.document, self.full = 0, document, ''
         self.verdicts: list[Verdict] = []
         self.events: list[Event] = []
-        self.states: list[BearingState] = []
+        self.shown: list[BearingState] = []
+        self.published: list[dict[str, Any]] = []
+        self.lines: list[str] = []
+        self.info = self.warning = self.error = self.lines.append
+        self.session = Session(config, self, self, lambda: T0 + self.now_ns, self, Graph())
+        self.session.begin()
 
     def take_verdict(self, verdict: Verdict) -> None:
         self.verdicts.append(verdict)
@@ -34,17 +47,24 @@ class Shown(Sink):
     def take_event(self, event: Event) -> None:
         self.events.append(event)
 
+    def take_alarms(self, record: dict[str, Any]) -> None:
+        self.published.append(record)
+
     def take_states(self, states: list[BearingState], whole: bool) -> None:
-        self.states = states
+        self.shown = states
 
+    def read(self) -> Any:
+        if isinstance(self.document, str):
+            raise AlarmStateError('it is not JSON')
+        return self.document
 
-class Ship:
-    """A session that is fed five times a second."""
+    def write(self, document: Any) -> None:
+        if self.full:
+            raise OSError(self.full)
+        self.document = document
 
-    def __init__(self, config: MonitorConfig) -> None:
-        self.shown, self.now_ns = Shown(), 0
-        self.session = Session(config, self.shown, NoLog(), lambda: T0, None, Graph())
-        self.session.begin()
+    def set_aside(self) -> str:
+        return 'state.json.damaged'
 
     @property
     def now(self) -> Moment:
@@ -61,12 +81,24 @@ class Ship:
             self.session.pass_time('aft', self.now.time_ns - SECOND // 2, self.now)
             self.session.tick(self.now, self.now_ns)
         self.session.show(self.now)
-        return bearing_record(self.shown.states[0])
+        return bearing_record(self.shown[0])
+
+    def does(self, action: Action, kind: AlarmKind | None = None) -> list[Any]:
+        return self.session.act(ActionRequest(action, 'Ada', 'aft' if kind else None, kind))
+
+    def states(self) -> dict[str, str]:
+        alarms = self.published[-1]['alarms']
+        return {a['alarm']: a['state'] for a in alarms if a['state'] != 'normal'}
 
 
 @pytest.fixture
-def ship(configure: Callable[..., MonitorConfig]) -> Ship:
-    return Ship(configure(speed__timeout=2.0, load__timeout=2.0))
+def config(configure: Configure) -> MonitorConfig:
+    return configure(speed__timeout=2.0, load__timeout=2.0)
+
+
+@pytest.fixture
+def ship(config: MonitorConfig) -> Ship:
+    return Ship(config)
 
 
 def test_the_record_of_a_bearing_has_numbers(ship: Ship) -> None:
@@ -93,20 +125,71 @@ def test_time_in_which_nobody_could_listen_loses_no_input(ship: Ship) -> None:
     ship.now_ns += 10 * SECOND
     ship.session.excuse(10 * SECOND)
     ship.sail(1.0)
-    assert ship.shown.events == []
+    assert ship.events == []
     ship.sail(4.0, rpm=None)
-    assert [event.after.value for event in ship.shown.events] == ['input_stale']
-    assert 'no valid value on /shaft/speed' in ship.shown.events[0].text
+    assert [event.after.value for event in ship.events] == ['input_stale']
+    assert 'no valid value on /shaft/speed' in ship.events[0].text
 
 
-def test_verdicts_are_told_at_most_once_a_period_but_for_changes(
-    configure: Callable[..., MonitorConfig],
-) -> None:
-    ship = Ship(replace(configure(), publish_period=1.0))
+def test_verdicts_are_told_at_most_once_a_period_but_for_changes(config: MonitorConfig) -> None:
+    ship = Ship(replace(config, publish_period=1.0))
     ship.sail(10.0)
-    assert len(ship.shown.verdicts) in (10, 11)
-    told = len(ship.shown.verdicts)
+    assert len(ship.verdicts) in (10, 11)
+    told = len(ship.verdicts)
     ship.sail(10.0, rpm=20.0)
-    changes = len(ship.shown.events)
-    assert told + 10 <= len(ship.shown.verdicts) <= told + 10 + 2 * changes
+    changes = len(ship.events)
+    assert told + 10 <= len(ship.verdicts) <= told + 10 + 2 * changes
     assert changes >= 1
+
+
+def test_samples_time_and_people_change_the_list_and_the_store(config: MonitorConfig) -> None:
+    ship = Ship(config)
+    ship.sail(5.0, rpm=20.0)  # deep in the stick-slip range
+    assert ship.states()['stick_slip'] == 'unacknowledged'
+    assert ship.states()['bistable'] == 'acknowledged'
+    assert not any(' by ' in line for line in ship.lines)  # the monitor's own changes are events
+    (change,) = ship.does(Action.ACKNOWLEDGE, AlarmKind.STICK_SLIP)
+    assert change.by == 'Ada'
+    assert ship.lines[-1] == 'aft/stick_slip: acknowledge by Ada, unacknowledged -> acknowledged'
+    ship.sail(10.0, rpm=None, load=None)  # nothing more is heard: lost, and what stood stands
+    assert ship.states()['input_lost'] == 'unacknowledged'
+    assert ship.states()['stick_slip'] == 'acknowledged'
+    after = Ship(config, ship.document)  # a restart
+    assert after.states()['stick_slip'] == 'acknowledged'
+    sequence = [record['sequence'] for record in ship.published]
+    assert sequence == list(range(1, len(sequence) + 1))
+
+
+def test_the_list_is_published_once_a_minute_without_any_change(ship: Ship) -> None:
+    ship.session.tick(ship.now, HEARTBEAT_NS - 1)
+    assert len(ship.published) == 1
+    ship.session.tick(ship.now, HEARTBEAT_NS)
+    ship.session.tick(ship.now, HEARTBEAT_NS + 1)
+    assert [record['changes'] for record in ship.published] == [[], []]
+
+
+def test_a_store_that_fails_is_told_once_for_each_outage(ship: Ship) -> None:
+    ship.sail(5.0, rpm=20.0)
+    told = []
+    for full in ('disk full', 'disk full', '', 'disk full'):
+        ship.full = full
+        for action in (Action.SHELVE, Action.UNSHELVE):
+            ship.does(action)
+        told.append(sum('not kept' in line for line in ship.lines))
+    assert told == [1, 1, 1, 2]
+
+
+def test_a_damaged_store_starts_fresh(config: MonitorConfig) -> None:
+    ship = Ship(config, 'rubbish')
+    assert ship.states() == {}
+    assert ship.lines == [
+        'state_file state.json cannot be used: it is not JSON; it is now state.json.damaged,'
+        ' and the alarms start fresh'
+    ]
+
+
+@pytest.mark.parametrize('value', [math.nan, 1e9])
+def test_values_that_cannot_be_raise_input_implausible(ship: Ship, value: float) -> None:
+    ship.sail(3.0)
+    ship.sail(5.0, rpm=value)
+    assert ship.states()['input_implausible'] == 'unacknowledged'

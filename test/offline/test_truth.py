@@ -57,10 +57,7 @@ def test_episodes_and_span(tmp_path: Path) -> None:
     )
     truth = read(path)
     assert (truth.start_ns, truth.end_ns) == (0, 90 * SECOND)
-    assert truth.episodes == (
-        (10_500_000_000, 20_250_000_000),
-        (49 * SECOND, 59_500_000_000),
-    )
+    assert truth.episodes == ((10_500_000_000, 20_250_000_000), (49 * SECOND, 59_500_000_000))
     assert truth.amplitude.value.size == truth.fold_margin.time_ns.size == 0
 
 

@@ -289,10 +289,7 @@ def test_diagnostics_are_encoded_as_another_library_encodes_them() -> None:
     expected = store.serialize_cdr(t[kind](header, [status, other]), kind)
     made = encode_diagnostics(
         7 * NS + 8,
-        [
-            StatusFields(2, 'n: aft', 'text', 'aft', values),
-            StatusFields(0, 'x', '', 'yy', {}),
-        ],
+        [StatusFields(2, 'n: aft', 'text', 'aft', values), StatusFields(0, 'x', '', 'yy', {})],
     )
     assert made == bytes(expected)
 
