@@ -121,22 +121,6 @@ def test_probabilities_are_those_of_drawn_bearings(tolerance: Tolerance) -> None
         assert belief.probabilities(rpm * RPM, 1000.0) == pytest.approx(drawn, abs=9e-3)
 
 
-def test_what_is_said_is_what_was_with_the_noise_of_a_sample_in_the_tolerance() -> None:
-    random, size = np.random.default_rng(0), 30_000
-    tolerance = Tolerance(damping=0.06, static=0.04, kinetic=0.04, decay=0.06, load=0.05)
-    damping, decay, noise = np.exp([[0.06], [0.06], [0.05]] * random.standard_normal((3, size)))
-    static, kinetic = (x * (1.0 + 0.04 * random.standard_normal(size)) for x in (0.30, 0.10))
-    speed = np.exp(random.uniform(math.log(0.10), math.log(0.28), size))
-    load = 1000.0 * np.exp(random.uniform(-0.25, 0.25, size))
-    d = np.log(load * (static - kinetic) * 10.0 * decay / (400.0 * damping))
-    v = 10.0 * decay * speed
-    said = Belief.from_tolerance(BEARING, tolerance).probabilities(speed, load * noise)
-    for p, was in zip(said, (d > decline(v), d > v), strict=True):
-        place = np.minimum((10.0 * p).astype(int), 9)
-        for k in range(10):
-            assert was[place == k].mean() == pytest.approx(p[place == k].mean(), abs=0.07)
-
-
 @pytest.mark.parametrize('tolerance', [Tolerance(), *TOLERANCES])
 def test_it_falls_with_speed_and_will_is_below_can(tolerance: Tolerance) -> None:
     belief = Belief.from_tolerance(BEARING, tolerance)
