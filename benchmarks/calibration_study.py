@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.calibration_ships import BEARING, Passage, Ship, make_ships, reports_of, sail
-from stickslip_monitor.drawing.canvas import new_figure, save_figure, style
-from stickslip_monitor.drawing.palette import INK, MUTED
+from stickslip_monitor.drawing.canvas import INK, MUTED, new_figure, save_figure, style
 from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.lab.calibration.calibrate import (
     Calibration,

@@ -6,11 +6,9 @@ PARTS: tuple[str, ...] = (
     'physics',
     'diagram',
     'integration',
-    'startup',
     'check_day',
     'node',
     'fleet_node',
-    'links',
     'dashboard',
 )
 """Modules of this package with ``run(quick: bool) -> Table``."""

@@ -74,15 +74,7 @@ def _with_chunk(record: bytes) -> bytes:
 
 def _tiny() -> bytes:
     """Ten million messages without data in one chunk of some kilobytes."""
-    one = raw(5, struct.pack('<HIQQ', 1, 0, START, START))
-    block = one * 100_000
-    packer = zstandard.ZstdCompressor(level=1).compressobj(size=len(block) * 100)
-    data = b''.join([*(packer.compress(block) for _ in range(100)), packer.flush()])
-    chunk = Chunk(
-        compression='zstd', data=data, message_end_time=START, message_start_time=START,
-        uncompressed_crc=0, uncompressed_size=len(block) * 100,
-    )  # fmt: skip
-    return _with_chunk(encoded(chunk))
+    return _with_chunk(_grown((raw(5, struct.pack('<HIQQ', 1, 0, START, START)) * 100_000, 100)))
 
 
 def _grown(*parts: tuple[bytes, int]) -> bytes:

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from stickslip_monitor.drawing.canvas import new_figure, style
-from stickslip_monitor.drawing.palette import INK, MUTED
+from stickslip_monitor.drawing.canvas import INK, MUTED, new_figure, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

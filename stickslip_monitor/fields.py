@@ -14,13 +14,10 @@ _STEP = re.compile(r'([A-Za-z][A-Za-z0-9_]*)((?:\[\d+\])*)')
 
 
 def parse_field(text: str) -> FieldPath:
-    """Split a field path into attribute names and array indices.
-
-    Args:
-        text: The path as a user writes it, e.g. ``'wrench.force.z'`` or ``'velocity[0]'``.
+    """Split a field path such as ``'wrench.force.z'`` or ``'velocity[0]'`` into its steps.
 
     Returns:
-        The steps in order, e.g. ``('velocity', 0)``.
+        Attribute names and array indices in order, e.g. ``('velocity', 0)``.
 
     Raises:
         ConfigurationError: The text is not a path.
@@ -39,14 +36,7 @@ def parse_field(text: str) -> FieldPath:
 
 
 def read_field(message: Any, path: FieldPath) -> float:
-    """Follow a path through a decoded message.
-
-    Args:
-        message: Any decoded ROS message.
-        path: Steps from :func:`parse_field`.
-
-    Returns:
-        The number at the end of the path.
+    """Follow the steps of a path through any decoded ROS message to the number at its end.
 
     Raises:
         LookupError: An array is shorter than the index asks for (a fault of this one message).

@@ -40,10 +40,7 @@ _KINDS = {
 
 
 def open_file(path: str | Path) -> IO[bytes]:
-    """Open a regular file for reading.
-
-    Args:
-        path: The file; a link to one is followed.
+    """Open a regular file, or what a link leads to, for reading.
 
     Raises:
         OSError: It cannot be opened or is no regular file. Pipes, devices and sockets are not
@@ -72,11 +69,7 @@ def near_name(path: str | Path) -> str:
 
 
 def read_file(path: str | Path, most: int) -> bytes:
-    """Read a regular file as a whole.
-
-    Args:
-        path: The file.
-        most: The largest size that is read [bytes].
+    """Read a regular file as a whole, up to a size [bytes].
 
     Raises:
         OSError: It cannot be read, is no regular file, or is larger.
@@ -91,11 +84,7 @@ def read_file(path: str | Path, most: int) -> bytes:
 
 
 def read_json(path: str | Path, most: int) -> Any:
-    """Read a regular file as JSON.
-
-    Args:
-        path: The file.
-        most: The largest size that is read [bytes].
+    """Read a regular file as JSON, up to a size [bytes].
 
     Raises:
         OSError: It cannot be read, is no regular file, or is larger.
@@ -117,13 +106,13 @@ class TableRow(NamedTuple):
 def read_table(
     path: str | Path, most: int, error: type[StickslipError]
 ) -> tuple[list[TableRow], str]:
-    """Read a table as spreadsheets write it.
+    """Read a table in UTF-8 as spreadsheets write it.
 
     Cells are separated by comma, semicolon or tab, whichever the first line has most of; blank
     lines and lines that start with ``#`` are skipped.
 
     Args:
-        path: The file, in UTF-8.
+        path: The file.
         most: The largest size that is read [bytes].
         error: What is raised where it is none.
 
@@ -219,13 +208,9 @@ def _check_folder(path: str | Path) -> None:
 
 
 def write_whole(path: str | Path, data: bytes, mark: bytes, force: bool = False) -> None:
-    """Write a file under its name only when all of it is written.
+    """Write a file, or what a link leads to, under its name only when all of it is written.
 
-    Args:
-        path: Where to; through a link, the file it leads to. A file of ours is replaced.
-        data: The contents.
-        mark: What the beginning of such a file of ours contains.
-        force: Whether a file of somebody else is replaced too.
+    A file of ours, whose beginning contains the mark, is replaced, any other only by ``force``.
 
     Raises:
         OutputError: What is there is not replaced.

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from stickslip_monitor.errors import AlarmStateError, RosError, cause
+from stickslip_monitor.files import read_file
 
 MAX_SIZE = 16_000_000
 """A larger file is not one of ours [bytes]."""
@@ -57,10 +58,10 @@ class StateFile:
             RosError: It is somebody else's: it is left alone.
         """
         try:
-            content = self._bytes()
+            content = read_file(self.path, MAX_SIZE)
         except FileNotFoundError:
             return
-        except (OSError, AlarmStateError) as error:
+        except OSError as error:
             raise RosError(f'{self._given} cannot be used: {cause(error)}') from error
         if content and _MARK not in content[:_HEAD]:
             raise RosError(
@@ -106,7 +107,7 @@ class StateFile:
             AlarmStateError: It cannot be read.
         """
         try:
-            content = self._bytes()
+            content = read_file(self.path, MAX_SIZE)
             return json.loads(content) if content else None
         except FileNotFoundError:
             return None
@@ -114,17 +115,6 @@ class StateFile:
             raise AlarmStateError(f'it cannot be read: {cause(error)}') from error
         except (ValueError, RecursionError) as error:
             raise AlarmStateError(f'it is not JSON: {error}') from error
-
-    def _bytes(self) -> bytes:
-        # What is there may have been replaced since it was looked at.
-        descriptor = os.open(self.path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-        with os.fdopen(descriptor, 'rb') as file:
-            if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-                raise AlarmStateError('it is not a regular file')
-            content = file.read(MAX_SIZE + 1)
-        if len(content) > MAX_SIZE:
-            raise AlarmStateError(f'it is larger than {MAX_SIZE / 1e6:g} MB')
-        return content
 
     def set_aside(self) -> Path:
         """Rename a damaged file, so that somebody can look at it; return its new name.
@@ -148,7 +138,12 @@ class StateFile:
             file.flush()
             os.fsync(descriptor)
         new.replace(self.path)
-        _sync_folder(self.path.parent)
+        # So that the rename outlasts a loss of power.
+        folder = os.open(self.path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
 
 
 class StateWriter:
@@ -213,12 +208,3 @@ class StateWriter:
                 self._changed.wait_for(lambda: self._closing, RETRY_PERIOD)
                 if self._document is None:
                     self._document = document
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make a rename outlast a loss of power."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

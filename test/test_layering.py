@@ -25,7 +25,7 @@ BUILDS_ON: dict[str, tuple[str, ...]] = {
     'arrays': ('errors',),
     'fields': ('errors',),
     'jit': (),
-    'state_file': ('errors',),
+    'state_file': ('files',),
     'physics': ('arrays', 'jit'),
     'monitor': ('physics', 'fields', 'files'),
     'root': ('monitor',),

@@ -75,7 +75,7 @@ def test_a_file_that_is_too_large_is_not_read(tmp_path: Path) -> None:
     path = tmp_path / 'state.json'
     with path.open('wb') as file:
         file.truncate(MAX_SIZE + 1)
-    with pytest.raises(AlarmStateError, match='it is larger than 16 MB'):
+    with pytest.raises(AlarmStateError, match='it is larger than 16000000 bytes'):
         StateFile(str(path)).read()
 
 

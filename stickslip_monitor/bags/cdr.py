@@ -117,14 +117,7 @@ def short_name(name: str) -> str:
 
 @lru_cache(maxsize=256)
 def parse_schema(name: str, data: bytes) -> Definitions:
-    """Parse a concatenated message definition.
-
-    Args:
-        name: Type of the message, e.g. ``std_msgs/msg/Float64``.
-        data: Its definition, followed by those of the types it uses.
-
-    Returns:
-        Fields of every type by short name.
+    """Parse a concatenated message definition to the fields of every type by short name.
 
     Raises:
         SchemaError: A line is not a field, or a type is used but not defined.
@@ -348,12 +341,11 @@ def _decoder(schema: Schema) -> Callable[[bytes], Any]:
 
 @dataclass(slots=True, eq=False)
 class FieldNumbers:
-    """What was read from n messages.
+    """What was read from n messages, with a row of ``values`` for each path.
 
-    ``stamp_ns`` is None where the type has no header, and zero where a message has no stamp;
-    ``values`` has a row for each path; ``faults`` counts the messages that are not decoded by the
-    reason, ``short`` for each path those whose array is too short, and ``alone`` those that were
-    decoded one by one.
+    ``stamp_ns`` is None where the type has no header, and zero where a message has no stamp.
+    ``faults`` counts the messages that are not decoded by the reason, ``short`` for each path
+    those whose array is too short, and ``alone`` those that were decoded one by one.
     """
 
     stamp_ns: IntArray | None
@@ -364,12 +356,7 @@ class FieldNumbers:
 
 
 class FieldReader:
-    """Reads numbers from messages of one type, many at once.
-
-    Args:
-        topic: Whose messages.
-        schema: The definition of their type.
-        paths: Paths to numbers of the type.
+    """Reads numbers at some paths from messages of one type, many at once.
 
     Raises:
         BagError: A path does not lead to a number, or the definition cannot be used.

@@ -61,25 +61,15 @@ _FOOTER = HEAD.size + 20
 
 
 class Contents:
-    """What one file holds.
+    """What one file of some length [bytes] holds.
+
+    ``tell`` is told what is wrong with it, in sentences.
 
     A definition counts as it was first given: messages behind one that says otherwise are not
-    read, and it is told.
-
-    Args:
-        path: The file.
-        size: Its length [bytes].
-        tell: Told what is wrong with it, in sentences.
-
-    Attributes:
-        channels: By number.
-        schemas: By number.
-        blocks: What to read.
-        counts: Messages of each channel.
-        is_stated: Whether the counts are those of the summary, and nothing was decompressed yet.
-        start_ns: Earliest log time but 0, which ``has_zero`` tells of [ns].
-        end_ns: Latest log time [ns].
-        cut: Where the file ends too early, if it does.
+    read, and it is told.  Channels and schemas are by number, ``counts`` are the messages of each
+    channel; with ``is_stated`` they are those of the summary, and nothing was decompressed yet.
+    ``start_ns`` and ``end_ns`` are the earliest and the latest log time but 0, which ``has_zero``
+    tells of [ns].
     """
 
     def __init__(self, path: Path, size: int, tell: Callable[[str], None]) -> None:
@@ -117,11 +107,6 @@ class Contents:
         self, block: Block, take: Callable[[], Loaded], budget: Budget
     ) -> Iterator[tuple[Piece, list[tuple[int, IntArray]]]]:
         """Walk through a block, take the definitions in it, and tell what is wrong with it.
-
-        Args:
-            block: The block.
-            take: Gives its records.
-            budget: Of the file.
 
         Yields:
             The records piece by piece, and which messages of it each channel has.
@@ -327,16 +312,8 @@ class Contents:
 class _Heads:
     """The heads of the records of a file, as far as it was walked.
 
-    Attributes:
-        offset: The end of the last whole record.
-        blocks: What to read.
-        has_ended: Whether the end of the data was met.
-        is_finished: Whether the file ends as it should.
-        behind: Whether there are messages behind the end of the data.
-        strange: Records of kind 0.
-        statistics: Those of the summary.
-        definitions: Those of the summary.
-        indexed: Messages of each channel after the message indexes.
+    To ``offset``, behind the last whole record. ``statistics`` and ``definitions`` are those of
+    the summary, ``indexed`` counts the messages of each channel after the message indexes.
     """
 
     def __init__(self, file: int, path: Path, size: int) -> None:

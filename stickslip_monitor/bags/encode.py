@@ -51,9 +51,6 @@ def encode_stamped(
         stamp_ns: Stamps from 1970 to 2038, shape (n,) [ns].
         values: The numbers, shape (n,).
 
-    Returns:
-        n messages, all of one length.
-
     Raises:
         BagError: A stamp is out of range.
     """

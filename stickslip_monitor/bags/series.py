@@ -12,8 +12,7 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from mcap.records import Channel
@@ -38,6 +37,8 @@ _REFUSED = 'come behind a definition that does not fit, and were not used'
 
 Progress = Callable[[int, int], None]
 Columns = tuple[NDArray[Any], ...]
+"""Messages: log times [ns], numbers of their blocks, and what else there is to tell of each: shape
+(n,) or (k, n)."""
 
 
 class Job(NamedTuple):
@@ -48,40 +49,13 @@ class Job(NamedTuple):
     file: Contents
 
 
-class Table(NamedTuple):
-    """Messages of a piece of a block in the order of time.
-
-    Attributes:
-        number: That of the block, by which messages of equal time are ordered.
-        columns: Log times [ns], numbers of topics, and what else there is to tell of each message:
-            shape (n,) or (k, n) each.
-        data: What the columns refer to.
-    """
-
-    number: int
-    columns: Columns
-    data: bytes = b''
-
-    @property
-    def size(self) -> int:
-        """How many messages it has."""
-        return len(self.columns[0])
-
-    def before(self, time_ns: int, side: Literal['left', 'right'] = 'left') -> int:
-        """How many of them are before a time, or up to it if the side is right."""
-        return int(self.columns[0].searchsorted(time_ns, side))
-
-    def part(self, rows: slice) -> Table:
-        """Some of them."""
-        return self._replace(columns=_part(self.columns, rows))
-
-
-def _part(columns: Columns, rows: slice | IntArray) -> Columns:
+def _part(columns: Columns, rows: slice | IntArray | BoolArray) -> Columns:
     return tuple(column[..., rows] for column in columns)
 
 
 Chosen = list[tuple[int, Channel, IntArray]]
 """The number of a topic, one of its channels, and which messages of a piece."""
+Table = TypeVar('Table')
 MakeTable = Callable[[Job, Piece, Chosen], Table]
 
 
@@ -123,50 +97,50 @@ class Pass:
         mask = sum(1 << key for key in self._keys(file))
         return (b for b in file.blocks if b.channels is None or b.channels & mask)
 
-    def stretches(self, table_of: MakeTable, most: int) -> Iterator[list[Table]]:
-        """Yield all messages, one stretch of time after the other.
+    def stretches(self, columns_of: MakeTable[Columns], most: int) -> Iterator[Columns]:
+        """Yield all messages in the order of time, then of place, some at a time.
 
         Args:
-            table_of: Makes the table of a piece's messages.
+            columns_of: Makes the columns of a piece's messages.
             most: How many messages may wait before some are handed on.
-
-        Yields:
-            The tables of a stretch, in the order in which messages of equal time come.
         """
-        waiting: list[Table] = []
+        waiting: list[Columns] = []
         limit, handed = most, -1
         # The least number of a block that is still to come.
         numbers = np.array([job.number for job in self._jobs] + [1 << 62])
         rest = np.minimum.accumulate(numbers[::-1])[::-1]
-        for k, job, tables in self.tables(table_of):
-            waiting += self._in_time(job, tables, handed)
-            if sum(table.size for table in waiting) < limit or k + 1 == len(self._jobs):
+        for k, job, found in self.tables(columns_of):
+            waiting += self._in_time(job, found, handed)
+            if sum(columns[0].size for columns in waiting) < limit or k + 1 == len(self._jobs):
                 continue
             handed = self._jobs[k + 1].block.start_ns
-            cuts = [table.before(handed) for table in waiting]
-            if not any(cuts) and waiting and max(t.number for t in waiting) < rest[k + 1]:
-                # So many of one time: it is split, rather than to wait for more.
-                cuts = [table.before(handed, 'right') for table in waiting]
-            yield _ordered(waiting, [slice(cut) for cut in cuts])
-            waiting = _ordered(waiting, [slice(cut, None) for cut in cuts])
-            limit = most + 2 * sum(table.size for table in waiting)
-        yield _ordered(waiting, [slice(None) for _ in waiting])
+            if waiting:
+                columns = _in_order(waiting)
+                cut = columns[0].searchsorted(handed)
+                if not cut and columns[1].max(initial=-1) < rest[k + 1]:
+                    # So many of one time: it is split, rather than to wait for more.
+                    cut = columns[0].searchsorted(handed, 'right')
+                yield from _some(_part(columns, slice(cut)))
+                waiting = [_part(columns, slice(cut, None))]
+                limit = most + 2 * waiting[0][0].size
+        if waiting:
+            yield from _some(_in_order(waiting))
 
-    def _in_time(self, job: Job, tables: Iterable[Table], handed: int) -> Iterator[Table]:
+    def _in_time(self, job: Job, found: Iterable[Columns], handed: int) -> Iterator[Columns]:
         """Leave out what is earlier than what was handed on: a block may lie about its times."""
         late = 0
-        for table in tables:
-            first = table.before(handed)
-            late += first
-            yield table.part(slice(first, None)) if first else table
+        for columns in found:
+            is_late = columns[0] < handed
+            late += int(np.count_nonzero(is_late))
+            yield _part(columns, ~is_late) if is_late.any() else columns
         if late:
             self.tell(
                 f'{job.block.place} has {plural(late, "message")} from before it begins, as it'
                 ' says: they were not used'
             )
 
-    def tables(self, table_of: MakeTable) -> Iterator[tuple[int, Job, Iterator[Table]]]:
-        """Go through the blocks: the place of each in the order of time, and its tables."""
+    def tables(self, table_of: MakeTable[Table]) -> Iterator[tuple[int, Job, Iterator[Table]]]:
+        """Go through the blocks: place of each in the order of time, and what is made of it."""
         total, done = sum(job.block.length for job in self._jobs), 0
         begun: deque[int] = deque()
 
@@ -183,8 +157,10 @@ class Pass:
             if self._progress is not None:
                 self._progress(done, total)
 
-    def _read(self, job: Job, take: Callable[[], Loaded], table_of: MakeTable) -> Iterator[Table]:
-        """The tables of a block, as far as it can be read."""
+    def _read(
+        self, job: Job, take: Callable[[], Loaded], table_of: MakeTable[Table]
+    ) -> Iterator[Table]:
+        """What is made of a block, as far as it can be read."""
         file = job.file
         if file in self._exhausted:
             return
@@ -219,32 +195,25 @@ class Pass:
                 file.compare({key: file.counts[key] for key in keys}, self._counts[file])
 
 
-def _ordered(tables: Sequence[Table], parts: Sequence[slice]) -> list[Table]:
-    """Parts of tables that are not empty, in the order in which equal times come."""
-    cut = [table.part(part) for table, part in zip(tables, parts, strict=True)]
-    return sorted((table for table in cut if table.size), key=lambda table: table.number)
-
-
-def _in_order(columns: Columns, wanted: BoolArray | None = None) -> Columns:
-    """The messages that are wanted, in the order of time."""
-    if wanted is not None and not wanted.all():
-        columns = _part(columns, np.flatnonzero(wanted))
-    times = columns[0]
-    if (times[1:] >= times[:-1]).all():
+def _in_order(parts: Sequence[Columns]) -> Columns:
+    """Columns as one, in the order of time, then of blocks, then as they are."""
+    columns = tuple(np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
+    time, number = columns[:2]
+    later, same = time[1:] > time[:-1], time[1:] == time[:-1]
+    if (later | (same & (number[1:] >= number[:-1]))).all():
         return columns
-    return _part(columns, np.argsort(times, kind='stable'))
+    return _part(columns, np.lexsort((number, time)))
 
 
-def _merged(tables: Sequence[Table]) -> Iterator[Columns]:
-    """Tables as one, some messages at a time; one time is split only if it has too many."""
-    each = zip(*(table.columns for table in tables), strict=True)
-    columns = _in_order(tuple(np.concatenate(parts, axis=-1) for parts in each))
-    while columns and len(columns[0]) > _OF_ALL:
+def _some(columns: Columns) -> Iterator[Columns]:
+    """Some messages at a time; those of one time are split only if these are too many."""
+    while columns[0].size > _OF_ALL:
         times = columns[0][:_OF_ALL]
         end = int(times.searchsorted(times[-1])) or _OF_ALL
         yield _part(columns, slice(end))
         columns = _part(columns, slice(end, None))
-    yield columns
+    if columns[0].size:
+        yield columns
 
 
 def merged_messages(way: Pass, types: Mapping[str, str], spans: TimeSpans) -> Iterator[Message]:
@@ -252,15 +221,19 @@ def merged_messages(way: Pass, types: Mapping[str, str], spans: TimeSpans) -> It
 
     A block is in memory while its time lasts.
     """
+
+    def encoded(job: Job, piece: Piece, chosen: Chosen) -> Columns:
+        topic, rows = _rows(piece, chosen, spans)
+        data = np.empty(rows.size, np.object_)
+        offset, size = piece.offset[rows], piece.size[rows]
+        data[:] = _slices(piece.data, offset, size)
+        return piece.log_time_ns[rows], np.full(rows.size, job.number), topic, data
+
     names = list(types.items())
-    for tables in way.stretches(partial(_raw_table, spans), 1):
-        for number, table in enumerate(tables):
-            table.columns[2][:] = number
-        for columns in _merged(tables) if tables else ():
-            numbers = zip(*(column.tolist() for column in columns), strict=True)
-            for time, topic, own, offset, size in numbers:
-                name, kind = names[topic]
-                yield Message(name, kind, time, tables[own].data[offset : offset + size])
+    for columns in way.stretches(encoded, 1):
+        for time, _, topic, data in zip(*(column.tolist() for column in columns), strict=True):
+            name, kind = names[topic]
+            yield Message(name, kind, time, data)
 
 
 def payloads(
@@ -270,29 +243,39 @@ def payloads(
 
     That is when its block begins [ns], and log times and messages of each topic in it.
     """
-    for _, job, tables in way.tables(partial(_raw_table, spans)):
+
+    def encoded(_: Job, piece: Piece, chosen: Chosen) -> dict[str, tuple[IntArray, Payload]]:
+        topic, rows = _rows(piece, chosen, spans)
+        found = {}
+        for name, number in way.numbers.items():
+            own = rows[topic == number]
+            if own.size:
+                own = own[np.argsort(piece.log_time_ns[own], kind='stable')]
+                data = _raw(piece.data, piece.offset[own], piece.size[own])
+                found[name] = piece.log_time_ns[own], data
+        return found
+
+    for _, job, tables in way.tables(encoded):
         for table in tables:
-            found = {}
-            for topic, number in way.numbers.items():
-                rows = np.flatnonzero(table.columns[1] == number)
-                if rows.size:
-                    time, _, _, offset, size = _part(table.columns, rows)
-                    found[topic] = time, _raw(table.data, offset, size)
-            yield job.block.start_ns, found
+            yield job.block.start_ns, table
 
 
-def _raw_table(spans: TimeSpans, job: Job, piece: Piece, chosen: Chosen) -> Table:
-    times = piece.log_time_ns
-    topic, table = np.full(times.size, -1, np.int32), np.zeros(times.size, np.int32)
+def _rows(piece: Piece, chosen: Chosen, spans: TimeSpans) -> tuple[IntArray, IntArray]:
+    """The numbers of the topics of the messages that are wanted, and which these are."""
+    topic = np.full(piece.log_time_ns.size, -1)
     for number, _, rows in chosen:
         topic[rows] = number
-    columns = times, topic, table, piece.offset, piece.size
-    return Table(job.number, _in_order(columns, (topic >= 0) & spans.holds(times)), piece.data)
+    rows = np.flatnonzero((topic >= 0) & spans.holds(piece.log_time_ns))
+    return topic[rows], rows
 
 
 def _raw(data: bytes, offset: IntArray, size: IntArray) -> Payload:
     if size.min() == size.max() > 0:
         return view(data, f'V{size[0]}')[offset]
+    return _slices(data, offset, size)
+
+
+def _slices(data: bytes, offset: IntArray, size: IntArray) -> list[bytes]:
     return [data[a:b] for a, b in zip(offset.tolist(), (offset + size).tolist(), strict=True)]
 
 
@@ -326,12 +309,6 @@ class Reading:
     """A pass over a recording for numbers of some topics.
 
     Iterating gives a series for each request, for one stretch of time after the other.
-
-    Args:
-        files: The recording.
-        wanted: What is wanted.
-        tell: Told what is wrong with a block, in a sentence.
-        progress: Told the bytes done and the bytes to do after each block.
 
     Raises:
         BagError: A path does not lead to a number.
@@ -368,12 +345,14 @@ class Reading:
         Raises:
             BagError: A file cannot be read.
         """
-        most = min(_OF_TOPIC * len(self._wanted), _OF_ALL)
-        none = np.empty(0, np.int64)
-        nothing = Table(0, (none, none, none, np.empty((self._width, 0))))
-        for tables in self._pass.stretches(self._table, most):
-            for columns in _merged(tables or [nothing]):
-                yield self._series(*columns)
+        columns = None
+        for columns in self._pass.stretches(
+            self._columns, min(_OF_TOPIC * len(self._wanted), _OF_ALL)
+        ):
+            yield self._series(*columns)
+        if columns is None:
+            none = np.empty(0, np.int64)
+            yield self._series(none, none, none, none, np.empty((self._width, 0)))
         self._pass.compare()
 
     def faults(self) -> dict[Request, tuple[Fault, ...]]:
@@ -395,9 +374,9 @@ class Reading:
                 self._readers[key] = error
         return self._readers[key]
 
-    def _table(self, job: Job, piece: Piece, chosen: Chosen) -> Table:
+    def _columns(self, job: Job, piece: Piece, chosen: Chosen) -> Columns:
         times = stamp = piece.log_time_ns
-        topic = np.full(times.size, -1, np.int32)
+        topic, block = np.full(times.size, -1, np.int32), np.full(times.size, job.number, np.int32)
         values = np.full((self._width, times.size), np.nan)
         for number, channel, rows in chosen:
             wanted, own_times = self._wanted[number], times[rows]
@@ -423,10 +402,11 @@ class Reading:
                     stamp = stamp.copy()
                 stamp[rows] = np.where(numbers.stamp_ns == 0, own_times, numbers.stamp_ns)
         is_wanted = (topic >= 0) & (times >= self._least)
-        return Table(job.number, _in_order((times, topic, stamp, values), is_wanted))
+        columns = times, block, topic, stamp, values
+        return columns if is_wanted.all() else _part(columns, is_wanted)
 
     def _series(
-        self, log_time: IntArray, topic: IntArray, stamp: IntArray, values: FloatArray
+        self, log_time: IntArray, _: IntArray, topic: IntArray, stamp: IntArray, values: FloatArray
     ) -> dict[Request, Series]:
         """The series of some messages."""
         result: dict[Request, Series] = {}

@@ -136,10 +136,7 @@ class _Draft:
 class McapFile:
     """The records of one file.
 
-    Args:
-        file: Where to.
-        compression: One of :data:`COMPRESSIONS`.
-        chunk_size: Bytes after which a chunk is closed, before compression.
+    A chunk is closed when it is longer than its size before compression.
     """
 
     def __init__(self, file: IO[bytes], compression: str, chunk_size: int) -> None:

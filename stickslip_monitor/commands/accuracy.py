@@ -34,13 +34,14 @@ from stickslip_monitor.commands.output import (
     print_json,
 )
 from stickslip_monitor.drawing.canvas import save_figure, write_csv
-from stickslip_monitor.drawing.pareto import MethodMark, Panel, draw_pareto
+from stickslip_monitor.drawing.pareto import MethodMark, draw_pareto
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.lab.accuracy.cases import BASE, CASES, METHODS, TYPICAL
 from stickslip_monitor.lab.accuracy.measurement import (
     QUICK,
     Effort,
     Row,
+    Summary,
     columns,
     measure,
     pareto,
@@ -99,47 +100,41 @@ def measured(quick: bool) -> list[Row]:
 
 def to_json(rows: Sequence[Row]) -> dict[str, Any]:
     """The measurement as the documented JSON object."""
-    table = columns(rows)
-    lines = zip(*([_plain(value) for value in values] for values in table.values()), strict=True)
     return {
         'schema': SCHEMA,
         'base': BASE.name,
-        'rows': [dict(zip(table, line, strict=True)) for line in lines],
-        'methods': [
-            {name: _plain(value) for name, value in asdict(summary).items()}
-            for summary in summarise(rows, BASE.name)
-        ],
+        'rows': [_plain(row) for row in rows],
+        'methods': [_plain(summary) for summary in summarise(rows, BASE.name)],
     }
 
 
-def _plain(value: object) -> object:
-    return number(value) if isinstance(value, float) else value
+def _plain(record: Row | Summary) -> dict[str, object]:
+    return {k: number(v) if isinstance(v, float) else v for k, v in asdict(record).items()}
 
 
-def panels(rows: Sequence[Row]) -> tuple[Panel, ...]:
+def panels(rows: Sequence[Row]) -> dict[str, list[MethodMark]]:
     """The typical case, and the worst of all cases."""
     typical = [row for row in rows if row.case == TYPICAL and row.outcome != 'refused']
-    one = [(row.method, row.family, row.points, row.seconds, abs(row.error)) for row in typical]
+    one = [(row.family, row.points, row.seconds, abs(row.error)) for row in typical]
     every = [
-        (s.method, s.family, s.points, s.seconds, s.worst)
+        (s.family, s.points, s.seconds, s.worst)
         for s in summarise(rows, BASE.name)
         if s.answered and s.refused <= 1
     ]
     count = len({row.case for row in rows if row.method == BASE.name})
-    return (
-        Panel(f'{TYPICAL}: the middle of the unstable range', _panel_marks(one)),
-        Panel(f'worst of {count} cases, median time', _panel_marks(every)),
-    )
+    return {
+        f'{TYPICAL}: the middle of the unstable range': _marks(one),
+        f'worst of {count} cases, median time': _marks(every),
+    }
 
 
-def _panel_marks(points: list[tuple[str, str, int, float, float]]) -> tuple[MethodMark, ...]:
+def _marks(points: list[tuple[str, int, float, float]]) -> list[MethodMark]:
     errors = [e if math.isfinite(e) else math.inf for *_, e in points]
-    alone = [seconds if count == 1 else math.nan for _, _, count, seconds, _ in points]
-    front = pareto(alone, errors)
-    return tuple(
+    front = pareto([t if count == 1 else math.nan for _, count, t, _ in points], errors)
+    return [
         MethodMark(family, seconds, errors[i], i in front, count > 1)
-        for i, (_, family, count, seconds, _) in enumerate(points)
-    )
+        for i, (family, count, seconds, _) in enumerate(points)
+    ]
 
 
 def footnote(rows: Sequence[Row]) -> str:

@@ -23,19 +23,31 @@ from stickslip_monitor.monitor.verdict import warns
 
 SCHEMA = 'stickslip_monitor/assessment/1'
 _NUMBERS = (
-    'hopf_speed',
-    'fold_speed',
-    'hopf_margin',
-    'fold_margin',
-    'exact_fold_speed',
-    'exact_fold_margin',
-    'hopf_load',
-    'fold_load',
-    'growth_rate',
-    'amplitude',
-    'amplitude_exact',
-    'amplitude_error',
-    'threshold_amplitude',
+    'hopf_speed', 'fold_speed', 'hopf_margin', 'fold_margin', 'exact_fold_speed',
+    'exact_fold_margin', 'hopf_load', 'fold_load', 'growth_rate', 'amplitude', 'amplitude_exact',
+    'amplitude_error', 'threshold_amplitude',
+)  # fmt: skip
+_ROWS = (
+    ('surface speed', 'speed', 'm/s'),
+    ('shaft speed', 'speed', 'rpm'),
+    ('load', 'load', 'N'),
+    ('Hopf speed', 'hopf_speed', 'rpm'),
+    ('fold speed', 'fold_speed', 'rpm'),
+    ('Hopf margin', 'hopf_margin', '%'),
+    ('fold margin', 'fold_margin', '%'),
+    ('fold speed (exact cycle)', 'exact_fold_speed', 'rpm'),
+    ('fold margin (exact cycle)', 'exact_fold_margin', '%'),
+    ('Hopf load', 'hopf_load', 'N'),
+    ('fold load', 'fold_load', 'N'),
+    ('growth rate', 'growth_rate', '1/s'),
+    ('stick-slip amplitude (KBM)', 'amplitude', 'mm'),
+    ('stick-slip amplitude (exact cycle)', 'amplitude_exact', 'mm'),
+    ('error of KBM in the amplitude', 'amplitude_error', '%'),
+    ('threshold amplitude (KBM)', 'threshold_amplitude', 'mm'),
+    ('probability that stick-slip can happen', 'probability_can', '%'),
+    ('probability that it starts by itself', 'probability_will', '%'),
+    ('fold margin, 5 % quantile', 'fold_margin_low', '%'),
+    ('fold margin, 95 % quantile', 'fold_margin_high', '%'),
 )
 
 
@@ -85,32 +97,10 @@ def _table(item: BearingConfig, point: Assessment) -> Table:
     table = Table(title=f'{item.name}: {point.regime.value}', caption=point.outcome.sentence)
     table.add_column('quantity')
     table.add_column('value', justify='right')
-    rpm = item.bearing.speed.factor('rpm')
-    rows = [
-        ('surface speed', point.speed, 1.0, 'm/s'),
-        ('shaft speed', point.speed, 1.0 / rpm, 'rpm'),
-        ('load', point.load, 1.0, 'N'),
-        ('Hopf speed', point.hopf_speed, 1.0 / rpm, 'rpm'),
-        ('fold speed', point.fold_speed, 1.0 / rpm, 'rpm'),
-        ('Hopf margin', point.hopf_margin, 100.0, '%'),
-        ('fold margin', point.fold_margin, 100.0, '%'),
-        ('fold speed (exact cycle)', point.exact_fold_speed, 1.0 / rpm, 'rpm'),
-        ('fold margin (exact cycle)', point.exact_fold_margin, 100.0, '%'),
-        ('Hopf load', point.hopf_load, 1.0, 'N'),
-        ('fold load', point.fold_load, 1.0, 'N'),
-        ('growth rate', point.growth_rate, 1.0, '1/s'),
-        ('stick-slip amplitude (KBM)', point.amplitude, 1e3, 'mm'),
-        ('stick-slip amplitude (exact cycle)', point.amplitude_exact, 1e3, 'mm'),
-        ('error of KBM in the amplitude', point.amplitude_error, 100.0, '%'),
-        ('threshold amplitude (KBM)', point.threshold_amplitude, 1e3, 'mm'),
-    ]
-    if point.has_belief:
-        rows += [
-            ('probability that stick-slip can happen', point.probability_can, 100.0, '%'),
-            ('probability that it starts by itself', point.probability_will, 100.0, '%'),
-            ('fold margin, 5 % quantile', point.fold_margin_low, 100.0, '%'),
-            ('fold margin, 95 % quantile', point.fold_margin_high, 100.0, '%'),
-        ]
-    for name, value, factor, unit in rows:
-        table.add_row(name, f'{value * factor:.6g} {unit}' if math.isfinite(value) else 'none')
+    units = {'rpm': 1.0 / item.bearing.speed.factor('rpm'), '%': 100.0, 'mm': 1e3}
+    for title, name, unit in _ROWS:
+        value = getattr(point, name)
+        if name not in BELIEFS or point.has_belief:
+            shown = f'{value * units.get(unit, 1.0):.6g} {unit}'
+            table.add_row(title, shown if math.isfinite(value) else 'none')
     return table

@@ -172,11 +172,7 @@ def event_log(args: argparse.Namespace) -> Iterator[EventLog]:
 
 
 def need_extra() -> None:
-    """Make sure that what a page needs is installed.
-
-    Raises:
-        DashboardError: It is not; the text says how to install it.
-    """
+    """Raise DashboardError, with how to install it, where what a page needs is missing."""
     for name in ('aiohttp', 'prometheus_client'):
         if find_spec(name) is None:
             raise DashboardError(
@@ -210,25 +206,32 @@ async def _serve(
 ) -> None:
     from stickslip_monitor.dashboard.server import Server
 
-    feed = _replay if args.bag is not None else _live
-    with feed(args, config, board) as player:
+    async def show(player: Replay | None) -> None:
         await Server(board, access, player).serve(args.host, args.port, say_address)
+
+    if args.bag is None:
+        monitors = {monitor.source: monitor for monitor in board.monitors}
+        with listen_to_nodes(monitors, args.diagnostics) as watcher:
+            for name, monitor in monitors.items():
+                monitor.act = partial(watcher.act, name)
+            await show(None)
+        return
+    from stickslip_monitor.dashboard.replay import Replay
+
+    replay = Replay(args.bag, config, args.rate, board)
+    task = asyncio.create_task(replay.run())
+    try:
+        await show(replay)
+    finally:
+        if task.done():
+            task.result()
+        task.cancel()
 
 
 def say_address(url: str) -> None:
     """Say where the page is."""
     Console(markup=False, highlight=False, soft_wrap=True).print(f'Dashboard on {url}')
     sys.stdout.flush()
-
-
-@contextmanager
-def _live(args: argparse.Namespace, _: MonitorConfig, board: DashboardState) -> Iterator[None]:
-    """Feed the board by the monitors that run beside."""
-    monitors = {monitor.source: monitor for monitor in board.monitors}
-    with listen_to_nodes(monitors, args.diagnostics) as watcher:
-        for name, monitor in monitors.items():
-            monitor.act = partial(watcher.act, name)
-        yield
 
 
 @contextmanager
@@ -252,23 +255,6 @@ def listen_to_nodes(listeners: Mapping[str, Listener], diagnostics: str) -> Iter
     hand_over = asyncio.get_running_loop().call_soon_threadsafe
     with open_watcher(listeners, diagnostics, hand_over) as watcher:
         yield watcher
-
-
-@contextmanager
-def _replay(
-    args: argparse.Namespace, config: MonitorConfig, board: DashboardState
-) -> Iterator[Replay]:
-    """Feed the board by a recording."""
-    from stickslip_monitor.dashboard.replay import Replay
-
-    replay = Replay(args.bag, config, args.rate, board)
-    task = asyncio.get_running_loop().create_task(replay.run())
-    try:
-        yield replay
-    finally:
-        if task.done():
-            task.result()
-        task.cancel()
 
 
 def bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0.0) -> BearingView:

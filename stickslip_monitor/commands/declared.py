@@ -10,6 +10,7 @@ package did not write. Nothing has been worked out by then.
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -34,11 +35,8 @@ _Options = argparse._ActionsContainer  # a parser or a group of its options
 class FileOptions:
     """What a command's options name, by their destinations.
 
-    Attributes:
-        reads: Inputs: files, and folders of recordings.
-        writes: Outputs with their marks.
-        renews: Outputs that may take the place of an input of the same kind.
-        records: Outputs that are recordings, or a folder of such; never within what is read.
+    ``writes`` has the marks of outputs; ``renews`` are those that may take the place of an input
+    of the same kind; ``records`` are recordings, or folders of such, never within what is read.
     """
 
     reads: list[str] = field(default_factory=list)
@@ -142,7 +140,11 @@ def check_files(args: argparse.Namespace) -> None:
             another output, or is there already and not ours.
     """
     files = getattr(args, 'files', None) or FileOptions()
-    _move_old_picture(args, files)
+    # A picture was asked for by -o in the last version, where that is now a table.
+    path = getattr(args, 'output', None)
+    if 'picture' in files.writes and path and Path(path).suffix.lower() in PICTURES:
+        _say_old('-o for a picture', '--picture')
+        args.output, args.picture = None, args.picture or path
     inputs = [path for dest in files.reads for path in _paths(args, dest)]
     written: list[str] = []
     for dest, marks in files.writes.items():
@@ -154,7 +156,13 @@ def check_files(args: argparse.Namespace) -> None:
             written.append(path)
     for dest, is_folder in files.records.items():
         for path in _paths(args, dest):
-            _refuse_within(f'--{dest}', Path(path) if is_folder else Path(path).parent, inputs)
+            folder = Path(path) if is_folder else Path(path).parent
+            for read in inputs:
+                if Path(read).is_dir() and is_same(folder, read):
+                    raise OutputError(
+                        f"--{dest} would write into the folder '{read}', whose recordings are"
+                        ' checked: choose another folder'
+                    )
 
 
 def check_output(path: str | Path, marks: Marks, args: argparse.Namespace) -> None:
@@ -171,8 +179,10 @@ def _check_output(
     path: str, marks: Marks, inputs: Sequence[str], force: bool, renews: bool = False
 ) -> None:
     mark = marks[ending(path, marks)]
-    if not (renews and mark and holds_mark(path, mark)):
-        _refuse_input(path, inputs)
+    if Path(path).exists() and not (renews and mark and holds_mark(path, mark)):
+        for file in itertools.chain.from_iterable(map(_read_with, inputs)):
+            if is_same(path, file):
+                raise OutputError(f"output '{path}' is the input '{file}': choose another name")
     check_replaceable(path, mark, force)
 
 
@@ -185,23 +195,6 @@ def _paths(args: argparse.Namespace, dest: str) -> Sequence[str]:
     if '' in paths:
         raise OutputError(f'--{dest} is given an empty name')
     return paths
-
-
-def _move_old_picture(args: argparse.Namespace, files: FileOptions) -> None:
-    """A picture was asked for by ``-o`` in the last version, where that is now a table."""
-    path = getattr(args, 'output', None)
-    if 'picture' in files.writes and path and Path(path).suffix.lower() in PICTURES:
-        _say_old('-o for a picture', '--picture')
-        args.output, args.picture = None, args.picture or path
-
-
-def _refuse_input(output: str, inputs: Sequence[str]) -> None:
-    if not Path(output).exists():
-        return
-    for path in inputs:
-        for file in _read_with(path):
-            if is_same(output, file):
-                raise OutputError(f"output '{output}' is the input '{file}': choose another name")
 
 
 def _read_with(path: str) -> Iterator[Path]:
@@ -224,23 +217,11 @@ def _read_with(path: str) -> Iterator[Path]:
 
 def _texts(document: Any) -> Iterator[str]:
     """All texts in a document that could be names of files."""
-    if isinstance(document, Mapping):
-        for value in document.values():
-            yield from _texts(value)
-    elif isinstance(document, list):
-        for value in document:
+    if isinstance(document, Mapping | list):
+        for value in document.values() if isinstance(document, Mapping) else document:
             yield from _texts(value)
     elif isinstance(document, str) and document and '\0' not in document:
         yield document
-
-
-def _refuse_within(option: str, folder: Path, inputs: Sequence[str]) -> None:
-    for path in inputs:
-        if Path(path).is_dir() and is_same(folder, path):
-            raise OutputError(
-                f"{option} would write into the folder '{path}', whose recordings are"
-                ' checked: choose another folder'
-            )
 
 
 def say_written(*paths: str | Path | None) -> None:

@@ -8,7 +8,6 @@ import json
 import shutil
 import sys
 import time
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from stickslip_monitor.files import printable
@@ -31,12 +30,7 @@ class ProgressBar:
         """Begin."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Take the bar away."""
         self.hide()
 
@@ -44,11 +38,18 @@ class ProgressBar:
         """Show how far the work is."""
         if not self._wanted or time.monotonic() - self._begin < _PATIENCE:
             return
+        from rich.console import Console
+        from rich.markup import escape
+        from rich.progress import Progress
+
         if self._bar is None:
-            self._bar = _new_bar()
+            # Otherwise the bar would redirect printed text to the standard error.
+            self._bar = Progress(
+                console=Console(stderr=True), transient=True, redirect_stdout=False,
+                redirect_stderr=False,
+            )  # fmt: skip
             self._task = self._bar.add_task('', total=None)
             self._bar.start()
-        from rich.markup import escape
 
         self._bar.update(
             self._task, description=escape(printable(text)), completed=done, total=total
@@ -59,19 +60,6 @@ class ProgressBar:
         if self._bar is not None:
             self._bar.stop()
             self._bar = None
-
-
-def _new_bar() -> Any:
-    from rich.console import Console
-    from rich.progress import Progress
-
-    # Otherwise the bar would redirect printed text to the standard error.
-    return Progress(
-        console=Console(stderr=True),
-        transient=True,
-        redirect_stdout=False,
-        redirect_stderr=False,
-    )
 
 
 if TYPE_CHECKING:

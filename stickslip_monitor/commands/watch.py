@@ -118,7 +118,7 @@ def load_watch(path: str, with_node: bool) -> tuple[MonitorConfig, LinksConfig]:
 
 def _labelled(config: MonitorConfig, links: LinksConfig) -> MonitorConfig:
     """The configuration with every input called what it is on its bus."""
-    labels = links.labels
+    labels, bearings = links.labels, []
     for bearing in config.bearings:
         if bearing.level is not None:
             raise ConfigurationError(
@@ -131,29 +131,17 @@ def _labelled(config: MonitorConfig, links: LinksConfig) -> MonitorConfig:
                     f"{SECTION}: '{bearing.name}.{place.name.lower()}' is missing: without --node"
                     ' every input comes from a bus'
                 )
-    return replace(
-        config,
-        bearings=tuple(
-            replace(
-                b,
-                speed=replace(b.speed, topic=labels[b.name, Input.SPEED]),
-                load=replace(b.load, topic=labels[b.name, Input.LOAD]),
-            )
-            for b in config.bearings
-        ),
-    )
+        speed = replace(bearing.speed, topic=labels[bearing.name, Input.SPEED])
+        load = replace(bearing.load, topic=labels[bearing.name, Input.LOAD])
+        bearings.append(replace(bearing, speed=speed, load=load))
+    return replace(config, bearings=tuple(bearings))
 
 
 class Feed:
     """Hands what the monitor says to everything that shows it.
 
-    Args:
-        monitors: The monitor as the page knows it, where there is a page.
-
-    Attributes:
-        monitors: The same.
-        sinks: What shows it.
-        act: Takes what people ask of the monitor.
+    ``monitors`` is the monitor as the page knows it, where there is a page; ``act`` takes what
+    people ask of the monitor.
     """
 
     act: Callable[[ActionRequest], None]
@@ -191,18 +179,11 @@ class Feed:
                 sink.take_alarms(record)
 
 
-class LinkStates:
-    """Which links work; every change is logged, and shown on the board where there is one."""
-
-    def __init__(self, board: DashboardState | None) -> None:
-        self._up: dict[str, bool] = {} if board is None else board.links
-
-    def tell(self, name: str, up: bool, why: str) -> None:
-        """A link works, or does not and why."""
-        before = self._up.get(name)
-        self._up[name] = up
-        if before is not up:
-            (_log.info if up else _log.error)(f'{name}: {"works" if up else why}')
+def _tell_link(links: dict[str, bool], name: str, up: bool, why: str) -> None:
+    """A link works, or does not and why: every change is logged."""
+    before, links[name] = links.get(name), up
+    if before is not up:
+        (_log.info if up else _log.error)(f'{name}: {"works" if up else why}')
 
 
 async def _watch(
@@ -211,10 +192,11 @@ async def _watch(
     links: LinksConfig,
     board: DashboardState | None,
 ) -> None:
-    feed, states = Feed(() if board is None else board.monitors), LinkStates(board)
+    feed = Feed(() if board is None else board.monitors)
+    tell = partial(_tell_link, {} if board is None else board.links)
     with _monitor(args, config, links, feed) as (take, run_monitor):
         names = [bearing.name for bearing in config.bearings]
-        clients = _clients(links, MonitorSide(names, take, feed.act, states.tell, _log))
+        clients = _clients(links, MonitorSide(names, take, feed.act, tell, _log))
         feed.sinks += clients
         for client in clients:
             await client.start()
@@ -310,18 +292,14 @@ def _clients(links: LinksConfig, side: MonitorSide) -> list[Client]:
         own_load = [name for name in side.bearings if name not in theirs]
         clients.append(SignalKClient(links.signalk, token, inputs, own_load, side))
     if links.nmea is not None:
-        _warn_of_udp(links)
+        url = urlsplit(links.nmea.listen)
+        if url.scheme == 'udp' and not is_loopback(url.hostname):
+            _log.warning(
+                'nmea.listen: a datagram proves nothing of its sender; use a network of ships'
+                ' instruments only'
+            )
         clients.append(NmeaClient(links.nmea, links.nmea_inputs, side))
     return clients
-
-
-def _warn_of_udp(links: LinksConfig) -> None:
-    url = urlsplit(links.nmea.listen if links.nmea else '')
-    if url.scheme == 'udp' and not is_loopback(url.hostname):
-        _log.warning(
-            'nmea.listen: a datagram proves nothing of its sender; use a network of ships'
-            ' instruments only'
-        )
 
 
 def _token(path: str) -> str:

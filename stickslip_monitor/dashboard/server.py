@@ -81,15 +81,10 @@ class Server:
         board: DashboardState,
         access: Access,
         player: Replay | None = None,
-        heartbeat: float = HEARTBEAT,
-        stalled: float = STALLED,
-        most: int = MOST_CONNECTIONS,
-        idle: float = IDLE,
     ) -> None:
         self._board, self._access, self._player = board, access, player
-        self._heartbeat, self._stalled = heartbeat, stalled
         self._metrics = Metrics(board)
-        self._connections = Connections(most, idle)
+        self._connections = Connections(MOST_CONNECTIONS, IDLE)
         self._listening: asyncio.Server | None = None
 
     def application(self) -> web.Application:
@@ -223,9 +218,9 @@ class Server:
             state = self._board.state() | {'signed_in': self._access.signed_in(request)}
             event = b'retry: 1000\n\n' + hub.event('state', state)
             while not reader.closed:
-                await asyncio.wait_for(response.write(event), self._stalled)
+                await asyncio.wait_for(response.write(event), STALLED)
                 try:
-                    event = await asyncio.wait_for(reader.take(), self._heartbeat)
+                    event = await asyncio.wait_for(reader.take(), HEARTBEAT)
                 except asyncio.TimeoutError:
                     event = hub.event('beat', self._board.monitor())
         except (ConnectionError, asyncio.TimeoutError):

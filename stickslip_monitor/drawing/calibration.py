@@ -7,8 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stickslip_monitor.drawing.canvas import labelled, style
-from stickslip_monitor.drawing.palette import DASHES, FOLD, HOPF, INK, MUTED, PAPER, REGIME_COLOUR
+from stickslip_monitor.drawing.canvas import (
+    DASHES,
+    FOLD,
+    HOPF,
+    INK,
+    MUTED,
+    PAPER,
+    REGIME_COLOUR,
+    labelled,
+    style,
+)
 from stickslip_monitor.errors import plural
 from stickslip_monitor.lab.calibration.calibrate import Calibration, DipResult
 from stickslip_monitor.lab.calibration.evidence import load_of

@@ -4,13 +4,16 @@
 matplotlib is an extra; it is imported when a picture is drawn, not before. Figures are not
 registered with pyplot, so none has to be closed. They are written as PNG or SVG, put into a page
 as inline SVG with the page's colours and unique ids, or stacked in one PNG.
+
+The hues of regimes and conditions are those of Okabe and Ito, which people with any common colour
+blindness can tell apart; caution is a dark yellow, because green means that all is well (IEC
+60073). Fills get darker from stable to unstable, so that they keep their order in a grey print.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-import math
 import re
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -22,13 +25,85 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.drawing.palette import INK, MUTED, ON_DARK, PAPER
 from stickslip_monitor.errors import DrawingError
 from stickslip_monitor.files import PICTURES, write_whole
+from stickslip_monitor.monitor.assessment import Regime
+from stickslip_monitor.monitor.ladder import Condition
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+INK = '#222222'
+MUTED = '#595959'
+PAPER = '#ffffff'
+
+REGIME_COLOUR = {
+    Regime.STABLE: '#0072b2',
+    Regime.BISTABLE: '#e69f00',
+    Regime.UNSTABLE: '#d55e00',
+    Regime.UNDETERMINED: '#8c8c8c',
+}
+"""Strong colours, for lines, marks and words on white."""
+
+HOPF, FOLD = '#9c3d00', '#7a5400'
+"""The two boundaries, as lines on any of the fills; the fold is dashed (:data:`DASHES`)."""
+
+DASHES = (0, (4.5, 2.2))
+
+REGIME_FILL = {
+    Regime.STABLE: '#eff6fb',
+    Regime.BISTABLE: '#fcedc4',
+    Regime.UNSTABLE: '#f6cdb8',
+    Regime.UNDETERMINED: '#d9d9d9',
+}
+"""Light colours, for areas behind lines and dark text."""
+
+CAUTION_FILL = '#faf7d6'
+"""The stable stretch next to the fold in which the alarm says caution."""
+
+CONDITION_COLOUR = {
+    Condition.NORMAL: '#0072b2',
+    Condition.VIBRATION: '#6b4fb3',
+    Condition.CAUTION: '#a08c00',
+    Condition.BISTABLE: '#e69f00',
+    Condition.STICK_SLIP: '#d55e00',
+    Condition.AMPLITUDE: '#7a1f5c',
+    Condition.INPUT_STALE: '#595959',
+}
+"""Strong colours, for marks on any of the fills."""
+
+CONDITION_NAMES = {
+    Condition.NORMAL: 'Normal',
+    Condition.VIBRATION: 'Vibration not explained',
+    Condition.CAUTION: 'Margin low',
+    Condition.BISTABLE: 'Bistable',
+    Condition.STICK_SLIP: 'Stick-slip predicted',
+    Condition.AMPLITUDE: 'Amplitude above limit',
+    Condition.INPUT_STALE: 'Input lost',
+}
+"""Each condition as people read it, everywhere (docs/glossary.md)."""
+
+ON_DARK = {
+    PAPER: '#16191d',
+    INK: '#e8eaed',
+    MUTED: '#a9b0b8',
+    '#0072b2': '#56b4e9',
+    '#a08c00': '#e0cc3f',
+    '#e69f00': '#f0b429',
+    '#d55e00': '#ff8f4d',
+    '#7a1f5c': '#e58fc6',
+    '#6b4fb3': '#b9a5f2',
+    '#8c8c8c': '#9aa0a6',
+    HOPF: '#ffb08a',
+    FOLD: '#ffd97a',
+    '#eff6fb': '#16212b',
+    CAUTION_FILL: '#2e2c10',
+    '#fcedc4': '#4a3b12',
+    '#f6cdb8': '#5a2a17',
+    '#d9d9d9': '#33373c',
+}
+"""What each colour above becomes on a dark page; there the fills get lighter with trouble."""
 
 SOFTWARE = 'stickslip_monitor'
 WIDTH, HEIGHT = 9.0, 5.6
@@ -75,12 +150,7 @@ def style() -> Iterator[None]:
 
 
 def new_figure(width: float = WIDTH, height: float = HEIGHT) -> Figure:
-    """An empty figure, unknown to pyplot; to be called inside :func:`style`.
-
-    Args:
-        width: Its width [inch].
-        height: Its height [inch].
-    """
+    """An empty figure of a width and height [inch], unknown to pyplot; inside :func:`style`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -153,10 +223,7 @@ def span_words(axes: Axes, spans: Iterable[tuple[float, float, str]]) -> None:
 def save_figure(figure: Figure, path: str | Path, force: bool = False) -> None:
     """Write a figure as PNG or SVG, by the path's suffix; the same figure gives the same bytes.
 
-    Args:
-        figure: The figure.
-        path: Where to; a picture of ours that is there is replaced.
-        force: Whether any other file is replaced too.
+    A picture of ours that is there is replaced; any other file only by ``force``.
 
     Raises:
         DrawingError: The suffix is unknown or the file cannot be written.
@@ -177,12 +244,9 @@ def save_figure(figure: Figure, path: str | Path, force: bool = False) -> None:
 
 
 def write_csv(columns: Mapping[str, Iterable[Any]], path: str | Path, force: bool = False) -> None:
-    """Write named columns as CSV: numbers to full precision, empty where there is none.
+    """Write named columns of one length as CSV: full precision, empty where there is no number.
 
-    Args:
-        columns: Columns of one length by their headings.
-        path: Where to; a file with the same headings is replaced.
-        force: Whether any other file is replaced too.
+    A file with the same headings is replaced; any other only by ``force``.
 
     Raises:
         DrawingError: The file cannot be written.
@@ -193,13 +257,9 @@ def write_csv(columns: Mapping[str, Iterable[Any]], path: str | Path, force: boo
     writer = csv.writer(text, lineterminator='\n')
     writer.writerow(columns)
     headings = text.getvalue().encode()
-    writer.writerows(_cells(row) for row in rows)
+    writer.writerows(['' if v != v else str(v) for v in row] for row in rows)
     with _writing(path):
         write_whole(path, text.getvalue().encode(), headings, force)
-
-
-def _cells(row: Sequence[Any]) -> list[str]:
-    return ['' if isinstance(v, float) and math.isnan(v) else str(v) for v in row]
 
 
 @contextmanager
@@ -220,14 +280,13 @@ _HEAD = re.compile(r'<svg [^>]*viewBox="([^"]*)"[^>]*>')
 def inline_svg(figure: Figure, name: str, text: str) -> str:
     """A figure as an ``svg`` element to be put into a page.
 
+    The colours of the palette are variables (:func:`variable`) that the page sets, so that a dark
+    page has a dark picture.
+
     Args:
         figure: The figure.
         name: Put before every id, so that several pictures can share a page.
         text: What the picture shows, for those who do not see it.
-
-    Returns:
-        The element. The colours of the palette are variables (:func:`variable`) that the page
-        sets, so that a dark page has a dark picture.
     """
     file = io.StringIO()
     with style():
@@ -260,20 +319,20 @@ Pixels = NDArray[np.uint8]
 
 
 def sheet(rows: Sequence[Pixels]) -> bytes:
-    """Put drawn figures below each other.
-
-    Args:
-        rows: At least one; see :func:`drawn`.
-
-    Returns:
-        The picture as PNG.
-    """
+    """Put figures, at least one, below each other as PNG; see :func:`drawn`."""
     width = max(row.shape[1] for row in rows)
+    # White at the right of what is narrower.
+    whole = np.concatenate(
+        [
+            np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0)), constant_values=255)
+            for row in rows
+        ]
+    )
     with style():
         from matplotlib.image import imsave
 
-        file, named = io.BytesIO(), {'Software': SOFTWARE}
-        imsave(file, np.concatenate([_widened(row, width) for row in rows]), metadata=named)
+        file = io.BytesIO()
+        imsave(file, whole, metadata={'Software': SOFTWARE})
     return file.getvalue()
 
 
@@ -301,9 +360,3 @@ def drawn(figure: Figure) -> Pixels:
         canvas: Any = figure.canvas
         canvas.draw()
         return np.array(canvas.buffer_rgba())[:, :, :3]
-
-
-def _widened(picture: Pixels, width: int) -> Pixels:
-    """The picture with white at its right."""
-    room = ((0, 0), (0, width - picture.shape[1]), (0, 0))
-    return np.pad(picture, room, constant_values=255)

@@ -14,14 +14,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.drawing.canvas import labelled, legend_below, span_words, style
-from stickslip_monitor.drawing.map import Range, diagram_speeds
-from stickslip_monitor.drawing.palette import (
+from stickslip_monitor.drawing.canvas import (
     DASHES,
     FOLD,
     HOPF,
@@ -30,7 +28,12 @@ from stickslip_monitor.drawing.palette import (
     PAPER,
     REGIME_COLOUR,
     REGIME_FILL,
+    labelled,
+    legend_below,
+    span_words,
+    style,
 )
+from stickslip_monitor.drawing.map import Range, diagram_speeds
 from stickslip_monitor.monitor.assessment import Regime, assess
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.averaging.boundaries import (
@@ -69,14 +72,10 @@ class MarkKind(str, Enum):
     FOLD = 'fold'
 
 
-@dataclass(frozen=True, slots=True)
-class BranchMark:
-    """A bifurcation: where a branch ends.
+class BranchMark(NamedTuple):
+    """Where a branch ends: at a Hopf it meets the equilibrium, at a fold another cycle.
 
-    Attributes:
-        kind: Hopf (the cycle meets the equilibrium) or fold (it meets another cycle).
-        speed: Surface speed [m/s].
-        amplitude: Displacement amplitude [m]; 0 at a Hopf.
+    ``speed`` is the surface speed [m/s], ``amplitude`` that of the displacement, 0 at a Hopf [m].
     """
 
     kind: MarkKind
@@ -86,12 +85,10 @@ class BranchMark:
 
 @dataclass(frozen=True, slots=True)
 class Branch:
-    """One family of limit cycles.
+    """One family of limit cycles; an unstable one is the threshold between two states.
 
-    Attributes:
-        stable: Whether its cycles attract; an unstable one is the threshold between two states.
-        amplitude: Displacement amplitude at each speed of the diagram, ``nan`` beyond its ends,
-            shape (n,) [m].
+    ``amplitude`` is that of the displacement at each speed of the diagram, ``nan`` beyond the ends
+    of the branch, shape (n,) [m].
     """
 
     stable: bool
@@ -135,9 +132,6 @@ def bifurcation_diagram(
         load: Load ``N`` > 0 [N].
         speeds: Lowest and highest surface speed, 0 <= low < high [m/s].
         points: Number of evenly spaced speeds; the ends of branches come on top.
-
-    Returns:
-        The diagram.
     """
     grid = np.linspace(*speeds, points)
     if speeds[0] == 0.0:
@@ -175,8 +169,7 @@ def _columns(bearing: Bearing, grid: FloatArray) -> FloatArray:
     return np.union1d(even, breaks[(breaks > low) & (breaks < high)])
 
 
-@dataclass(frozen=True, slots=True)
-class _Piece:
+class _Piece(NamedTuple):
     """A stretch of the level set on which speed rises, and the bifurcations at its ends."""
 
     speed: FloatArray
@@ -357,9 +350,6 @@ def draw_diagram(
         load: Load > 0 [N].
         speeds: Lowest and highest surface speed [m/s]; chosen to show Hopf and fold by default.
         points: Number of evenly spaced speeds.
-
-    Returns:
-        A figure that pyplot does not know of; :func:`~.canvas.save_figure` writes it.
 
     Raises:
         DrawingError: matplotlib is not installed.

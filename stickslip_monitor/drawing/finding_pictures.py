@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray
-from stickslip_monitor.drawing.canvas import WIDTH, new_figure, span_words, style
-from stickslip_monitor.drawing.palette import (
+from stickslip_monitor.drawing.canvas import (
     DASHES,
     FOLD,
     HOPF,
@@ -25,6 +24,10 @@ from stickslip_monitor.drawing.palette import (
     PAPER,
     REGIME_COLOUR,
     REGIME_FILL,
+    WIDTH,
+    new_figure,
+    span_words,
+    style,
 )
 from stickslip_monitor.lab.findings import History, Sweep
 from stickslip_monitor.monitor.assessment import Regime

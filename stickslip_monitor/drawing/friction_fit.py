@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stickslip_monitor.drawing.canvas import labelled, style
-from stickslip_monitor.drawing.palette import (
+from stickslip_monitor.drawing.canvas import (
     DASHES,
     FOLD,
     HOPF,
@@ -17,6 +16,8 @@ from stickslip_monitor.drawing.palette import (
     PAPER,
     REGIME_COLOUR,
     REGIME_FILL,
+    labelled,
+    style,
 )
 from stickslip_monitor.lab.friction_fit.fit import StribeckFit
 from stickslip_monitor.lab.friction_fit.spread import BoundarySpread, Spread

@@ -17,15 +17,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.drawing.canvas import HEIGHT, WIDTH, labelled, legend_below, style
-from stickslip_monitor.drawing.palette import (
+from stickslip_monitor.drawing.canvas import (
     CAUTION_FILL,
     DASHES,
     FOLD,
+    HEIGHT,
     HOPF,
     MUTED,
     REGIME_COLOUR,
     REGIME_FILL,
+    WIDTH,
+    labelled,
+    legend_below,
+    style,
 )
 from stickslip_monitor.drawing.track import Track, draw_track
 from stickslip_monitor.monitor.assessment import Regime
@@ -121,14 +125,11 @@ def map_ranges(
 
 @dataclass(frozen=True, slots=True)
 class Boundaries:
-    """What divides the plane of speed and load, as loads over speed.
+    """What divides the plane.
 
-    Attributes:
-        speed: Surface speeds, rising, shape (n,) [m/s].
-        fold_load: Load above which a stick-slip cycle exists, ``nan`` for none, shape (n,) [N].
-        hopf_load: Load above which the equilibrium is unstable, ``nan`` for none, shape (n,) [N].
-        caution_load: Load above which the fold margin is below the caution margin, ``nan`` for
-            none, shape (n,) [N].
+    Over rising surface speeds the loads above which there is a stick-slip cycle, an unstable
+    equilibrium, a fold margin below the caution margin; ``nan`` for none. Arrays of shape (n,)
+    [m/s, N].
     """
 
     speed: FloatArray
@@ -147,9 +148,6 @@ def boundaries(
         speeds: Lowest and highest surface speed, 0 <= low < high [m/s].
         caution_margin: Fold margin below which the alarm says caution [-].
         points: Number of evenly spaced speeds; the curves' own corners come on top.
-
-    Returns:
-        The curves.
     """
     corners = np.outer(bearing.friction.breakpoints, _BESIDE).ravel()
     inside = corners[(corners > speeds[0]) & (corners < speeds[1])]
@@ -163,15 +161,10 @@ def boundaries(
 
 
 def caution_load(bearing: Bearing, speed: FloatArray, margin: float) -> FloatArray:
-    """Load above which ``V / V_F(N) - 1 < margin``, ``nan`` for none [N].
+    """Load [N] at which the fold margin falls below the caution margin, over rising speeds [m/s].
 
-    The fold speed is the highest with a cycle, so a load is close to the fold as soon as a cycle
-    exists at any speed from ``V/(1 + margin)`` upwards.
-
-    Args:
-        bearing: The bearing.
-        speed: Surface speeds, rising, shape (n,) [m/s].
-        margin: The caution margin [-].
+    The fold speed is the highest with a cycle, so ``V / V_F(N) - 1 < margin`` as soon as a cycle
+    exists at any speed from ``V/(1 + margin)`` upwards; ``nan`` for none.
     """
     nearest = speed / (1.0 + margin)
     higher = np.union1d(np.concatenate([nearest, speed]), speed[-1] * _FAR)
@@ -207,9 +200,6 @@ def draw_map(
         loads: Lowest and highest load [N]; chosen if ``None``.
         track: Operating points to draw on it.
         size: Width and height [inch].
-
-    Returns:
-        A figure that pyplot does not know of; :func:`~.canvas.save_figure` writes it.
 
     Raises:
         DrawingError: matplotlib is not installed.

@@ -4,13 +4,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stickslip_monitor.drawing.canvas import legend_below, new_figure, style
-from stickslip_monitor.drawing.palette import DASHES, INK, MUTED, PAPER
+from stickslip_monitor.drawing.canvas import (
+    DASHES,
+    INK,
+    MUTED,
+    PAPER,
+    legend_below,
+    new_figure,
+    style,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,16 +53,8 @@ class MethodMark:
     together: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Panel:
-    """One of the panels: its title and what is in it."""
-
-    title: str
-    marks: tuple[MethodMark, ...]
-
-
-def draw_pareto(panels: tuple[Panel, ...], footnote: str = '') -> Figure:
-    """Draw panels beside each other, on common axes.
+def draw_pareto(panels: Mapping[str, Sequence[MethodMark]], footnote: str = '') -> Figure:
+    """Draw panels beside each other, on common axes, each with its title.
 
     Returns:
         A figure that pyplot does not know of; :func:`~.canvas.save_figure` writes it.
@@ -62,14 +62,15 @@ def draw_pareto(panels: tuple[Panel, ...], footnote: str = '') -> Figure:
     Raises:
         DrawingError: matplotlib is not installed.
     """
-    families = list(dict.fromkeys(mark.family for panel in panels for mark in panel.marks))
+    every = [mark for marks in panels.values() for mark in marks]
+    families = list(dict.fromkeys(mark.family for mark in every))
     looks = {family: _LOOKS[i % len(_LOOKS)] for i, family in enumerate(families)}
-    times = [mark.seconds for panel in panels for mark in panel.marks]
+    times = [mark.seconds for mark in every]
     with style():
         figure = new_figure(12.0, 7.2)
         figure.subplots(1, len(panels), sharex=True, sharey=True)
         figure.subplots_adjust(left=0.075, right=0.985, bottom=0.215, top=0.95, wspace=0.04)
-        for axes, panel in zip(figure.axes, panels, strict=True):
+        for axes, (title, marks) in zip(figure.axes, panels.items(), strict=True):
             axes.set(
                 xscale='log', yscale='log', ylim=(_LEAST, _MOST),
                 xlim=(0.4 * min(times, default=1e-6), 3.0 * max(times, default=1.0)),
@@ -79,8 +80,8 @@ def draw_pareto(panels: tuple[Panel, ...], footnote: str = '') -> Figure:
             axes.minorticks_off()
             axes.grid(color='#e6e6e6', lw=0.6)
             axes.axhspan(6.0, _MOST, color='#f0f0f0', lw=0.0)
-            axes.set_title(panel.title, loc='left', size=11.0, color=INK)
-            _marks(axes, panel, looks)
+            axes.set_title(title, loc='left', size=11.0, color=INK)
+            _marks(axes, marks, looks)
         figure.axes[0].set_ylabel('relative error of the amplitude [-]')
         _legend(figure, looks)
         figure.text(0.985, 0.012, footnote, ha='right', va='bottom', size=9.0, color=MUTED)
@@ -91,11 +92,11 @@ def _height(error: float) -> float:
     return _FAILED if math.isinf(error) else float(np.clip(error, _FLOOR, 5.0))
 
 
-def _marks(axes: Axes, panel: Panel, looks: dict[str, tuple[str, str]]) -> None:
-    front = sorted((m for m in panel.marks if m.front), key=lambda m: m.seconds)
+def _marks(axes: Axes, marks: Sequence[MethodMark], looks: dict[str, tuple[str, str]]) -> None:
+    front = sorted((m for m in marks if m.front), key=lambda m: m.seconds)
     x, y = [m.seconds for m in front], [_height(m.error) for m in front]
     axes.step(x, y, where='post', color=_FRONT, lw=1.4, ls=DASHES, zorder=2)
-    for mark in panel.marks:
+    for mark in marks:
         colour, shape = looks[mark.family]
         edge = colour if mark.together else INK if mark.front else PAPER
         axes.plot(
@@ -103,7 +104,7 @@ def _marks(axes: Axes, panel: Panel, looks: dict[str, tuple[str, str]]) -> None:
             mfc=PAPER if mark.together else colour, mec=edge,
             mew=1.4 if mark.front or mark.together else 0.8, zorder=4,
         )  # fmt: skip
-    if any(math.isinf(mark.error) for mark in panel.marks):
+    if any(math.isinf(mark.error) for mark in marks):
         axes.text(
             0.012, 0.988, 'fails at some case', transform=axes.transAxes, va='top', size=8.5,
             color=MUTED,

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.drawing.canvas import new_figure, style
-from stickslip_monitor.drawing.palette import (
+from stickslip_monitor.drawing.canvas import (
     CAUTION_FILL,
     CONDITION_COLOUR,
     CONDITION_NAMES,
@@ -26,6 +25,8 @@ from stickslip_monitor.drawing.palette import (
     PAPER,
     REGIME_COLOUR,
     REGIME_FILL,
+    new_figure,
+    style,
 )
 from stickslip_monitor.drawing.track import envelope
 from stickslip_monitor.monitor.assessment import Regime, at_indices
@@ -81,14 +82,11 @@ class Timeline:
 
 
 def draw_timeline(timeline: Timeline, width: float = 9.0) -> Figure:
-    """Draw a recording over time.
+    """Draw a recording over time; long ones are thinned to their envelope.
 
     Args:
-        timeline: What to show; long recordings are thinned to their envelope.
+        timeline: What to show.
         width: Width of the figure [inch]; the height follows from the panels.
-
-    Returns:
-        A figure that pyplot does not know of.
 
     Raises:
         DrawingError: matplotlib is not installed.

@@ -8,13 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IndexArray
-from stickslip_monitor.drawing.canvas import WIDTH, legend_above
-from stickslip_monitor.drawing.palette import CONDITION_COLOUR, CONDITION_NAMES, INK, MUTED, PAPER
+from stickslip_monitor.drawing.canvas import (
+    CONDITION_COLOUR,
+    CONDITION_NAMES,
+    INK,
+    MUTED,
+    PAPER,
+    WIDTH,
+    legend_above,
+)
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.offline.outline import Verdicts
 
@@ -44,8 +51,7 @@ def envelope(most: int, *columns: Any) -> IndexArray:
     """Which points of a recording to draw, so that the line keeps its outline.
 
     The points are taken in blocks of one length; of each block stay the least and the greatest
-    value of every column and, where the line is interrupted, the interruption. So every extreme
-    stays, at its own instant.
+    value of every column, at its own instant, and an interruption.
 
     Args:
         most: Points to draw, nearly; a shorter recording stays as it is.
@@ -74,14 +80,10 @@ def envelope(most: int, *columns: Any) -> IndexArray:
     return found[found < size]
 
 
-@dataclass(frozen=True, slots=True)
-class TrackEvent:
-    """A change of the alarm, at the operating point that it was told at.
+class TrackEvent(NamedTuple):
+    """A change of the alarm to a condition, at the operating point that it was told at [m/s, N].
 
-    Attributes:
-        speed: Surface speed [m/s]; ``nan`` where there was no operating point yet.
-        load: Load [N].
-        condition: The condition from then on.
+    The speed is ``nan`` where there was no point yet.
     """
 
     speed: float

@@ -49,7 +49,6 @@ class LiveMonitor:
 
     Args:
         store: What keeps the alarms over a restart; ``None`` for nothing.
-        clock: Time that never steps [ns].
     """
 
     def __init__(
@@ -58,9 +57,8 @@ class LiveMonitor:
         display: Display,
         log: Log,
         store: Store | None = None,
-        clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        self._clock, self._begun_ns = clock, clock()
+        self._begun_ns = time.monotonic_ns()
         self._ahead_ns = time.time_ns() - self._begun_ns
         self._session = Session(
             config, Shown(display), log, lambda: self._now().time_ns, store, Graph()
@@ -68,7 +66,7 @@ class LiveMonitor:
         self._shown_ns = -_SHOWN_EVERY_NS
 
     def _now(self) -> Moment:
-        steady_ns = self._clock()
+        steady_ns = time.monotonic_ns()
         return Moment(steady_ns, steady_ns + self._ahead_ns)
 
     def take(self, bearing: str, place: Input, value: float) -> None:

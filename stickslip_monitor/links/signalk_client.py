@@ -75,11 +75,8 @@ class SignalKClient:
         inputs: SignalKInputs,
         own_load: Sequence[str],
         side: MonitorSide,
-        heartbeat: float = HEARTBEAT,
-        unheard: float = UNHEARD,
     ) -> None:
         self._link, self._inputs, self._side = link, inputs, side
-        self._heartbeat, self._unheard = heartbeat, unheard
         self._headers = {'Authorization': f'Bearer {token}'} if token else {}
         self._ssl = ssl_context(link.ca_file)
         self._values = SignalKValues(link.prefix, own_load)
@@ -148,10 +145,8 @@ class SignalKClient:
         url = f'{self._link.url}/signalk/v1/stream?subscribe=none'
         try:
             return await asyncio.wait_for(
-                session.ws_connect(
-                    url, headers=self._headers, heartbeat=self._heartbeat, ssl=self._ssl
-                ),
-                2.0 * self._heartbeat,
+                session.ws_connect(url, headers=self._headers, heartbeat=HEARTBEAT, ssl=self._ssl),
+                2.0 * HEARTBEAT,
             )
         except aiohttp.ClientConnectorCertificateError as error:
             inner = error.certificate_error
@@ -172,7 +167,7 @@ class SignalKClient:
         return f"signalk.url = '{self._link.url}' is no Signal K server: it answers {status}"
 
     async def _hello(self, socket: aiohttp.ClientWebSocketResponse) -> dict[str, Any]:
-        message = await asyncio.wait_for(socket.receive(), 2.0 * self._heartbeat)
+        message = await asyncio.wait_for(socket.receive(), 2.0 * HEARTBEAT)
         if message.type is not aiohttp.WSMsgType.TEXT:
             raise aiohttp.ClientError('the server closed the connection without a greeting')
         hello: Any = None
@@ -257,7 +252,7 @@ class SignalKClient:
             self._wake.set()
         if now - self._repeated >= REPEAT:
             self._repeat(now)
-        if self._waiting_since is not None and now - self._waiting_since >= self._unheard:
+        if self._waiting_since is not None and now - self._waiting_since >= UNHEARD:
             self._side.tell(
                 OUT, False, 'what is sent does not come back: has the token the right to?'
             )

@@ -160,9 +160,16 @@ def _worked_out(name: str, points: Assessment) -> dict[str, Any]:
     """A column and what comes with it, of the shape of the points."""
     if name in BELIEFS:
         return _believed(name, points)
-    flat = Points(*(np.reshape(part, -1) for part in points._stored()))
-    with np.errstate(all='ignore'):
-        found = _ON_DEMAND[name](points._bearing, flat)
+    bearing, flat = points._bearing, [np.reshape(part, -1) for part in points._stored()]
+
+    def worked_out(*columns: NDArray[Any]) -> tuple[FloatArray]:
+        return (_ON_DEMAND[name](bearing, Points(*columns)),)
+
+    if name == 'amplitude_exact':  # many together pay for a compiled loop
+        (found,) = worked_out(*flat)
+    else:
+        with np.errstate(all='ignore'):
+            (found,) = in_blocks(worked_out, *flat)
     return {name: restore(found, np.shape(points.outcome_code))}
 
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,8 +32,7 @@ GRADES = tuple(_WORDS)
 class Finding:
     """What is said of a bearing, or of everything: a grade, its word, and sentences.
 
-    ``grade`` is ``clear``, ``warning``, ``alarm`` or ``unknown``; the first sentence is the
-    verdict, the others add to it.
+    The first sentence is the verdict, the others add to it.
     """
 
     grade: str
@@ -54,12 +53,10 @@ class Fact:
 class Course:
     """What happened to one bearing in one recording.
 
-    Attributes:
-        config: The bearing.
-        item: What the check found, with an outline.
-        spells: The alarm's conditions from start to end.
-        sources: Faults of the inputs' sources, a clause for each.
-        questions: Where inputs look like another unit or topic, a clause for each.
+    What the check found, with an outline, and the alarm's conditions from start to end.
+
+    ``sources`` are faults of the inputs' sources, ``questions`` say where inputs look like another
+    unit or topic, a clause for each.
     """
 
     config: BearingConfig
@@ -78,11 +75,6 @@ class Course:
         """The outline of its verdicts."""
         assert self.item.outline is not None
         return self.item.outline
-
-    @property
-    def worst(self) -> Mapping[str, Extreme]:
-        """The worst moments by name."""
-        return self.item.worst
 
     @property
     def span(self) -> float:
@@ -105,8 +97,8 @@ def facts(course: Course) -> tuple[Fact, ...]:
         ('hopf_margin', 'least Hopf margin', formatting.margin),
         ('amplitude', 'greatest amplitude', formatting.millimetres),
     ):
-        if name in course.worst:
-            extreme = course.worst[name]
+        if name in course.item.worst:
+            extreme = course.item.worst[name]
             note = f'{formatting.minute(extreme.time_ns)}, at {place(course, extreme)}'
             found.append(Fact(title, shown(_value(name, extreme)), note))
     return (*found, *_probabilities(course), *_measured(course))
@@ -209,7 +201,7 @@ def _stuck(course: Course, sticking: Sequence[ConditionInterval]) -> str:
 
 
 def _amplitude(course: Course) -> str:
-    extreme = course.worst.get('amplitude')
+    extreme = course.item.worst.get('amplitude')
     if extreme is None:
         return ''
     value = _value('amplitude', extreme)
@@ -242,7 +234,7 @@ def _close(course: Course, near: Sequence[ConditionInterval]) -> str:
 
 
 def _least(course: Course) -> str:
-    extreme = course.worst.get('fold_margin')
+    extreme = course.item.worst.get('fold_margin')
     if extreme is None:
         return 'At no recorded load does any speed have a stick-slip cycle.'
     least = formatting.margin(extreme.value)
@@ -265,11 +257,7 @@ def _lost(course: Course) -> str:
 
 
 def overall(parts: Sequence[tuple[str, Finding]]) -> Finding:
-    """The verdict over all bearings of all recordings.
-
-    Args:
-        parts: Name of the recording and finding of each bearing in it.
-    """
+    """The verdict over all bearings: name of the recording and finding of each bearing in it."""
     if len(parts) == 1:
         return parts[0][1]
     grade = max((finding.grade for _, finding in parts), key=GRADES.index)

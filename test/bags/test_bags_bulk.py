@@ -312,23 +312,6 @@ def test_only_the_odd_message_is_decoded_alone(tmp_path: Path, decoded: list[int
     assert decoded == [len(messages[4].data)]
 
 
-def test_nothing_is_aligned_in_an_empty_sequence(tmp_path: Path, decoded: list[int]) -> None:
-    path = tmp_path / 'a.mcap'
-    with path.open('wb') as stream:
-        writer = Writer(stream)
-        writer.start('ros2', 'test')
-        text = b'float64[] many\nuint32 last\n'
-        schema = writer.register_schema('a/msg/B', 'ros2msg', text)
-        channel = writer.register_channel('/x', 'cdr', schema)
-        for count in range(3):
-            data = Cdr(False).sequence('d', [0.5] * count).put('I', 7 + count).message()
-            writer.add_message(channel, count, data, count)
-        writer.finish()
-    request = Request('/x', 'last')
-    assert open_bag(path).read([request])[request].value.tolist() == [7, 8, 9]
-    assert decoded == []
-
-
 def test_an_index_that_lies_is_not_believed(tmp_path: Path) -> None:
     messages = load_messages(6, ['abc'])
     path = tmp_path / 'a.mcap'

@@ -19,9 +19,9 @@ import yaml
 
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
-from stickslip_monitor.drawing.palette import CONDITION_NAMES
+from stickslip_monitor.drawing.canvas import CONDITION_NAMES
 from stickslip_monitor.monitor.ladder import Condition
-from stickslip_monitor.report import recording
+from stickslip_monitor.report import page as report_page
 
 ROOT = Path(__file__).parents[2]
 BAG = ROOT / 'bags' / 'coast_down'
@@ -289,7 +289,7 @@ def test_of_many_bearings_the_worst_are_drawn_and_the_others_say_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip('jinja2')
-    monkeypatch.setattr(recording, '_MOST_DRAWN', 1)
+    monkeypatch.setattr(report_page, '_MOST_DRAWN', 1)
     node = yaml.safe_load(CONFIG.read_text())['/**']['ros__parameters']
     own = node.pop('aft_stern') | {'stiffness': 2.0e6}
     # So much damping that no cycle exists at any speed of the recording.

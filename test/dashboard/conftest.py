@@ -101,7 +101,6 @@ class Dashboard:
         port: int = 0,
         nodes: tuple[str, ...] = ('/stickslip_monitor',),
         player: Any = None,
-        **limits: Any,
     ) -> None:
         from stickslip_monitor.commands.dashboard import watched
         from stickslip_monitor.dashboard.access import Access
@@ -115,7 +114,7 @@ class Dashboard:
         self.ships = [Ship(monitor) for monitor in self.board.monitors]
         self.ship = self.ships[0]
         access = Access(token, frozenset({'ship.test'}))
-        self.server = Server(self.board, access, player, 0.3, 2.0, **limits)
+        self.server = Server(self.board, access, player)
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
         listening = self.run(self.server.listen('127.0.0.1', port))
@@ -146,13 +145,18 @@ class Dashboard:
 
 
 @pytest.fixture
-def dashboards() -> Iterator[Callable[..., Dashboard]]:
+def dashboards(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Dashboard]]:
     """Starts dashboards; they are stopped when the test ends."""
     pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
     pytest.importorskip('prometheus_client', reason="the extra 'dashboard' is not installed")
     started: list[Dashboard] = []
+    server = 'stickslip_monitor.dashboard.server'
+    for name, seconds in (('HEARTBEAT', 0.3), ('STALLED', 2.0)):
+        monkeypatch.setattr(f'{server}.{name}', seconds)
 
     def start(**options: Any) -> Dashboard:
+        for name in options.keys() & {'IDLE', 'MOST_CONNECTIONS'}:
+            monkeypatch.setattr(f'{server}.{name}', options.pop(name))
         started.append(Dashboard(**options))
         return started[-1]
 

@@ -184,14 +184,14 @@ def ended(made: socket.socket) -> bool:
 
 @pytest.mark.parametrize('start', [b'', b'GET / HTTP/1.1\r\nHost: loc'])
 def test_a_connection_that_asks_for_nothing_is_closed(dashboards: Any, start: bytes) -> None:
-    made = idle_connection(dashboards(idle=0.2).port, start)
+    made = idle_connection(dashboards(IDLE=0.2).port, start)
     assert ended(made)
     made.close()
 
 
 def test_idle_connections_lock_nobody_out(dashboards: Any, kit: Any, caplog: Any) -> None:
     """Thirty times as many as there is room for: the page still opens, and a stream goes on."""
-    crowded = dashboards(most=10)
+    crowded = dashboards(MOST_CONNECTIONS=10)
     crowded.sail(60.0, 1000.0)
 
     async def work(session: Any) -> int:
@@ -226,7 +226,7 @@ def test_a_port_scan_leaves_no_traceback(dashboard: Any, caplog: Any, start: byt
 
 
 def test_when_all_are_busy_one_more_is_turned_away(dashboards: Any) -> None:
-    crowded = dashboards(most=2)
+    crowded = dashboards(MOST_CONNECTIONS=2)
 
     async def work(session: Any) -> None:
         for _ in range(2):

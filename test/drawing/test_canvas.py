@@ -18,11 +18,7 @@ import pytest
 
 from stickslip_monitor import Stribeck
 from stickslip_monitor.drawing.calibration import draw_calibration
-from stickslip_monitor.drawing.canvas import inline_svg, save_figure, variable
-from stickslip_monitor.drawing.diagram import draw_diagram
-from stickslip_monitor.drawing.friction_fit import draw_friction_fit
-from stickslip_monitor.drawing.map import draw_map
-from stickslip_monitor.drawing.palette import (
+from stickslip_monitor.drawing.canvas import (
     CAUTION_FILL,
     CONDITION_COLOUR,
     FOLD,
@@ -33,7 +29,13 @@ from stickslip_monitor.drawing.palette import (
     PAPER,
     REGIME_COLOUR,
     REGIME_FILL,
+    inline_svg,
+    save_figure,
+    variable,
 )
+from stickslip_monitor.drawing.diagram import draw_diagram
+from stickslip_monitor.drawing.friction_fit import draw_friction_fit
+from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.errors import DrawingError, OutputError
 from stickslip_monitor.lab.calibration.calibrate import Calibration, DipResult
 from stickslip_monitor.lab.calibration.evidence import Dip, VibrationReport, path_of
@@ -44,7 +46,7 @@ from stickslip_monitor.lab.friction_fit.spread import boundary_spread
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.ladder import Condition
-from stickslip_monitor.report.recording import _SPEED_CAPTION
+from stickslip_monitor.report.page import _SPEED_CAPTION
 
 pytest.importorskip('matplotlib')
 CONFIG = load_config(Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml')

@@ -25,6 +25,7 @@ from stickslip_monitor import (
     Tabulated,
     assess,
 )
+from stickslip_monitor.drawing.canvas import CONDITION_NAMES
 from stickslip_monitor.drawing.map import (
     boundaries,
     caution_load,
@@ -32,7 +33,6 @@ from stickslip_monitor.drawing.map import (
     map_ranges,
     onset_load,
 )
-from stickslip_monitor.drawing.palette import CONDITION_NAMES
 from stickslip_monitor.drawing.track import Track, TrackEvent, envelope, track_of_scan
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.ladder import Condition

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from stickslip_monitor import Monitor, Stream
-from stickslip_monitor.drawing.palette import CONDITION_COLOUR, FOLD
+from stickslip_monitor.drawing.canvas import CONDITION_COLOUR, FOLD
 from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config

@@ -52,7 +52,6 @@ class Ship:
     def __init__(self, server: SmallServer, scheme: str = 'http', **options: Any) -> None:
         settings = {'token_file': '', 'ca_file': '', 'prefix': 'p.shaft', 'accept_actions': True}
         token = options.pop('token', '')
-        times = {key: options.pop(key) for key in ('heartbeat', 'unheard') if key in options}
         link = SignalKLink(f'{scheme}://127.0.0.1:{server.port}', **settings | options)
         self.server = server
         self.values: list[float] = []
@@ -71,7 +70,6 @@ class Ship:
                 self.tell,
                 logging.getLogger('test'),
             ),
-            **times,
         )
         self.client.take_alarms(alarms('normal'))
 
@@ -165,18 +163,24 @@ async def test_a_server_that_forgets_gets_everything_back(server: SmallServer) -
 
 
 @at_sea
-async def test_a_frozen_server_is_noticed_by_its_silence(server: SmallServer) -> None:
+async def test_a_frozen_server_is_noticed_by_its_silence(
+    server: SmallServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(signalk_client, 'HEARTBEAT', 0.2)
     server.frozen = True
-    async with sailing(Ship(server, heartbeat=0.2)) as ship:
+    async with sailing(Ship(server)) as ship:
         await ship.until(lambda: not ship.up('signalk_in'))
         server.frozen = False
         await ship.until(lambda: ship.up('signalk_in'))
 
 
 @at_sea
-async def test_what_is_not_taken_is_told(server: SmallServer) -> None:
+async def test_what_is_not_taken_is_told(
+    server: SmallServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(signalk_client, 'UNHEARD', 0.2)
     server.deaf = True
-    async with sailing(Ship(server, unheard=0.2)) as ship:
+    async with sailing(Ship(server)) as ship:
         await ship.until(lambda: ('signalk_out', False) in ship.told)
         assert 'has the token the right to' in ship.reasons[-1]
         assert ship.up('signalk_in')

@@ -52,9 +52,6 @@ def stribeck_bearing(eta: float, kappa: float) -> tuple[Bearing, float]:
     return unit_bearing(kappa * eta / 2.0, Stribeck(0.3, 0.1, 1.0)), eta / 0.2
 
 
-# The fold
-
-
 @pytest.mark.parametrize(('eta', 'kappa'), [(1e-3, 0.9), (0.2, 0.2), (5.0, 0.2)])
 @pytest.mark.parametrize('side', [-1.0, 1.0])
 def test_the_exact_fold_is_where_the_slip_phase_grazes(taylor, eta, kappa, side):
@@ -89,9 +86,6 @@ def test_averaged_cycles_just_inside_and_just_outside_the_fold(kappa):
     assert stationary_amplitudes(bearing, fold * (1.0 + distance), load).amplitude.size == 0
 
 
-# A sharp law
-
-
 def test_the_exact_cycle_of_a_sharp_law(taylor):
     """beta V = 1e4: friction falls within a ten-thousandth of the belt's speed."""
     bearing = unit_bearing(0.02, Stribeck(0.3, 0.1, 1e4))
@@ -102,12 +96,6 @@ def test_the_exact_cycle_of_a_sharp_law(taylor):
     assert cycle.amplitude == pytest.approx(float(amplitude), rel=2e-14)
     assert cycle.period == pytest.approx(float(period), rel=2e-14)
     assert cycle.stick_fraction == pytest.approx(float(stick), rel=1e-12)
-
-
-# Friction that hardly falls
-
-
-# A table of two points
 
 
 def linear_slip(zeta, static, fall, speed):
@@ -149,9 +137,6 @@ def test_a_table_of_two_points_in_closed_form(speed):
     assert hopf_speed(bearing, load) == 2.0
 
 
-# Everything at once
-
-
 LAWS = [
     Stribeck(0.3, 0.1, 10.0),
     Stribeck(0.3, 0.1, 10.0, 0.01),
@@ -191,24 +176,6 @@ def test_every_point_has_an_answer_of_its_kind(law, damping):
     assert not np.any(exists.any(axis=-1) & ~inside)
     if isinstance(law, Stribeck):
         assert_array_equal(exists.any(axis=-1), inside)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('law', [LAWS[1], LAWS[2], LAWS[9]], ids=str)
-def test_every_exact_cycle_ends_named(law):
-    bearing = Bearing(50.0, 400.0, 2.0e6, law, 0.1)
-    speeds, loads = SPEEDS[[0, 1, 4, 6]], LOADS[[1, 4, 5, 6]]
-    for function in (exact_cycle, exact_unstable_cycle):
-        cycle = function(bearing, speeds, loads)
-        exists = cycle.kind <= CycleKind.PURE_SLIP
-        assert_array_equal(np.isfinite(cycle.amplitude), exists)
-        assert_array_equal(np.isfinite(cycle.period), exists)
-        assert np.all(cycle.amplitude[exists] > 0.0)
-        assert_array_equal(cycle.kind[0, 1:], CycleKind.AT_REST)
-        assert_array_equal(cycle.kind[1:, 0], CycleKind.NO_CONTACT)
-
-
-# Monotone and continuous
 
 
 @pytest.mark.slow

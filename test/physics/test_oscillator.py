@@ -13,22 +13,6 @@ LAW = Stribeck(0.30, 0.10, 10.0)
 GOOD = {'mass': 50.0, 'damping': 400.0, 'stiffness': 2.0e6, 'journal_diameter': 0.1}
 
 
-def test_free_vibration_has_that_frequency_and_damping() -> None:
-    """``m x'' + c x' + k x = 0`` integrated by scipy: one damped period shrinks as zeta says."""
-    bearing = Bearing(3.0, 7.0, 500.0, LAW, 0.1)
-    omega, zeta = bearing.natural_frequency, bearing.damping_ratio
-    period = 2.0 * np.pi / (omega * np.sqrt(1.0 - zeta * zeta))
-    run = solve_ivp(
-        lambda _, y: [y[1], -(7.0 * y[1] + 500.0 * y[0]) / 3.0],
-        (0.0, period),
-        [1.0, 0.0],
-        rtol=1e-11,
-        atol=1e-12,
-    )
-    assert run.y[0, -1] == pytest.approx(np.exp(-zeta * omega * period), rel=1e-8)
-    assert abs(run.y[1, -1]) < 1e-8 * omega
-
-
 def test_equilibrium_balances_the_forces(reference: Bearing) -> None:
     """PHYSICS.md: ``x_e = N mu(V)/k``; the spring carries the friction, odd in the speed."""
     speed, load = np.array([[0.05], [0.2], [-0.2]]), np.array([300.0, 2000.0])

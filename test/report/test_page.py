@@ -16,8 +16,15 @@ import pytest
 from stickslip_monitor.errors import ReportError
 from stickslip_monitor.monitor.config import BEARING_PARAMETERS
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.report.page import MOST_EVENTS, html_page, parameter_groups, shown_events
-from stickslip_monitor.report.recording import BearingPart, Picture, RecordingPart
+from stickslip_monitor.report.page import (
+    MOST_EVENTS,
+    BearingPart,
+    Picture,
+    RecordingPart,
+    html_page,
+    parameter_groups,
+    shown_events,
+)
 from stickslip_monitor.report.summary import Fact, Finding
 
 pytest.importorskip('jinja2')

@@ -84,11 +84,7 @@ def slip_medium(
 ) -> Medium:
     """What a lining slips in behind the belt, seen from breakaway.
 
-    Args:
-        law: The friction law.
-        body: Mass [kg], damping [N s/m] and stiffness [N/m].
-        speed: ``V`` > 0 [m/s].
-        load: ``N`` > 0 [N].
+    The body is its mass [kg], damping [N s/m] and stiffness [N/m]; ``V`` > 0 [m/s], ``N`` > 0 [N].
     """
     m, c, k = body
     momentum = math.sqrt(m) * math.sqrt(k)
@@ -125,15 +121,8 @@ def cut_step(
 ) -> tuple[float, float, float, float]:
     """The length at which a step passes a level, and displacement, ``z`` and ``z'`` there.
 
-    Newton's method on the length, kept between a length before the level and one behind.
-
-    Args:
-        law: The law.
-        medium: What the motion takes place in.
-        begin: Displacement, ``z`` and ``z'`` at the step's begin.
-        h: A length at which the level has been passed.
-        of_place: 1.0 for a level of the displacement, 0.0 for one of ``z``.
-        level: The level.
+    Newton's method, kept between a length before the level and one behind; the level is one of the
+    displacement (``of_place`` 1.0) or of ``z`` (0.0), and has been passed at the length ``h``.
     """
     e0, z0, r0 = begin
     before, behind = 0.0, h
@@ -196,14 +185,7 @@ def slip_event(
 ) -> tuple[int, float, float, float, float]:
     """What a step ends with, the length up to there, and displacement, ``z`` and ``z'`` there.
 
-    Args:
-        law: The law.
-        medium: What the motion takes place in.
-        orbit: What it belongs to.
-        stage: Its stage in the step.
-        begin: Displacement, ``z`` and ``z'`` at the step's begin.
-        h: Length of the step.
-        after: Displacement, ``z`` and ``z'`` at its end.
+    ``begin`` and ``after`` are those at the begin and at the end of a step of length ``h``.
     """
     mode, hold, drift = orbit[3], -medium[3], medium[6]
     landing = mode != TURNS and (stage == 2.0 or drift < 0.0)
@@ -236,12 +218,7 @@ def motion_energy(e: float, z: float) -> float:
 def motion_fades(medium: Medium, direction: float, energy: float, now: float, z: float) -> int:
     """Whether a motion has come to rest or, back in time, has left for good; else ``GOES_ON``.
 
-    Args:
-        medium: What the motion takes place in.
-        direction: 1, or -1 to go back in time.
-        energy: About steady sliding at the start.
-        now: The same now.
-        z: Relative speed.
+    By its energy about steady sliding at the start and now.
     """
     if direction > 0.0:
         return SETTLED if now < _SETTLED_SHARE * energy else GOES_ON
@@ -261,13 +238,13 @@ def next_length(h: float, error: float, allowed: float, blind: bool) -> float:
 def follow_slip(
     law: LawNumbers, medium: Medium, e: float, z: float, orbit: Orbit, weigh: float
 ) -> tuple[int, float, float, float, float, float, float]:
-    """Follow one orbit to its end.
+    """Follow one orbit from a displacement and a relative speed to its end.
 
     Args:
         law: The law.
         medium: What the motion takes place in.
-        e: Displacement at the start.
-        z: Relative speed at the start.
+        e: Displacement.
+        z: Relative speed.
         orbit: ``BEHIND``, ``AHEAD``, ``GRAZING``, ``AROUND`` or ``BACKWARD``.
         weigh: ``WEIGHED`` to integrate the divergence, at five times the cost, or ``ONLY``.
 
@@ -409,12 +386,8 @@ def energy_gain(law: LawNumbers, around: Medium, amplitude: float) -> float:
 def pure_slip(law: LawNumbers, medium: Medium, wanted: float, weigh: float) -> Found:
     """A cycle about steady sliding whose lining never reaches the belt's speed.
 
-    Args:
-        law: The law.
-        medium: What the motion takes place in, from breakaway.
-        wanted: ``LARGEST_STABLE`` about an unstable steady sliding; ``SMALLEST_UNSTABLE``, which
-            bounds the basin of a stable steady sliding.
-        weigh: ``WEIGHED`` to work out the multiplier, or ``ONLY``.
+    ``LARGEST_STABLE`` is wanted about an unstable steady sliding; ``SMALLEST_UNSTABLE`` bounds the
+    basin of a stable one.
     """
     speed, force, damping, _, _, _, _ = medium
     if (-force * speed * friction_slope(law, speed) < damping) == (wanted > 0.0):
@@ -468,15 +441,7 @@ def gain_bracket(
 def stable_cycle(
     law: LawNumbers, body: tuple[float, float, float], speed: float, load: float, weigh: float
 ) -> Found:
-    """The stable cycle at a speed and a load: through the belt's speed or, without one, slower.
-
-    Args:
-        law: The friction law.
-        body: Mass [kg], damping [N s/m] and stiffness [N/m].
-        speed: ``V``, any number [m/s].
-        load: ``N``, any number [N].
-        weigh: ``WEIGHED`` to work out the multiplier, or ``ONLY``.
-    """
+    """The stable cycle at any numbers: through the belt's speed or, without one, slower."""
     kind = why_no_cycle(law, body, speed, load)
     if kind != STICK_SLIP:
         return absent_cycle(kind)
@@ -519,14 +484,7 @@ def why_no_cycle(
 def amplitude_of_cycle(
     law: LawNumbers, body: tuple[float, float, float], speed: float, load: float
 ) -> float:
-    """Half the peak-to-peak displacement of the stable cycle [m]; ``nan`` where there is none.
-
-    Args:
-        law: The friction law.
-        body: Mass [kg], damping [N s/m] and stiffness [N/m].
-        speed: ``V``, any number [m/s].
-        load: ``N``, any number [N].
-    """
+    """Half the peak-to-peak displacement of the stable cycle [m]; ``nan`` where there is none."""
     found = stable_cycle(law, body, speed, load, ONLY)
     omega = math.sqrt(body[2] / body[0])
     return 0.5 * (found[1] - found[2]) * abs(speed) / omega
@@ -604,16 +562,7 @@ def fold_from_above(
 ) -> float:
     """The last speed with a stick-slip cycle of any law, looked for downward [m/s].
 
-    Args:
-        law: The friction law.
-        body: Mass [kg], damping [N s/m] and stiffness [N/m].
-        load: ``N`` > 0 [N].
-        high: A speed above all that are likely [m/s].
-        low: One below them [m/s].
-        orbit: ``GRAZING``, or ``ROUGHLY``.
-
-    Returns:
-        ``nan`` where no speed has a cycle, ``inf`` where none is the last.
+    From a speed above all that are likely to one below them; ``nan`` and ``inf`` as above.
     """
     if not load * law[STEEPEST] > body[1]:
         return math.nan

@@ -165,18 +165,6 @@ def test_a_knock_beyond_the_threshold_starts_stick_slip(
     assert 'last_stick' not in kinds
 
 
-def test_the_same_speed_sticks_or_not_by_its_history(make_scene: Make) -> None:
-    """36 rpm is bistable: from above it stays quiet, from below it goes on to stick."""
-    for start, sticks in ((60.0, False), (15.0, True)):
-        speed = [[0.0, start], [2.0, start], [6.0, 36.0]]
-        scene = make_scene(effects=effects(speed, deviation=5.0), duration=12.0)
-        found = told(scene)
-        late = found['stick'][0] > 10.0
-        assert late.any() == sticks
-        assert ('first_stick' in events(found, scene)) is sticks
-        assert 'last_stick' not in events(found, scene)
-
-
 def test_a_shaft_at_rest_is_no_stick_slip(make_scene: Make) -> None:
     """It stops with the lining stuck to it, and that is told as sticking, not as an episode."""
     scene = make_scene(

@@ -23,10 +23,9 @@ from rosbags.typesys import Stores, get_typestore
 from stickslip_monitor import assess, exact_fold_speed
 from stickslip_monitor.bags.reader import Request, open_bag
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.scenes.scene import Scene, load_scene
+from stickslip_monitor.lab.scenes.scene import load_scene
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.offline.follow import scan_whole
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -76,28 +75,6 @@ def test_the_cut_recording_is_whole_up_to_its_cut() -> None:
     np.testing.assert_allclose(elapsed, np.arange(series.value.size) / 20.0, atol=1e-9)
     noise = series.value - np.interp(elapsed, [20.0, 100.0, 150.0], [60.0, 20.0, 20.0])
     assert abs(noise.std() / 0.1 - 1.0) < 5.0 / np.sqrt(2 * noise.size)
-
-
-def complaints(name: str) -> dict[str, int]:
-    """How often the monitor complained of what, of speed and load together."""
-    _, _, found = scan(name)
-    return {status.name: int(found.counts[:, status].sum()) for status in Status}
-
-
-def test_bad_samples_are_those_of_the_scenes() -> None:
-    """Counts by the scene files: rate times seconds times share, within five deviations."""
-    values, clocks = complaints('sensor_values'), complaints('sensor_clocks')
-    assert abs(values['NOT_FINITE'] - (60 + 100)) < 5.0 * np.sqrt(200 * 0.25)
-    assert values['REPEATED'] == values['OUT_OF_ORDER'] == values['CLOCK_JUMP'] == 0
-    # Both inputs take the jump of the same clock, which is heard once.
-    assert clocks['CLOCK_JUMP'] == 1
-    assert abs(clocks['REPEATED'] - 2 * 150 * 0.2) < 5.0 * np.sqrt(2 * 150 * 0.16)
-    # Half a second late is behind two or three younger ones.
-    assert abs(clocks['OUT_OF_ORDER'] - 2 * 150 * 0.1) < 5.0 * np.sqrt(2 * 150 * 0.09)
-    total = 2 * (360 * 5 + 1)
-    lost = 2 / 100 * total / 2 + 50
-    counted = sum(clocks.values()) - clocks['REPEATED']
-    assert abs(total - lost - counted) < 5.0 * np.sqrt(36.0)
 
 
 def test_lost_inputs_are_told_and_given_back() -> None:
@@ -157,40 +134,6 @@ def numbers(name: str) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float6
     }
 
 
-def profile(scene: Scene, quantity: str, bearing: str) -> NDArray[np.float64]:
-    """The points of a profile as they stand in the scene file, rows of time [s] and value."""
-    (settings,) = (
-        s
-        for s in scene.effects
-        if s.name == f'{quantity}_profile'
-        and ('bearing' not in s or s.value('bearing', '') == bearing)
-    )
-    assert settings.value('unit', '') in ('rpm', 'N')
-    return np.transpose(settings.value('points', ''))
-
-
-@pytest.mark.parametrize('name', PLAIN)
-def test_telemetry_is_the_profile_and_its_noise(name: str) -> None:
-    """Against the scene file's own points; the truth is those points themselves."""
-    scene = load_scene(ROOT / ENTRIES[name]['scene'])
-    found = numbers(name)
-    (noise,) = (s for s in scene.effects if s.name == 'sensor_noise')
-    for config in scene.config.bearings:
-        inputs = {
-            'speed': (config.speed.topic, np.pi * 0.1 / 60.0),
-            'load': (config.load.topic, 1),
-        }
-        for quantity, (topic, unit) in inputs.items():
-            points = profile(scene, quantity, config.name)
-            time, true = found[f'/truth/{config.name}/{quantity}']
-            assert true == pytest.approx(np.interp(time, *points) * unit, rel=1e-12)
-            time, values = found[topic]
-            off = values - np.interp(time, *points)
-            off /= noise.value(quantity, '')['standard_deviation']
-            assert abs(off.mean()) < 5.0 / np.sqrt(off.size)
-            assert abs(off.std() - 1.0) < 5.0 / np.sqrt(2 * off.size)
-
-
 @functools.cache
 def scans(name: str) -> list[tuple[BearingConfig, int, Scan]]:
     """The monitor over a recording: each bearing, when it starts [ns], its scan."""
@@ -234,16 +177,6 @@ def test_monitor_gives_every_alarm_when_it_is_due_and_no_other(name: str) -> Non
             assert [row[1] for row in actual] == [row[1] for row in expected]
             for (_, _, time), (_, _, earliest, latest) in zip(actual, expected, strict=True):
                 assert earliest <= time <= latest
-
-
-def test_stick_slip_shows_hysteresis() -> None:
-    """At 1000 N and between 31 and 40 rpm: quiet on the way down, sticking on the way up."""
-    bearing, start_ns, found = scan('coast_down')
-    rpm = bearing.bearing.speed.from_surface(found.assessment.speed, 'rpm')
-    between = (rpm > 32.0) & (rpm < 39.5)
-    down = (found.time_ns - start_ns) < 135e9
-    assert not found.sticking[between & down].any()
-    assert found.sticking[between & ~down].all()
 
 
 # Speeds and loads of the boundaries from PHYSICS: Hopf 30.7380 rpm and fold 40.7231 rpm at

@@ -71,25 +71,6 @@ def test_harmonic_is_the_averaging_integral(beta_v: float, ratio: float, oracle:
         assert abs(closed - exact) <= 1e-12 * abs(exact)
 
 
-def test_coulomb_average_is_elementary() -> None:
-    """``-(2 mu_k/pi) sqrt(1 - V^2/a^2)`` beyond the limit, 0 before: the integral done by hand."""
-    law = Coulomb(0.3, 0.1)
-    a = np.array([0.1, 0.2, 0.2 * (1 + 1e-13), 0.25, 4.0])
-    v = mp.mpf(0.2)
-    exact = [
-        float(-2 * mp.mpf(0.1) / mp.pi * mp.sqrt(max(0, 1 - (v / mp.mpf(x)) ** 2))) for x in a
-    ]
-    np.testing.assert_allclose(harmonic(law, 0.2, a), exact, rtol=1e-14)
-    np.testing.assert_allclose(friction_harmonic(law, np.full(5, 0.2), a), exact, rtol=1e-14)
-
-
-@pytest.mark.parametrize('law', [Tabulated([0.0, 0.5], [0.2, 0.2]), Stribeck(0.2, 0.2, 5.0)])
-def test_level_friction_has_no_average_at_all_below_the_limit(law: FrictionLaw) -> None:
-    """A constant times ``cos t`` integrates to exactly 0; rounding would pass for cycles."""
-    a = np.linspace(0.001, 0.3, 500)
-    np.testing.assert_array_equal(harmonic(law, 0.3, a), np.zeros(500))
-
-
 def test_table_average_is_its_integral(brute_force: Any) -> None:
     """SciPy's adaptive quadrature, split at every bend of the table and at the reversal."""
     law = Tabulated([0.0, 0.05, 0.12, 0.3, 0.8], [0.31, 0.22, 0.24, 0.10, 0.13])
@@ -134,10 +115,6 @@ SMOOTH = {
 }
 
 
-def friction_harmonic_slope(law: FrictionLaw, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-    return friction_harmonic_and_slope(law, v, a)[1]
-
-
 @pytest.mark.parametrize('excess', [1e-15, 1e-12, 1e-6, 0.1, 5.0])
 @pytest.mark.parametrize('level', [0.0, 0.3])
 def test_crossing_angle_keeps_full_precision_at_grazing(excess: float, level: float) -> None:
@@ -159,5 +136,5 @@ def test_slope_is_the_derivative_of_the_average(law: FrictionLaw, ratio: float) 
     h = 1e-4 * v
     step = [friction_harmonic(law, v, a + k * h) for k in (-2, -1, 1, 2)]
     expected = (step[0] - 8.0 * step[1] + 8.0 * step[2] - step[3]) / (12.0 * h)
-    got = friction_harmonic_slope(law, v, a)
+    got = friction_harmonic_and_slope(law, v, a)[1]
     np.testing.assert_allclose(got, expected, rtol=2e-6, atol=2e-6)

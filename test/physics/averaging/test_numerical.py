@@ -76,19 +76,6 @@ def test_fold_and_amplitudes_are_bracketed_by_the_integral(oracle: Any) -> None:
         )
 
 
-@pytest.mark.slow
-def test_peak_slope_of_a_table_is_the_maximum(brute_force: Any) -> None:
-    """The highest of a scan of 2000 amplitudes, of its cusp at ``a = V`` and of ``a = 0``."""
-    law = TWO_FALLS
-    for speed in (0.01, 0.1, 0.21, 0.25, 0.35, 0.6, 2.0):
-        _, slope = brute_force.balance(law, speed, 0.0)
-        limit = 2.0 * brute_force.harmonic(law, speed, speed) / speed
-        highest = max(slope.max(), limit, -float(law.slope(speed)))
-        got = numerical.peak_slope(law, np.array([speed]))[0]
-        assert got >= highest - 1e-6
-        assert got == pytest.approx(highest, rel=1e-5)
-
-
 def test_amplitudes_are_the_smallest_threshold_and_the_largest_cycle() -> None:
     """Of all the cycles; a threshold needs a quiet state inside it."""
     law = TWO_FALLS

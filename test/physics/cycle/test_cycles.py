@@ -19,6 +19,7 @@ from stickslip_monitor.physics.cycle.cycles import (
     exact_unstable_cycle,
 )
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
+from stickslip_monitor.physics.motion.integrator import Drive, MotionState, integrate
 from stickslip_monitor.physics.oscillator import Bearing
 
 pytestmark = pytest.mark.filterwarnings('error')
@@ -158,7 +159,7 @@ def test_overtaking_closes_under_the_reference(taylor, zeta, eta, speed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('zeta', [1e-3, 1e-5, 0.0])
+@pytest.mark.parametrize('zeta', [1e-3, 0.0])
 def test_hardly_damped_every_point_below_the_fold_has_its_cycle(zeta):
     # The lining passes the belt for moments only here and there; the fold is found by itself.
     rng = np.random.default_rng(3)
@@ -247,26 +248,22 @@ def by_events(bearing: Bearing, speed: float, load: float) -> tuple[float, float
     return (max(extremes) - min(extremes)) / 2.0, time
 
 
-def test_a_table_by_events():
-    law = Tabulated([0.0, 0.1, 0.3, 1.0, 5.0], [0.3, 0.2, 0.12, 0.1, 0.11])
-    bearing = unit_bearing(0.05, law)
-    for speed in (0.3, 2.0):
-        cycle = exact_cycle(bearing, speed, 10.0)
-        amplitude, period = by_events(bearing, speed, 10.0)
-        assert cycle.amplitude == pytest.approx(amplitude, rel=1e-10)
-        assert cycle.period == pytest.approx(period, rel=1e-9)
+FALLING = unit_bearing(0.05, Tabulated([0.0, 0.1, 0.3, 1.0, 5.0], [0.3, 0.2, 0.12, 0.1, 0.11]))
+# Friction vanishes at speed, so the lining comes back faster than the belt can stop it.
+OVERSHOOTS = unit_bearing(0.0, Tabulated([0.0, 1.0, 1.2], [0.3, 0.3, 0.0]))
 
 
-def test_overshoot_past_the_belt_and_sticking_again():
-    # Friction vanishes at speed, so the lining comes back faster than the belt can stop it.
-    bearing = unit_bearing(0.0, Tabulated([0.0, 1.0, 1.2], [0.3, 0.3, 0.0]))
-    cycle = exact_cycle(bearing, 1.0, 10.0)
-    _, _, velocity = cycle.waveform(4001)
-    assert np.max(velocity) > 1.1
-    assert cycle.stick_fraction > 0.1
-    amplitude, period = by_events(bearing, 1.0, 10.0)
+@pytest.mark.parametrize(
+    ('bearing', 'speed', 'fastest'),
+    [(FALLING, 0.3, 1.0), (FALLING, 2.0, 1.0), (OVERSHOOTS, 1.0, 1.1)],
+)
+def test_a_table_by_events(bearing, speed, fastest):
+    cycle = exact_cycle(bearing, speed, 10.0)
+    amplitude, period = by_events(bearing, speed, 10.0)
     assert cycle.amplitude == pytest.approx(amplitude, rel=1e-9)
     assert cycle.period == pytest.approx(period, rel=1e-8)
+    assert cycle.stick_fraction > 0.1
+    assert np.max(cycle.waveform(4001)[2]) >= fastest * speed
 
 
 @pytest.mark.parametrize('speed', [0.05, 0.3, 1.0, 1.5])
@@ -389,23 +386,16 @@ def test_a_vibration_that_never_sticks_has_amplitude_and_period():
     cycle = exact_cycle(bearing, [0.7, -0.7, 1.2], 100.0)
     assert_array_equal(cycle.kind, [CycleKind.PURE_SLIP, CycleKind.PURE_SLIP, CycleKind.NONE])
 
-    def motion(_, state):
-        x, v = state
-        return v, 100.0 * float(law.coefficient(0.7 - v)) - 20.0 * v - 1e4 * x
-
-    start = [float(bearing.equilibrium(0.7, 100.0)) + 1e-3, 0.0]
-    late = solve_ivp(motion, (0.0, 6.0), start, rtol=1e-10, atol=1e-13, max_step=1e-3)
-    again = solve_ivp(
-        motion, (0.0, 0.2), late.y[:, -1], rtol=1e-10, atol=1e-13, max_step=1e-3,
-        events=lambda _, state: state[1],
-    )  # fmt: skip
-    turns = again.y_events[0][:, 0]
+    start = MotionState(float(bearing.equilibrium(0.7, 100.0)) + 1e-3, 0.7)
+    times = np.linspace(6.0, 6.2, 20001)
+    motion = integrate(bearing, Drive.constant(0.7, 100.0, 6.2), start, times, compiled=False)
+    v = motion.velocity
+    turns = np.flatnonzero((v[:-1] < 0.0) & (v[1:] >= 0.0))
+    at = times[turns] - v[turns] * 1e-5 / (v[turns + 1] - v[turns])
     assert 0.0 < cycle.multiplier[0] < 1.0
     assert cycle.stick_fraction[0] == 0.0
-    assert cycle.amplitude[0] == pytest.approx(0.5 * np.ptp(turns[-2:]), rel=1e-6)
-    assert cycle.period[0] == pytest.approx(
-        again.t_events[0][-1] - again.t_events[0][-3], rel=1e-6
-    )
+    assert cycle.amplitude[0] == pytest.approx(0.5 * np.ptp(motion.displacement), rel=1e-6)
+    assert cycle.period[0] == pytest.approx(at[-1] - at[-2], rel=1e-6)
     assert cycle.amplitude[1] == cycle.amplitude[0]
     time, x, _ = exact_cycle(bearing, 0.7, 100.0).waveform(50)
     assert 0.5 * np.ptp(x) == pytest.approx(cycle.amplitude[0], rel=5e-3)

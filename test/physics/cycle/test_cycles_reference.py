@@ -149,10 +149,3 @@ def test_the_reference_gives_the_numbers_of_physics_md():
     )
     assert abs(amplitude * speed / 200 - 0.556755e-3) < 6e-10
     assert abs(period / 200 - 31.5903e-3) < 6e-8
-
-
-@pytest.mark.slow
-def test_the_reference_does_not_depend_on_its_step():
-    law = (mp.mpf('0.02'), mp.mpf('0.6'), mp.mpf('0.2'), mp.mpf(1))
-    for coarse, fine in zip(stick_slip(*law), stick_slip(*law, refine=9), strict=True):
-        assert abs(coarse / fine - 1) < mp.mpf(10) ** -25

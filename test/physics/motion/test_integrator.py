@@ -17,7 +17,6 @@ from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
 from stickslip_monitor.physics.motion.integrator import (
     Accuracy,
     Drive,
-    Motion,
     MotionOutcome,
     MotionState,
     Phase,
@@ -26,65 +25,10 @@ from stickslip_monitor.physics.motion.integrator import (
 from stickslip_monitor.physics.oscillator import Bearing
 
 REFERENCE = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, 10.0), 0.1)
-RPM = REFERENCE.speed.factor('rpm')
 LOAD = 1000.0
 
 
-def breakaway(speed: float) -> MotionState:
-    return MotionState((0.3 * LOAD - REFERENCE.damping * speed) / REFERENCE.stiffness, 0.0)
-
-
-def extremes(motion: Motion) -> tuple[float, float]:
-    """Largest and smallest displacement, each by the parabola through its sample."""
-    found = []
-    for i in (np.argmax(motion.displacement), np.argmin(motion.displacement)):
-        velocity, acceleration = motion.velocity[i], motion.acceleration[i]
-        found.append(float(motion.displacement[i] - 0.5 * velocity**2 / acceleration))
-    return found[0], found[1]
-
-
-def amplitude(motion: Motion) -> float:
-    high, low = extremes(motion)
-    return 0.5 * (high - low)
-
-
-def cycle(speed: float, load: float = LOAD, bearing: Bearing = REFERENCE) -> Motion:
-    """A stick-slip cycle, finely sampled, after half a second to settle."""
-    drive = Drive.constant(speed, load, 0.7)
-    times = np.linspace(0.6, 0.7, 4001)
-    return integrate(bearing, drive, breakaway(speed), times, compiled=False)
-
-
-def sticking(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """Begins and ends of the sticking that comes after the first release."""
-    t = motion.transitions
-    ends = t.time[t.before == Phase.STICK][1:]
-    return t.time[t.after == Phase.STICK][: ends.size], ends
-
-
-def period(motion: Motion) -> float:
-    t = motion.transitions
-    releases = t.time[t.before == Phase.STICK]
-    return float((releases[-1] - releases[-11]) / 10.0)
-
-
 # The exact cycle: amplitude [mm] and period [ms] of PHYSICS.md, to the digits printed there.
-
-
-def test_undamped_coulomb_cycle() -> None:
-    """An arc about ``mu_k N/k`` in the phase plane, then a straight line back to its begin."""
-    bearing = replace(REFERENCE, friction=Coulomb(0.3, 0.1), damping=0.0)
-    speed, omega = 0.05, bearing.natural_frequency
-    reach = 0.2 * LOAD / bearing.stiffness
-    slip = 2.0 * (math.pi - math.atan(reach * omega / speed)) / omega
-    stick = 2.0 * reach / speed
-    state = MotionState(0.3 * LOAD / bearing.stiffness, 0.0)
-    times = np.linspace(0.0, 0.1, 5001)
-    motion = integrate(bearing, Drive.constant(speed, LOAD, 0.5), state, times, compiled=False)
-    assert period(motion) == pytest.approx(slip + stick, rel=1e-12)
-    assert amplitude(motion) == pytest.approx(math.hypot(reach, speed / omega), rel=1e-11)
-    begin, end = sticking(motion)
-    assert end - begin == pytest.approx(stick, rel=1e-10)
 
 
 def damped(bearing: Bearing, shift: float, x: float, velocity: float, t: float) -> float:
