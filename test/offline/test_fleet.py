@@ -174,6 +174,7 @@ def test_a_scheduler_that_is_not_there_is_named(
 
 def test_a_worker_is_no_scheduler(address: str, capsys: pytest.CaptureFixture[str]) -> None:
     with connected(address) as client:
+        client.wait_for_workers(1)
         (worker, *_) = client.scheduler_info()['workers']
     assert refusal(capsys, '--scheduler', worker).endswith('it is a Worker of Dask')
 
