@@ -10,19 +10,29 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from hard_sensors import LEVELS, STAMPS
 from trade_off import Curve, TradeOff, draw_trade_offs
 
 from stickslip_monitor.commands.score import RULES, judge_all
 from stickslip_monitor.drawing.canvas import save_figure
-from stickslip_monitor.lab.voyages import BELOW_FOLD, BELOW_HOPF, OURS, Call, Voyage
+from stickslip_monitor.lab.scenes.scene import load_scene
+from stickslip_monitor.lab.voyages import (
+    BELOW_FOLD,
+    BELOW_HOPF,
+    OURS,
+    Call,
+    Voyage,
+    cases_of,
+)
 from stickslip_monitor.lab.warning_quality import FIGURES, Quality, pooled, written
 from stickslip_monitor.monitor.config import BEARING_PARAMETERS, AlarmConfig
 from stickslip_monitor.monitor.parameter import nanoseconds
-from stickslip_monitor.offline.processes import core_count
+from stickslip_monitor.offline.processes import core_count, run_in_processes
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / 'docs' / 'warning_quality.md'
@@ -52,6 +62,10 @@ _SHOWN = (
     'detected_plain', 'false_per_100h', 'wrong_hours', 'unfounded_hours', 'far_warned',
     'changes_per_hour', 'largest_burst', 'largest_given',
 )  # fmt: skip
+# Of voyages with spoilt sensors.
+_OF_SPOILT = (
+    'newly_given', 'missed', 'detected', 'told', 'false_per_100h', 'unfounded_hours', 'far_warned',
+)  # fmt: skip
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -64,7 +78,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     seeds = range(args.first_seed, args.first_seed + args.seeds)
     voyages = judge_all(_calls(seeds), args.jobs)
-    text = '\n'.join(_page(voyages, seeds))
+    spoilt = _judged_spoilt(seeds, args.jobs)
+    text = '\n'.join([*_page(voyages, seeds), '', *_spoilt_table(spoilt)])
     if args.print:
         print(text)
         return 0
@@ -143,6 +158,40 @@ def _wrong_source(voyages: Sequence[Voyage]) -> Iterable[str]:
     for kind, found in sorted(told.items(), reverse=True):
         label = f'`{kind}`' if kind else 'the other scenes'
         yield f'- {label}: told on {sum(found)} of {len(found)} voyages'
+
+
+def judge_spoilt(scene: str, seed: int) -> dict[str, Quality]:
+    """The monitor on a voyage with ordinary sensors and a level, each spoilt in every way."""
+    found: dict[str, list[Quality]] = {}
+    for case in cases_of(load_scene(scene, seed, str(WITH_LEVEL))):
+        if case.config.level is None:
+            continue
+        for number, (name, spoil) in enumerate((LEVELS | STAMPS).items()):
+            random = np.random.default_rng([seed, number])
+            found.setdefault(name, []).append(spoil(case, random).varied({}))
+    return {name: pooled(parts) for name, parts in found.items()}
+
+
+def _judged_spoilt(seeds: range, jobs: int) -> dict[str, Quality]:
+    scenes = [str(scene) for scene in sorted(SCENES.glob('*.yaml')) if scene.stem != WRONG_SOURCE]
+    calls = [(scene, seed) for scene in scenes for seed in seeds]
+    found: dict[str, list[Quality]] = {}
+    for _, outcome in run_in_processes(judge_spoilt, calls, jobs):
+        if isinstance(outcome, BaseException):
+            raise outcome
+        for name, quality in outcome.items():
+            found.setdefault(name, []).append(quality)
+    return {name: pooled(parts) for name, parts in found.items()}
+
+
+def _spoilt_table(found: Mapping[str, Quality]) -> Iterable[str]:
+    """A row for each way in which a level, or the stamps of speed and load, can be spoilt."""
+    yield _row('ordinary sensors', *(FIGURES[name][0] for name in _OF_SPOILT))
+    yield _row('---', *('---:' for _ in _OF_SPOILT))
+    for kinds, what in ((LEVELS, 'level'), (STAMPS, 'speed and load, no level')):
+        for name in kinds:
+            figures = found[name].figures()
+            yield _row(f'{what}: {name}', *(written(f, figures[f]) for f in _OF_SPOILT))
 
 
 def _panels(voyages: Sequence[Voyage]) -> list[TradeOff]:

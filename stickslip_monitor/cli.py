@@ -95,7 +95,8 @@ def _parser(asked: str | None) -> argparse.ArgumentParser:
     _add_traceback(parser, False)
     commands = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
     for name, text in COMMANDS.items():
-        module = importlib.import_module(_module(name)) if name == asked else None
+        place = f'stickslip_monitor.commands.{name}'
+        module = importlib.import_module(place) if name == asked else None
         command = commands.add_parser(
             name,
             help=text,
@@ -116,10 +117,6 @@ def _add_traceback(parser: argparse.ArgumentParser, default: object) -> None:
         default=default,
         help='after a fault of the program, show where it happened',
     )
-
-
-def _module(command: str) -> str:
-    return f'stickslip_monitor.commands.{command}'
 
 
 def main(argv: Sequence[str] | None = None) -> int:

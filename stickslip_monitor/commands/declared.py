@@ -35,11 +35,8 @@ _Options = argparse._ActionsContainer  # a parser or a group of its options
 class FileOptions:
     """What a command's options name, by their destinations.
 
-    Attributes:
-        reads: Inputs: files, and folders of recordings.
-        writes: Outputs with their marks.
-        renews: Outputs that may take the place of an input of the same kind.
-        records: Outputs that are recordings, or a folder of such; never within what is read.
+    ``writes`` has the marks of outputs; ``renews`` are those that may take the place of an input
+    of the same kind; ``records`` are recordings, or folders of such, never within what is read.
     """
 
     reads: list[str] = field(default_factory=list)

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -72,8 +72,7 @@ class MarkKind(str, Enum):
     FOLD = 'fold'
 
 
-@dataclass(frozen=True, slots=True)
-class BranchMark:
+class BranchMark(NamedTuple):
     """Where a branch ends: at a Hopf it meets the equilibrium, at a fold another cycle.
 
     ``speed`` is the surface speed [m/s], ``amplitude`` that of the displacement, 0 at a Hopf [m].
@@ -170,8 +169,7 @@ def _columns(bearing: Bearing, grid: FloatArray) -> FloatArray:
     return np.union1d(even, breaks[(breaks > low) & (breaks < high)])
 
 
-@dataclass(frozen=True, slots=True)
-class _Piece:
+class _Piece(NamedTuple):
     """A stretch of the level set on which speed rises, and the bifurcations at its ends."""
 
     speed: FloatArray

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -80,11 +80,10 @@ def envelope(most: int, *columns: Any) -> IndexArray:
     return found[found < size]
 
 
-@dataclass(frozen=True, slots=True)
-class TrackEvent:
-    """A change of the alarm, at the operating point that it was told at [m/s, N].
+class TrackEvent(NamedTuple):
+    """A change of the alarm to a condition, at the operating point that it was told at [m/s, N].
 
-    The condition is that from then on; the speed is ``nan`` where there was no point yet.
+    The speed is ``nan`` where there was no point yet.
     """
 
     speed: float

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from stickslip_monitor import jit
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.recorder_clock import on_recorder_clock, scan_on_recorder_clock
@@ -33,7 +34,7 @@ from stickslip_monitor.lab.warning_quality import (
     merged,
     quality_of,
 )
-from stickslip_monitor.monitor.bulk import Scan, scan_bearing
+from stickslip_monitor.monitor.bulk import BearingScan, Scan
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.ladder import LADDER, Condition, Level
 from stickslip_monitor.monitor.signals import Stream, to_si
@@ -191,7 +192,8 @@ class Sailed:
         span, time = (self.truth.start_ns, self.truth.end_ns), self.stream.time_ns
         if time.size and (time[0] < span[0] or time.max() > span[1]):
             span = int(time[0]), int(time.max())
-        return scan_bearing(config, self.stream, *span)
+        # Of many voyages a second of compiling is soon repaid.
+        return BearingScan(config, span[0], jit.has_compiler()).finish(self.stream, span[1])
 
     def _judged(self, said: Said) -> Quality:
         return quality_of(said, self.truth, self.plain)

@@ -61,6 +61,8 @@ APART = 120 * 10**9
 """A level that was high outside so shortly before tells nothing inside [ns]."""
 SHORT = 15 * 10**9
 """A vibration that ends sooner than this tells nothing [ns]."""
+BURSTS = 300 * 10**9
+"""Two vibrations so short within this time are bursts of something else [ns]."""
 LEARNED = 60 * 10**9
 """For how long a level is watched before a threshold is learned from it [ns]."""
 STUCK = 300 * 10**9
@@ -377,8 +379,9 @@ def judge_lining(s: Any, c: Any, measured: int, near: bool) -> None:
 
 
 def was_apart(s: Any) -> bool:
-    """Whether the level was high outside shortly before, so that it tells nothing inside."""
-    return s.outside != NEVER and abs(s.now - s.outside) < APART
+    """Whether the level was high outside shortly before, so that it tells nothing inside yet."""
+    recent = s.outside != NEVER and abs(s.now - s.outside) < APART
+    return recent and not (s.spell > s.outside and s.stamp[LEVEL] - s.spell >= SHORT)
 
 
 def asked(s: Any, rung: int, holds: bool, clear: bool) -> int:
@@ -451,20 +454,25 @@ def take_level(s: Any, c: Any, si: float, stamp: int, last: int) -> None:
     s.level = si
     gap = stamp - last
     if last == NEVER or not 0 <= gap <= c.timeout[LEVEL]:
-        s.vibrating, s.level_count = UNKNOWN, 0
+        s.vibrating, s.level_count, s.spell = UNKNOWN, 0, NEVER
         s.level_mean = s.level_peak = level
         return
     s.level_mean += (level - s.level_mean) * (1.0 - math.exp(-gap * 1e-9 / LEVEL_LAG))
     threshold = level_threshold(s, c)
     if not s.raised & (1 << CAUTION):
         watch_outside(s, c, level >= threshold, gap, stamp)
-    before = s.vibrating
-    count_level(s, level >= threshold, level < threshold - c.hysteresis, min(gap, DUE // 2))
-    if s.vibrating == VIBRATING and before != VIBRATING:
+    high, low = level >= threshold, level < threshold - c.hysteresis
+    count_level(s, high, low, min(gap, DUE // 2))
+    if high and s.spell == NEVER:
         s.spell = stamp
-    elif s.vibrating == QUIET and before == VIBRATING and stamp - s.spell < SHORT:
-        # Stick-slip would have gone on: what ends by itself so soon was something else.
-        s.outside = stamp
+    elif low and s.spell != NEVER:
+        if stamp - s.spell < SHORT:
+            # Stick-slip would have gone on: what ends by itself so soon was something else. One
+            # such spell may be a blow, of which the next can start it.
+            if s.ended != NEVER and stamp - s.ended < BURSTS:
+                s.outside = stamp
+            s.ended = stamp
+        s.spell = NEVER
 
 
 def level_threshold(s: Any, c: Any) -> float:

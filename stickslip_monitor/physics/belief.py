@@ -323,23 +323,13 @@ class Belief:
         spread = float(self._first_order_spread(HOPF, np.ones(1))[0])
         return math.exp(-spread * float(ndtri(min(max(p, 1e-9), 1.0 - 1e-9))))
 
-    def can(self, speed: ArrayLike, load: ArrayLike) -> Any:
-        """The probability that a stick-slip cycle exists; inputs broadcast."""
-        return self.probabilities(speed, load)[0]
-
-    def will(self, speed: ArrayLike, load: ArrayLike) -> Any:
-        """The probability that stick-slip starts by itself; inputs broadcast."""
-        return self.probabilities(speed, load)[1]
-
     def probabilities(
         self, speed: ArrayLike, load: ArrayLike, share: ArrayLike = 1.0
     ) -> tuple[Any, Any]:
-        """:meth:`can` and :meth:`will`.
+        """The probabilities that a stick-slip cycle exists, and that it starts by itself.
 
-        Args:
-            speed: Surface speed [m/s].
-            load: Load [N]; broadcasts with ``speed``.
-            share: Of the averaged fold in the one that counts, at most 1; broadcasts.
+        Of surface speeds [m/s] and loads [N]; ``share`` is that of the averaged fold in the one
+        that counts, at most 1. Inputs broadcast.
         """
         if isinstance(speed, float) and isinstance(load, float) and isinstance(share, float):
             return chances.chances(self._numbers, abs(speed), load, share)
@@ -452,15 +442,9 @@ def require_stribeck(bearing: Bearing, what: str = 'a tolerance') -> Stribeck:
 
 
 def probability_runs(can: FloatArray, will: FloatArray, before: float = 0.0) -> FloatArray:
-    """:func:`runs_after` of points in order of time.
+    """:func:`runs_after` each of some points in order of time, shape (n,); ``nan`` changes none.
 
-    Args:
-        can: Shape (n,); ``nan`` changes nothing.
-        will: Shape (n,).
-        before: The probability before the first.
-
-    Returns:
-        The probability after each, shape (n,).
+    ``before`` is the probability before the first.
     """
     result = np.empty(can.size)
     _loop(chances.fill_runs, can.size)(can, will, before, result)

@@ -24,21 +24,21 @@ from stickslip_monitor.errors import PhysicsError
 def require_finite(name: str, value: float, unit: str = '') -> None:
     """Raise :class:`PhysicsError` unless the value is a finite number."""
     if not math.isfinite(value):
-        raise PhysicsError(f'{name} = {_show(value, unit)} must be a finite number')
+        raise PhysicsError(f'{name} = {f"{value:g} {unit}".rstrip()} must be a finite number')
 
 
 def require_positive(name: str, value: float, unit: str = '') -> None:
     """Raise :class:`PhysicsError` unless the value is finite and above zero."""
     require_finite(name, value, unit)
     if not value > 0.0:
-        raise PhysicsError(f'{name} = {_show(value, unit)} must be greater than 0')
+        raise PhysicsError(f'{name} = {f"{value:g} {unit}".rstrip()} must be greater than 0')
 
 
 def require_not_negative(name: str, value: float, unit: str = '') -> None:
     """Raise :class:`PhysicsError` unless the value is finite and not below zero."""
     require_finite(name, value, unit)
     if value < 0.0:
-        raise PhysicsError(f'{name} = {_show(value, unit)} must not be negative')
+        raise PhysicsError(f'{name} = {f"{value:g} {unit}".rstrip()} must not be negative')
 
 
 def _show(value: float, unit: str) -> str:
@@ -139,16 +139,9 @@ class Stretched:
 
     ``mu(v) = sgn(v) (mu_k + (mu_s - mu_k) exp(-(beta |v|)^delta)) + nu v``
 
-    Args:
-        static: ``mu_s`` >= 0 [-].
-        kinetic: ``mu_k`` >= 0 [-].
-        decay: ``beta`` > 0 [s/m].
-        viscous: ``nu`` >= 0 [s/m].
+    Args as of :class:`Stribeck`, and:
         exponent: ``delta``, 1 to 4 [-]: 2 is the Gaussian law. Below 1 the curve would leave zero
             speed vertically.
-
-    Raises:
-        PhysicsError: A coefficient breaks its rule.
     """
 
     static: float
@@ -169,14 +162,14 @@ class Stretched:
         return tuple(place ** (1.0 / self.exponent) / self.decay for place in places)
 
     def coefficient(self, speed: ArrayLike) -> FloatArray:
-        """Coefficient at relative speeds, of their shape [-]."""
+        """See :class:`FrictionLaw`."""
         v = np.asarray(speed, dtype=float)
         fading = np.exp(-((self.decay * np.abs(v)) ** self.exponent))
         falling = (self.static - self.kinetic) * fading
         return _sign(v) * (self.kinetic + falling) + self.viscous * v
 
     def slope(self, speed: ArrayLike) -> FloatArray:
-        """Slope ``d mu / d|v|`` at relative speeds, of their shape [s/m]."""
+        """See :class:`FrictionLaw`."""
         u = self.decay * np.abs(np.asarray(speed, dtype=float))
         rate = self.decay * self.exponent * u ** (self.exponent - 1.0)
         fading = np.exp(-(u**self.exponent))

@@ -248,6 +248,49 @@ def test_a_limit_cycle_is_constant_and_no_stuck_level(dither: float) -> None:
     assert heard.monitor.condition(NAME) == 'stick_slip'
 
 
+@pytest.mark.parametrize('lasting', [2.0, 3.5, 8.0])
+@pytest.mark.parametrize(('bearing', 'share'), [('viscous', 0.9), ('ship', 1.1)])
+def test_bursts_of_vibration_hide_no_episode_and_make_few(
+    bearing: str, share: float, lasting: float
+) -> None:
+    """Something else is loud for seconds each minute; at 1000 s stick-slip begins and goes on."""
+
+    def level(t: float) -> float:
+        loud = t % 60.0 < lasting or t > 1000.0
+        return (60.0 if loud else 3.0) * (1.0 + 0.02 * math.sin(9.0 * t))
+
+    config = _config(bearing, level__topic='/v', level__unit='mm/s', level__threshold=20.0)
+    heard = Heard(
+        config,
+        _every('speed', 0.5, 1100.0, _rpm(bearing, share))
+        + _loaded(bearing, 1100.0)
+        + _every('level', 0.5, 1100.0, level),
+    )
+    # The first of them cannot be told from a blow, and ends after the off-delay.
+    false = [onset for onset in heard.onsets if onset < 1000.0]
+    assert len(false) <= 1
+    assert next(o for o in heard.onsets if o > 1000.0) < 1020.0
+    assert heard.monitor.condition(NAME) == 'stick_slip'
+
+
+def test_the_blow_after_one_that_rang_down_is_believed_at_once() -> None:
+    """Two blows in the bistable range: the level tells of the second, which goes on."""
+    config = _config('viscous', level__topic='/v', level__unit='dB', level__threshold=34.0)
+
+    def level(t: float) -> float:
+        ringing = 20.0 * math.exp(-(t - 200.0) / 5.0) if 200.0 <= t < 260.0 else 0.0
+        return 44.0 if t >= 260.0 else 22.0 + ringing
+
+    heard = Heard(
+        config,
+        _every('speed', 0.5, 300.0, _rpm('viscous', 0.9))
+        + _loaded('viscous', 300.0)
+        + _every('level', 0.5, 300.0, level),
+    )
+    assert [onset for onset in heard.onsets if onset < 260.0] == []
+    assert 260.0 < heard.first(STICKING) <= 264.0
+
+
 def test_a_dead_level_ends_no_running_alarm() -> None:
     """A sensor that has fallen off has one bit of dither: it is quiet and has never risen."""
     config = _config('ship', level__topic='/v', level__unit='mm/s', level__threshold=40.0)

@@ -144,7 +144,7 @@ def test_the_fold_that_decides_has_the_probability(configure: Configure) -> None
         assert point.probability_can == pytest.approx(0.5, abs=1e-3)
         assert point.fold_margin_low < 0.0 < point.fold_margin_high
     assert config.belief is not None
-    assert config.belief.can(nominal.fold_speed, 1e5) == pytest.approx(0.5, abs=1e-3)
+    assert config.belief.probabilities(nominal.fold_speed, 1e5)[0] == pytest.approx(0.5, abs=1e-3)
 
 
 def test_tolerances_that_say_almost_nothing_leave_the_ladder(configure: Configure) -> None:

@@ -46,8 +46,8 @@ def test_one_tolerance_has_closed_forms() -> None:
     can, will = DAMPING.probabilities(35.0 * RPM, 1000.0)
     assert can == pytest.approx(0.9561785671, abs=1e-9)
     assert will == pytest.approx(0.0128214327, abs=1e-9)
-    assert DAMPING.can(40.72309112811 * RPM, 1000.0) == pytest.approx(0.5, abs=1e-9)
-    assert DAMPING.will(math.log(5.0) / 10.0, 1000.0) == pytest.approx(0.5, abs=1e-12)
+    assert DAMPING.probabilities(40.72309112811 * RPM, 1000.0)[0] == pytest.approx(0.5, abs=1e-9)
+    assert DAMPING.probabilities(math.log(5.0) / 10.0, 1000.0)[1] == pytest.approx(0.5, abs=1e-12)
     found = [s(1000.0, p) / RPM for s in (DAMPING.fold_speed, DAMPING.hopf_speed)
              for p in (0.05, 0.5, 0.95)]  # fmt: skip
     wanted = [35.202904, 40.723091, 46.735904, 27.596561, 30.738000, 33.879439]
@@ -134,13 +134,13 @@ def test_it_falls_with_speed_and_will_is_below_can(tolerance: Tolerance) -> None
 
 def test_what_has_no_operating_point_has_no_probability() -> None:
     speed, load = [0.0, math.nan, 0.1, -0.1, 0.1], [1e3, 1e3, math.inf, 1e3, 0.0]
-    can = THREE.can(speed, load)
+    can = THREE.probabilities(speed, load)[0]
     assert np.isnan(can).tolist() == [True, True, True, False, False]
-    assert can[3] == THREE.can(0.1, 1e3)
+    assert can[3] == THREE.probabilities(0.1, 1e3)[0]
     assert can[4] == 0.0
-    assert [THREE.can(v, n) for v, n in zip(speed, load, strict=True)] == pytest.approx(
-        can.tolist(), nan_ok=True, abs=1e-12
-    )
+    assert [
+        THREE.probabilities(v, n)[0] for v, n in zip(speed, load, strict=True)
+    ] == pytest.approx(can.tolist(), nan_ok=True, abs=1e-12)
 
 
 def test_margins_are_those_of_the_quantiles() -> None:

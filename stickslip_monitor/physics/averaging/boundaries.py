@@ -1,15 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where stick-slip begins and ends: Hopf and fold boundaries, growth rate, stationary cycles.
-
-The Hopf boundary is where the equilibrium loses its stability, ``N mu'(V) + c = 0``. The fold is
-the last speed (at a load) with a stick-slip cycle under first-order KBM averaging; there the
-unstable cycle meets the sliding limit ``a = V``. Speeds astern mirror speeds ahead. A law with
-several unstable speed ranges is described by its highest Hopf speed.
-
-Conventions of every function: inputs broadcast; a 0-d result comes back as ``float``; ``nan`` says
-that there is no such boundary, ``inf`` that no finite speed or load bounds it.
-
-First-order KBM averaging of the bearing: how fast the amplitude of a vibration grows.
+"""Where stick-slip begins and ends, and how fast a vibration grows, by first-order KBM averaging.
 
 With ``x - x_e = A cos psi`` and the velocity amplitude ``a = omega A``,
 
@@ -17,7 +7,13 @@ With ``x - x_e = A cos psi`` and the velocity amplitude ``a = omega A``,
     ``S(a; V) = (1/pi) integral_0^pi mu(V - a cos t) cos t dt``
 
 (Krylov, Bogoliubov and Mitropolsky's first approximation; the phase average vanishes by
-symmetry). The functions here serve every friction law, in closed form where there is one.
+symmetry). At the Hopf boundary the equilibrium loses its stability, ``N mu'(V) + c = 0``; the fold
+is the last speed (at a load) with a stick-slip cycle, where the unstable cycle meets the sliding
+limit ``a = V``. Speeds astern mirror speeds ahead. A law with several unstable speed ranges is
+described by its highest Hopf speed.
+
+Conventions of every function: inputs broadcast; a 0-d result comes back as ``float``; ``nan`` says
+that there is no such boundary, ``inf`` that no finite speed or load bounds it.
 """
 
 from __future__ import annotations

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Spoils what a bearing's sensors sent on a voyage, in the ways of senders that fail on ships.
+
+Each function takes a voyage and a generator of random numbers, and gives the voyage as the monitor
+would have got it. What the lining did stays as it was.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
+from stickslip_monitor.lab.voyages import Sailed
+from stickslip_monitor.monitor.signals import LEVEL, Stream
+
+Spoil = Callable[[Sailed, np.random.Generator], Sailed]
+SECOND = 10**9
+
+
+def without_level(case: Sailed, _: np.random.Generator) -> Sailed:
+    """No level at all."""
+    return replace(
+        _kept(case, case.stream.inputs != LEVEL), config=replace(case.config, level=None)
+    )
+
+
+def in_bursts(case: Sailed, _: np.random.Generator) -> Sailed:
+    """Speed and load are handed over once a second, stamped within milliseconds of each other."""
+    stamp = case.stream.time_ns.copy()
+    for place in range(LEVEL):
+        own = np.flatnonzero(case.stream.inputs == place)
+        second = stamp[own] // SECOND + 1
+        nth = np.arange(own.size) - np.searchsorted(second, second)
+        stamp[own] = second * SECOND + (nth * 3 + place) * 10**6
+    return _sorted(case, stamp)
+
+
+def oddly_stamped(case: Sailed, random: np.random.Generator, off: float, share: float) -> Sailed:
+    """A share of the stamps of speed and load is off by some seconds, either way."""
+    stream = case.stream
+    odd = (stream.inputs != LEVEL) & (random.random(stream.time_ns.size) < share)
+    way = random.choice([-1, 1], stream.time_ns.size)
+    stamp = stream.time_ns + odd * way * int(off * SECOND)
+    return replace(case, stream=Stream(stamp, stream.inputs, stream.value))
+
+
+def with_threshold(case: Sailed, _: np.random.Generator, factor: float) -> Sailed:
+    """The threshold is another one; nan: it is left out and learned."""
+    level = case.config.level
+    assert level is not None
+    level = replace(level, threshold=level.threshold * factor)
+    return replace(case, config=replace(case.config, level=level))
+
+
+def amplified(case: Sailed, _: np.random.Generator, gain: float) -> Sailed:
+    """The level is too high by a factor."""
+    return _levelled(case, lambda _, level: gain * level)
+
+
+def blind(case: Sailed, random: np.random.Generator) -> Sailed:
+    """The level shows its background only: it is in the wrong place, or its cable is off."""
+    return _levelled(case, lambda _, level: 1.0 + 0.1 * random.standard_normal(level.size))
+
+
+def stuck(case: Sailed, _: np.random.Generator) -> Sailed:
+    """The level does not move any more after the first minute."""
+    return _levelled(
+        case, lambda t, level: np.where(t < 60.0, level, level[np.argmax(t >= 60.0) - 1])
+    )
+
+
+def with_engine_order(case: Sailed, _: np.random.Generator) -> Sailed:
+    """The background is half as loud again as the threshold, at all times."""
+    assert case.config.level is not None
+    loud = 1.5 * case.config.level.threshold
+    return _levelled(case, lambda _, level: np.hypot(level, loud))
+
+
+def with_bursts(case: Sailed, random: np.random.Generator) -> Sailed:
+    """For two to four seconds of each minute something else is three times the threshold."""
+    assert case.config.level is not None
+    loud = 3.0 * case.config.level.threshold
+
+    def spoilt(t: FloatArray, level: FloatArray) -> FloatArray:
+        minute = (t // 60.0).astype(int)
+        count = int(minute[-1]) + 1
+        begin, lasting = random.uniform(0.0, 56.0, count), random.uniform(2.0, 4.0, count)
+        since = t % 60.0 - begin[minute]
+        return np.hypot(level, loud * ((since >= 0.0) & (since < lasting[minute])))
+
+    return _levelled(case, spoilt)
+
+
+def half_lost(case: Sailed, _: np.random.Generator) -> Sailed:
+    """The level comes for half of each minute only."""
+    return _kept(case, (case.stream.inputs != LEVEL) | (case.arrival_ns // (30 * SECOND) % 2 == 0))
+
+
+LEVELS: Mapping[str, Spoil] = {
+    'none': without_level,
+    "good, threshold a fifth of the cycle's": lambda case, _: case,
+    'good, two fifths': partial(with_threshold, factor=2.0),
+    'good, threshold learned': partial(with_threshold, factor=math.nan),
+    'alive but blind': blind,
+    'stuck': stuck,
+    'lost half of the time': half_lost,
+    'gain × 3': partial(amplified, gain=3.0),
+    'strong engine order': with_engine_order,
+    'bursts of 2 to 4 s each minute': with_bursts,
+}
+STAMPS: Mapping[str, Spoil] = {
+    'in bursts, once a second': lambda case, r: in_bursts(without_level(case, r), r),
+    'one stamp in twenty off by 6 s': lambda case, r: oddly_stamped(
+        without_level(case, r), r, 6.0, 0.05
+    ),
+    'one stamp in twenty off by an hour': lambda case, r: oddly_stamped(
+        without_level(case, r), r, 3600.0, 0.05
+    ),
+}
+
+
+def _kept(case: Sailed, rows: BoolArray) -> Sailed:
+    own = case.stream
+    stream = Stream(own.time_ns[rows], own.inputs[rows], own.value[rows])
+    return replace(case, stream=stream, arrival_ns=case.arrival_ns[rows])
+
+
+def _sorted(case: Sailed, stamp: IntArray) -> Sailed:
+    """The samples with other stamps, which are also when they arrive."""
+    order = np.argsort(stamp, kind='stable')
+    own = case.stream
+    stream = Stream(stamp[order], own.inputs[order], own.value[order])
+    return replace(case, stream=stream, arrival_ns=stamp[order])
+
+
+def _levelled(case: Sailed, change: Callable[[FloatArray, FloatArray], FloatArray]) -> Sailed:
+    """The voyage with another level, made of its times [s] and values."""
+    own = case.stream
+    rows = own.inputs == LEVEL
+    value = own.value.copy()
+    if rows.any():
+        time = (case.arrival_ns[rows] - case.arrival_ns[0]) / SECOND
+        value[rows] = change(time, own.value[rows])
+    return replace(case, stream=Stream(own.time_ns, own.inputs, value))
