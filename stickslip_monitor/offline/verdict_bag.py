@@ -66,6 +66,8 @@ class MessageColumn(NamedTuple):
 
 
 Tell = Callable[[Sequence[MessageColumn]], None]
+Row = tuple[int, float, float, float, str]
+"""Time [ns], speed, load and chance of stick-slip of a verdict, and what its level said."""
 
 
 def check_target(path: str | Path) -> Path:
@@ -203,7 +205,8 @@ class _Messages(Sink):
 
     def __init__(self, config: MonitorConfig, spans: TimeSpans) -> None:
         self._spans, self._bearings = spans, config.bearings
-        self._verdicts: dict[str, list[Verdict]] = {b.name: [] for b in config.bearings}
+        # Rows and not verdicts, which take many times the memory.
+        self._verdicts: dict[str, list[Row]] = {b.name: [] for b in config.bearings}
         self._kinds = output_topics(config.bearings, f'/{NODE}')
         self._told: dict[str, list[tuple[int, bytes]]] = {name: [] for name in self._kinds}
 
@@ -216,7 +219,7 @@ class _Messages(Sink):
         for bearing in self._bearings:
             told = self._verdicts[bearing.name]
             if told:
-                time_ns = np.array([verdict.time_ns for verdict in told])
+                time_ns = np.array([row[0] for row in told])
                 for name, payload in _of_verdicts(bearing, told):
                     topic = f'/{NODE}/{bearing.name}/{name}'
                     yield MessageColumn(topic, self._kinds[topic], time_ns, payload)
@@ -230,7 +233,9 @@ class _Messages(Sink):
     def take_verdict(self, verdict: Verdict) -> None:
         """One operating point; what is said of it is worked out with those that follow."""
         if self.wants(verdict.time_ns):
-            self._verdicts[verdict.bearing].append(verdict)
+            measured = str(verdict.standing.measured)
+            row = verdict.time_ns, verdict.speed, verdict.load, verdict.runs, measured
+            self._verdicts[verdict.bearing].append(row)
 
     def take_event(self, event: Event) -> None:
         """One JSON warning."""
@@ -249,9 +254,9 @@ class _Messages(Sink):
         self._told[topic].append((time_ns, data))
 
 
-def _of_verdicts(bearing: BearingConfig, told: Sequence[Verdict]) -> Iterator[tuple[str, Payload]]:
+def _of_verdicts(bearing: BearingConfig, told: Sequence[Row]) -> Iterator[tuple[str, Payload]]:
     """What the topics of a bearing say of n verdicts, n messages each, by their last part."""
-    speed, load, runs = np.array([(v.speed, v.load, v.runs) for v in told]).T
+    speed, load, runs = np.array([row[1:4] for row in told]).T
     table = known_table(bearing.bearing)
     points = assess(bearing.bearing, speed, load, bearing.belief, table)
     points.remember_runs(runs)
@@ -262,7 +267,7 @@ def _of_verdicts(bearing: BearingConfig, told: Sequence[Verdict]) -> Iterator[tu
         yield name, encode_float64s(values)
     words = {
         'regime': points.regime.tolist(),
-        'measured': [str(verdict.standing.measured) for verdict in told],
+        'measured': [row[4] for row in told],
     }
     for name in topic_words(bearing):
         encoded = {word: encode_string(word) for word in set(words[name])}
