@@ -82,7 +82,7 @@ def test_a_check_takes_as_much_memory_whatever_the_length(tmp_path: Path) -> Non
 def test_so_does_what_is_written_beside_it(tmp_path: Path, option: str) -> None:
     target = {'--mcap': 'out.mcap', '--clips': 'clips', '--report': 'out.html'}[option]
     path = _recording(tmp_path / 'in.mcap', _MILLION // 5)
-    # Some 110 MB of it is numba, as above; recordings of verdicts also keep events and their texts.
+    # Some 110 MB of it is numba, as above; of verdicts, events and their texts are kept too.
     limit = 450.0 if option == '--mcap' else 300.0
     assert _peak(path, option, str(tmp_path / target)) < limit
 
