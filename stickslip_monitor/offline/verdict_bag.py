@@ -7,6 +7,7 @@ memory does not grow with the recording.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -66,8 +67,6 @@ class MessageColumn(NamedTuple):
 
 
 Tell = Callable[[Sequence[MessageColumn]], None]
-Row = tuple[int, float, float, float, str]
-"""Time [ns], speed, load and chance of stick-slip of a verdict, and what its level said."""
 
 
 def check_target(path: str | Path) -> Path:
@@ -200,13 +199,21 @@ class _Raw:
             self._next = next(self._blocks, None)
 
 
+class _Verdicts:
+    """Verdicts on one bearing, as columns, which take a quarter of the memory of rows."""
+
+    def __init__(self) -> None:
+        self.time_ns = array('q')
+        self.points = array('d')  # speed, load and chance of stick-slip of each
+        self.measured: list[str] = []  # what the level said at each
+
+
 class _Messages(Sink):
     """What a session tells, encoded; what lies outside the spans is passed over."""
 
     def __init__(self, config: MonitorConfig, spans: TimeSpans) -> None:
         self._spans, self._bearings = spans, config.bearings
-        # Rows and not verdicts, which take many times the memory.
-        self._verdicts: dict[str, list[Row]] = {b.name: [] for b in config.bearings}
+        self._verdicts = {b.name: _Verdicts() for b in config.bearings}
         self._kinds = output_topics(config.bearings, f'/{NODE}')
         self._told: dict[str, list[tuple[int, bytes]]] = {name: [] for name in self._kinds}
 
@@ -218,12 +225,13 @@ class _Messages(Sink):
         """What was told since the last call."""
         for bearing in self._bearings:
             told = self._verdicts[bearing.name]
-            if told:
-                time_ns = np.array([row[0] for row in told])
-                for name, payload in _of_verdicts(bearing, told):
-                    topic = f'/{NODE}/{bearing.name}/{name}'
-                    yield MessageColumn(topic, self._kinds[topic], time_ns, payload)
-                told.clear()
+            if not told.measured:
+                continue
+            self._verdicts[bearing.name] = _Verdicts()
+            time_ns = np.array(told.time_ns)
+            for name, payload in _of_verdicts(bearing, told):
+                topic = f'/{NODE}/{bearing.name}/{name}'
+                yield MessageColumn(topic, self._kinds[topic], time_ns, payload)
         for topic, messages in self._told.items():
             if messages:
                 times, payload = zip(*messages, strict=True)
@@ -233,9 +241,10 @@ class _Messages(Sink):
     def take_verdict(self, verdict: Verdict) -> None:
         """One operating point; what is said of it is worked out with those that follow."""
         if self.wants(verdict.time_ns):
-            measured = str(verdict.standing.measured)
-            row = verdict.time_ns, verdict.speed, verdict.load, verdict.runs, measured
-            self._verdicts[verdict.bearing].append(row)
+            told = self._verdicts[verdict.bearing]
+            told.time_ns.append(verdict.time_ns)
+            told.points.extend((verdict.speed, verdict.load, verdict.runs))
+            told.measured.append(str(verdict.standing.measured))
 
     def take_event(self, event: Event) -> None:
         """One JSON warning."""
@@ -254,9 +263,9 @@ class _Messages(Sink):
         self._told[topic].append((time_ns, data))
 
 
-def _of_verdicts(bearing: BearingConfig, told: Sequence[Row]) -> Iterator[tuple[str, Payload]]:
+def _of_verdicts(bearing: BearingConfig, told: _Verdicts) -> Iterator[tuple[str, Payload]]:
     """What the topics of a bearing say of n verdicts, n messages each, by their last part."""
-    speed, load, runs = np.array([row[1:4] for row in told]).T
+    speed, load, runs = np.array(told.points).reshape(-1, 3).T
     table = known_table(bearing.bearing)
     points = assess(bearing.bearing, speed, load, bearing.belief, table)
     points.remember_runs(runs)
@@ -265,10 +274,7 @@ def _of_verdicts(bearing: BearingConfig, told: Sequence[Row]) -> Iterator[tuple[
         if name.startswith('amplitude'):
             values = np.where(np.isnan(values), 0.0, values)  # there is no cycle
         yield name, encode_float64s(values)
-    words = {
-        'regime': points.regime.tolist(),
-        'measured': [row[4] for row in told],
-    }
+    words = {'regime': points.regime.tolist(), 'measured': told.measured}
     for name in topic_words(bearing):
         encoded = {word: encode_string(word) for word in set(words[name])}
         yield name, [encoded[word] for word in words[name]]
