@@ -150,7 +150,8 @@ def _amplitude(bearing: Bearing, speed: float, load: float) -> float:
     def turns(_: float, state: FloatArray) -> float:
         return float(state[1])
 
-    # The lining turns at its crest, which the slip begins before, and at its trough.
+    # The lining turns at its crest, which the slip begins before, and at its trough. solve_ivp
+    # takes from the function after how many it ends; mypy knows no such attribute.
     turns.terminal = 2  # type: ignore[attr-defined]
     start = [(load * law.static - c * speed) / k, speed]
     span = 20.0 * math.sqrt(m / k) + 10.0 * abs(start[0]) / speed

@@ -412,7 +412,9 @@ def attempt(task: Task, bag: Path, progress: Progress | None = None) -> Found:
         if task.mcap is not None:
             from stickslip_monitor.offline.verdict_bag import write_verdicts
 
-            told = lambda n: show(f'{n} messages written', n, None)  # noqa: E731
+            def told(count: int) -> None:
+                show(f'{count} messages written', count, None)
+
             write_verdicts(checked, task.config, task.mcap, told)
         if task.clips is not None:
             from stickslip_monitor.offline.clips import ClipFolder, write_clips

@@ -125,6 +125,7 @@ def at_sea(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None
 
     signature = inspect.signature(test)
     own = [each for name, each in signature.parameters.items() if name != 'server']
+    # From here pytest takes what fixtures the test asks for; mypy knows no such attribute.
     run.__signature__ = signature.replace(parameters=own)  # type: ignore[attr-defined]
     return run
 

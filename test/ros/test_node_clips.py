@@ -114,7 +114,9 @@ def test_a_lost_clip_is_written_when_there_is_room_again(monkeypatch: pytest.Mon
             yield
 
     node: Any = SimpleNamespace(get_logger=lambda: SimpleNamespace(error=lambda text, **_: None))
-    own: Any = outputs.Clips(node, SimpleNamespace(), Store())  # type: ignore[arg-type]
+    alarm: Any = SimpleNamespace()
+    store: Any = Store()
+    own: Any = outputs.Clips(node, alarm, store)
     own._recorder = SimpleNamespace(
         clips=iter([[Clip('aft', Condition.STICK_SLIP, 1, ())], []]).__next__,
         finish=lambda: None,
