@@ -151,6 +151,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError:
         return _failed('there is not enough memory for this', 2)
     except KeyboardInterrupt:
+        if argv is None:
+            # Pressed again while the interpreter goes, it would be told as a traceback.
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            signal.signal(signal.SIGTERM, signal.SIG_IGN)
         return 130
     except Exception as error:
         if '--traceback' in arguments:

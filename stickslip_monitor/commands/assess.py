@@ -12,12 +12,11 @@ from typing import Any
 
 from rich.table import Table
 
-from stickslip_monitor.commands.arguments import parse_load, parse_speed
-from stickslip_monitor.commands.declared import add_config
+from stickslip_monitor.commands.arguments import chosen, parse_load, parse_speed
+from stickslip_monitor.commands.declared import add_bearing, add_config
 from stickslip_monitor.commands.output import add_json, console, print_json
 from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, assess
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.messages import number
 from stickslip_monitor.monitor.verdict import warns
 
@@ -56,17 +55,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_config(parser)
     parser.add_argument('--speed', required=True, help='shaft speed with unit, e.g. 20rpm')
     parser.add_argument('--load', required=True, help='bearing load with unit, e.g. 1000N')
-    parser.add_argument('--bearing', help='only this bearing')
+    add_bearing(parser)
     add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    config = load_config(args.config)
-    bearings = [config.bearing(args.bearing)] if args.bearing else list(config.bearings)
     load = parse_load(args.load)
     points, warned = [], False
-    for item in bearings:
+    for item in chosen(args).bearings:
         speed = parse_speed(args.speed, item.bearing.speed)
         points.append((item, assess(item.bearing, speed, load, item.belief)))
         warned |= warns(item, points[-1][1])

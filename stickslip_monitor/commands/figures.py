@@ -19,14 +19,17 @@ from typing import Any
 from rich.markup import escape
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.commands.arguments import parse_load, parse_speed, the_bearing
-from stickslip_monitor.commands.declared import TABLE, add_config, add_force, check_output
+from stickslip_monitor.commands import declared
+from stickslip_monitor.commands.arguments import (
+    ONE_OF_SEVERAL,
+    chosen,
+    parse_loaded,
+    parse_speed,
+    the_bearing,
+)
 from stickslip_monitor.commands.output import ProgressBar, console
 from stickslip_monitor.drawing.canvas import save_figure, write_csv
-from stickslip_monitor.drawing.finding_pictures import (
-    draw_amplitudes,
-    draw_motion,
-)
+from stickslip_monitor.drawing.finding_pictures import draw_amplitudes, draw_motion
 from stickslip_monitor.errors import ConfigurationError, DrawingError
 from stickslip_monitor.files import PICTURES
 from stickslip_monitor.lab.findings import (
@@ -40,7 +43,6 @@ from stickslip_monitor.lab.findings import (
     over_speed,
     stick_slip_history,
 )
-from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.physics.oscillator import Bearing
 
 FORMATS = ('png', 'svg')
@@ -53,12 +55,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='folder to write to, made if there is none (default: figures)',
     )  # fmt: skip
     text = 'ROS 2 parameter file (default: the reference bearing of the docs)'
-    add_config(parser, required=False, text=text)
-    parser.add_argument('--bearing', help='which bearing, where several are configured')
+    declared.add_config(parser, required=False, text=text)
+    declared.add_bearing(parser, ONE_OF_SEVERAL)
     parser.add_argument('--speed', default=f'{REFERENCE_RPM:g}rpm', help='default 20rpm')
     parser.add_argument('--load', default=f'{REFERENCE_LOAD:g}N', help='default 1000N')
     parser.add_argument('--format', choices=FORMATS, default='png', help='default png')
-    add_force(parser)
+    declared.add_force(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -71,8 +73,8 @@ def run(args: argparse.Namespace) -> int:
     except OSError as error:
         raise DrawingError(f'{folder}: {error.strerror or error}') from error
     for name in FINDINGS:
-        check_output(folder / f'{name}.csv', TABLE, args)
-        check_output(folder / f'{name}.{args.format}', PICTURES, args)
+        declared.check_output(folder / f'{name}.csv', declared.TABLE, args)
+        declared.check_output(folder / f'{name}.{args.format}', PICTURES, args)
     out = console()
     with ProgressBar() as bar:
         for done, (name, find) in enumerate(FINDINGS.items()):
@@ -117,14 +119,12 @@ class _Finding:
 def _the_point(args: argparse.Namespace) -> Point:
     name, bearing = 'reference bearing', REFERENCE
     if args.config is not None:
-        config = the_bearing(load_config(args.config), args.bearing)
+        config = the_bearing(chosen(args))
         name, bearing = config.name, config.bearing
     elif args.bearing is not None:
         raise ConfigurationError(f"bearing '{args.bearing}' needs a --config that has it")
-    load = parse_load(args.load)
-    if load <= 0.0:
-        raise ConfigurationError(f"load '{args.load}' must be above 0: without load, no friction")
-    return Point(name, bearing, parse_speed(args.speed, bearing.speed), load)
+    speed = parse_speed(args.speed, bearing.speed)
+    return Point(name, bearing, speed, parse_loaded(args.load))
 
 
 def _swept(

@@ -28,6 +28,7 @@ from urllib.parse import urlsplit
 
 from stickslip_monitor.commands.dashboard import (
     add_page,
+    add_port,
     event_log,
     listen_to_nodes,
     need_extra,
@@ -74,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         const=f'/{NODE_NAME}',
         help=f'stand beside the monitor of this full name (/{NODE_NAME} where none is given)',
     )
-    parser.add_argument('--port', type=int, help='serve the page of `stickslip dashboard`, too')
+    add_port(parser, 'serve the page of `stickslip dashboard`, too')
     add_page(parser)
     parser.add_argument(
         '--request-token',

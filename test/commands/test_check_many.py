@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from stickslip_monitor.cli import main
-from stickslip_monitor.commands import check_results
+from stickslip_monitor.commands import check_many
 
 ROOT = Path(__file__).parents[2]
 BAGS = ROOT / 'bags'
@@ -98,13 +98,13 @@ def test_what_was_found_is_kept_and_only_the_rest_is_checked_again(
     # The power fails in the middle of the last line.
     kept.write_text(kept.read_text('utf-8')[:-20], 'utf-8')
     checked: list[Path] = []
-    attempt = check_results.attempt
+    attempt = check_many.attempt
 
     def count(task: Any, bag: Path, *more: Any) -> Any:
         checked.append(bag)
         return attempt(task, bag, *more)
 
-    monkeypatch.setattr(check_results, 'attempt', count)
+    monkeypatch.setattr(check_many, 'attempt', count)
     assert documents(capsys, *options) == first
     assert checked == [bags[1]]
     # The other bag is another one now.

@@ -151,8 +151,8 @@ def test_a_warning_is_exit_code_1(tmp_path: Path, capsys: pytest.CaptureFixture[
         ((CURVE, '--load', '1kN'), '--load needs --config'),
         ((CURVE, '--speed', '1rpm'), '--speed needs --config and --load'),
         ((CURVE, *LOAD, '--bearing', 'bow'), "bearing 'bow' is not configured"),
-        ((CURVE, *LOAD, '--draws', '3'), 'draws = 3 must be from 100 to 1000000'),
-        ((CURVE, *LOAD, '--seed', '-3'), 'seed = -3 must not be negative'),
+        ((CURVE, *LOAD, '--draws', '3'), '--draws 3 must be from 100 to 1000000'),
+        ((CURVE, *LOAD, '--seed', '-3'), '--seed -3 must be at least 0'),
         ((CURVE, '--config', CONFIG, '--load', '0N'), 'load = 0 N must be greater than 0'),
         ((CURVE, *LOAD, '-o', 'plot.pdf'), "output 'plot.pdf' must end in one of"),
         (

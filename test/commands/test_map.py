@@ -116,7 +116,7 @@ def test_one_of_several_bearings_is_chosen(
         ('map', 'no/a.csv', (), "'{out}' cannot be written: there is no folder"),
         ('diagram', 'a.csv', ('--load=-5N',), "load '-5N' must be above 0"),
         ('diagram', 'a.csv', ('--load', '1000'), "load '1000' must be a number with a unit: one"),
-        ('diagram', 'a.csv', ('--load=1kN', '--points', '1'), 'points = 1 must be from 10 to 100'),
+        ('diagram', 'a.csv', ('--load=1kN', '--points', '1'), '--points 1 must be from 10 to 100'),
         ('diagram', 'a.csv', (), 'required: --load'),
     ],
 )
