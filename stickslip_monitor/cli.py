@@ -151,11 +151,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError:
         return _failed('there is not enough memory for this', 2)
     except KeyboardInterrupt:
-        if argv is None:
-            # Pressed again while the interpreter goes, it would be told as a traceback.
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
-            signal.signal(signal.SIGTERM, signal.SIG_IGN)
-        return 130
+        return _stopped() if argv is None else 130
     except Exception as error:
         if '--traceback' in arguments:
             traceback.print_exc()
@@ -225,6 +221,13 @@ def _print_anything() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors='backslashreplace')
+
+
+def _stopped() -> int:
+    # Pressed again while the interpreter goes, it would be told as a traceback.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    return 130
 
 
 def _failed(text: str, code: int) -> int:

@@ -21,11 +21,6 @@ from stickslip_monitor.monitor.messages import number
 from stickslip_monitor.monitor.verdict import warns
 
 SCHEMA = 'stickslip_monitor/assessment/1'
-_NUMBERS = (
-    'hopf_speed', 'fold_speed', 'hopf_margin', 'fold_margin', 'exact_fold_speed',
-    'exact_fold_margin', 'hopf_load', 'fold_load', 'growth_rate', 'amplitude', 'amplitude_exact',
-    'amplitude_error', 'threshold_amplitude',
-)  # fmt: skip
 _ROWS = (
     ('surface speed', 'speed', 'm/s'),
     ('shaft speed', 'speed', 'rpm'),
@@ -48,6 +43,7 @@ _ROWS = (
     ('fold margin, 5 % quantile', 'fold_margin_low', '%'),
     ('fold margin, 95 % quantile', 'fold_margin_high', '%'),
 )
+_NAMES = [name for _, name, _ in _ROWS]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,12 +77,10 @@ def to_json(bearing: str, point: Assessment) -> dict[str, Any]:
     return {
         'schema': SCHEMA,
         'bearing': bearing,
-        'speed': point.speed,
-        'load': point.load,
         'regime': point.regime.value,
         'outcome': point.outcome.value,
         'sentence': point.outcome.sentence,
-        **{name: number(getattr(point, name)) for name in (*_NUMBERS, *BELIEFS)},
+        **{name: number(getattr(point, name)) for name in (*_NAMES, *BELIEFS)},
     }
 
 

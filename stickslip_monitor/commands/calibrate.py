@@ -57,19 +57,16 @@ from stickslip_monitor.physics.belief import EXACT, QUANTILES
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    declared.add_input(
-        parser, 'bags', nargs='+', metavar='BAG', help='rosbag2 folder or .mcap file'
-    )
+    text = 'rosbag2 folder or .mcap file'
+    declared.add_input(parser, 'bags', nargs='+', metavar='BAG', help=text)
     declared.add_config(parser)
     declared.add_bearing(parser, ONE_OF_SEVERAL)
-    declared.add_input(
-        parser, '--reports', metavar='CSV', help="an operator's reports of vibration"
-    )
+    text = "an operator's reports of vibration"
+    declared.add_input(parser, '--reports', metavar='CSV', help=text)
     # The result of the last calibration may be renewed in its place.
     result = {'': CALIBRATION_SCHEMA.encode()}
-    declared.add_output(
-        parser, '--output', '-o', marks=result, renews=True, help='write the result, JSON'
-    )
+    text = 'write the result, JSON'
+    declared.add_output(parser, '--output', '-o', marks=result, renews=True, help=text)
     declared.add_input(parser, '--add', metavar='FILE', help='begin with this earlier result')
     text = 'let ln N0 wander by this standard deviation from dip to dip, e.g. 0.03'
     declared.add_number(parser, '--forget', 0, 1, kind=float, default=0.0, metavar='S', help=text)

@@ -37,13 +37,8 @@ _KEPT = {'': b'{"key": "check-'}
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    declared.add_input(
-        parser,
-        'bags',
-        nargs='+',
-        metavar='BAG',
-        help='rosbag2 folder, .mcap file, folder of such, or - for standard input',
-    )
+    text = 'rosbag2 folder, .mcap file, folder of such, or - for standard input'
+    declared.add_input(parser, 'bags', nargs='+', metavar='BAG', help=text)
     declared.add_config(parser)
     declared.add_bearing(parser)
     declared.add_force(parser)
@@ -54,22 +49,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     declared.add_recording(parser, '--mcap', is_folder=False, metavar='FILE', help=text)
     text = 'write a clip of each alarm into this folder'
     declared.add_recording(parser, '--clips', is_folder=True, metavar='DIR', help=text)
-    declared.add_input(
-        parser,
-        '--learn',
-        metavar='FROM',
-        help="propose a calibration from the configured 'level', an operator's reports (a CSV"
-        " file), or the 'truth' of simulated bags",
+    text = (
+        "propose a calibration from the configured 'level', an operator's reports (a CSV file),"
+        " or the 'truth' of simulated bags"
     )
+    declared.add_input(parser, '--learn', metavar='FROM', help=text)
     text = 'bags checked at a time (default: one for each core)'
     declared.add_number(parser, '--jobs', 1, metavar='N', help=text)
     text = 'keep what is found of each bag in this file, and check only what is not in it'
     declared.add_output(parser, '--resume', marks=_KEPT, help=text)
-    parser.add_argument(
-        '--scheduler',
-        metavar='ADDRESS',
-        help="check on the workers of a Dask cluster: tcp://host:port (extra 'fleet')",
-    )
+    text = "check on the workers of a Dask cluster: tcp://host:port (extra 'fleet')"
+    parser.add_argument('--scheduler', metavar='ADDRESS', help=text)
 
 
 def run(args: argparse.Namespace) -> int:

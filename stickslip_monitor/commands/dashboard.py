@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 
-from stickslip_monitor.commands.declared import add_number
+from stickslip_monitor.commands.declared import add_diagnostics, add_number
 from stickslip_monitor.drawing.map import boundaries, map_ranges
 from stickslip_monitor.errors import AlarmStateError, ConfigurationError, DashboardError, no_ros
 from stickslip_monitor.links.link_config import is_loopback
@@ -44,24 +44,17 @@ _LOWEST_MAP = 0.1
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
+    text = 'ROS 2 parameter file; with several nodes one for all, or one for each in order'
     parser.add_argument(
-        '--config',
-        '-c',
-        required=True,
-        action='append',
-        metavar='FILE',
-        help='ROS 2 parameter file; with several nodes one for all, or one for each in order',
+        '--config', '-c', required=True, action='append', metavar='FILE', help=text
     )
     add_page(parser)
     add_port(parser, f'0 for any (default {DEFAULT_PORT})', DEFAULT_PORT)
     parser.add_argument('--bag', metavar='BAG', help='replay this recording instead of ROS 2')
     text = 'replay so many times faster (default 1)'
     add_number(parser, '--rate', 0, above=True, kind=float, default=1.0, help=text)
-    parser.add_argument(
-        '--node',
-        action='append',
-        help=f"the monitor's full name (default /{NODE_NAME}); again for each further monitor",
-    )
+    text = f"the monitor's full name (default /{NODE_NAME}); again for each further monitor"
+    parser.add_argument('--node', action='append', help=text)
 
 
 def add_port(parser: argparse.ArgumentParser, text: str, default: int | None = None) -> None:
@@ -71,21 +64,15 @@ def add_port(parser: argparse.ArgumentParser, text: str, default: int | None = N
 
 def add_page(parser: argparse.ArgumentParser) -> None:
     """Declare what a page needs beside its port, and where a node's diagnostics are."""
-    parser.add_argument(
-        '--host', default='127.0.0.1', metavar='ADDRESS', help='listen here (default 127.0.0.1)'
-    )
-    parser.add_argument(
-        '--token-file', metavar='FILE', help='file with the token that opens the page'
-    )
-    parser.add_argument(
-        '--name', action='append', default=[], help='host name by which people reach this machine'
-    )
-    parser.add_argument(
-        '--log', metavar='FILE', help='keep what happens here, over restarts of the page'
-    )
-    parser.add_argument(
-        '--diagnostics', default='/diagnostics', metavar='TOPIC', help='(default /diagnostics)'
-    )
+    text = 'listen here (default 127.0.0.1)'
+    parser.add_argument('--host', default='127.0.0.1', metavar='ADDRESS', help=text)
+    text = 'file with the token that opens the page'
+    parser.add_argument('--token-file', metavar='FILE', help=text)
+    text = 'host name by which people reach this machine'
+    parser.add_argument('--name', action='append', default=[], help=text)
+    text = 'keep what happens here, over restarts of the page'
+    parser.add_argument('--log', metavar='FILE', help=text)
+    add_diagnostics(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -143,11 +143,16 @@ class _Number(argparse.Action):
         setattr(args, self.dest, value)
 
 
+def add_diagnostics(options: _Options) -> None:
+    """Add ``--diagnostics``: the topic on which nodes tell their state."""
+    text = '(default /diagnostics)'
+    options.add_argument('--diagnostics', default='/diagnostics', metavar='TOPIC', help=text)
+
+
 def add_force(options: _Options) -> None:
     """Add ``--force``."""
-    options.add_argument(
-        '--force', action='store_true', help='replace files that stickslip did not write'
-    )
+    text = 'replace files that stickslip did not write'
+    options.add_argument('--force', action='store_true', help=text)
 
 
 class _Renamed(argparse.Action):

@@ -32,17 +32,7 @@ from stickslip_monitor.drawing.canvas import save_figure, write_csv
 from stickslip_monitor.drawing.finding_pictures import draw_amplitudes, draw_motion
 from stickslip_monitor.errors import ConfigurationError, DrawingError
 from stickslip_monitor.files import PICTURES
-from stickslip_monitor.lab.findings import (
-    REFERENCE,
-    REFERENCE_LOAD,
-    REFERENCE_RPM,
-    Sweep,
-    check_point,
-    over_kinetic,
-    over_load,
-    over_speed,
-    stick_slip_history,
-)
+from stickslip_monitor.lab import findings
 from stickslip_monitor.physics.oscillator import Bearing
 
 FORMATS = ('png', 'svg')
@@ -57,8 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = 'ROS 2 parameter file (default: the reference bearing of the docs)'
     declared.add_config(parser, required=False, text=text)
     declared.add_bearing(parser, ONE_OF_SEVERAL)
-    parser.add_argument('--speed', default=f'{REFERENCE_RPM:g}rpm', help='default 20rpm')
-    parser.add_argument('--load', default=f'{REFERENCE_LOAD:g}N', help='default 1000N')
+    parser.add_argument('--speed', default=f'{findings.REFERENCE_RPM:g}rpm', help='default 20rpm')
+    parser.add_argument('--load', default=f'{findings.REFERENCE_LOAD:g}N', help='default 1000N')
     parser.add_argument('--format', choices=FORMATS, default='png', help='default png')
     declared.add_force(parser)
 
@@ -66,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     point = _the_point(args)
-    check_point(point.bearing, point.speed, point.load)
+    findings.check_point(point.bearing, point.speed, point.load)
     folder = Path(args.output)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -117,7 +107,7 @@ class _Finding:
 
 
 def _the_point(args: argparse.Namespace) -> Point:
-    name, bearing = 'reference bearing', REFERENCE
+    name, bearing = 'reference bearing', findings.REFERENCE
     if args.config is not None:
         config = the_bearing(chosen(args))
         name, bearing = config.name, config.bearing
@@ -128,8 +118,8 @@ def _the_point(args: argparse.Namespace) -> Point:
 
 
 def _swept(
-    sweep: Sweep, columns: Mapping[str, FloatArray], statement: str, footnote: str, label: str,
-    unit: str = '', scale: float = 1.0,
+    sweep: findings.Sweep, columns: Mapping[str, FloatArray], statement: str, footnote: str,
+    label: str, unit: str = '', scale: float = 1.0,
 ) -> _Finding:  # fmt: skip
     """A finding on amplitudes; the picture's unit, with a space before it, is ``scale`` SI."""
     summary = (
@@ -141,7 +131,7 @@ def _swept(
 
 
 def _speed(point: Point) -> _Finding:
-    sweep = over_speed(point.bearing, point.load)
+    sweep = findings.over_speed(point.bearing, point.load)
     columns = sweep.columns('surface_speed [m/s]')
     rpm = {'shaft_speed [rpm]': columns['surface_speed [m/s]'] / point.rpm}
     statement = (
@@ -155,7 +145,7 @@ def _speed(point: Point) -> _Finding:
 
 
 def _load(point: Point) -> _Finding:
-    sweep = over_load(point.bearing, point.speed, point.load)
+    sweep = findings.over_load(point.bearing, point.speed, point.load)
     statement = (
         'The amplitude of stick-slip rises slowly with the normal force; at a low force there is'
         ' only the equilibrium.'
@@ -166,7 +156,7 @@ def _load(point: Point) -> _Finding:
 
 
 def _kinetic(point: Point) -> _Finding:
-    sweep = over_kinetic(point.bearing, point.speed, point.load)
+    sweep = findings.over_kinetic(point.bearing, point.speed, point.load)
     statement = (
         'The amplitude of stick-slip falls as the kinetic friction coefficient rises; beyond a'
         f' coefficient of about {sweep.averaged_fold:.2g} there is only the equilibrium.'
@@ -177,7 +167,7 @@ def _kinetic(point: Point) -> _Finding:
 
 
 def _motion(point: Point) -> _Finding:
-    history = stick_slip_history(point.bearing, point.speed, point.load)
+    history = findings.stick_slip_history(point.bearing, point.speed, point.load)
     statement = (
         'A small disturbance of steady sliding grows into stick-slip: in the phase plane the'
         ' motion runs onto a limit cycle with a straight piece, the stick phase.'

@@ -47,8 +47,8 @@ def run(args: argparse.Namespace) -> int:
 
     def made() -> Any:
         if is_table:
-            speeds_drawn, _ = map_ranges(own.bearing, speeds, loads)
-            curves = boundaries(own.bearing, speeds_drawn, own.alarm.caution_margin)
+            drawn, _ = map_ranges(own.bearing, speeds, loads)
+            curves = boundaries(own.bearing, drawn, own.alarm.caution_margin)
             return map_columns(own.bearing, curves)
         return draw_map(own, speeds, loads, _track(args.track, own) if args.track else None)
 

@@ -63,30 +63,18 @@ _COLUMNS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    declared.add_input(
-        parser,
-        'bags',
-        nargs='+',
-        metavar='BAG',
-        help='rosbag2 folder or .mcap file; or scene files (.yaml)',
-    )
+    text = 'rosbag2 folder or .mcap file; or scene files (.yaml)'
+    declared.add_input(parser, 'bags', nargs='+', metavar='BAG', help=text)
     declared.add_config(parser, required=False)
     declared.add_bearing(parser)
-    declared.add_picture(
-        parser,
-        'speed, load, margins, amplitude, truth and warnings of one bearing in one bag over time',
-    )
+    text = 'speed, load, margins, amplitude, truth and warnings of a bearing in a bag over time'
+    declared.add_picture(parser, text)
     text = 'of scenes: how many seeds of each (1)'
     declared.add_number(parser, '--seeds', 1, default=1, metavar='N', help=text)
     text = "of scenes: the first seed (the scene's own)"
     declared.add_number(parser, '--first-seed', 0, metavar='S', help=text)
-    declared.add_input(
-        parser,
-        '--sensors',
-        action='append',
-        metavar='FILE',
-        help='of scenes: a file of sensors, in place of what the scene names; again for more',
-    )
+    text = 'of scenes: a file of sensors, in place of what the scene names; again for more'
+    declared.add_input(parser, '--sensors', action='append', metavar='FILE', help=text)
     declared.add_number(parser, '--jobs', 1, metavar='J', help='of scenes: processes (all cores)')
     declared.add_force(parser)
     add_json(parser)

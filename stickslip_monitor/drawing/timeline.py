@@ -29,13 +29,13 @@ from stickslip_monitor.drawing.canvas import (
     style,
 )
 from stickslip_monitor.drawing.track import envelope
+from stickslip_monitor.lab.truth import TruthRecord
 from stickslip_monitor.monitor.assessment import Regime, at_indices
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Level
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.intervals import ConditionInterval, coarsened
 from stickslip_monitor.offline.outline import Verdicts
-from stickslip_monitor.offline.truth import TruthRecord
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,39 +20,19 @@ from stickslip_monitor.offline.follow import BearingBlock
 _MOST = 600
 
 
-class Verdicts(Protocol):
-    """What is drawn and told of a bearing: all its verdicts, or their outline."""
-
-    @property
-    def time_ns(self) -> IntArray:
-        """Times of the operating points, shape (n,) [ns]."""
-
-    @property
-    def until_ns(self) -> IntArray:
-        """How long each counts: to the next one, or to the loss of an input, shape (n,) [ns]."""
-
-    @property
-    def assessment(self) -> Assessment:
-        """Their assessments, shape (n,)."""
-
-    @property
-    def sticking(self) -> BoolArray:
-        """Whether stick-slip is predicted, shape (n,)."""
-
-    @property
-    def events(self) -> Sequence[Event]:
-        """The changes of the alarm, in order."""
-
-
 @dataclass(frozen=True, slots=True)
 class Outline:
-    """Some of the verdicts on a recording, see :class:`Verdicts`."""
+    """Some of the n verdicts on a recording, which says of each what :class:`Scan` does."""
 
     time_ns: IntArray
     until_ns: IntArray
     assessment: Assessment
     sticking: BoolArray
     events: Sequence[Event]
+
+
+Verdicts = Scan | Outline
+"""What is drawn and told of a bearing: all its verdicts, or their outline."""
 
 
 class _Rows(NamedTuple):

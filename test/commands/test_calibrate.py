@@ -16,8 +16,8 @@ from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
+from stickslip_monitor.lab.truth import read_truth
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.offline.truth import read_truth
 
 ROOT = Path(__file__).parents[2]
 CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'

@@ -15,7 +15,7 @@ from stickslip_monitor.bags.encode import encode_string
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.offline.truth import TruthRecord, has_truth, read_truth
+from stickslip_monitor.lab.truth import TruthRecord, has_truth, read_truth
 
 SECOND = 1_000_000_000
 EVENTS = '/truth/aft/events'
