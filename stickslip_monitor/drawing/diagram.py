@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,6 +29,8 @@ from stickslip_monitor.drawing.canvas import (
     PAPER,
     REGIME_COLOUR,
     REGIME_FILL,
+    Axes,
+    Figure,
     labelled,
     legend_below,
     span_words,
@@ -45,10 +47,6 @@ from stickslip_monitor.physics.averaging.boundaries import (
 )
 from stickslip_monitor.physics.cycle.cycles import exact_cycle, exact_fold_speed
 from stickslip_monitor.physics.oscillator import Bearing
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _LOW = 1e-3
 _SAME = 1e-9
