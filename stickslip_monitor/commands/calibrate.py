@@ -163,7 +163,7 @@ def _dips(
 
 def _drawn(config: BearingConfig, found: Calibration) -> Any:
     # Drawing takes time to import.
-    from stickslip_monitor.drawing.calibration import draw_calibration
+    from stickslip_monitor.drawing.fits import draw_calibration
 
     return draw_calibration(config, found)
 

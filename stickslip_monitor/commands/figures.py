@@ -29,7 +29,7 @@ from stickslip_monitor.commands.arguments import (
 )
 from stickslip_monitor.commands.output import ProgressBar, console
 from stickslip_monitor.drawing.canvas import save_figure, write_csv
-from stickslip_monitor.drawing.finding_pictures import draw_amplitudes, draw_motion
+from stickslip_monitor.drawing.studies import draw_amplitudes, draw_motion
 from stickslip_monitor.errors import ConfigurationError, DrawingError
 from stickslip_monitor.files import PICTURES
 from stickslip_monitor.lab import findings
