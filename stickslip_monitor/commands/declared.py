@@ -126,12 +126,12 @@ class _Number(argparse.Action):
 
     def __init__(self, *, rule: tuple[float, float, bool], **more: Any) -> None:
         super().__init__(**more)
-        self._rule = rule
+        self.rule = rule
 
     def __call__(
         self, parser: argparse.ArgumentParser, args: Any, value: Any, name: str | None = None
     ) -> None:
-        low, high, above = self._rule
+        low, high, above = self.rule
         if not (low < value < math.inf if above else low <= value) or value > high:
             if high == math.inf:
                 rule = f'a number above {low}' if above else f'at least {low}'

@@ -44,7 +44,7 @@ from stickslip_monitor.lab.warning_quality import (
     pooled,
     written,
 )
-from stickslip_monitor.offline.intervals import condition_intervals
+from stickslip_monitor.offline.outline import condition_intervals
 from stickslip_monitor.offline.processes import core_count
 
 OF_BAGS, OF_SCENES = 'stickslip_monitor/score/2', 'stickslip_monitor/warning_quality/1'

@@ -49,7 +49,7 @@ from stickslip_monitor.monitor.ladder import LADDER, Condition, Level
 from stickslip_monitor.monitor.signals import Stream, to_si
 from stickslip_monitor.monitor.source_faults import SourceWatch, least_gap
 from stickslip_monitor.offline.follow import scan_whole
-from stickslip_monitor.offline.intervals import condition_intervals
+from stickslip_monitor.offline.outline import condition_intervals
 from stickslip_monitor.offline.processes import run_in_processes
 
 Alarm = Mapping[str, Any]
