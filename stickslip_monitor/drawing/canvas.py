@@ -170,15 +170,10 @@ def labelled(
     size: tuple[float, float] = (WIDTH, HEIGHT),
     box: tuple[float, float, float, float] = (0.085, 0.125, 0.89, 0.81),
 ) -> tuple[Figure, Axes]:
-    """A figure with one panel and its words; to be called inside :func:`style`.
+    """A figure with one panel, its title above and a footnote below; inside :func:`style`.
 
-    Args:
-        x_label: Name and unit of the x axis.
-        y_label: Name and unit of the y axis.
-        title: Above the panel, at the left.
-        footnote: In the lower right corner.
-        size: Width and height [inch].
-        box: Left, bottom, width and height of the panel, as parts of the figure.
+    Size is width and height [inch], the box left, bottom, width and height of the panel, as parts
+    of the figure.
     """
     figure = new_figure(*size)
     axes = figure.add_axes(box)
