@@ -21,7 +21,6 @@ import numpy as np
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.recorder_clock import on_recorder_clock, scan_on_recorder_clock
 from stickslip_monitor.lab.scenes.effects import STAGES
 from stickslip_monitor.lab.scenes.scene import Scene, load_scene, simulate
 from stickslip_monitor.lab.scenes.settings import as_believed
@@ -48,7 +47,9 @@ from stickslip_monitor.offline.truth import (
     TruthRecord,
     episodes_of,
     has_truth,
+    on_recorder_clock,
     read_truth,
+    scan_on_recorder_clock,
     topic,
 )
 

@@ -214,7 +214,8 @@ class AmplitudeWindows:
 
     def __init__(self, rate: float, period: float, duration: float) -> None:
         self._rate, self._step = rate, PERIODS * period / _STEPS
-        self.instants = Instants(rate, duration, np.arange(_STEPS, -1, -1) * self._step)
+        before: FloatArray = np.arange(_STEPS, -1, -1) * self._step
+        self.instants = Instants(rate, duration, before)
         self._kept = np.empty((2, 0))
 
     def amplitudes(

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from stickslip_monitor.lab.recorder_clock import on_recorder_clock
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.monitor import BearingMonitor, Monitor
 from stickslip_monitor.monitor.signals import Input, Stream
 from stickslip_monitor.monitor.verdict import Event
+from stickslip_monitor.offline.truth import on_recorder_clock
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = load_config(ROOT / 'launch_configs' / 'reference_bearing.yaml')
