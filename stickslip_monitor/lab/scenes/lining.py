@@ -214,7 +214,7 @@ class AmplitudeWindows:
 
     def __init__(self, rate: float, period: float, duration: float) -> None:
         self._rate, self._step = rate, PERIODS * period / _STEPS
-        before: FloatArray = np.arange(_STEPS, -1, -1) * self._step
+        before = np.arange(_STEPS, -1, -1).astype(float) * self._step
         self.instants = Instants(rate, duration, before)
         self._kept = np.empty((2, 0))
 
