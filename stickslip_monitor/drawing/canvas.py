@@ -205,14 +205,17 @@ def legend_above(axes: Axes, columns: int, **more: Any) -> None:
     axes.legend(ncols=columns, **look | more)
 
 
-def span_words(axes: Axes, spans: Iterable[tuple[float, float, str]]) -> None:
-    """Name stretches of the x axis along the upper edge, where they are wide enough."""
-    top = axes.get_ylim()[1]
-    for low, high, text in spans:
-        left, right = axes.transData.transform([(low, 0.0), (high, 0.0)])[:, 0]
+def regime_bands(panels: Sequence[Axes], spans: Iterable[tuple[float, float, Regime]]) -> None:
+    """Fill stretches of the x axis; the first panel names those that are wide enough."""
+    first = panels[0]
+    top = first.get_ylim()[1]
+    for low, high, regime in spans:
+        for axes in panels:
+            axes.axvspan(low, high, color=REGIME_FILL[regime], lw=0.0, zorder=0)
+        left, right = first.transData.transform([(low, 0.0), (high, 0.0)])[:, 0]
         if right - left > _NARROWEST:
-            axes.annotate(
-                text, (0.5 * (low + high), top), (0.0, -6.0), textcoords='offset points',
+            first.annotate(
+                regime.value, (0.5 * (low + high), top), (0.0, -6.0), textcoords='offset points',
                 ha='center', va='top', style='italic', zorder=12,
             )  # fmt: skip
 

@@ -28,12 +28,11 @@ from stickslip_monitor.drawing.canvas import (
     MUTED,
     PAPER,
     REGIME_COLOUR,
-    REGIME_FILL,
     Axes,
     Figure,
     labelled,
     legend_below,
-    span_words,
+    regime_bands,
     style,
 )
 from stickslip_monitor.drawing.map import Range, diagram_speeds
@@ -276,9 +275,7 @@ def draw_diagram(
         metres.set_xlabel('surface speed [m/s]', labelpad=6.0)
         _curves(axes, diagram, rpm)
         spans = [(low / rpm, high / rpm, regime) for low, high, regime in diagram.spans]
-        for low, high, regime in spans:
-            axes.axvspan(low, high, color=REGIME_FILL[regime], lw=0.0, zorder=0)
-        span_words(axes, ((low, high, regime.value) for low, high, regime in spans))
+        regime_bands([axes], spans)
         _marks(axes, diagram, rpm)
         if not diagram.branches and not np.isfinite(diagram.exact).any():
             sentence = assess(bearing, 0.5 * sum(speeds), load).outcome.sentence
