@@ -60,9 +60,7 @@ LOUD_LAG, LOUD = 600.0, 0.02
 APART = 120 * 10**9
 """A level that was high outside so shortly before tells nothing inside [ns]."""
 SHORT = 15 * 10**9
-"""A vibration that ends sooner than this tells nothing [ns]."""
-BURSTS = 300 * 10**9
-"""Two vibrations so short within this time are bursts of something else [ns]."""
+"""A vibration that ends sooner than this, and does not ring down, was something else [ns]."""
 DEAF = 60 * 10**9
 """A level that is quiet for so long where stick-slip is predicted may be blind [ns]."""
 LEARNED = 60 * 10**9
@@ -465,7 +463,6 @@ def take_level(s: Any, c: Any, si: float, stamp: int, last: int) -> None:
         # Its clock was set back.
         s.moved += gap
         s.outside += gap if s.outside != NEVER else 0
-        s.ended += gap if s.ended != NEVER else 0
     if si != s.level:
         s.moved = stamp
     s.level = si
@@ -473,6 +470,7 @@ def take_level(s: Any, c: Any, si: float, stamp: int, last: int) -> None:
         s.vibrating, s.level_count, s.spell = UNKNOWN, 0, NEVER
         s.level_mean = s.level_peak = level
         return
+    rings_down = s.level_mean < s.level_peak - FALL
     s.level_mean += (level - s.level_mean) * (1.0 - math.exp(-gap * 1e-9 / LEVEL_LAG))
     threshold = level_threshold(s, c)
     if not s.raised & (1 << CAUTION):
@@ -482,12 +480,9 @@ def take_level(s: Any, c: Any, si: float, stamp: int, last: int) -> None:
     if high and s.spell == NEVER:
         s.spell = stamp
     elif low and s.spell != NEVER:
-        if stamp - s.spell < SHORT:
-            # Stick-slip would have gone on: what ends by itself so soon was something else. One
-            # such spell may be a blow, of which the next can start it.
-            if s.ended != NEVER and stamp - s.ended < BURSTS:
-                s.outside = stamp
-            s.ended = stamp
+        if stamp - s.spell < SHORT and not rings_down:
+            # Stick-slip would have gone on, and the ring of a blow falls by and by.
+            s.outside = stamp
         s.spell = NEVER
 
 
