@@ -31,8 +31,10 @@ from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.ladder import Condition
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.figure import Figure as Figure
+else:
+    Axes = Figure = Any
 
 INK = '#222222'
 MUTED = '#595959'

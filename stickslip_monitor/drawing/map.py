@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,6 +26,8 @@ from stickslip_monitor.drawing.canvas import (
     REGIME_COLOUR,
     REGIME_FILL,
     WIDTH,
+    Axes,
+    Figure,
     labelled,
     legend_below,
     style,
@@ -44,10 +45,6 @@ from stickslip_monitor.physics.belief import QUANTILES
 from stickslip_monitor.physics.cycle.cycles import exact_cycle, exact_fold_speed
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Range = tuple[float, float]
 

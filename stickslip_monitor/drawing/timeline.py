@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,6 +24,8 @@ from stickslip_monitor.drawing.canvas import (
     PAPER,
     REGIME_COLOUR,
     REGIME_FILL,
+    Axes,
+    Figure,
     new_figure,
     style,
 )
@@ -36,11 +37,6 @@ from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.intervals import ConditionInterval, coarsened
 from stickslip_monitor.offline.outline import Verdicts
 from stickslip_monitor.offline.truth import TruthRecord
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 
 _POINTS_PER_INCH = 70
 _SPELLS_PER_INCH = 30

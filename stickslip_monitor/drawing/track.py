@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,13 +20,11 @@ from stickslip_monitor.drawing.canvas import (
     MUTED,
     PAPER,
     WIDTH,
+    Axes,
     legend_above,
 )
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.offline.outline import Verdicts
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 _POINTS_PER_INCH = 70
 _STOPS = 150
