@@ -305,8 +305,8 @@ class SourceWatch:
         earlier = np.append(self._step_ns, step_ns[:-1])
         if self._stamp_ns is None:
             earlier[1:2] = -1
-        for place in np.flatnonzero(_is_burst(earlier, step_ns)):
-            found += self._burst(self._number + 1 + int(place), int(arrival_ns[place]))
+        for place in np.flatnonzero(_is_burst(earlier, step_ns)).tolist():
+            found += self._burst(self._number + 1 + place, int(arrival_ns[place]))
         self._number += stamp_ns.size
         self._step_ns = int(step_ns[-1])
         self._stamp_ns = int(stamp_ns[-1])
