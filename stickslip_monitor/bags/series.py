@@ -104,13 +104,15 @@ class Pass:
             most: How many messages may wait before some are handed on.
         """
         waiting: list[Columns] = []
-        limit, handed = most, -1
+        size, limit, handed = 0, most, -1
         # The least number of a block that is still to come.
         numbers = np.array([job.number for job in self._jobs] + [1 << 62])
         rest = np.minimum.accumulate(numbers[::-1])[::-1]
         for k, job, found in self._tables(columns_of):
-            waiting += self._in_time(job, found, handed)
-            if sum(columns[0].size for columns in waiting) < limit or k + 1 == len(self._jobs):
+            own = list(self._in_time(job, found, handed))
+            waiting += own
+            size += sum(columns[0].size for columns in own)
+            if size < limit or k + 1 == len(self._jobs):
                 continue
             handed = self._jobs[k + 1].block.start_ns
             if waiting:
@@ -121,7 +123,8 @@ class Pass:
                     cut = columns[0].searchsorted(handed, 'right')
                 yield from _some(_part(columns, slice(cut)))
                 waiting = [_part(columns, slice(cut, None))]
-                limit = most + 2 * waiting[0][0].size
+                size = waiting[0][0].size
+                limit = most + 2 * size
         if waiting:
             yield from _some(_in_order(waiting))
 
