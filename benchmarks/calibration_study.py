@@ -347,11 +347,10 @@ def _draw_reliability(result: Mapping[str, Any]) -> None:
     with style():
         figure = new_figure(5.6, 5.2)
         axes = figure.add_subplot()
-        axes.plot([0, 1], [0, 1], color=MUTED, lw=1.0, ls='--')
-        axes.fill_between([0.4, 0.7], 0.35, 0.75, color=MUTED, alpha=0.15, lw=0)
+        axes.plot([0, 1], [0, 1], color=MUTED, lw=1.0, ls='--', label='as often as was said')
         for (name, text), (colour, marker) in zip(_SAYINGS.items(), _LOOKS, strict=True):
             said, was, count = np.array(result[name]['rows']).T
-            axes.plot(said, was, color=colour, lw=1.2, label=text)
+            axes.plot(said, was, color=colour, lw=1.2, marker=marker, label=text)
             size = 12.0 + 40.0 * np.log10(count)
             axes.scatter(said, was, size, color=colour, marker=marker, ec='white', zorder=3)
         axes.set_xlabel('probability said')

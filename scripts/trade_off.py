@@ -7,35 +7,34 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from stickslip_monitor.drawing.canvas import INK, MUTED, new_figure, style
+import numpy as np
+
+from stickslip_monitor.drawing.canvas import INK, MUTED, legend_above, new_figure, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_LOOKS = (('#0072b2', 'o'), ('#d55e00', 's'), ('#009e73', 'D'), ('#cc79a7', '^'))
+# Colour, marker, and how far above the points their values are written [pt].
+_LOOKS = (('#0072b2', 'o', 12.0), ('#d55e00', 's', -12.0))
 _SIZE = (11.0, 5.2)
 # Below it a logarithmic axis becomes linear, so that nothing false has a place.
 _LINEAR = 1.0
+# The axis of what is lost reaches this at least [%].
+_LEAST_TOP = 1.0
+# Width of a letter of a label [pixels].
+_LETTER = 7.0
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """The course of two rates along the values of one parameter.
+    """The course of two rates along the values of one parameter."""
 
-    Attributes:
-        label: What varies.
-        values: Its values, as written beside each point.
-        false: The rate of false alarms at each.
-        lost: The share of what is lost at each, 0 to 1.
-        default: Index of the value that is the default.
-    """
-
-    label: str
-    values: Sequence[str]
-    false: Sequence[float]
-    lost: Sequence[float]
-    default: int
+    label: str  # what varies
+    values: Sequence[str]  # as written beside each point
+    false: Sequence[float]  # the rate of false alarms at each
+    lost: Sequence[float]  # the share of what is lost at each, 0 to 1
+    default: int  # index of the value that is the default
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,37 +59,59 @@ def draw_trade_offs(panels: Sequence[TradeOff]) -> Figure:
     """
     with style():
         figure = new_figure(*_SIZE)
-        for axes, panel in zip(
-            figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True
-        ):
+        figure.subplots(1, len(panels))
+        figure.subplots_adjust(left=0.075, right=0.985, top=0.82, bottom=0.12, wspace=0.22)
+        for axes, panel in zip(figure.axes, panels, strict=True):
             _panel(axes, panel)
-        figure.subplots_adjust(left=0.075, right=0.985, top=0.92, bottom=0.12, wspace=0.22)
     return figure
 
 
 def _panel(axes: Axes, panel: TradeOff) -> None:
-    for curve, (colour, marker) in zip(panel.curves, _LOOKS, strict=False):
-        lost = [100.0 * share for share in curve.lost]
+    look: dict[str, Any] = {'ls': '', 'clip_on': False, 'zorder': 5}
+    for curve, (colour, marker, _) in zip(panel.curves, _LOOKS, strict=False):
         axes.plot(
-            curve.false, lost, color=colour, marker=marker, ms=6.0, lw=1.2, label=curve.label
-        )
-        axes.plot(
-            [curve.false[curve.default]], [lost[curve.default]], marker='o', ms=13.0,
-            mfc='none', mec=INK, mew=1.2, ls='', clip_on=False,
+            curve.false, _percent(curve.lost), color=colour, marker=marker, ms=6.0, lw=1.2,
+            label=curve.label, clip_on=False, zorder=4,
         )  # fmt: skip
-        for x, y, text in zip(curve.false, lost, curve.values, strict=True):
-            axes.annotate(text, (x, y), (5, 5), textcoords='offset points', color=colour, size=9.0)
-    for label, x, y in panel.rules:
-        axes.plot([x], [100.0 * y], marker='x', ms=8.0, color=MUTED, ls='', clip_on=False)
-        beside: dict[str, Any] = {'textcoords': 'offset points', 'ha': 'right'}
-        axes.annotate(label, (x, 100.0 * y), (-8, 5), color=MUTED, **beside)
+    for number, curve in enumerate(panel.curves):
+        at = curve.false[curve.default], _percent(curve.lost)[curve.default]
+        label = 'default' if not number else '_'
+        axes.plot(*at, 'o', ms=13.0, mfc='none', mec=INK, mew=1.2, label=label, **look)
+    for (label, x, y), marker in zip(panel.rules, ('x', '+'), strict=False):
+        axes.plot(x, 100.0 * y, marker, ms=9.0, mew=1.6, color=MUTED, label=label, **look)
+    axes.set(xlabel=panel.false, ylabel=panel.lost)
     axes.set_xscale('symlog', linthresh=_LINEAR)
-    axes.set_xlim(left=0.0)
-    axes.set_ylim(bottom=0.0)
-    axes.set_title(panel.title, loc='left', fontsize=11.0, weight='bold')
-    axes.set_xlabel(panel.false)
-    axes.set_ylabel(panel.lost)
-    axes.margins(x=0.08, y=0.12)
-    axes.legend(frameon=False, fontsize=9.5)
-    for side in ('top', 'right'):
-        axes.spines[side].set_visible(False)
+    axes.set_xlim(-0.1, 2.0 * max(axes.get_xlim()[1], _LINEAR))
+    top = max(axes.get_ylim()[1], _LEAST_TOP)
+    axes.set_ylim(-0.08 * top, 1.08 * top)
+    for curve, (colour, _, height) in zip(panel.curves, _LOOKS, strict=False):
+        _name_values(axes, curve, colour, height)
+    axes.text(0.0, 1.16, panel.title, transform=axes.transAxes, size=11.0, weight='bold')
+    legend_above(axes, 3)
+    axes.spines[['top', 'right']].set_visible(False)
+
+
+def _percent(shares: Sequence[float]) -> list[float]:
+    return [100.0 * share for share in shares]
+
+
+def _name_values(axes: Axes, curve: Curve, colour: str, height: float) -> None:
+    """Write the values beside the points, those of points that are close together in one label."""
+    points = axes.transData.transform(list(zip(curve.false, _percent(curve.lost), strict=True)))
+    groups: list[list[int]] = []
+    for k in sorted(range(len(points)), key=lambda k: tuple(points[k])):
+        room = _LETTER * len(_joined(curve, groups[-1])) + 10.0 if groups else 0.0
+        if groups and np.all(points[k] - points[groups[-1][0]] < (room, 2.0 * _LETTER)):
+            groups[-1].append(k)
+        else:
+            groups.append([k])
+    for group in groups:
+        place = curve.false[group[0]], 100.0 * curve.lost[group[0]]
+        axes.annotate(
+            _joined(curve, group), place, (4.0, height), textcoords='offset points', color=colour,
+            size=9.0, va='center', annotation_clip=False,
+        )  # fmt: skip
+
+
+def _joined(curve: Curve, group: Sequence[int]) -> str:
+    return ', '.join(curve.values[k] for k in sorted(group))

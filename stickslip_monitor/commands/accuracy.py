@@ -34,7 +34,7 @@ from stickslip_monitor.commands.output import (
     print_json,
 )
 from stickslip_monitor.drawing.canvas import save_figure, write_csv
-from stickslip_monitor.drawing.pareto import MethodMark, draw_pareto
+from stickslip_monitor.drawing.studies import MethodMark, draw_pareto
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.lab.accuracy.cases import BASE, CASES, METHODS, TYPICAL
 from stickslip_monitor.lab.accuracy.measurement import (

@@ -179,8 +179,8 @@ def _write(
     if args.fragment is not None:
         write_whole(args.fragment, fragment(config, found).encode(), FRAGMENT_MARK, args.force)
     if args.picture is not None:
-        from stickslip_monitor.drawing.calibration import draw_calibration
         from stickslip_monitor.drawing.canvas import save_figure
+        from stickslip_monitor.drawing.fits import draw_calibration
 
         save_figure(draw_calibration(config, found), args.picture, args.force)
     say_written(args.output, args.fragment, args.picture)

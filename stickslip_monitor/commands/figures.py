@@ -23,7 +23,7 @@ from stickslip_monitor.commands.arguments import parse_load, parse_speed, the_be
 from stickslip_monitor.commands.declared import TABLE, add_config, add_force, check_output
 from stickslip_monitor.commands.output import ProgressBar, console
 from stickslip_monitor.drawing.canvas import save_figure, write_csv
-from stickslip_monitor.drawing.finding_pictures import (
+from stickslip_monitor.drawing.studies import (
     draw_amplitudes,
     draw_motion,
 )

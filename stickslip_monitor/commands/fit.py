@@ -32,7 +32,7 @@ from stickslip_monitor.commands.declared import (
 )
 from stickslip_monitor.commands.output import add_json, console, print_json
 from stickslip_monitor.drawing.canvas import save_figure, write_csv
-from stickslip_monitor.drawing.friction_fit import draw_friction_fit
+from stickslip_monitor.drawing.fits import draw_friction_fit
 from stickslip_monitor.errors import ConfigurationError, plural
 from stickslip_monitor.files import write_whole
 from stickslip_monitor.lab.friction_fit.curve_file import NAMES, FrictionCurve, read_curve

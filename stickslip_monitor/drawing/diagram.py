@@ -1,20 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bifurcation diagram: vibration amplitude over shaft speed, at one load.
 
-At a load the cycles of the averaged model are the level set of its balance over speed and
-amplitude, ``2 S(a; V)/a = c/N``. The level set is contoured, cut where a branch turns back (fold)
-or begins in the equilibrium (Hopf), and brought to rounding by Newton steps. No number of
-branches is assumed. The exact cycle, of which there is one stable and one unstable, stands beside.
+The cycles of the averaged model are known at each speed. Where their number changes by one, a
+cycle begins in the equilibrium (Hopf), where it changes by two, two of them meet (fold); between
+these speeds the order of the amplitudes joins them to branches. No number of branches is assumed.
+The exact cycle, of which there is one stable and one unstable, stands beside.
 """
 
 from __future__ import annotations
 
+import math
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,10 +28,11 @@ from stickslip_monitor.drawing.canvas import (
     MUTED,
     PAPER,
     REGIME_COLOUR,
-    REGIME_FILL,
+    Axes,
+    Figure,
     labelled,
     legend_below,
-    span_words,
+    regime_bands,
     style,
 )
 from stickslip_monitor.drawing.map import Range, diagram_speeds
@@ -39,29 +41,17 @@ from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.averaging.boundaries import (
     fold_speed,
     growth_rate,
-    harmonic,
     hopf_speed,
+    stationary_amplitudes,
 )
 from stickslip_monitor.physics.cycle.cycles import exact_cycle, exact_fold_speed
 from stickslip_monitor.physics.oscillator import Bearing
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 _LOW = 1e-3
 _SAME = 1e-9
 _BESIDE = (1.0 - 1e-9, 1.0, 1.0 + 1e-9)
-_NEWTON_STEPS = 12
-_STEP = 1e-6
-_SETTLED = 1e-9
-# Amplitudes as t with a = V (1 + t |t|): -1 at rest, 0 at the sliding limit, where the balance
-# has a cusp in a and none in t. Beyond 31 V no law has a cycle: friction brakes on both ways.
-_AT_REST, _AT_LIMIT = -1.0, 0.0
-_MOST_COLUMNS = 150
-_ROWS = np.concatenate(
-    [np.linspace(_AT_REST, -0.02, 50), [_AT_LIMIT], np.geomspace(2e-4, 5.5, 60)]
-)
+_COLUMNS = 1000
+_ROUNDING, _CUSP = 1e-14, 1e-6
 _HEADROOM, _BELOW_ZERO = 1.2, 0.07
 
 
@@ -73,87 +63,60 @@ class MarkKind(str, Enum):
 
 
 class BranchMark(NamedTuple):
-    """Where a branch ends: at a Hopf it meets the equilibrium, at a fold another cycle.
-
-    ``speed`` is the surface speed [m/s], ``amplitude`` that of the displacement, 0 at a Hopf [m].
-    """
+    """Where a branch ends: at a Hopf it meets the equilibrium, at a fold another cycle."""
 
     kind: MarkKind
-    speed: float
-    amplitude: float
+    speed: float  # of the surface [m/s]
+    amplitude: float  # of the displacement, 0 at a Hopf [m]
 
 
 @dataclass(frozen=True, slots=True)
 class Branch:
-    """One family of limit cycles; an unstable one is the threshold between two states.
-
-    ``amplitude`` is that of the displacement at each speed of the diagram, ``nan`` beyond the ends
-    of the branch, shape (n,) [m].
-    """
+    """One family of limit cycles; an unstable one is the threshold between two states."""
 
     stable: bool
-    amplitude: FloatArray
+    amplitude: FloatArray  # of the displacement, ``nan`` beyond the branch's ends, shape (n,) [m]
 
 
 @dataclass(frozen=True, slots=True)
 class Diagram:
-    """The bifurcation diagram of a bearing over speed, at one load.
+    """The bifurcation diagram of a bearing over speed, at one load."""
 
-    Attributes:
-        load: Load [N].
-        speed: Surface speeds, rising, with every mark among them, shape (n,) [m/s].
-        sliding_limit: Displacement amplitude at which ``a = V``, shape (n,) [m].
-        growth_rate: Growth rate of a small disturbance of the equilibrium, shape (n,) [1/s].
-        branches: All limit cycles of the averaged model; stable first, larger first.
-        marks: Its Hopf and fold points, by speed.
-        spans: The regimes by speed: from [m/s], to [m/s], regime.
-        exact: Amplitude of the exact stick-slip cycle, ``nan`` for none, shape (n,) [m].
-        exact_fold: Speed beyond which there is none [m/s]; ``inf`` where it never ends.
-    """
-
-    load: float
-    speed: FloatArray
-    sliding_limit: FloatArray
-    growth_rate: FloatArray
-    branches: tuple[Branch, ...]
-    marks: tuple[BranchMark, ...]
-    spans: tuple[tuple[float, float, Regime], ...]
-    exact: FloatArray
-    exact_fold: float
+    load: float  # [N]
+    speed: FloatArray  # of the surface, rising, with every mark among them, shape (n,) [m/s]
+    sliding_limit: FloatArray  # displacement amplitude at which ``a = V``, shape (n,) [m]
+    growth_rate: FloatArray  # of a small disturbance of the equilibrium, shape (n,) [1/s]
+    branches: tuple[Branch, ...]  # all cycles of the averaged model; stable first, larger first
+    marks: tuple[BranchMark, ...]  # its Hopf and fold points, by speed
+    spans: tuple[tuple[float, float, Regime], ...]  # from [m/s], to [m/s], regime
+    exact: FloatArray  # amplitude of the exact cycle, ``nan`` for none, shape (n,) [m]
+    exact_fold: float  # speed beyond which there is none [m/s]; ``inf`` where it never ends
 
 
 def bifurcation_diagram(
     bearing: Bearing, load: float, speeds: Range, points: int = 400
 ) -> Diagram:
-    """Every limit cycle of the averaged model over a range of speeds, and the exact one.
+    """Every limit cycle of the averaged model at a load > 0 [N], and the exact one.
 
-    Args:
-        bearing: The bearing.
-        load: Load ``N`` > 0 [N].
-        speeds: Lowest and highest surface speed, 0 <= low < high [m/s].
-        points: Number of evenly spaced speeds; the ends of branches come on top.
+    From the lowest to the highest surface speed, 0 <= low < high [m/s], at so many even speeds;
+    the ends of branches come on top.
     """
     grid = np.linspace(*speeds, points)
     if speeds[0] == 0.0:
         grid[0] = _LOW * grid[1]  # at rest nothing slides
-    levels = _LevelSet(bearing, load, _columns(bearing, grid))
-    pieces = list(levels.pieces())
-    marks = sorted(
-        {mark for piece in pieces for mark in piece.marks}, key=lambda m: (m.speed, m.amplitude)
-    )
+    turns = _turns(bearing, load, _columns(bearing, grid))
+    marks = [turn.mark for turn in turns]
     ends = [mark.speed for mark in marks]
     exact_fold = float(exact_fold_speed(bearing, load))
     # The exact branch is drawn up to its end.
     last = [exact_fold * (1.0 - _SAME)] if grid[0] < exact_fold < grid[-1] else []
     speed = np.union1d(grid, [*ends, *last])
-    branches = [levels.branch(piece, speed) for piece in pieces]
-    branches.sort(key=lambda b: (not b.stable, -float(np.nanmax(b.amplitude, initial=0.0))))
     return Diagram(
         load=load,
         speed=speed,
         sliding_limit=speed / bearing.natural_frequency,
         growth_rate=np.asarray(growth_rate(bearing, speed, load)),
-        branches=tuple(branches),
+        branches=tuple(_branches(bearing, load, speed, turns)),
         marks=tuple(marks),
         spans=_spans(bearing, load, sorted({speeds[0], *ends, *last, speeds[1]})),
         exact=np.asarray(exact_cycle(bearing, speed, load).amplitude),
@@ -164,148 +127,94 @@ def bifurcation_diagram(
 def _columns(bearing: Bearing, grid: FloatArray) -> FloatArray:
     """Some even speeds and both sides of the law's break points, where the balance may jump."""
     low, high = grid[0], grid[-1]
-    even = np.linspace(low, high, min(grid.size, _MOST_COLUMNS))
+    even = np.linspace(low, high, _COLUMNS)
     breaks = np.outer(bearing.friction.breakpoints, _BESIDE).ravel()
     return np.union1d(even, breaks[(breaks > low) & (breaks < high)])
 
 
-class _Piece(NamedTuple):
-    """A stretch of the level set on which speed rises, and the bifurcations at its ends."""
+class _Turn(NamedTuple):
+    """A speed at which cycles appear or vanish."""
 
-    speed: FloatArray
-    t: FloatArray
-    marks: tuple[BranchMark, ...]
+    mark: BranchMark
+    before: FloatArray  # amplitudes just below it, rising [m]
+    after: FloatArray  # those just above it
+    own: slice  # which of those on the side that has more of them appear or vanish
 
 
-class _LevelSet:
-    """The cycles of the averaged model at a load."""
+def _amplitudes(bearing: Bearing, speed: FloatArray, load: float) -> FloatArray:
+    return stationary_amplitudes(bearing, speed, load).amplitude
 
-    def __init__(self, bearing: Bearing, load: float, columns: FloatArray) -> None:
-        self._bearing, self._load, self._columns = bearing, load, columns
-        self._step = float(np.max(np.diff(columns)))
-        self._known = (fold_speed(bearing, load), hopf_speed(bearing, load))
 
-    def balance(self, speed: FloatArray, t: FloatArray) -> FloatArray:
-        """What a cycle gains beside what it loses, as the growth rate of its amplitude [1/s]."""
-        a = speed * (1.0 + t * np.abs(t))
-        rest = np.asarray(growth_rate(self._bearing, speed, self._load))
-        drive = 2.0 * harmonic(self._bearing.friction, speed, a) / np.where(a > 0.0, a, 1.0)
-        moving = (self._load * drive - self._bearing.damping) / (2.0 * self._bearing.mass)
-        return np.where(t > _AT_REST, moving, rest)
+def _turns(bearing: Bearing, load: float, speeds: FloatArray) -> list[_Turn]:
+    """Where the number of cycles changes, by bisection between rising speeds."""
 
-    def pieces(self) -> Iterator[_Piece]:
-        """The lines of the level set, cut where their speed turns back."""
-        from contourpy import contour_generator  # comes with matplotlib
-        from scipy.signal import find_peaks
+    def count(speed: FloatArray) -> Any:
+        return np.isfinite(_amplitudes(bearing, speed, load)).sum(axis=1)
 
-        z = self.balance(self._columns[None, :], _ROWS[:, None])
-        lines: Any = contour_generator(self._columns, _ROWS, z).lines(0.0)
-        for line in lines:
-            speed, t = line.T
-            turns = [find_peaks(s * speed, prominence=1e-3 * self._step)[0] for s in (1, -1)]
-            cuts = [0, *np.sort(np.concatenate(turns)).tolist(), speed.size - 1]
-            ends = [self._end(line, place) for place in cuts]
-            for (first, last), marks in zip(pairwise(cuts), pairwise(ends), strict=True):
-                v, own = speed[first : last + 1].copy(), t[first : last + 1].copy()
-                for place, mark in zip((0, -1), marks, strict=True):
-                    if mark is not None:
-                        v[place], own[place] = mark[0].speed, mark[1]
-                order = slice(None, None, 1 if v[-1] >= v[0] else -1)
-                yield _Piece(v[order], own[order], tuple(mark[0] for mark in marks if mark))
+    ends, cycles = (np.stack([c[:-1], c[1:]]) for c in (speeds, count(speeds)))
+    while np.any(ends[1] - ends[0] > _ROUNDING * ends[1]):
+        changed = cycles[0] != cycles[1]
+        ends, cycles = ends[:, changed], cycles[:, changed]
+        middle = ends.mean(axis=0)
+        within = count(middle)
+        ends = np.hstack([[ends[0], middle], [middle, ends[1]]])
+        cycles = np.hstack([[cycles[0], within], [within, cycles[1]]])
+    ends = ends[:, cycles[0] != cycles[1]]
+    ends = ends[:, np.argsort(ends[0])]
+    # Those so close to one another are one, at which the number flickers by rounding.
+    apart = np.flatnonzero(np.diff(ends[0]) > _SAME * ends[0, 1:]) + 1
+    groups = np.split(ends, apart, axis=1) if ends.size else []
+    found = [_turn(bearing, load, float(group[0, 0]), float(group[1, -1])) for group in groups]
+    return [turn for turn in found if turn.before.size != turn.after.size]
 
-    def _end(self, line: FloatArray, place: int) -> tuple[BranchMark, float] | None:
-        """What a piece ends in, and its t; nothing at the edge of the range of speeds."""
-        v, t = map(float, line[place])
-        if place in (0, line.shape[0] - 1):
-            if t > _AT_REST:
-                return None
-            return BranchMark(MarkKind.HOPF, self._snapped(self._speed_at(t, v)), 0.0), t
-        near = line[place - 1 : place + 2, 1]
-        if float(near.min()) <= _AT_LIMIT <= float(near.max()):
-            # The peak of friction's work, a cusp, is at the sliding limit.
-            t = _AT_LIMIT
-        else:
-            from scipy.optimize import minimize_scalar
 
-            sign = 1.0 if v < line[place - 1, 0] else -1.0
-            t = float(
-                minimize_scalar(
-                    lambda at: sign * self._speed_at(at, v), method='bounded',
-                    bounds=(near.min(), near.max()), options={'xatol': 1e-9},
-                ).x
-            )  # fmt: skip
-        v = self._snapped(self._speed_at(t, v))
-        amplitude = v * (1.0 + t * abs(t)) / self._bearing.natural_frequency
-        return BranchMark(MarkKind.FOLD, v, amplitude), t
+def _turn(bearing: Bearing, load: float, low: float, high: float) -> _Turn:
+    """What happens between two speeds that are next to each other."""
+    rows = _amplitudes(bearing, np.array([low, high]), load)
+    before, after = (row[np.isfinite(row)] for row in rows)
+    known = (fold_speed(bearing, load), hopf_speed(bearing, load))
+    speed = next((float(v) for v in known if math.isclose(v, high, rel_tol=_SAME)), high)
+    more, change = max(before, after, key=len), abs(before.size - after.size)
+    if change % 2:
+        return _Turn(BranchMark(MarkKind.HOPF, speed, 0.0), before, after, slice(0, change))
+    first = int(np.argmin(np.diff(more)))
+    own = slice(first, first + change)
+    amplitude, limit = float(np.mean(more[own])), speed / bearing.natural_frequency
+    # Most folds are at the sliding limit, where the work of friction has a cusp.
+    amplitude = limit if math.isclose(amplitude, limit, rel_tol=_CUSP) else amplitude
+    return _Turn(BranchMark(MarkKind.FOLD, speed, amplitude), before, after, own)
 
-    def _speed_at(self, t: float, near: float) -> float:
-        """The speed of the level set at an amplitude, between the columns around a speed."""
-        from scipy.optimize import brentq
 
-        def gain(speed: float) -> float:
-            return float(self.balance(np.array([speed]), np.array([t]))[0])
+def _branches(
+    bearing: Bearing, load: float, speed: FloatArray, turns: Sequence[_Turn]
+) -> list[Branch]:
+    """The cycles at rising speeds, joined from turn to turn by the order of their amplitudes."""
+    cycles = _amplitudes(bearing, speed, load)
+    found: list[Branch] = []
 
-        last = self._columns.size - 1
-        after = int(np.clip(np.searchsorted(self._columns, near), 1, last))
-        for reach in (0, 1):
-            low = float(self._columns[max(after - 1 - reach, 0)])
-            high = float(self._columns[min(after + reach, last)])
-            if (gain(low) > 0.0) != (gain(high) > 0.0):
-                return float(brentq(gain, low, high, xtol=1e-16))
-        return near
+    def begun(count: int, own: slice) -> list[Branch]:
+        """Some of so many cycles: the largest is stable, and so is every other one below it."""
+        stable = [(count - k) % 2 == 1 for k in range(count)[own]]
+        new = [Branch(each, np.full(speed.size, np.nan)) for each in stable]
+        found.extend(new)
+        return new
 
-    def _snapped(self, speed: float) -> float:
-        """The package's own Hopf or fold speed where the contour has found the same."""
-        for boundary in self._known:
-            if abs(speed - boundary) < 1e-2 * self._step:
-                return float(boundary)
-        return speed
-
-    def branch(self, piece: _Piece, speeds: FloatArray) -> Branch:
-        """A piece at each speed that it covers, by Newton steps from the contour."""
-        covered = (speeds >= piece.speed[0]) & (speeds <= piece.speed[-1])
-        v = speeds[covered]
-        t = self._polished(v, np.interp(v, piece.speed, piece.t))
-        amplitude = np.full(speeds.shape, np.nan)
-        amplitude[covered] = v * (1.0 + t * np.abs(t)) / self._bearing.natural_frequency
-        for mark in piece.marks:
-            amplitude[np.searchsorted(speeds, mark.speed)] = mark.amplitude
-        middle = slice(v.size // 2, v.size // 2 + 1)
-        v, t, step = v[middle], t[middle], 1e-3 * np.abs(t[middle]) + 1e-7
-        # More amplitude loses more.
-        stable = bool(np.all(self.balance(v, t + step) < self.balance(v, t - step)))
-        return Branch(stable, amplitude)
-
-    def _polished(self, speed: FloatArray, t: FloatArray) -> FloatArray:
-        """Newton steps in t, on the own side of the cusp, as long as they lead nearer."""
-        value = self.balance(speed, t)
-        for _ in range(_NEWTON_STEPS):
-            step = np.where(t < _AT_LIMIT, -_STEP, _STEP)
-            slope = (self.balance(speed, t + step) - value) / step
-            with np.errstate(all='ignore'):
-                better = np.nan_to_num(t - value / slope, nan=_AT_REST)
-            better = np.clip(better, _AT_REST, _ROWS[-1])
-            gain = self.balance(speed, better)
-            nearer = np.abs(gain) < np.abs(value)
-            t, value = np.where(nearer, better, t), np.where(nearer, gain, value)
-        scale = self._bearing.damping / self._bearing.mass or 1.0
-        for k in np.flatnonzero(np.abs(value) > _SETTLED * scale):
-            t[k] = self._between_rows(float(speed[k]), float(t[k]))
-        return t
-
-    def _between_rows(self, speed: float, t: float) -> float:
-        """The zero at a speed that is nearest to a guess, where a law's corner stops Newton."""
-        from scipy.optimize import brentq
-
-        def gain(at: float) -> float:
-            return float(self.balance(np.array([speed]), np.array([at]))[0])
-
-        above = self.balance(np.full(_ROWS.shape, speed), _ROWS) > 0.0
-        changes = np.flatnonzero(above[1:] != above[:-1])
-        if not changes.size:
-            return t
-        row = int(changes[np.argmin(np.abs(_ROWS[changes] - t))])
-        return float(brentq(gain, _ROWS[row], _ROWS[row + 1], xtol=1e-15))
+    first = turns[0].before.size if turns else int(np.isfinite(cycles[0]).sum())
+    running, row = begun(first, slice(None)), 0
+    for turn in turns:
+        at, own = int(np.searchsorted(speed, turn.mark.speed)), turn.own
+        for k, branch in enumerate(running):
+            branch.amplitude[row:at], branch.amplitude[at] = cycles[row:at, k], turn.before[k]
+        if turn.before.size < turn.after.size:
+            running[own.start : own.start] = begun(turn.after.size, own)
+        for branch in running[own]:
+            branch.amplitude[at] = turn.mark.amplitude
+        if turn.before.size > turn.after.size:
+            del running[own]
+        row = at + 1
+    for k, branch in enumerate(running):
+        branch.amplitude[row:] = cycles[row:, k]
+    return sorted(found, key=lambda b: (not b.stable, -float(np.nanmax(b.amplitude, initial=0.0))))
 
 
 def _spans(
@@ -343,13 +252,9 @@ def diagram_columns(bearing: Bearing, diagram: Diagram) -> dict[str, Sequence[ob
 def draw_diagram(
     config: BearingConfig, load: float, speeds: Range | None = None, points: int = 400
 ) -> Figure:
-    """Draw the bifurcation diagram of a bearing.
+    """Draw the bifurcation diagram of a bearing at a load > 0 [N], over so many even speeds.
 
-    Args:
-        config: The bearing.
-        load: Load > 0 [N].
-        speeds: Lowest and highest surface speed [m/s]; chosen to show Hopf and fold by default.
-        points: Number of evenly spaced speeds.
+    The lowest and highest surface speed [m/s] are chosen to show Hopf and fold by default.
 
     Raises:
         DrawingError: matplotlib is not installed.
@@ -370,9 +275,7 @@ def draw_diagram(
         metres.set_xlabel('surface speed [m/s]', labelpad=6.0)
         _curves(axes, diagram, rpm)
         spans = [(low / rpm, high / rpm, regime) for low, high, regime in diagram.spans]
-        for low, high, regime in spans:
-            axes.axvspan(low, high, color=REGIME_FILL[regime], lw=0.0, zorder=0)
-        span_words(axes, ((low, high, regime.value) for low, high, regime in spans))
+        regime_bands([axes], spans)
         _marks(axes, diagram, rpm)
         if not diagram.branches and not np.isfinite(diagram.exact).any():
             sentence = assess(bearing, 0.5 * sum(speeds), load).outcome.sentence

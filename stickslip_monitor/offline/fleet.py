@@ -9,6 +9,7 @@ import logging
 import platform
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from stickslip_monitor import __version__
@@ -19,6 +20,10 @@ if TYPE_CHECKING:
 
 _PATIENCE = 10.0
 """How long a scheduler may take to answer [s]."""
+_LOOK = 60.0
+"""How long to wait for a call before looking whether the cluster still has workers [s]."""
+_NO_WORKER = 60.0
+"""How long a cluster may be without any worker: one that died may be started again [s]."""
 _GIVEN_UP = FleetError('every worker that did it died (was there enough memory?)')
 
 
@@ -107,19 +112,20 @@ def on_cluster(
         The key of each call, once, as it is done, and its result or the exception it raised.
 
     Raises:
-        FleetError: The scheduler is lost.
+        FleetError: The scheduler is lost, or has no worker any more.
     """
-    from distributed import KilledWorker, as_completed
+    from distributed import KilledWorker
 
-    futures = [client.submit(function, *call, key=key) for key, call in calls.items()]
-    left = len(futures)
-    arriving = as_completed(futures, loop=client.loop)
+    arriving: SimpleQueue[Future] = SimpleQueue()
     # Results are dropped on the cluster as soon as nobody here holds their future.
-    futures.clear()
+    for key, call in calls.items():
+        client.submit(function, *call, key=key).add_done_callback(arriving.put)
+    left = len(calls)
     killed = []
     try:
-        for future in arriving:
-            outcome = _outcome(future)
+        for _ in calls:
+            future = _patiently(client, left, _arrival, arriving)
+            outcome = _patiently(client, left, _outcome, future)
             if isinstance(outcome, KilledWorker):
                 killed.append(future.key)
                 continue
@@ -127,7 +133,8 @@ def on_cluster(
             yield future.key, outcome
         # Dask blames a worker's death on all that waited there: alone, each shows what it does.
         for key in killed:
-            outcome = _outcome(client.submit(function, *calls[key], key=f'{key}-alone'))
+            future = client.submit(function, *calls[key], key=f'{key}-alone')
+            outcome = _patiently(client, left, _outcome, future)
             left -= 1
             yield key, _GIVEN_UP if isinstance(outcome, KilledWorker) else outcome
     except CancelledError as error:
@@ -136,11 +143,37 @@ def on_cluster(
         ) from error
 
 
+def _patiently(client: Client, left: int, wait: Callable[[Any], Any], of: Any) -> Any:
+    """Wait as long as somebody may do what is waited for: without workers Dask waits for ever."""
+    while True:
+        with contextlib.suppress(asyncio.TimeoutError):
+            return wait(of)
+        try:
+            client.wait_for_workers(1, timeout=_NO_WORKER)
+        except asyncio.TimeoutError:
+            raise FleetError(
+                f"scheduler '{client.scheduler.address}' has no worker, with {left} calls to do"
+            ) from None
+        except OSError:  # the scheduler is gone: the client cancels what waits
+            continue
+
+
+def _arrival(arriving: SimpleQueue[Future]) -> Future:
+    try:
+        return arriving.get(timeout=_LOOK)
+    except Empty:
+        raise asyncio.TimeoutError from None
+
+
 def _outcome(future: Future) -> Any:
     """Result or exception of a call; cancelled where nobody is there any more to do it."""
     try:
-        return future.result()
+        return future.result(_LOOK)
     except CancelledError:
+        raise
+    except asyncio.TimeoutError:
+        if future.status == 'error':  # the call's own
+            return future.exception()
         raise
     except Exception as error:
         return error

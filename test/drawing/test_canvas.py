@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 
 from stickslip_monitor import Stribeck
-from stickslip_monitor.drawing.calibration import draw_calibration
 from stickslip_monitor.drawing.canvas import (
     CAUTION_FILL,
     CONDITION_COLOUR,
@@ -34,7 +33,7 @@ from stickslip_monitor.drawing.canvas import (
     variable,
 )
 from stickslip_monitor.drawing.diagram import draw_diagram
-from stickslip_monitor.drawing.friction_fit import draw_friction_fit
+from stickslip_monitor.drawing.fits import draw_calibration, draw_friction_fit
 from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.errors import DrawingError, OutputError
 from stickslip_monitor.lab.calibration.calibrate import Calibration, DipResult

@@ -35,7 +35,7 @@ LIMIT = 60.0
 @pytest.fixture(scope='module')
 def address() -> Iterator[str]:
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=':0'
     ) as cluster:
         yield cluster.scheduler_address
 
@@ -220,6 +220,23 @@ def test_a_scheduler_that_goes_away_is_told() -> None:
                     next(arriving)
         finally:
             cluster.kill()
+
+
+def test_a_cluster_without_workers_is_not_waited_for_for_ever(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(fleet, '_LOOK', 0.1)
+    monkeypatch.setattr(fleet, '_NO_WORKER', 0.1)
+    with (
+        distributed.LocalCluster(
+            n_workers=0, processes=False, dashboard_address=':0', protocol='tcp'
+        ) as cluster,
+        connected(cluster.scheduler_address) as client,
+        pytest.raises(FleetError) as caught,
+    ):
+        list(on_cluster(client, abs, {'a': (-1,), 'b': (-2,)}))
+    address = cluster.scheduler_address
+    assert str(caught.value) == f"scheduler '{address}' has no worker, with 2 calls to do"
 
 
 @pytest.mark.parametrize('option', [('--jobs', 2), ('--mcap', 'x.mcap'), ('--clips', 'x')])

@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws the published findings: amplitudes over a parameter, and stick-slip in time.
+"""Draws what the laboratory finds: the published findings, and what accuracy costs in time.
 
-Every picture has a published statement above its axes, a footnote below them, and a legend that
-names its curves. Figures are unknown to pyplot; :func:`~.canvas.save_figure` writes them. Each
-function raises a ``DrawingError`` where matplotlib is not installed.
+Amplitudes over a parameter, stick-slip in time, and error against time with the Pareto front. Of a
+finding the published statement stands above the axes. Figures are unknown to pyplot;
+:func:`~.canvas.save_figure` writes them. Each function raises a ``DrawingError`` where matplotlib
+is not installed.
 """
 
 from __future__ import annotations
 
+import math
 import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -25,16 +29,16 @@ from stickslip_monitor.drawing.canvas import (
     REGIME_COLOUR,
     REGIME_FILL,
     WIDTH,
+    Axes,
+    Figure,
+    legend_above,
+    legend_below,
     new_figure,
-    span_words,
+    regime_bands,
     style,
 )
 from stickslip_monitor.lab.findings import History, Sweep
 from stickslip_monitor.monitor.assessment import Regime
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 EXACT = REGIME_COLOUR[Regime.UNSTABLE]
 SLIDING = REGIME_COLOUR[Regime.STABLE]
@@ -50,14 +54,6 @@ def _stated_figure(statement: str, footnote: str) -> Figure:
     )  # fmt: skip
     figure.text(0.975, 0.012, footnote, ha='right', va='bottom', size=9.0, color=MUTED)
     return figure
-
-
-def _legend(axes: Axes, columns: int) -> None:
-    """A legend above the axes."""
-    axes.legend(
-        loc='lower left', bbox_to_anchor=(-0.008, 1.0), ncols=columns, frameon=False,
-        fontsize=9.5, handlelength=2.2, columnspacing=1.1, handletextpad=0.5, borderaxespad=0.2,
-    )  # fmt: skip
 
 
 _HEADROOM, _BELOW_ZERO, _FROM_ZERO = 1.16, 0.06, 0.02
@@ -84,7 +80,7 @@ def draw_amplitudes(
         _branches(axes, sweep, value)
         _marks(axes, sweep, scale, unit)
         _errors(below, sweep, value)
-        _legend(axes, 4)
+        legend_above(axes, 4)
         return figure
 
 
@@ -105,19 +101,15 @@ def _bands(axes: Axes, below: Axes, sweep: Sweep, scale: float) -> None:
     rising = sweep.hopf < sweep.exact_fold
     ends = sorted((sweep.hopf / scale, sweep.exact_fold / scale))
     regimes = _REGIMES if rising else _REGIMES[::-1]
-    words = []
-    for (a, b), regime in zip(pairwise((low, *ends, high)), regimes, strict=True):
-        if b <= a:
-            continue
-        for each in (axes, below):
-            each.axvspan(a, b, color=REGIME_FILL[regime], lw=0.0, zorder=0)
+    edges = zip(pairwise((low, *ends, high)), regimes, strict=True)
+    spans = [(a, b, regime) for (a, b), regime in edges if a < b]
+    for a, b, regime in spans:
         stable = regime is not Regime.UNSTABLE
         axes.plot(
             (a, b), (0.0, 0.0), color=SLIDING, ls='-' if stable else DASHES, lw=2.4, zorder=3,
             label='steady sliding' if regime is Regime.STABLE else None,
         )  # fmt: skip
-        words.append((a, b, regime.value))
-    span_words(axes, words)
+    regime_bands([axes, below], spans)
 
 
 def _branches(axes: Axes, sweep: Sweep, value: FloatArray) -> None:
@@ -178,7 +170,7 @@ def _growth(axes: Axes, history: History) -> None:
     for sign, name in ((1e3, 'KBM: amplitude, and its cycle'), (-1e3, None)):
         envelope = sign * history.envelope
         axes.plot(history.time, envelope, color=INK, lw=1.6, ls=DASHES, label=name)
-    _legend(axes, 2)
+    legend_above(axes, 2)
 
 
 def _velocity_axis(axes: Axes, velocity: FloatArray, belt: float) -> None:
@@ -210,7 +202,7 @@ def _last_periods(axes: Axes, history: History) -> None:
         color=REGIME_FILL[Regime.UNSTABLE], lw=0.0, zorder=0,
     )  # fmt: skip
     _stick(axes, time, velocity, sticking)
-    _legend(axes, 1)
+    legend_above(axes, 1)
 
 
 def _portrait(axes: Axes, history: History) -> None:
@@ -229,4 +221,103 @@ def _portrait(axes: Axes, history: History) -> None:
     ellipse = a * np.cos(turn), -a * history.bearing.natural_frequency * np.sin(turn)
     axes.plot(*ellipse, color=INK, lw=1.3, ls=DASHES, zorder=6)
     axes.plot(0.0, 0.0, 'o', ms=6.0, mfc=SLIDING, mec='none', zorder=6, label='steady sliding')
-    _legend(axes, 2)
+    legend_above(axes, 2)
+
+
+# Okabe and Ito's hues and black; a marker of its own tells each family apart in grey.
+_LOOKS = (
+    ('#0072b2', 'o'),
+    ('#56b4e9', 'v'),
+    ('#d55e00', 'P'),
+    ('#e69f00', 's'),
+    ('#cc79a7', 'X'),
+    ('#8c8c8c', '^'),
+    ('#009e73', 'D'),
+    ('#000000', '*'),
+    ('#7a1f5c', 'h'),
+)
+_SMALLEST, _FAILED = 1e-16, 30.0
+_LOWEST, _HIGHEST = 3e-17, 100.0
+_FRONT = '#444444'
+
+
+@dataclass(frozen=True, slots=True)
+class MethodMark:
+    """A method in a panel."""
+
+    family: str  # groups marks by colour and shape
+    seconds: float  # time per operating point [s]
+    error: float  # relative error [-]; infinite where it fails
+    front: bool  # whether no other method beats it
+    # Whether many points were solved in one call; such marks are drawn hollow.
+    together: bool = False
+
+
+def draw_pareto(panels: Mapping[str, Sequence[MethodMark]], footnote: str = '') -> Figure:
+    """Draw error against time in panels beside each other, each with its title."""
+    every = [mark for marks in panels.values() for mark in marks]
+    families = list(dict.fromkeys(mark.family for mark in every))
+    looks = {family: _LOOKS[i % len(_LOOKS)] for i, family in enumerate(families)}
+    times = [mark.seconds for mark in every]
+    with style():
+        figure = new_figure(12.0, 7.2)
+        figure.subplots(1, len(panels), sharex=True, sharey=True)
+        figure.subplots_adjust(left=0.075, right=0.985, bottom=0.215, top=0.95, wspace=0.04)
+        for axes, (title, marks) in zip(figure.axes, panels.items(), strict=True):
+            axes.set(
+                xscale='log', yscale='log', ylim=(_LOWEST, _HIGHEST),
+                xlim=(0.4 * min(times, default=1e-6), 3.0 * max(times, default=1.0)),
+                yticks=[10.0**k for k in range(-16, 1, 2)],
+                xlabel='time per operating point [s]',
+            )  # fmt: skip
+            axes.minorticks_off()
+            axes.grid(color='#e6e6e6', lw=0.6)
+            axes.axhspan(6.0, _HIGHEST, color='#f0f0f0', lw=0.0)
+            axes.set_title(title, loc='left', size=11.0, color=INK)
+            _methods(axes, marks, looks)
+        figure.axes[0].set_ylabel('relative error of the amplitude [-]')
+        _name_families(figure, looks)
+        figure.text(0.985, 0.012, footnote, ha='right', va='bottom', size=9.0, color=MUTED)
+        return figure
+
+
+def _height(error: float) -> float:
+    return _FAILED if math.isinf(error) else float(np.clip(error, _SMALLEST, 5.0))
+
+
+def _methods(axes: Axes, marks: Sequence[MethodMark], looks: dict[str, tuple[str, str]]) -> None:
+    front = sorted((m for m in marks if m.front), key=lambda m: m.seconds)
+    x, y = [m.seconds for m in front], [_height(m.error) for m in front]
+    axes.step(x, y, where='post', color=_FRONT, lw=1.4, ls=DASHES, zorder=2)
+    for mark in marks:
+        colour, shape = looks[mark.family]
+        edge = colour if mark.together else INK if mark.front else PAPER
+        axes.plot(
+            mark.seconds, _height(mark.error), shape, ms=_size(shape),
+            mfc=PAPER if mark.together else colour, mec=edge,
+            mew=1.4 if mark.front or mark.together else 0.8, zorder=4,
+        )  # fmt: skip
+    if any(math.isinf(mark.error) for mark in marks):
+        axes.text(
+            0.012, 0.988, 'fails at some case', transform=axes.transAxes, va='top', size=8.5,
+            color=MUTED,
+        )  # fmt: skip
+
+
+def _size(shape: str) -> float:
+    return 13.0 if shape == '*' else 8.5
+
+
+def _name_families(figure: Figure, looks: dict[str, tuple[str, str]]) -> None:
+    from matplotlib.lines import Line2D
+
+    rows: list[tuple[str, dict[str, Any]]] = [
+        (name, {'marker': shape, 'ls': '', 'ms': _size(shape), 'mfc': colour, 'mec': PAPER})
+        for name, (colour, shape) in looks.items()
+    ]
+    hollow = {'marker': 'o', 'ls': '', 'ms': 8.0, 'mfc': PAPER, 'mec': INK}
+    rows.append(('many points at once', hollow))
+    line = {'color': _FRONT, 'lw': 1.4, 'ls': DASHES}
+    rows.append(('Pareto front, one point at a time', line))
+    handles = [Line2D([], [], label=name, **look) for name, look in rows]
+    legend_below(figure, 5, 0.075, 0.045, handles=handles)
