@@ -28,21 +28,13 @@ _LETTER = 7.0
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """The course of two rates along the values of one parameter.
+    """The course of two rates along the values of one parameter."""
 
-    Attributes:
-        label: What varies.
-        values: Its values, as written beside each point.
-        false: The rate of false alarms at each.
-        lost: The share of what is lost at each, 0 to 1.
-        default: Index of the value that is the default.
-    """
-
-    label: str
-    values: Sequence[str]
-    false: Sequence[float]
-    lost: Sequence[float]
-    default: int
+    label: str  # what varies
+    values: Sequence[str]  # as written beside each point
+    false: Sequence[float]  # the rate of false alarms at each
+    lost: Sequence[float]  # the share of what is lost at each, 0 to 1
+    default: int  # index of the value that is the default
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,7 +50,6 @@ EVERYWHERE = {'numpy', 'scipy'}
 ONLY_IN = {
     'argcomplete': ('cli.py',),
     'aiohttp': ('dashboard/', 'links/'),
-    'contourpy': ('drawing/',),
     'distributed': ('offline/fleet.py',),
     'jinja2': ('report/',),
     'lz4': ('bags/',),

@@ -114,7 +114,6 @@ def test_every_import_is_a_declared_dependency() -> None:
         'aiohttp': 'python3-aiohttp',
         'argcomplete': 'python3-argcomplete',
         # It comes with matplotlib.
-        'contourpy': 'python3-matplotlib',
         'jinja2': 'python3-jinja2',
         'lz4': 'mcap-ros2-support',
         'matplotlib': 'python3-matplotlib',
@@ -128,7 +127,6 @@ def test_every_import_is_a_declared_dependency() -> None:
         'zstandard': 'mcap-ros2-support',
     }
     for_pip = {
-        'contourpy': 'matplotlib',
         'mcap_ros2': 'mcap-ros2-support',
         'prometheus_client': 'prometheus-client',
         'rclpy': 'ros-kilted-rclpy',

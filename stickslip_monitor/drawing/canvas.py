@@ -170,15 +170,10 @@ def labelled(
     size: tuple[float, float] = (WIDTH, HEIGHT),
     box: tuple[float, float, float, float] = (0.085, 0.125, 0.89, 0.81),
 ) -> tuple[Figure, Axes]:
-    """A figure with one panel and its words; to be called inside :func:`style`.
+    """A figure with one panel, its title above and a footnote below; inside :func:`style`.
 
-    Args:
-        x_label: Name and unit of the x axis.
-        y_label: Name and unit of the y axis.
-        title: Above the panel, at the left.
-        footnote: In the lower right corner.
-        size: Width and height [inch].
-        box: Left, bottom, width and height of the panel, as parts of the figure.
+    Size is width and height [inch], the box left, bottom, width and height of the panel, as parts
+    of the figure.
     """
     figure = new_figure(*size)
     axes = figure.add_axes(box)
@@ -210,14 +205,17 @@ def legend_above(axes: Axes, columns: int, **more: Any) -> None:
     axes.legend(ncols=columns, **look | more)
 
 
-def span_words(axes: Axes, spans: Iterable[tuple[float, float, str]]) -> None:
-    """Name stretches of the x axis along the upper edge, where they are wide enough."""
-    top = axes.get_ylim()[1]
-    for low, high, text in spans:
-        left, right = axes.transData.transform([(low, 0.0), (high, 0.0)])[:, 0]
+def regime_bands(panels: Sequence[Axes], spans: Iterable[tuple[float, float, Regime]]) -> None:
+    """Fill stretches of the x axis; the first panel names those that are wide enough."""
+    first = panels[0]
+    top = first.get_ylim()[1]
+    for low, high, regime in spans:
+        for axes in panels:
+            axes.axvspan(low, high, color=REGIME_FILL[regime], lw=0.0, zorder=0)
+        left, right = first.transData.transform([(low, 0.0), (high, 0.0)])[:, 0]
         if right - left > _NARROWEST:
-            axes.annotate(
-                text, (0.5 * (low + high), top), (0.0, -6.0), textcoords='offset points',
+            first.annotate(
+                regime.value, (0.5 * (low + high), top), (0.0, -6.0), textcoords='offset points',
                 ha='center', va='top', style='italic', zorder=12,
             )  # fmt: skip
 

@@ -28,12 +28,11 @@ from stickslip_monitor.drawing.canvas import (
     MUTED,
     PAPER,
     REGIME_COLOUR,
-    REGIME_FILL,
     Axes,
     Figure,
     labelled,
     legend_below,
-    span_words,
+    regime_bands,
     style,
 )
 from stickslip_monitor.drawing.map import Range, diagram_speeds
@@ -64,65 +63,43 @@ class MarkKind(str, Enum):
 
 
 class BranchMark(NamedTuple):
-    """Where a branch ends: at a Hopf it meets the equilibrium, at a fold another cycle.
-
-    ``speed`` is the surface speed [m/s], ``amplitude`` that of the displacement, 0 at a Hopf [m].
-    """
+    """Where a branch ends: at a Hopf it meets the equilibrium, at a fold another cycle."""
 
     kind: MarkKind
-    speed: float
-    amplitude: float
+    speed: float  # of the surface [m/s]
+    amplitude: float  # of the displacement, 0 at a Hopf [m]
 
 
 @dataclass(frozen=True, slots=True)
 class Branch:
-    """One family of limit cycles; an unstable one is the threshold between two states.
-
-    ``amplitude`` is that of the displacement at each speed of the diagram, ``nan`` beyond the ends
-    of the branch, shape (n,) [m].
-    """
+    """One family of limit cycles; an unstable one is the threshold between two states."""
 
     stable: bool
-    amplitude: FloatArray
+    amplitude: FloatArray  # of the displacement, ``nan`` beyond the branch's ends, shape (n,) [m]
 
 
 @dataclass(frozen=True, slots=True)
 class Diagram:
-    """The bifurcation diagram of a bearing over speed, at one load.
+    """The bifurcation diagram of a bearing over speed, at one load."""
 
-    Attributes:
-        load: Load [N].
-        speed: Surface speeds, rising, with every mark among them, shape (n,) [m/s].
-        sliding_limit: Displacement amplitude at which ``a = V``, shape (n,) [m].
-        growth_rate: Growth rate of a small disturbance of the equilibrium, shape (n,) [1/s].
-        branches: All limit cycles of the averaged model; stable first, larger first.
-        marks: Its Hopf and fold points, by speed.
-        spans: The regimes by speed: from [m/s], to [m/s], regime.
-        exact: Amplitude of the exact stick-slip cycle, ``nan`` for none, shape (n,) [m].
-        exact_fold: Speed beyond which there is none [m/s]; ``inf`` where it never ends.
-    """
-
-    load: float
-    speed: FloatArray
-    sliding_limit: FloatArray
-    growth_rate: FloatArray
-    branches: tuple[Branch, ...]
-    marks: tuple[BranchMark, ...]
-    spans: tuple[tuple[float, float, Regime], ...]
-    exact: FloatArray
-    exact_fold: float
+    load: float  # [N]
+    speed: FloatArray  # of the surface, rising, with every mark among them, shape (n,) [m/s]
+    sliding_limit: FloatArray  # displacement amplitude at which ``a = V``, shape (n,) [m]
+    growth_rate: FloatArray  # of a small disturbance of the equilibrium, shape (n,) [1/s]
+    branches: tuple[Branch, ...]  # all cycles of the averaged model; stable first, larger first
+    marks: tuple[BranchMark, ...]  # its Hopf and fold points, by speed
+    spans: tuple[tuple[float, float, Regime], ...]  # from [m/s], to [m/s], regime
+    exact: FloatArray  # amplitude of the exact cycle, ``nan`` for none, shape (n,) [m]
+    exact_fold: float  # speed beyond which there is none [m/s]; ``inf`` where it never ends
 
 
 def bifurcation_diagram(
     bearing: Bearing, load: float, speeds: Range, points: int = 400
 ) -> Diagram:
-    """Every limit cycle of the averaged model over a range of speeds, and the exact one.
+    """Every limit cycle of the averaged model at a load > 0 [N], and the exact one.
 
-    Args:
-        bearing: The bearing.
-        load: Load ``N`` > 0 [N].
-        speeds: Lowest and highest surface speed, 0 <= low < high [m/s].
-        points: Number of evenly spaced speeds; the ends of branches come on top.
+    From the lowest to the highest surface speed, 0 <= low < high [m/s], at so many even speeds;
+    the ends of branches come on top.
     """
     grid = np.linspace(*speeds, points)
     if speeds[0] == 0.0:
@@ -156,16 +133,12 @@ def _columns(bearing: Bearing, grid: FloatArray) -> FloatArray:
 
 
 class _Turn(NamedTuple):
-    """A speed at which cycles appear or vanish.
-
-    ``before`` and ``after`` are the amplitudes just below and above it, rising [m]; ``own`` says
-    which of those on the side that has more of them appear or vanish.
-    """
+    """A speed at which cycles appear or vanish."""
 
     mark: BranchMark
-    before: FloatArray
-    after: FloatArray
-    own: slice
+    before: FloatArray  # amplitudes just below it, rising [m]
+    after: FloatArray  # those just above it
+    own: slice  # which of those on the side that has more of them appear or vanish
 
 
 def _amplitudes(bearing: Bearing, speed: FloatArray, load: float) -> FloatArray:
@@ -279,13 +252,9 @@ def diagram_columns(bearing: Bearing, diagram: Diagram) -> dict[str, Sequence[ob
 def draw_diagram(
     config: BearingConfig, load: float, speeds: Range | None = None, points: int = 400
 ) -> Figure:
-    """Draw the bifurcation diagram of a bearing.
+    """Draw the bifurcation diagram of a bearing at a load > 0 [N], over so many even speeds.
 
-    Args:
-        config: The bearing.
-        load: Load > 0 [N].
-        speeds: Lowest and highest surface speed [m/s]; chosen to show Hopf and fold by default.
-        points: Number of evenly spaced speeds.
+    The lowest and highest surface speed [m/s] are chosen to show Hopf and fold by default.
 
     Raises:
         DrawingError: matplotlib is not installed.
@@ -306,9 +275,7 @@ def draw_diagram(
         metres.set_xlabel('surface speed [m/s]', labelpad=6.0)
         _curves(axes, diagram, rpm)
         spans = [(low / rpm, high / rpm, regime) for low, high, regime in diagram.spans]
-        for low, high, regime in spans:
-            axes.axvspan(low, high, color=REGIME_FILL[regime], lw=0.0, zorder=0)
-        span_words(axes, ((low, high, regime.value) for low, high, regime in spans))
+        regime_bands([axes], spans)
         _marks(axes, diagram, rpm)
         if not diagram.branches and not np.isfinite(diagram.exact).any():
             sentence = assess(bearing, 0.5 * sum(speeds), load).outcome.sentence

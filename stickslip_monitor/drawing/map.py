@@ -123,29 +123,21 @@ def map_ranges(
 
 @dataclass(frozen=True, slots=True)
 class Boundaries:
-    """What divides the plane.
+    """What divides the plane: loads over speed, ``nan`` for none, each of shape (n,)."""
 
-    Over rising surface speeds the loads above which there is a stick-slip cycle, an unstable
-    equilibrium, a fold margin below the caution margin; ``nan`` for none. Arrays of shape (n,)
-    [m/s, N].
-    """
-
-    speed: FloatArray
-    fold_load: FloatArray
-    hopf_load: FloatArray
-    caution_load: FloatArray
+    speed: FloatArray  # of the surface, rising [m/s]
+    fold_load: FloatArray  # above which there is a stick-slip cycle [N]
+    hopf_load: FloatArray  # above which the equilibrium is unstable [N]
+    caution_load: FloatArray  # above which the fold margin is below the caution margin [N]
 
 
 def boundaries(
     bearing: Bearing, speeds: Range, caution_margin: float, points: int = 400
 ) -> Boundaries:
-    """Compute the curves of a stability map.
+    """The curves of a stability map, with a fold margin below which the alarm says caution [-].
 
-    Args:
-        bearing: The bearing.
-        speeds: Lowest and highest surface speed, 0 <= low < high [m/s].
-        caution_margin: Fold margin below which the alarm says caution [-].
-        points: Number of evenly spaced speeds; the curves' own corners come on top.
+    From the lowest to the highest surface speed, 0 <= low < high [m/s], at so many even speeds;
+    the curves' own corners come on top.
     """
     corners = np.outer(bearing.friction.breakpoints, _BESIDE).ravel()
     inside = corners[(corners > speeds[0]) & (corners < speeds[1])]
@@ -190,14 +182,10 @@ def draw_map(
     track: Track | None = None,
     size: tuple[float, float] = (WIDTH, HEIGHT),
 ) -> Figure:
-    """Draw the stability map of a bearing.
+    """Draw the stability map of a bearing, and a track of operating points on it.
 
-    Args:
-        config: The bearing; its alarm's caution margin is drawn too.
-        speeds: Lowest and highest surface speed [m/s]; chosen if ``None``.
-        loads: Lowest and highest load [N]; chosen if ``None``.
-        track: Operating points to draw on it.
-        size: Width and height [inch].
+    The lowest and highest surface speed [m/s] and load [N] are chosen if ``None``; the size is
+    width and height [inch].
 
     Raises:
         DrawingError: matplotlib is not installed.

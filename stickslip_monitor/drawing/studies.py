@@ -34,7 +34,7 @@ from stickslip_monitor.drawing.canvas import (
     legend_above,
     legend_below,
     new_figure,
-    span_words,
+    regime_bands,
     style,
 )
 from stickslip_monitor.lab.findings import History, Sweep
@@ -101,19 +101,15 @@ def _bands(axes: Axes, below: Axes, sweep: Sweep, scale: float) -> None:
     rising = sweep.hopf < sweep.exact_fold
     ends = sorted((sweep.hopf / scale, sweep.exact_fold / scale))
     regimes = _REGIMES if rising else _REGIMES[::-1]
-    words = []
-    for (a, b), regime in zip(pairwise((low, *ends, high)), regimes, strict=True):
-        if b <= a:
-            continue
-        for each in (axes, below):
-            each.axvspan(a, b, color=REGIME_FILL[regime], lw=0.0, zorder=0)
+    edges = zip(pairwise((low, *ends, high)), regimes, strict=True)
+    spans = [(a, b, regime) for (a, b), regime in edges if a < b]
+    for a, b, regime in spans:
         stable = regime is not Regime.UNSTABLE
         axes.plot(
             (a, b), (0.0, 0.0), color=SLIDING, ls='-' if stable else DASHES, lw=2.4, zorder=3,
             label='steady sliding' if regime is Regime.STABLE else None,
         )  # fmt: skip
-        words.append((a, b, regime.value))
-    span_words(axes, words)
+    regime_bands([axes, below], spans)
 
 
 def _branches(axes: Axes, sweep: Sweep, value: FloatArray) -> None:

@@ -55,21 +55,13 @@ _TRUTH = '#333333'
 
 @dataclass(frozen=True, slots=True)
 class Timeline:
-    """What a timeline shows of one bearing.
-
-    Attributes:
-        config: The bearing.
-        scan: Its verdicts and events, or their outline.
-        spells: The alarm's conditions, from the recording's start to its end.
-        lining: What the lining did, where that is known.
-        title: Above the panels.
-    """
+    """What a timeline shows of one bearing."""
 
     config: BearingConfig
-    scan: Verdicts
-    spells: Sequence[ConditionInterval]
-    lining: TruthRecord | None = None
-    title: str = ''
+    scan: Verdicts  # its verdicts and events, or their outline
+    spells: Sequence[ConditionInterval]  # the alarm's, from the recording's start to its end
+    lining: TruthRecord | None = None  # what the lining did, where that is known
+    title: str = ''  # above the panels
 
     @property
     def has_cycle(self) -> bool:
@@ -78,11 +70,7 @@ class Timeline:
 
 
 def draw_timeline(timeline: Timeline, width: float = 9.0) -> Figure:
-    """Draw a recording over time; long ones are thinned to their envelope.
-
-    Args:
-        timeline: What to show.
-        width: Width of the figure [inch]; the height follows from the panels.
+    """Draw a recording over time, of a width [inch]; long ones are thinned to their envelope.
 
     Raises:
         DrawingError: matplotlib is not installed.

@@ -79,32 +79,21 @@ def envelope(most: int, *columns: Any) -> IndexArray:
 
 
 class TrackEvent(NamedTuple):
-    """A change of the alarm to a condition, at the operating point that it was told at [m/s, N].
+    """A change of the alarm to a condition, and the operating point that it was told at."""
 
-    The speed is ``nan`` where there was no point yet.
-    """
-
-    speed: float
-    load: float
+    speed: float  # of the surface [m/s], ``nan`` where there was no point yet
+    load: float  # [N]
     condition: Condition
 
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """The operating points of a recording.
+    """The operating points of a recording; astern is drawn as ahead, as the model has it."""
 
-    Attributes:
-        time: Shape (n,) [s]; any zero.
-        speed: Surface speeds, shape (n,), ``nan`` where the track is interrupted [m/s]; astern is
-            drawn as ahead, which the model does not tell apart.
-        load: Loads, shape (n,) [N].
-        events: The alarm's changes.
-    """
-
-    time: FloatArray
-    speed: FloatArray
-    load: FloatArray
-    events: Sequence[TrackEvent] = ()
+    time: FloatArray  # shape (n,) [s]; any zero
+    speed: FloatArray  # of the surface, shape (n,), ``nan`` where it is interrupted [m/s]
+    load: FloatArray  # shape (n,) [N]
+    events: Sequence[TrackEvent] = ()  # the alarm's changes
 
     def conditions(self) -> list[Condition]:
         """The conditions that the events lead to."""
@@ -143,12 +132,8 @@ def draw_track(
 ) -> None:
     """Draw a track on a map; the legend above it names the ends and the changes of the alarm.
 
-    Args:
-        axes: The axes, with their final limits.
-        track: The track.
-        x_unit: Surface speed of one unit of the x axis [m/s].
-        y_unit: Load of one unit of the y axis [N].
-        width: Width of the figure [inch].
+    The axes have their final limits; one unit of x and y is so much surface speed [m/s] and
+    load [N], and the figure so wide [inch].
     """
     x, y = np.abs(track.speed) / x_unit, track.load / y_unit
     known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))

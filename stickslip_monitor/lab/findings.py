@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from scipy.optimize import bisect
+from scipy.optimize import brentq
 from scipy.special import i1e
 
 from stickslip_monitor.arrays import FloatArray
@@ -150,7 +150,7 @@ def _averaged_growth(
 
 
 _NEAR_AN_END = np.geomspace(1e-9, 0.05, 8)
-_WIDTHS = (1e-4, 1e-3, 1e-2, 0.1, 0.5)
+_REACH = 0.5
 _SPEED_ROOM, _LOAD_ROOM, _FALL_ROOM = 1.12, 6.0, 0.55
 
 
@@ -209,7 +209,7 @@ def over_speed(bearing: Bearing, load: float, points: int = 120) -> Sweep:
 def over_load(bearing: Bearing, speed: float, load: float, points: int = 100) -> Sweep:
     """Amplitude against normal force [N], to one with a stick-slip cycle at this speed [m/s]."""
     hopf, averaged_fold = float(hopf_load(bearing, speed)), float(fold_load(bearing, speed))
-    fold = _edge(lambda n: _has_cycle(bearing, speed, n), averaged_fold)
+    fold = _exact_fold(lambda n: exact_fold_speed(bearing, n), speed, averaged_fold)
     ends = hopf, fold, averaged_fold
     highest = max(_LOAD_ROOM * averaged_fold, load)
     loads = _grid(highest / points, highest, ends, points)
@@ -231,7 +231,7 @@ def over_kinetic(bearing: Bearing, speed: float, load: float, points: int = 40) 
     def with_fall(fall: float) -> Bearing:
         return replace(bearing, friction=replace(law, kinetic=max(law.static - fall, 0.0)))
 
-    fold = _edge(lambda fall: _has_cycle(with_fall(fall), speed, load), averaged_fold)
+    fold = _exact_fold(lambda x: exact_fold_speed(with_fall(x), load), speed, averaged_fold)
     lowest = _FALL_ROOM * averaged_fold
     ends = np.array([hopf, fold, averaged_fold])
     falls = _grid(lowest, law.static, ends, points)[::-1]
@@ -257,14 +257,16 @@ def _grid(low: float, high: float, ends: Sequence[float] | FloatArray, points: i
     return np.union1d(np.linspace(low, high, points), inside)
 
 
-def _has_cycle(bearing: Bearing, speed: float, load: float) -> bool:
-    return math.isfinite(exact_cycle(bearing, speed, load).amplitude)
+def _exact_fold(speed_at: Callable[[float], Any], speed: float, averaged: float) -> float:
+    """Where the exact fold is at a speed [m/s], near its place by averaging; ``nan`` if it is not.
 
+    The fold speed rises with the parameter; where there is no fold it counts as 0.
+    """
 
-def _edge(exists: Callable[[float], bool], about: float) -> float:
-    """Where a cycle begins to exist, sought in ever wider brackets about a value close to it."""
-    for width in _WIDTHS:
-        outside, inside = about * (1.0 - width), about * (1.0 + width)
-        if exists(inside) and not exists(outside):
-            return float(bisect(lambda x: exists(x) - 0.5, outside, inside, xtol=1e-14 * about))
-    return math.nan
+    def above(parameter: float) -> float:
+        return float(np.nan_to_num(speed_at(parameter))) - speed
+
+    low, high = (1.0 - _REACH) * averaged, (1.0 + _REACH) * averaged
+    if not above(low) < 0.0 < above(high):
+        return math.nan
+    return float(brentq(above, low, high, xtol=1e-15 * averaged))

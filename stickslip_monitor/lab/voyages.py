@@ -21,7 +21,6 @@ import numpy as np
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.recorder_clock import on_recorder_clock, scan_on_recorder_clock
 from stickslip_monitor.lab.scenes.effects import STAGES
 from stickslip_monitor.lab.scenes.scene import Scene, load_scene, simulate
 from stickslip_monitor.lab.scenes.settings import as_believed
@@ -48,7 +47,9 @@ from stickslip_monitor.offline.truth import (
     TruthRecord,
     episodes_of,
     has_truth,
+    on_recorder_clock,
     read_truth,
+    scan_on_recorder_clock,
     topic,
 )
 
@@ -114,50 +115,36 @@ def judge(call: Call) -> list[Voyage]:
     truths: dict[str, TruthRecord] = {}
     for sensors in call.sensors:
         scene = load_scene(call.scene, call.seed, sensors)
+        variants = call.variants if sensors == call.varied_sensors else ()
         try:
-            known = truths and not any(c.quantity == 'level' for c in scene.channels)
-            messages, columns = _run(_without_lining(scene) if known else scene)
-            truths = truths or {
-                b.name: _truth(scene, b.name, columns) for b in scene.config.bearings
-            }
-            for config in scene.config.bearings:
-                case = _case(scene, config, messages, truths[config.name])
-                found.append(
-                    Voyage(
-                        scene=call.scene,
-                        seed=scene.seed,
-                        sensors=sensors,
-                        bearing=config.name,
-                        rules=case.rules(),
-                        variants=tuple(
-                            case.varied(variant)
-                            for variant in call.variants
-                            if sensors == call.varied_sensors
-                        ),
-                    )
-                )
+            for case in cases_of(scene, truths):
+                rules, varied = case.rules(), tuple(map(case.varied, variants))
+                name = case.config.name
+                found.append(Voyage(call.scene, scene.seed, sensors, name, rules, varied))
         except SceneError as error:
             raise SceneError(f'{call.scene}, seed {scene.seed}: {error}') from error
     return found
 
 
-def cases_of(scene: Scene) -> Iterator[Sailed]:
+def cases_of(scene: Scene, truths: dict[str, TruthRecord] | None = None) -> Iterator[Sailed]:
     """Simulate a scene; each of its bearings, to be judged.
+
+    Where the truth about them is known from another grade of sensors it is not followed again;
+    else it is added to what is known.
 
     Raises:
         SceneError: It says nothing about the truth.
     """
-    messages, columns = _run(scene)
+    truths = {} if truths is None else truths
+    known = truths and not any(channel.quantity == 'level' for channel in scene.channels)
+    messages, columns = _run(_without_lining(scene) if known else scene)
     for config in scene.config.bearings:
-        yield _case(scene, config, messages, _truth(scene, config.name, columns))
-
-
-def _case(
-    scene: Scene, config: BearingConfig, messages: Mapping[str, Messages], truth: TruthRecord
-) -> Sailed:
-    sent = None if config.level is None or config.level.topic not in messages else config.level
-    believed = as_believed(replace(config, level=sent), scene.parameter_error, scene.seed)
-    return Sailed(believed, *_stream(config, messages), truth, _is_plain(scene))
+        if config.name not in truths:
+            truths[config.name] = _truth(scene, config.name, columns)
+        sent = config.level if config.level and config.level.topic in messages else None
+        believed = as_believed(replace(config, level=sent), scene.parameter_error, scene.seed)
+        stream, arrival_ns = _stream(config, messages)
+        yield Sailed(believed, stream, arrival_ns, truths[config.name], _is_plain(scene))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

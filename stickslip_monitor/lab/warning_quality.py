@@ -118,10 +118,8 @@ def _within(truth: TruthRecord, *sets: Intervals) -> list[list[Interval]]:
 
 def _lead(episode: Interval, stretches: Intervals) -> float | None:
     """From the first stretch that reaches into an episode to the episode's begin [s]."""
-    for start, end in stretches:
-        if start < episode[1] and end > episode[0]:
-            return (episode[0] - start) / 1e9
-    return None
+    reach = (start for start, end in stretches if start < episode[1] and end > episode[0])
+    return next(((episode[0] - start) / 1e9 for start in reach), None)
 
 
 def false_alarms(said: Said, truth: TruthRecord) -> list[Interval]:
@@ -296,13 +294,8 @@ def quality_of(said: Said, truth: TruthRecord, plain: bool) -> Quality:
 
 def _bouts(episodes: Intervals) -> list[Interval]:
     """Episodes, with those that follow one another within 60 s as one."""
-    found: list[Interval] = []
-    for first, last in episodes:
-        if found and first - found[-1][1] < NEAR_NS:
-            found[-1] = (found[-1][0], last)
-        else:
-            found.append((first, last))
-    return found
+    longer = merged((first, last + NEAR_NS - 1) for first, last in episodes)
+    return [(first, last - NEAR_NS + 1) for first, last in longer]
 
 
 def _newly_given(bouts: Intervals, raised: Sequence[int]) -> int:

@@ -41,12 +41,12 @@ FAST_LAG, SLOW_LAG = 1.0, 4.0
 """Lags of the two means of the speed whose difference is its slope [s]."""
 HOLD = 6
 """What returns within so many off-delays of being cleared is held for as long."""
-SLOW_ON, SLOW_OFF = 4, 30
-"""The delays last at least so many values of a slow speed."""
+SLOW_ON, SLOW_OFF, SLOW = 4, 30, 10**9
+"""The delays last at least so many gaps of a slow speed, none taken for longer than this [ns]."""
 LEFT_BELOW = 0.5
 """Share of its threshold below which a probability no longer holds a condition."""
 MEMORY = 300 * 10**9
-"""After a longer gap it is not known any more whether stick-slip runs [ns]."""
+"""No value stands for longer; after a longer gap nobody knows whether stick-slip runs [ns]."""
 SIZED = 10**9
 """Time after which the amplitude of the cycle is worked out again [ns]."""
 DUE = 3 * 10**9
@@ -60,9 +60,9 @@ LOUD_LAG, LOUD = 600.0, 0.02
 APART = 120 * 10**9
 """A level that was high outside so shortly before tells nothing inside [ns]."""
 SHORT = 15 * 10**9
-"""A vibration that ends sooner than this tells nothing [ns]."""
-BURSTS = 300 * 10**9
-"""Two vibrations so short within this time are bursts of something else [ns]."""
+"""A vibration that ends sooner than this, and does not ring down, was something else [ns]."""
+DEAF = 60 * 10**9
+"""A level that is quiet for so long where stick-slip is predicted may be blind [ns]."""
 LEARNED = 60 * 10**9
 """For how long a level is watched before a threshold is learned from it [ns]."""
 STUCK = 300 * 10**9
@@ -159,7 +159,7 @@ def judge_stamp(s: Any, c: Any, place: int, stamp: int) -> int:
 
 def age_limit(s: Any, c: Any, place: int) -> int:
     """How old a value may be before its input is lost [ns]: older where values come slowly."""
-    limit: int = max(c.timeout[place], int(LATE * s.pace[place]))
+    limit: int = max(c.timeout[place], min(int(LATE * s.pace[place]), MEMORY))
     return limit
 
 
@@ -333,8 +333,10 @@ def grow(s: Any, c: Any, passed: int) -> None:
     What the median of three values does not bear out counts for half of an onset at most.
     """
     if s.sticking:
-        s.dying = max(0, s.dying + (passed if s.course == BEYOND else -passed))
-        s.idle = max(0, s.idle + (passed if s.course == IDLE else -passed))
+        # Only where a cycle exists does it grow again: an input that drops out keeps none alive.
+        again = passed if s.course == WITHIN else 0
+        s.dying = max(0, s.dying + (passed if s.course == BEYOND else -again))
+        s.idle = max(0, s.idle + (passed if s.course == IDLE else -again))
         return
     seconds = passed * 1e-9
     grown, sure = s.rate * seconds, s.median_rate * seconds
@@ -376,6 +378,8 @@ def judge_lining(s: Any, c: Any, measured: int, near: bool) -> None:
         s.unseen = NEVER
     elif s.unseen == NEVER:
         s.unseen = s.now
+    elif s.now - s.unseen > DEAF and s.course == WITHIN:
+        s.heard = 0
 
 
 def was_apart(s: Any) -> bool:
@@ -406,22 +410,27 @@ def climb(s: Any, c: Any) -> None:
             s.count[rung] = 0
             if not s.raised & bit:
                 s.cleared[rung] = s.now
-            elif s.cleared[rung] != NEVER and s.now - s.cleared[rung] >= HOLD * off_delay(s, c):
+            elif s.cleared[rung] != NEVER and s.now - s.cleared[rung] >= hold(s, c):
                 s.cleared[rung] = NEVER
 
 
 def due(s: Any, c: Any, rung: int) -> int:
     """The net time that changes a rung [ns]: growth and level are delays of their own."""
     if s.raised & (1 << rung):
-        return off_delay(s, c) * (HOLD if s.cleared[rung] != NEVER else 1)
+        return hold(s, c) if s.cleared[rung] != NEVER else off_delay(s, c)
     if rung == VIBRATION or (rung == STICK_SLIP and c.onset_growth > 0.0):
         return 0
-    return max(int(c.on_delay), SLOW_ON * s.pace[SPEED])
+    return max(int(c.on_delay), SLOW_ON * min(s.pace[SPEED], SLOW))
 
 
 def off_delay(s: Any, c: Any) -> int:
     """The net time after which something is over [ns]; longer where values come slowly."""
-    return max(int(c.off_delay), SLOW_OFF * s.pace[SPEED])
+    return max(int(c.off_delay), SLOW_OFF * min(s.pace[SPEED], SLOW))
+
+
+def hold(s: Any, c: Any) -> int:
+    """What returns within so long of being cleared is held for as long [ns]."""
+    return max(HOLD * int(c.off_delay), off_delay(s, c))
 
 
 def rung_of(s: Any) -> int:
@@ -449,14 +458,19 @@ def take_level(s: Any, c: Any, si: float, stamp: int, last: int) -> None:
         last: The stamp before; :data:`NEVER` for none.
     """
     level = si if c.in_db else 20.0 * math.log10(max(si, 1e-20))
+    gap = stamp - last
+    if last != NEVER and gap < 0:
+        # Its clock was set back.
+        s.moved += gap
+        s.outside += gap if s.outside != NEVER else 0
     if si != s.level:
         s.moved = stamp
     s.level = si
-    gap = stamp - last
     if last == NEVER or not 0 <= gap <= c.timeout[LEVEL]:
         s.vibrating, s.level_count, s.spell = UNKNOWN, 0, NEVER
         s.level_mean = s.level_peak = level
         return
+    rings_down = s.level_mean < s.level_peak - FALL
     s.level_mean += (level - s.level_mean) * (1.0 - math.exp(-gap * 1e-9 / LEVEL_LAG))
     threshold = level_threshold(s, c)
     if not s.raised & (1 << CAUTION):
@@ -466,12 +480,9 @@ def take_level(s: Any, c: Any, si: float, stamp: int, last: int) -> None:
     if high and s.spell == NEVER:
         s.spell = stamp
     elif low and s.spell != NEVER:
-        if stamp - s.spell < SHORT:
-            # Stick-slip would have gone on: what ends by itself so soon was something else. One
-            # such spell may be a blow, of which the next can start it.
-            if s.ended != NEVER and stamp - s.ended < BURSTS:
-                s.outside = stamp
-            s.ended = stamp
+        if stamp - s.spell < SHORT and not rings_down:
+            # Stick-slip would have gone on, and the ring of a blow falls by and by.
+            s.outside = stamp
         s.spell = NEVER
 
 
@@ -561,7 +572,7 @@ def run(
         samples: Which input each is of, its stamp [ns], and its number, each shape (n,).
         begin: The first sample to take.
         notes: What is noted of each sample, shape (n, 7).
-        points: Speed and load of the operating point at each, shape (n, 2).
+        points: Speed, load and probability that stick-slip runs at each point, shape (n, 3).
         changes: What is noted of each change, shape (m, 5).
         kept: The memory at each change, shape (m,).
 

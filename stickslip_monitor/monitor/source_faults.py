@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tells from an input's samples that they come from a wrong source, or from two at once.
 
-Two faults can be seen in the samples themselves:
+Three faults can be seen in the samples themselves:
 
 - **two levels**: values jump between two levels and back, as with two publishers on one topic;
-- **stamps to and fro**: stamps step back again and again, as with two clocks on one topic.
+- **stamps to and fro**: stamps step back again and again, as with two clocks on one topic;
+- **in bursts**: several stamps are close together or alike, then none come, again and again.
 
 One instance of :class:`SourceWatch` follows one input, one sample at a time at constant cost and
 memory; :meth:`SourceWatch.see_many` gives the same for many at once, bit for bit::
@@ -22,7 +23,9 @@ return counts one, each other jump takes two away; twelve raise the fault, at th
 seconds after the first. White noise of a fifth of the load reaches that less than once in a
 thousand hours at 10 Hz; a steady second publisher, with a tenth of the other's rate too, within
 a few seconds. For stamps, each step back within eight samples of the last one counts one, and a
-longer pause starts anew: single late messages are no fault. A minute without evidence clears.
+longer pause starts anew: single late messages are no fault. A *burst* is a step that is more than
+twenty times the one before it, and within 32 samples of the last one. A minute without evidence
+clears.
 
 A speed in Hz that is read as revolutions a minute, or a torque that is read as a load, is no
 fault of any sample, and the verdict that follows from it is a quiet one. So what all samples
@@ -142,6 +145,7 @@ _TOLERANCE = 0.125
 _PENALTY = 2
 _MOST = 2 * ENOUGH
 _NEAR = 8
+_BURST, _BURST_NEAR = 20, 32
 _LEAST_RPM = 3.0
 STEADY = 8
 """Intervals within 20 % of one another from which a sender's period is known."""
@@ -154,6 +158,10 @@ class SourceFaultKind(SentenceEnum):
         'stamps_to_and_fro',
         'time stamps jump to and fro: two publishers or clocks on one topic, or messages that'
         ' overtake each other',
+    )
+    IN_BURSTS = (
+        'in_bursts',
+        'messages come in bursts or as copies: a sender or gateway that stalls, or sends twice',
     )
     TWO_LEVELS = (
         'two_levels',
@@ -182,7 +190,7 @@ def least_gap(config: BearingConfig, place: int) -> float:
 
 def fault_text(fault: SourceFault, config: InputConfig) -> str:
     """The fault as a clause, with levels as they stand in the messages."""
-    if fault.kind is SourceFaultKind.STAMPS_TO_AND_FRO:
+    if fault.kind is not SourceFaultKind.TWO_LEVELS:
         return fault.kind.sentence
     low, high = (
         (level / config.factor - config.offset) / config.scale if config.scale else level
@@ -238,11 +246,14 @@ class SourceWatch:
     _stamps: _Evidence = field(
         default_factory=lambda: _Evidence(SourceFaultKind.STAMPS_TO_AND_FRO)
     )
+    _bursts: _Evidence = field(default_factory=lambda: _Evidence(SourceFaultKind.IN_BURSTS))
     _levels: _Evidence = field(default_factory=lambda: _Evidence(SourceFaultKind.TWO_LEVELS))
     _number: int = -1
     _stamp_ns: int | None = None
+    _step_ns: int = -1
     _value: float = math.nan
     _last_back: int = 0
+    _last_burst: int = 0
     _origin: float = math.nan
 
     def see(self, arrival_ns: int, stamp_ns: int, si: float) -> tuple[SourceFault, ...]:
@@ -258,8 +269,12 @@ class SourceWatch:
         """
         self._number += 1
         raised = []
-        if self._stamp_ns is not None and stamp_ns < self._stamp_ns:
-            raised += self._step_back(self._number, arrival_ns)
+        if self._stamp_ns is not None:
+            before, self._step_ns = self._step_ns, stamp_ns - self._stamp_ns
+            if self._step_ns < 0:
+                raised += self._step_back(self._number, arrival_ns)
+            elif _is_burst(before, self._step_ns):
+                raised += self._burst(self._number, arrival_ns)
         self._stamp_ns = stamp_ns
         if math.isfinite(si):
             if _is_jump(self._value, si, self.least_gap):
@@ -284,9 +299,16 @@ class SourceWatch:
             return []
         found = []
         before = stamp_ns[0] if self._stamp_ns is None else self._stamp_ns
-        for place in np.flatnonzero(np.diff(stamp_ns, prepend=before) < 0).tolist():
+        step_ns = np.diff(stamp_ns, prepend=before)
+        for place in np.flatnonzero(step_ns < 0).tolist():
             found += self._step_back(self._number + 1 + place, int(arrival_ns[place]))
+        earlier = np.append(self._step_ns, step_ns[:-1])
+        if self._stamp_ns is None:
+            earlier[1:2] = -1
+        for place in np.flatnonzero(_is_burst(earlier, step_ns)).tolist():
+            found += self._burst(self._number + 1 + place, int(arrival_ns[place]))
         self._number += stamp_ns.size
+        self._step_ns = int(step_ns[-1])
         self._stamp_ns = int(stamp_ns[-1])
         known = np.isfinite(si)
         arrival_ns, si = arrival_ns[known], np.append(self._value, si[known])
@@ -302,9 +324,10 @@ class SourceWatch:
 
     def standing(self, now_ns: int) -> tuple[SourceFault, ...]:
         """The faults that stand at a time of arrival [ns]."""
-        for evidence in (self._stamps, self._levels):
+        kinds = (self._stamps, self._bursts, self._levels)
+        for evidence in kinds:
             evidence.expire(now_ns)
-        return tuple(e.fault for e in (self._stamps, self._levels) if e.fault)
+        return tuple(evidence.fault for evidence in kinds if evidence.fault)
 
     def _step_back(self, number: int, arrival_ns: int) -> list[SourceFault]:
         if number - self._last_back > _NEAR:
@@ -312,12 +335,23 @@ class SourceWatch:
         self._last_back = number
         return self._stamps.add(arrival_ns)
 
+    def _burst(self, number: int, arrival_ns: int) -> list[SourceFault]:
+        if number - self._last_burst > _BURST_NEAR:
+            self._bursts.against(_MOST)
+        self._last_burst = number
+        return self._bursts.add(arrival_ns)
+
     def _jump(self, arrival_ns: int, before: float, after: float) -> list[SourceFault]:
         origin, self._origin = self._origin, before
         if not abs(after - origin) <= _TOLERANCE * abs(after - before):
             self._levels.against(_PENALTY)
             return []
         return self._levels.add(arrival_ns, (min(before, after), max(before, after)))
+
+
+def _is_burst(before_ns: Any, step_ns: Any) -> Any:
+    """Whether a pause ends a burst: of the last two steps between stamps, numbers or arrays."""
+    return (before_ns >= 0) & (step_ns > _BURST * before_ns)
 
 
 def _is_jump(before: Any, after: Any, least_gap: float) -> Any:

@@ -96,49 +96,36 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class BearingPart:
-    """What is said and drawn of one bearing in one recording.
+    """What is said and drawn of one bearing in one recording."""
 
-    ``anchor`` is a word that tells it from all others on a page, ``note`` says why nothing is
-    drawn, and ``inputs`` has what a reader wants to know of each input beside the record, by
-    quantity.
-    """
-
-    anchor: str
+    anchor: str  # a word that tells it from all others on a page
     finding: Finding
     facts: tuple[Fact, ...]
     map: Picture | None
     timeline: Picture | None
-    note: str
+    note: str  # why nothing is drawn
+    # By quantity, what a reader wants to know of an input beside its record.
     inputs: Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingPart:
-    """What is said and drawn of one recording.
-
-    ``document`` is what ``check --json`` prints of it; ``findings`` are the verdicts on its
-    bearings, or that there is none; ``bearings`` are for a page, ``figures``, below each other,
-    for a picture.
-    """
+    """What is said and drawn of one recording."""
 
     anchor: str
     name: str
-    document: Mapping[str, Any]
-    findings: tuple[Finding, ...]
-    bearings: Mapping[str, BearingPart]
-    figures: tuple[Pixels, ...] = ()
+    document: Mapping[str, Any]  # what ``check --json`` prints of it
+    findings: tuple[Finding, ...]  # the verdicts on its bearings, or that there is none
+    bearings: Mapping[str, BearingPart]  # for a page
+    figures: tuple[Pixels, ...] = ()  # for a picture, below each other
 
 
 def recording_part(
     document: Mapping[str, Any], checked: CheckReport, config: MonitorConfig, *, with_pages: bool
 ) -> RecordingPart:
-    """Say and draw what there is to one recording.
+    """Say and draw what there is to one recording, for a page or for a picture.
 
-    Args:
-        document: What ``check --json`` prints of it.
-        checked: What the check found, with outlines.
-        config: The configuration.
-        with_pages: Whether it is for a page, and not for a picture.
+    The document is what ``check --json`` prints of it, ``checked`` has outlines.
     """
     anchor, name = _anchor(document), _name(document)
     courses = [_course(config, checked, item) for item in checked.bearings.values()]
@@ -210,15 +197,13 @@ def _figures(bag: str, course: Course, finding: Finding) -> Iterator[Any]:
 def _bearing_part(anchor: str, course: Course, finding: Finding, is_drawn: bool) -> BearingPart:
     known = course.item.evaluations > 0
     inputs = zip(course.item.inputs, course.config.inputs.values(), strict=True)
-    return BearingPart(
-        anchor=anchor,
-        finding=finding,
-        facts=facts(course) if known else (),
-        map=_map_picture(anchor, course, finding) if known and is_drawn else None,
-        timeline=_timeline_picture(anchor, course) if known and is_drawn else None,
-        note=_NOT_DRAWN if known and not is_drawn else '',
-        inputs={report.quantity: _input(report, source) for report, source in inputs},
-    )
+    own = {report.quantity: _input(report, source) for report, source in inputs}
+    if not known:
+        return BearingPart(anchor, finding, (), None, None, '', own)
+    if not is_drawn:
+        return BearingPart(anchor, finding, facts(course), None, None, _NOT_DRAWN, own)
+    pictures = _map_picture(anchor, course, finding), _timeline_picture(anchor, course)
+    return BearingPart(anchor, finding, facts(course), *pictures, '', own)
 
 
 def _map_picture(anchor: str, course: Course, finding: Finding) -> Picture:
@@ -275,24 +260,20 @@ def _wrong(item: InputReport) -> Sequence[str]:
 
 
 class ParameterRow(NamedTuple):
-    """One parameter in force; ``given`` is false where it is the default."""
+    """One parameter in force."""
 
     name: str
     value: str
     unit: str
-    given: bool
+    given: bool  # and not the default
 
 
 def html_page(
     parts: Sequence[RecordingPart], config: MonitorConfig, config_path: str, made: datetime
 ) -> bytes:
-    """The page. Every text is escaped; only the pictures are taken as they are.
+    """The page; ``made`` is the time of its making that it names.
 
-    Args:
-        parts: What is said of each recording.
-        config: The configuration.
-        config_path: The file it was read from.
-        made: The time to be named as that of its making.
+    Every text is escaped; only the pictures are taken as they are.
 
     Raises:
         ReportError: Jinja2 is not installed.
@@ -365,10 +346,9 @@ def shown_events(events: Sequence[Mapping[str, Any]]) -> list[tuple[int, Mapping
 def parameter_groups(
     values: Mapping[str, Any], bearings: Iterable[str]
 ) -> list[tuple[str, list[ParameterRow]]]:
-    """The parameters in force: those given, by full name, and the defaults of the others.
+    """The parameters in force, those given first: groups with their headings.
 
-    Returns:
-        The heading of each group, and its parameters, those given first.
+    ``values`` are those given, by full name; of the others it is the default.
     """
     groups = [('Monitor', _rows(NODE_PARAMETERS, values, ''))]
     return groups + [

@@ -30,14 +30,11 @@ GRADES = tuple(_WORDS)
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What is said of a bearing, or of everything: a grade, its word, and sentences.
-
-    The first sentence is the verdict, the others add to it.
-    """
+    """What is said of a bearing, or of everything."""
 
     grade: str
     word: str
-    sentences: tuple[str, ...]
+    sentences: tuple[str, ...]  # the first is the verdict, the others add to it
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,19 +48,13 @@ class Fact:
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """What happened to one bearing in one recording.
-
-    What the check found, with an outline, and the alarm's conditions from start to end.
-
-    ``sources`` are faults of the inputs' sources, ``questions`` say where inputs look like another
-    unit or topic, a clause for each.
-    """
+    """What happened to one bearing in one recording."""
 
     config: BearingConfig
-    item: BearingReport
-    spells: Sequence[ConditionInterval]
-    sources: Sequence[str] = ()
-    questions: Sequence[str] = ()
+    item: BearingReport  # what the check found, with an outline
+    spells: Sequence[ConditionInterval]  # the alarm's conditions from start to end
+    sources: Sequence[str] = ()  # faults of the inputs' sources, a clause for each
+    questions: Sequence[str] = ()  # the same where inputs look like another unit or topic
 
     @property
     def name(self) -> str:

@@ -19,6 +19,7 @@ import pytest
 from sequences import BEARINGS, NAME, SECOND
 
 from stickslip_monitor import Monitor, MonitorConfig, Sample, build_config
+from stickslip_monitor.monitor.ladder import Unknown
 from stickslip_monitor.monitor.rule_state import State
 from stickslip_monitor.monitor.verdict import Event
 
@@ -427,3 +428,103 @@ def test_a_numpy_number_is_a_number() -> None:
     for kind in (np.float32, np.float64, np.int32, int):
         update = monitor.update(Sample(NAME, 'level', 1 + len(kind.__name__), kind(3)))
         assert update.status.believed or update.status.name in ('REPEATED', 'OUT_OF_ORDER')
+
+
+@pytest.mark.parametrize('dropping', ['speed', 'load'])
+@pytest.mark.parametrize('bearing', ['reference', 'ship', 'viscous'])
+def test_an_input_that_drops_out_half_of_the_time_keeps_no_episode_alive(
+    bearing: str, dropping: str
+) -> None:
+    """Neither at rest nor beyond the fold is there a cycle that could go on."""
+    numbers = {
+        'speed': lambda t: _rpm(bearing, 2.0 if t > 40.0 else 0.4),
+        'load': lambda _: _nominal(bearing),
+    }
+
+    def dropped(t: float) -> float:
+        return 0.0 if t > 40.0 and t % 1.0 < 0.5 else numbers[dropping](t)
+
+    messages = [
+        message
+        for quantity, number in numbers.items()
+        for message in _every(quantity, 0.1, 200.0, dropped if quantity == dropping else number)
+    ]
+    heard = Heard(_config(bearing), messages)
+    assert len(heard.onsets) == 1
+    assert heard.seconds(STICKING, 70.0) == 0.0
+
+
+@pytest.mark.parametrize('period', [2.0, 10.0, 60.0])
+def test_a_slow_speed_holds_no_alarm_for_long(period: float) -> None:
+    """Two episodes, then an hour at twice the fold speed."""
+
+    def speed(t: float) -> float:
+        return _rpm('ship', 0.4 if t % 600.0 < 300.0 and t < 1200.0 else 2.0)
+
+    config = _config('ship', speed__timeout=30.0)
+    heard = Heard(config, _every('speed', period, 4500.0, speed) + _loaded('ship', 4500.0, 1.0))
+    assert len(heard.onsets) == 2
+    assert str(heard.monitor.condition(NAME)) == 'normal'
+    assert heard.seconds([*STICKING, 'bistable', 'caution'], 900.0 + 300.0 + 4 * period) == 0.0
+
+
+def test_no_value_stands_for_hours() -> None:
+    """The load comes once an hour: it is lost in between, however slow it has been."""
+    load = _every('load', 3600.0, 5 * 3600.0, _nominal('ship'))
+    heard = Heard(_config('ship'), _every('speed', 5.0, 5 * 3600.0, _rpm('ship', 1.6)) + load)
+    assert heard.seconds(['input_stale']) > 0.85 * 5 * 3600.0
+
+
+def _set_back(messages: Iterable[Message]) -> list[Message]:
+    """All clocks go back by an hour at 200 s."""
+    return [(t, q, s - (3600.0 if t > 200.0 else 0.0), n) for t, q, s, n in messages]
+
+
+def test_bursts_before_the_clocks_are_set_back_are_not_forgotten() -> None:
+    """A burst at 190 s shows that the level tells of something else; the one at 240 s is it."""
+    config = _config('viscous', level__topic='/v', level__unit='dB', level__threshold=34.0)
+
+    def level(t: float) -> float:
+        loud = 190.0 <= t < 192.0 or 240.0 <= t < 244.5
+        return (44.0 if loud else 22.0) + 0.1 * math.sin(t)
+
+    heard = Heard(
+        config,
+        _set_back(
+            _every('speed', 0.5, 300.0, _rpm('viscous', 0.9))
+            + _loaded('viscous', 300.0)
+            + _every('level', 0.5, 300.0, level)
+        ),
+    )
+    assert 'CLOCK_JUMP' in heard.statuses
+    assert heard.onsets == []
+
+
+def test_a_level_that_is_stuck_when_the_clocks_are_set_back_is_stuck_afterwards() -> None:
+    config = _config('ship', level__topic='/v', level__unit='mm/s', level__threshold=40.0)
+    heard = Heard(
+        config,
+        _set_back(
+            _every('speed', 0.5, 480.0, _rpm('ship', 1.6))
+            + _loaded('ship', 480.0)
+            + _every('level', 0.5, 480.0, lambda t: 3.0 if t > 150.0 else 3.0 + 0.1 * math.sin(t))
+        ),
+    )
+    assert heard.monitor.bearings[NAME].unknown is Unknown.STUCK
+
+
+def test_a_level_that_dies_between_two_episodes_ends_no_alarm() -> None:
+    """It has risen in the first episode; in the second one it shows one bit of dither."""
+    config = _config('ship', level__topic='/v', level__unit='mm/s', level__threshold=40.0)
+
+    def speed(t: float) -> float:
+        times = [60, 80, 200, 220, 400, 420, 520, 540]
+        return _rpm('ship', float(np.interp(t, times, [1.5, 0.4, 0.4, 1.5, 1.5, 0.4, 0.4, 0.9])))
+
+    def level(t: float) -> float:
+        return 90.0 + math.sin(t) if 82.0 < t < 205.0 else 1.0 + 0.01 * (round(2 * t) % 2)
+
+    messages = _every('speed', 0.2, 900.0, speed) + _loaded('ship', 900.0, 0.2)
+    heard = Heard(config, messages + _every('level', 0.5, 900.0, level))
+    assert len(heard.onsets) == 2
+    assert heard.monitor.condition(NAME) == 'stick_slip'

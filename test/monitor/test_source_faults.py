@@ -21,6 +21,7 @@ from stickslip_monitor.monitor.source_faults import (
 )
 
 TWO, STAMPS = SourceFaultKind.TWO_LEVELS, SourceFaultKind.STAMPS_TO_AND_FRO
+BURSTS = SourceFaultKind.IN_BURSTS
 SECOND = 10**9
 Floats = NDArray[np.float64]
 
@@ -89,6 +90,26 @@ def test_a_second_publisher_is_found(every: int, rate: float, raised: float) -> 
     assert fault.kind is TWO
     assert fault.levels == (20.0, 60.0)
     assert fault.raised_ns == pytest.approx(raised * SECOND, abs=1)
+
+
+@pytest.mark.parametrize('copies', [2, 3, 10, 20])
+@pytest.mark.parametrize('apart', [0, SECOND // 1000])
+def test_bursts_and_copies_are_found(copies: int, apart: int) -> None:
+    """A sender that hands over each second what it has, or the same several times."""
+    time = (np.arange(30)[:, None] * SECOND + np.arange(copies) * apart).ravel()
+    (fault,) = SourceWatch().see_many(time, time, np.full(time.size, 20.0))
+    assert fault.kind is BURSTS
+    # The first pause that ends a burst is after the first second; twelve are evidence enough.
+    assert fault.raised_ns == 12 * SECOND
+
+
+def test_neither_jitter_nor_single_dropouts_are_bursts() -> None:
+    random = np.random.default_rng(7)
+    steady = np.arange(50_000) * (SECOND // 10)
+    late = steady + random.integers(0, SECOND // 25, steady.size)
+    kept = np.delete(steady, [k for n in range(1, 499) for k in range(100 * n, 100 * n + 30)])
+    for time in (steady, late, kept):
+        assert SourceWatch().see_many(time, time, np.full(time.size, 20.0)) == []
 
 
 def test_two_noisy_publishers_are_found_within_seconds() -> None:

@@ -182,20 +182,27 @@ PERIODS = 4
 _STEPS = 16 * PERIODS
 
 
-class Regular:
-    """The instants ``k / rate`` of a scene of some duration [s], handed out in order."""
+class Instants:
+    """The instants ``k / rate`` of a scene of some duration [s], handed out in order.
 
-    def __init__(self, rate: float, duration: float) -> None:
+    Or the times ``before`` each of them, falling to 0, shape (n,) [s], where they do not overlap.
+    """
+
+    def __init__(self, rate: float, duration: float, before: FloatArray | None = None) -> None:
         self._rate = rate
         self._count = telemetry.count(rate, duration)
-        self._next = 0
+        self._before = np.zeros(1) if before is None else before
+        # The times before the scene's start are not there.
+        self.next = 0 if before is None else before.size
 
     def until(self, end: float) -> FloatArray:
         """The next instants, up to and with ``end`` [s]."""
-        guess = min(self._count, math.floor(end * self._rate) + 2)
-        time = np.arange(self._next, max(guess, self._next)) / self._rate
+        size = self._before.size
+        last = min(self._count, math.floor((end + self._before[0]) * self._rate) + 2)
+        number, place = np.divmod(np.arange(self.next, max(last * size, self.next)), size)
+        time = number / self._rate - self._before[place]
         time = time[: np.searchsorted(time, end, 'right')]
-        self._next += time.size
+        self.next += time.size
         return time
 
 
@@ -206,21 +213,10 @@ class AmplitudeWindows:
     """
 
     def __init__(self, rate: float, period: float, duration: float) -> None:
-        self._rate, self._period = rate, period
-        self._count = telemetry.count(rate, duration)
-        self._next = _STEPS + 1  # the window before the scene's start is not there
-        self._step = PERIODS * period / _STEPS
+        self._rate, self._step = rate, PERIODS * period / _STEPS
+        before = np.arange(_STEPS, -1, -1).astype(float) * self._step
+        self.instants = Instants(rate, duration, before)
         self._kept = np.empty((2, 0))
-
-    def until(self, end: float) -> FloatArray:
-        """The next instants to look at, up to and with ``end`` [s]."""
-        last = min(self._count, math.floor((end + PERIODS * self._period) * self._rate) + 2)
-        number = np.arange(self._next, max(last * (_STEPS + 1), self._next))
-        window, place = np.divmod(number, _STEPS + 1)
-        time = window / self._rate - (_STEPS - place) * self._step
-        time = time[: np.searchsorted(time, end, 'right')]
-        self._next += time.size
-        return time
 
     def amplitudes(
         self, displacement: FloatArray, velocity: FloatArray
@@ -231,7 +227,7 @@ class AmplitudeWindows:
         the windows' ends [s] with the amplitudes.
         """
         kept = np.concatenate([self._kept, [displacement, velocity]], axis=1)
-        begin = self._next - kept.shape[1]
+        begin = self.instants.next - kept.shape[1]
         whole = kept.shape[1] // (_STEPS + 1)
         cut = whole * (_STEPS + 1)
         self._kept = kept[:, cut:]

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -14,7 +13,7 @@ import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.files import read_file
+from stickslip_monitor.files import read_table
 from stickslip_monitor.lab.scenes.settings import Settings, is_number, too_large
 
 # A table of a million rows [bytes].
@@ -122,24 +121,15 @@ def check_times(rows: Sequence[tuple[str, Any]], duration: float) -> None:
 def _read_table(path: Path) -> list[tuple[str, list[float]]]:
     """For each row of a table what it is called in sentences, and time [s] and value.
 
-    Its first line is ``time,value``; empty lines and lines that begin with ``#`` are skipped.
+    Its headings are ``time`` and ``value``.
     """
-    try:
-        lines = read_file(path, _LARGEST_TABLE).decode('utf-8-sig').splitlines()
-    except OSError as error:
-        raise SceneError(f"table '{path}' cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise SceneError(f"table '{path}' cannot be read: it is not UTF-8 text") from error
-    cells = [
-        (f"table '{path}' line {number}", [cell.strip() for cell in next(csv.reader([line]))])
-        for number, line in enumerate(lines, 1)
-        if line.strip() and not line.lstrip().startswith('#')
-    ]
-    if not cells or cells[0][1] != HEADER:
+    rows, _ = read_table(path, _LARGEST_TABLE, SceneError)
+    if not rows or rows[0].cells != HEADER:
         raise SceneError(f"table '{path}' must begin with a line 'time,value'")
-    if len(cells) == 1:
+    if len(rows) == 1:
         raise SceneError(f"table '{path}' has no rows")
-    return [(name, _numbers(name, row)) for name, row in cells[1:]]
+    named = [(f"table '{path}' line {row.line}", row.cells) for row in rows[1:]]
+    return [(name, _numbers(name, cells)) for name, cells in named]
 
 
 def _numbers(name: str, row: list[str]) -> list[float]:

@@ -24,7 +24,7 @@ from stickslip_monitor.lab.scenes.lining import (
     EpisodeEvent,
     Episodes,
     FrictionCourse,
-    Regular,
+    Instants,
     half_peak_to_peak,
     parameters_of,
     with_parameters,
@@ -291,7 +291,7 @@ PERIOD = 0.03
     'ends', [[10.0], [0.0, 0.1, 3.3, 3.3, 9.99, 10.0], [0.05 * k for k in range(201)]]
 )
 def test_regular_instants_do_not_depend_on_the_cuts(ends: list[float]) -> None:
-    regular = Regular(30.0, 10.0)
+    regular = Instants(30.0, 10.0)
     parts = [regular.until(end) for end in ends]
     assert np.array_equal(np.concatenate(parts), np.arange(301) / 30.0)
     for end, part in zip(ends, parts, strict=True):
@@ -305,7 +305,7 @@ def test_windows_give_the_amplitude_of_a_motion_that_grows(ends: list[float]) ->
     windows = AmplitudeWindows(rate, PERIOD, 10.0)
     times, found = [], []
     for end in ends:
-        t = windows.until(end)
+        t = windows.instants.until(end)
         grown = 1e-3 * np.exp(t / 5.0)
         x = 1e-6 * t + grown * np.sin(omega * t)
         v = 1e-6 + grown * (np.sin(omega * t) / 5.0 + omega * np.cos(omega * t))

@@ -33,8 +33,8 @@ from stickslip_monitor.lab.scenes.lining import (
     AmplitudeWindows,
     Episodes,
     FrictionCourse,
+    Instants,
     Lining,
-    Regular,
     Walk,
     parameters_of,
     with_parameters,
@@ -226,7 +226,7 @@ class FollowedLining:
         self.lining, self._run = lining, run
         self.period = 2.0 * math.pi / lining.config.bearing.natural_frequency
         self._episodes = Episodes(_GAP * self.period)
-        self._asked: list[tuple[AmplitudeWindows | Regular, Callable[[Walk], None]]] = []
+        self._asked: list[tuple[Instants, Callable[[Walk], None]]] = []
         self._pending: dict[str, Pending] = {}
         self._send_level: Callable[[TimeBlock], None] | None = None
         self._record('stick', FLOAT64)
@@ -248,7 +248,7 @@ class FollowedLining:
             at, found = windows.amplitudes(walk.displacement, walk.velocity)
             pending.add(at, np.round(found, _PLACES) * scale)
 
-        self._asked.append((windows, take))
+        self._asked.append((windows.instants, take))
 
     def ask_motion(self, rate: float) -> None:
         """Record the motion at a rate [Hz]."""
@@ -259,7 +259,7 @@ class FollowedLining:
             for name, own in pending.items():
                 own.add(walk.time, getattr(walk, name))
 
-        self._asked.append((Regular(rate, self._run.duration), take))
+        self._asked.append((Instants(rate, self._run.duration), take))
 
     def ask_level(self, channel: Channel) -> None:
         """Add to the level that is sent the RMS value of a harmonic motion of the amplitude."""
