@@ -201,7 +201,8 @@ def _proposal(config: BearingConfig, result: Calibration, command: str) -> str:
     """How the fold that the evidence tells lies to the one that is predicted."""
     load = math.sqrt(result.loads[0] * result.loads[1])
     rpm = config.bearing.speed.factor('rpm')
-    low, middle, high = (result.belief().fold_speed(load, p) / rpm for p in QUANTILES)
+    belief = result.belief()
+    low, middle, high = (belief.fold_speed(load, p) / rpm for p in QUANTILES)
     predicted = fold_speed(config.bearing, load) / rpm
     count = result.episodes
     which = plural(count, 'episode')
