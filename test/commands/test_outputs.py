@@ -249,13 +249,22 @@ def test_a_command_that_is_stopped_leaves_nothing_behind(
 
 
 @pytest.mark.parametrize(
-    ('closed', 'code'), [('<&-', 2), ('>&-', 1), ('2>&-', 1)], ids=['in', 'out', 'error']
-)
-def test_a_closed_stream_is_no_fault_of_the_program(closed: str, code: int) -> None:
-    bag = '-' if closed == '<&-' else BAG
-    line = f'{sys.executable} -m stickslip_monitor check {bag} -c {CONFIG} --json {closed}'
-    done = subprocess.run(line, shell=True, capture_output=True, text=True, check=False)
+    ('bag', 'closed', 'code'),
+    [('-', '<&-', 2), (BAG, '>&-', 1), (BAG, '2>&-', 1), (BAG, '2>/dev/full', 1),
+     ('gone', '2>/dev/full', 2), (BAG, '>/dev/full', 2)],
+)  # fmt: skip
+def test_a_stream_that_takes_nothing_is_no_fault_of_the_program(
+    bag: object, closed: str, code: int, tmp_path: Path
+) -> None:
+    line = f'check {bag} -c {CONFIG} --json --report {tmp_path}/a.json {closed}'
+    done = subprocess.run(
+        f'{sys.executable} -m stickslip_monitor {line}',
+        shell=True, capture_output=True, text=True, check=False,
+    )  # fmt: skip
     assert done.returncode == code, done.stderr
+    assert (tmp_path / 'a.json').exists() == (bag == BAG)
     if closed == '<&-':
         assert done.stderr == "ERROR: bag '-' is empty: 0 bytes\n"
         assert json.loads(done.stdout)['error'] == "bag '-' is empty: 0 bytes"
+    if closed == '>/dev/full':
+        assert done.stderr.endswith('ERROR: No space left on device\n')
