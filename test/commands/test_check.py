@@ -152,9 +152,7 @@ def test_png_and_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert (tmp_path / 'out.json').read_text('utf-8') == capsys.readouterr().out
 
 
-def test_a_long_recording_has_a_small_page_that_loses_no_excursion(
-    tmp_path: Path,
-) -> None:
+def test_a_long_recording_has_a_small_page_that_loses_no_excursion(tmp_path: Path) -> None:
     """Six hours at 10 Hz with noise and one bad second."""
     pytest.importorskip('jinja2')
     size = 216_000
