@@ -382,4 +382,8 @@ LARGE: dict[str, Odd] = {
     'ten million messages': Odd(_tiny, 'and more than 134217728 are not restored', 30, 30),
     '400,000 message indexes': Odd(_many_indexes, _ALL, 30, 30),
     '40,000 channels': Odd(_many_channels, '40060 messages in 5.9 s', 30, 30),
+    'one chunk 20,000 times': Odd(
+        lambda: _with_chunk(Piece([message(1, START, 30.0)]).record() * 20_000),
+        '20060 messages in 5.9 s', 20_030, 30,
+    ),
 }  # fmt: skip

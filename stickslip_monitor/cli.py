@@ -132,9 +132,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None:
         _open_streams()
         _hide_warnings()
-        # Told to stop, a command clears away what it has begun, as after Ctrl-C.
-        if threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGTERM, signal.default_int_handler)
+        _heed_signals()
     _print_anything()
     try:
         return _run(arguments)
@@ -151,7 +149,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError:
         return _failed('there is not enough memory for this', 2)
     except KeyboardInterrupt:
-        return 130
+        return _stopped() if argv is None else 130
     except Exception as error:
         if '--traceback' in arguments:
             traceback.print_exc()
@@ -221,6 +219,24 @@ def _print_anything() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors='backslashreplace')
+
+
+def _heed_signals() -> None:
+    """Have a command that is told to stop clear away what it has begun, as after Ctrl-C.
+
+    A terminal that is closed says so, too, unless the command is to outlive it (nohup).
+    """
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
+            signal.signal(signal.SIGHUP, signal.default_int_handler)
+
+
+def _stopped() -> int:
+    # Pressed again while the interpreter goes, it would be told as a traceback.
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    return 130
 
 
 def _failed(text: str, code: int) -> int:

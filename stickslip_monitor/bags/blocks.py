@@ -59,8 +59,9 @@ CHUNK_HEAD = struct.Struct('<QQQII')
 INDEX_HEAD = struct.Struct('<BQHI')
 # More than is in front of what is compressed [bytes].
 _LONGEST_HEAD = 200
-# Larger blocks are not loaded while the one before is in use [bytes].
-_AHEAD = 8 << 20
+# Blocks of these sizes are loaded while those before are worked on: larger ones would take memory,
+# and a thread costs more than a smaller one takes [bytes].
+_LEAST_AHEAD, _MOST_AHEAD = 1 << 15, 8 << 20
 _WORKERS = 2
 
 # What a file may take [bytes]: so much, and so much for each of its own.
@@ -222,17 +223,17 @@ def _hints(index: bytes) -> IntArray | None:
 
 
 def prefetch(blocks: Iterable[Block]) -> Iterator[Callable[[], Loaded]]:
-    """Load blocks in order, small ones while those before are worked on.
+    """Load blocks in order, those of usual sizes while those before are worked on.
 
     Yields for each block what gives its records, or raises as :func:`load`.
     """
     with ThreadPoolExecutor(_WORKERS) as pool:
         waiting: deque[Callable[[], Loaded]] = deque()
         for block in blocks:
-            if max(block.size, block.length) > _AHEAD:
-                waiting.append(partial(load, block))
-            else:
+            if _LEAST_AHEAD <= max(block.size, block.length) <= _MOST_AHEAD:
                 waiting.append(pool.submit(load, block).result)
+            else:
+                waiting.append(partial(load, block))
             if len(waiting) > _WORKERS:
                 yield waiting.popleft()
         yield from waiting

@@ -12,7 +12,6 @@ from typing import Any
 
 import yaml
 
-from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.cdr import short_name
 from stickslip_monitor.bags.contents import CONVERT, DATED, Contents, scan_file
 from stickslip_monitor.bags.series import (
@@ -21,7 +20,6 @@ from stickslip_monitor.bags.series import (
     Reading,
     Wanted,
     merged_messages,
-    payloads,
 )
 from stickslip_monitor.bags.values import (
     METADATA_NAME,
@@ -30,7 +28,6 @@ from stickslip_monitor.bags.values import (
     Fault,
     Findings,
     Message,
-    Payload,
     Request,
     Series,
     TimeSpans,
@@ -162,23 +159,7 @@ class Bag:
         self._check(names)
         types = {name: self.topics[name].type for name in names}
         way = Pass(self._contents, types, self._findings, spans=spans)
-        return merged_messages(way, types, spans or self._always)
-
-    def payloads(
-        self, topics: Collection[str], spans: TimeSpans | None = None
-    ) -> Iterator[tuple[int, dict[str, tuple[IntArray, Payload]]]]:
-        """The same by the block, still encoded, in the order in which blocks begin.
-
-        Yields:
-            When a block begins [ns], and log times and messages of each topic in it.
-        """
-        self._check(topics)
-        way = Pass(self._contents, topics, self._findings, spans=spans)
-        return payloads(way, spans or self._always)
-
-    @property
-    def _always(self) -> TimeSpans:
-        return TimeSpans([(self._least_ns, _LATEST_NS)])
+        return merged_messages(way, types, spans or TimeSpans([(self._least_ns, _LATEST_NS)]))
 
 
 def _list_topics(files: Iterable[Contents]) -> dict[str, TopicInfo]:

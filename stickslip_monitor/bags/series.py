@@ -12,17 +12,17 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from mcap.records import Channel
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
-from stickslip_monitor.bags.blocks import Block, Budget, Exhausted, Loaded, Piece, prefetch, view
+from stickslip_monitor.bags.blocks import Block, Budget, Exhausted, Loaded, Piece, prefetch
 from stickslip_monitor.bags.cdr import FieldReader
 from stickslip_monitor.bags.contents import DATED, STEP_COST, Contents
-from stickslip_monitor.bags.values import Fault, Message, Payload, Request, Series, TimeSpans
+from stickslip_monitor.bags.values import Fault, Message, Request, Series, TimeSpans
 from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.fields import FieldPath
 
@@ -55,8 +55,7 @@ def _part(columns: Columns, rows: slice | IntArray | BoolArray) -> Columns:
 
 Chosen = list[tuple[int, Channel, IntArray]]
 """The number of a topic, one of its channels, and which messages of a piece."""
-Table = TypeVar('Table')
-MakeTable = Callable[[Job, Piece, Chosen], Table]
+MakeColumns = Callable[[Job, Piece, Chosen], Columns]
 
 
 class Pass:
@@ -97,7 +96,7 @@ class Pass:
         mask = sum(1 << key for key in self._keys(file))
         return (b for b in file.blocks if b.channels is None or b.channels & mask)
 
-    def stretches(self, columns_of: MakeTable[Columns], most: int) -> Iterator[Columns]:
+    def stretches(self, columns_of: MakeColumns, most: int) -> Iterator[Columns]:
         """Yield all messages in the order of time, then of place, some at a time.
 
         Args:
@@ -105,13 +104,15 @@ class Pass:
             most: How many messages may wait before some are handed on.
         """
         waiting: list[Columns] = []
-        limit, handed = most, -1
+        size, limit, handed = 0, most, -1
         # The least number of a block that is still to come.
         numbers = np.array([job.number for job in self._jobs] + [1 << 62])
         rest = np.minimum.accumulate(numbers[::-1])[::-1]
-        for k, job, found in self.tables(columns_of):
-            waiting += self._in_time(job, found, handed)
-            if sum(columns[0].size for columns in waiting) < limit or k + 1 == len(self._jobs):
+        for k, job, found in self._tables(columns_of):
+            own = list(self._in_time(job, found, handed))
+            waiting += own
+            size += sum(columns[0].size for columns in own)
+            if size < limit or k + 1 == len(self._jobs):
                 continue
             handed = self._jobs[k + 1].block.start_ns
             if waiting:
@@ -122,7 +123,8 @@ class Pass:
                     cut = columns[0].searchsorted(handed, 'right')
                 yield from _some(_part(columns, slice(cut)))
                 waiting = [_part(columns, slice(cut, None))]
-                limit = most + 2 * waiting[0][0].size
+                size = waiting[0][0].size
+                limit = most + 2 * size
         if waiting:
             yield from _some(_in_order(waiting))
 
@@ -139,7 +141,7 @@ class Pass:
                 ' says: they were not used'
             )
 
-    def tables(self, table_of: MakeTable[Table]) -> Iterator[tuple[int, Job, Iterator[Table]]]:
+    def _tables(self, columns_of: MakeColumns) -> Iterator[tuple[int, Job, Iterator[Columns]]]:
         """Go through the blocks: place of each in the order of time, and what is made of it."""
         total, done = sum(job.block.length for job in self._jobs), 0
         begun: deque[int] = deque()
@@ -152,14 +154,14 @@ class Pass:
 
         for take in prefetch(blocks()):
             k = begun.popleft()
-            yield k, self._jobs[k], self._read(self._jobs[k], take, table_of)
+            yield k, self._jobs[k], self._read(self._jobs[k], take, columns_of)
             done += self._jobs[k].block.length
             if self._progress is not None:
                 self._progress(done, total)
 
     def _read(
-        self, job: Job, take: Callable[[], Loaded], table_of: MakeTable[Table]
-    ) -> Iterator[Table]:
+        self, job: Job, take: Callable[[], Loaded], columns_of: MakeColumns
+    ) -> Iterator[Columns]:
         """What is made of a block, as far as it can be read."""
         file = job.file
         if file in self._exhausted:
@@ -178,7 +180,7 @@ class Pass:
                         chosen.append((self.numbers[channel.topic], channel, rows))
                         self._counts[file][key] += rows.size
                 if chosen:
-                    yield table_of(job, piece, chosen)
+                    yield columns_of(job, piece, chosen)
         except Exhausted as limit:
             self.tell(str(limit))
             self._exhausted.add(file)
@@ -223,60 +225,20 @@ def merged_messages(way: Pass, types: Mapping[str, str], spans: TimeSpans) -> It
     """
 
     def encoded(job: Job, piece: Piece, chosen: Chosen) -> Columns:
-        topic, rows = _rows(piece, chosen, spans)
+        topic = np.full(piece.log_time_ns.size, -1)
+        for number, _, rows in chosen:
+            topic[rows] = number
+        rows = np.flatnonzero((topic >= 0) & spans.holds(piece.log_time_ns))
+        begin, end = piece.offset[rows], piece.offset[rows] + piece.size[rows]
         data = np.empty(rows.size, np.object_)
-        offset, size = piece.offset[rows], piece.size[rows]
-        data[:] = _slices(piece.data, offset, size)
-        return piece.log_time_ns[rows], np.full(rows.size, job.number), topic, data
+        data[:] = [piece.data[a:b] for a, b in zip(begin.tolist(), end.tolist(), strict=True)]
+        return piece.log_time_ns[rows], np.full(rows.size, job.number), topic[rows], data
 
     names = list(types.items())
     for columns in way.stretches(encoded, 1):
         for time, _, topic, data in zip(*(column.tolist() for column in columns), strict=True):
             name, kind = names[topic]
             yield Message(name, kind, time, data)
-
-
-def payloads(
-    way: Pass, spans: TimeSpans
-) -> Iterator[tuple[int, dict[str, tuple[IntArray, Payload]]]]:
-    """Yield messages by the piece, still encoded, in the order in which blocks begin.
-
-    That is when its block begins [ns], and log times and messages of each topic in it.
-    """
-
-    def encoded(_: Job, piece: Piece, chosen: Chosen) -> dict[str, tuple[IntArray, Payload]]:
-        topic, rows = _rows(piece, chosen, spans)
-        found = {}
-        for name, number in way.numbers.items():
-            own = rows[topic == number]
-            if own.size:
-                own = own[np.argsort(piece.log_time_ns[own], kind='stable')]
-                data = _raw(piece.data, piece.offset[own], piece.size[own])
-                found[name] = piece.log_time_ns[own], data
-        return found
-
-    for _, job, tables in way.tables(encoded):
-        for table in tables:
-            yield job.block.start_ns, table
-
-
-def _rows(piece: Piece, chosen: Chosen, spans: TimeSpans) -> tuple[IntArray, IntArray]:
-    """The numbers of the topics of the messages that are wanted, and which these are."""
-    topic = np.full(piece.log_time_ns.size, -1)
-    for number, _, rows in chosen:
-        topic[rows] = number
-    rows = np.flatnonzero((topic >= 0) & spans.holds(piece.log_time_ns))
-    return topic[rows], rows
-
-
-def _raw(data: bytes, offset: IntArray, size: IntArray) -> Payload:
-    if size.min() == size.max() > 0:
-        return view(data, f'V{size[0]}')[offset]
-    return _slices(data, offset, size)
-
-
-def _slices(data: bytes, offset: IntArray, size: IntArray) -> list[bytes]:
-    return [data[a:b] for a, b in zip(offset.tolist(), (offset + size).tolist(), strict=True)]
 
 
 @dataclass(slots=True)

@@ -30,13 +30,12 @@ from stickslip_monitor.drawing.canvas import (
     style,
 )
 from stickslip_monitor.drawing.track import envelope
+from stickslip_monitor.lab.truth import TruthRecord
 from stickslip_monitor.monitor.assessment import Regime, at_indices
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Level
 from stickslip_monitor.monitor.verdict import Event
-from stickslip_monitor.offline.intervals import ConditionInterval, coarsened
-from stickslip_monitor.offline.outline import Verdicts
-from stickslip_monitor.offline.truth import TruthRecord
+from stickslip_monitor.offline.outline import ConditionInterval, Verdicts, coarsened
 
 _POINTS_PER_INCH = 70
 _SPELLS_PER_INCH = 30

@@ -187,16 +187,19 @@ class _Raw:
     """The messages of the inputs as they were recorded."""
 
     def __init__(self, checked: CheckReport, config: MonitorConfig, spans: TimeSpans) -> None:
-        self._topics = checked.bag.topics
-        self._blocks = checked.bag.payloads(_input_topics(config), spans)
-        self._next = next(self._blocks, None)
+        self._messages = checked.bag.messages(_input_topics(config), spans)
+        self._next = next(self._messages, None)
 
     def until(self, read_ns: int | None) -> Iterator[MessageColumn]:
-        """Those of the blocks that begin up to a log time [ns]; the rest of all for ``None``."""
-        while self._next is not None and (read_ns is None or self._next[0] <= read_ns):
-            for name, (time_ns, payload) in self._next[1].items():
-                yield MessageColumn(name, self._topics[name].type, time_ns, payload)
-            self._next = next(self._blocks, None)
+        """Those up to a log time [ns]; the rest of all for ``None``."""
+        found: dict[tuple[str, str], tuple[list[int], list[bytes]]] = {}
+        while (message := self._next) and (read_ns is None or message.log_time_ns <= read_ns):
+            times, payload = found.setdefault((message.topic, message.type), ([], []))
+            times.append(message.log_time_ns)
+            payload.append(message.data)
+            self._next = next(self._messages, None)
+        for (topic, kind), (times, payload) in found.items():
+            yield MessageColumn(topic, kind, np.array(times), payload)
 
 
 class _Verdicts:

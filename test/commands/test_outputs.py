@@ -220,7 +220,7 @@ def test_the_draft_of_a_killed_process_is_swept_and_that_of_a_living_one_kept(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('sent', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('sent', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_command_that_is_stopped_leaves_nothing_behind(
     sent: signal.Signals, tmp_path: Path
 ) -> None:

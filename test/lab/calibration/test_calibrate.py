@@ -126,7 +126,10 @@ def test_quiet_alone_bounds_the_hopf_speed(coast: Coast) -> None:
     assert 'no episode was seen' in found.warnings[0]
 
 
-@pytest.mark.parametrize('folds', [3.5, 5.0, 8.0])
+@pytest.mark.parametrize(
+    'folds',
+    [pytest.param(3.5, marks=pytest.mark.slow), 5.0, pytest.param(8.0, marks=pytest.mark.slow)],
+)
 def test_the_hopf_interval_holds_however_loud_the_noise(folds: float) -> None:
     """Linings took 3.5 e-folds from loud noise to stick-slip, and quiet ones take eight."""
     made = [passage(k, rate, folds) for k, rate in enumerate((0.1, 0.15, 0.2, 0.3, 0.5))]
