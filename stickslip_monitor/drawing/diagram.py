@@ -50,7 +50,7 @@ from stickslip_monitor.physics.oscillator import Bearing
 _LOW = 1e-3
 _SAME = 1e-9
 _BESIDE = (1.0 - 1e-9, 1.0, 1.0 + 1e-9)
-_COLUMNS = 1000
+_COLUMNS = 500
 _ROUNDING, _CUSP = 1e-14, 1e-6
 _HEADROOM, _BELOW_ZERO = 1.2, 0.07
 
@@ -104,13 +104,14 @@ def bifurcation_diagram(
     grid = np.linspace(*speeds, points)
     if speeds[0] == 0.0:
         grid[0] = _LOW * grid[1]  # at rest nothing slides
-    turns = _turns(bearing, load, _columns(bearing, grid))
-    marks = [turn.mark for turn in turns]
-    ends = [mark.speed for mark in marks]
     exact_fold = float(exact_fold_speed(bearing, load))
     # The exact branch is drawn up to its end.
     last = [exact_fold * (1.0 - _SAME)] if grid[0] < exact_fold < grid[-1] else []
-    speed = np.union1d(grid, [*ends, *last])
+    grid = np.union1d(grid, last)
+    turns = _turns(bearing, load, np.union1d(grid, _columns(bearing, grid)))
+    marks = [turn.mark for turn in turns]
+    ends = [mark.speed for mark in marks]
+    speed = np.union1d(grid, ends)
     return Diagram(
         load=load,
         speed=speed,
@@ -190,6 +191,10 @@ def _branches(
 ) -> list[Branch]:
     """The cycles at rising speeds, joined from turn to turn by the order of their amplitudes."""
     cycles = _amplitudes(bearing, speed, load)
+    most = max((max(turn.before.size, turn.after.size) for turn in turns), default=0)
+    # A stretch with more may be too short for a speed.
+    missing = max(most - cycles.shape[1], 0)
+    cycles = np.pad(cycles, ((0, 0), (0, missing)), constant_values=np.nan)
     found: list[Branch] = []
 
     def begun(count: int, own: slice) -> list[Branch]:

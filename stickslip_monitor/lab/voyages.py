@@ -21,8 +21,7 @@ import numpy as np
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.scenes.effects import STAGES
-from stickslip_monitor.lab.scenes.scene import Scene, load_scene, simulate
+from stickslip_monitor.lab.scenes.scene import STAGES, Scene, load_scene, simulate
 from stickslip_monitor.lab.scenes.settings import as_believed
 from stickslip_monitor.lab.scenes.telemetry import Messages
 from stickslip_monitor.lab.truth import (
