@@ -7,7 +7,7 @@ a verdict rests on is stored, the rest is worked out when it is first asked for.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
@@ -271,10 +271,10 @@ class Assessment:
         """Whether tolerances or a calibration make probabilities."""
         return self._belief is not None
 
-    def remember_runs(self, runs: Any) -> None:
-        """Take over the probabilities that stick-slip runs, which the rule has followed."""
+    def remember_chances(self, chances: Iterable[Any]) -> None:
+        """Take over the probabilities by which the rule decided, the first three beliefs."""
         if self._belief is not None:
-            self._known['probability_runs'] = runs
+            self._known.update(zip(BELIEFS[:3], chances, strict=True))
 
     @property
     def outcome(self) -> Any:

@@ -47,7 +47,7 @@ class Scan:
     until_ns: IntArray  # how long each counts: to the next or to the loss of an input, (n,)
     speed: FloatArray  # of the surface at each point, shape (n,) [m/s]
     load: FloatArray  # at each point, shape (n,) [N]
-    runs: FloatArray  # probability that stick-slip runs after each, (n,); 0 without a belief
+    chances: FloatArray  # the first three of BELIEFS at each, (n, 3); 0 without a belief
     rung: NDArray[np.int8]  # of the alarm after each, index into LADDER, shape (n,)
     sticking: BoolArray  # whether stick-slip is predicted after each, shape (n,)
     measured: NDArray[np.int8] | None  # index into MEASURED, (n,); None without a level
@@ -65,7 +65,7 @@ class Scan:
         """The models' assessments of the points, of arrays of shape (n,)."""
         config, table = self.config, self.settings.boundaries
         found = assess(config.bearing, self.speed, self.load, config.belief, table)
-        found.remember_runs(self.runs)
+        found.remember_chances(self.chances.T)
         return found
 
 
@@ -123,7 +123,7 @@ class BearingScan:
 
     def _take(self, stream: Stream, end_ns: int | None, final: bool) -> Scan:
         size, has_level = stream.time_ns.size, self.config.level is not None
-        notes, points = np.zeros((size, 7), np.int64), np.zeros((size, 3))
+        notes, points = np.zeros((size, 7), np.int64), np.zeros((size, 5))
         changes = self._run(stream, notes, points)
         made = np.flatnonzero(notes[:, rule.POINT])
         events, at = [], []
@@ -146,7 +146,7 @@ class BearingScan:
             'until_ns': notes[made, rule.UNTIL],
             'speed': points[made, 0],
             'load': points[made, 1],
-            'runs': points[made, 2],
+            'chances': points[made, 2:],
             'rung': notes[made, rule.CONDITION].astype(np.int8),
             'sticking': notes[made, rule.STICKING] > 0,
             'measured': notes[made, rule.MEASURED].astype(np.int8),
@@ -154,7 +154,9 @@ class BearingScan:
             'stretch': jumps[made],
         }
         if self._held:
-            columns = {name: np.append(self._held[name], new) for name, new in columns.items()}
+            columns = {
+                name: np.concatenate([self._held[name], new]) for name, new in columns.items()
+            }
         time, until = columns['time_ns'], columns['until_ns']
         following = np.append(time[1:], time[-1:] if end_ns is None else [end_ns])[: time.size]
         out = max(time.size - (not final), 0)
@@ -216,7 +218,8 @@ class BearingScan:
         """A change of the alarm, with the operating point that it came after."""
         settings, point = self.settings, None
         if at is not None:
-            point = assessed(self.config, settings, float(at[0]), float(at[1]), state.runs)
+            speed, load, can, will, runs = at.tolist()
+            point = assessed(self.config, settings, speed, load, (can, will, runs))
         change = CONDITIONS[int(row[rule.BEFORE])], CONDITIONS[int(row[rule.AFTER])]
         time_ns, onset = int(row[rule.TIME]), bool(row[rule.ONSET])
         return event_of(self.config, state, settings.live, time_ns, change, point, onset)

@@ -97,6 +97,8 @@ class BearingMonitor:
             values[place] = converted(values[place])
         if place == Input.SPEED:
             state.fast, state.slow = converted(state.fast), converted(state.slow)
+        else:
+            state.load_mean = converted(state.load_mean)
 
     @property
     def now_ns(self) -> int | None:
@@ -196,7 +198,7 @@ class BearingMonitor:
         given = settings.law, settings.table, settings.belief
         if not rule.take(state, c, *given, place, time_ns, si):
             return Update(status, None, events)
-        point = *state.value, state.runs
+        point = *state.value, (state.can, state.will, state.runs)
         judge = partial(assessed, self.config, settings, *point)
         standing = standing_of(state, c)
         self.verdict = Verdict(self.config.name, state.now, standing, judge, *point)

@@ -39,6 +39,8 @@ STEP = 10**9
 """The least distance of a stamp from the one before that makes it wait [ns]."""
 FAST_LAG, SLOW_LAG = 1.0, 4.0
 """Lags of the two means of the speed whose difference is its slope [s]."""
+LOAD_LAG = 4.0
+"""Lag of the mean of the load by which probabilities go [s]."""
 HOLD = 6
 """What returns within so many off-delays of being cleared is held for as long."""
 SLOW_ON, SLOW_OFF, SLOW = 4, 30, 10**9
@@ -208,12 +210,17 @@ def take_value(s: Any, place: int, stamp: int, si: float) -> None:
     came = min(s.now, stamp)
     if s.came[place] != NEVER:
         gap = max(0, came - s.came[place])
+        seconds, median = gap * 1e-9, middle(si, s.value[place], s.before[place])
         if place == SPEED:
-            follow_speed(s, gap * 1e-9, middle(si, s.value[SPEED], s.before[SPEED]))
+            follow_speed(s, seconds, median)
+        else:
+            s.load_mean += (median - s.load_mean) * (1.0 - math.exp(-seconds / LOAD_LAG))
         s.pace[place] = min(gap, s.gap[place])
         s.gap[place] = gap
     elif place == SPEED:
         s.fast = s.slow = si
+    else:
+        s.load_mean = si
     s.came[place] = came
     s.earlier[place] = s.before[place]
     s.before[place] = s.value[place]
@@ -264,11 +271,11 @@ def take_point(s: Any, c: Any, law: Any, table: Any, belief: Any, until: int) ->
     if c.believes:
         # What is known of the averaged fold is known of the one that decides.
         share = averaged / limit if 0.0 < averaged < limit else 1.0
-        can, will = chances(belief, size, load, share)
+        can, will = chances(belief, size, s.load_mean, share)
         near, wide = can > c.caution_chance, can >= LEFT_BELOW * c.caution_chance
         inside, held = can > c.can_chance, can >= LEFT_BELOW * c.can_chance
         exists = can >= LEFT_BELOW * c.runs_chance
-        s.runs = runs_after(s.runs, can, will)
+        s.can, s.will, s.runs = can, will, runs_after(s.runs, can, will)
     s.course = IDLE if not sliding else WITHIN if exists else BEYOND
     measured = measured_now(s, c)
     judge_lining(s, c, measured, sliding and wide)
@@ -572,7 +579,7 @@ def run(
         samples: Which input each is of, its stamp [ns], and its number, each shape (n,).
         begin: The first sample to take.
         notes: What is noted of each sample, shape (n, 7).
-        points: Speed, load and probability that stick-slip runs at each point, shape (n, 3).
+        points: Speed, load and the three probabilities at each point, shape (n, 5).
         changes: What is noted of each change, shape (m, 5).
         kept: The memory at each change, shape (m,).
 
@@ -604,7 +611,8 @@ def run(
         row[CONDITION], row[STICKING] = condition(s), s.sticking
         if point:
             row[UNTIL], row[MEASURED] = standing_until(s, settings), measured_now(s, settings)
-            points[k][0], points[k][1], points[k][2] = s.value[SPEED], s.value[LOAD], s.runs
+            points[k][0], points[k][1] = s.value[SPEED], s.value[LOAD]
+            points[k][2], points[k][3], points[k][4] = s.can, s.will, s.runs
     return len(stamps), count
 
 

@@ -52,15 +52,16 @@ FIELDS = (
     # The trend of the speed.
     StateField('fast', 'f8', 0, 'm/s', math.nan, 'speed behind a lag of 1 s'),
     StateField('slow', 'f8', 0, 'm/s', math.nan, 'speed behind a lag of 4 s'),
+    StateField('load_mean', 'f8', 0, 'N', math.nan, 'load behind a lag of 4 s'),
     # Whether stick-slip runs.
     StateField('sticking', 'i8', 0, '', 0, '1 while stick-slip is predicted to run'),
     StateField('known', 'i8', 0, '', 0, '1 once it is known which state a bistable bearing is in'),
     StateField('growth', 'f8', 0, 'e-folds', 0, 'how far a disturbance has grown'),
     StateField('dying', 'i8', 0, 'ns', 0, 'net time where no cycle exists while one is predicted'),
     StateField('idle', 'i8', 0, 'ns', 0, 'net time at rest, unloaded or measured quiet meanwhile'),
-    StateField(
-        'runs', 'f8', 0, '', 0, 'probability that stick-slip runs, where there is a belief'
-    ),
+    StateField('can', 'f8', 0, '', 0, 'probability that a cycle exists, where there is a belief'),
+    StateField('will', 'f8', 0, '', 0, 'that stick-slip starts by itself'),
+    StateField('runs', 'f8', 0, '', 0, 'that it runs'),
     StateField('amplitude', 'f8', 0, 'm', 0, 'of the exact cycle, where a limit asks for it'),
     StateField('sized', 'i8', 0, 'ns', NEVER, 'when that was worked out'),
     # What the latest point says.

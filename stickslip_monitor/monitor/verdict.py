@@ -22,6 +22,8 @@ from stickslip_monitor.monitor.signals import QUANTITIES
 from stickslip_monitor.physics.belief import Belief
 from stickslip_monitor.physics.cycle.cycles import exact_amplitude
 
+Chances = tuple[float, float, float]
+"""The probabilities that stick-slip can happen, that it starts by itself, and that it runs."""
 DOUBT = 60.0
 """Predicted for so long without measured vibration, the parameters are in doubt [s]."""
 
@@ -107,11 +109,11 @@ def lost_inputs(s: Any, c: Any, now: int) -> dict[str, float]:
 
 
 def assessed(
-    config: BearingConfig, settings: RuleSettings, speed: float, load: float, runs: float
+    config: BearingConfig, settings: RuleSettings, speed: float, load: float, chances: Chances
 ) -> Assessment:
-    """The models' assessment of a speed [m/s] and load [N]; ``runs``: the chance of stick-slip."""
+    """The models' assessment of a speed [m/s] and load [N], with the rule's probabilities."""
     point = assess(config.bearing, speed, load, config.belief, settings.boundaries)
-    point.remember_runs(runs)
+    point.remember_chances(chances)
     return point
 
 
@@ -132,7 +134,7 @@ class Verdict:
     judge: Callable[[], Assessment]  # makes the assessment, when it is first asked for
     speed: float = math.nan  # of the surface [m/s]
     load: float = math.nan  # [N]
-    runs: float = 0.0  # probability that stick-slip runs; 0 without a belief
+    chances: Chances = (0.0, 0.0, 0.0)  # the first three of BELIEFS; of no matter without one
 
     @cached_property
     def assessment(self) -> Assessment:

@@ -246,7 +246,7 @@ class _Messages(Sink):
         if self.wants(verdict.time_ns):
             told = self._verdicts[verdict.bearing]
             told.time_ns.append(verdict.time_ns)
-            told.points.extend((verdict.speed, verdict.load, verdict.runs))
+            told.points.extend((verdict.speed, verdict.load, *verdict.chances))
             told.measured.append(str(verdict.standing.measured))
 
     def take_event(self, event: Event) -> None:
@@ -268,10 +268,10 @@ class _Messages(Sink):
 
 def _of_verdicts(bearing: BearingConfig, told: _Verdicts) -> Iterator[tuple[str, Payload]]:
     """What the topics of a bearing say of n verdicts, n messages each, by their last part."""
-    speed, load, runs = np.array(told.points).reshape(-1, 3).T
+    speed, load, *chances = np.array(told.points).reshape(-1, 5).T
     table = known_table(bearing.bearing)
     points = assess(bearing.bearing, speed, load, bearing.belief, table)
-    points.remember_runs(runs)
+    points.remember_chances(chances)
     for name in topic_numbers(bearing):
         values = getattr(points, name)
         if name.startswith('amplitude'):

@@ -54,10 +54,30 @@ def test_memory_holds_what_began(configure: Configure) -> None:
     down, up = point.speed.argmin() - 60, point.speed.argmin() + 60
     assert point.speed[down] == pytest.approx(point.speed[up], rel=0.02)
     can, will, runs = point.probability_can, point.probability_will, point.probability_runs
-    # It goes by the median of three values, which is the one before: two points ago.
-    assert runs[down] == pytest.approx(will[down - 2])
-    most = will[point.speed.argmin() - 2]
-    assert runs[up] == pytest.approx(min(can[up - 2], most), rel=1e-9)
+    assert runs[down] == pytest.approx(will[down])
+    assert runs[up] == pytest.approx(min(can[up], will.max()), rel=1e-9)
+
+
+@pytest.mark.parametrize('noise', [0.05, 0.1])
+def test_noise_of_the_load_makes_no_probability_sure_or_unsure(
+    configure: Configure, noise: float
+) -> None:
+    """A steady point near the fold of parameters that are known well, by a noisy load cell."""
+    config = configure(tolerance__damping=0.05, tolerance__decay=0.05)
+    belief, count = config.bearing('aft').belief, 1000
+    assert belief is not None
+    speed = belief.fold_speed(1000.0, 0.2)
+    true, _ = belief.probabilities(speed, 1000.0)
+    load = 1000.0 * (1.0 + noise * np.random.default_rng(6).standard_normal(count))
+    rpm = np.full(count, speed / RPM)
+    stream = Stream(
+        np.repeat(np.arange(count) * 4 * 10**8, 2),
+        np.tile([0, 1], count),
+        np.stack([rpm, load], axis=1).ravel(),
+    )
+    said = Monitor(config).scan({'aft': stream})['aft'].assessment.probability_can[20:]
+    assert abs(said.mean() - true) < 0.05
+    assert said.std() < 0.15
 
 
 def test_without_tolerances_nothing_is_said(configure: Configure) -> None:
