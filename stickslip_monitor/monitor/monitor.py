@@ -65,6 +65,7 @@ class BearingMonitor:
     def __init__(self, config: BearingConfig, state: State | None = None) -> None:
         self.config = config
         self.state = state or State()
+        self.state.began = NEVER  # after a restart inputs are waited for anew
         self.counts = np.zeros((len(Input), len(Status)), dtype=np.int64)
         self.verdict: Verdict | None = None
         self._settings = settings_of(config)
@@ -172,7 +173,8 @@ class BearingMonitor:
         for place in (Input.SPEED, Input.LOAD):
             if state.came[place] != NEVER:
                 state.came[place] += held_ns
-        state.began += held_ns
+        if state.began != NEVER:
+            state.began += held_ns
 
     def update(self, place: int, time_ns: int, number: float) -> Update:
         """Take one sample of an :class:`Input`."""

@@ -147,13 +147,15 @@ def judge_stamp(s: Any, c: Any, place: int, stamp: int) -> int:
     if first or follows or (not back and abs(stamp - s.now) <= step):
         s.stamp[place] = stamp
         return ACCEPTED
-    if waiting != NEVER and waiting < stamp <= waiting + limit:
+    # Slow values are known by their gaps alone.
+    slow = 0 if last == NEVER else min(int(LATE * max(0, waiting - last)), MEMORY)
+    if waiting != NEVER and waiting < stamp <= waiting + max(limit, slow):
         far = abs(stamp - s.now) > limit and (last == NEVER or abs(stamp - last) > limit)
         if far and not s.agreed[place]:
             s.odd[place], s.agreed[place] = stamp, 1
             return OUT_OF_ORDER if stamp < last else ODD_STAMP
         s.stamp[place] = stamp
-        jumped = place != LEVEL and last != NEVER and stamp < s.now - limit
+        jumped = place != LEVEL and last != NEVER and stamp < s.now - step
         return CLOCK_JUMP if jumped else ACCEPTED
     s.odd[place], s.agreed[place] = stamp, 0
     return OUT_OF_ORDER if last != NEVER and stamp < last else ODD_STAMP
@@ -166,9 +168,8 @@ def age_limit(s: Any, c: Any, place: int) -> int:
 
 
 def standing_until(s: Any, c: Any) -> int:
-    """Until when both values stand [ns]; one not yet received is waited for from the start."""
-    speed = s.came[SPEED] if s.came[SPEED] != NEVER else s.began
-    load = s.came[LOAD] if s.came[LOAD] != NEVER else s.began
+    """Until when both values stand [ns]; those not received yet are waited for from the start."""
+    speed, load = max(s.came[SPEED], s.began), max(s.came[LOAD], s.began)
     until: int = min(speed + age_limit(s, c, SPEED), load + age_limit(s, c, LOAD))
     return until
 
@@ -225,7 +226,6 @@ def take_value(s: Any, place: int, stamp: int, si: float) -> None:
     s.earlier[place] = s.before[place]
     s.before[place] = s.value[place]
     s.value[place] = si
-    s.spent[place] = 0.0
 
 
 def follow_speed(s: Any, seconds: float, speed: float) -> None:
@@ -255,13 +255,17 @@ def take_point(s: Any, c: Any, law: Any, table: Any, belief: Any, until: int) ->
     if s.point != NEVER:
         if s.now - s.point > MEMORY:
             forget(s)
-        passed = max(0, min(s.now, until) - s.point)
+        # Before a restart nobody knows what passed.
+        passed = max(0, min(s.now, until) - s.point) if s.point >= s.began else 0
         grow(s, c, passed)
         wait(s, passed)
     s.point, s.lost = s.now, 0
     speed, load = median_point(s)
     s.rate = growth_rate(c, law, s.value[SPEED], s.value[LOAD])
-    s.median_rate = growth_rate(c, law, speed, load)
+    # Of fewer than three speeds there is no median that could bear anything out.
+    s.median_rate = (
+        growth_rate(c, law, speed, load) if s.earlier[SPEED] == s.earlier[SPEED] else 0.0
+    )
     averaged = boundary_at(table[0], c.table_first, c.table_step, load)
     limit = max(averaged, boundary_at(table[1], c.table_first, c.table_step, load))
     sliding = speed != 0.0 and load > 0.0
@@ -316,7 +320,8 @@ def median_point(s: Any) -> tuple[float, float]:
 def forget(s: Any) -> None:
     """After a long gap it is not known whether stick-slip runs."""
     s.sticking = s.known = 0
-    s.growth, s.dying, s.idle = 0.0, 0, 0
+    s.growth = s.unsure = 0.0
+    s.dying = s.idle = 0
 
 
 def growth_rate(c: Any, law: Any, speed: float, load: float) -> float:
@@ -337,7 +342,7 @@ def comes(s: Any, c: Any, speed: float, limit: float) -> bool:
 def grow(s: Any, c: Any, passed: int) -> None:
     """Let a disturbance grow or die out over the time that the latest point stood [ns].
 
-    What the median of three values does not bear out counts for half of an onset at most.
+    What the median of three values does not bear out counts for half of an onset at most, in sum.
     """
     if s.sticking:
         # Only where a cycle exists does it grow again: an input that drops out keeps none alive.
@@ -348,11 +353,10 @@ def grow(s: Any, c: Any, passed: int) -> None:
     seconds = passed * 1e-9
     grown, sure = s.rate * seconds, s.median_rate * seconds
     borne = min(grown, max(sure, 0.0)) if grown > 0.0 else max(grown, min(sure, 0.0))
-    left = max(0.0, 0.5 * c.onset_growth - max(s.spent[SPEED], s.spent[LOAD]))
-    alone = min(max(grown - borne, -left), left)
-    s.spent[SPEED] += abs(alone)
-    s.spent[LOAD] += abs(alone)
+    half = 0.5 * c.onset_growth
+    alone = min(max(grown - borne, -half - s.unsure), half - s.unsure)
     s.growth = max(0.0, s.growth + borne + alone)
+    s.unsure = s.unsure + alone if s.growth > 0.0 else 0.0
 
 
 def judge_lining(s: Any, c: Any, measured: int, near: bool) -> None:
@@ -380,12 +384,17 @@ def judge_lining(s: Any, c: Any, measured: int, near: bool) -> None:
     elif (s.course == BEYOND and s.dying >= c.decay) or (
         s.course == IDLE and s.idle >= off_delay(s, c)
     ):
-        s.sticking, s.growth = 0, 0.0
-    if not (s.sticking and measured == QUIET):
+        s.sticking, s.growth, s.unsure = 0, 0.0, 0.0
+    follow_unseen(s, measured)
+
+
+def follow_unseen(s: Any, measured: int) -> None:
+    """Follow since when stick-slip is predicted and not measured: a level may be blind."""
+    if not s.sticking or measured == VIBRATING:
         s.unseen = NEVER
-    elif s.unseen == NEVER:
+    elif measured == QUIET and s.unseen == NEVER:
         s.unseen = s.now
-    elif s.now - s.unseen > DEAF and s.course == WITHIN:
+    elif measured == QUIET and s.now - s.unseen > DEAF and s.course == WITHIN:
         s.heard = 0
 
 
@@ -482,7 +491,8 @@ def take_level(s: Any, c: Any, si: float, stamp: int, last: int) -> None:
     threshold = level_threshold(s, c)
     if not s.raised & (1 << CAUTION):
         watch_outside(s, c, level >= threshold, gap, stamp)
-    high, low = level >= threshold, level < threshold - c.hysteresis
+    # Where no threshold is known yet the level is neither.
+    high, low = level >= threshold, level < threshold - c.hysteresis < math.inf
     count_level(s, high, low, min(gap, DUE // 2))
     if high and s.spell == NEVER:
         s.spell = stamp
@@ -545,6 +555,8 @@ def measured_now(s: Any, c: Any) -> int:
     ):
         return UNKNOWN
     if s.stamp[LEVEL] - s.moved > STUCK or s.loud > LOUD:
+        return UNKNOWN
+    if s.vibrating == QUIET and s.spell != NEVER:
         return UNKNOWN
     return int(s.vibrating)
 

@@ -42,7 +42,6 @@ FIELDS = (
     StateField('value', 'f8', 2, 'SI', math.nan, 'latest speed [m/s] and load [N]'),
     StateField('before', 'f8', 2, 'SI', math.nan, 'the values before these'),
     StateField('earlier', 'f8', 2, 'SI', math.nan, 'the values before those'),
-    StateField('spent', 'f8', 2, 'e-folds', 0, 'growth that the latest value brought by itself'),
     # Time.
     StateField('now', 'i8', 0, 'ns', NEVER, 'latest time, on the clock of the samples'),
     StateField('began', 'i8', 0, 'ns', NEVER, 'from when inputs are waited for'),
@@ -57,6 +56,7 @@ FIELDS = (
     StateField('sticking', 'i8', 0, '', 0, '1 while stick-slip is predicted to run'),
     StateField('known', 'i8', 0, '', 0, '1 once it is known which state a bistable bearing is in'),
     StateField('growth', 'f8', 0, 'e-folds', 0, 'how far a disturbance has grown'),
+    StateField('unsure', 'f8', 0, 'e-folds', 0, 'how much of that no median bears out'),
     StateField('dying', 'i8', 0, 'ns', 0, 'net time where no cycle exists while one is predicted'),
     StateField('idle', 'i8', 0, 'ns', 0, 'net time at rest, unloaded or measured quiet meanwhile'),
     StateField('can', 'f8', 0, '', 0, 'probability that a cycle exists, where there is a belief'),

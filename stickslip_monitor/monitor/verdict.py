@@ -43,6 +43,7 @@ class Standing:
     measured: Measured | None = None  # what the level says; None where none is configured
     unseen: float = 0.0  # how long stick-slip has been predicted and not measured [s]
     heard: bool = False  # the level has risen where a cycle exists
+    loud: bool = False  # the level is high where no stick-slip can exist
 
     @property
     def condition(self) -> Condition:
@@ -75,6 +76,7 @@ def standing_of(s: Any, c: Any) -> Standing:
         measured=MEASURED[rule.measured_now(s, c)] if c.has_level else None,
         unseen=0.0 if s.unseen == NEVER else (s.now - s.unseen) * 1e-9,
         heard=bool(s.heard),
+        loud=bool(c.has_level and s.vibrating == rule.VIBRATING and s.loud > rule.LOUD),
     )
 
 
@@ -89,7 +91,7 @@ def why_unknown(s: Any, c: Any) -> Unknown | None:
         return Unknown.STUCK
     if s.loud > rule.LOUD:
         return Unknown.LOUD
-    if s.vibrating != rule.UNKNOWN:
+    if rule.measured_now(s, c) != rule.UNKNOWN:
         return None
     learning = c.threshold != c.threshold and s.watched < rule.LEARNED
     return Unknown.ONE_MODE if learning else Unknown.SHORT
@@ -102,8 +104,7 @@ def lost_inputs(s: Any, c: Any, now: int) -> dict[str, float]:
         return found
     for place, name in enumerate(QUANTITIES):
         came = s.came[place]
-        begun = s.began if came == NEVER else came
-        if now >= begun + rule.age_limit(s, c, place):
+        if now >= max(came, s.began) + rule.age_limit(s, c, place):
             found[name] = math.inf if came == NEVER else (now - came) / 1e9
     return found
 
@@ -279,7 +280,10 @@ def _measured_text(point: Assessment) -> str:
 
 
 def _doubt_text(standing: Standing) -> str:
-    if not standing.sticking or standing.unseen < DOUBT:
+    if standing.loud:
+        return f' {Unknown.LOUD.sentence[0].upper()}{Unknown.LOUD.sentence[1:]}.'
+    quiet = standing.measured is Measured.QUIET
+    if not (standing.sticking and quiet) or standing.unseen < DOUBT:
         return ''
     asks = (
         ': are the parameters and the threshold of the level right?'

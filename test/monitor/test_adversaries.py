@@ -528,3 +528,159 @@ def test_a_level_that_dies_between_two_episodes_ends_no_alarm() -> None:
     heard = Heard(config, messages + _every('level', 0.5, 900.0, level))
     assert len(heard.onsets) == 2
     assert heard.monitor.condition(NAME) == 'stick_slip'
+
+
+@pytest.mark.parametrize('odd', ['speed', 'load'])
+@pytest.mark.parametrize(('bearing', 'period', 'every'), [('steep', 0.05, 7), ('ship', 0.1, 4)])
+def test_odd_values_far_outside_add_up_to_no_stick_slip(
+    bearing: str, period: float, every: int, odd: str
+) -> None:
+    """The median is right all the time."""
+    speed = _every('speed', period, 120.0, _rpm(bearing, 2.0))
+    load = _loaded(bearing, 120.0, period)
+    for messages, number in ((speed, _rpm(bearing, 0.05)), (load, _nominal(bearing, 20.0))):
+        for k in range(9, len(messages), every) if messages[0][1] == odd else ():
+            messages[k] = (*messages[k][:3], number)
+    heard = Heard(_config(bearing), speed + load)
+    assert heard.onsets == []
+    assert heard.seconds(['bistable']) == 0.0
+
+
+@pytest.mark.parametrize('period', [0.1, 1.0])
+def test_a_first_speed_that_is_odd_makes_no_stick_slip(period: float) -> None:
+    """A filter of a tachometer starts at zero."""
+    speed = _every('speed', period, 60.0, _rpm('reference', 2.0))
+    speed[0] = (*speed[0][:3], _rpm('reference', 0.05))
+    heard = Heard(_config('reference'), speed + _loaded('reference', 60.0, 0.1))
+    assert heard.onsets == []
+
+
+@pytest.mark.parametrize('period', [6.0, 30.0])
+def test_values_slower_than_the_time_out_are_taken_without_a_clock(period: float) -> None:
+    """Half an hour of both inputs, each later than the time-out of 5 s, as in a recording."""
+    heard = Heard(
+        _config('ship'),
+        _every('speed', period, 1800.0, _rpm('ship', 0.4)) + _loaded('ship', 1800.0, period),
+    )
+    assert heard.statuses.count('ACCEPTED') > 0.9 * len(heard.statuses)
+    assert heard.monitor.condition(NAME) == 'stick_slip'
+
+
+def _heard_once(bearing: str, level: Callable[[float], float], **changes: Any) -> Heard:
+    """Two episodes, the second one going on above the Hopf speed from 440 s, in dB above 34."""
+
+    def speed(t: float) -> float:
+        times = [60, 80, 200, 220, 400, 410, 430, 440]
+        return _rpm(bearing, float(np.interp(t, times, [1.5, 0.4, 0.4, 1.5, 1.5, 0.4, 0.4, 0.9])))
+
+    config = _config(
+        bearing, level__topic='/v', level__unit='dB', level__threshold=34.0, **changes
+    )
+    return Heard(
+        config,
+        _every('speed', 0.2, 700.0, speed)
+        + _loaded(bearing, 700.0, 0.2)
+        + [m for m in _every('level', 0.25, 700.0, level) if not math.isnan(m[3])],
+    )
+
+
+@pytest.mark.parametrize('modulated', [True, False])
+def test_a_level_above_its_threshold_is_not_quiet(modulated: bool) -> None:
+    """It rises and falls with the shaft, or one value in four is lost to a loose contact."""
+
+    def level(t: float) -> float:
+        if not (82.0 < t < 205.0 or t > 412.0):
+            return 22.0 + 0.1 * math.sin(t)
+        if t < 300.0:
+            return 50.0 + math.sin(t)
+        if modulated:
+            return 40.0 + 5.0 * math.sin(2.0 * math.pi * t / 3.5)
+        return 10.0 if round(4.0 * t) % 4 == 0 else 50.0
+
+    heard = _heard_once('ship', level)
+    assert len(heard.onsets) == 2
+    assert heard.monitor.condition(NAME) == 'stick_slip'
+
+
+def test_a_dead_level_with_pauses_ends_no_alarm() -> None:
+    """After the first episode it has one bit of dither, and its cable breaks for 6 s in 30."""
+
+    def level(t: float) -> float:
+        if t > 210.0:
+            return math.nan if t % 30.0 < 6.0 else 21.0 + 0.1 * (round(4.0 * t) % 2)
+        return 50.0 + math.sin(t) if 82.0 < t < 205.0 else 22.0 + 0.1 * math.sin(t)
+
+    def speed(t: float) -> float:
+        times = [60, 80, 200, 220, 400, 420, 620, 640]
+        return _rpm('ship', float(np.interp(t, times, [1.5, 0.4, 0.4, 1.5, 1.5, 0.4, 0.4, 0.9])))
+
+    config = _config('ship', level__topic='/v', level__unit='dB', level__threshold=34.0)
+    levels = [m for m in _every('level', 0.25, 900.0, level) if not math.isnan(m[3])]
+    heard = Heard(
+        config, _every('speed', 0.2, 900.0, speed) + _loaded('ship', 900.0, 0.2) + levels
+    )
+    assert heard.monitor.condition(NAME) == 'stick_slip'
+
+
+def test_a_level_without_a_threshold_is_not_quiet() -> None:
+    """The monitor starts in an episode: there has been nothing to learn a threshold from."""
+    config = _config('ship', level__topic='/v', level__unit='mm/s')
+    heard = Heard(
+        config,
+        _every('speed', 0.5, 120.0, _rpm('ship', 0.4))
+        + _loaded('ship', 120.0)
+        + _every('level', 0.5, 120.0, lambda t: 90.0 + math.sin(t)),
+    )
+    bearing = heard.monitor.bearings[NAME]
+    assert heard.monitor.condition(NAME) == 'stick_slip'
+    assert str(bearing.measured) == 'unknown'
+    assert bearing.unknown is Unknown.ONE_MODE
+    assert 'No vibration' not in bearing.text()
+
+
+def test_a_level_that_is_always_loud_is_named_where_all_seems_well() -> None:
+    config = _config('ship', level__topic='/v', level__unit='mm/s', level__threshold=10.0)
+    heard = Heard(
+        config,
+        _every('speed', 0.5, 600.0, _rpm('ship', 2.0))
+        + _loaded('ship', 600.0)
+        + _every('level', 0.5, 600.0, lambda t: 30.0 + math.sin(t)),
+    )
+    text = heard.monitor.bearings[NAME].text()
+    assert 'The level is high where no stick-slip can exist' in text
+
+
+@pytest.mark.parametrize('pause', [10.0, 60.0, 200.0])
+def test_a_restart_blames_no_input(pause: float) -> None:
+    heard = _bistable_and_sticking('steep')
+    kept = json.loads(json.dumps(heard.monitor.bearings[NAME].state.record()))
+    heard.monitor, before = Monitor(_config('steep'), {NAME: State.of_record(kept)}), heard.events
+    heard.events, begin = [], 120.0 + pause
+    heard.take(
+        _every('speed', 0.25, begin + 30.0, _rpm('steep', 0.9), begin)
+        + _loaded('steep', begin + 30.0, begin=begin)
+    )
+    assert before
+    assert heard.events == []
+    assert heard.monitor.condition(NAME) == 'stick_slip'
+    # Of inputs that stay away the time-out counts from the restart.
+    dead = Monitor(_config('steep'), {NAME: State.of_record(kept)})
+    assert dead.advance(round((begin + 4.0) * SECOND)) == []
+    assert dead.advance(round((begin + 8.0) * SECOND)) == []
+    assert [str(e.after) for e in dead.advance(round((begin + 10.0) * SECOND))] == ['input_stale']
+
+
+def test_a_clock_set_back_by_less_than_a_long_time_out_delays_nothing() -> None:
+    speed = _every('speed', 0.2, 200.0, lambda t: _rpm('ship', 2.0 if t < 105.0 else 0.4))
+    messages = speed + _loaded('ship', 200.0, 0.2)
+    back = [(t, q, s - (50.0 if t > 100.0 else 0.0), n) for t, q, s, n in messages]
+    config = _config('ship', speed__timeout=60.0, load__timeout=60.0)
+    assert Heard(config, back).first(STICKING) == pytest.approx(
+        Heard(config, messages).first(STICKING), abs=1.0
+    )
+
+
+def test_a_hold_up_before_the_first_message_is_no_time() -> None:
+    monitor = Monitor(_config('ship'))
+    monitor.bearings[NAME].excuse(5 * SECOND)
+    assert monitor.advance(10**18) == []
