@@ -9,11 +9,12 @@ import pty
 import re
 import select
 import shutil
-import subprocess
 import sysconfig
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
+from threading import Thread
 
 import pytest
 
@@ -103,17 +104,20 @@ def test_one_is_not_several_and_figures_are_in_percent_and_millimetres() -> None
     ids=lambda arguments: arguments[0],
 )
 def test_on_a_screen_of_40_columns_nothing_is_cut_off(
-    arguments: tuple[str, ...], tmp_path: Path
+    arguments: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    for name, value in (('COLUMNS', '40'), ('TERM', 'xterm'), ('NO_COLOR', '1')):
+        monkeypatch.setenv(name, value)
+    monkeypatch.chdir(tmp_path)
     terminal, screen = pty.openpty()
-    with os.fdopen(screen, 'wb') as file:
-        program = subprocess.Popen(
-            [f'{SCRIPTS}/stickslip', *arguments],
-            cwd=tmp_path, env=os.environ | {'COLUMNS': '40', 'TERM': 'xterm', 'NO_COLOR': '1'},
-            stdout=file, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
-    shown = b''.join(_read(terminal)).decode()
-    assert program.wait(60.0) < 2, shown
+    parts: list[bytes] = []
+    reader = Thread(target=lambda: parts.extend(_read(terminal)))
+    reader.start()
+    with os.fdopen(screen, 'w') as file, monkeypatch.context() as patch, suppress(SystemExit):
+        patch.setattr('sys.stdout', file)
+        assert main(arguments) < 2
+    reader.join()
+    shown = b''.join(parts).decode()
     # Long words (paths) are left to the terminal to break.
     shown = re.sub('\x1b\\[[0-9;]*m', '', shown)
     lines = [line for line in shown.splitlines() if len(line.split()) > 1]
