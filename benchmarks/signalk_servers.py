@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import base64
+import hmac
 import json
 import os
 import shutil
@@ -27,6 +29,7 @@ _SETTINGS = {
     'ssl': False,
     'pipedProviders': [],
 }
+_KEY = 'of-a-server-that-lives-for-one-test'
 _QUIET = {'SKIP_ADMINUI_VERSION_CHECK': '1', 'SIGNALK_DISABLE_SERVER_UPDATES': '1'}
 
 
@@ -46,17 +49,36 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+def officer_token() -> str:
+    """The JSON web token of who may approve requests at a secured server with our key."""
+    parts = ({'alg': 'HS256', 'typ': 'JWT'}, {'id': 'officer', 'exp': round(time.time()) + 3600})
+    head = '.'.join(_base64(json.dumps(part).encode()) for part in parts)
+    return f'{head}.{_base64(hmac.digest(_KEY.encode(), head.encode(), "sha256"))}'
+
+
+def _base64(data: bytes) -> str:
+    return base64.urlsafe_b64encode(data).rstrip(b'=').decode()
+
+
 class RealServer:
     """The real signalk-server, at the loopback address alone.
 
     Args:
         folder: An empty folder for its configuration.
+        secure: Whether whoever writes needs a token.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, secure: bool = False) -> None:
         self.folder, self.port = folder, free_port()
         self.url = f'http://127.0.0.1:{self.port}'
-        (folder / 'settings.json').write_text(json.dumps(_SETTINGS))
+        settings: dict[str, Any] = dict(_SETTINGS)
+        if secure:
+            settings['security'] = {'strategy': './tokensecurity'}
+            users = [{'username': 'officer', 'type': 'admin', 'password': ''}]
+            content = {'users': users, 'secretKey': _KEY, 'allow_readonly': True}
+            (folder / 'security.json').write_text(json.dumps(content))
+            (folder / 'security.json').chmod(0o600)
+        (folder / 'settings.json').write_text(json.dumps(settings))
         self.start()
 
     def start(self) -> None:

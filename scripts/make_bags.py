@@ -25,7 +25,7 @@ from stickslip_monitor.bags.reader import Bag, open_bag
 from stickslip_monitor.commands.simulate import write_bag
 from stickslip_monitor.errors import BagError, StickslipError
 from stickslip_monitor.lab.scenes.scene import Scene, load_scene
-from stickslip_monitor.offline.truth import has_truth, read_truth
+from stickslip_monitor.lab.truth import has_truth, read_truth
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = ROOT / 'launch_configs' / 'scenes'

@@ -49,6 +49,17 @@ COMMANDS = {
 }
 
 
+class _ErrorStream(io.TextIOWrapper):
+    """The standard error: what it does not take, as on a full disk, changes nothing else."""
+
+    def write(self, text: str) -> int:
+        try:
+            return super().write(text)
+        except OSError:
+            _to_nowhere(self.fileno())
+            return len(text)
+
+
 class _Paragraphs(argparse.HelpFormatter):
     """Fills each paragraph of a description to the width of the terminal."""
 
@@ -132,9 +143,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None:
         _open_streams()
         _hide_warnings()
-        # Told to stop, a command clears away what it has begun, as after Ctrl-C.
-        if threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGTERM, signal.default_int_handler)
+        _heed_signals()
     _print_anything()
     try:
         return _run(arguments)
@@ -142,7 +151,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _failed(str(error), 2)
     except BrokenPipeError:
         # The reader (head, less) has gone: nothing is wrong, and nothing more can be said.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _to_nowhere(sys.stdout.fileno())
         return 0
     except OSError as error:
         # Of what no layer has a sentence for, such as a path that is too long.
@@ -151,7 +160,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError:
         return _failed('there is not enough memory for this', 2)
     except KeyboardInterrupt:
-        return 130
+        return _stopped() if argv is None else 130
     except Exception as error:
         if '--traceback' in arguments:
             traceback.print_exc()
@@ -213,7 +222,14 @@ def _open_streams() -> None:
     for number, name in enumerate(('stdin', 'stdout', 'stderr')):
         if getattr(sys, name) is None:
             os.open(os.devnull, os.O_RDWR)
-            setattr(sys, name, os.fdopen(number, 'w' if number else 'r'))
+            setattr(sys, name, os.fdopen(number, 'w' if number else 'r', closefd=False))
+    file = io.BufferedWriter(io.FileIO(sys.stderr.fileno(), 'w', closefd=False))
+    sys.stderr = _ErrorStream(file, sys.stderr.encoding, line_buffering=True)
+
+
+def _to_nowhere(number: int) -> None:
+    """Have what a stream still holds, and all that it is given from now on, go nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), number)
 
 
 def _print_anything() -> None:
@@ -221,6 +237,24 @@ def _print_anything() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors='backslashreplace')
+
+
+def _heed_signals() -> None:
+    """Have a command that is told to stop clear away what it has begun, as after Ctrl-C.
+
+    A terminal that is closed says so, too, unless the command is to outlive it (nohup).
+    """
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
+            signal.signal(signal.SIGHUP, signal.default_int_handler)
+
+
+def _stopped() -> int:
+    # Pressed again while the interpreter goes, it would be told as a traceback.
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    return 130
 
 
 def _failed(text: str, code: int) -> int:

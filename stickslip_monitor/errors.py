@@ -83,6 +83,14 @@ def did_you_mean(given: object, known: Iterable[str]) -> str:
     return f"; did you mean '{close[0]}'?" if close else ''
 
 
+def no_ros(error: ImportError) -> RosError:
+    """The error where ROS 2 is needed and cannot be imported."""
+    return RosError(
+        f'ROS 2 is not available ({error}): source its setup file, or install this package with'
+        " the extra 'ros'"
+    )
+
+
 def cause(error: BaseException) -> str:
     """Why something failed, without the number that the system has for it."""
     return getattr(error, 'strerror', None) or str(error) or type(error).__name__

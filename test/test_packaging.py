@@ -187,6 +187,7 @@ def test_wheel_holds_the_package_and_its_share_and_no_more(wheel: Path) -> None:
     assert tops == {NAME, 'data', 'dist-info'}
 
 
+@pytest.mark.slow
 def test_pip_puts_both_commands_on_the_path_and_launch_files_where_ros_looks(
     wheel: Path, tmp_path: Path
 ) -> None:
@@ -254,6 +255,7 @@ def workspace(source: Path) -> Workspace:
     return built
 
 
+@pytest.mark.slow
 def test_colcon_installs_what_ros2_run_and_launch_look_for(workspace: Workspace) -> None:
     prefix = workspace.root / 'install' / NAME
     for executable in ('monitor', 'stickslip'):
@@ -265,6 +267,7 @@ def test_colcon_installs_what_ros2_run_and_launch_look_for(workspace: Workspace)
     assert len(list((prefix / SHARE).rglob('monitor.launch.py'))) == 1
 
 
+@pytest.mark.slow
 def test_installed_command_runs_in_the_sourced_workspace(workspace: Workspace) -> None:
     where = f'{sys.executable} -c "import {NAME}; print({NAME}.__file__)"'
     command = f'install/{NAME}/lib/{NAME}/stickslip --help'

@@ -18,14 +18,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from stickslip_monitor.commands.declared import (
-    TABLE,
-    add_force,
-    add_input,
-    add_output,
-    add_picture,
-    say_written,
-)
+from stickslip_monitor.commands import declared
 from stickslip_monitor.commands.output import (
     ProgressBar,
     add_json,
@@ -33,7 +26,6 @@ from stickslip_monitor.commands.output import (
     line_width,
     print_json,
 )
-from stickslip_monitor.drawing.canvas import save_figure, write_csv
 from stickslip_monitor.drawing.studies import MethodMark, draw_pareto
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.lab.accuracy.cases import BASE, CASES, METHODS, TYPICAL
@@ -58,12 +50,14 @@ _WORDS = {'refused': '-', 'no_cycle': 'none', 'not_converged': 'fails'}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('--quick', action='store_true', help='few cases, short samples: seconds')
-    add_input(parser, '--from', dest='source', metavar='FILE', help='show that CSV: no measuring')
+    declared.add_input(
+        parser, '--from', dest='source', metavar='FILE', help='show that CSV: no measuring'
+    )
     text = '.csv: every method at every case'
-    add_output(parser, '--output', '-o', marks=TABLE, was='--csv', help=text)
-    add_picture(parser, 'error over time')
+    declared.add_output(parser, '--output', '-o', marks=declared.TABLE, was='--csv', help=text)
+    declared.add_picture(parser, 'error over time')
     parser.add_argument('--markdown', action='store_true', help='print the table in Markdown')
-    add_force(parser)
+    declared.add_force(parser)
     add_json(parser)
 
 
@@ -72,11 +66,11 @@ def run(args: argparse.Namespace) -> int:
     if args.source and args.quick:
         raise ConfigurationError('--from shows what was measured: it does not go with --quick')
     rows = read_rows(args.source) if args.source else measured(args.quick)
-    if args.output:
-        write_csv(columns(rows), args.output, args.force)
-    if args.picture:
-        save_figure(draw_pareto(panels(rows), footnote(rows)), args.picture, args.force)
-    say_written(args.output, args.picture)
+    declared.write_outputs(
+        args,
+        output=lambda: columns(rows),
+        picture=lambda: draw_pareto(panels(rows), footnote(rows)),
+    )
     if args.json:
         print_json(to_json(rows))
     elif args.markdown:

@@ -7,14 +7,20 @@ import argparse
 import math
 import re
 from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
-from stickslip_monitor.commands.declared import TABLE, add_config, add_force, add_output
-from stickslip_monitor.drawing.map import Range
+from stickslip_monitor.commands import declared
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.files import PICTURES
 from stickslip_monitor.monitor.config import LOAD_UNITS, BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.physics.oscillator import SPEED_UNITS, BearingSpeed
 
+if TYPE_CHECKING:
+    from stickslip_monitor.drawing.map import Range
+
+ONE_OF_SEVERAL = 'which bearing, where several are configured'
 _QUANTITY = re.compile(r'\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*')
 
 
@@ -43,26 +49,46 @@ def parse_load(text: str, what: str = 'load') -> float:
     return value * (1000.0 if unit == 'kN' else 1.0)
 
 
+def parse_loaded(text: str) -> float:
+    """Load [N] of what needs one: above 0."""
+    load = parse_load(text)
+    if load <= 0.0:
+        raise ConfigurationError(f"load '{text}' must be above 0: without load, no friction")
+    return load
+
+
 def add_drawing(parser: argparse.ArgumentParser) -> None:
     """Declare what both drawing commands take: the bearing and where to write."""
-    add_config(parser)
-    parser.add_argument('--bearing', help='which bearing, where several are configured')
-    marks = {**PICTURES, **TABLE}
+    declared.add_config(parser)
+    declared.add_bearing(parser, ONE_OF_SEVERAL)
+    marks = {**PICTURES, **declared.TABLE}
     text = 'file to write: .png, .svg or .csv'
-    add_output(parser, '--output', '-o', required=True, marks=marks, help=text)
-    add_force(parser)
+    declared.add_output(parser, '--output', '-o', required=True, marks=marks, help=text)
+    declared.add_force(parser)
 
 
-def the_bearing(config: MonitorConfig, name: str | None) -> BearingConfig:
-    """The bearing of that name; the only one there is if no name is given.
+def chosen(args: argparse.Namespace) -> MonitorConfig:
+    """The configuration, of all bearings or of that of ``--bearing`` only.
 
     Raises:
-        ConfigurationError: There is none of that name, or no name and several bearings.
+        ConfigurationError: It cannot be read, or has no such bearing.
     """
-    if name is None and len(config.bearings) > 1:
+    config = load_config(args.config)
+    if args.bearing is None:
+        return config
+    return replace(config, bearings=(config.bearing(args.bearing),))
+
+
+def the_bearing(config: MonitorConfig) -> BearingConfig:
+    """The only bearing there is.
+
+    Raises:
+        ConfigurationError: There are several.
+    """
+    if len(config.bearings) > 1:
         names = ', '.join(bearing.name for bearing in config.bearings)
         raise ConfigurationError(f'several bearings are configured: choose --bearing from {names}')
-    return config.bearings[0] if name is None else config.bearing(name)
+    return config.bearings[0]
 
 
 def speed_range(text: str | None, config: BearingConfig) -> Range | None:

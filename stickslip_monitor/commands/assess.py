@@ -12,21 +12,15 @@ from typing import Any
 
 from rich.table import Table
 
-from stickslip_monitor.commands.arguments import parse_load, parse_speed
-from stickslip_monitor.commands.declared import add_config
+from stickslip_monitor.commands.arguments import chosen, parse_load, parse_speed
+from stickslip_monitor.commands.declared import add_bearing, add_config
 from stickslip_monitor.commands.output import add_json, console, print_json
 from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, assess
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.messages import number
 from stickslip_monitor.monitor.verdict import warns
 
 SCHEMA = 'stickslip_monitor/assessment/1'
-_NUMBERS = (
-    'hopf_speed', 'fold_speed', 'hopf_margin', 'fold_margin', 'exact_fold_speed',
-    'exact_fold_margin', 'hopf_load', 'fold_load', 'growth_rate', 'amplitude', 'amplitude_exact',
-    'amplitude_error', 'threshold_amplitude',
-)  # fmt: skip
 _ROWS = (
     ('surface speed', 'speed', 'm/s'),
     ('shaft speed', 'speed', 'rpm'),
@@ -49,6 +43,7 @@ _ROWS = (
     ('fold margin, 5 % quantile', 'fold_margin_low', '%'),
     ('fold margin, 95 % quantile', 'fold_margin_high', '%'),
 )
+_NAMES = [name for _, name, _ in _ROWS]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,17 +51,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_config(parser)
     parser.add_argument('--speed', required=True, help='shaft speed with unit, e.g. 20rpm')
     parser.add_argument('--load', required=True, help='bearing load with unit, e.g. 1000N')
-    parser.add_argument('--bearing', help='only this bearing')
+    add_bearing(parser)
     add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    config = load_config(args.config)
-    bearings = [config.bearing(args.bearing)] if args.bearing else list(config.bearings)
     load = parse_load(args.load)
     points, warned = [], False
-    for item in bearings:
+    for item in chosen(args).bearings:
         speed = parse_speed(args.speed, item.bearing.speed)
         points.append((item, assess(item.bearing, speed, load, item.belief)))
         warned |= warns(item, points[-1][1])
@@ -84,12 +77,10 @@ def to_json(bearing: str, point: Assessment) -> dict[str, Any]:
     return {
         'schema': SCHEMA,
         'bearing': bearing,
-        'speed': point.speed,
-        'load': point.load,
         'regime': point.regime.value,
         'outcome': point.outcome.value,
         'sentence': point.outcome.sentence,
-        **{name: number(getattr(point, name)) for name in (*_NUMBERS, *BELIEFS)},
+        **{name: number(getattr(point, name)) for name in (*_NAMES, *BELIEFS)},
     }
 
 

@@ -24,18 +24,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from stickslip_monitor import __version__
-from stickslip_monitor.commands.arguments import the_bearing
-from stickslip_monitor.commands.declared import (
-    add_config,
-    add_force,
-    add_input,
-    add_output,
-    add_picture,
-    say_written,
-)
+from stickslip_monitor.commands import declared
+from stickslip_monitor.commands.arguments import ONE_OF_SEVERAL, the_bearing
 from stickslip_monitor.commands.output import ProgressBar, add_json, console, json_text, print_json
 from stickslip_monitor.errors import ConfigurationError, cause, plural
-from stickslip_monitor.files import read_json, write_whole
+from stickslip_monitor.files import read_json
 from stickslip_monitor.lab.calibration.calibrate import FLOOR, Calibration, calibrate
 from stickslip_monitor.lab.calibration.evidence import Dip, read_reports
 from stickslip_monitor.lab.calibration.posterior import Prior, prior_of
@@ -64,35 +57,31 @@ from stickslip_monitor.physics.belief import EXACT, QUANTILES
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_input(parser, 'bags', nargs='+', metavar='BAG', help='rosbag2 folder or .mcap file')
-    add_config(parser)
-    parser.add_argument('--bearing', help='which bearing, where several are configured')
-    add_input(parser, '--reports', metavar='CSV', help="an operator's reports of vibration")
+    text = 'rosbag2 folder or .mcap file'
+    declared.add_input(parser, 'bags', nargs='+', metavar='BAG', help=text)
+    declared.add_config(parser)
+    declared.add_bearing(parser, ONE_OF_SEVERAL)
+    text = "an operator's reports of vibration"
+    declared.add_input(parser, '--reports', metavar='CSV', help=text)
     # The result of the last calibration may be renewed in its place.
     result = {'': CALIBRATION_SCHEMA.encode()}
-    add_output(parser, '--output', '-o', marks=result, renews=True, help='write the result, JSON')
-    add_input(parser, '--add', metavar='FILE', help='begin with this earlier result')
-    parser.add_argument(
-        '--forget',
-        type=float,
-        default=0.0,
-        metavar='S',
-        help='let ln N0 wander by this standard deviation from dip to dip, e.g. 0.03',
-    )
-    add_input(parser, '--bench', metavar='FIT', help='what stickslip fit --json printed')
+    text = 'write the result, JSON'
+    declared.add_output(parser, '--output', '-o', marks=result, renews=True, help=text)
+    declared.add_input(parser, '--add', metavar='FILE', help='begin with this earlier result')
+    text = 'let ln N0 wander by this standard deviation from dip to dip, e.g. 0.03'
+    declared.add_number(parser, '--forget', 0, 1, kind=float, default=0.0, metavar='S', help=text)
+    declared.add_input(parser, '--bench', metavar='FIT', help='what stickslip fit --json printed')
     yaml = {'': FRAGMENT_MARK}
-    add_output(parser, '--fragment', marks=yaml, help='write damping and friction, YAML')
-    add_picture(parser, 'the map with its bands')
-    add_force(parser)
+    declared.add_output(parser, '--fragment', marks=yaml, help='write damping and friction, YAML')
+    declared.add_picture(parser, 'the map with its bands')
+    declared.add_force(parser)
     add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    if not 0.0 <= args.forget <= 1.0:
-        raise ConfigurationError(f'--forget {args.forget:g} must be from 0 to 1')
     whole = load_config(args.config)
-    config = the_bearing(whole, args.bearing)
+    config = the_bearing(whole) if args.bearing is None else whole.bearing(args.bearing)
     source = source_of(args.reports, whole)
     earlier = _earlier(args.add, config)
     prior = _prior(args, config, earlier)
@@ -108,7 +97,12 @@ def run(args: argparse.Namespace) -> int:
         )
     now = datetime.now(timezone.utc).isoformat(timespec='seconds')
     document = to_document(config, found, earlier, now, __version__)
-    _write(args, config, found, document)
+    declared.write_outputs(
+        args,
+        output=lambda: json_text(document),
+        fragment=lambda: fragment(config, found),
+        picture=lambda: _drawn(config, found),
+    )
     if args.json:
         print_json(document)
     else:
@@ -167,23 +161,11 @@ def _dips(
     return source.dips(config, prior, found)
 
 
-def _write(
-    args: argparse.Namespace,
-    config: BearingConfig,
-    found: Calibration,
-    document: Mapping[str, Any],
-) -> None:
-    if args.output is not None:
-        data, mark = json_text(document).encode(), CALIBRATION_SCHEMA.encode()
-        write_whole(args.output, data, mark, args.force)
-    if args.fragment is not None:
-        write_whole(args.fragment, fragment(config, found).encode(), FRAGMENT_MARK, args.force)
-    if args.picture is not None:
-        from stickslip_monitor.drawing.canvas import save_figure
-        from stickslip_monitor.drawing.fits import draw_calibration
+def _drawn(config: BearingConfig, found: Calibration) -> Any:
+    # Drawing takes time to import.
+    from stickslip_monitor.drawing.fits import draw_calibration
 
-        save_figure(draw_calibration(config, found), args.picture, args.force)
-    say_written(args.output, args.fragment, args.picture)
+    return draw_calibration(config, found)
 
 
 def _print(out: Console, config: BearingConfig, found: Calibration) -> None:

@@ -21,13 +21,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from stickslip_monitor.commands.declared import (
-    add_config,
-    add_force,
-    add_input,
-    add_output,
-    add_recording,
-)
+from stickslip_monitor.commands import declared
 from stickslip_monitor.commands.output import ProgressBar, add_json
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.files import PICTURES
@@ -43,60 +37,47 @@ _KEPT = {'': b'{"key": "check-'}
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_input(
-        parser,
-        'bags',
-        nargs='+',
-        metavar='BAG',
-        help='rosbag2 folder, .mcap file, folder of such, or - for standard input',
-    )
-    add_config(parser)
-    parser.add_argument('--bearing', help='only this bearing')
-    add_force(parser)
+    text = 'rosbag2 folder, .mcap file, folder of such, or - for standard input'
+    declared.add_input(parser, 'bags', nargs='+', metavar='BAG', help=text)
+    declared.add_config(parser)
+    declared.add_bearing(parser)
+    declared.add_force(parser)
     add_json(parser)
     text = 'write a report: .html, .png or .json (needs matplotlib)'
-    add_output(parser, '--report', marks=REPORTS, help=text)
+    declared.add_output(parser, '--report', marks=REPORTS, help=text)
     text = "write inputs and verdicts as the node's topics: .mcap"
-    add_recording(parser, '--mcap', is_folder=False, metavar='FILE', help=text)
+    declared.add_recording(parser, '--mcap', is_folder=False, metavar='FILE', help=text)
     text = 'write a clip of each alarm into this folder'
-    add_recording(parser, '--clips', is_folder=True, metavar='DIR', help=text)
-    add_input(
-        parser,
-        '--learn',
-        metavar='FROM',
-        help="propose a calibration from the configured 'level', an operator's reports (a CSV"
-        " file), or the 'truth' of simulated bags",
+    declared.add_recording(parser, '--clips', is_folder=True, metavar='DIR', help=text)
+    text = (
+        "propose a calibration from the configured 'level', an operator's reports (a CSV file),"
+        " or the 'truth' of simulated bags"
     )
-    parser.add_argument(
-        '--jobs', type=int, metavar='N', help='bags checked at a time (default: one for each core)'
-    )
+    declared.add_input(parser, '--learn', metavar='FROM', help=text)
+    text = 'bags checked at a time (default: one for each core)'
+    declared.add_number(parser, '--jobs', 1, metavar='N', help=text)
     text = 'keep what is found of each bag in this file, and check only what is not in it'
-    add_output(parser, '--resume', marks=_KEPT, help=text)
-    parser.add_argument(
-        '--scheduler',
-        metavar='ADDRESS',
-        help="check on the workers of a Dask cluster: tcp://host:port (extra 'fleet')",
-    )
+    declared.add_output(parser, '--resume', marks=_KEPT, help=text)
+    text = "check on the workers of a Dask cluster: tcp://host:port (extra 'fleet')"
+    parser.add_argument('--scheduler', metavar='ADDRESS', help=text)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     _check_options(args)
     # Not needed for help or a wrong option, and it takes most of the time to start.
-    from stickslip_monitor.commands.check_results import check_bags
+    from stickslip_monitor.commands.check_many import check_bags
     from stickslip_monitor.offline.archive import find_bags, spooled
 
     with ProgressBar() as meter:
         if STDIN not in args.bags:
-            return check_bags(args, find_bags(args.bags), meter, REPORTS)
+            return check_bags(args, find_bags(args.bags), meter)
         with spooled(sys.stdin.buffer, meter.show) as path:
             args.bags = [str(path)]
-            return check_bags(args, [path], meter, REPORTS, shown=STDIN)
+            return check_bags(args, [path], meter, STDIN)
 
 
 def _check_options(args: argparse.Namespace) -> None:
-    if args.jobs is not None and args.jobs < 1:
-        raise ConfigurationError(f'--jobs {args.jobs} must be at least 1')
     if STDIN in args.bags and (len(args.bags) > 1 or args.scheduler or args.resume):
         raise ConfigurationError(
             "'-', a recording on standard input, goes alone: neither with other bags nor with"

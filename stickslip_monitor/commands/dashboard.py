@@ -22,8 +22,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 
+from stickslip_monitor.commands.declared import add_diagnostics, add_number
 from stickslip_monitor.drawing.map import boundaries, map_ranges
-from stickslip_monitor.errors import AlarmStateError, ConfigurationError, DashboardError, RosError
+from stickslip_monitor.errors import AlarmStateError, ConfigurationError, DashboardError, no_ros
 from stickslip_monitor.links.link_config import is_loopback
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME, load_config
@@ -43,46 +44,35 @@ _LOWEST_MAP = 0.1
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
+    text = 'ROS 2 parameter file; with several nodes one for all, or one for each in order'
     parser.add_argument(
-        '--config',
-        '-c',
-        required=True,
-        action='append',
-        metavar='FILE',
-        help='ROS 2 parameter file; with several nodes one for all, or one for each in order',
+        '--config', '-c', required=True, action='append', metavar='FILE', help=text
     )
     add_page(parser)
-    parser.add_argument(
-        '--port', type=int, default=DEFAULT_PORT, help=f'0 for any (default {DEFAULT_PORT})'
-    )
+    add_port(parser, f'0 for any (default {DEFAULT_PORT})', DEFAULT_PORT)
     parser.add_argument('--bag', metavar='BAG', help='replay this recording instead of ROS 2')
-    parser.add_argument(
-        '--rate', type=float, default=1.0, help='replay so many times faster (default 1)'
-    )
-    parser.add_argument(
-        '--node',
-        action='append',
-        help=f"the monitor's full name (default /{NODE_NAME}); again for each further monitor",
-    )
+    text = 'replay so many times faster (default 1)'
+    add_number(parser, '--rate', 0, above=True, kind=float, default=1.0, help=text)
+    text = f"the monitor's full name (default /{NODE_NAME}); again for each further monitor"
+    parser.add_argument('--node', action='append', help=text)
+
+
+def add_port(parser: argparse.ArgumentParser, text: str, default: int | None = None) -> None:
+    """Declare the port of the page."""
+    add_number(parser, '--port', 0, 65535, default=default, help=text)
 
 
 def add_page(parser: argparse.ArgumentParser) -> None:
     """Declare what a page needs beside its port, and where a node's diagnostics are."""
-    parser.add_argument(
-        '--host', default='127.0.0.1', metavar='ADDRESS', help='listen here (default 127.0.0.1)'
-    )
-    parser.add_argument(
-        '--token-file', metavar='FILE', help='file with the token that opens the page'
-    )
-    parser.add_argument(
-        '--name', action='append', default=[], help='host name by which people reach this machine'
-    )
-    parser.add_argument(
-        '--log', metavar='FILE', help='keep what happens here, over restarts of the page'
-    )
-    parser.add_argument(
-        '--diagnostics', default='/diagnostics', metavar='TOPIC', help='(default /diagnostics)'
-    )
+    text = 'listen here (default 127.0.0.1)'
+    parser.add_argument('--host', default='127.0.0.1', metavar='ADDRESS', help=text)
+    text = 'file with the token that opens the page'
+    parser.add_argument('--token-file', metavar='FILE', help=text)
+    text = 'host name by which people reach this machine'
+    parser.add_argument('--name', action='append', default=[], help=text)
+    text = 'keep what happens here, over restarts of the page'
+    parser.add_argument('--log', metavar='FILE', help=text)
+    add_diagnostics(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -185,13 +175,10 @@ def page_access(args: argparse.Namespace) -> Access:
     """Who may see the page.
 
     Raises:
-        ConfigurationError: The port is none.
         DashboardError: The page would be open to others without a token.
     """
     from stickslip_monitor.dashboard.access import Access, read_token
 
-    if not 0 <= args.port <= 65535:
-        raise ConfigurationError(f'--port {args.port} must be from 0 to 65535')
     token = '' if args.token_file is None else read_token(args.token_file)
     if not token and not is_loopback(args.host):
         raise DashboardError(
@@ -248,10 +235,7 @@ def listen_to_nodes(listeners: Mapping[str, Listener], diagnostics: str) -> Iter
     try:
         from stickslip_monitor.ros.watcher import open_watcher
     except ImportError as error:
-        raise RosError(
-            f'ROS 2 is not available ({error}): source its setup file, or install this package'
-            " with the extra 'ros'"
-        ) from error
+        raise no_ros(error) from error
     hand_over = asyncio.get_running_loop().call_soon_threadsafe
     with open_watcher(listeners, diagnostics, hand_over) as watcher:
         yield watcher

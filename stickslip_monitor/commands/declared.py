@@ -1,25 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The files that a command reads and writes, declared with its options and checked in one place.
+"""What a command reads and writes, and its numbers: declared with its options and checked here.
 
 An option that names a file is added by one of the functions here. Before the command runs,
 :func:`check_files` refuses every output that would destroy something: one that is an input by any
 name, also a file that only the configuration names, one that is another output, and one that this
-package did not write. Nothing has been worked out by then.
+package did not write. Nothing has been worked out by then. :func:`write_outputs` writes them.
 """
 
 from __future__ import annotations
 
 import argparse
 import itertools
+import math
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from stickslip_monitor.errors import OutputError, StickslipError
-from stickslip_monitor.files import PICTURES, check_replaceable, holds_mark, is_same, printable
+from stickslip_monitor.errors import ConfigurationError, OutputError, StickslipError, cause
+from stickslip_monitor.files import (
+    PICTURES,
+    check_replaceable,
+    holds_mark,
+    is_same,
+    printable,
+    write_whole,
+)
 
 Marks = Mapping[str, bytes | None]
 """By its ending, what the beginning of a file of ours contains; None where only the contents can
@@ -97,11 +105,54 @@ def add_config(options: _Options, required: bool = True, text: str = '') -> None
     add_input(options, '--config', '-c', required=required, metavar='FILE', help=text)
 
 
+def add_bearing(options: _Options, text: str = 'only this bearing') -> None:
+    """Add ``--bearing``."""
+    options.add_argument('--bearing', metavar='NAME', help=text)
+
+
+def add_number(
+    options: _Options, name: str, low: float, high: float = math.inf, *, above: bool = False,
+    kind: type[float] = int, **more: Any,
+) -> None:  # fmt: skip
+    """Add an option that takes a number from ``low``, or above it, to ``high``.
+
+    Its keywords are argparse's.
+    """
+    options.add_argument(name, action=_Number, rule=(low, high, above), type=kind, **more)
+
+
+class _Number(argparse.Action):
+    """Refuses a number out of bounds, in the sentence that holds for all of them."""
+
+    def __init__(self, *, rule: tuple[float, float, bool], **more: Any) -> None:
+        super().__init__(**more)
+        self.rule = rule
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, args: Any, value: Any, name: str | None = None
+    ) -> None:
+        low, high, above = self.rule
+        if not (low < value < math.inf if above else low <= value) or value > high:
+            if high == math.inf:
+                rule = f'a number above {low}' if above else f'at least {low}'
+            else:
+                rule = f'above {low} and at most {high}' if above else f'from {low} to {high}'
+            raise ConfigurationError(
+                f'{self.option_strings[0]} {str(value).removesuffix(".0")} must be {rule}'
+            )
+        setattr(args, self.dest, value)
+
+
+def add_diagnostics(options: _Options) -> None:
+    """Add ``--diagnostics``: the topic on which nodes tell their state."""
+    text = '(default /diagnostics)'
+    options.add_argument('--diagnostics', default='/diagnostics', metavar='TOPIC', help=text)
+
+
 def add_force(options: _Options) -> None:
     """Add ``--force``."""
-    options.add_argument(
-        '--force', action='store_true', help='replace files that stickslip did not write'
-    )
+    text = 'replace files that stickslip did not write'
+    options.add_argument('--force', action='store_true', help=text)
 
 
 class _Renamed(argparse.Action):
@@ -224,8 +275,38 @@ def _texts(document: Any) -> Iterator[str]:
         yield document
 
 
-def say_written(*paths: str | Path | None) -> None:
-    """Say on the error stream which files were written; None is none."""
-    for path in paths:
+def write_outputs(args: argparse.Namespace, **makers: Callable[[], Any]) -> None:
+    """Write those outputs that are asked for, and say on the error stream which.
+
+    Args:
+        args: The arguments.
+        makers: By the destination of its option, what makes the contents of an output: the
+            columns of a table, a figure, a text, or bytes.
+
+    Raises:
+        DrawingError, OutputError: One cannot be written.
+    """
+    for dest, make in makers.items():
+        path = getattr(args, dest)
         if path is not None:
-            sys.stderr.write(f'{printable(str(path))} written\n')
+            _write(path, make(), args.files.writes[dest], args.force)
+            say_written(path)
+
+
+def _write(path: str, contents: Any, marks: Marks, force: bool) -> None:
+    data = contents.encode() if isinstance(contents, str) else contents
+    if isinstance(data, bytes):
+        try:
+            write_whole(path, data, marks[ending(path, marks)] or b'', force)
+        except OSError as error:
+            raise OutputError(f"'{path}' cannot be written: {cause(error)}") from error
+        return
+    from stickslip_monitor.drawing.canvas import save_figure, write_csv
+
+    write = write_csv if isinstance(contents, Mapping) else save_figure
+    write(contents, path, force)
+
+
+def say_written(path: str | Path) -> None:
+    """Say on the error stream that a file is written."""
+    sys.stderr.write(f'{printable(str(path))} written\n')

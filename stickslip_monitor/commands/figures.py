@@ -19,28 +19,20 @@ from typing import Any
 from rich.markup import escape
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.commands.arguments import parse_load, parse_speed, the_bearing
-from stickslip_monitor.commands.declared import TABLE, add_config, add_force, check_output
+from stickslip_monitor.commands import declared
+from stickslip_monitor.commands.arguments import (
+    ONE_OF_SEVERAL,
+    chosen,
+    parse_loaded,
+    parse_speed,
+    the_bearing,
+)
 from stickslip_monitor.commands.output import ProgressBar, console
 from stickslip_monitor.drawing.canvas import save_figure, write_csv
-from stickslip_monitor.drawing.studies import (
-    draw_amplitudes,
-    draw_motion,
-)
+from stickslip_monitor.drawing.studies import draw_amplitudes, draw_motion
 from stickslip_monitor.errors import ConfigurationError, DrawingError
 from stickslip_monitor.files import PICTURES
-from stickslip_monitor.lab.findings import (
-    REFERENCE,
-    REFERENCE_LOAD,
-    REFERENCE_RPM,
-    Sweep,
-    check_point,
-    over_kinetic,
-    over_load,
-    over_speed,
-    stick_slip_history,
-)
-from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.lab import findings
 from stickslip_monitor.physics.oscillator import Bearing
 
 FORMATS = ('png', 'svg')
@@ -53,26 +45,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='folder to write to, made if there is none (default: figures)',
     )  # fmt: skip
     text = 'ROS 2 parameter file (default: the reference bearing of the docs)'
-    add_config(parser, required=False, text=text)
-    parser.add_argument('--bearing', help='which bearing, where several are configured')
-    parser.add_argument('--speed', default=f'{REFERENCE_RPM:g}rpm', help='default 20rpm')
-    parser.add_argument('--load', default=f'{REFERENCE_LOAD:g}N', help='default 1000N')
+    declared.add_config(parser, required=False, text=text)
+    declared.add_bearing(parser, ONE_OF_SEVERAL)
+    parser.add_argument('--speed', default=f'{findings.REFERENCE_RPM:g}rpm', help='default 20rpm')
+    parser.add_argument('--load', default=f'{findings.REFERENCE_LOAD:g}N', help='default 1000N')
     parser.add_argument('--format', choices=FORMATS, default='png', help='default png')
-    add_force(parser)
+    declared.add_force(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     point = _the_point(args)
-    check_point(point.bearing, point.speed, point.load)
+    findings.check_point(point.bearing, point.speed, point.load)
     folder = Path(args.output)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DrawingError(f'{folder}: {error.strerror or error}') from error
     for name in FINDINGS:
-        check_output(folder / f'{name}.csv', TABLE, args)
-        check_output(folder / f'{name}.{args.format}', PICTURES, args)
+        declared.check_output(folder / f'{name}.csv', declared.TABLE, args)
+        declared.check_output(folder / f'{name}.{args.format}', PICTURES, args)
     out = console()
     with ProgressBar() as bar:
         for done, (name, find) in enumerate(FINDINGS.items()):
@@ -115,21 +107,19 @@ class _Finding:
 
 
 def _the_point(args: argparse.Namespace) -> Point:
-    name, bearing = 'reference bearing', REFERENCE
+    name, bearing = 'reference bearing', findings.REFERENCE
     if args.config is not None:
-        config = the_bearing(load_config(args.config), args.bearing)
+        config = the_bearing(chosen(args))
         name, bearing = config.name, config.bearing
     elif args.bearing is not None:
         raise ConfigurationError(f"bearing '{args.bearing}' needs a --config that has it")
-    load = parse_load(args.load)
-    if load <= 0.0:
-        raise ConfigurationError(f"load '{args.load}' must be above 0: without load, no friction")
-    return Point(name, bearing, parse_speed(args.speed, bearing.speed), load)
+    speed = parse_speed(args.speed, bearing.speed)
+    return Point(name, bearing, speed, parse_loaded(args.load))
 
 
 def _swept(
-    sweep: Sweep, columns: Mapping[str, FloatArray], statement: str, footnote: str, label: str,
-    unit: str = '', scale: float = 1.0,
+    sweep: findings.Sweep, columns: Mapping[str, FloatArray], statement: str, footnote: str,
+    label: str, unit: str = '', scale: float = 1.0,
 ) -> _Finding:  # fmt: skip
     """A finding on amplitudes; the picture's unit, with a space before it, is ``scale`` SI."""
     summary = (
@@ -141,7 +131,7 @@ def _swept(
 
 
 def _speed(point: Point) -> _Finding:
-    sweep = over_speed(point.bearing, point.load)
+    sweep = findings.over_speed(point.bearing, point.load)
     columns = sweep.columns('surface_speed [m/s]')
     rpm = {'shaft_speed [rpm]': columns['surface_speed [m/s]'] / point.rpm}
     statement = (
@@ -155,7 +145,7 @@ def _speed(point: Point) -> _Finding:
 
 
 def _load(point: Point) -> _Finding:
-    sweep = over_load(point.bearing, point.speed, point.load)
+    sweep = findings.over_load(point.bearing, point.speed, point.load)
     statement = (
         'The amplitude of stick-slip rises slowly with the normal force; at a low force there is'
         ' only the equilibrium.'
@@ -166,7 +156,7 @@ def _load(point: Point) -> _Finding:
 
 
 def _kinetic(point: Point) -> _Finding:
-    sweep = over_kinetic(point.bearing, point.speed, point.load)
+    sweep = findings.over_kinetic(point.bearing, point.speed, point.load)
     statement = (
         'The amplitude of stick-slip falls as the kinetic friction coefficient rises; beyond a'
         f' coefficient of about {sweep.averaged_fold:.2g} there is only the equilibrium.'
@@ -177,7 +167,7 @@ def _kinetic(point: Point) -> _Finding:
 
 
 def _motion(point: Point) -> _Finding:
-    history = stick_slip_history(point.bearing, point.speed, point.load)
+    history = findings.stick_slip_history(point.bearing, point.speed, point.load)
     statement = (
         'A small disturbance of steady sliding grows into stick-slip: in the phase plane the'
         ' motion runs onto a limit cycle with a straight piece, the stick phase.'

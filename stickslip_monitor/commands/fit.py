@@ -11,6 +11,7 @@ the curve cannot identify the law.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -20,21 +21,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from stickslip_monitor.commands.arguments import parse_load, parse_speed
-from stickslip_monitor.commands.declared import (
-    TABLE,
-    add_config,
-    add_force,
-    add_input,
-    add_output,
-    add_picture,
-    say_written,
-)
+from stickslip_monitor.commands import declared
+from stickslip_monitor.commands.arguments import chosen, parse_load, parse_speed
 from stickslip_monitor.commands.output import add_json, console, print_json
-from stickslip_monitor.drawing.canvas import save_figure, write_csv
 from stickslip_monitor.drawing.fits import draw_friction_fit
 from stickslip_monitor.errors import ConfigurationError, plural
-from stickslip_monitor.files import write_whole
 from stickslip_monitor.lab.friction_fit.curve_file import NAMES, FrictionCurve, read_curve
 from stickslip_monitor.lab.friction_fit.fit import (
     VISCOUS_LEVEL,
@@ -45,11 +36,9 @@ from stickslip_monitor.lab.friction_fit.fit import (
 from stickslip_monitor.lab.friction_fit.solve import UNITS
 from stickslip_monitor.lab.friction_fit.spread import BoundarySpread, Spread, boundary_spread
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.messages import number
 from stickslip_monitor.physics.oscillator import SPEED_UNITS
 
-_FEWEST_DRAWS, _MOST_DRAWS = 100, 1_000_000
 SCHEMA = 'stickslip_monitor/fit/1'
 FRAGMENT_MARK = '# Fitted to '
 _POINT = ('speed', 'coefficient', 'residual', 'weight')
@@ -61,7 +50,7 @@ _SPREADS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_input(parser, 'curve', metavar='CURVE.csv', help='the measured curve')
+    declared.add_input(parser, 'curve', metavar='CURVE.csv', help='the measured curve')
     for name in NAMES:
         parser.add_argument(f'--{name}-column', metavar='HEADING', help=f'column of the {name}')
     parser.add_argument(
@@ -76,47 +65,42 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     _add_bearing(parser)
     text = '.csv: the points with what the fit says of each'
-    add_output(parser, '--output', '-o', marks=TABLE, help=text)
-    add_picture(parser, 'the points and the law')
+    declared.add_output(parser, '--output', '-o', marks=declared.TABLE, help=text)
+    declared.add_picture(parser, 'the points and the law')
     yaml = {'': FRAGMENT_MARK.encode()}
-    add_output(parser, '--fragment', marks=yaml, help='write the configuration fragment')
-    add_force(parser)
+    declared.add_output(parser, '--fragment', marks=yaml, help='write the configuration fragment')
+    declared.add_force(parser)
     add_json(parser)
 
 
 def _add_bearing(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('spread of the boundaries')
-    add_config(group, required=False)
-    group.add_argument('--bearing', help='only this bearing')
+    declared.add_config(group, required=False)
+    declared.add_bearing(group)
     group.add_argument('--load', help='bearing load with unit, e.g. 1000N')
     group.add_argument('--speed', help='shaft speed with unit for the margins, e.g. 35rpm')
-    group.add_argument('--draws', type=int, default=20000, help='laws drawn (default 20000)')
-    group.add_argument('--seed', type=int, default=0, help='of the draws (default 0)')
+    text = 'laws drawn (default 20000)'
+    declared.add_number(group, '--draws', 100, 1_000_000, default=20000, help=text)
+    declared.add_number(group, '--seed', 0, default=0, help='of the draws (default 0)')
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     _check(args)
-    bearings = _bearings(args)
+    bearings = chosen(args).bearings if args.config else ()
     fit = fit_stribeck(_read(args, bearings), args.viscous)
     spreads = [(item, _spread(args, fit, item)) for item in bearings]
     if args.json:
         print_json(to_json(fit, args, spreads))
     else:
         print_fit(console(), args, fit, spreads)
-    if args.fragment:
-        text = fragment(args.curve, fit).encode()
-        write_whole(args.fragment, text, FRAGMENT_MARK.encode(), args.force)
-    if args.output:
-        write_csv(point_columns(fit), args.output, args.force)
-    if args.picture:
-        only = spreads[0] if len(spreads) == 1 else (None, None)
-        save_figure(
-            draw_friction_fit(fit, _footnote(args, fit, only[0]), only[1]),
-            args.picture,
-            args.force,
-        )
-    say_written(args.fragment, args.output, args.picture)
+    item, spread = spreads[0] if len(spreads) == 1 else (None, None)
+    declared.write_outputs(
+        args,
+        fragment=lambda: fragment(args.curve, fit),
+        output=lambda: point_columns(fit),
+        picture=lambda: draw_friction_fit(fit, _footnote(args, fit, item), spread),
+    )
     return int(bool(fit.warnings))
 
 
@@ -127,22 +111,9 @@ def _check(args: argparse.Namespace) -> None:
     for name in ('bearing', 'speed'):
         if getattr(args, name) and not args.config:
             raise ConfigurationError(f'--{name} needs --config and --load')
-    if not _FEWEST_DRAWS <= args.draws <= _MOST_DRAWS:
-        raise ConfigurationError(
-            f'draws = {args.draws} must be from {_FEWEST_DRAWS} to {_MOST_DRAWS}'
-        )
-    if args.seed < 0:
-        raise ConfigurationError(f'seed = {args.seed} must not be negative')
 
 
-def _bearings(args: argparse.Namespace) -> list[BearingConfig]:
-    if not args.config:
-        return []
-    config = load_config(args.config)
-    return [config.bearing(args.bearing)] if args.bearing else list(config.bearings)
-
-
-def _read(args: argparse.Namespace, bearings: list[BearingConfig]) -> FrictionCurve:
+def _read(args: argparse.Namespace, bearings: Sequence[BearingConfig]) -> FrictionCurve:
     columns = {name: getattr(args, f'{name}_column') for name in NAMES}
     diameters = {item.bearing.journal_diameter for item in bearings}
     diameter = args.journal_diameter
@@ -181,9 +152,7 @@ def _footnote(args: argparse.Namespace, fit: StribeckFit, item: BearingConfig | 
 
 
 def to_json(
-    fit: StribeckFit,
-    args: argparse.Namespace,
-    spreads: list[tuple[BearingConfig, BoundarySpread]],
+    fit: StribeckFit, args: argparse.Namespace, spreads: list[tuple[BearingConfig, BoundarySpread]]
 ) -> dict[str, Any]:
     """The fit as the documented JSON object."""
     points = point_columns(fit)
@@ -192,10 +161,7 @@ def to_json(
         'path': args.curve,
         'points': int(fit.weight.size),
         'speed_unit': fit.curve.unit,
-        'friction': {
-            'law': 'stribeck',
-            **{name: getattr(fit.law, name) for name in UNITS},
-        },
+        'friction': {'law': 'stribeck', **{name: getattr(fit.law, name) for name in UNITS}},
         'estimated': list(fit.names),
         'standard_error': dict(zip(fit.names, fit.standard_error.tolist(), strict=True)),
         'interval': dict(zip(fit.names, fit.intervals.tolist(), strict=True)),

@@ -10,13 +10,15 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from typing import Any
 
-from stickslip_monitor.errors import ConfigurationError, RosError
+from stickslip_monitor.commands.declared import add_diagnostics, add_number
+from stickslip_monitor.errors import RosError, no_ros
 from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.health import NOT_MONITORING
 from stickslip_monitor.monitor.ladder import Level
 
-_LONGEST = 600.0
+_LONGEST = 600
 ALONE = 1.5
 """Every monitor is heard once a second: after so long [s] there is no other."""
 _POLL = 0.02
@@ -24,27 +26,19 @@ _POLL = 0.02
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument(
-        '--node', help="the monitor's full name (default: the only one that is heard)"
-    )
-    parser.add_argument(
-        '--timeout', type=float, default=5.0, metavar='S', help='wait so long (default 5 s)'
-    )
-    parser.add_argument(
-        '--diagnostics', default='/diagnostics', metavar='TOPIC', help='(default /diagnostics)'
-    )
+    text = "the monitor's full name (default: the only one that is heard)"
+    parser.add_argument('--node', help=text)
+    own: dict[str, Any] = {'default': 5.0, 'metavar': 'S', 'help': 'wait so long (default 5 s)'}
+    add_number(parser, '--timeout', 0, _LONGEST, above=True, kind=float, **own)
+    add_diagnostics(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    if not 0.0 < args.timeout <= _LONGEST:
-        raise ConfigurationError(
-            f'--timeout {args.timeout:g} must be above 0 and at most {_LONGEST:g}'
-        )
     try:
         from stickslip_monitor.ros.watcher import hear_health
     except ImportError as error:
-        raise RosError(f'ROS 2 is not available ({error}): source its setup file') from error
+        raise no_ros(error) from error
     node = None if args.node is None else f'/{args.node.strip("/")}'
     heard: dict[str, tuple[int, str]] = {}
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
-from datetime import datetime, timezone
 from typing import Any
 
 from rich.table import Table
@@ -18,9 +17,9 @@ from stickslip_monitor.commands.check_results import bag_record
 from stickslip_monitor.commands.output import add_json, console, print_json
 from stickslip_monitor.errors import plural
 from stickslip_monitor.files import printable
+from stickslip_monitor.report.formatting import date, is_dated, minute
 
 SCHEMA = 'stickslip_monitor/info/1'
-_FIRST_DATE = 10 * 365 * 86_400
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,9 +52,7 @@ def _summary(record: Mapping[str, Any]) -> str:
     if record['duration'] is None:
         return text
     text += f' in {record["duration"]:.1f} s'
-    if record['start'] * 1e-9 < _FIRST_DATE:
+    if not is_dated(record['start']):
         return f'{text}, on a clock without dates'
-    start, end = (
-        datetime.fromtimestamp(record[key] * 1e-9, timezone.utc) for key in ('start', 'end')
-    )
-    return f'{text}, from {start:%Y-%m-%d %H:%M:%S} to {end:%Y-%m-%d %H:%M:%S} UTC'
+    start, end = (f'{date(time)} {minute(time)}' for time in (record['start'], record['end']))
+    return f'{text}, from {start} to {end} UTC'

@@ -9,21 +9,21 @@ bag are drawn on the map, and marks where the alarm changed.
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 from stickslip_monitor.commands.arguments import (
     add_drawing,
+    chosen,
     parse_load,
     parse_range,
     speed_range,
     the_bearing,
 )
-from stickslip_monitor.commands.declared import add_input, say_written
-from stickslip_monitor.drawing.canvas import save_figure, write_csv
+from stickslip_monitor.commands.declared import add_input, write_outputs
 from stickslip_monitor.drawing.map import boundaries, draw_map, map_columns, map_ranges
 from stickslip_monitor.drawing.track import Track, track_of_scan
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
-from stickslip_monitor.monitor.config_file import load_config
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,23 +41,23 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigurationError(
             f"track '{args.track}' is for pictures: write a .png or .svg, not '{args.output}'"
         )
-    config = load_config(args.config)
-    own = the_bearing(config, args.bearing)
+    own = the_bearing(chosen(args))
     speeds = speed_range(args.speeds, own)
     loads = parse_range(args.loads, 'loads', lambda part: parse_load(part, 'loads'))
-    if is_table:
-        speeds, _ = map_ranges(own.bearing, speeds, loads)
-        curves = boundaries(own.bearing, speeds, own.alarm.caution_margin)
-        write_csv(map_columns(own.bearing, curves), args.output, args.force)
-    else:
-        track = _track(args.track, config, own) if args.track else None
-        save_figure(draw_map(own, speeds, loads, track), args.output, args.force)
-    say_written(args.output)
+
+    def made() -> Any:
+        if is_table:
+            drawn, _ = map_ranges(own.bearing, speeds, loads)
+            curves = boundaries(own.bearing, drawn, own.alarm.caution_margin)
+            return map_columns(own.bearing, curves)
+        return draw_map(own, speeds, loads, _track(args.track, own) if args.track else None)
+
+    write_outputs(args, output=made)
     return 0
 
 
-def _track(path: str, config: MonitorConfig, own: BearingConfig) -> Track:
+def _track(path: str, own: BearingConfig) -> Track:
     # Imported only for a track: reading bags takes time to import.
     from stickslip_monitor.offline.follow import scan_whole
 
-    return track_of_scan(scan_whole(path, config).bearings[own.name].scan)
+    return track_of_scan(scan_whole(path, MonitorConfig((own,))).bearings[own.name].scan)

@@ -7,7 +7,6 @@ Nodes that are to follow the bag's time need the parameter use_sim_time.
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from typing import TYPE_CHECKING
 
@@ -16,7 +15,8 @@ from rich.markup import escape
 from rich.progress import Progress
 
 from stickslip_monitor.bags.reader import Bag, open_bag
-from stickslip_monitor.errors import BagError, ConfigurationError, RosError, plural
+from stickslip_monitor.commands.declared import add_number
+from stickslip_monitor.errors import BagError, RosError, no_ros, plural
 from stickslip_monitor.files import printable
 
 if TYPE_CHECKING:
@@ -26,37 +26,22 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('bag', metavar='BAG', help='rosbag2 folder or .mcap file')
-    parser.add_argument(
-        '--rate', type=float, default=1.0, help='times faster than recorded (default 1)'
-    )
-    parser.add_argument('--loop', type=int, default=1, metavar='N', help='play it N times')
-    parser.add_argument(
-        '--wait',
-        type=float,
-        default=0.0,
-        metavar='SECONDS',
-        help='wait so long at most for a subscriber before starting',
-    )
+    text = 'times faster than recorded (default 1)'
+    add_number(parser, '--rate', 0, above=True, kind=float, default=1.0, help=text)
+    add_number(parser, '--loop', 1, default=1, metavar='N', help='play it N times')
+    text = 'wait so long at most for a subscriber before starting'
+    add_number(parser, '--wait', 0, kind=float, default=0.0, metavar='SECONDS', help=text)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    if not (math.isfinite(args.rate) and args.rate > 0.0):
-        raise ConfigurationError(f'--rate {args.rate:g} must be a number above 0')
-    if args.loop < 1:
-        raise ConfigurationError(f'--loop {args.loop} must be at least 1')
-    if not args.wait >= 0.0:
-        raise ConfigurationError(f'--wait {args.wait:g} must not be below 0')
     bag = open_bag(args.bag)
     if bag.start_ns is None or bag.end_ns is None:
         raise BagError(f"bag '{args.bag}' has no messages to play")
     try:
         from stickslip_monitor.ros.player import open_player
     except ImportError as error:
-        raise RosError(
-            f'ROS 2 is not available ({error}): source its setup file, or install this package'
-            " with the extra 'ros'"
-        ) from error
+        raise no_ros(error) from error
     types = {t.name: t.type for t in bag.topics.values() if t.encoding == 'cdr'}
     with open_player(types) as player:
         _play(player, bag, args)

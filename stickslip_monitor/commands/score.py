@@ -10,8 +10,10 @@ an episode of stick-slip was missed or warned of too late, or a stick-slip alarm
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +22,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from stickslip_monitor.commands.declared import (
-    add_config,
-    add_force,
-    add_input,
-    add_picture,
-    say_written,
-)
+from stickslip_monitor.commands import declared
+from stickslip_monitor.commands.arguments import chosen
 from stickslip_monitor.commands.output import ProgressBar, add_json, console, print_json
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.lab.scenes.scene import load_scene
@@ -49,13 +46,12 @@ from stickslip_monitor.lab.warning_quality import (
     pooled,
     written,
 )
-from stickslip_monitor.monitor.config import MonitorConfig
-from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.offline.intervals import condition_intervals
+from stickslip_monitor.offline.outline import condition_intervals
 from stickslip_monitor.offline.processes import core_count
 
 OF_BAGS, OF_SCENES = 'stickslip_monitor/score/2', 'stickslip_monitor/warning_quality/1'
 RULES = {OURS: 'monitor', BELOW_FOLD: 'V < V_F', BELOW_HOPF: 'V < V_H'}
+_SCENE, _SENSORS = attrgetter('scene'), attrgetter('sensors')
 _COLUMNS = {
     'episodes': 'epi-\nsodes',
     'lead_least': 'least\nlead',
@@ -70,34 +66,20 @@ _COLUMNS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_input(
-        parser,
-        'bags',
-        nargs='+',
-        metavar='BAG',
-        help='rosbag2 folder or .mcap file; or scene files (.yaml)',
-    )
-    add_config(parser, required=False)
-    parser.add_argument('--bearing', help='only this bearing')
-    add_picture(
-        parser,
-        'speed, load, margins, amplitude, truth and warnings of one bearing in one bag over time',
-    )
-    parser.add_argument(
-        '--seeds', type=int, default=1, metavar='N', help='of scenes: how many seeds of each (1)'
-    )
-    parser.add_argument(
-        '--first-seed', type=int, metavar='S', help="of scenes: the first seed (the scene's own)"
-    )
-    add_input(
-        parser,
-        '--sensors',
-        action='append',
-        metavar='FILE',
-        help='of scenes: a file of sensors, in place of what the scene names; again for more',
-    )
-    parser.add_argument('--jobs', type=int, metavar='J', help='of scenes: processes (all cores)')
-    add_force(parser)
+    text = 'rosbag2 folder or .mcap file; or scene files (.yaml)'
+    declared.add_input(parser, 'bags', nargs='+', metavar='BAG', help=text)
+    declared.add_config(parser, required=False)
+    declared.add_bearing(parser)
+    text = 'speed, load, margins, amplitude, truth and warnings of a bearing in a bag over time'
+    declared.add_picture(parser, text)
+    text = 'of scenes: how many seeds of each (1)'
+    declared.add_number(parser, '--seeds', 1, default=1, metavar='N', help=text)
+    text = "of scenes: the first seed (the scene's own)"
+    declared.add_number(parser, '--first-seed', 0, metavar='S', help=text)
+    text = 'of scenes: a file of sensors, in place of what the scene names; again for more'
+    declared.add_input(parser, '--sensors', action='append', metavar='FILE', help=text)
+    declared.add_number(parser, '--jobs', 1, metavar='J', help='of scenes: processes (all cores)')
+    declared.add_force(parser)
     add_json(parser)
 
 
@@ -106,8 +88,7 @@ def run(args: argparse.Namespace) -> int:
     scenes = [path for path in args.bags if Path(path).suffix in ('.yaml', '.yml')]
     judged = [] if scenes else _judged_bags(args)
     voyages = _judged_scenes(args, scenes) if scenes else [bag.voyage for bag in judged]
-    if args.picture is not None:
-        _draw(args.picture, judged, args.force)
+    declared.write_outputs(args, picture=lambda: _drawn(judged))
     if args.json:
         print_json(_scenes_json(voyages) if scenes else _bags_json(judged))
     else:
@@ -115,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
         _print(out, voyages, 'scene' if scenes else 'bag')
         for bag in judged:
             for text in _remarks(bag):
-                out.print(f'{escape(_name(bag.voyage, voyages))}: {text}')
+                out.print(f'{escape(_name(voyages, bag.voyage))}: {text}')
     return int(not pooled(voyage.rules[OURS] for voyage in voyages).is_good)
 
 
@@ -124,9 +105,7 @@ def _judged_bags(args: argparse.Namespace) -> list[JudgedBag]:
         raise ConfigurationError('--config is missing: a bag does not say what bearing it is of')
     if args.sensors or args.seeds > 1 or args.first_seed is not None:
         raise ConfigurationError('--seeds, --first-seed and --sensors are for scenes (.yaml)')
-    config = load_config(args.config)
-    if args.bearing is not None:
-        config = MonitorConfig((config.bearing(args.bearing),), config.autostart)
+    config = chosen(args)
     return [judged for path in args.bags for judged in judge_bag(path, config)]
 
 
@@ -139,12 +118,6 @@ def _judged_scenes(args: argparse.Namespace, scenes: Sequence[str]) -> list[Voya
     for name in ('config', 'bearing', 'picture'):
         if getattr(args, name) is not None:
             raise ConfigurationError(f'--{name} is for bags: a scene says what is judged')
-    for name, least in (('seeds', 1), ('first_seed', 0), ('jobs', 1)):
-        value = getattr(args, name)
-        if value is not None and value < least:
-            raise ConfigurationError(
-                f'--{name.replace("_", "-")} {value} must be at least {least}'
-            )
     sensors = tuple(args.sensors) if args.sensors else (None,)
     calls = []
     for scene in scenes:
@@ -183,30 +156,29 @@ def _bags_json(judged: Sequence[JudgedBag]) -> dict[str, Any]:
 
 
 def _scenes_json(voyages: Sequence[Voyage]) -> dict[str, Any]:
-    seeds: dict[str, dict[int | None, None]] = {}
-    for voyage in voyages:
-        seeds.setdefault(voyage.scene, {})[voyage.seed] = None
     return {
         'schema': OF_SCENES,
-        'seeds': {scene: list(own) for scene, own in seeds.items()},
+        'seeds': {
+            scene: list(dict.fromkeys(voyage.seed for voyage in own))
+            for scene, own in _grouped(voyages, _SCENE).items()
+        },
         'sensors': [
             {
                 'file': sensors,
                 'total': _totals(own),
                 'scenes': {
-                    scene: _ours(parts).figures()
-                    for scene, parts in _grouped(own, 'scene').items()
+                    scene: _ours(parts).figures() for scene, parts in _grouped(own, _SCENE).items()
                 },
             }
-            for sensors, own in _grouped(voyages, 'sensors').items()
+            for sensors, own in _grouped(voyages, _SENSORS).items()
         ],
     }
 
 
-def _grouped(voyages: Iterable[Voyage], by: str) -> dict[Any, list[Voyage]]:
+def _grouped(voyages: Iterable[Voyage], of: Callable[[Voyage], Any]) -> dict[Any, list[Voyage]]:
     found: dict[Any, list[Voyage]] = {}
     for voyage in voyages:
-        found.setdefault(getattr(voyage, by), []).append(voyage)
+        found.setdefault(of(voyage), []).append(voyage)
     return found
 
 
@@ -220,7 +192,7 @@ def _totals(voyages: Sequence[Voyage]) -> dict[str, dict[str, float | None]]:
 
 def _print(out: Console, voyages: Sequence[Voyage], kind: str) -> None:
     """A table of all figures for each grade of sensors, and a line for each scene or bag."""
-    for sensors, own in _grouped(voyages, 'sensors').items():
+    for sensors, own in _grouped(voyages, _SENSORS).items():
         title = 'warnings judged by the truth' + (f', {sensors}' if sensors else '')
         table = Table(title=title, title_justify='left', box=SIMPLE_HEAD)
         table.add_column('')
@@ -230,9 +202,7 @@ def _print(out: Console, voyages: Sequence[Voyage], kind: str) -> None:
         for name, (label, *_) in FIGURES.items():
             table.add_row(label, *(written(name, row[name]) for row in rows))
         out.print(table)
-        lines: dict[str, list[Voyage]] = {}
-        for voyage in own:
-            lines.setdefault(_name(voyage, own), []).append(voyage)
+        lines = _grouped(own, partial(_name, own))
         out.print(_by_name(kind, {name: _ours(parts).figures() for name, parts in lines.items()}))
 
 
@@ -246,7 +216,7 @@ def _by_name(kind: str, rows: Mapping[str, Mapping[str, float | None]]) -> Table
     return table
 
 
-def _name(voyage: Voyage, voyages: Sequence[Voyage]) -> str:
+def _name(voyages: Sequence[Voyage], voyage: Voyage) -> str:
     """A scene or a bag as briefly as it can be told from the others."""
     if voyage.seed is not None:
         return Path(voyage.scene).stem
@@ -286,20 +256,16 @@ def _before(lead: float) -> str:
     return f'{lead:.1f} s before' if lead >= 0.0 else f'[red]{-lead:.1f} s late[/]'
 
 
-def _draw(path: str, judged: Sequence[JudgedBag], force: bool) -> None:
+def _drawn(judged: Sequence[JudgedBag]) -> Any:
     if len(judged) != 1:
         names = ', '.join(f'{bag.voyage.bearing} in {bag.voyage.scene}' for bag in judged)
         raise ConfigurationError(
             f'--picture shows one bearing in one bag, and here are {names}: give one bag, and'
             ' --bearing where it has several'
         )
-    from stickslip_monitor.drawing.canvas import save_figure
     from stickslip_monitor.drawing.timeline import Timeline, draw_timeline
 
     (bag,) = judged
     spells = condition_intervals(bag.scan.events, bag.truth.start_ns, bag.truth.end_ns)
     title = f'{Path(bag.voyage.scene).name}: {bag.config.name}'
-    save_figure(
-        draw_timeline(Timeline(bag.config, bag.scan, spells, bag.truth, title)), path, force
-    )
-    say_written(path)
+    return draw_timeline(Timeline(bag.config, bag.scan, spells, bag.truth, title))

@@ -26,7 +26,7 @@ from stickslip_monitor.commands.output import ProgressBar, console
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.scene import Scene, load_scene, simulate
 from stickslip_monitor.lab.scenes.telemetry import Signal
-from stickslip_monitor.offline.truth import BOOL, FLOAT64, STRING
+from stickslip_monitor.lab.truth import BOOL, FLOAT64, STRING
 
 _ENCODERS: Mapping[str, Callable[[Any], Payload]] = {
     BOOL: lambda values: [encode_bool(value) for value in values],

@@ -26,15 +26,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from stickslip_monitor.commands.dashboard import (
-    add_page,
-    event_log,
-    listen_to_nodes,
-    need_extra,
-    page_access,
-    say_address,
-    watched,
-)
+from stickslip_monitor.commands import dashboard
 from stickslip_monitor.commands.declared import add_config
 from stickslip_monitor.errors import ConfigurationError, LinkError
 from stickslip_monitor.links.link_config import SECTION, LinksConfig, build_links, is_loopback
@@ -74,8 +66,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         const=f'/{NODE_NAME}',
         help=f'stand beside the monitor of this full name (/{NODE_NAME} where none is given)',
     )
-    parser.add_argument('--port', type=int, help='serve the page of `stickslip dashboard`, too')
-    add_page(parser)
+    dashboard.add_port(parser, 'serve the page of `stickslip dashboard`, too')
+    dashboard.add_page(parser)
     parser.add_argument(
         '--request-token',
         action='store_true',
@@ -226,11 +218,12 @@ def _board(args: argparse.Namespace, config: MonitorConfig) -> Iterator[Dashboar
     if args.port is None:
         yield None
         return
-    need_extra()
+    dashboard.need_extra()
     from stickslip_monitor.dashboard.state import DashboardState
 
-    with event_log(args) as log:
-        yield DashboardState([watched(config, args.node or args.config, args.node or '')], log=log)
+    with dashboard.event_log(args) as log:
+        monitor = dashboard.watched(config, args.node or args.config, args.node or '')
+        yield DashboardState([monitor], log=log)
 
 
 async def _serve(args: argparse.Namespace, board: DashboardState | None, feed: Feed) -> None:
@@ -240,7 +233,8 @@ async def _serve(args: argparse.Namespace, board: DashboardState | None, feed: F
 
         for monitor in board.monitors:
             monitor.act = feed.act
-        await Server(board, page_access(args)).serve(args.host, args.port, say_address)
+        server = Server(board, dashboard.page_access(args))
+        await server.serve(args.host, args.port, dashboard.say_address)
         return
     stop, loop = asyncio.Event(), asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -261,7 +255,7 @@ def _monitor(
 ) -> Iterator[tuple[Take, Callable[[], Coroutine[Any, Any, Any]]]]:
     """What takes samples, and what has to run for it."""
     if args.node is not None:
-        with listen_to_nodes({args.node: feed}, args.diagnostics) as watcher:
+        with dashboard.listen_to_nodes({args.node: feed}, args.diagnostics) as watcher:
             from stickslip_monitor.ros.watcher import Bridge
 
             feed.act = partial(watcher.act, args.node)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -249,10 +250,7 @@ def _exact_fold(axes: Axes, bearing: Bearing, loads: Range, x_unit: float, y_uni
 
 def _amplitudes(axes: Axes, bearing: Bearing, speeds: Range, loads: Range, levels: int) -> None:
     """Lines of one amplitude of the exact stick-slip cycle, labelled in mm."""
-    columns, rows = _EXACT_GRID
-    speed = np.linspace(speeds[0], speeds[1], columns + 1)[1:]
-    load = np.linspace(loads[0], loads[1], rows + 1)[1:]
-    exact = exact_cycle(bearing, speed[None, :], load[:, None]).amplitude * 1e3
+    speed, load, exact = _exact_amplitudes(bearing, speeds, loads)
     if not np.isfinite(exact).any():
         return
     lines = axes.contour(
@@ -260,6 +258,18 @@ def _amplitudes(axes: Axes, bearing: Bearing, speeds: Range, loads: Range, level
         colors=MUTED, linewidths=0.9, zorder=2,
     )  # fmt: skip
     axes.clabel(lines, fmt='%g mm', fontsize=9.0)
+
+
+# A page shows each map in two sizes, and takes a second to work out its cycles.
+@lru_cache(maxsize=8)
+def _exact_amplitudes(
+    bearing: Bearing, speeds: Range, loads: Range
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Speeds [m/s], loads [N], and over both the amplitudes [mm] of the exact stable cycle."""
+    columns, rows = _EXACT_GRID
+    speed = np.linspace(speeds[0], speeds[1], columns + 1)[1:]
+    load = np.linspace(loads[0], loads[1], rows + 1)[1:]
+    return speed, load, exact_cycle(bearing, speed[None, :], load[:, None]).amplitude * 1e3
 
 
 def _bands(axes: Axes, config: BearingConfig, loads: Range, x_unit: float, y_unit: float) -> None:

@@ -21,10 +21,20 @@ import numpy as np
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.scenes.effects import STAGES
-from stickslip_monitor.lab.scenes.scene import Scene, load_scene, simulate
+from stickslip_monitor.lab.scenes.scene import STAGES, Scene, load_scene, simulate
 from stickslip_monitor.lab.scenes.settings import as_believed
 from stickslip_monitor.lab.scenes.telemetry import Messages
+from stickslip_monitor.lab.truth import (
+    Column,
+    TruthNumbers,
+    TruthRecord,
+    episodes_of,
+    has_truth,
+    on_recorder_clock,
+    read_truth,
+    scan_on_recorder_clock,
+    topic,
+)
 from stickslip_monitor.lab.warning_quality import (
     Interval,
     Quality,
@@ -39,19 +49,8 @@ from stickslip_monitor.monitor.ladder import LADDER, Condition, Level
 from stickslip_monitor.monitor.signals import Stream, to_si
 from stickslip_monitor.monitor.source_faults import SourceWatch, least_gap
 from stickslip_monitor.offline.follow import scan_whole
-from stickslip_monitor.offline.intervals import condition_intervals
+from stickslip_monitor.offline.outline import condition_intervals
 from stickslip_monitor.offline.processes import run_in_processes
-from stickslip_monitor.offline.truth import (
-    Column,
-    TruthNumbers,
-    TruthRecord,
-    episodes_of,
-    has_truth,
-    on_recorder_clock,
-    read_truth,
-    scan_on_recorder_clock,
-    topic,
-)
 
 Alarm = Mapping[str, Any]
 OURS, BELOW_FOLD, BELOW_HOPF = 'monitor', 'below_fold', 'below_hopf'

@@ -37,8 +37,7 @@ from stickslip_monitor.monitor.source_faults import (
 )
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.follow import BearingBlock, follow, requests_of
-from stickslip_monitor.offline.intervals import Extreme, Worst
-from stickslip_monitor.offline.outline import Outline, Outliner
+from stickslip_monitor.offline.outline import Extreme, Outline, Outliner, Worst
 
 _MOST_NAMED = 5
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -80,15 +81,16 @@ def follow(
     running: list[Future[None]] = []
     # Bearings know nothing of each other, and arithmetic on arrays needs no interpreter.
     with ThreadPoolExecutor(min(len(courses), os.cpu_count() or 1)) as pool:
-        for part in reading:
+        for part in itertools.chain(reading, [None]):
             # What was read before is scanned while the next is read.
             for future in running:
                 future.result()
-            span.hear(part.values())
-            running = [pool.submit(each.take, part, span.start_ns) for each in courses]
+            if part is not None:
+                span.hear(part.values())
+            running = [
+                pool.submit(each.take, part, span.start_ns, span.end_ns) for each in courses
+            ]
         for future in running:
-            future.result()
-        for future in [pool.submit(each.finish, span.start_ns, span.end_ns) for each in courses]:
             future.result()
     followers = {each.config.name: each.follower for each in courses}
     return Followed(followers, reading.faults(), span.start_ns, span.end_ns)
@@ -148,24 +150,16 @@ class _Course(Generic[_Follower]):
         self._requests = requests_of(config)
         self._scan: BearingScan | None = None
 
-    def take(self, part: Mapping[Request, Series], start_ns: int | None) -> None:
-        """Take a stretch of the recording."""
-        series = tuple(part[request] for request in self._requests)
+    def take(
+        self, part: Mapping[Request, Series] | None, start_ns: int | None, end_ns: int | None
+    ) -> None:
+        """Take a stretch of the recording, or come to its end."""
+        series = tuple(_SILENCE if part is None else part[request] for request in self._requests)
         stream, _ = _merged(series)
-        scan = self._begun(start_ns).take(stream)
-        self.follower.take(BearingBlock(series, stream, scan))
-
-    def finish(self, start_ns: int | None, end_ns: int | None) -> None:
-        """Come to its end."""
-        series = tuple(_SILENCE for _ in self._requests)
-        stream, _ = _merged(series)
-        scan = self._begun(start_ns).finish(stream, end_ns)
-        self.follower.take(BearingBlock(series, stream, scan))
-
-    def _begun(self, start_ns: int | None) -> BearingScan:
         if self._scan is None:
             self._scan = BearingScan(self.config, start_ns)
-        return self._scan
+        scan = self._scan.finish(stream, end_ns) if part is None else self._scan.take(stream)
+        self.follower.take(BearingBlock(series, stream, scan))
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,7 @@ import numpy as np
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.offline.check import BearingReport
-from stickslip_monitor.offline.intervals import ConditionInterval, Extreme, together
-from stickslip_monitor.offline.outline import Verdicts
+from stickslip_monitor.offline.outline import ConditionInterval, Extreme, Verdicts, together
 from stickslip_monitor.report import formatting
 
 STICKING = (Condition.STICK_SLIP, Condition.AMPLITUDE)

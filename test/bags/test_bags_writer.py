@@ -47,6 +47,19 @@ def write_example(path: Path, **options: Any) -> None:
         writer.write_float64s({'/speed': (TIMES, SPEED), '/load': (TIMES + 7, LOAD)})
 
 
+def test_two_writers_do_not_meet(tmp_path: Path) -> None:
+    def write() -> None:
+        with BagWriter(tmp_path / 'bag.mcap') as first:
+            first.add_topic('/x', FLOAT64)
+            with BagWriter(tmp_path / 'bag.mcap') as second:
+                second.add_topic('/y', FLOAT64)
+
+    with pytest.raises(BagError, match='exists already'):
+        write()
+    assert [path.name for path in tmp_path.iterdir()] == ['bag.mcap']
+    assert list(open_bag(tmp_path / 'bag.mcap').topics) == ['/y']
+
+
 def read_with_rosbags(path: Path) -> list[tuple[str, int, object]]:
     with Reader(path) as reader:
         return [

@@ -67,19 +67,6 @@ def test_the_picture(tmp_path: Path) -> None:
     assert again.read_bytes() == data
 
 
-@pytest.mark.parametrize(
-    ('arguments', 'words'),
-    [
-        (['--picture', 'a.pdf'], 'must end in'),
-        (['--from', STORED, '--quick'], 'does not go with --quick'),
-        (['--from', 'missing.csv'], 'cannot be read'),
-    ],
-)
-def test_bad_input(arguments: list[str], words: str, capsys: pytest.CaptureFixture) -> None:
-    assert main(['accuracy', *arguments]) == 2
-    assert words in capsys.readouterr().err
-
-
 def test_times_in_words() -> None:
     found = [accuracy.time_text(seconds) for seconds in (2.5, 2.5e-3, 2.5e-6, float('nan'))]
     assert found == ['2.5 s', '2.5 ms', '2.5 us', '-']

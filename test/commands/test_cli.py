@@ -9,15 +9,16 @@ import pty
 import re
 import select
 import shutil
-import subprocess
 import sysconfig
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
+from threading import Thread
 
 import pytest
 
-from stickslip_monitor.cli import COMMANDS, main
+from stickslip_monitor.cli import main
 from stickslip_monitor.commands.check_results import to_text
 
 ROOT = Path(__file__).parents[2]
@@ -26,48 +27,6 @@ BAG = str(ROOT / 'bags' / 'coast_down')
 POINT = ('assess', '--config', CONFIG, '--speed', '20rpm', '--load', '1kN')
 CURVE = ('fit', str(ROOT / 'launch_configs' / 'examples' / 'friction_curve.csv'))
 SCRIPTS = sysconfig.get_path('scripts')
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'text'),
-    [
-        (('chek', BAG), "command 'chek' is not known; did you mean 'check'?"),
-        (('xyz',), f"command 'xyz' is not known; there are: {', '.join(COMMANDS)}"),
-        (('check', f'{ROOT}/bags/coast_dwn', '--config', CONFIG), "; did you mean 'coast_down'?"),
-        (
-            ('check', BAG, '--config', f'{CONFIG[:-5]}s.yaml'),
-            "No such file or directory; did you mean 'reference_bearing.yaml'?",
-        ),
-        (
-            ('simulate', str(ROOT / 'launch_configs/scenes/coastdown.yaml'), '-o', 'x'),
-            "; did you mean 'coast_down.yaml'?",
-        ),
-        ((*POINT, '--bearing', 'aft'), "'aft' is not configured; did you mean 'aft_stern'?"),
-        (
-            (*POINT[:-1], '1kip'),
-            "load '1kip' must be a number with a unit: one of N, kN, and 'kip' is none of these",
-        ),
-        ((*POINT[:-1], '1'), "load '1' must be a number with a unit: one of N, kN\n"),
-    ],
-)
-def test_a_slip_is_told_with_what_was_meant(
-    arguments: tuple[str, ...], text: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(arguments) == 2
-    said = capsys.readouterr().err
-    assert text in said
-    assert said.count('\n') == 1
-
-
-def test_an_unknown_option_is_told_with_the_known_one(capsys: pytest.CaptureFixture[str]) -> None:
-    # Though a required one is missing, too.
-    assert main((*POINT[:-2], '--bering=aft_stern')) == 2
-    assert capsys.readouterr().err == (
-        "ERROR: option '--bering=aft_stern' is not known; did you mean '--bearing'? (see stickslip"
-        ' assess --help)\n'
-    )
-    assert main(POINT[:-2]) == 2
-    assert 'required: --load (see stickslip assess --help)\n' in capsys.readouterr().err
 
 
 def test_help_is_a_command_too(capsys: pytest.CaptureFixture[str]) -> None:
@@ -94,7 +53,6 @@ def test_a_recording_is_shown_without_a_configuration(capsys: pytest.CaptureFixt
     said = ' '.join(capsys.readouterr().out.split())
     assert 'from 2026-05-04 06:00:00 to 2026-05-04 06:04:40 UTC' in said
     assert '/bearing/aft_stern/load' in said
-    assert main(['info', CONFIG]) == 2
 
 
 def test_units_are_understood_in_any_case(capsys: pytest.CaptureFixture[str]) -> None:
@@ -146,17 +104,20 @@ def test_one_is_not_several_and_figures_are_in_percent_and_millimetres() -> None
     ids=lambda arguments: arguments[0],
 )
 def test_on_a_screen_of_40_columns_nothing_is_cut_off(
-    arguments: tuple[str, ...], tmp_path: Path
+    arguments: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    for name, value in (('COLUMNS', '40'), ('TERM', 'xterm'), ('NO_COLOR', '1')):
+        monkeypatch.setenv(name, value)
+    monkeypatch.chdir(tmp_path)
     terminal, screen = pty.openpty()
-    with os.fdopen(screen, 'wb') as file:
-        program = subprocess.Popen(
-            [f'{SCRIPTS}/stickslip', *arguments],
-            cwd=tmp_path, env=os.environ | {'COLUMNS': '40', 'TERM': 'xterm', 'NO_COLOR': '1'},
-            stdout=file, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
-    shown = b''.join(_read(terminal)).decode()
-    assert program.wait(60.0) < 2, shown
+    parts: list[bytes] = []
+    reader = Thread(target=lambda: parts.extend(_read(terminal)))
+    reader.start()
+    with os.fdopen(screen, 'w') as file, monkeypatch.context() as patch, suppress(SystemExit):
+        patch.setattr('sys.stdout', file)
+        assert main(arguments) < 2
+    reader.join()
+    shown = b''.join(parts).decode()
     # Long words (paths) are left to the terminal to break.
     shown = re.sub('\x1b\\[[0-9;]*m', '', shown)
     lines = [line for line in shown.splitlines() if len(line.split()) > 1]

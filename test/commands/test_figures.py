@@ -144,38 +144,3 @@ def test_another_point_and_another_bearing(tmp_path: Path) -> None:
     arguments = ['figures', '-c', str(config), '--bearing', 'aft_stern', '-o', str(out)]
     assert main([*arguments, '--speed', '0.05m/s', '--load', '1.5kN']) == 0
     assert np.max(read(out / 'finding_4_motion.csv')['velocity [m/s]']) <= 0.05 * (1 + 1e-12)
-
-
-@pytest.mark.parametrize(
-    ('more', 'text'),
-    [
-        (('--load', '0N'), "load '0N' must be above 0"),
-        (('--load', '1000'), "load '1000' must be a number with a unit"),
-        (('--load', '100N'), 'load = 100 N has no fold'),
-        (('--speed', '20'), "speed '20' must be a number with a unit"),
-        (('--speed', '35rpm'), 'speed = 35 rpm must lie between 0 and the Hopf speed, 30.738 rpm'),
-        (('--bearing', 'x'), "bearing 'x' needs a --config that has it"),
-        (('--config', CONFIG, '--bearing', 'x'), "bearing 'x' is not configured; there are: aft"),
-        (('--config', 'none.yaml'), 'none.yaml'),
-        (('--config', 'coulomb.yaml'), 'friction law = coulomb must be stribeck'),
-        (('-o', 'coulomb.yaml'), 'coulomb.yaml: File exists'),
-    ],
-)
-def test_bad_input_is_named_with_its_rule(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    more: tuple[str, ...],
-    text: str,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    config = Path(CONFIG).read_text('utf-8')
-    assert LAW in config
-    config = config.replace(LAW, '{law: coulomb, static: 0.3, kinetic: 0.1}')
-    Path('coulomb.yaml').write_text(config, 'utf-8')
-    assert main(['figures', '-o', 'out', *more]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith('ERROR: ')
-    assert text in error
-    assert [path.name for path in tmp_path.iterdir()] == ['coulomb.yaml']
-    assert Path('coulomb.yaml').read_text('utf-8') == config

@@ -142,36 +142,6 @@ def test_a_warning_is_exit_code_1(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert 'warning: static is extrapolated' in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ('arguments', 'words'),
-    [
-        ((CURVE,), "speeds in rpm need the journal's diameter: give --journal-diameter"),
-        ((CURVE, '--journal-diameter', '0'), 'journal_diameter = 0 m must be greater than 0'),
-        ((CURVE, '--config', CONFIG), '--config needs --load'),
-        ((CURVE, '--load', '1kN'), '--load needs --config'),
-        ((CURVE, '--speed', '1rpm'), '--speed needs --config and --load'),
-        ((CURVE, *LOAD, '--bearing', 'bow'), "bearing 'bow' is not configured"),
-        ((CURVE, *LOAD, '--draws', '3'), 'draws = 3 must be from 100 to 1000000'),
-        ((CURVE, *LOAD, '--seed', '-3'), 'seed = -3 must not be negative'),
-        ((CURVE, '--config', CONFIG, '--load', '0N'), 'load = 0 N must be greater than 0'),
-        ((CURVE, *LOAD, '-o', 'plot.pdf'), "output 'plot.pdf' must end in one of"),
-        (
-            (CURVE, *LOAD, '--fragment', '/nowhere/a.yaml'),
-            "'/nowhere/a.yaml' cannot be written: there is no folder",
-        ),
-        (('none.csv',), 'none.csv: No such file'),
-    ],
-)
-def test_bad_input_is_exit_code_2(
-    arguments: tuple[str, ...], words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(['fit', *arguments]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith('ERROR: ')
-    assert words in error
-    assert error.count('\n') == 1
-
-
 def test_the_page_shows_what_the_command_prints(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -181,30 +181,6 @@ def test_picture(tmp_path: Path, slowing: str, capsys: pytest.CaptureFixture[str
     assert struct.unpack('>II', data[16:24]) == (1800, 1592)
 
 
-def test_bad_input_is_named(
-    tmp_path: Path, slowing: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    bare = tmp_path / 'bare'
-    with BagWriter(bare) as writer:
-        for topic in ('/shaft/speed', '/bearing/aft_stern/load'):
-            writer.add_topic(topic, 'std_msgs/msg/Float64')
-            writer.write_float64s({topic: ([0, 10**9], [1.0, 1.0])})
-    cases = {
-        (str(bare),): f"bag '{bare}' holds no truth about aft_stern: topic"
-        " '/truth/aft_stern/events' is not in it; only simulated recordings",
-        ('none',): "bag 'none' does not exist",
-        (slowing, '--bearing', 'fore'): "bearing 'fore' is not configured",
-        (slowing, '--picture', str(tmp_path / 'a.pdf')): 'must end in one of',
-        (slowing, '--picture', str(tmp_path / 'a.csv')): 'must end in one of .png, .svg',
-        (slowing, slowing, '--picture', 'a.png'): '--picture shows one bearing in one bag',
-    }
-    for args, words in cases.items():
-        code, _, error = run(capsys, *args)
-        assert code == 2, args
-        assert error.startswith('ERROR: ')
-        assert words in error
-
-
 def test_the_monitor_never_reads_the_truth(
     tmp_path: Path, knocked: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -17,6 +17,8 @@ from typing import Any
 import pytest
 import yaml
 
+from benchmarks.signalk_servers import free_port
+
 parser = pytest.importorskip(
     'prometheus_client.parser', reason="the extra 'dashboard' is not installed"
 )
@@ -162,6 +164,49 @@ def test_names_keep_the_conventions(dashboard: Any) -> None:
 def test_the_shipped_files_please_promtool(arguments: tuple[str, ...]) -> None:
     done = subprocess.run([program('promtool'), *arguments], text=True, capture_output=True)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.slow
+def test_a_real_prometheus_scrapes_with_a_token_and_alerts(
+    dashboards: Any, kit: Any, tmp_path: Path
+) -> None:
+    """With the shipped files, but for address and pace; the token as their comment has it."""
+    dashboard, port = dashboards(token=TOKEN), free_port()
+    config = yaml.safe_load((SHIPPED / 'prometheus.yml').read_text('utf-8'))
+    paces = ('scrape_interval', 'scrape_timeout', 'evaluation_interval')
+    config['global'] = dict.fromkeys(paces, '200ms')
+    (job,) = config['scrape_configs']
+    job['static_configs'] = [{'targets': [f'127.0.0.1:{dashboard.port}']}]
+    job['authorization'] = {'credentials_file': 'token'}
+    (tmp_path / 'token').write_text(TOKEN)
+    (tmp_path / 'prometheus.yml').write_text(yaml.safe_dump(config))
+    shutil.copy(SHIPPED / 'prometheus_rules.yml', tmp_path)
+    command = [program('prometheus'), f'--config.file={tmp_path}/prometheus.yml']
+    command += [f'--web.listen-address=127.0.0.1:{port}', f'--storage.tsdb.path={tmp_path}']
+
+    def ask(path: str, rpm: float) -> Any:
+        dashboard.sail(rpm, 1000.0)
+        try:
+            with urllib.request.urlopen(f'http://127.0.0.1:{port}/api/v1/{path}') as answer:
+                return json.load(answer)['data']
+        except OSError:  # it is not up yet
+            return {'result': [], 'alerts': []}
+
+    def firing(rpm: float) -> set[str]:
+        alerts = ask('alerts', rpm)['alerts']
+        return {a['labels']['alertname'] for a in alerts if a['state'] == 'firing'}
+
+    server = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        load = 'query?query=stickslip_load_newtons'
+        (found,) = kit.until(lambda: ask(load, 60.0)['result'], 'the first scrape')
+        assert float(found['value'][1]) == 1000.0
+        assert found['metric']['bearing'] == 'aft_stern'
+        assert firing(60.0) == set()
+        kit.until(lambda: firing(20.0) == {'StickSlipPredicted'}, 'the alert')
+    finally:
+        server.terminate()
+        server.wait()
 
 
 def test_every_alert_is_tested_and_asks_for_what_there_is(dashboard: Any) -> None:

@@ -314,6 +314,7 @@ def test_no_alarm_is_not_said_before_it_is_known(dashboard: Any, browser: Any) -
     assert browser.js('document.getElementById("unsure").checkVisibility()')
 
 
+@pytest.mark.slow
 def test_eight_tabs_share_one_stream(dashboard: Any, page: Any, kit: Any) -> None:
     """A browser opens six connections to a server: with a stream each, the seventh tab hangs."""
     tabs = [page.call('Target.createTarget', url=dashboard.url)['targetId'] for _ in range(7)]
@@ -426,7 +427,9 @@ def complaints(browser: Any) -> Any:
     return browser.js(f'axe.run(document).then((r) => r.violations.map((v) => {found}))')
 
 
-@pytest.mark.parametrize('theme', ['day', 'dusk', 'night'])
+@pytest.mark.parametrize(
+    'theme', ['day', *(pytest.param(name, marks=pytest.mark.slow) for name in ('dusk', 'night'))]
+)
 def test_axe_finds_nothing(dashboards: Callable[..., Any], browser: Any, theme: str) -> None:
     """The rules of axe-core for WCAG 2.1 AA and good practice, view after view."""
     dashboard = dashboards(player=Player())

@@ -150,6 +150,30 @@ def test_without_damping_the_cycle_never_ends() -> None:
     assert np.isfinite(diagram.branches[0].amplitude).all()
 
 
+def test_a_branch_between_two_speeds_of_the_diagram_is_found() -> None:
+    """A Hopf with a fold 0.003 rpm above it: between them there are two small cycles."""
+    table = Tabulated(
+        [0.1324560, 0.2096268, 0.2281960, 0.4458427], [0.24518, 0.12219, 0.05504, 0.05496]
+    )
+    own, load = bearing(table, damping=62.65981), 337.7896
+    diagram = bifurcation_diagram(own, load, (0.1, 0.2), 3)
+    hopf, fold = diagram.marks[:2]
+    assert (hopf.kind, fold.kind) == (MarkKind.HOPF, MarkKind.FOLD)
+    assert 0.0 < fold.speed - hopf.speed < 2e-5
+    rates = amplitude_rate(
+        own, 0.5 * (hopf.speed + fold.speed), load, np.geomspace(1e-6, 5e-5, 400)
+    )
+    assert np.count_nonzero(np.diff(np.sign(rates))) == 2
+    below, above = (
+        amplitude_rate(own, v, load, np.geomspace(1e-6, 5e-5, 400))
+        for v in (hopf.speed - 1e-5, fold.speed + 1e-5)
+    )
+    assert [np.count_nonzero(np.diff(np.sign(r))) for r in (below, above)] == [1, 0]
+    at = np.searchsorted(diagram.speed, [hopf.speed, fold.speed])
+    (small,) = [b for b in diagram.branches if b.amplitude[at[0]] == 0.0]
+    assert small.amplitude[at[1]] == fold.amplitude < 5e-5
+
+
 def test_a_range_inside_one_regime_has_no_marks() -> None:
     diagram = bifurcation_diagram(REFERENCE, LOAD, (5.0 * RPM, 25.0 * RPM), 50)
     assert diagram.marks == ()

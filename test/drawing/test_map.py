@@ -24,6 +24,7 @@ from stickslip_monitor import (
     Stribeck,
     Tabulated,
     assess,
+    fold_speed,
 )
 from stickslip_monitor.drawing.canvas import CONDITION_NAMES
 from stickslip_monitor.drawing.map import (
@@ -80,8 +81,8 @@ def test_the_assessment_changes_across_each_curve(own: Bearing) -> None:
     known = np.isfinite(load)
     # A minimum of the fold between two points of the grid is found to the grid's width only.
     speed, load = speed[known][::12], load[known][::12]
-    assert np.all(assess(own, speed, load * 1.001).fold_margin < 0.1)
-    assert np.all(assess(own, speed, load * 0.99).fold_margin >= 0.1)
+    assert np.all(speed < 1.1 * fold_speed(own, load * 1.001))
+    assert not np.any(speed < 1.1 * fold_speed(own, load * 0.99))
 
 
 def test_without_stick_slip_there_are_no_curves() -> None:

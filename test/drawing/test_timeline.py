@@ -14,12 +14,12 @@ import pytest
 from stickslip_monitor import Monitor, Stream
 from stickslip_monitor.drawing.canvas import CONDITION_COLOUR, FOLD
 from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
+from stickslip_monitor.lab.truth import TruthNumbers, TruthRecord
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.verdict import Event
-from stickslip_monitor.offline.intervals import condition_intervals
-from stickslip_monitor.offline.truth import TruthNumbers, TruthRecord
+from stickslip_monitor.offline.outline import condition_intervals
 
 pytest.importorskip('matplotlib')
 CONFIG = load_config(Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml')

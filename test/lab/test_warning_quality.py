@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from stickslip_monitor.lab.truth import TruthNumbers, TruthRecord
 from stickslip_monitor.lab.voyages import said_by
 from stickslip_monitor.lab.warning_quality import (
     Episode,
@@ -31,7 +32,6 @@ from stickslip_monitor.lab.warning_quality import (
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.verdict import Event
-from stickslip_monitor.offline.truth import TruthNumbers, TruthRecord
 
 Array = NDArray[np.float64]
 HOUR = 3600

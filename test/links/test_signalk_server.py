@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The links against the real signalk-server: an alarm again and again."""
+"""The links against the real signalk-server: an alarm again and again, and the right to write."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ pytest.importorskip('aiohttp', reason="the extra 'links' is not installed")
 
 import aiohttp
 
-from benchmarks.signalk_servers import RealServer, missing
+from benchmarks.signalk_servers import RealServer, missing, officer_token
 from stickslip_monitor import build_config
+from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links.link_config import SignalKLink
 from stickslip_monitor.links.live_monitor import LiveMonitor, MonitorSide
 from stickslip_monitor.links.signalk import SignalKInput, SignalKInputs
-from stickslip_monitor.links.signalk_client import SignalKClient
+from stickslip_monitor.links.signalk_client import SignalKClient, request_token
 from stickslip_monitor.monitor.alarms import annunciator
 from stickslip_monitor.monitor.config_file import load_parameters
 from stickslip_monitor.monitor.signals import Input
@@ -53,7 +54,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealServer]:
 class Ship:
     """The monitor without ROS at a real server, with a shaft meter and somebody who looks on."""
 
-    def __init__(self, server: RealServer) -> None:
+    def __init__(self, server: RealServer, token: str = '') -> None:
         self.server, self.rpm = server, AHEAD
         changes = {f'{BEARING}.{name}': value for name, value in CHANGES.items()}
         config = build_config(load_parameters(REFERENCE) | changes)
@@ -67,7 +68,7 @@ class Ship:
         inputs = [SignalKInput(BEARING, place, path, '', 2.0) for place, path in paths.items()]
         self.client = SignalKClient(
             SignalKLink(server.url, '', '', PREFIX, True),
-            '',
+            token,
             SignalKInputs(inputs, log.warning),
             [],
             MonitorSide([BEARING], self.live.take, self.live.act, self.tell, log),
@@ -153,13 +154,15 @@ class Ship:
 
 
 @asynccontextmanager
-async def sailing(server: RealServer) -> AsyncIterator[Ship]:
-    ship = Ship(server)
+async def sailing(
+    server: RealServer, token: str = '', link: str = 'signalk_out'
+) -> AsyncIterator[Ship]:
+    ship = Ship(server, token)
     works = [ship.client.run(), ship.live.run(), ship.tick()]
     works += [ship.as_another(ship.meter), ship.as_another(ship.watchman)]
     tasks = [asyncio.create_task(work) for work in works]
     try:
-        await ship.until(lambda: ship.links.get('signalk_out'), 'an echo')
+        await ship.until(lambda: ship.links.get(link), link)
         yield ship
     finally:
         for task in tasks:
@@ -208,3 +211,44 @@ def test_rounds_with_none_invented_and_none_lost(
             assert raised.count('stick_slip') == 8
 
     at_sea(work())
+
+
+def test_a_token_by_request_and_the_right_to_write(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    if why := missing():
+        pytest.skip(why)
+    server = RealServer(tmp_path_factory.mktemp('secure'), secure=True)
+    access = f'{server.url}/skServer/security/access/requests'
+
+    async def approve() -> None:
+        officer = {'Authorization': f'Bearer {officer_token()}'}
+        waiting: list[dict[str, str]] = []
+        async with aiohttp.ClientSession(headers=officer) as session:
+            while not waiting:
+                await asyncio.sleep(0.1)
+                async with session.get(access) as answer:
+                    waiting = await answer.json()
+            body = {'expiration': '1y', 'permissions': 'readwrite'}
+            number = waiting[0]['accessIdentifier']
+            async with session.put(f'{access}/{number}/approved', json=body) as answer:
+                assert answer.status == 200, await answer.text()
+
+    async def work() -> None:
+        wrong = Ship(server, 'eyJ.a-wrong-token.x')
+        with pytest.raises(LinkError, match='the token is refused'):
+            await asyncio.wait_for(wrong.client.run(), DEADLINE)
+        approving = asyncio.create_task(approve())
+        link = SignalKLink(server.url, 'token', '', PREFIX, False)
+        token = await request_token(link, 'a7b2b1f6-5f0e-4d0b-9a51-0c4c4b1d3f11', print, 0.1)
+        await approving
+        # Without the right to write everything is dropped without a word: only silence tells.
+        async with sailing(server, link='signalk_in') as ship:
+            await ship.until(lambda: ship.links.get('signalk_out') is False, 'the missing echo')
+        async with sailing(server, token) as ship:
+            assert ship.links['signalk_out']
+
+    try:
+        at_sea(work())
+    finally:
+        server.stop()

@@ -98,45 +98,6 @@ def test_the_exact_cycle_of_a_sharp_law(taylor):
     assert cycle.stick_fraction == pytest.approx(float(stick), rel=1e-12)
 
 
-def linear_slip(zeta, static, fall, speed):
-    """Amplitude, period and stick of ``x'' + 2 zeta x' + x = static - fall (V - x')``, exactly.
-
-    The slip phase is a growing spiral ``exp(g t)`` of ``u = x - rest``; its contact is a root.
-    """
-    growth = (mp.mpf(fall) - 2 * mp.mpf(zeta)) / 2
-    turn = mp.sqrt(1 - growth**2)
-    rest = mp.mpf(static) - mp.mpf(fall) * speed
-    begin = mp.mpf(static) - 2 * mp.mpf(zeta) * speed - rest
-
-    def motion(t):
-        swing = (speed - growth * begin) / turn
-        c, s, e = mp.cos(turn * t), mp.sin(turn * t), mp.exp(growth * t)
-        u = e * (begin * c + swing * s)
-        return u, growth * u + turn * e * (swing * c - begin * s)
-
-    contact = mp.findroot(lambda t: motion(t)[1] - speed, (5.2, 6.1))
-    end, _ = motion(contact)
-    first = mp.findroot(lambda t: motion(t)[1], (1.0, 1.8))
-    turns = [motion(first + k * mp.pi / turn)[0] for k in range(2)]
-    stick = (begin - end) / speed
-    return (turns[0] - turns[1]) / 2, contact + stick, stick
-
-
-@pytest.mark.parametrize('speed', [0.25, 0.5])
-def test_a_table_of_two_points_in_closed_form(speed):
-    """Its interpolant is a straight line, so all of slip is linear; flat beyond its last point."""
-    law = Tabulated([0.0, 2.0], [0.3, 0.1])
-    bearing, load = unit_bearing(0.02, law), 2.0
-    amplitude, period, stick = linear_slip(0.02, 0.6, 0.2, mp.mpf(speed))
-    cycle = exact_cycle(bearing, speed, load)
-    assert cycle.amplitude == pytest.approx(float(amplitude), rel=1e-14)
-    assert cycle.period == pytest.approx(float(period), rel=1e-14)
-    assert cycle.stick_fraction == pytest.approx(float(stick / period), rel=1e-12)
-    assert growth_rate(bearing, speed, load) == pytest.approx(0.08, rel=1e-14)
-    assert hopf_load(bearing, speed) == pytest.approx(0.4, rel=1e-14)
-    assert hopf_speed(bearing, load) == 2.0
-
-
 LAWS = [
     Stribeck(0.3, 0.1, 10.0),
     Stribeck(0.3, 0.1, 10.0, 0.01),

@@ -148,6 +148,37 @@ def test_it_shows_the_node_and_acts_on_it(start: Any, open_page: Any, kit: Any) 
     peer.until(lambda: shown.act('unshelve', 'stick_slip') == gone, 'the word that it is gone')
 
 
+@pytest.mark.slow
+def test_of_two_nodes_on_a_page_the_one_that_is_meant_acts(
+    start: Any, open_page: Any, kit: Any
+) -> None:
+    """Twin screws: the bearings have one name, and so have the topics but for the namespace."""
+    port = start(kit.parameters(kit.STAMPED))
+    shared = ('-r', f'/diagnostics:=/{port.space}/diagnostics')
+    starboard = start(kit.parameters(kit.STAMPED), *shared)
+    shown = open_page(port, starboard)[1]
+    other, peer = Page(shown.url, starboard.space), port.peer
+    sick, well = kit.Telemetry(port), kit.Telemetry(starboard)
+    sick.hold(20.0, 1000.0, 2.0)
+    well.hold(60.0, 1000.0, 2.0)
+    both = {f'{port.space}/aft': 'stick_slip', f'{starboard.space}/aft': 'normal'}
+
+    def reasons() -> dict[str, str]:
+        return {b['name']: (b['status'] or {}).get('reason') for b in shown.state()['bearings']}
+
+    peer.until(lambda: reasons() == both, 'both')
+    assert (shown.figure('predicted'), other.figure('predicted')) == (1.0, 0.0)
+    assert other.act('acknowledge', 'stick_slip') == (409, 'there is nothing to acknowledge')
+    assert shown.act('acknowledge', 'stick_slip') == (200, 'acknowledge: 1 alarm')
+    peer.until(lambda: 'acknowledge by Ada' in port.output, 'its word')
+    assert 'acknowledge by Ada' not in starboard.output
+    # One that is silent is told, and the other is not taken for it.
+    assert port.stop() == 0
+    peer.until(lambda: shown.up() == 0.0, 'silence')
+    assert other.up() == 1.0
+    assert shown.state()['monitor']['unheard'] == [f'{port.space}/aft']
+
+
 def udp() -> socket.socket:
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     made.bind(('127.0.0.1', 0))

@@ -111,6 +111,19 @@ def test_quality_of_service_of_every_topic(host: Any, kit: Any) -> None:
     assert found(inputs) == [(kit.JOINT, 'BEST_EFFORT', 'VOLATILE')]
 
 
+def test_a_quality_that_is_overridden_stays_with_its_topic(host: Any, kit: Any) -> None:
+    topics = {f'{name}.topic': f'/overridden/{name}' for name in ('speed', 'load')}
+    override = {'qos_overrides./overridden/speed.subscription.reliability': 'reliable'}
+    peer = host(kit.parameters(topics) | override).peer
+
+    def reliability(name: str) -> list[str]:
+        infos = peer.node.get_subscriptions_info_by_topic(f'/overridden/{name}')
+        return [info.qos_profile.reliability.name for info in infos]
+
+    peer.until(lambda: reliability('speed') == ['RELIABLE'], 'the override')
+    peer.until(lambda: reliability('load') == ['BEST_EFFORT'], 'the default')
+
+
 def test_diagnostics_come_every_second_and_at_once_on_a_change(host: Any, kit: Any) -> None:
     monitor = host(kit.parameters(kit.STAMPED))
     peer, diagnostics = monitor.peer, monitor.diagnostics()

@@ -147,7 +147,7 @@ def test_what_cannot_be_played_is_skipped_and_named(
         (('bag', '--rate', 'nan'), 'ERROR: --rate nan must be a number above 0'),
         (('bag', '--rate', 'inf'), 'ERROR: --rate inf must be a number above 0'),
         (('bag', '--loop', '0'), 'ERROR: --loop 0 must be at least 1'),
-        (('bag', '--wait', '-1'), 'ERROR: --wait -1 must not be below 0'),
+        (('bag', '--wait', '-1'), 'ERROR: --wait -1 must be at least 0'),
         (('none',), "ERROR: bag 'none' does not exist"),
         (('empty',), "ERROR: bag 'empty' has no messages to play"),
     ],

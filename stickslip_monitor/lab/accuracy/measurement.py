@@ -13,7 +13,6 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, fields
-from enum import Enum
 from pathlib import Path
 from statistics import median
 
@@ -28,13 +27,8 @@ _FLOOR = 1e-14
 _LARGEST = 16 << 20
 
 
-class MethodOutcome(Enum):
-    """How a method ended; refused is a bearing whose law it is not made for."""
-
-    CYCLE = 'cycle'
-    NO_CYCLE = 'no_cycle'
-    NOT_CONVERGED = 'not_converged'
-    REFUSED = 'refused'
+CYCLE, NO_CYCLE, NOT_CONVERGED, REFUSED = 'cycle', 'no_cycle', 'not_converged', 'refused'
+"""How a method can end; refused is a bearing whose law it is not made for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +36,7 @@ class MethodResult:
     """What a method says of one operating point."""
 
     amplitude: float  # half the peak-to-peak displacement of the stable cycle [m]; ``nan`` without
-    outcome: MethodOutcome
+    outcome: str
     # How often the friction law was asked, an array of speeds counting once; ``None`` where it
     # is not counted.
     evaluations: int | None
@@ -50,13 +44,12 @@ class MethodResult:
 
 def found(amplitude: float, evaluations: int | None = None) -> MethodResult:
     """A result: a cycle where the amplitude is a number, none where it is ``nan``."""
-    outcome = MethodOutcome.CYCLE if math.isfinite(amplitude) else MethodOutcome.NO_CYCLE
-    return MethodResult(amplitude, outcome, evaluations)
+    return MethodResult(amplitude, CYCLE if math.isfinite(amplitude) else NO_CYCLE, evaluations)
 
 
 def not_converged(evaluations: int | None = None) -> MethodResult:
     """A result of a method that gave up within its allowed number of steps."""
-    return MethodResult(math.nan, MethodOutcome.NOT_CONVERGED, evaluations)
+    return MethodResult(math.nan, NOT_CONVERGED, evaluations)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +67,7 @@ class Method:
     def solve(self, bearing: Bearing, speed: float, load: float) -> MethodResult:
         """Apply it where it applies."""
         if not self.applies(bearing):
-            return MethodResult(math.nan, MethodOutcome.REFUSED, None)
+            return MethodResult(math.nan, REFUSED, None)
         return self.amplitude(bearing, speed, load)
 
 
@@ -142,7 +135,7 @@ class Row:
     case: str  # name of the case
     amplitude: float  # what it says [m]; ``nan`` for nothing
     error: float  # relative error of the amplitude, with its sign [-]; ``nan`` without one
-    outcome: str  # name of its :class:`MethodOutcome`, in lower case
+    outcome: str  # how it ended
     evaluations: int  # evaluations of the friction law; -1 where they are not counted
     points: int  # operating points solved in one call
     seconds: float  # time per operating point [s]; ``nan`` where it was refused
@@ -154,7 +147,7 @@ def measure(method: Method, case: Case, effort: Effort) -> Row:
     """Error and time of a method at a case; the first call warms it up."""
     result = method.solve(case.bearing, case.speed, case.load)
     seconds, samples, disturbed = math.nan, 0, False
-    if result.outcome is not MethodOutcome.REFUSED:
+    if result.outcome is not REFUSED:
         seconds, samples, disturbed = time_call(
             lambda: method.amplitude(case.bearing, case.speed, case.load), effort
         )
@@ -165,7 +158,7 @@ def measure(method: Method, case: Case, effort: Effort) -> Row:
         amplitude=result.amplitude,
         # Free of cancellation.
         error=(result.amplitude - case.reference) / case.reference,
-        outcome=result.outcome.value,
+        outcome=result.outcome,
         evaluations=-1 if result.evaluations is None else result.evaluations,
         points=method.points,
         seconds=seconds / method.points,
@@ -197,7 +190,7 @@ def summarise(rows: Sequence[Row], base: str) -> list[Summary]:
     found = []
     for name in dict.fromkeys(row.method for row in rows):
         group = [row for row in rows if row.method == name]
-        used = [row for row in group if row.outcome != 'refused']
+        used = [row for row in group if row.outcome != REFUSED]
         errors = [abs(row.error) if math.isfinite(row.error) else math.inf for row in used]
         ratios = [row.seconds / unit[row.case] for row in used if row.case in unit]
         found.append(

@@ -34,11 +34,11 @@ from stickslip_monitor.lab.calibration.evidence import (
     cut_dips,
 )
 from stickslip_monitor.lab.calibration.posterior import Prior, Progress, prior_of
+from stickslip_monitor.lab.truth import has_truth, read_truth, scan_on_recorder_clock
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.rule import UNKNOWN, VIBRATING
 from stickslip_monitor.offline.follow import WholeBag
-from stickslip_monitor.offline.truth import has_truth, read_truth, scan_on_recorder_clock
 from stickslip_monitor.physics.averaging.boundaries import fold_speed
 from stickslip_monitor.physics.belief import QUANTILES
 
@@ -201,7 +201,8 @@ def _proposal(config: BearingConfig, result: Calibration, command: str) -> str:
     """How the fold that the evidence tells lies to the one that is predicted."""
     load = math.sqrt(result.loads[0] * result.loads[1])
     rpm = config.bearing.speed.factor('rpm')
-    low, middle, high = (result.belief().fold_speed(load, p) / rpm for p in QUANTILES)
+    belief = result.belief()
+    low, middle, high = (belief.fold_speed(load, p) / rpm for p in QUANTILES)
     predicted = fold_speed(config.bearing, load) / rpm
     count = result.episodes
     which = plural(count, 'episode')

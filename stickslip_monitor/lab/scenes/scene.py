@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import datetime as dt
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,14 +18,14 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import ConfigurationError, SceneError
 from stickslip_monitor.lab.scenes import telemetry
-from stickslip_monitor.lab.scenes.effects import (
-    EFFECTS,
-    SENSOR_EFFECTS,
-    in_order,
-    read_effects,
+from stickslip_monitor.lab.scenes.effects import lining_motion, sensors, ship
+from stickslip_monitor.lab.scenes.effects.effect import DECLARED, Effect, SceneRun
+from stickslip_monitor.lab.scenes.settings import (
+    Settings,
+    drawn,
+    read_parameter_error,
+    suggestion,
 )
-from stickslip_monitor.lab.scenes.effects.effect import SceneRun
-from stickslip_monitor.lab.scenes.settings import Settings, drawn, read_parameter_error
 from stickslip_monitor.lab.scenes.telemetry import Channel, Shaft, Signal, TimeBlock, read_channels
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config, load_yaml
@@ -39,6 +39,20 @@ SENSORS_SCHEMA = 'stickslip_monitor/sensors/1'
 SENSORS_KEYS = ('sensors', 'description', 'telemetry', 'effects', 'parameter_error')
 _LATEST_NS = (1 << 63) - 1
 _EPOCH = dt.datetime(1970, 1, 1, tzinfo=dt.timezone.utc)
+# Imported for the effects that they declare.
+_MODULES = (ship, lining_motion, sensors)
+STAGES: Mapping[str, tuple[str, ...]] = {
+    stage: tuple(name for name, effect in DECLARED.items() if effect.stage == stage)
+    for stage in ('shaft', 'turning', 'lining', 'sensing', 'sensor', 'recording', 'file')
+}
+"""The effects of each stage. Stages act in this order, and so do the effects of a stage, whatever
+the order in the file. What 'shaft' and 'turning' add is a function of time; 'sensing' follows it
+between the samples; the others change block after block."""
+EFFECTS: Mapping[str, Effect] = {
+    name: DECLARED[name] for names in STAGES.values() for name in names
+}
+SENSOR_EFFECTS = (*STAGES['sensing'], *STAGES['sensor'], *STAGES['recording'])
+"""What happens to a measurement, not to the ship."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,6 +194,38 @@ def _effects(settings: Settings, sensors: Settings | None) -> tuple[Settings, ..
                 f"effect '{effect.name}' of the sensors must be one of {', '.join(SENSOR_EFFECTS)}"
             )
     return in_order([*own, *(effect for effect in given if effect.name not in named)])
+
+
+def read_effects(listed: Any) -> tuple[Settings, ...]:
+    """The settings of the listed effects, in the order in which they act.
+
+    The list is of mappings ``{name: {settings}}`` or ``{effect: name, settings}``.
+    """
+    if not isinstance(listed, list):
+        raise SceneError(f'effects = {listed!r} must be a list')
+    return in_order(_settings(number, entry) for number, entry in enumerate(listed, 1))
+
+
+def in_order(effects: Iterable[Settings]) -> tuple[Settings, ...]:
+    """Effects in the order in which they act."""
+    order = list(EFFECTS)
+    return tuple(sorted(effects, key=lambda settings: order.index(settings.name)))
+
+
+def _settings(number: int, entry: Any) -> Settings:
+    if not isinstance(entry, Mapping) or not ('effect' in entry or len(entry) == 1):
+        raise SceneError(
+            f'effects: entry {number} = {entry!r} must be {{name: {{settings}}}} or'
+            ' {effect: name, settings}'
+        )
+    if 'effect' in entry:
+        name, content = entry['effect'], {k: v for k, v in entry.items() if k != 'effect'}
+    else:
+        ((name, content),) = entry.items()
+    if not isinstance(name, str) or name not in EFFECTS:
+        hint = suggestion(name, list(EFFECTS))
+        raise SceneError(f"effects: entry {number} is unknown effect '{name}'; {hint}")
+    return Settings(name, content, EFFECTS[name].keys)
 
 
 def _start_ns(settings: Settings, duration: float) -> int:

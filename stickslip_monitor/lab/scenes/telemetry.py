@@ -20,9 +20,9 @@ from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.bags.encode import NUMBER_FIELDS, STAMP_END, STAMPED_FIELDS
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.settings import Settings
+from stickslip_monitor.lab.truth import Column
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES
-from stickslip_monitor.offline.truth import Column
 from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_load
 
 

@@ -14,6 +14,7 @@ from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.lab.calibration.calibrate import (
     Calibration,
     DipResult,
+    EpisodeEnd,
     calibrate,
     dip_limit,
 )
@@ -126,7 +127,10 @@ def test_quiet_alone_bounds_the_hopf_speed(coast: Coast) -> None:
     assert 'no episode was seen' in found.warnings[0]
 
 
-@pytest.mark.parametrize('folds', [3.5, 5.0, 8.0])
+@pytest.mark.parametrize(
+    'folds',
+    [pytest.param(3.5, marks=pytest.mark.slow), 5.0, pytest.param(8.0, marks=pytest.mark.slow)],
+)
 def test_the_hopf_interval_holds_however_loud_the_noise(folds: float) -> None:
     """Linings took 3.5 e-folds from loud noise to stick-slip, and quiet ones take eight."""
     made = [passage(k, rate, folds) for k, rate in enumerate((0.1, 0.15, 0.2, 0.3, 0.5))]
@@ -154,6 +158,7 @@ def test_a_false_report_is_named_and_does_little(coast: Coast) -> None:
     assert text.endswith('worthless with 100%')
 
 
+@pytest.mark.slow
 def test_a_bearing_that_changed_is_noticed_and_forgetting_follows(coast: Coast) -> None:
     # Six dips tell the fold to 2 %; three ends 10 % above it are together one in 500.
     made = [coast(k) for k in range(6)]
@@ -166,6 +171,21 @@ def test_a_bearing_that_changed_is_noticed_and_forgetting_follows(coast: Coast) 
     followed = calibrate(dips, PRIOR, forget=0.05)
     assert fold(followed, 0.5) == pytest.approx(1.1 * 40.7, rel=0.03)
     assert fold(surprised, 0.5) < fold(followed, 0.5)
+
+
+def test_forgetting_follows_the_newest_dips(coast: Coast) -> None:
+    course, reports = coast(1)
+    changed = replace(course, speed=1.1 * course.speed), reports
+    followed = calibrate(dips_of(coast(0), changed), PRIOR, forget=0.1)
+    assert fold(followed, 0.5) > 1.07 * 40.7
+
+
+@pytest.mark.parametrize(('late', 'told'), [(0.95, True), (0.05, True), (0.5, False)])
+def test_episodes_that_end_on_one_side_are_told(late: float, told: bool, coast: Coast) -> None:
+    (dip,) = dips_of(coast(0))
+    judged = DipResult(dip, -0.1, (), (EpisodeEnd(0, 1.0, 1.0, late),))
+    found = Calibration(PRIOR, sample_posterior(PRIOR, []), (judged,) * 5)
+    assert any('hardly to be expected' in text for text in found.warnings) == told
 
 
 def test_quiet_in_which_stick_slip_was_certain_is_surprising(coast: Coast) -> None:

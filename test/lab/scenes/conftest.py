@@ -23,6 +23,11 @@ BEARING: dict[str, Any] = {
     'speed': {'topic': '/shaft/speed', 'unit': 'rpm'},
     'load': {'topic': '/bearing/aft/load', 'unit': 'N'},
 }
+FORCE = {'type': 'geometry_msgs/msg/WrenchStamped', 'field': 'wrench.force.z'}
+TURN = {'type': 'geometry_msgs/msg/TwistStamped', 'field': 'twist.angular.x'}
+STAMPED: dict[str, Any] = {'speed': TURN, 'load': FORCE}
+MEASURED = STAMPED | {'level': FORCE | {'topic': '/aft/level', 'unit': 'mm/s'}}
+KNOWN = {'stamped': {'aft': STAMPED}, 'measured': {'aft': MEASURED}, None: {'aft': {}}}
 SCENE: dict[str, Any] = {
     'scene': 'stickslip_monitor/scene/1',
     'description': 'A test.',
@@ -49,12 +54,18 @@ def _bearing(changes: dict[str, Any]) -> dict[str, Any]:
 def scene_path(tmp_path: Path) -> Callable[..., Path]:
     """Write a configuration and a scene.
 
-    ``bearings`` holds for each what differs from the reference bearing, the other arguments what
-    differs in the scene (None: left out).
+    ``bearings`` holds for each what differs from the reference bearing (``'stamped'``: stamps in
+    the headers, ``'measured'``: these and a level), ``rate`` is that of speed and load, and the
+    other arguments are what differs in the scene (None: left out).
     """
 
-    def write(bearings: dict[str, Any] | None = None, **changes: Any) -> Path:
-        own = {name: _bearing(changes) for name, changes in (bearings or {'aft': {}}).items()}
+    def write(
+        bearings: dict[str, Any] | str | None = None, rate: float = 0.0, **changes: Any
+    ) -> Path:
+        given = bearings if isinstance(bearings, dict) else KNOWN[bearings]
+        own = {name: _bearing(changes) for name, changes in given.items()}
+        if rate:
+            changes['telemetry'] = {'speed': {'rate': rate}, 'load': {'rate': rate}}
         config = {'/**': {'ros__parameters': {'bearings': list(own)} | own}}
         (tmp_path / 'config.yaml').write_text(_dump(config), 'utf-8')
         scene = {k: v for k, v in (SCENE | changes).items() if v is not None}

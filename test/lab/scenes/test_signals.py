@@ -98,9 +98,8 @@ def test_numbers_are_what_the_sensor_sends(make_scene: MakeScene, messages_of: M
 def test_every_instant_is_sampled_once(
     make_scene: MakeScene, duration: float, rate: float, count: int
 ) -> None:
-    rates = {'speed': {'rate': rate}, 'load': {'rate': rate}}
     falls = {'load_profile': {'unit': 'N', 'points': [[0, 1000], [duration, 500]]}}
-    scene = make_scene(duration=duration, telemetry=rates, effects=[falls])
+    scene = make_scene(duration=duration, rate=rate, effects=[falls])
     for length in (60.0, 0.1, 7.3):
         blocks = list(simulate(scene, length))
         for topic in (SPEED, LOAD):
@@ -155,8 +154,7 @@ def test_noise_is_white_and_depends_on_its_seed_alone(
     make_scene: MakeScene, messages_of: MessagesOf
 ) -> None:
     n = 50_000
-    rates = {'speed': {'rate': 500.0}, 'load': {'rate': 500.0}}
-    noisy = {'telemetry': rates, 'effects': [{'sensor_noise': NOISE}]}
+    noisy = {'rate': 500.0, 'effects': [{'sensor_noise': NOISE}]}
     scene = make_scene(**noisy)
     alone = messages_of(scene)
     for topic, deviation in ((SPEED, 0.1), (LOAD, 5.0)):

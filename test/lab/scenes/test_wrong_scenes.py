@@ -179,42 +179,24 @@ def test_a_wrong_table_is_told_with_its_line(
         make_scene(effects=[effect])
 
 
-FWD = 'fwd: {load: {topic: /fwd}'
+INPUTS = rows("""
+{aft: {speed: {type: sensor_msgs/msg/JointState, field: 'velocity[0]'}}}
+  => aft.speed is of type sensor_msgs/msg/JointState in the configuration: a scene can write std
+{aft: {load: {type: geometry_msgs/msg/WrenchStamped, field: header.seq}}}
+  => aft.load is field 'header.seq' of geometry_msgs/msg/WrenchStamped in the configuration: a
+{aft: {load: {type: geometry_msgs/msg/WrenchStamped, field: wrench.force.z}},
+    fwd: {speed: {topic: /fwd}}}
+  => topic /bearing/aft/load serves aft and fwd with different types or fields: they
+{aft: {load: {topic: /shaft/speed}}}
+  => topic /shaft/speed serves aft and aft, as speed and as load: use two topics
+{aft: {}, fwd: {load: {topic: /fwd}, speed: {scale: 2.0}}}
+  => topic /shaft/speed serves aft and fwd with different units, scales or offsets
+{aft: {}, fwd: {load: {topic: /fwd}, speed: {unit: Hz}}}
+  => topic /shaft/speed serves aft and fwd with different units, scales or offsets
+""")
 
 
-@pytest.mark.parametrize(
-    ('bearings', 'sentence'),
-    [
-        (
-            "{aft: {speed: {type: sensor_msgs/msg/JointState, field: 'velocity[0]'}}}",
-            'aft.speed is of type sensor_msgs/msg/JointState in the configuration: a scene can'
-            ' write std_msgs/msg/Float64, geometry_msgs/msg/TwistStamped,'
-            ' geometry_msgs/msg/WrenchStamped only',
-        ),
-        (
-            '{aft: {load: {type: geometry_msgs/msg/WrenchStamped, field: header.seq}}}',
-            "aft.load is field 'header.seq' of geometry_msgs/msg/WrenchStamped in the"
-            ' configuration: a scene can write wrench.force.x, wrench.force.y,',
-        ),
-        (
-            '{aft: {load: {type: geometry_msgs/msg/WrenchStamped, field: wrench.force.z}},'
-            ' fwd: {speed: {topic: /fwd}}}',
-            'topic /bearing/aft/load serves aft and fwd with different types or fields: they',
-        ),
-        (
-            '{aft: {load: {topic: /shaft/speed}}}',
-            'topic /shaft/speed serves aft and aft, as speed and as load: use two topics',
-        ),
-        (
-            '{aft: {}, ' + FWD + ', speed: {scale: 2.0}}}',
-            'topic /shaft/speed serves aft and fwd with different units, scales or offsets',
-        ),
-        (
-            '{aft: {}, ' + FWD + ', speed: {unit: Hz}}}',
-            'topic /shaft/speed serves aft and fwd with different units, scales or offsets',
-        ),
-    ],
-)
+@pytest.mark.parametrize(('bearings', 'sentence'), INPUTS)
 def test_inputs_that_cannot_be_simulated_are_named(
     make_scene: MakeScene, bearings: str, sentence: str
 ) -> None:
@@ -235,18 +217,14 @@ def test_bearings_of_one_shaft_must_agree(make_scene: MakeScene) -> None:
         make_scene(two, effects=[profile])
 
 
-STAMPED = (
-    '{aft: {speed: {type: geometry_msgs/msg/TwistStamped, field: twist.angular.x},'
-    ' load: {type: geometry_msgs/msg/WrenchStamped, field: wrench.force.z}}}'
-)
 NS = 10**9
 
 
 @pytest.mark.parametrize(
     ('bearings', 'start', 'jumps', 'number'),
     [
-        (STAMPED, 20 * NS, [[30, -40], [60, -50]], 2),
-        (STAMPED, (2**31 - 200) * NS, [[30, 10], [60, 100]], 2),
+        ('stamped', 20 * NS, [[30, -40], [60, -50]], 2),
+        ('stamped', (2**31 - 200) * NS, [[30, 10], [60, 100]], 2),
         ('{aft: {}}', 2**63 - 200 * NS, [[30, 110]], 1),
     ],
 )
@@ -263,46 +241,29 @@ def test_a_jump_out_of_the_range_of_stamps_is_named(
     make_scene(inputs, start=start, effects=effects)
     late = (2**31 - 50) * NS
     with pytest.raises(SceneError, match=r'start = .* in 2038 the time stamps'):
-        make_scene(yaml.safe_load(STAMPED), start=late)
+        make_scene('stamped', start=late)
     make_scene({'aft': {}}, start=late)
 
 
-@pytest.mark.parametrize(
-    ('bearings', 'effect', 'sentence'),
-    [
-        (
-            '{aft: {speed: {maximum: 0.5}}}',
-            'speed_profile: {unit: m/s, points: [[0, 0.4], [40, 0.6]]}',
-            'speed = 0.505 m/s at 21 s is more than topic /shaft/speed can carry:'
-            ' aft.speed.maximum = 0.5 m/s in the configuration',
-        ),
-        (
-            '{aft: {speed: {maximum: 1.0}}, '
-            + FWD
-            + ', journal_diameter: 0.2, speed: {maximum: 1.0}}}',
-            'speed_profile: {unit: rpm, points: [[0, 90], [40, 130]]}',
-            'speed = 1.00531 m/s at 6 s is more than topic /shaft/speed can carry:'
-            ' fwd.speed.maximum = 1 m/s in the configuration',
-        ),
-        (
-            '{aft: {load: {maximum: 900.0}}}',
-            'load_profile: {unit: kN, points: [[0, 1]]}',
-            'load = 1000 N at 0 s is more than topic /bearing/aft/load can carry:'
-            ' aft.load.maximum = 900 N in the configuration',
-        ),
-    ],
-)
+TOO_MUCH = rows("""
+{aft: {speed: {maximum: 0.5}}} + speed_profile: {unit: m/s, points: [[0, 0.4], [40, 0.6]]}
+  => speed = 0.505 m/s at 21 s is more than topic /shaft/speed can carry: aft.speed.maximum = 0.5
+{aft: {speed: {maximum: 1.0}},
+    fwd: {load: {topic: /fwd}, journal_diameter: 0.2, speed: {maximum: 1.0}}} +
+  speed_profile: {unit: rpm, points: [[0, 90], [40, 130]]}
+  => speed = 1.00531 m/s at 6 s is more than topic /shaft/speed can carry: fwd.speed.maximum = 1
+{aft: {load: {maximum: 900.0}}} + load_profile: {unit: kN, points: [[0, 1]]}
+  => load = 1000 N at 0 s is more than topic /bearing/aft/load can carry: aft.load.maximum = 900
+""")
+
+
+@pytest.mark.parametrize(('text', 'sentence'), TOO_MUCH)
 def test_what_the_telemetry_cannot_carry_is_refused(
-    make_scene: MakeScene,
-    messages_of: Callable[..., Any],
-    bearings: str,
-    effect: str,
-    sentence: str,
+    make_scene: MakeScene, messages_of: Callable[..., Any], text: str, sentence: str
 ) -> None:
-    rates = {'speed': {'rate': 1.0}, 'load': {'rate': 1.0}}
-    scene = make_scene(yaml.safe_load(bearings), effects=[yaml.safe_load(effect)], telemetry=rates)
+    bearings, effect = map(yaml.safe_load, text.split(' + ' if ' + ' in text else ' +\n'))
     with pytest.raises(SceneError, match=re.escape(sentence)):
-        messages_of(scene, 7.0)
+        messages_of(make_scene(bearings, 1.0, effects=[effect]), 7.0)
 
 
 def test_files_that_are_no_scenes_are_named(

@@ -3,15 +3,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import mpmath as mp
 import numpy as np
 import pytest
 
 from stickslip_monitor.physics.averaging import closed_form
-from stickslip_monitor.physics.friction import Stribeck
-from stickslip_monitor.physics.oscillator import Bearing
 
 ARGUMENTS = [1e-9, 1e-3, 0.1, 0.4999, 0.5, 0.5001, 1.0, 2.1, 30.0, 699.0, 1e4, 1e6, 1e8]
 
@@ -56,27 +52,3 @@ def test_speed_for_decline_inverts_the_bessel_function(v: float) -> None:
     got = closed_form.speed_for_decline(np.array([d]))[0]
     # Conditioning: at large v the decline is 1.5 ln v, so an ulp of it is ln v ulps of v.
     assert got == pytest.approx(expected, rel=4e-15 * max(1.0, np.log(v)))
-
-
-@pytest.mark.parametrize('v', [1e-300, 1e-5, 0.02, 2.0, 80.0, 1e4])
-@pytest.mark.parametrize('share', [0.0, 0.6, 0.9999])
-@pytest.mark.parametrize('r', [0.0, 50.0])
-def test_the_amplitude_of_the_cycle_is_bracketed(
-    v: float, share: float, r: float, oracle: Any
-) -> None:
-    """The directly integrated balance changes its sign within 1e-12 of the amplitude.
-
-    ``share`` is kappa over its value at the fold; the result never lies inside ``a < V``.
-    """
-    limit = 2 * mp.exp(-mp.mpf(v)) * mp.besseli(1, mp.mpf(v)) / mp.mpf(v)
-    kappa = float(share * limit)
-    alpha = closed_form.amplitude_of_cycle(np.array([v]), np.array([kappa]), r)[0]
-    assert alpha >= v
-    if v < 1e-9:
-        assert alpha == pytest.approx(v, rel=1e-9)  # S/Delta -> v/2: theta is of that order
-        return
-    law = Stribeck(1.0 + r, r, 1.0)
-    g = oracle.groups(Bearing(1.0, kappa, 1.0, law, 0.1), v, 1.0)
-    low, high = (mp.mpf(alpha) * (1 + mp.mpf(sign) * mp.mpf('1e-12')) for sign in (-1, 1))
-    assert oracle.balance(g, max(low, g.v)) > 0
-    assert oracle.balance(g, high) < 0

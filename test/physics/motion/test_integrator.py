@@ -28,9 +28,6 @@ REFERENCE = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, 10.0), 0.1)
 LOAD = 1000.0
 
 
-# The exact cycle: amplitude [mm] and period [ms] of PHYSICS.md, to the digits printed there.
-
-
 def damped(bearing: Bearing, shift: float, x: float, velocity: float, t: float) -> float:
     """Free damped oscillation about a displacement."""
     zeta, omega = bearing.damping_ratio, bearing.natural_frequency
@@ -68,29 +65,17 @@ def test_without_load_the_lining_swings_freely(speed: float) -> None:
     assert not motion.sticking.any()
 
 
+RISING = replace(REFERENCE, friction=Stribeck(0.1, 0.3, 10.0))
+POINTS = Tabulated([0.02, 0.1, 0.5], [0.3, 0.15, 0.2])
+# Beside the cycles of test_integrator_hard.py.
 HARD = {
-    'crawling': (REFERENCE, 1e-9, LOAD, MotionState(1.5e-4 - 4e-13, 0.0)),
-    'very sharp law': (replace(REFERENCE, friction=Stribeck(0.3, 0.1, 1e5)), 0.1, LOAD, None),
-    'no damping': (replace(REFERENCE, damping=0.0), 0.1, LOAD, None),
-    'heavy damping': (replace(REFERENCE, damping=1.8e4), 0.1, LOAD, None),
     'eta 1e-6': (REFERENCE, 0.1, 5e-3, None),
-    'eta 1e3': (REFERENCE, 0.1, 5e6, None),
     'eta 1e3, released': (REFERENCE, 0.1, 5e6, MotionState(0.75 - 3e-5, 0.0)),
     'level law': (replace(REFERENCE, friction=Stribeck(0.2, 0.2, 10.0)), 0.1, LOAD, None),
-    'rising law': (replace(REFERENCE, friction=Stribeck(0.1, 0.3, 10.0)), 0.1, LOAD, None),
-    'rising, eta 1e3': (
-        replace(REFERENCE, friction=Stribeck(0.1, 0.3, 10.0)),
-        0.1,
-        5e6,
-        MotionState(0.25, 0.0),
-    ),
+    'rising law': (RISING, 0.1, LOAD, None),
+    'rising, eta 1e3': (RISING, 0.1, 5e6, MotionState(0.25, 0.0)),
     'rising Coulomb': (replace(REFERENCE, friction=Coulomb(0.1, 0.3)), 0.1, LOAD, None),
-    'few points': (
-        replace(REFERENCE, friction=Tabulated([0.02, 0.1, 0.5], [0.3, 0.15, 0.2])),
-        0.1,
-        LOAD,
-        None,
-    ),
+    'few points': (replace(REFERENCE, friction=POINTS), 0.1, LOAD, None),
     'no load, no speed': (REFERENCE, 0.0, 0.0, MotionState(1e-3, 0.0)),
     'nothing at all': (REFERENCE, 0.0, 0.0, None),
     'almost denormal': (REFERENCE, 0.0, 0.0, MotionState(1e-310, 0.0)),
@@ -102,13 +87,8 @@ HARD = {
 def test_hard_cases_end_and_are_finite(name: str) -> None:
     bearing, speed, load, state = HARD[name]
     drive = Drive.constant(speed, load, 1.0)
-    motion = integrate(
-        bearing,
-        drive,
-        state or MotionState(0.0, 0.0),
-        np.linspace(0.0, 1.0, 101),
-        compiled=False,
-    )
+    times = np.linspace(0.0, 1.0, 101)
+    motion = integrate(bearing, drive, state or MotionState(0.0, 0.0), times, compiled=False)
     assert motion.outcome is MotionOutcome.COMPLETE
     for column in (motion.displacement, motion.velocity, motion.acceleration):
         assert np.isfinite(column).all()
@@ -157,13 +137,8 @@ def test_bad_arguments_are_named() -> None:
 
 
 def test_overflow_is_an_outcome() -> None:
-    motion = integrate(
-        REFERENCE,
-        Drive.constant(0.1, LOAD, 1.0),
-        MotionState(1e300, 0.1),
-        [0.0, 1.0],
-        compiled=False,
-    )
+    drive, far = Drive.constant(0.1, LOAD, 1.0), MotionState(1e300, 0.1)
+    motion = integrate(REFERENCE, drive, far, [0.0, 1.0], compiled=False)
     assert motion.outcome is MotionOutcome.NOT_FINITE
     assert motion.displacement.size == 0
 
@@ -181,11 +156,8 @@ def test_a_drive_joins_its_samples_by_straight_lines() -> None:
         for i, t in enumerate((0.4, 2.2, 4.4)):
             expected = np.interp(t, GRID['time'], values)
             assert np.polyval(pieces[i, ::-1], t - drive.time[i]) == pytest.approx(expected)
-    assert (drive.start, drive.end, drive.largest_load) == (
-        0.0,
-        4.5,
-        2000.0,
-    )  # a bound: every coefficient at its largest
+    assert (drive.start, drive.end) == (0.0, 4.5)
+    assert drive.largest_load == 2000.0  # a bound: every coefficient at its largest
 
 
 @pytest.mark.parametrize(

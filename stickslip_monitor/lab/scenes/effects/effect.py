@@ -116,7 +116,7 @@ SensorEffect = Callable[[Settings, Channel, SceneRun], Callable[[Signal], None] 
 class Effect:
     """What a scene file may ask for by a name."""
 
-    stage: str  # when it acts: see ``effects.STAGES``
+    stage: str  # when it acts: see ``scene.STAGES``
     keys: tuple[str, ...]  # the settings it takes
     build: Builder  # adds it to a run of a scene
 

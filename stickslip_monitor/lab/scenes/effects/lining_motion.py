@@ -42,9 +42,9 @@ from stickslip_monitor.lab.scenes.lining import (
 from stickslip_monitor.lab.scenes.profile import Profile, check_points, read_profile
 from stickslip_monitor.lab.scenes.settings import Settings, random_stream
 from stickslip_monitor.lab.scenes.telemetry import Channel, TimeBlock, nominal_load
+from stickslip_monitor.lab.truth import BOOL, FLOAT64, STRING, Column, event_text, topic
 from stickslip_monitor.monitor.assessment import margin
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.offline.truth import BOOL, FLOAT64, STRING, Column, event_text, topic
 from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_speed
 
 # Decimals of margins, of durations [s], as fine as a time stamp, and of amplitudes [m]: beyond

@@ -14,9 +14,9 @@ import yaml
 
 from stickslip_monitor.commands.simulate import write_bag
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.scenes.effects import EFFECTS, STAGES, lining_motion
 from stickslip_monitor.lab.scenes.effects import effect as effect_module
-from stickslip_monitor.lab.scenes.scene import KEYS, Scene, load_scene
+from stickslip_monitor.lab.scenes.effects import lining_motion
+from stickslip_monitor.lab.scenes.scene import EFFECTS, KEYS, STAGES, Scene, load_scene
 from stickslip_monitor.lab.scenes.settings import random_stream
 from stickslip_monitor.lab.scenes.telemetry import Messages
 from stickslip_monitor.monitor.signals import INPUTS
@@ -24,18 +24,6 @@ from stickslip_monitor.monitor.signals import INPUTS
 MakeScene = Callable[..., Scene]
 MessagesOf = Callable[..., dict[str, Messages]]
 PAGE = Path(__file__).resolve().parents[4] / 'docs' / 'scenes.md'
-STAMPED = {
-    'aft': {
-        'speed': {'type': 'geometry_msgs/msg/TwistStamped', 'field': 'twist.angular.x'},
-        'load': {'type': 'geometry_msgs/msg/WrenchStamped', 'field': 'wrench.force.z'},
-        'level': {
-            'topic': '/aft/level',
-            'unit': 'mm/s',
-            'type': 'geometry_msgs/msg/WrenchStamped',
-            'field': 'wrench.force.z',
-        },
-    }
-}
 RATES = {'speed': {'rate': 10.0}, 'load': {'rate': 2.0}, 'level': {'rate': 2.0}}
 
 
@@ -85,16 +73,16 @@ def test_effect_that_is_listed_twice_is_named(make_scene: MakeScene) -> None:
     for name in EFFECTS:
         twice = [{name: EXAMPLES[name]}] * 2
         with pytest.raises(SceneError, match=f"effect '{name}'.* is listed twice"):
-            make_scene(STAMPED, effects=twice, telemetry=RATES)
+            make_scene('measured', effects=twice, telemetry=RATES)
 
 
 def test_order_in_the_file_and_length_of_the_blocks_change_no_bit(
     make_scene: MakeScene, messages_of: MessagesOf
 ) -> None:
-    scene = make_scene(STAMPED, effects=ALL, telemetry=RATES)
+    scene = make_scene('measured', effects=ALL, telemetry=RATES)
     assert [s.name for s in scene.effects] == [n for n in EFFECTS if n in QUICK]
     whole = messages_of(scene)
-    backwards = make_scene(STAMPED, effects=ALL[::-1], telemetry=RATES)
+    backwards = make_scene('measured', effects=ALL[::-1], telemetry=RATES)
     for other in (messages_of(backwards), *(messages_of(scene, t) for t in (1000.0, 7.3, 0.35))):
         for topic, messages in whole.items():
             for name in ('stamp_ns', 'log_time_ns', 'raw'):
@@ -125,7 +113,7 @@ def test_leaving_an_effect_out_changes_no_stream_of_another(
     name: str,
 ) -> None:
     def drawn(effects: list[dict[str, Any]]) -> dict[tuple[str, ...], Any]:
-        scene = make_scene(STAMPED, effects=effects, telemetry=RATES)
+        scene = make_scene('measured', effects=effects, telemetry=RATES)
         streams.clear()
         messages_of(scene)
         return {key: stream.bit_generator.state for key, stream in streams.items()}
@@ -147,9 +135,6 @@ def test_memory_of_a_day_is_that_of_an_hour(
 ) -> None:
     """All effects but those on the lining, which have tests of their own, and the slow waves."""
     names = set(QUICK) - {*STAGES['lining'], 'load_in_waves', 'cut_off'}
-    rates = {'speed': {'rate': 1.0}, 'load': {'rate': 1.0}}
-    effects = [{name: EXAMPLES[name]} for name in names]
-    scene = make_scene(STAMPED, effects=effects, telemetry=rates)
-
+    scene = make_scene('measured', 1.0, effects=[{name: EXAMPLES[name]} for name in names])
     peak_memory(scene, 600.0)
     assert peak_memory(scene, 43_200.0) < 1.2 * peak_memory(scene, 3_600.0)

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.verdict import Event
-from stickslip_monitor.offline.intervals import (
+from stickslip_monitor.offline.outline import (
     ConditionInterval,
     coarsened,
     condition_intervals,

@@ -21,12 +21,12 @@ from stickslip_monitor.bags.encode import encode_string
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.errors import BagError
+from stickslip_monitor.lab.truth import TruthRecord, has_truth, on_recorder_clock, read_truth
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.monitor import BearingMonitor, Monitor
 from stickslip_monitor.monitor.signals import Input, Stream
 from stickslip_monitor.monitor.verdict import Event
-from stickslip_monitor.offline.truth import TruthRecord, has_truth, on_recorder_clock, read_truth
 
 SECOND = 1_000_000_000
 EVENTS = '/truth/aft/events'

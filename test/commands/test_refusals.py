@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the commands refuse: in one sentence, with exit code 2, and before anything is written."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from stickslip_monitor.bags.writer import BagWriter
+from stickslip_monitor.cli import COMMANDS, _parser, main
+
+ROOT = Path(__file__).parents[2]
+LAW = '{law: stribeck, static: 0.30, kinetic: 0.10, decay: 10.0}'
+BAG = f'{ROOT}/bags/coast_down'
+CURVE = f'{ROOT}/launch_configs/examples/friction_curve.csv'
+BOTH = 'own.yaml --load 1kN'
+CALIBRATION = '{"schema": "stickslip_monitor/calibration/1", "bearing": "bow"}'
+# The recording begins on 2026-05-04 at 06:00 UTC.
+REPORT = 'aft_stern,2026-05-05T06:00:00Z,2026-05-05T06:02:00Z,quiet\n'
+
+REFUSED = {
+    # What was meant.
+    'chek x': "command 'chek' is not known; did you mean 'check'?",
+    'xyz': f"command 'xyz' is not known; there are: {', '.join(COMMANDS)}",
+    'assess --bering=a': "option '--bering=a' is not known; did you mean '--bearing'? (see"
+    ' stickslip assess --help)',
+    'assess -c own.yaml --speed 20rpm': 'required: --load (see stickslip assess --help)',
+    f'check {BAG[:-1]} -c own.yaml': "; did you mean 'coast_down'?",
+    f'check {BAG} -c ow.yaml': "No such file or directory; did you mean 'own.yaml'?",
+    'simulate scen.yaml -o x': "; did you mean 'scene.yaml'?",
+    'assess -c own.yaml --speed 1rpm --load 1N --bearing aft': "'aft' is not configured; did you"
+    " mean 'aft_stern'?",
+    # Quantities.
+    'assess -c own.yaml --speed 1rpm --load 1kip': "load '1kip' must be a number with a unit: one"
+    " of N, kN, and 'kip' is none of these",
+    'assess -c own.yaml --speed 20 --load 1N': "speed '20' must be a number with a unit",
+    'diagram -c own.yaml -o a.csv --load=-5N': "load '-5N' must be above 0",
+    'map -c own.yaml -o a.csv --loads 2kN': "loads '2kN' must be LOW:HIGH, each with its unit",
+    'map -c own.yaml -o a.csv --loads 2kN:1kN': "loads '2kN:1kN' must rise from its first value",
+    'map -c own.yaml -o a.csv --speeds=-1rpm:9rpm': "speeds '-1rpm:9rpm' must rise",
+    'figures --load 0N': "load '0N' must be above 0",
+    'figures --load 100N': 'load = 100 N has no fold',
+    'figures --speed 35rpm': 'speed = 35 rpm must lie between 0 and the Hopf speed, 30.738 rpm',
+    f'fit {CURVE} -c own.yaml --load 0N': 'load = 0 N must be greater than 0',
+    f'fit {CURVE} --journal-diameter 0': 'journal_diameter = 0 m must be greater than 0',
+    # Options that go together, or do not.
+    'map -c own.yaml -o a.csv --track x': "track 'x' is for pictures: write a .png or .svg",
+    'figures --bearing x': "bearing 'x' needs a --config that has it",
+    'diagram -c two.yaml --load 1kN -o a.csv': 'choose --bearing from aft_stern, forward',
+    f'fit {CURVE}': "speeds in rpm need the journal's diameter: give --journal-diameter",
+    f'fit {CURVE} -c own.yaml': '--config needs --load',
+    f'fit {CURVE} --load 1kN': '--load needs --config',
+    f'fit {CURVE} --speed 1rpm': '--speed needs --config and --load',
+    'accuracy --from x --quick': 'does not go with --quick',
+    f'check - {BAG} -c own.yaml': "'-', a recording on standard input, goes alone",
+    f'check {BAG} -c own.yaml --resume x --mcap y.mcap': '--resume keeps what --json prints',
+    f'check {BAG} -c own.yaml --learn level': 'aft_stern has none: configure level.topic',
+    f'score {BAG}': '--config is missing',
+    f'score {BAG} -c own.yaml --seeds 2': '--seeds, --first-seed and --sensors are for scenes',
+    f'score {BAG} {BAG} -c own.yaml --picture a.png': '--picture shows one bearing in one bag',
+    'score scene.yaml bag': "'bag' is no scene: give either scenes (.yaml) or bags, not both",
+    'score scene.yaml -c own.yaml': '--config is for bags',
+    'score scene.yaml --picture a.png': '--picture is for bags',
+    'dashboard -c own.yaml --node /port/a --node /port/b': "--node '/port/b' is in the same"
+    " namespace as '/port/a'",
+    'dashboard -c own.yaml -c own.yaml --node /a/m --node /b/m --node /c/m': '--config is given 2'
+    ' times for 3 nodes',
+    f'dashboard -c own.yaml --bag {BAG} --log x.json': 'a replay is not kept',
+    f'dashboard -c own.yaml --bag {BAG} --host 0.0.0.0': '--host 0.0.0.0 lets others in: give'
+    ' --token-file',
+    f'dashboard -c own.yaml --bag {BAG} --host localhost.evil.test': 'lets others in: give',
+    # Files.
+    'figures -c none.yaml': 'none.yaml: No such file',
+    'figures -c coulomb.yaml': 'friction law = coulomb must be stribeck',
+    'figures -o own.yaml': 'own.yaml: File exists',
+    'map -c own.yaml -o a.jpeg': "output 'a.jpeg' must end in one of .png, .svg, .csv",
+    'map -c own.yaml -o a': "output 'a' must end in one of .png, .svg, .csv",
+    'map -c own.yaml -o no/a.csv': "'no/a.csv' cannot be written: there is no folder",
+    'map -c own.yaml -o a.png --track none': "bag 'none' does not exist",
+    'fit none.csv': 'none.csv: No such file',
+    'accuracy --from none.csv': 'cannot be read',
+    'info own.yaml': "'own.yaml' is not an MCAP recording",
+    'score none -c own.yaml': "bag 'none' does not exist",
+    'score bare -c own.yaml': "bag 'bare' holds no truth about aft_stern: topic"
+    " '/truth/aft_stern/events' is not in it; only simulated recordings",
+    'score scene.yaml --sensors none.yaml': 'none.yaml: No such file',
+    f'calibrate {BAG} -c own.yaml --bench cut.json': 'cannot be read',
+    f'calibrate {BAG} -c own.yaml --add cut.json': 'is not JSON',
+    f'calibrate {BAG} -c own.yaml --add other.json': "has the schema 'x/1' and must have",
+    f'calibrate {BAG} -c own.yaml --add bow.json': "is a calibration of 'bow' and not of",
+    f'calibrate {BAG} -c own.yaml --reports late.csv': 'line 2: the report lies outside',
+    'calibrate bare -c own.yaml': 'holds no truth about aft_stern',
+    'dashboard -c own.yaml --log no/x.json': "--log = 'no/x.json': there is no folder",
+    'dashboard -c own.yaml --log own.yaml': 'cannot be used: it is not JSON',
+    'dashboard -c own.yaml --bag none': "bag 'none' does not exist",
+    'dashboard -c own.yaml --token-file none': "token file 'none' cannot be read: No such",
+    'dashboard -c own.yaml --token-file short': 'must hold at least 16 printable ASCII characters',
+}
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Files of a user."""
+    path = tmp_path_factory.mktemp('own')
+    text = (ROOT / 'launch_configs' / 'reference_bearing.yaml').read_text('utf-8')
+    own = text[text.index('    aft_stern:') :].replace('aft_stern:', 'forward:', 1)
+    assert LAW in text
+    for name, content in {
+        'own.yaml': text,
+        'two.yaml': text.replace('[aft_stern]', '[aft_stern, forward]') + own,
+        'coulomb.yaml': text.replace(LAW, '{law: coulomb, static: 0.3, kinetic: 0.1}'),
+        'cut.json': '{',
+        'other.json': '{"schema": "x/1"}',
+        'bow.json': CALIBRATION,
+        'late.csv': f'bearing,start,end,state\n{REPORT}',
+        'short': 'hunter2\n',
+    }.items():
+        (path / name).write_text(content, 'utf-8')
+    (path / 'short').chmod(0o600)
+    shutil.copy(ROOT / 'launch_configs' / 'scenes' / 'coast_down.yaml', path / 'scene.yaml')
+    with BagWriter(path / 'bare') as writer:
+        for topic in ('/shaft/speed', '/bearing/aft_stern/load'):
+            writer.add_topic(topic, 'std_msgs/msg/Float64')
+            writer.write_float64s({topic: ([0, 10**9], [1.0, 1.0])})
+    return path
+
+
+@pytest.mark.parametrize('line', REFUSED)
+def test_what_is_refused_is_told_in_one_sentence(
+    line: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if line.startswith('dashboard'):
+        pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
+    monkeypatch.chdir(folder)
+    before = sorted(folder.iterdir())
+    assert main(line.split()) == 2
+    told = capsys.readouterr().err
+    assert REFUSED[line] in told
+    assert told.startswith('ERROR: ')
+    assert told.count('\n') == 1
+    assert 'hunter2' not in told
+    assert sorted(folder.iterdir()) == before
+
+
+def numbers() -> dict[str, tuple[str, Any]]:
+    """Each option that takes a number between bounds, by its command."""
+    found = {}
+    for command in COMMANDS:
+        choices: Any = _parser(command)._subparsers._group_actions[0].choices  # type: ignore[union-attr]
+        for action in choices[command]._actions:
+            if hasattr(action, 'rule'):
+                found[f'{command} {action.option_strings[0]}'] = (command, action)
+    return found
+
+
+def test_options_with_bounds_have_them() -> None:
+    """As in the docs and the help of each command."""
+    assert {name: action.rule for name, (_, action) in numbers().items()} == {
+        'calibrate --forget': (0, 1, False),
+        'check --jobs': (1, math.inf, False),
+        'dashboard --port': (0, 65535, False),
+        'dashboard --rate': (0, math.inf, True),
+        'diagram --points': (10, 100_000, False),
+        'fit --draws': (100, 1_000_000, False),
+        'fit --seed': (0, math.inf, False),
+        'health --timeout': (0, 600, True),
+        'play --loop': (1, math.inf, False),
+        'play --rate': (0, math.inf, True),
+        'play --wait': (0, math.inf, False),
+        'score --first-seed': (0, math.inf, False),
+        'score --jobs': (1, math.inf, False),
+        'score --seeds': (1, math.inf, False),
+        'watch --port': (0, 65535, False),
+    }
+
+
+@pytest.mark.parametrize('name', numbers())
+def test_a_number_out_of_its_bounds_is_refused(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command, action = numbers()[name]
+    low, high, above = action.rule
+    wrong = [low if above else low - 1, *([high + 1] if high < math.inf else [])]
+    wrong += [math.nan, *([math.inf] if above else [])] if action.type is float else []
+    for value in wrong:
+        assert main([command, f'{name.split()[1]}={value}']) == 2
+        assert f'ERROR: {name.split()[1]} {value} must be ' in capsys.readouterr().err
+    right = [low + 1, high if high < math.inf else low + 2]
+    for value in right:
+        args = argparse.Namespace()
+        action(argparse.ArgumentParser(), args, action.type(value))
+        assert getattr(args, action.dest) == value

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recording in its own time: never ahead of it, held, sent back, and the same end again."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from stickslip_monitor.commands.dashboard import watched
+from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.offline.check import check_bag
+
+pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
+
+from stickslip_monitor.dashboard import replay
+from stickslip_monitor.dashboard.state import DashboardState
+
+ROOT = Path(__file__).resolve().parents[2]
+CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
+BAG = ROOT / 'bags' / 'history_above'
+
+
+class Board(DashboardState):
+    """Notes when what is shown."""
+
+    def __init__(self, now: Callable[[], float]) -> None:
+        self.shown: list[tuple[float, int]] = []
+        self._now = now
+        super().__init__([watched(load_config(CONFIG), 'bag', replay=True)], replay=True)
+
+    def play(self, place: dict[str, Any]) -> None:
+        bearing = self.bearings['aft_stern']
+        assert bearing.record is not None
+        self.shown.append((self._now(), bearing.record['time'] * 10**6))
+        super().play(place)
+
+
+@pytest.fixture
+def played(monkeypatch: pytest.MonkeyPatch) -> tuple[list[float], Board, replay.Replay]:
+    """A recording played a hundred times as fast, on a clock that runs as it is slept."""
+    now = [0.0]
+    sleep = asyncio.sleep
+
+    async def pass_time(seconds: float) -> None:
+        now[0] += seconds
+        await sleep(0.0)
+
+    monkeypatch.setattr(replay.time, 'monotonic', lambda: now[0])
+    monkeypatch.setattr(replay.asyncio, 'sleep', pass_time)
+    board = Board(lambda: now[0])
+    return now, board, replay.Replay(str(BAG), load_config(CONFIG), 100.0, board)
+
+
+def test_a_replay_takes_the_time_of_the_recording(played: Any) -> None:
+    now, board, player = played
+    asyncio.run(player.play())
+    bag = check_bag(BAG, load_config(CONFIG)).bag
+    assert bag.start_ns is not None
+    assert bag.end_ns is not None
+    assert now[0] == pytest.approx((bag.end_ns - bag.start_ns) * 1e-11, abs=0.2)
+    # What is shown is never ahead of its time, nor more than one step behind.
+    for at, time_ns in board.shown[:-2]:
+        assert at == pytest.approx((time_ns - bag.start_ns) * 1e-11, abs=0.21)
+
+
+def test_a_replay_stands_still_goes_back_and_comes_to_the_same(played: Any) -> None:
+    """Held, it stays where it is; sent back, it ends as one that was played through."""
+    now, board, player = played
+
+    async def reach(condition: Callable[[], bool]) -> None:
+        for _ in range(10_000):
+            if condition():
+                return
+            await asyncio.sleep(0.01)
+        pytest.fail('it does not come to that')
+
+    async def work() -> tuple[Any, Any]:
+        task = asyncio.create_task(player.run())
+        await reach(lambda: board.playing is not None and board.playing['at'] > 60.0)
+        player.hold(True)
+        await reach(lambda: board.playing['paused'])
+        at, since = board.playing['at'], now[0]
+        await reach(lambda: now[0] > since + 5.0)
+        assert board.playing['at'] == at
+        # Forwards while it stands, then on to the end.
+        player.seek(90.0)
+        await reach(lambda: board.playing['at'] == 90.0)
+        assert board.playing['paused']
+        player.hold(False)
+        await reach(lambda: board.finished)
+        ends = [(board.alarms, board.log.csv())]
+        # Backwards forgets what came later, and plays to the same end.
+        player.seek(30.0)
+        assert not board.finished
+        await reach(lambda: board.playing['at'] >= 30.0)
+        assert board.playing['at'] < 60.0
+        assert len(board.log.csv()) < len(ends[0][1])
+        await reach(lambda: board.finished)
+        task.cancel()
+        return ends[0], (board.alarms, board.log.csv())
+
+    first, second = asyncio.run(work())
+    assert first == second
