@@ -49,6 +49,17 @@ COMMANDS = {
 }
 
 
+class _ErrorStream(io.TextIOWrapper):
+    """The standard error: what it does not take, as on a full disk, changes nothing else."""
+
+    def write(self, text: str) -> int:
+        try:
+            return super().write(text)
+        except OSError:
+            _to_nowhere(self.fileno())
+            return len(text)
+
+
 class _Paragraphs(argparse.HelpFormatter):
     """Fills each paragraph of a description to the width of the terminal."""
 
@@ -140,7 +151,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _failed(str(error), 2)
     except BrokenPipeError:
         # The reader (head, less) has gone: nothing is wrong, and nothing more can be said.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _to_nowhere(sys.stdout.fileno())
         return 0
     except OSError as error:
         # Of what no layer has a sentence for, such as a path that is too long.
@@ -211,7 +222,14 @@ def _open_streams() -> None:
     for number, name in enumerate(('stdin', 'stdout', 'stderr')):
         if getattr(sys, name) is None:
             os.open(os.devnull, os.O_RDWR)
-            setattr(sys, name, os.fdopen(number, 'w' if number else 'r'))
+            setattr(sys, name, os.fdopen(number, 'w' if number else 'r', closefd=False))
+    file = io.BufferedWriter(io.FileIO(sys.stderr.fileno(), 'w', closefd=False))
+    sys.stderr = _ErrorStream(file, sys.stderr.encoding, line_buffering=True)
+
+
+def _to_nowhere(number: int) -> None:
+    """Have what a stream still holds, and all that it is given from now on, go nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), number)
 
 
 def _print_anything() -> None:

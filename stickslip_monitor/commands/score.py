@@ -10,8 +10,10 @@ an episode of stick-slip was missed or warned of too late, or a stick-slip alarm
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +51,7 @@ from stickslip_monitor.offline.processes import core_count
 
 OF_BAGS, OF_SCENES = 'stickslip_monitor/score/2', 'stickslip_monitor/warning_quality/1'
 RULES = {OURS: 'monitor', BELOW_FOLD: 'V < V_F', BELOW_HOPF: 'V < V_H'}
+_SCENE, _SENSORS = attrgetter('scene'), attrgetter('sensors')
 _COLUMNS = {
     'episodes': 'epi-\nsodes',
     'lead_least': 'least\nlead',
@@ -93,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
         _print(out, voyages, 'scene' if scenes else 'bag')
         for bag in judged:
             for text in _remarks(bag):
-                out.print(f'{escape(_name(bag.voyage, voyages))}: {text}')
+                out.print(f'{escape(_name(voyages, bag.voyage))}: {text}')
     return int(not pooled(voyage.rules[OURS] for voyage in voyages).is_good)
 
 
@@ -153,30 +156,29 @@ def _bags_json(judged: Sequence[JudgedBag]) -> dict[str, Any]:
 
 
 def _scenes_json(voyages: Sequence[Voyage]) -> dict[str, Any]:
-    seeds: dict[str, dict[int | None, None]] = {}
-    for voyage in voyages:
-        seeds.setdefault(voyage.scene, {})[voyage.seed] = None
     return {
         'schema': OF_SCENES,
-        'seeds': {scene: list(own) for scene, own in seeds.items()},
+        'seeds': {
+            scene: list(dict.fromkeys(voyage.seed for voyage in own))
+            for scene, own in _grouped(voyages, _SCENE).items()
+        },
         'sensors': [
             {
                 'file': sensors,
                 'total': _totals(own),
                 'scenes': {
-                    scene: _ours(parts).figures()
-                    for scene, parts in _grouped(own, 'scene').items()
+                    scene: _ours(parts).figures() for scene, parts in _grouped(own, _SCENE).items()
                 },
             }
-            for sensors, own in _grouped(voyages, 'sensors').items()
+            for sensors, own in _grouped(voyages, _SENSORS).items()
         ],
     }
 
 
-def _grouped(voyages: Iterable[Voyage], by: str) -> dict[Any, list[Voyage]]:
+def _grouped(voyages: Iterable[Voyage], of: Callable[[Voyage], Any]) -> dict[Any, list[Voyage]]:
     found: dict[Any, list[Voyage]] = {}
     for voyage in voyages:
-        found.setdefault(getattr(voyage, by), []).append(voyage)
+        found.setdefault(of(voyage), []).append(voyage)
     return found
 
 
@@ -190,7 +192,7 @@ def _totals(voyages: Sequence[Voyage]) -> dict[str, dict[str, float | None]]:
 
 def _print(out: Console, voyages: Sequence[Voyage], kind: str) -> None:
     """A table of all figures for each grade of sensors, and a line for each scene or bag."""
-    for sensors, own in _grouped(voyages, 'sensors').items():
+    for sensors, own in _grouped(voyages, _SENSORS).items():
         title = 'warnings judged by the truth' + (f', {sensors}' if sensors else '')
         table = Table(title=title, title_justify='left', box=SIMPLE_HEAD)
         table.add_column('')
@@ -200,9 +202,7 @@ def _print(out: Console, voyages: Sequence[Voyage], kind: str) -> None:
         for name, (label, *_) in FIGURES.items():
             table.add_row(label, *(written(name, row[name]) for row in rows))
         out.print(table)
-        lines: dict[str, list[Voyage]] = {}
-        for voyage in own:
-            lines.setdefault(_name(voyage, own), []).append(voyage)
+        lines = _grouped(own, partial(_name, own))
         out.print(_by_name(kind, {name: _ours(parts).figures() for name, parts in lines.items()}))
 
 
@@ -216,7 +216,7 @@ def _by_name(kind: str, rows: Mapping[str, Mapping[str, float | None]]) -> Table
     return table
 
 
-def _name(voyage: Voyage, voyages: Sequence[Voyage]) -> str:
+def _name(voyages: Sequence[Voyage], voyage: Voyage) -> str:
     """A scene or a bag as briefly as it can be told from the others."""
     if voyage.seed is not None:
         return Path(voyage.scene).stem

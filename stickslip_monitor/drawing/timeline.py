@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,12 +31,14 @@ from stickslip_monitor.drawing.canvas import (
     style,
 )
 from stickslip_monitor.drawing.track import envelope
-from stickslip_monitor.lab.truth import TruthRecord
 from stickslip_monitor.monitor.assessment import Regime, at_indices
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Level
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.outline import ConditionInterval, Verdicts, coarsened
+
+if TYPE_CHECKING:
+    from stickslip_monitor.lab.truth import TruthRecord
 
 _POINTS_PER_INCH = 70
 _SPELLS_PER_INCH = 30

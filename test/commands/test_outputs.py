@@ -20,7 +20,6 @@ import pytest
 from stickslip_monitor.cli import COMMANDS, _parser, main
 from stickslip_monitor.commands.declared import FileOptions, check_files
 from stickslip_monitor.errors import OutputError
-from stickslip_monitor.files import write_whole
 
 ROOT = Path(__file__).parents[2]
 CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
@@ -182,43 +181,6 @@ def test_old_spellings_are_understood_and_the_new_ones_told(
         assert (old / name).read_bytes() == (new / name).read_bytes()
 
 
-def test_a_full_disk_leaves_what_was_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(path: Path, target: Path) -> None:
-        raise OSError(28, 'No space left on device')
-
-    path = tmp_path / 'a.txt'
-    write_whole(path, b'ours: old', b'ours')
-    monkeypatch.setattr(Path, 'replace', full)
-    with pytest.raises(OSError, match='No space'):
-        write_whole(path, b'ours: new', b'ours')
-    assert path.read_bytes() == b'ours: old'
-    assert [p.name for p in tmp_path.iterdir()] == ['a.txt']
-
-
-def test_the_draft_of_a_killed_process_is_swept_and_that_of_a_living_one_kept(
-    tmp_path: Path,
-) -> None:
-    code = (
-        'import sys; from stickslip_monitor.files import hold\n'
-        'file = open(sys.argv[1], "wb"); assert hold(file.fileno())\n'
-        'print(flush=True); sys.stdin.read()'
-    )
-    dead, living = tmp_path / '.a.txt.1.draft', tmp_path / '.a.txt.2.draft'
-    with subprocess.Popen(
-        [sys.executable, '-c', code, living], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    ) as holder:
-        assert holder.stdout is not None
-        holder.stdout.readline()
-        dead.touch()
-        for draft in (dead, living):
-            os.utime(draft, (time.time() - 60.0,) * 2)
-        write_whole(tmp_path / 'a.txt', b'ours', b'ours')
-        assert sorted(path.name for path in tmp_path.iterdir()) == ['.a.txt.2.draft', 'a.txt']
-        holder.communicate()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize('sent', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_command_that_is_stopped_leaves_nothing_behind(
@@ -249,13 +211,22 @@ def test_a_command_that_is_stopped_leaves_nothing_behind(
 
 
 @pytest.mark.parametrize(
-    ('closed', 'code'), [('<&-', 2), ('>&-', 1), ('2>&-', 1)], ids=['in', 'out', 'error']
-)
-def test_a_closed_stream_is_no_fault_of_the_program(closed: str, code: int) -> None:
-    bag = '-' if closed == '<&-' else BAG
-    line = f'{sys.executable} -m stickslip_monitor check {bag} -c {CONFIG} --json {closed}'
-    done = subprocess.run(line, shell=True, capture_output=True, text=True, check=False)
+    ('bag', 'closed', 'code'),
+    [('-', '<&-', 2), (BAG, '>&-', 1), (BAG, '2>&-', 1), (BAG, '2>/dev/full', 1),
+     ('gone', '2>/dev/full', 2), (BAG, '>/dev/full', 2)],
+)  # fmt: skip
+def test_a_stream_that_takes_nothing_is_no_fault_of_the_program(
+    bag: object, closed: str, code: int, tmp_path: Path
+) -> None:
+    line = f'check {bag} -c {CONFIG} --json --report {tmp_path}/a.json {closed}'
+    done = subprocess.run(
+        f'{sys.executable} -m stickslip_monitor {line}',
+        shell=True, capture_output=True, text=True, check=False,
+    )  # fmt: skip
     assert done.returncode == code, done.stderr
+    assert (tmp_path / 'a.json').exists() == (bag == BAG)
     if closed == '<&-':
         assert done.stderr == "ERROR: bag '-' is empty: 0 bytes\n"
         assert json.loads(done.stdout)['error'] == "bag '-' is empty: 0 bytes"
+    if closed == '>/dev/full':
+        assert done.stderr.endswith('ERROR: No space left on device\n')

@@ -7,13 +7,11 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import yaml
 
 from stickslip_monitor.cli import main
 from stickslip_monitor.commands.score import judge_all
-from stickslip_monitor.lab.scenes.scene import load_scene
 from stickslip_monitor.lab.voyages import OURS, Call, judge
 
 ROOT = Path(__file__).parents[2]
@@ -148,19 +146,3 @@ def test_bad_input_is_one_sentence(
     assert error.startswith('ERROR: ')
     assert error.count('\n') == 1
     assert words in error
-
-
-@pytest.mark.parametrize(
-    'path', sorted((CONFIGS / 'scenes' / 'quality').glob('*.yaml')), ids=lambda path: path.stem
-)
-def test_every_scene_of_the_page_varies_by_seed(path: Path) -> None:
-    """Each can be built with any of its seeds, for any of the ten bearings."""
-    sensors = CONFIGS / 'sensors' / 'poor.yaml'
-    scenes = [load_scene(path, seed, sensors) for seed in range(10)]
-    assert len({scene.config_path for scene in scenes}) == 10
-    points = {str([effect._content for effect in scene.effects]) for scene in scenes}
-    assert len(points) == 10
-    masses = [scene.config.bearings[0].bearing.mass for scene in scenes]
-    assert (min(masses), max(masses)) == (44.0, 12000.0)
-    cycles = [s.config.bearings[0].bearing.natural_frequency / (2 * np.pi) for s in scenes]
-    assert 8.9 < min(cycles) < max(cycles) < 35.1

@@ -264,3 +264,21 @@ def test_a_level_that_cannot_be_sent_is_refused(tmp_path: Path) -> None:
         path.write_text(yaml.safe_dump(scene), 'utf-8')
         with pytest.raises(SceneError, match=words):
             load_scene(path)
+
+
+@pytest.mark.parametrize(
+    'path',
+    sorted((ROOT / 'launch_configs' / 'scenes' / 'quality').glob('*.yaml')),
+    ids=lambda path: path.stem,
+)
+def test_every_scene_of_the_page_varies_by_seed(path: Path) -> None:
+    """Each can be built with any of its seeds, for any of the ten bearings."""
+    sensors = ROOT / 'launch_configs' / 'sensors' / 'poor.yaml'
+    scenes = [load_scene(path, seed, sensors) for seed in range(10)]
+    assert len({scene.config_path for scene in scenes}) == 10
+    points = {str([effect._content for effect in scene.effects]) for scene in scenes}
+    assert len(points) == 10
+    masses = [scene.config.bearings[0].bearing.mass for scene in scenes]
+    assert (min(masses), max(masses)) == (44.0, 12000.0)
+    cycles = [s.config.bearings[0].bearing.natural_frequency / (2 * np.pi) for s in scenes]
+    assert 8.9 < min(cycles) < max(cycles) < 35.1
