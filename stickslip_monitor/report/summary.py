@@ -90,14 +90,8 @@ def facts(course: Course) -> tuple[Fact, ...]:
         if name in course.item.worst:
             extreme = course.item.worst[name]
             note = f'{formatting.minute(extreme.time_ns)}, at {place(course, extreme)}'
-            found.append(Fact(title, shown(_value(name, extreme)), note))
+            found.append(Fact(title, shown(extreme.value), note))
     return (*found, *_probabilities(course), *_measured(course))
-
-
-def _value(name: str, extreme: Extreme) -> float:
-    """The value of an extreme; of an amplitude that of the exact cycle, where it has one."""
-    exact = extreme.point.amplitude_exact
-    return exact if name == 'amplitude' and math.isfinite(exact) else extreme.value
 
 
 def _probabilities(course: Course) -> tuple[Fact, ...]:
