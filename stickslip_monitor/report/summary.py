@@ -188,9 +188,8 @@ def _amplitude(course: Course) -> str:
     extreme = course.item.worst.get('amplitude')
     if extreme is None:
         return ''
-    value = _value('amplitude', extreme)
     text = (
-        f'The greatest predicted amplitude was {formatting.millimetres(value)}, at'
+        f'The greatest predicted amplitude was {formatting.millimetres(extreme.value)}, at'
         f' {place(course, extreme)}'
     )
     limit = course.config.alarm.amplitude_limit
@@ -201,7 +200,7 @@ def _amplitude(course: Course) -> str:
             f' {formatting.duration(_total(above))}'
         )
     elif math.isfinite(limit):
-        below = 'below' if value <= limit else 'and not for long above'
+        below = 'below' if extreme.value <= limit else 'and not for long above'
         text += f', {below} the limit of {formatting.millimetres(limit)}'
     return f'{text}.'
 
