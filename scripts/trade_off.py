@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stickslip_monitor.drawing.canvas import INK, MUTED, legend_above, new_figure, style
+from stickslip_monitor.drawing.canvas import INK, MUTED, PAPER, legend_above, new_figure, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -71,7 +71,7 @@ def _panel(axes: Axes, panel: TradeOff) -> None:
     for curve, (colour, marker, _) in zip(panel.curves, _LOOKS, strict=False):
         axes.plot(
             curve.false, _percent(curve.lost), color=colour, marker=marker, ms=6.0, lw=1.2,
-            label=curve.label, clip_on=False, zorder=4,
+            label=curve.label, clip_on=False, zorder=3,
         )  # fmt: skip
     for number, curve in enumerate(panel.curves):
         at = curve.false[curve.default], _percent(curve.lost)[curve.default]
@@ -97,6 +97,8 @@ def _percent(shares: Sequence[float]) -> list[float]:
 
 def _name_values(axes: Axes, curve: Curve, colour: str, height: float) -> None:
     """Write the values beside the points, those of points that are close together in one label."""
+    from matplotlib.patheffects import withStroke
+
     points = axes.transData.transform(list(zip(curve.false, _percent(curve.lost), strict=True)))
     groups: list[list[int]] = []
     for k in sorted(range(len(points)), key=lambda k: tuple(points[k])):
@@ -109,7 +111,8 @@ def _name_values(axes: Axes, curve: Curve, colour: str, height: float) -> None:
         place = curve.false[group[0]], 100.0 * curve.lost[group[0]]
         axes.annotate(
             _joined(curve, group), place, (4.0, height), textcoords='offset points', color=colour,
-            size=9.0, va='center', annotation_clip=False,
+            size=9.0, va='center', annotation_clip=False, zorder=3.5,
+            path_effects=[withStroke(linewidth=2.0, foreground=PAPER)],
         )  # fmt: skip
 
 

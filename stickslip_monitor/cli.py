@@ -59,6 +59,12 @@ class _ErrorStream(io.TextIOWrapper):
             _to_nowhere(self.fileno())
             return len(text)
 
+    def flush(self) -> None:
+        try:
+            super().flush()
+        except OSError:
+            _to_nowhere(self.fileno())
+
 
 class _Paragraphs(argparse.HelpFormatter):
     """Fills each paragraph of a description to the width of the terminal."""

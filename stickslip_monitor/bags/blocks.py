@@ -7,6 +7,7 @@ A block is a chunk, or a run of records outside of chunks. What a definition hol
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import struct
@@ -17,7 +18,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
@@ -63,6 +64,8 @@ _LONGEST_HEAD = 200
 # and a thread costs more than a smaller one takes [bytes].
 _LEAST_AHEAD, _MOST_AHEAD = 1 << 15, 8 << 20
 _WORKERS = 2
+# More files than blocks that wait.
+_MOST_OPEN = 8
 
 # What a file may take [bytes]: so much, and so much for each of its own.
 _FREE = 160 << 20
@@ -169,7 +172,7 @@ def decompress(
     return b''.join(parts)[:size]
 
 
-def load(block: Block) -> Loaded:
+def load(block: Block, file: IO[bytes]) -> Loaded:
     """Bring a block into memory: its records, and where messages begin in it after its index.
 
     Raises:
@@ -178,12 +181,11 @@ def load(block: Block) -> Loaded:
     """
     most = min(block.length, (_MOST_CUT if block.is_cut else MOST) + _LONGEST_HEAD)
     try:
-        with open_file(block.path) as file:
-            data = os.pread(file.fileno(), most, block.offset)
-            most_index = min(block.index_length, MOST)
-            index = os.pread(file.fileno(), most_index, block.offset + block.length)
+        data = os.pread(file.fileno(), most, block.offset)
+        most_index = min(block.index_length, MOST)
+        index = os.pread(file.fileno(), most_index, block.offset + block.length)
     except OSError as error:
-        raise BagError(f"bag file '{block.path}' cannot be read: {error.strerror}") from None
+        raise _unreadable(block, error) from None
     if len(data) < most:
         raise DamagedBlock('the file became shorter while it was read')
     if not block.is_chunk:
@@ -222,21 +224,39 @@ def _hints(index: bytes) -> IntArray | None:
     return found
 
 
+def _unreadable(block: Block, error: OSError) -> BagError:
+    return BagError(f"bag file '{block.path}' cannot be read: {error.strerror}")
+
+
 def prefetch(blocks: Iterable[Block]) -> Iterator[Callable[[], Loaded]]:
     """Load blocks in order, those of usual sizes while those before are worked on.
 
-    Yields for each block what gives its records, or raises as :func:`load`.
+    Yields for each block what gives its records, or raises as :func:`load`; it is asked before the
+    next one.
+
+    Raises:
+        BagError: A file cannot be opened.
     """
-    with ThreadPoolExecutor(_WORKERS) as pool:
+    files: dict[Path, IO[bytes]] = {}
+    with contextlib.ExitStack() as opened, ThreadPoolExecutor(_WORKERS) as pool:
         waiting: deque[Callable[[], Loaded]] = deque()
         for block in blocks:
+            try:
+                file = files.pop(block.path, None) or opened.enter_context(open_file(block.path))
+            except OSError as error:
+                raise _unreadable(block, error) from None
+            files[block.path] = file
+            if len(files) > _MOST_OPEN:
+                # The one that was not used for longest: nothing that waits is of it.
+                files.pop(next(iter(files))).close()
             if _LEAST_AHEAD <= max(block.size, block.length) <= _MOST_AHEAD:
-                waiting.append(pool.submit(load, block).result)
+                waiting.append(pool.submit(load, block, file).result)
             else:
-                waiting.append(partial(load, block))
+                waiting.append(partial(load, block, file))
             if len(waiting) > _WORKERS:
                 yield waiting.popleft()
-        yield from waiting
+        while waiting:
+            yield waiting.popleft()
 
 
 def view(data: bytes, code: str, begin: int = 0) -> NDArray[Any]:

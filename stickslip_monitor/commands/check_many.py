@@ -203,10 +203,6 @@ def _check_all(
     task: Task, bags: Sequence[Path], args: argparse.Namespace, meter: ProgressBar
 ) -> Iterator[Found]:
     """What came of each bag, in the order asked for."""
-    if len(bags) == 1 and args.scheduler is None and args.resume is None:
-        yield attempt(task, bags[0], meter.show)
-        meter.hide()
-        return
     if args.scheduler is not None:
         bags = [bag.absolute() for bag in bags]
     # By a name for checking a bag, as it is now, in this way: equal names, equal results.
@@ -221,7 +217,7 @@ def _check_all(
         waiting: dict[str, Found] = {}
         calls = {key: (task, bag) for key, bag in by_key.items() if key not in known}
         with contextlib.closing(_outcomes(calls, args, meter)) as arriving:
-            told = ((key, Found(known[key])) for key in order if key in known)
+            told = ((key, Found(known[key])) for key in by_key if key in known)
             for count, (key, outcome) in enumerate(itertools.chain(told, arriving), 1):
                 waiting[key] = found = _as_found(task, by_key[key], outcome)
                 if key in calls and 'error' not in found.document:
@@ -230,7 +226,8 @@ def _check_all(
                 meter.hide()
                 while order and order[0] in waiting:
                     yield waiting.pop(order.pop(0))
-                meter.show(f'{count} of {len(bags)} bags', done, total)
+                if order:
+                    meter.show(f'{count} of {len(bags)} bags', done, total)
 
 
 def _outcomes(
@@ -238,18 +235,18 @@ def _outcomes(
 ) -> Generator[tuple[str, Any], None, None]:
     """The key of each bag that is to be checked, as it is done, and what came of it."""
     # Processes and clusters are not needed for one bag, and cost time to import.
-    from stickslip_monitor.offline.processes import core_count, run_in_processes
-
-    jobs, keys = args.jobs or core_count(), list(calls)
     if args.scheduler is not None:
         from stickslip_monitor.offline.fleet import connected, on_cluster
 
         with connected(args.scheduler) as client:
             yield from on_cluster(client, attempt, calls)
-    elif jobs == 1:
+    elif args.jobs == 1 or len(calls) < 2:
         for key, call in calls.items():
             yield key, attempt(*call, meter.show)
     else:
+        from stickslip_monitor.offline.processes import core_count, run_in_processes
+
+        keys, jobs = list(calls), args.jobs or core_count()
         with contextlib.closing(run_in_processes(attempt, list(calls.values()), jobs)) as arriving:
             for place, outcome in arriving:
                 yield keys[place], outcome

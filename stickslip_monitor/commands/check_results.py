@@ -291,11 +291,9 @@ def _bearing_lines(
     for quantity, called in _WORST.items():
         if quantity in item['worst']:
             extreme = item['worst'][quantity]
-            value, exact = extreme['value'], extreme.get('amplitude_exact')
+            value, seconds = extreme['value'], (extreme['time'] - start) * 1e-9
             shown = f'{value * 1e3:.4g} mm' if quantity == 'amplitude' else f'{value:+.1%}'
-            beside = '' if exact is None else f' (exact cycle: {exact * 1e3:.4g} mm)'
-            seconds = (extreme['time'] - start) * 1e-9
-            yield f'worst {called}: {shown}{beside} at {seconds:.2f} s'
+            yield f'worst {called}: {shown} at {seconds:.2f} s'
 
 
 def _event_lines(

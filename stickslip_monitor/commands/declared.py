@@ -44,13 +44,20 @@ class FileOptions:
     """What a command's options name, by their destinations.
 
     ``writes`` has the marks of outputs; ``renews`` are those that may take the place of an input
-    of the same kind; ``records`` are recordings, or folders of such, never within what is read.
+    of the same kind; ``records`` are recordings, or folders of such, never within what is read;
+    ``spellings`` are what a user knows each by.
     """
 
     reads: list[str] = field(default_factory=list)
     writes: dict[str, Marks] = field(default_factory=dict)
     renews: set[str] = field(default_factory=set)
     records: dict[str, bool] = field(default_factory=dict)
+    spellings: dict[str, str] = field(default_factory=dict)
+
+    def spelled(self, action: argparse.Action) -> str:
+        """The destination of an option, whose spelling is noted for what is said of it."""
+        self.spellings[action.dest] = (*action.option_strings, action.dest)[0]
+        return action.dest
 
 
 def _files(options: _Options) -> FileOptions:
@@ -64,7 +71,8 @@ def _files(options: _Options) -> FileOptions:
 
 def add_input(options: _Options, *names: str, **more: Any) -> None:
     """Add an argument that names what is read; its keywords are argparse's."""
-    _files(options).reads.append(options.add_argument(*names, **more).dest)
+    files = _files(options)
+    files.reads.append(files.spelled(options.add_argument(*names, **more)))
 
 
 def add_output(
@@ -82,7 +90,7 @@ def add_output(
     """
     action = options.add_argument(*names, **{'metavar': 'FILE'} | more)
     files = _files(options)
-    files.writes[action.dest] = marks
+    files.writes[files.spelled(action)] = marks
     if renews:
         files.renews.add(action.dest)
     if was:
@@ -91,7 +99,8 @@ def add_output(
 
 def add_recording(options: _Options, name: str, *, is_folder: bool, **more: Any) -> None:
     """Add an option that names a recording to write, or a folder for such."""
-    _files(options).records[options.add_argument(name, **more).dest] = is_folder
+    files = _files(options)
+    files.records[files.spelled(options.add_argument(name, **more))] = is_folder
 
 
 def add_picture(options: _Options, text: str) -> None:
@@ -244,7 +253,7 @@ def _paths(args: argparse.Namespace, dest: str) -> Sequence[str]:
         return ()
     paths = [value] if isinstance(value, str) else list(value)
     if '' in paths:
-        raise OutputError(f'--{dest} is given an empty name')
+        raise OutputError(f'{args.files.spellings[dest]} is given an empty name')
     return paths
 
 

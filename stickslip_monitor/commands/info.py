@@ -14,6 +14,7 @@ from rich.table import Table
 
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.commands.check_results import bag_record
+from stickslip_monitor.commands.declared import add_input
 from stickslip_monitor.commands.output import add_json, console, print_json
 from stickslip_monitor.errors import plural
 from stickslip_monitor.files import printable
@@ -24,7 +25,7 @@ SCHEMA = 'stickslip_monitor/info/1'
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument('bag', metavar='BAG', help='rosbag2 folder or .mcap file')
+    add_input(parser, 'bag', metavar='BAG', help='rosbag2 folder or .mcap file')
     add_json(parser)
 
 

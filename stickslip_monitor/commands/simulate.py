@@ -22,6 +22,7 @@ from stickslip_monitor.bags.encode import (
 )
 from stickslip_monitor.bags.values import Payload
 from stickslip_monitor.bags.writer import BagWriter
+from stickslip_monitor.commands.declared import add_input
 from stickslip_monitor.commands.output import ProgressBar, console
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.scene import Scene, load_scene, simulate
@@ -37,7 +38,7 @@ _ENCODERS: Mapping[str, Callable[[Any], Payload]] = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument('scene', metavar='SCENE', help='scene file')
+    add_input(parser, 'scene', metavar='SCENE', help='scene file')
     text = 'the bag to write: a rosbag2 folder, or one file if the name ends in .mcap'
     parser.add_argument('--output', '-o', required=True, metavar='BAG', help=text)
 

@@ -51,7 +51,7 @@ _LOW = 1e-3
 _SAME = 1e-9
 _BESIDE = (1.0 - 1e-9, 1.0, 1.0 + 1e-9)
 _COLUMNS = 500
-_ROUNDING, _CUSP = 1e-14, 1e-6
+_PARTS, _ROUNDING, _CUSP = 32, 1e-14, 1e-6
 _HEADROOM, _BELOW_ZERO = 1.2, 0.07
 
 
@@ -108,16 +108,20 @@ def bifurcation_diagram(
     # The exact branch is drawn up to its end.
     last = [exact_fold * (1.0 - _SAME)] if grid[0] < exact_fold < grid[-1] else []
     grid = np.union1d(grid, last)
-    turns = _turns(bearing, load, np.union1d(grid, _columns(bearing, grid)))
+    scan = np.union1d(grid, _columns(bearing, grid))
+    cycles = _amplitudes(bearing, scan, load)
+    turns = _turns(bearing, load, scan, cycles)
     marks = [turn.mark for turn in turns]
     ends = [mark.speed for mark in marks]
     speed = np.union1d(grid, ends)
+    # At a mark, which was not looked at, the turn knows the amplitudes.
+    rows = np.minimum(np.searchsorted(scan, speed), scan.size - 1)
     return Diagram(
         load=load,
         speed=speed,
         sliding_limit=speed / bearing.natural_frequency,
         growth_rate=np.asarray(growth_rate(bearing, speed, load)),
-        branches=tuple(_branches(bearing, load, speed, turns)),
+        branches=tuple(_branches(speed, turns, cycles[rows])),
         marks=tuple(marks),
         spans=_spans(bearing, load, sorted({speeds[0], *ends, *last, speeds[1]})),
         exact=np.asarray(exact_cycle(bearing, speed, load).amplitude),
@@ -146,27 +150,26 @@ def _amplitudes(bearing: Bearing, speed: FloatArray, load: float) -> FloatArray:
     return stationary_amplitudes(bearing, speed, load).amplitude
 
 
-def _turns(bearing: Bearing, load: float, speeds: FloatArray) -> list[_Turn]:
-    """Where the number of cycles changes, by bisection between rising speeds."""
-
-    def count(speed: FloatArray) -> Any:
-        return np.isfinite(_amplitudes(bearing, speed, load)).sum(axis=1)
-
-    ends, cycles = (np.stack([c[:-1], c[1:]]) for c in (speeds, count(speeds)))
+def _turns(
+    bearing: Bearing, load: float, speeds: FloatArray, amplitude: FloatArray
+) -> list[_Turn]:
+    """Where the number of cycles changes, between ever closer ones of the rising speeds."""
+    counts = np.isfinite(amplitude).sum(axis=1)
+    ends, cycles = (np.stack([c[:-1], c[1:]]) for c in (speeds, counts))
     while np.any(ends[1] - ends[0] > _ROUNDING * ends[1]):
-        changed = cycles[0] != cycles[1]
-        ends, cycles = ends[:, changed], cycles[:, changed]
-        middle = ends.mean(axis=0)
-        within = count(middle)
-        ends = np.hstack([[ends[0], middle], [middle, ends[1]]])
-        cycles = np.hstack([[cycles[0], within], [within, cycles[1]]])
+        low, high = ends[:, cycles[0] != cycles[1]]
+        parts = np.linspace(low, high, _PARTS + 1)
+        found = np.isfinite(_amplitudes(bearing, parts.ravel(), load)).sum(axis=1)
+        ends, cycles = (
+            np.stack([c[:-1].ravel(), c[1:].ravel()]) for c in (parts, found.reshape(parts.shape))
+        )
     ends = ends[:, cycles[0] != cycles[1]]
     ends = ends[:, np.argsort(ends[0])]
     # Those so close to one another are one, at which the number flickers by rounding.
     apart = np.flatnonzero(np.diff(ends[0]) > _SAME * ends[0, 1:]) + 1
     groups = np.split(ends, apart, axis=1) if ends.size else []
-    found = [_turn(bearing, load, float(group[0, 0]), float(group[1, -1])) for group in groups]
-    return [turn for turn in found if turn.before.size != turn.after.size]
+    turns = [_turn(bearing, load, float(group[0, 0]), float(group[1, -1])) for group in groups]
+    return [turn for turn in turns if turn.before.size != turn.after.size]
 
 
 def _turn(bearing: Bearing, load: float, low: float, high: float) -> _Turn:
@@ -186,11 +189,8 @@ def _turn(bearing: Bearing, load: float, low: float, high: float) -> _Turn:
     return _Turn(BranchMark(MarkKind.FOLD, speed, amplitude), before, after, own)
 
 
-def _branches(
-    bearing: Bearing, load: float, speed: FloatArray, turns: Sequence[_Turn]
-) -> list[Branch]:
+def _branches(speed: FloatArray, turns: Sequence[_Turn], cycles: FloatArray) -> list[Branch]:
     """The cycles at rising speeds, joined from turn to turn by the order of their amplitudes."""
-    cycles = _amplitudes(bearing, speed, load)
     most = max((max(turn.before.size, turn.after.size) for turn in turns), default=0)
     # A stretch with more may be too short for a speed.
     missing = max(most - cycles.shape[1], 0)

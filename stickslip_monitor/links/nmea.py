@@ -38,7 +38,6 @@ _TITLES = {
     AlarmKind.INPUT_IMPLAUSIBLE: 'INPUT FAULT',
     AlarmKind.VIBRATION: 'VIBRATION',
 }
-_KINDS = {kind.value: kind for kind in AlarmKind}
 _PRIORITIES = {Priority.ALARM: 'A', Priority.WARNING: 'W', Priority.CAUTION: 'C'}
 _LETTERS = {
     AlarmState.UNACKNOWLEDGED.value: 'V',
@@ -218,7 +217,7 @@ class Alerts:
         if alert.priority == 'C' or alert.letter not in states or not self._accept_actions:
             return [self._say(f'ARC,{_utc(now_ns)},{self._id(alert)},{command}')], None
         assert action is not None
-        return [], ActionRequest(action, BY, bearing, _KINDS[kind])
+        return [], ActionRequest(action, BY, bearing, AlarmKind(kind))
 
     def _standing(self) -> list[_Alert]:
         return [alert for alert in self._alerts.values() if alert.letter != 'N']

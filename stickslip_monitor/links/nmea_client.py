@@ -14,9 +14,10 @@ import time
 import tty
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
-from stickslip_monitor.errors import LinkError
+from stickslip_monitor.errors import LinkError, cause
 from stickslip_monitor.links.link_config import NmeaLink, check_port
 from stickslip_monitor.links.live_monitor import MonitorSide
 from stickslip_monitor.links.nmea import Alerts, NmeaInput, samples
@@ -78,7 +79,7 @@ class Port(asyncio.DatagramProtocol, asyncio.Protocol):
         except OSError as error:
             if not self.waits:
                 raise LinkError(
-                    f"{self.name} = '{self.address}' cannot be opened: {_reason(error)}"
+                    f"{self.name} = '{self.address}' cannot be opened: {cause(error)}"
                 ) from error
             self._fail(error)
 
@@ -139,7 +140,7 @@ class Port(asyncio.DatagramProtocol, asyncio.Protocol):
 
     def _fail(self, why: Exception | str) -> None:
         if not self._fault.done():
-            self._fault.set_result(why if isinstance(why, str) else _reason(why))
+            self._fault.set_result(why if isinstance(why, str) else cause(why))
 
     def _take(self, data: bytes) -> None:
         """Bytes have come; whole lines are handed on, of one that never ends its end."""
@@ -231,10 +232,6 @@ class SerialPort(Port):
             raise OSError('the line does not take so much')
 
 
-def _reason(error: Exception) -> str:
-    return getattr(error, 'strerror', None) or str(error)
-
-
 KINDS = {'udp': Port, 'tcp': TcpPort, 'serial': SerialPort}
 """The ports by the schemes of their addresses."""
 
@@ -274,11 +271,7 @@ class NmeaClient:
 
     def _port(self, role: str, address: str) -> Port:
         listens = role == 'listen'
-        name = 'nmea_in' if listens else 'nmea_out'
-
-        def on_link(up: bool, why: str) -> None:
-            self._side.tell(name, up, why)
-
+        on_link = partial(self._side.tell, 'nmea_in' if listens else 'nmea_out')
         # Where only acknowledgements may come, silence is nothing wrong.
         silent = SILENT if self._inputs and listens else math.inf
         kind = KINDS[check_port(f'nmea.{role}', address).scheme]

@@ -27,7 +27,6 @@ SAFE_ACTIONS = (2, 24)
 Update = dict[str, Any]
 """One update of a delta: a source and its values, or their meta data."""
 _SEVERITIES = {Priority.ALARM: 'alarm', Priority.WARNING: 'warn', Priority.CAUTION: 'alert'}
-_KINDS = {kind.value: kind for kind in AlarmKind}
 _WAITING = (AlarmState.UNACKNOWLEDGED.value, AlarmState.RETURNED.value)
 _KNOWN = (AlarmState.ACKNOWLEDGED.value, AlarmState.LATCHED.value)
 
@@ -58,20 +57,17 @@ def _seconds(stamp: object) -> float:
     return (time if time.tzinfo else time.replace(tzinfo=timezone.utc)).timestamp()
 
 
-def _updates(frame: object, own: str) -> Iterator[Update]:
-    """The updates of a delta about our own vessel; of anything else none."""
+def _values(frame: object, own: str) -> Iterator[tuple[Update, str, str, Any]]:
+    """Update, source, path and value of each value of our own vessel in a delta."""
     if isinstance(frame, dict) and frame.get('context', own) == own:
-        updates = frame.get('updates')
-        for update in updates if isinstance(updates, list) else ():
-            if isinstance(update, dict):
-                yield update
+        for update in _dicts(frame.get('updates')):
+            for item in _dicts(update.get('values')):
+                if isinstance(item.get('path'), str):
+                    yield update, str(update.get('$source', '')), item['path'], item.get('value')
 
 
-def _values(update: Update) -> Iterator[tuple[str, Any]]:
-    values = update.get('values')
-    for item in values if isinstance(values, list) else ():
-        if isinstance(item, dict) and isinstance(item.get('path'), str):
-            yield item['path'], item.get('value')
+def _dicts(items: object) -> list[dict[str, Any]]:
+    return [each for each in items if isinstance(each, dict)] if isinstance(items, list) else []
 
 
 @dataclass(slots=True)
@@ -129,18 +125,16 @@ class SignalKInputs:
 
     def take(self, frame: object, now: float) -> Iterator[tuple[str, Input, float]]:
         """Bearing, input and number (NaN for what is none) of every sample."""
-        for update in _updates(frame, self._own):
-            source, stamp = str(update.get('$source', '')), update.get('timestamp')
-            for path, value in _values(update):
-                items = [item for item in self._inputs if item.path == path]
-                if items and self._fresh((path, source), stamp, items, now):
-                    admitted = [item for item in items if item.admits(source, now)]
-                    for item in admitted:
-                        yield item.bearing, item.place, _number(value)
-                    if admitted != items and (path, source) not in self._left_aside:
-                        self._left_aside.add((path, source))
-                        what = f"source '{source}' of {path}"
-                        self._log(f'Signal K: {what} is left aside; another is heard')
+        for update, source, path, value in _values(frame, self._own):
+            items = [item for item in self._inputs if item.path == path]
+            if items and self._fresh((path, source), update.get('timestamp'), items, now):
+                admitted = [item for item in items if item.admits(source, now)]
+                for item in admitted:
+                    yield item.bearing, item.place, _number(value)
+                if admitted != items and (path, source) not in self._left_aside:
+                    self._left_aside.add((path, source))
+                    what = f"source '{source}' of {path}"
+                    self._log(f'Signal K: {what} is left aside; another is heard')
 
     def _fresh(
         self, key: tuple[str, str], stamp: object, items: list[SignalKInput], now: float
@@ -304,9 +298,7 @@ class Notifications:
     def hears(self, frame: object, own_vessel: str) -> bool:
         """Whether a frame brings back what this run has sent: the proof that we may write."""
         return any(
-            _token(value).startswith(f'{self._run}-')
-            for update in _updates(frame, own_vessel)
-            for _, value in _values(update)
+            _token(value).startswith(f'{self._run}-') for *_, value in _values(frame, own_vessel)
         )
 
     def take_echo(
@@ -314,17 +306,15 @@ class Notifications:
     ) -> tuple[list[Update], list[ActionRequest]]:
         """What the server says of our notifications: what to send, and what people ask."""
         updates, requests = list[Update](), list[ActionRequest]()
-        for update in _updates(frame, own_vessel):
-            source = str(update.get('$source', ''))
-            for path, value in _values(update):
-                own = self._alarms.get(path)
-                if own is None or not isinstance(value, dict):
-                    continue
-                if _token(value) == own.token and source == own.source:
-                    updates += self._settle(own, value)
-                    requests += self._asked(own, value)
-                elif source != own.source and _leftover(source, value):
-                    updates.append(_update(source, path, NORMAL))
+        for _, source, path, value in _values(frame, own_vessel):
+            own = self._alarms.get(path)
+            if own is None or not isinstance(value, dict):
+                continue
+            if _token(value) == own.token and source == own.source:
+                updates += self._settle(own, value)
+                requests += self._asked(own, value)
+            elif source != own.source and _leftover(source, value):
+                updates.append(_update(source, path, NORMAL))
         return updates, requests
 
     def _settle(self, own: _Alarm, value: Mapping[str, Any]) -> list[Update]:
@@ -355,15 +345,15 @@ class Notifications:
         quiet = current and not loud and 'sound' in own.value['method']
         bearing, kind = own.key
         if acknowledged and _waits(own):
-            return [ActionRequest(Action.ACKNOWLEDGE, BY, bearing, _KINDS[kind])]
+            return [ActionRequest(Action.ACKNOWLEDGE, BY, bearing, AlarmKind(kind))]
         if (silenced or quiet) and 'sound' in own.value['method']:
-            return [ActionRequest(Action.SILENCE, BY, bearing, _KINDS[kind])]
+            return [ActionRequest(Action.SILENCE, BY, bearing, AlarmKind(kind))]
         return []
 
 
 def _notification(record: Mapping[str, Any], token: str) -> dict[str, Any]:
     """An alarm as a notification's value."""
-    lifecycle, kind = record['state'], _KINDS[record['alarm']]
+    lifecycle, kind = record['state'], AlarmKind(record['alarm'])
     # One matter, one notification: what a worse alarm stands for is not given beside it.
     shown = not record.get('covered')
     waiting, known = shown and lifecycle in _WAITING, shown and lifecycle in _KNOWN

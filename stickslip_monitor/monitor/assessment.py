@@ -243,6 +243,10 @@ class Assessment:
             self._known.update(_worked_out(name, self))
         return self._known[name]
 
+    def __dir__(self) -> list[str]:
+        """All names, also of what is not worked out yet."""
+        return sorted({*object.__dir__(self), *_ON_DEMAND, *BELIEFS})
+
     def _stored(self) -> Iterator[Any]:
         return (getattr(self, name) for name in Points._fields)
 

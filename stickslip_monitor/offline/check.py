@@ -320,7 +320,8 @@ class _InputCheck:
         """What came of the input, by its messages' faults, and questions."""
         used = int(self._counts[: Status.CLOCK_JUMP + 1].sum())
         first, last = self._span if used else (math.nan, math.nan)
-        low, high = sorted(float(to_si(self._source, end)) for end in (first, last))
+        # Below the deadband a negative number is -0.0.
+        low, high = sorted(float(to_si(self._source, end)) + 0.0 for end in (first, last))
         counted = {text: int(self._counts[status]) for status, text in STATUS_SENTENCES.items()}
         counted |= Counter(fault_text(fault, self._source) for fault in self._sources)
         return InputReport(

@@ -90,14 +90,8 @@ def facts(course: Course) -> tuple[Fact, ...]:
         if name in course.item.worst:
             extreme = course.item.worst[name]
             note = f'{formatting.minute(extreme.time_ns)}, at {place(course, extreme)}'
-            found.append(Fact(title, shown(_value(name, extreme)), note))
+            found.append(Fact(title, shown(extreme.value), note))
     return (*found, *_probabilities(course), *_measured(course))
-
-
-def _value(name: str, extreme: Extreme) -> float:
-    """The value of an extreme; of an amplitude that of the exact cycle, where it has one."""
-    exact = extreme.point.amplitude_exact
-    return exact if name == 'amplitude' and math.isfinite(exact) else extreme.value
 
 
 def _probabilities(course: Course) -> tuple[Fact, ...]:
@@ -194,9 +188,8 @@ def _amplitude(course: Course) -> str:
     extreme = course.item.worst.get('amplitude')
     if extreme is None:
         return ''
-    value = _value('amplitude', extreme)
     text = (
-        f'The greatest predicted amplitude was {formatting.millimetres(value)}, at'
+        f'The greatest predicted amplitude was {formatting.millimetres(extreme.value)}, at'
         f' {place(course, extreme)}'
     )
     limit = course.config.alarm.amplitude_limit
@@ -207,7 +200,7 @@ def _amplitude(course: Course) -> str:
             f' {formatting.duration(_total(above))}'
         )
     elif math.isfinite(limit):
-        below = 'below' if value <= limit else 'and not for long above'
+        below = 'below' if extreme.value <= limit else 'and not for long above'
         text += f', {below} the limit of {formatting.millimetres(limit)}'
     return f'{text}.'
 

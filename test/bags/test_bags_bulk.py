@@ -312,20 +312,6 @@ def test_only_the_odd_message_is_decoded_alone(tmp_path: Path, decoded: list[int
     assert decoded == [len(messages[4].data)]
 
 
-def test_an_index_that_lies_is_not_believed(tmp_path: Path) -> None:
-    messages = load_messages(6, ['abc'])
-    path = tmp_path / 'a.mcap'
-    write_file(path, {'compression': CompressionType.NONE}, messages)
-    data = path.read_bytes()
-    time = struct.pack('<Q', 1002)
-    last = data.rindex(time)
-    path.write_bytes(data[:last] + struct.pack('<Q', 1999) + data[last + 8 :])
-    request = Request('/load', 'force')
-    series = open_bag(path).read([request])[request]
-    assert series.log_time_ns.tolist() == [m.log_time_ns for m in messages]
-    assert series.value.tolist() == [n / 4 for n in range(6)]
-
-
 def test_an_index_in_the_order_of_time(tmp_path: Path) -> None:
     """Some writers sort the index entries of a chunk by time."""
     messages = load_messages(3, ['abc'])

@@ -60,11 +60,7 @@ def test_the_picture(tmp_path: Path) -> None:
     pytest.importorskip('matplotlib')
     out = tmp_path / 'a.png'
     assert main(['accuracy', '--from', STORED, '--picture', str(out)]) == 0
-    data = out.read_bytes()
-    assert struct.unpack('>II', data[16:24]) == (2400, 1440)
-    again = tmp_path / 'b.png'
-    assert main(['accuracy', '--from', STORED, '--picture', str(again)]) == 0
-    assert again.read_bytes() == data
+    assert struct.unpack('>II', out.read_bytes()[16:24]) == (2400, 1440)
 
 
 def test_times_in_words() -> None:

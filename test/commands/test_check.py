@@ -269,6 +269,19 @@ def test_two_publishers_and_a_wrong_unit_are_told(
     assert 'question: speed on /shaft/speed has no boundary at any load' in out
 
 
+def test_a_shaft_at_rest_has_no_negative_zero(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """-0.05 rpm is below the deadband."""
+    bag, time = tmp_path / 'bag', START + np.arange(100) * 10**8
+    with BagWriter(bag) as writer:
+        for topic, value in (('/shaft/speed', -0.05), ('/bearing/aft_stern/load', 1e3)):
+            writer.add_topic(topic, 'std_msgs/msg/Float64')
+            writer.write_float64s({topic: (time, np.full(100, value))})
+    main(['check', str(bag), '--config', str(CONFIG)])
+    assert '-0.05 to -0.05 in the messages (0 to 0 m/s)' in capsys.readouterr().out
+
+
 def test_one_of_several_bearings_is_checked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -88,7 +88,7 @@ def test_a_folder_of_bags_is_a_list_even_of_one(
 def test_what_was_found_is_kept_and_only_the_rest_is_checked_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    kept, bags = tmp_path / 'found.jsonl', [tmp_path / 'a', tmp_path / 'b']
+    kept, bags = tmp_path / 'found.jsonl', [tmp_path / name for name in 'abc']
     for bag in bags:
         shutil.copytree(BAGS / 'voyage', bag)
     options = (*bags, '--jobs', 1, '--resume', kept)
@@ -104,11 +104,11 @@ def test_what_was_found_is_kept_and_only_the_rest_is_checked_again(
 
     monkeypatch.setattr(check_many, 'attempt', count)
     assert documents(capsys, *options) == first
-    assert checked == [bags[1]]
-    # The other bag is another one now.
+    assert checked == [bags[2]]
+    # The first bag is another one now.
     os.utime(next(bags[0].glob('*.mcap')), (1, 1))
     assert documents(capsys, *options) == first
-    assert checked == [bags[1], bags[0]]
+    assert checked == [bags[2], bags[0]]
     assert check(*bags, '--resume', CONFIG) == 2
     assert 'is the input' in capsys.readouterr().err
 

@@ -115,12 +115,10 @@ def test_the_fragment_is_a_configuration(
         assert getattr(fitted, name) == pytest.approx(document['friction'][name], rel=1e-5)
 
 
-def test_pictures_are_the_same_each_time(tmp_path: Path) -> None:
-    paths = [tmp_path / f'{name}.svg' for name in 'ab']
-    for path in paths:
-        assert main(['fit', CURVE, *LOAD, '--picture', str(path)]) == 0
-    assert paths[0].read_bytes() == paths[1].read_bytes()
-    assert 'fold speed' in paths[0].read_text(encoding='utf-8')
+def test_the_picture_shows_the_boundaries(tmp_path: Path) -> None:
+    path = tmp_path / 'a.svg'
+    assert main(['fit', CURVE, *LOAD, '--picture', str(path)]) == 0
+    assert 'fold speed' in path.read_text(encoding='utf-8')
 
 
 def test_points_as_csv(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import shlex
 import shutil
 from pathlib import Path
 from typing import Any
@@ -84,6 +85,12 @@ REFUSED = {
     'map -c own.yaml -o a.png --track none': "bag 'none' does not exist",
     'fit none.csv': 'none.csv: No such file',
     'accuracy --from none.csv': 'cannot be read',
+    # The folder that the shell is in is not meant, but a variable that is not set.
+    "info ''": 'bag is given an empty name',
+    "play ''": 'bag is given an empty name',
+    "check '' -c own.yaml": 'bags is given an empty name',
+    "simulate '' -o x": 'scene is given an empty name',
+    "dashboard -c own.yaml --bag ''": '--bag is given an empty name',
     'info own.yaml': "'own.yaml' is not an MCAP recording",
     'score none -c own.yaml': "bag 'none' does not exist",
     'score bare -c own.yaml': "bag 'bare' holds no truth about aft_stern: topic"
@@ -138,7 +145,7 @@ def test_what_is_refused_is_told_in_one_sentence(
         pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
     monkeypatch.chdir(folder)
     before = sorted(folder.iterdir())
-    assert main(line.split()) == 2
+    assert main(shlex.split(line)) == 2
     told = capsys.readouterr().err
     assert REFUSED[line] in told
     assert told.startswith('ERROR: ')

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stickslip_monitor.monitor.assessment import COLUMNS, Outcome, Regime, assess
+from stickslip_monitor.monitor.assessment import BELIEFS, COLUMNS, Outcome, Regime, assess
 from stickslip_monitor.physics.averaging.boundaries import (
     fold_load,
     fold_speed,
@@ -240,6 +240,10 @@ def test_scalars_in_numbers_out() -> None:
     for field in COLUMNS:
         assert type(getattr(verdict, field)) is (int if field == 'outcome_code' else float), field
     assert type(verdict.regime_code) is int
+
+
+def test_what_is_worked_out_on_demand_is_listed() -> None:
+    assert {*COLUMNS, *BELIEFS} <= set(dir(assess(BEARING, 0.1, 1000)))
 
 
 @pytest.mark.parametrize(

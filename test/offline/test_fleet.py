@@ -27,6 +27,7 @@ from stickslip_monitor.offline import fleet
 from stickslip_monitor.offline.fleet import connected, on_cluster
 
 distributed = pytest.importorskip('distributed')
+dask = pytest.importorskip('dask')
 ROOT = Path(__file__).parents[2]
 CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
 LIMIT = 60.0
@@ -34,9 +35,13 @@ LIMIT = 60.0
 
 @pytest.fixture(scope='module')
 def address() -> Iterator[str]:
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=':0'
-    ) as cluster:
+    # A worker that dies is started again, and given up where that takes long: on a busy machine.
+    with (
+        dask.config.set({'distributed.deploy.lost-worker-timeout': '10 minutes'}),
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=':0'
+        ) as cluster,
+    ):
         yield cluster.scheduler_address
 
 

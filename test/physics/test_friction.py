@@ -98,11 +98,8 @@ def test_table_is_monotone_between_its_points(points: list[tuple[float, float]])
     ('name', 'value', 'rule'),
     [
         ('static', -0.1, 'static = -0.1 must not be negative'),
-        ('static', float('nan'), 'static = nan must be a finite number'),
-        ('kinetic', -1e-9, 'kinetic = -1e-09 must not be negative'),
         ('kinetic', float('inf'), 'kinetic = inf must be a finite number'),
         ('decay', 0.0, 'decay = 0 must be greater than 0'),
-        ('decay', -3.0, 'decay = -3 must be greater than 0'),
         ('viscous', -0.5, 'viscous = -0.5 must not be negative'),
     ],
 )

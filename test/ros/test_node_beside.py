@@ -19,8 +19,7 @@ import yaml
 from stickslip_monitor.links.nmea import parse, sentence
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
-pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
-pytest.importorskip('aiohttp', reason="the extra 'links' is not installed")
+pytest.importorskip('aiohttp', reason="the extras 'dashboard' and 'links' are not installed")
 
 
 class Page:

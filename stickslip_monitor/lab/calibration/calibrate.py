@@ -200,27 +200,23 @@ class Calibration:
 
     def belief(self) -> Belief:
         """The boundaries themselves, without the scatter of single passages."""
-        return belief_in(self.posterior.draws(), self.floor, self.prior.viscous, self.loads)
+        return self._belief(self.posterior.draws(), self.loads)
 
     def prior_belief(self) -> Belief:
         """The same before the evidence, at any load."""
         random = np.random.default_rng(SEED)
         draws = random.multivariate_normal(self.prior.mean, self.prior.covariance, _PRIOR_DRAWS)
-        return belief_in(draws, self.floor, self.prior.viscous, (1e-9, 1e12))
+        return self._belief(draws, (1e-9, 1e12))
+
+    def _belief(self, draws: FloatArray, loads: tuple[float, float]) -> Belief:
+        fixed = np.column_stack([draws[:, :2], np.full(draws.shape[0], -30.0)])
+        return Belief.from_draws(fixed, self.floor, self.prior.viscous, loads)
 
     def boundaries(self) -> list[list[float]]:
         """Rows of load, Hopf speed at :data:`QUANTILES`, fold speed at the same."""
         belief, loads = self.belief(), np.unique(np.linspace(*self.loads, _LOADS))
         speeds = [of(loads, p) for of in (belief.hopf_speed, belief.fold_speed) for p in QUANTILES]
         return np.column_stack([loads, *speeds]).tolist()
-
-
-def belief_in(
-    draws: FloatArray, floor: float, viscous: float, loads: tuple[float, float]
-) -> Belief:
-    """The boundaries of draws of all parameters, without the scatter of single passages."""
-    fixed = np.column_stack([draws[:, :2], np.full(draws.shape[0], -30.0)])
-    return Belief.from_draws(fixed, floor, viscous, loads)
 
 
 def dip_limit(prior: Prior) -> Callable[[FloatArray], FloatArray]:
