@@ -67,10 +67,6 @@ class InputFacts:
     source: str = ''  # what its samples tell of their source, see .source_faults
 
 
-MOSTLY = 1.0 / 3.0
-"""From this share of refused samples on it is told."""
-
-
 def input_fault(facts: InputFacts) -> str:
     """The sentence on an input, the most fundamental fault first; empty where there is none."""
     topic, publishers = facts.topic, facts.publishers

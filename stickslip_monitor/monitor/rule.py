@@ -63,6 +63,8 @@ APART = 120 * 10**9
 """A level that was high outside so shortly before tells nothing inside [ns]."""
 SHORT = 15 * 10**9
 """A vibration that ends sooner than this, and does not ring down, was something else [ns]."""
+BURSTS = 300 * 10**9
+"""So long a vibration too short to be counted is remembered [ns]."""
 DEAF = 60 * 10**9
 """A level that is quiet for so long where stick-slip is predicted may be blind [ns]."""
 LEARNED = 60 * 10**9
@@ -479,6 +481,7 @@ def take_level(s: Any, c: Any, si: float, stamp: int, last: int) -> None:
         # Its clock was set back.
         s.moved += gap
         s.outside += gap if s.outside != NEVER else 0
+        s.ended += gap if s.ended != NEVER else 0
     if si != s.level:
         s.moved = stamp
     s.level = si
@@ -497,9 +500,13 @@ def take_level(s: Any, c: Any, si: float, stamp: int, last: int) -> None:
     if high and s.spell == NEVER:
         s.spell = stamp
     elif low and s.spell != NEVER:
-        if stamp - s.spell < SHORT and not rings_down:
-            # Stick-slip would have gone on, and the ring of a blow falls by and by.
-            s.outside = stamp
+        lasted = stamp - s.spell
+        if lasted < SHORT and not rings_down:
+            # Stick-slip would have gone on, and the ring of a blow falls by and by. A single one
+            # that is too short to tell anything may be a blow all the same.
+            if lasted >= DUE or (s.ended != NEVER and stamp - s.ended < BURSTS):
+                s.outside = stamp
+            s.ended = stamp
         s.spell = NEVER
 
 
