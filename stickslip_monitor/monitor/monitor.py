@@ -65,7 +65,8 @@ class BearingMonitor:
     def __init__(self, config: BearingConfig, state: State | None = None) -> None:
         self.config = config
         self.state = state or State()
-        self.state.began = NEVER  # after a restart inputs are waited for anew
+        # After a restart inputs are waited for anew.
+        self.state.began, self.state.came = NEVER, [NEVER, NEVER]
         self.counts = np.zeros((len(Input), len(Status)), dtype=np.int64)
         self.verdict: Verdict | None = None
         self._settings = settings_of(config)

@@ -170,8 +170,9 @@ def age_limit(s: Any, c: Any, place: int) -> int:
 
 
 def standing_until(s: Any, c: Any) -> int:
-    """Until when both values stand [ns]; those not received yet are waited for from the start."""
-    speed, load = max(s.came[SPEED], s.began), max(s.came[LOAD], s.began)
+    """Until when both values stand [ns]; one not yet received is waited for from the start."""
+    speed = s.came[SPEED] if s.came[SPEED] != NEVER else s.began
+    load = s.came[LOAD] if s.came[LOAD] != NEVER else s.began
     until: int = min(speed + age_limit(s, c, SPEED), load + age_limit(s, c, LOAD))
     return until
 
@@ -264,10 +265,10 @@ def take_point(s: Any, c: Any, law: Any, table: Any, belief: Any, until: int) ->
     s.point, s.lost = s.now, 0
     speed, load = median_point(s)
     s.rate = growth_rate(c, law, s.value[SPEED], s.value[LOAD])
-    # Of fewer than three speeds there is no median that could bear anything out.
-    s.median_rate = (
-        growth_rate(c, law, speed, load) if s.earlier[SPEED] == s.earlier[SPEED] else 0.0
-    )
+    s.median_rate = growth_rate(c, law, speed, load)
+    if s.earlier[SPEED] != s.earlier[SPEED] and c.onset_growth > 0.0:
+        # Of fewer than three speeds there is no median that could bear a growth out.
+        s.median_rate = min(s.median_rate, 0.0)
     averaged = boundary_at(table[0], c.table_first, c.table_step, load)
     limit = max(averaged, boundary_at(table[1], c.table_first, c.table_step, load))
     sliding = speed != 0.0 and load > 0.0
@@ -496,7 +497,7 @@ def take_level(s: Any, c: Any, si: float, stamp: int, last: int) -> None:
         watch_outside(s, c, level >= threshold, gap, stamp)
     # Where no threshold is known yet the level is neither.
     high, low = level >= threshold, level < threshold - c.hysteresis < math.inf
-    count_level(s, high, low, min(gap, DUE // 2))
+    count_level(s, level, high, low, min(gap, DUE // 2))
     if high and s.spell == NEVER:
         s.spell = stamp
     elif low and s.spell != NEVER:
@@ -530,13 +531,13 @@ def watch_outside(s: Any, c: Any, high: bool, gap: int, stamp: int) -> None:
         s.loudest += (s.level_mean - s.loudest) * (1.0 - math.exp(-seconds / FAST_LAG))
 
 
-def count_level(s: Any, high: bool, low: bool, gap: int) -> None:
+def count_level(s: Any, level: float, high: bool, low: bool, gap: int) -> None:
     """Count the net time of a level on either side; one that rings down counts for quiet."""
     if high:
         if s.level_count <= 0:
             s.level_peak = s.level_mean
         s.level_peak = max(s.level_peak, s.level_mean)
-        if s.vibrating != VIBRATING and s.level_mean < s.level_peak - FALL:
+        if s.vibrating != VIBRATING and max(level, s.level_mean) < s.level_peak - FALL:
             gap = -min(gap, max(s.level_count, 0))
         s.level_count += gap
     elif low:
@@ -563,7 +564,7 @@ def measured_now(s: Any, c: Any) -> int:
         return UNKNOWN
     if s.stamp[LEVEL] - s.moved > STUCK or s.loud > LOUD:
         return UNKNOWN
-    if s.vibrating == QUIET and s.spell != NEVER:
+    if s.vibrating == QUIET and s.spell != NEVER and s.stamp[LEVEL] - s.spell >= DUE:
         return UNKNOWN
     return int(s.vibrating)
 

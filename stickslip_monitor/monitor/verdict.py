@@ -104,7 +104,8 @@ def lost_inputs(s: Any, c: Any, now: int) -> dict[str, float]:
         return found
     for place, name in enumerate(QUANTITIES):
         came = s.came[place]
-        if now >= max(came, s.began) + rule.age_limit(s, c, place):
+        begun = s.began if came == NEVER else came
+        if now >= begun + rule.age_limit(s, c, place):
             found[name] = math.inf if came == NEVER else (now - came) / 1e9
     return found
 
