@@ -9,6 +9,7 @@ by :func:`compiled`, because that takes half a second.
 from __future__ import annotations
 
 import functools
+import sys
 import zlib
 from collections.abc import Callable
 from importlib import import_module
@@ -31,7 +32,7 @@ def compiled(entry: str, *modules: ModuleType, inline: bool = True) -> Callable[
     """Compile a function with all functions of its modules that it may call.
 
     The plain functions stay as they are: copies of them are compiled. The compiled code is kept
-    between processes where numba can write its cache.
+    between processes where numba can write its cache; until it is, a person at a terminal is told.
 
     Args:
         entry: Name of the function.
@@ -42,9 +43,18 @@ def compiled(entry: str, *modules: ModuleType, inline: bool = True) -> Callable[
         The compiled function.
     """
     try:
-        return _compile(entry, modules, inline, cache=True)
+        found = _compile(entry, modules, inline, cache=True)
     except RuntimeError:  # numba has no folder that it may write to
-        return _compile(entry, modules, inline, cache=False)
+        found = _compile(entry, modules, inline, cache=False)
+    if sys.stderr.isatty() and not _is_kept(found):
+        sys.stderr.write('compiling for long work: seconds, once for this version\n')
+    return found
+
+
+def _is_kept(function: Any) -> bool:
+    """Whether an earlier process has left the compiled code of a function."""
+    folder = function.stats.cache_path
+    return bool(folder and any(Path(folder).glob(f'*.{function.py_func.__qualname__}-*.nbi')))
 
 
 def _compile(

@@ -49,7 +49,7 @@ from stickslip_monitor.lab.warning_quality import (
 from stickslip_monitor.offline.outline import condition_intervals
 from stickslip_monitor.offline.processes import core_count
 
-OF_BAGS, OF_SCENES = 'stickslip_monitor/score/2', 'stickslip_monitor/warning_quality/1'
+OF_BAGS, OF_SCENES = 'stickslip_monitor/score/2', 'stickslip_monitor/warning_quality/2'
 RULES = {OURS: 'monitor', BELOW_FOLD: 'V < V_F', BELOW_HOPF: 'V < V_H'}
 _SCENE, _SENSORS = attrgetter('scene'), attrgetter('sensors')
 _COLUMNS = {

@@ -55,7 +55,7 @@ def test_json_of_two_seeds_and_two_grades(scene: str, capsys: pytest.CaptureFixt
     args = [part for grade in grades for part in ('--sensors', grade)]
     assert main(['score', scene, '--seeds', '2', '--jobs', '1', '--json', *args]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert document['schema'] == 'stickslip_monitor/warning_quality/1'
+    assert document['schema'] == 'stickslip_monitor/warning_quality/2'
     assert document['seeds'] == {scene: [5, 6]}
     assert [grade['file'] for grade in document['sensors']] == grades
     ideal = document['sensors'][0]
