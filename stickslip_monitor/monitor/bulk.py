@@ -47,7 +47,7 @@ class Scan:
     until_ns: IntArray  # how long each counts: to the next or to the loss of an input, (n,)
     speed: FloatArray  # of the surface at each point, shape (n,) [m/s]
     load: FloatArray  # at each point, shape (n,) [N]
-    chances: FloatArray  # the first three of BELIEFS at each, (n, 3); 0 without a belief
+    chances: FloatArray  # the first three of BELIEFS at each, (n, 3); without a belief (n, 0)
     rung: NDArray[np.int8]  # of the alarm after each, index into LADDER, shape (n,)
     sticking: BoolArray  # whether stick-slip is predicted after each, shape (n,)
     measured: NDArray[np.int8] | None  # index into MEASURED, (n,); None without a level
@@ -123,7 +123,8 @@ class BearingScan:
 
     def _take(self, stream: Stream, end_ns: int | None, final: bool) -> Scan:
         size, has_level = stream.time_ns.size, self.config.level is not None
-        notes, points = np.zeros((size, 7), np.int64), np.zeros((size, 5))
+        notes = np.zeros((size, 7), np.int64)
+        points = np.zeros((size, 2 if self.config.belief is None else 5))
         changes = self._run(stream, notes, points)
         made = np.flatnonzero(notes[:, rule.POINT])
         events, at = [], []
@@ -218,8 +219,8 @@ class BearingScan:
         """A change of the alarm, with the operating point that it came after."""
         settings, point = self.settings, None
         if at is not None:
-            speed, load, can, will, runs = at.tolist()
-            point = assessed(self.config, settings, speed, load, (can, will, runs))
+            speed, load, *chances = at.tolist()
+            point = assessed(self.config, settings, speed, load, chances)
         change = CONDITIONS[int(row[rule.BEFORE])], CONDITIONS[int(row[rule.AFTER])]
         time_ns, onset = int(row[rule.TIME]), bool(row[rule.ONSET])
         return event_of(self.config, state, settings.live, time_ns, change, point, onset)

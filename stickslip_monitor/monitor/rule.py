@@ -599,7 +599,8 @@ def run(
         samples: Which input each is of, its stamp [ns], and its number, each shape (n,).
         begin: The first sample to take.
         notes: What is noted of each sample, shape (n, 7).
-        points: Speed, load and the three probabilities at each point, shape (n, 5).
+        points: Speed and load at each point, shape (n, 2); with a belief the three probabilities,
+            too, shape (n, 5).
         changes: What is noted of each change, shape (m, 5).
         kept: The memory at each change, shape (m,).
 
@@ -632,7 +633,8 @@ def run(
         if point:
             row[UNTIL], row[MEASURED] = standing_until(s, settings), measured_now(s, settings)
             points[k][0], points[k][1] = s.value[SPEED], s.value[LOAD]
-            points[k][2], points[k][3], points[k][4] = s.can, s.will, s.runs
+            if settings.believes:
+                points[k][2], points[k][3], points[k][4] = s.can, s.will, s.runs
     return len(stamps), count
 
 

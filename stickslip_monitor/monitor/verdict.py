@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -111,7 +111,11 @@ def lost_inputs(s: Any, c: Any, now: int) -> dict[str, float]:
 
 
 def assessed(
-    config: BearingConfig, settings: RuleSettings, speed: float, load: float, chances: Chances
+    config: BearingConfig,
+    settings: RuleSettings,
+    speed: float,
+    load: float,
+    chances: Iterable[float],
 ) -> Assessment:
     """The models' assessment of a speed [m/s] and load [N], with the rule's probabilities."""
     point = assess(config.bearing, speed, load, config.belief, settings.boundaries)

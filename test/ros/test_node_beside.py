@@ -174,8 +174,9 @@ def test_of_two_nodes_on_a_page_the_one_that_is_meant_acts(
     # One that is silent is told, and the other is not taken for it.
     assert port.stop() == 0
     peer.until(lambda: shown.up() == 0.0, 'silence')
+    unheard = [f'{port.space}/aft']
+    peer.until(lambda: shown.state()['monitor']['unheard'] == unheard, 'which it is')
     assert other.up() == 1.0
-    assert shown.state()['monitor']['unheard'] == [f'{port.space}/aft']
 
 
 def udp() -> socket.socket:
