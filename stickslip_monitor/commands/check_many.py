@@ -180,7 +180,7 @@ def _lessons(
     reports = () if args.learn in ('level', 'truth') else ('--reports', args.learn)
     line = ['stickslip', 'calibrate', *args.bags, '--config', args.config, *reports]
 
-    def show(done: int, total: int) -> None:
+    def show(done: float, total: float) -> None:
         meter.show('learning', done, total)
 
     lessons = []
@@ -188,13 +188,7 @@ def _lessons(
         output = f'{own.name}.calibration.json'
         command = shlex.join([*line, '--bearing', own.name, '--output', output])
         known = [each.evidence[own.name] for each in all_found if own.name in each.evidence]
-        lessons += learned(
-            own,
-            task.learn,
-            known,
-            command,
-            lambda done, total: meter.show('learning', done, total),
-        )
+        lessons += learned(own, task.learn, known, command, show)
     meter.hide()
     return lessons
 
@@ -278,21 +272,21 @@ def _kept(path: str | None) -> Iterator[tuple[dict[str, dict[str, Any]], Keep]]:
         yield {}, lambda key, document: None
         return
     known, line = {}, b'\n'
-    try:
-        if Path(path).exists():
-            with open_file(path) as there:
-                for line in there:
-                    with contextlib.suppress(ValueError, KeyError, TypeError):
-                        record = json.loads(line)
-                        known[record['key']] = record['found']
-        file = Path(path).open('a', encoding='utf-8')  # noqa: SIM115, closed below
-    except (OSError, ValueError) as error:
-        raise OutputError(f"results '{path}' cannot be kept: {error}") from None
+    with contextlib.ExitStack() as opened:
+        try:
+            if Path(path).exists():
+                with open_file(path) as there:
+                    for line in there:
+                        with contextlib.suppress(ValueError, KeyError, TypeError):
+                            record = json.loads(line)
+                            known[record['key']] = record['found']
+            file = opened.enter_context(Path(path).open('a', encoding='utf-8'))
+        except (OSError, ValueError) as error:
+            raise OutputError(f"results '{path}' cannot be kept: {error}") from None
 
-    def keep(key: str, document: dict[str, Any]) -> None:
-        file.write(json.dumps({'key': key, 'found': document}) + '\n')
-        file.flush()
+        def keep(key: str, document: dict[str, Any]) -> None:
+            file.write(json.dumps({'key': key, 'found': document}) + '\n')
+            file.flush()
 
-    with file:
         file.write('' if line.endswith(b'\n') else '\n')
         yield known, keep

@@ -168,16 +168,18 @@ def _turns(
     # Those so close to one another are one, at which the number flickers by rounding.
     apart = np.flatnonzero(np.diff(ends[0]) > _SAME * ends[0, 1:]) + 1
     groups = np.split(ends, apart, axis=1) if ends.size else []
-    turns = [_turn(bearing, load, float(group[0, 0]), float(group[1, -1])) for group in groups]
+    known = float(fold_speed(bearing, load)), float(hopf_speed(bearing, load))
+    turns = [
+        _turn(bearing, load, known, float(group[0, 0]), float(group[1, -1])) for group in groups
+    ]
     return [turn for turn in turns if turn.before.size != turn.after.size]
 
 
-def _turn(bearing: Bearing, load: float, low: float, high: float) -> _Turn:
-    """What happens between two speeds that are next to each other."""
+def _turn(bearing: Bearing, load: float, known: Range, low: float, high: float) -> _Turn:
+    """What happens between two neighbouring speeds; ``known`` are fold and Hopf speed [m/s]."""
     rows = _amplitudes(bearing, np.array([low, high]), load)
     before, after = (row[np.isfinite(row)] for row in rows)
-    known = (fold_speed(bearing, load), hopf_speed(bearing, load))
-    speed = next((float(v) for v in known if math.isclose(v, high, rel_tol=_SAME)), high)
+    speed = next((v for v in known if math.isclose(v, high, rel_tol=_SAME)), high)
     more, change = max(before, after, key=len), abs(before.size - after.size)
     if change % 2:
         return _Turn(BranchMark(MarkKind.HOPF, speed, 0.0), before, after, slice(0, change))

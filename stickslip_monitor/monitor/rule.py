@@ -181,20 +181,19 @@ def move_clock(s: Any, by: int) -> None:
     """Move every time along with the clock, so that no memory of the lining is lost."""
     s.now += by
     s.began += by
+    s.point = shifted(s.point, by)
+    s.lost_since = shifted(s.lost_since, by)
+    s.unseen = shifted(s.unseen, by)
+    s.sized = shifted(s.sized, by)
     for place in range(LEVEL):
-        if s.came[place] != NEVER:
-            s.came[place] += by
-    if s.point != NEVER:
-        s.point += by
-    if s.lost_since != NEVER:
-        s.lost_since += by
-    if s.unseen != NEVER:
-        s.unseen += by
-    if s.sized != NEVER:
-        s.sized += by
+        s.came[place] = shifted(s.came[place], by)
     for rung in range(RUNGS):
-        if s.cleared[rung] != NEVER:
-            s.cleared[rung] += by
+        s.cleared[rung] = shifted(s.cleared[rung], by)
+
+
+def shifted(time: int, by: int) -> int:
+    """A time on a clock that was set [ns]; one that has not been stays so."""
+    return time if time == NEVER else time + by
 
 
 def pass_time(s: Any, c: Any, now: int) -> None:
@@ -216,9 +215,10 @@ def take_value(s: Any, place: int, stamp: int, si: float) -> None:
         gap = max(0, came - s.came[place])
         seconds, median = gap * 1e-9, middle(si, s.value[place], s.before[place])
         if place == SPEED:
-            follow_speed(s, seconds, median)
+            s.fast = lagged(s.fast, median, seconds, FAST_LAG)
+            s.slow = lagged(s.slow, median, seconds, SLOW_LAG)
         else:
-            s.load_mean += (median - s.load_mean) * (1.0 - math.exp(-seconds / LOAD_LAG))
+            s.load_mean = lagged(s.load_mean, median, seconds, LOAD_LAG)
         s.pace[place] = min(gap, s.gap[place])
         s.gap[place] = gap
     elif place == SPEED:
@@ -231,10 +231,9 @@ def take_value(s: Any, place: int, stamp: int, si: float) -> None:
     s.value[place] = si
 
 
-def follow_speed(s: Any, seconds: float, speed: float) -> None:
-    """Follow the speed by the two lags whose difference is its slope."""
-    s.fast += (speed - s.fast) * (1.0 - math.exp(-seconds / FAST_LAG))
-    s.slow += (speed - s.slow) * (1.0 - math.exp(-seconds / SLOW_LAG))
+def lagged(mean: float, value: float, seconds: float, lag: float) -> float:
+    """A mean that follows a value by a first-order lag [s]."""
+    return mean + (value - mean) * (1.0 - math.exp(-seconds / lag))
 
 
 def middle(first: float, second: float, third: float) -> float:
@@ -481,8 +480,8 @@ def take_level(s: Any, c: Any, si: float, stamp: int, last: int) -> None:
     if last != NEVER and gap < 0:
         # Its clock was set back.
         s.moved += gap
-        s.outside += gap if s.outside != NEVER else 0
-        s.ended += gap if s.ended != NEVER else 0
+        s.outside = shifted(s.outside, gap)
+        s.ended = shifted(s.ended, gap)
     if si != s.level:
         s.moved = stamp
     s.level = si
@@ -491,7 +490,7 @@ def take_level(s: Any, c: Any, si: float, stamp: int, last: int) -> None:
         s.level_mean = s.level_peak = level
         return
     rings_down = s.level_mean < s.level_peak - FALL
-    s.level_mean += (level - s.level_mean) * (1.0 - math.exp(-gap * 1e-9 / LEVEL_LAG))
+    s.level_mean = lagged(s.level_mean, level, gap * 1e-9, LEVEL_LAG)
     threshold = level_threshold(s, c)
     if not s.raised & (1 << CAUTION):
         watch_outside(s, c, level >= threshold, gap, stamp)
@@ -521,14 +520,14 @@ def level_threshold(s: Any, c: Any) -> float:
 def watch_outside(s: Any, c: Any, high: bool, gap: int, stamp: int) -> None:
     """Follow how loud a level is where no stick-slip is near."""
     seconds = gap * 1e-9
-    s.loud += ((1.0 if high else 0.0) - s.loud) * (1.0 - math.exp(-seconds / LOUD_LAG))
+    s.loud = lagged(s.loud, 1.0 if high else 0.0, seconds, LOUD_LAG)
     s.watched += gap
     if high:
         s.outside = stamp
     if s.loudest != s.loudest:
         s.loudest = s.level_mean
     elif s.level_mean > s.loudest:
-        s.loudest += (s.level_mean - s.loudest) * (1.0 - math.exp(-seconds / FAST_LAG))
+        s.loudest = lagged(s.loudest, s.level_mean, seconds, FAST_LAG)
 
 
 def count_level(s: Any, level: float, high: bool, low: bool, gap: int) -> None:

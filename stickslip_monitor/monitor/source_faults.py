@@ -207,6 +207,7 @@ class _Evidence:
     count: int = 0
     since_ns: int = 0
     last_ns: int = 0
+    last_number: int = 0
     fault: SourceFault | None = None
 
     def against(self, penalty: int) -> None:
@@ -233,6 +234,13 @@ class _Evidence:
         self.fault = SourceFault(self.kind, self.since_ns, now_ns, levels)
         return [self.fault]
 
+    def again(self, number: int, now_ns: int, near: int) -> list[SourceFault]:
+        """One more piece, with the sample of this number; the first where the last is not near."""
+        if number - self.last_number > near:
+            self.against(_MOST)
+        self.last_number = number
+        return self.add(now_ns)
+
 
 @dataclass(slots=True)
 class SourceWatch:
@@ -252,8 +260,6 @@ class SourceWatch:
     _stamp_ns: int | None = None
     _step_ns: int = -1
     _value: float = math.nan
-    _last_back: int = 0
-    _last_burst: int = 0
     _origin: float = math.nan
 
     def see(self, arrival_ns: int, stamp_ns: int, si: float) -> tuple[SourceFault, ...]:
@@ -272,9 +278,9 @@ class SourceWatch:
         if self._stamp_ns is not None:
             before, self._step_ns = self._step_ns, stamp_ns - self._stamp_ns
             if self._step_ns < 0:
-                raised += self._step_back(self._number, arrival_ns)
+                raised += self._stamps.again(self._number, arrival_ns, _NEAR)
             elif _is_burst(before, self._step_ns):
-                raised += self._burst(self._number, arrival_ns)
+                raised += self._bursts.again(self._number, arrival_ns, _BURST_NEAR)
         self._stamp_ns = stamp_ns
         if math.isfinite(si):
             if _is_jump(self._value, si, self.least_gap):
@@ -297,16 +303,18 @@ class SourceWatch:
         """
         if not stamp_ns.size:
             return []
-        found = []
         before = stamp_ns[0] if self._stamp_ns is None else self._stamp_ns
         step_ns = np.diff(stamp_ns, prepend=before)
-        for place in np.flatnonzero(step_ns < 0).tolist():
-            found += self._step_back(self._number + 1 + place, int(arrival_ns[place]))
         earlier = np.append(self._step_ns, step_ns[:-1])
         if self._stamp_ns is None:
             earlier[1:2] = -1
-        for place in np.flatnonzero(_is_burst(earlier, step_ns)).tolist():
-            found += self._burst(self._number + 1 + place, int(arrival_ns[place]))
+        found = []
+        for evidence, shown, near in (
+            (self._stamps, step_ns < 0, _NEAR),
+            (self._bursts, _is_burst(earlier, step_ns), _BURST_NEAR),
+        ):
+            for place in np.flatnonzero(shown).tolist():
+                found += evidence.again(self._number + 1 + place, int(arrival_ns[place]), near)
         self._number += stamp_ns.size
         self._step_ns = int(step_ns[-1])
         self._stamp_ns = int(stamp_ns[-1])
@@ -328,18 +336,6 @@ class SourceWatch:
         for evidence in kinds:
             evidence.expire(now_ns)
         return tuple(evidence.fault for evidence in kinds if evidence.fault)
-
-    def _step_back(self, number: int, arrival_ns: int) -> list[SourceFault]:
-        if number - self._last_back > _NEAR:
-            self._stamps.against(_MOST)
-        self._last_back = number
-        return self._stamps.add(arrival_ns)
-
-    def _burst(self, number: int, arrival_ns: int) -> list[SourceFault]:
-        if number - self._last_burst > _BURST_NEAR:
-            self._bursts.against(_MOST)
-        self._last_burst = number
-        return self._bursts.add(arrival_ns)
 
     def _jump(self, arrival_ns: int, before: float, after: float) -> list[SourceFault]:
         origin, self._origin = self._origin, before

@@ -12,12 +12,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from stickslip_monitor.cli import COMMANDS, _parser, main
+from stickslip_monitor.cli import COMMANDS, main
 from stickslip_monitor.commands.declared import FileOptions, check_files
 from stickslip_monitor.errors import OutputError
 
@@ -33,8 +33,9 @@ WAYS: Mapping[str, Callable[[Path, Path], object]] = {
 
 def declared(command: str) -> FileOptions:
     """What the options of a command name."""
-    choices: Any = _parser(command)._subparsers._group_actions[0].choices  # type: ignore[union-attr]
-    return choices[command].get_default('files') or FileOptions()
+    parser = argparse.ArgumentParser()
+    import_module(f'stickslip_monitor.commands.{command}').add_arguments(parser)
+    return parser.get_default('files') or FileOptions()
 
 
 def given(files: FileOptions, **paths: object) -> argparse.Namespace:

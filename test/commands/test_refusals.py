@@ -7,13 +7,14 @@ import argparse
 import math
 import shlex
 import shutil
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from stickslip_monitor.bags.writer import BagWriter
-from stickslip_monitor.cli import COMMANDS, _parser, main
+from stickslip_monitor.cli import COMMANDS, main
 
 ROOT = Path(__file__).parents[2]
 LAW = '{law: stribeck, static: 0.30, kinetic: 0.10, decay: 10.0}'
@@ -158,8 +159,9 @@ def numbers() -> dict[str, tuple[str, Any]]:
     """Each option that takes a number between bounds, by its command."""
     found = {}
     for command in COMMANDS:
-        choices: Any = _parser(command)._subparsers._group_actions[0].choices  # type: ignore[union-attr]
-        for action in choices[command]._actions:
+        parser = argparse.ArgumentParser()
+        import_module(f'stickslip_monitor.commands.{command}').add_arguments(parser)
+        for action in parser._actions:
             if hasattr(action, 'rule'):
                 found[f'{command} {action.option_strings[0]}'] = (command, action)
     return found

@@ -42,10 +42,15 @@ CHANGES = INPUTS | {f'alarm.{name}': 0.0 for name in AT_ONCE}
 
 
 @pytest.fixture(scope='module')
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealServer]:
-    """The real server, at the loopback address."""
+def installed() -> None:
+    """Skips what needs the real server where it is not installed."""
     if why := missing():
         pytest.skip(why)
+
+
+@pytest.fixture(scope='module')
+def server(installed: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealServer]:
+    """The real server, at the loopback address."""
     server = RealServer(tmp_path_factory.mktemp('signalk'))
     yield server
     server.stop()
@@ -214,10 +219,8 @@ def test_rounds_with_none_invented_and_none_lost(
 
 
 def test_a_token_by_request_and_the_right_to_write(
-    tmp_path_factory: pytest.TempPathFactory,
+    installed: None, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    if why := missing():
-        pytest.skip(why)
     server = RealServer(tmp_path_factory.mktemp('secure'), secure=True)
     access = f'{server.url}/skServer/security/access/requests'
 

@@ -513,19 +513,32 @@ def test_a_level_that_is_stuck_when_the_clocks_are_set_back_is_stuck_afterwards(
     assert heard.monitor.bearings[NAME].unknown is Unknown.STUCK
 
 
-def test_a_level_that_dies_between_two_episodes_ends_no_alarm() -> None:
-    """It has risen in the first episode; in the second one it shows one bit of dither."""
-    config = _config('ship', level__topic='/v', level__unit='mm/s', level__threshold=40.0)
+def _in_two_episodes(
+    level: Callable[[float], float], ramp: float, left: float, end: float, **changes: Any
+) -> Heard:
+    """Two episodes; the second one goes on in the bistable range from ``left + ramp`` on [s].
+
+    A level that is nan is not sent; it is in dB where the changes say nothing else.
+    """
 
     def speed(t: float) -> float:
-        times = [60, 80, 200, 220, 400, 420, 520, 540]
+        times = [60, 80, 200, 220, 400, 400 + ramp, left, left + ramp]
         return _rpm('ship', float(np.interp(t, times, [1.5, 0.4, 0.4, 1.5, 1.5, 0.4, 0.4, 0.9])))
+
+    given = {'level__topic': '/v', 'level__unit': 'dB', 'level__threshold': 34.0} | changes
+    levels = [m for m in _every('level', 0.25, end, level) if not math.isnan(m[3])]
+    both = _every('speed', 0.2, end, speed) + _loaded('ship', end, 0.2)
+    return Heard(_config('ship', **given), both + levels)
+
+
+def test_a_level_that_dies_between_two_episodes_ends_no_alarm() -> None:
+    """It has risen in the first episode; in the second one it shows one bit of dither."""
 
     def level(t: float) -> float:
         return 90.0 + math.sin(t) if 82.0 < t < 205.0 else 1.0 + 0.01 * (round(2 * t) % 2)
 
-    messages = _every('speed', 0.2, 900.0, speed) + _loaded('ship', 900.0, 0.2)
-    heard = Heard(config, messages + _every('level', 0.5, 900.0, level))
+    changes = {'level__unit': 'mm/s', 'level__threshold': 40.0}
+    heard = _in_two_episodes(level, ramp=20.0, left=520.0, end=900.0, **changes)
     assert len(heard.onsets) == 2
     assert heard.monitor.condition(NAME) == 'stick_slip'
 
@@ -566,24 +579,6 @@ def test_values_slower_than_the_time_out_are_taken_without_a_clock(period: float
     assert heard.monitor.condition(NAME) == 'stick_slip'
 
 
-def _heard_once(bearing: str, level: Callable[[float], float], **changes: Any) -> Heard:
-    """Two episodes, the second one going on above the Hopf speed from 440 s, in dB above 34."""
-
-    def speed(t: float) -> float:
-        times = [60, 80, 200, 220, 400, 410, 430, 440]
-        return _rpm(bearing, float(np.interp(t, times, [1.5, 0.4, 0.4, 1.5, 1.5, 0.4, 0.4, 0.9])))
-
-    config = _config(
-        bearing, level__topic='/v', level__unit='dB', level__threshold=34.0, **changes
-    )
-    return Heard(
-        config,
-        _every('speed', 0.2, 700.0, speed)
-        + _loaded(bearing, 700.0, 0.2)
-        + [m for m in _every('level', 0.25, 700.0, level) if not math.isnan(m[3])],
-    )
-
-
 @pytest.mark.parametrize('modulated', [True, False])
 def test_a_level_above_its_threshold_is_not_quiet(modulated: bool) -> None:
     """It rises and falls with the shaft, or one value in four is lost to a loose contact."""
@@ -597,7 +592,7 @@ def test_a_level_above_its_threshold_is_not_quiet(modulated: bool) -> None:
             return 40.0 + 5.0 * math.sin(2.0 * math.pi * t / 3.5)
         return 10.0 if round(4.0 * t) % 4 == 0 else 50.0
 
-    heard = _heard_once('ship', level)
+    heard = _in_two_episodes(level, ramp=10.0, left=430.0, end=700.0)
     assert len(heard.onsets) == 2
     assert heard.monitor.condition(NAME) == 'stick_slip'
 
@@ -610,15 +605,7 @@ def test_a_dead_level_with_pauses_ends_no_alarm() -> None:
             return math.nan if t % 30.0 < 6.0 else 21.0 + 0.1 * (round(4.0 * t) % 2)
         return 50.0 + math.sin(t) if 82.0 < t < 205.0 else 22.0 + 0.1 * math.sin(t)
 
-    def speed(t: float) -> float:
-        times = [60, 80, 200, 220, 400, 420, 620, 640]
-        return _rpm('ship', float(np.interp(t, times, [1.5, 0.4, 0.4, 1.5, 1.5, 0.4, 0.4, 0.9])))
-
-    config = _config('ship', level__topic='/v', level__unit='dB', level__threshold=34.0)
-    levels = [m for m in _every('level', 0.25, 900.0, level) if not math.isnan(m[3])]
-    heard = Heard(
-        config, _every('speed', 0.2, 900.0, speed) + _loaded('ship', 900.0, 0.2) + levels
-    )
+    heard = _in_two_episodes(level, ramp=20.0, left=620.0, end=900.0)
     assert heard.monitor.condition(NAME) == 'stick_slip'
 
 

@@ -147,7 +147,7 @@ def measure(method: Method, case: Case, effort: Effort) -> Row:
     """Error and time of a method at a case; the first call warms it up."""
     result = method.solve(case.bearing, case.speed, case.load)
     seconds, samples, disturbed = math.nan, 0, False
-    if result.outcome is not REFUSED:
+    if result.outcome != REFUSED:
         seconds, samples, disturbed = time_call(
             lambda: method.amplitude(case.bearing, case.speed, case.load), effort
         )
