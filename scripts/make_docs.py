@@ -56,8 +56,8 @@ INTRO = f"""\
 <!-- Made by `{COMMAND}` from stickslip_monitor/monitor/config.py: edit that, or the script. -->
 # Configuration
 
-One ROS 2 parameter file configures everything: the node reads it with `--params-file` (or the
-launch file's `config:=`), every command with `--config`.
+One ROS 2 parameter file configures everything: the node reads it with `--params-file` (launch
+file: `config:=`), every command with `--config`.
 
 ```yaml
 /**:
@@ -108,9 +108,8 @@ launch file's `config:=`), every command with `--config`.
 
       ERROR: ship.yaml: aft_stern.mass = -50.0 must be a finite number above 0 kg
 
-- Everything is SI unless the parameter's own unit says otherwise. An input is
-  `scale * number + offset` in its `unit`. Shaft speed in rpm, rad/s or Hz (revolutions a second)
-  becomes surface speed by `journal_diameter`; m/s is taken to be the surface speed. Speeds astern
+- An input is `scale * number + offset` in its `unit`. Shaft speed in rpm, rad/s or Hz (revolutions
+  a second) becomes surface speed by `journal_diameter`; m/s is the surface speed. Speeds astern
   are negative; a load of zero or below means no contact.
 
 ## Rules that span parameters
@@ -119,21 +118,18 @@ launch file's `config:=`), every command with `--config`.
   differ.
 - A friction table has at least two points, as many coefficients as speeds, and increasing speeds.
 - A `tolerance` and a `calibration` need the Stribeck law, `damping` above 0 and `friction.static`
-  above `friction.kinetic`. A `calibration` takes the place of `damping` and `friction.decay`; it
-  is refused where the sensors it was made with have changed.
+  above `friction.kinetic`.
 - `alarm.minimum_speed` is below `speed.maximum`.
 - A level is measured where `level.topic` is given. Its `threshold` is above 0, unless its unit is
-  dB, and not above its `maximum`. Its unit is only a name, but for dB.
-- Caution clears above `caution_margin + hysteresis`, the amplitude alarm below
-  `amplitude_limit * (1 - hysteresis)`.
+  dB, and not above its `maximum`.
 - Sensors whose clocks differ need a `timeout` above that difference plus the time between
   messages.
 
 ## Live and read-only
 
 Parameters marked *live* can be set at any time (`ros2 param set`); alarms and running delays are
-kept. Those marked *fixed* are read when the node starts. The others are read-only while the node
-is active: deactivate it, set them, activate it again.
+kept. Those marked *fixed* are read when the node starts. To set the others deactivate the node, and
+activate it again.
 """
 
 
