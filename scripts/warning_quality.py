@@ -32,7 +32,7 @@ from stickslip_monitor.lab.voyages import (
 from stickslip_monitor.lab.warning_quality import FIGURES, Quality, pooled, written
 from stickslip_monitor.monitor.config import BEARING_PARAMETERS, AlarmConfig
 from stickslip_monitor.monitor.parameter import nanoseconds
-from stickslip_monitor.offline.processes import core_count, run_in_processes
+from stickslip_monitor.offline.fleet import core_count, run_in_processes
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / 'docs' / 'warning_quality.md'

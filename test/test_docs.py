@@ -16,8 +16,7 @@ import pytest
 import stickslip_monitor
 from stickslip_monitor import Stribeck, Tabulated, assess
 from stickslip_monitor.drawing.canvas import CONDITION_NAMES
-from stickslip_monitor.monitor.alarms.causes import AlarmKind
-from stickslip_monitor.monitor.alarms.lifecycle import TABLE, AlarmState
+from stickslip_monitor.monitor.alarms.alarm import TABLE, AlarmKind, AlarmState
 from stickslip_monitor.monitor.config import (
     BEARING_PARAMETERS,
     INPUT_PARAMETERS,
@@ -25,8 +24,7 @@ from stickslip_monitor.monitor.config import (
 )
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
-from stickslip_monitor.monitor.ladder import Condition
-from stickslip_monitor.monitor.signals import STATUS_SENTENCES, Status
+from stickslip_monitor.monitor.signals import STATUS_SENTENCES, Condition, Status
 from stickslip_monitor.monitor.source_faults import SourceFaultKind
 
 ROOT = Path(__file__).resolve().parents[1]

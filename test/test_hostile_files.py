@@ -10,12 +10,11 @@ from pathlib import Path
 import pytest
 
 from stickslip_monitor import cli
-from stickslip_monitor.bags.reader import open_bag, read_metadata
+from stickslip_monitor.bags.reader import find_bags, open_bag, read_metadata
 from stickslip_monitor.errors import BagError, ConfigurationError, StickslipError
 from stickslip_monitor.lab.friction_fit.curve_file import read_curve
 from stickslip_monitor.lab.scenes.scene import load_scene
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.offline.archive import find_bags
 
 ROOT = Path(__file__).parents[1]
 CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'

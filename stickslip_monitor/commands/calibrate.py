@@ -25,7 +25,7 @@ from rich.table import Table
 
 from stickslip_monitor import __version__
 from stickslip_monitor.commands import declared
-from stickslip_monitor.commands.arguments import ONE_OF_SEVERAL, the_bearing
+from stickslip_monitor.commands.declared import ONE_OF_SEVERAL, the_bearing
 from stickslip_monitor.commands.output import ProgressBar, add_json, console, json_text, print_json
 from stickslip_monitor.errors import ConfigurationError, cause, plural
 from stickslip_monitor.files import read_json
@@ -42,15 +42,15 @@ from stickslip_monitor.lab.calibration.result import (
     prior_with_bench,
     to_document,
 )
-from stickslip_monitor.monitor.calibration_file import (
+from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.configure import (
     CALIBRATION_SCHEMA,
     LARGEST_JSON,
     belief_of,
     load_calibration,
     require_same_sensors,
 )
-from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
-from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.offline.follow import scan_whole
 from stickslip_monitor.physics.belief import EXACT, QUANTILES
 

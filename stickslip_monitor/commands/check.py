@@ -66,8 +66,8 @@ def run(args: argparse.Namespace) -> int:
     """Run the command."""
     _check_options(args)
     # Not needed for help or a wrong option, and it takes most of the time to start.
+    from stickslip_monitor.bags.reader import find_bags, spooled
     from stickslip_monitor.commands.check_many import check_bags
-    from stickslip_monitor.offline.archive import find_bags, spooled
 
     with ProgressBar() as meter:
         if STDIN not in args.bags:

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stickslip_monitor import __version__
-from stickslip_monitor.commands.arguments import chosen
+from stickslip_monitor.bags.reader import stamp_of
 from stickslip_monitor.commands.check_results import Found, Task, attempt, failed, to_text, wrapped
-from stickslip_monitor.commands.declared import ending, say_written, write_outputs
+from stickslip_monitor.commands.declared import chosen, ending, say_written, write_outputs
 from stickslip_monitor.commands.output import ProgressBar, json_text, line_width, print_json
 from stickslip_monitor.errors import (
     BagError,
@@ -34,7 +34,6 @@ from stickslip_monitor.errors import (
 )
 from stickslip_monitor.files import open_file, printable
 from stickslip_monitor.monitor.config import MonitorConfig
-from stickslip_monitor.offline.archive import stamp_of
 from stickslip_monitor.physics.friction import Stribeck
 
 if TYPE_CHECKING:
@@ -238,7 +237,7 @@ def _outcomes(
         for key, call in calls.items():
             yield key, attempt(*call, meter.show)
     else:
-        from stickslip_monitor.offline.processes import core_count, run_in_processes
+        from stickslip_monitor.offline.fleet import core_count, run_in_processes
 
         keys, jobs = list(calls), args.jobs or core_count()
         with contextlib.closing(run_in_processes(attempt, list(calls.values()), jobs)) as arriving:

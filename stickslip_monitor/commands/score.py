@@ -23,7 +23,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from stickslip_monitor.commands import declared
-from stickslip_monitor.commands.arguments import chosen
+from stickslip_monitor.commands.declared import chosen
 from stickslip_monitor.commands.output import ProgressBar, add_json, console, print_json
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.lab.scenes.scene import load_scene
@@ -46,8 +46,8 @@ from stickslip_monitor.lab.warning_quality import (
     pooled,
     written,
 )
+from stickslip_monitor.offline.fleet import core_count
 from stickslip_monitor.offline.outline import condition_intervals
-from stickslip_monitor.offline.processes import core_count
 
 OF_BAGS, OF_SCENES = 'stickslip_monitor/score/2', 'stickslip_monitor/warning_quality/2'
 RULES = {OURS: 'monitor', BELOW_FOLD: 'V < V_F', BELOW_HOPF: 'V < V_H'}

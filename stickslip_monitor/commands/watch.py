@@ -31,8 +31,7 @@ from stickslip_monitor.commands.declared import add_config
 from stickslip_monitor.errors import ConfigurationError, LinkError
 from stickslip_monitor.links.link_config import SECTION, LinksConfig, build_links, is_loopback
 from stickslip_monitor.links.live_monitor import LiveMonitor, MonitorSide
-from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA
-from stickslip_monitor.monitor.alarms.requests import ActionRequest
+from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA, ActionRequest
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME, load_parameters, load_section
 from stickslip_monitor.monitor.configure import bearing_names, build_config

@@ -30,7 +30,7 @@ from stickslip_monitor.dashboard.metrics import Metrics
 from stickslip_monitor.dashboard.state import DashboardState
 from stickslip_monitor.dashboard.watched import OFFERED
 from stickslip_monitor.errors import ConfigurationError, DashboardError, StickslipError
-from stickslip_monitor.monitor.alarms.requests import ActionRequest, parse_request
+from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest, parse_request
 
 if TYPE_CHECKING:
     from stickslip_monitor.dashboard.replay import Replay

@@ -20,7 +20,7 @@ from typing import Any
 
 from stickslip_monitor.dashboard.watched import COLUMNS, Watched, WatchedMonitor
 from stickslip_monitor.errors import DashboardError, StickslipError
-from stickslip_monitor.monitor.alarms.requests import ActionRequest
+from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
 from stickslip_monitor.state_file import StateWriter
 
 PAGE_SCHEMA = 'stickslip_monitor/dashboard/3'

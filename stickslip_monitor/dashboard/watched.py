@@ -15,10 +15,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from stickslip_monitor.errors import DashboardError
-from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA
+from stickslip_monitor.monitor.alarms.alarm import TABLE, AlarmState
+from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA, ActionRequest
 from stickslip_monitor.monitor.alarms.annunciator import Action
-from stickslip_monitor.monitor.alarms.lifecycle import TABLE, AlarmState
-from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.messages import POINT_NUMBERS
 from stickslip_monitor.monitor.signals import Status
 

@@ -15,10 +15,9 @@ from functools import reduce
 from operator import xor
 from typing import Any
 
+from stickslip_monitor.monitor.alarms.alarm import AlarmKind, AlarmState, Priority
+from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms.annunciator import Action
-from stickslip_monitor.monitor.alarms.causes import AlarmKind, Priority
-from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
-from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.signals import Input
 
 BY = 'nmea'

@@ -13,10 +13,9 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from typing import Any
 
+from stickslip_monitor.monitor.alarms.alarm import AlarmKind, AlarmState, Priority
+from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms.annunciator import Action
-from stickslip_monitor.monitor.alarms.causes import AlarmKind, Priority
-from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
-from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.signals import Input
 
 BY = 'signal k'

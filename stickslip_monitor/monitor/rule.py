@@ -6,7 +6,7 @@ an input been lost, how has a disturbance grown since the last operating point, 
 point ask for, which rungs of the alarm change. It is plain scalar Python: live it runs as it
 stands, over a recording :func:`run` is compiled (:mod:`stickslip_monitor.jit`).
 
-Everywhere ``s`` is the memory (:mod:`.rule_state`), ``c`` the settings (:mod:`.rule_settings`),
+Everywhere ``s`` is the memory and ``c`` the settings (:mod:`.rule_state`),
 ``law`` the numbers of the friction law and ``table`` those of the boundaries over the load
 (:mod:`stickslip_monitor.physics.boundary_table`).
 """
@@ -31,8 +31,6 @@ VIBRATION, CAUTION, BISTABLE, STICK_SLIP, AMPLITUDE = range(5)
 RUNGS = 5
 
 # Each with the measurement that chose it: docs/alarms.md, "Why these numbers".
-DECAY = 4.8
-"""How long a cycle outlives the fold [2 m/c]."""
 LATE = 2.5
 """Gaps after which an input that is slower than its time-out is lost."""
 STEP = 10**9

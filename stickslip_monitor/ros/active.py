@@ -17,8 +17,12 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from stickslip_monitor.errors import ConfigurationError, plural
+from stickslip_monitor.monitor.alarms.alarm_records import (
+    ROS_SERVICE,
+    ActionRequest,
+    parse_request,
+)
 from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange
-from stickslip_monitor.monitor.alarms.requests import ROS_SERVICE, ActionRequest, parse_request
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.session import Moment, Session
 from stickslip_monitor.monitor.signals import LEVEL

@@ -20,7 +20,7 @@ import yaml
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
 from stickslip_monitor.drawing.canvas import CONDITION_NAMES
-from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.signals import Condition
 from stickslip_monitor.report import page as report_page
 
 ROOT = Path(__file__).parents[2]

@@ -14,9 +14,9 @@ from typing import Any
 
 import pytest
 
+from stickslip_monitor.monitor.alarms.alarm import AlarmKind
+from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms.annunciator import Action
-from stickslip_monitor.monitor.alarms.causes import AlarmKind
-from stickslip_monitor.monitor.alarms.requests import ActionRequest
 
 BEARING = 'aft_stern'
 ALARM = '[data-alarm="aft_stern/stick_slip"]'

@@ -28,11 +28,9 @@ from stickslip_monitor.dashboard.watched import (
     checked_record,
 )
 from stickslip_monitor.errors import DashboardError, RosError
-from stickslip_monitor.monitor.alarms.alarm_records import alarms_record
+from stickslip_monitor.monitor.alarms.alarm import AlarmKind, AlarmState
+from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest, alarms_record
 from stickslip_monitor.monitor.alarms.annunciator import Action, Annunciator
-from stickslip_monitor.monitor.alarms.causes import AlarmKind
-from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
-from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.input_watch import InputState
 from stickslip_monitor.monitor.messages import bearing_record, state_of

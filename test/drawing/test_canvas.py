@@ -44,7 +44,7 @@ from stickslip_monitor.lab.friction_fit.fit import fit_stribeck
 from stickslip_monitor.lab.friction_fit.spread import boundary_spread
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.signals import Condition
 from stickslip_monitor.report.page import _SPEED_CAPTION
 
 pytest.importorskip('matplotlib')

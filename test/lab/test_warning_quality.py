@@ -30,7 +30,7 @@ from stickslip_monitor.lab.warning_quality import (
     seconds,
 )
 from stickslip_monitor.monitor.bulk import Scan
-from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.signals import Condition
 from stickslip_monitor.monitor.verdict import Event
 
 Array = NDArray[np.float64]

@@ -20,9 +20,9 @@ from stickslip_monitor.links.nmea import (
     samples,
     sentence,
 )
+from stickslip_monitor.monitor.alarms.alarm import AlarmKind
+from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms.annunciator import Action
-from stickslip_monitor.monitor.alarms.causes import AlarmKind
-from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.signals import Input
 
 SPEED = NmeaInput('aft', Input.SPEED, 'RPM', kind='S', number=1)

@@ -15,9 +15,9 @@ from stickslip_monitor.links.signalk import (
     SignalKInputs,
     SignalKValues,
 )
+from stickslip_monitor.monitor.alarms.alarm import AlarmKind
+from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms.annunciator import Action
-from stickslip_monitor.monitor.alarms.causes import AlarmKind
-from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.signals import Input
 
 SHIP = 'vessels.urn:mrn:imo:mmsi:230099999'

@@ -24,7 +24,7 @@ from stickslip_monitor.links.link_config import SignalKLink
 from stickslip_monitor.links.live_monitor import MonitorSide
 from stickslip_monitor.links.signalk import SignalKInput, SignalKInputs
 from stickslip_monitor.links.signalk_client import SignalKClient, request_token
-from stickslip_monitor.monitor.alarms.causes import AlarmKind
+from stickslip_monitor.monitor.alarms.alarm import AlarmKind
 from stickslip_monitor.monitor.signals import Input
 
 DEADLINE = 20.0

@@ -10,9 +10,8 @@ import pytest
 
 from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_config
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.monitor.ladder import LADDER, Condition
 from stickslip_monitor.monitor.monitor import Update
-from stickslip_monitor.monitor.signals import Status
+from stickslip_monitor.monitor.signals import LADDER, Condition, Status
 
 SECOND = 10**9
 # The first point below the Hopf speed decides, and no delay waits for a second one.

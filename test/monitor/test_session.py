@@ -12,9 +12,9 @@ import pytest
 
 from stickslip_monitor import MonitorConfig
 from stickslip_monitor.errors import AlarmStateError
+from stickslip_monitor.monitor.alarms.alarm import AlarmKind
+from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms.annunciator import Action
-from stickslip_monitor.monitor.alarms.causes import AlarmKind
-from stickslip_monitor.monitor.alarms.requests import ActionRequest
 from stickslip_monitor.monitor.input_watch import Graph
 from stickslip_monitor.monitor.messages import BearingState, bearing_record
 from stickslip_monitor.monitor.session import HEARTBEAT_NS, Moment, Session, Sink

@@ -14,9 +14,13 @@ import pytest
 
 from stickslip_monitor import Monitor, Sample, build_config
 from stickslip_monitor.commands import assess as assess_command
-from stickslip_monitor.monitor.alarms.alarm_records import Note, alarms_record
+from stickslip_monitor.monitor.alarms.alarm_records import (
+    ActionRequest,
+    Note,
+    alarms_record,
+    request_record,
+)
 from stickslip_monitor.monitor.alarms.annunciator import Action, Annunciator
-from stickslip_monitor.monitor.alarms.requests import ActionRequest, request_record
 from stickslip_monitor.monitor.input_watch import InputState
 from stickslip_monitor.monitor.messages import (
     bearings_json,

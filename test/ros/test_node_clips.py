@@ -17,7 +17,7 @@ from stickslip_monitor import build_config
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.clip_recorder import Clip
-from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.signals import Condition
 from stickslip_monitor.offline.follow import scan_whole
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')

@@ -19,21 +19,19 @@ from stickslip_monitor.lab.calibration.evidence import (
     counter_reports,
     load_of,
 )
-from stickslip_monitor.lab.calibration.likelihood import (
+from stickslip_monitor.lab.calibration.posterior import (
     BEGIN,
     LOAD_TERM,
     RIGHT,
+    SEED,
     STATE,
     STICKING,
     WRONG,
     H,
-    log_likelihood,
-)
-from stickslip_monitor.lab.calibration.posterior import (
-    SEED,
     Posterior,
     Prior,
     Progress,
+    log_likelihood,
     sample_posterior,
 )
 from stickslip_monitor.physics.averaging.closed_form import speed_for_decline

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.files import read_table
-from stickslip_monitor.lab.calibration.likelihood import (
+from stickslip_monitor.lab.calibration.posterior import (
     BEGIN,
     LOAD_TERM,
     LOG_SPEED,

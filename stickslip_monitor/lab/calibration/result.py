@@ -12,10 +12,9 @@ import numpy as np
 from stickslip_monitor.errors import CalibrationError, PhysicsError
 from stickslip_monitor.lab.calibration.calibrate import Calibration, DipResult
 from stickslip_monitor.lab.calibration.evidence import Dip
-from stickslip_monitor.lab.calibration.likelihood import PARAMETERS
-from stickslip_monitor.lab.calibration.posterior import Prior
-from stickslip_monitor.monitor.calibration_file import CALIBRATION_SCHEMA, INPUT_KEYS
+from stickslip_monitor.lab.calibration.posterior import PARAMETERS, Prior
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig
+from stickslip_monitor.monitor.configure import CALIBRATION_SCHEMA, INPUT_KEYS
 from stickslip_monitor.physics.friction import Stribeck
 
 FRAGMENT_MARK = b'Made by stickslip calibrate'

@@ -13,8 +13,17 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
-from stickslip_monitor.monitor.alarms.causes import LATCHING, RUNG_OF, AlarmKind, Causes, kinds_of
-from stickslip_monitor.monitor.alarms.lifecycle import AlarmState, Facts, Trigger, follow
+from stickslip_monitor.monitor.alarms.alarm import (
+    LATCHING,
+    RUNG_OF,
+    AlarmKind,
+    AlarmState,
+    Causes,
+    Facts,
+    Trigger,
+    follow,
+    kinds_of,
+)
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.monitor.verdict import Event, Verdict

@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
-from stickslip_monitor.physics.averaging.slope_table import (
+from stickslip_monitor.physics.averaging.quadrature import (
     CUSP,
     FASTEST,
     GRID,

@@ -12,14 +12,14 @@ import pytest
 
 from stickslip_monitor import MonitorConfig
 from stickslip_monitor.errors import AlarmStateError
+from stickslip_monitor.monitor.alarms.alarm import AlarmKind
 from stickslip_monitor.monitor.alarms.alarm_records import (
     alarms_record,
     recall_state,
     state_record,
 )
 from stickslip_monitor.monitor.alarms.annunciator import Action, Annunciator
-from stickslip_monitor.monitor.alarms.causes import AlarmKind
-from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.signals import Condition
 from stickslip_monitor.monitor.verdict import Event
 
 SECOND = 10**9

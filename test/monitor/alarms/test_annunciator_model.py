@@ -17,6 +17,7 @@ from hypothesis import settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from stickslip_monitor import assess, build_config
+from stickslip_monitor.monitor.alarms.alarm import RUNG_OF, AlarmKind, AlarmState
 from stickslip_monitor.monitor.alarms.alarm_records import (
     alarms_record,
     recall_state,
@@ -28,10 +29,7 @@ from stickslip_monitor.monitor.alarms.annunciator import (
     Annunciator,
     LiveAlarm,
 )
-from stickslip_monitor.monitor.alarms.causes import RUNG_OF, AlarmKind
-from stickslip_monitor.monitor.alarms.lifecycle import AlarmState
-from stickslip_monitor.monitor.ladder import LADDER, Condition
-from stickslip_monitor.monitor.signals import Status
+from stickslip_monitor.monitor.signals import LADDER, Condition, Status
 from stickslip_monitor.monitor.verdict import QUIET, Event, Verdict
 
 SECOND = 10**9

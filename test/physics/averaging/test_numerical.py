@@ -10,7 +10,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from stickslip_monitor.physics.averaging import numerical, slope_table
+from stickslip_monitor.physics.averaging import numerical, quadrature
 from stickslip_monitor.physics.averaging.boundaries import (
     fold_speed,
     hopf_speed,
@@ -114,7 +114,7 @@ def _random_tables(count: int) -> list[Tabulated]:
 def _points(law: Tabulated, count: int) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(6)
     speed = rng.uniform(0.005, 1.3 * law.speed[-1], count) * rng.choice([1.0, 1.0, 0.1], count)
-    steepest = slope_table.slope_table(law).peak.max()
+    steepest = quadrature.slope_table(law).peak.max()
     return speed, max(steepest, 1e-3) * np.exp(rng.uniform(np.log(1e-3), 0.0, count))
 
 
@@ -127,16 +127,16 @@ def test_the_table_of_a_law_hides_no_cycle() -> None:
     fine = np.unique(
         np.concatenate(
             [
-                g + np.diff(slope_table.GRID) * k / 8
+                g + np.diff(quadrature.GRID) * k / 8
                 for k in range(8)
-                for g in [slope_table.GRID[:-1]]
+                for g in [quadrature.GRID[:-1]]
             ]
         )
     )[1:]
     for law in _random_tables(4):
         speed, q = _points(law, 60)
         x, v = (grid.ravel() for grid in np.meshgrid(fine, speed))
-        above = slope_table.slope_surface(law, x, v).reshape(60, -1) > q[:, None]
+        above = quadrature.slope_surface(law, x, v).reshape(60, -1) > q[:, None]
         changes = np.count_nonzero(above[:, 1:] != above[:, :-1], axis=1)
         amplitude, stable = numerical.cycles(law, speed, 1.0, 1.0 / q)
         found = np.count_nonzero(~np.isnan(amplitude), axis=1)
@@ -166,8 +166,8 @@ def test_the_fold_of_a_table_is_where_the_highest_average_passes() -> None:
         q, fold = q[np.isfinite(fold)], fold[np.isfinite(fold)]
 
         def highest(speed: np.ndarray, law: Tabulated = law) -> np.ndarray:
-            rows = slope_table.surface_rows(law, speed)
-            return slope_table.peak_and_place(law, speed, rows)[0]
+            rows = quadrature.surface_rows(law, speed)
+            return quadrature.peak_and_place(law, speed, rows)[0]
 
         assert np.all(highest(fold * (1.0 - 1e-9)) >= q)
         assert np.all(highest(fold * (1.0 + 1e-9)) <= q)
@@ -184,6 +184,6 @@ def test_a_fine_table_takes_memory_and_speeds_in_bounds() -> None:
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 100e6
-    assert slope_table.slope_table(law).speeds.size < 300
+    assert quadrature.slope_table(law).speeds.size < 300
     assert fold == pytest.approx(fold_speed(same, 1000.0), rel=1e-5)
     assert hopf == pytest.approx(hopf_speed(same, 1000.0), rel=1e-4)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from stickslip_monitor.offline.archive import find_bags, stamp_of
+from stickslip_monitor.bags.reader import find_bags, stamp_of
 
 
 def make(folder: Path, *names: str) -> None:

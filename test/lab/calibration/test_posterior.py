@@ -17,7 +17,7 @@ from stickslip_monitor.lab.calibration.evidence import (
     cut_dips,
     path_of,
 )
-from stickslip_monitor.lab.calibration.likelihood import (
+from stickslip_monitor.lab.calibration.posterior import (
     BEGIN,
     LOAD_TERM,
     LOG_SPEED,
@@ -27,8 +27,8 @@ from stickslip_monitor.lab.calibration.likelihood import (
     WRONG,
     H,
     log_likelihood,
+    prior_of,
 )
-from stickslip_monitor.lab.calibration.posterior import prior_of
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
 

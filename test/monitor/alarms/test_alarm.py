@@ -7,7 +7,7 @@ from itertools import product
 
 import pytest
 
-from stickslip_monitor.monitor.alarms.lifecycle import (
+from stickslip_monitor.monitor.alarms.alarm import (
     ALWAYS,
     TABLE,
     AlarmState,

@@ -12,10 +12,9 @@ from typing import Any
 import pytest
 
 from stickslip_monitor.errors import ConfigurationError, StickslipError
-from stickslip_monitor.lab.calibration.likelihood import PARAMETERS
-from stickslip_monitor.lab.calibration.posterior import prior_of
+from stickslip_monitor.lab.calibration.posterior import PARAMETERS, prior_of
 from stickslip_monitor.lab.calibration.result import known_dips, prior_from, prior_with_bench
-from stickslip_monitor.monitor.calibration_file import (
+from stickslip_monitor.monitor.configure import (
     belief_of,
     load_calibration,
     require_same_sensors,
