@@ -128,7 +128,7 @@ file: `config:=`), every command with `--config`.
 ## Live and read-only
 
 Parameters marked *live* can be set at any time (`ros2 param set`); alarms and running delays are
-kept. Those marked *fixed* are read when the node starts. To set the others deactivate the node, and
+kept. Those marked *fixed* are read when the node starts. To set the others deactivate the node and
 activate it again.
 """
 
