@@ -141,15 +141,15 @@ def _beyond_limit(
     half = np.sin(0.5 * theta)
     alpha = v / cos_theta
     scale = np.exp(2.0 * v * half * half / cos_theta)
-    cos_t = np.cos(theta[:, None] * _NODES)
-    # cos t - cos theta without its cancellation.
-    above = np.sin(theta[:, None] * (0.5 * (1.0 + _NODES)))
-    above *= 2.0 * np.sin(theta[:, None] * (0.5 * (1.0 - _NODES)))
-    rise = np.exp(alpha[:, None] * above)
-    weighted = _WEIGHTS * cos_t
+    # cos t and cos t - cos theta from the sine of half the angle, without their cancellation.
+    half_t = np.sin(theta[:, None] * (0.5 * _NODES))
+    cos_t = 1.0 - 2.0 * half_t * half_t
+    above = (half[:, None] - half_t) * (half[:, None] + half_t)
+    rise = np.exp(2.0 * alpha[:, None] * above)
+    fall, weighted = 1.0 / rise, _WEIGHTS * cos_t
     # cosh and sinh from one exponential; a row's sum does not depend on the other rows.
-    loss = np.add.reduce(weighted * (rise + 1.0 / rise), axis=1)
-    loss_slope = np.add.reduce(weighted * cos_t * (rise - 1.0 / rise), axis=1)
+    loss = np.add.reduce(weighted * (rise + fall), axis=1)
+    loss_slope = np.add.reduce(weighted * cos_t * (rise - fall), axis=1)
     i1 = i1e(alpha) * scale
     drag = 0.5 * kappa * alpha
     balance = i1 - drag - (2.0 * r * sin_theta + theta * loss) / np.pi

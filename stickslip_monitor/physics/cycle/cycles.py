@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -233,7 +234,14 @@ def exact_fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
     def folds(n: FloatArray) -> FloatArray:
         out = np.full(n.size, np.nan)
         loaded = n > 0.0
-        out[loaded] = exact_fold(bearing, n[loaded])
+        one = n.size == 1 and loaded[0]
+        out[loaded] = _fold(bearing, float(n[0])) if one else exact_fold(bearing, n[loaded])
         return out
 
     return mapped(folds, load)
+
+
+@lru_cache(maxsize=64)
+def _fold(bearing: Bearing, load: float) -> float:
+    """The exact fold; points one by one come at the load of the one before as a rule."""
+    return float(exact_fold(bearing, np.array([load]))[0])
