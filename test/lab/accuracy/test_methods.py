@@ -107,13 +107,6 @@ def test_the_restick_trap():
     assert abs(error(switching, 40, True, 0.1)) < 1e-12
 
 
-def test_switching_follows_a_lining_that_overtakes_the_belt():
-    weak = Bearing(50.0, 40.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.1)
-    amplitude = switching(True, 0.1, weak, rpm(30), 100.0).amplitude
-    # Ten cycles do not forget the start altogether: there is no stick to do so.
-    assert amplitude == pytest.approx(exact_cycle(weak, rpm(30), 100.0).amplitude, rel=1e-3)
-
-
 def test_the_resolvent_solves_the_set_valued_law():
     law, step = _Law(BENCH, rpm(20), 1000.0), 1e-6
     y = np.array([-3.0, -0.31, -0.2, 0.0, 0.1, 0.2865, 0.5, 20.0])

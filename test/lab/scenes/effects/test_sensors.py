@@ -13,8 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import Reader
-from rosbags.typesys import Stores, get_typestore
 
 from stickslip_monitor.bags.reader import Request, open_bag
 from stickslip_monitor.commands.simulate import write_bag
@@ -66,26 +64,6 @@ def test_filter_lags_behind_a_ramp(send: Send, tau: float) -> None:
     expected = 60.0 - 0.5 * (since - tau * (1.0 - np.exp(-since / tau)))
     found, _ = send(CORNER, filtering(speed=tau), rate=1.0)
     np.testing.assert_allclose(found, expected, rtol=1e-9)
-
-
-def test_filter_weakens_and_delays_ripple(send: Send) -> None:
-    """By 1/sqrt(1 + (omega tau)^2) and atan(omega tau), settled from the first sample on."""
-    tau, omega = 0.05, 2.0 * math.pi * 99.0 / 60.0 * 9.0
-    factor = 1.0 / math.hypot(1.0, omega * tau)
-    phase = omega * SECONDS - math.atan(omega * tau)
-    expected = 99.0 * (1.0 + 0.1 * factor * np.cos(phase))
-    found, _ = send(FAST, BLADES, filtering(speed=tau), rate=1.0)
-    # The grid of 400 Hz takes the ripple for linear between its instants: (omega h)^2 / 12.
-    np.testing.assert_allclose(found, expected, atol=9.9 * factor * (omega / 400.0) ** 2 / 10.0)
-
-
-@pytest.mark.parametrize('window', [0.0123, 1.0, 2.5, 17.3])
-def test_mean_follows_a_ramp(send: Send, window: float) -> None:
-    """The mean of a corner: the ramp's integral is a quarter rpm times the time squared."""
-    late, early = (np.maximum(SECONDS - back - 20.0, 0.0) for back in (0.0, window))
-    expected = 60.0 - 0.25 * (late**2 - early**2) / window
-    found, _ = send(CORNER, averaging(speed=window), rate=1.0)
-    np.testing.assert_allclose(found, expected, atol=2e-5)
 
 
 @pytest.mark.parametrize('window', [0.1, 0.5, 2.0])
@@ -180,14 +158,6 @@ def test_nan_comes_where_it_is_asked_for(send: Send) -> None:
     count = np.isnan(load).sum()
     assert abs(count - 1000.0) < 5.0 * math.sqrt(5000 * 0.16)
     assert not np.isnan(load[:5000]).any()
-
-
-def test_effect_may_be_for_one_bearing(make_scene: MakeScene, messages_of: MessagesOf) -> None:
-    two: dict[str, Any] = {'aft': {}, 'fwd': {'load': {'topic': '/fwd'}}}
-    bias = {'bearing': 'fwd', 'load': {'bias': 5, 'unit': 'N'}}
-    sent = messages_of(make_scene(two, effects=[STEADY, {'bias': bias}]))
-    assert set(sent['/fwd'].raw.tolist()) == {1005.0}
-    assert set(sent[LOAD].raw.tolist()) == {1000.0}
 
 
 # The recorder.
@@ -289,28 +259,6 @@ def test_late_messages_come_behind_younger_ones(
     # A delay that overtakes nothing is refused.
     with pytest.raises(SceneError, match=r'delay = 0.25 must be a number \[s\] above 0.25'):
         load_of(make_scene, messages_of, late, rate=4.0)
-
-
-def test_another_reader_finds_stamps_and_order_in_the_bag(
-    make_scene: MakeScene, tmp_path: Path
-) -> None:
-    late = {'out_of_order': {'load': {'delay': 1.1, 'windows': [[40, 40.1]]}}}
-    jump = {'clock_jump': {'jumps': [[60, -40]]}}
-    scene = make_scene('stamped', 2.0, effects=[CLOCK, late, jump])
-    assert sum(write_bag(scene, tmp_path / 'bag').values()) == 402
-    store = get_typestore(Stores.ROS2_JAZZY)
-    rows = []
-    with Reader(tmp_path / 'bag') as reader:
-        wanted = [c for c in reader.connections if c.topic == LOAD]
-        for connection, log_time, data in reader.messages(wanted):
-            message: Any = store.deserialize_cdr(data, connection.msgtype)
-            stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
-            rows.append((log_time - START, stamp - START, message.wrench.force.z))
-    expected = [
-        (k * NS // 2, k * NS // 2 - (40 * NS if k >= 120 else 0), k / 2) for k in range(201)
-    ]
-    expected[80] = (expected[80][0] + 11 * NS // 10, *expected[80][1:])
-    assert rows == [(t, s, pytest.approx(v)) for t, s, v in sorted(expected)]
 
 
 def test_monitor_counts_every_kind_of_bad_message(make_scene: MakeScene, tmp_path: Path) -> None:
