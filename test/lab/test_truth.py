@@ -80,26 +80,6 @@ def test_episodes_and_span(
     assert truth.amplitude.value.size == truth.fold_margin.time_ns.size == 0
 
 
-def test_numbers_keep_every_bit(tmp_path: Path) -> None:
-    values = {
-        'hopf_margin': [np.inf, 1 / 3],
-        'fold_margin': [0.1, -0.2],
-        'amplitude': [1e-300, 3e-4],
-    }
-    path = tmp_path / 'a.mcap'
-    with BagWriter(path) as writer:
-        writer.add_topic(EVENTS, 'std_msgs/msg/String')
-        writer.write(EVENTS, 5, encode_string(event('start', 0)))
-        for name, column in values.items():
-            writer.add_topic(f'/truth/aft/{name}', 'std_msgs/msg/Float64')
-            writer.write_float64s({f'/truth/aft/{name}': ([5, 9], column)})
-    truth = read(path)
-    for name, column in values.items():
-        numbers = getattr(truth, name)
-        assert numbers.value.tolist() == column
-        assert numbers.time_ns.tolist() == [5, 9]
-
-
 def test_no_truth_is_named(tmp_path: Path) -> None:
     path = write(tmp_path / 'a.mcap', [(0, event('start', 0))])
     assert not has_truth(open_bag(path), 'fore')

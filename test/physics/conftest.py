@@ -7,12 +7,9 @@ above it: that bounds its error without solving anything twice.
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
-from types import ModuleType
 
 import mpmath as mp
 import numpy as np
@@ -99,18 +96,6 @@ def harmonic_by_quad() -> Callable[[FrictionLaw, float, float], float]:
 @pytest.fixture(scope='session')
 def oracle() -> Oracle:
     return Oracle()
-
-
-@pytest.fixture(scope='session')
-def taylor() -> ModuleType:
-    """The exact cycle by Taylor series in 40 digits: test_cycle_reference.py."""
-    path = Path(__file__).with_name('cycle') / 'test_cycles_reference.py'
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture(scope='session')

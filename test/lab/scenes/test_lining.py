@@ -23,13 +23,10 @@ from stickslip_monitor.lab.scenes.lining import (
     AmplitudeWindows,
     EpisodeEvent,
     Episodes,
-    FrictionCourse,
-    Instants,
     half_peak_to_peak,
     parameters_of,
     with_parameters,
 )
-from stickslip_monitor.lab.scenes.profile import Profile
 from stickslip_monitor.lab.scenes.scene import Scene, simulate
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
 from stickslip_monitor.physics.motion import integrator
@@ -237,17 +234,6 @@ def test_sticks_are_joined_to_episodes(
 PERIOD = 0.03
 
 
-@pytest.mark.parametrize(
-    'ends', [[10.0], [0.0, 0.1, 3.3, 3.3, 9.99, 10.0], [0.05 * k for k in range(201)]]
-)
-def test_regular_instants_do_not_depend_on_the_cuts(ends: list[float]) -> None:
-    regular = Instants(30.0, 10.0)
-    parts = [regular.until(end) for end in ends]
-    assert np.array_equal(np.concatenate(parts), np.arange(301) / 30.0)
-    for end, part in zip(ends, parts, strict=True):
-        assert np.all(part <= end)
-
-
 @pytest.mark.parametrize('ends', [[10.0], [0.07, 0.61, 3.3, 3.3, 9.99, 10.0]])
 def test_windows_give_the_amplitude_of_a_motion_that_grows(ends: list[float]) -> None:
     """``x = e t + A exp(t/5) sin(omega t)``: half the peak to peak over the last four periods."""
@@ -302,21 +288,6 @@ def test_the_factor_multiplies_the_whole_coefficient(law: Any) -> None:
     own = ['static', 'kinetic', 'decay', 'viscous'] if isinstance(law, Stribeck) else []
     own = ['static', 'kinetic'] if isinstance(law, Coulomb) else own
     assert parameters_of(law) == (*own, 'factor')
-
-
-def test_the_law_moves_in_steps_of_a_second() -> None:
-    course = FrictionCourse(
-        Stribeck(0.3, 0.1, 10.0),
-        {
-            'kinetic': Profile.of([(10.0, 0.1), (20.0, 0.2)]),
-            'factor': Profile.of([(0.0, 2.0)]),
-        },
-    )
-    for time, kinetic in ((0.0, 0.1), (10.0, 0.1), (15.0, 0.15), (15.99, 0.15), (30.0, 0.2)):
-        law = course.at(time)
-        assert isinstance(law, Stribeck)
-        assert law.kinetic == pytest.approx(2.0 * kinetic)
-        assert (law.static, law.decay) == (0.6, 10.0)
 
 
 def test_the_true_margins_follow_the_friction_there_is(make_scene: Make) -> None:

@@ -202,21 +202,6 @@ def test_an_input_that_flickers_is_one_alarm(panel: Build) -> None:
     assert aft.states == {}
 
 
-def test_escalation_alarms_anew_and_easing_never_does(panel: Build) -> None:
-    aft = panel()
-    steps = ('caution', 'bistable', 'stick_slip', 'amplitude_limit')
-    for second, condition in enumerate(steps, start=1):
-        aft.at(100 * second).goes(condition)
-        assert aft.alarms.sounding
-        aft.does('acknowledge')
-    assert aft.given == ['margin_low', 'bistable', 'stick_slip', 'amplitude_limit']
-    for second, condition in enumerate((*steps[2::-1], 'normal'), start=5):
-        aft.at(100 * second).goes(condition)
-        assert not aft.alarms.sounding
-    assert aft.states == {}
-    assert len(aft.given) == 4
-
-
 def test_a_jump_over_several_rungs_is_one_alarm(panel: Build) -> None:
     aft = panel().at(1).goes('amplitude_limit')
     assert aft.given == ['amplitude_limit']
@@ -269,14 +254,6 @@ def test_the_shelf_ends_by_itself(panel: Build) -> None:
     assert aft.given == ['stick_slip', 'stick_slip']
 
 
-def test_to_shelve_what_stands_does_not_hide_what_comes(panel: Build) -> None:
-    aft = panel().at(1).goes('caution')
-    aft.does('shelve')
-    assert aft.states == {'margin_low': 'shelved'}
-    aft.at(2).goes('stick_slip')
-    assert aft.given == ['margin_low', 'stick_slip']
-
-
 def test_a_shaft_at_rest_suppresses_the_ladder(panel: Build) -> None:
     aft = panel().at(0).turns(0.0)
     aft.at(9.9)
@@ -298,30 +275,6 @@ def test_start_up_is_inhibited(panel: Build) -> None:
     assert aft.given == ['stick_slip']
 
 
-def test_suppression_takes_no_alarm_that_waits(panel: Build) -> None:
-    aft = panel().at(0).turns(20.0).goes('stick_slip')
-    aft.turns(0.0).at(10).goes('normal').at(60)
-    assert aft.state('stick_slip') == 'returned_unacknowledged'
-    aft.does('acknowledge')
-    assert aft.state('stick_slip') == 'suppressed'
-
-
-@pytest.mark.parametrize(
-    ('acknowledged', 'meanwhile'), [(False, 'returned_unacknowledged'), (True, 'latched')]
-)
-def test_what_waits_and_comes_again_while_suppressed_is_given_afterwards(
-    panel: Build, acknowledged: bool, meanwhile: str
-) -> None:
-    aft = panel(alarm__latch=True).at(1).goes('stick_slip').at(2).goes('normal')
-    if acknowledged:
-        aft.does('acknowledge')
-    aft.does('suppress')
-    aft.at(3).goes('stick_slip')
-    assert (aft.state('stick_slip'), aft.alarms.sounding) == (meanwhile, False)
-    aft.at(4).does('unsuppress')
-    assert (aft.state('stick_slip'), aft.alarms.sounding) == ('unacknowledged', True)
-
-
 def test_a_locked_shaft_suppresses_the_inputs_too(panel: Build) -> None:
     aft = panel().at(1)
     assert len(aft.does('suppress')) == 6
@@ -329,17 +282,6 @@ def test_a_locked_shaft_suppresses_the_inputs_too(panel: Build) -> None:
     aft.at(2).goes('input_stale')
     assert (aft.given, set(aft.states.values())) == ([], {'suppressed'})
     aft.at(3).does('unsuppress')
-    assert aft.states == {'input_lost': 'unacknowledged'}
-
-
-def test_out_of_service_until_restored(panel: Build) -> None:
-    aft = panel().at(1).goes('stick_slip')
-    aft.does('remove')
-    assert set(aft.states.values()) == {'out_of_service'}
-    aft.at(2).goes('normal').at(3).goes('input_stale').at(10**6)
-    assert aft.does('acknowledge') == aft.does('shelve') == []
-    assert aft.given == ['stick_slip']
-    aft.does('restore')
     assert aft.states == {'input_lost': 'unacknowledged'}
 
 
@@ -368,17 +310,6 @@ def test_silence_is_a_flag_beside_the_life(panel: Build) -> None:
         ('unsilence', 'timer', 'margin_low'),
         ('unsilence', 'timer', 'bistable'),
     ]
-
-
-def test_the_time_between_restarts_of_the_monitor_is_believed(panel: Build) -> None:
-    aft = panel().at(1).goes('stick_slip')
-    aft.does('acknowledge')
-    aft.alarms.restart()
-    aft.condition = Condition.NORMAL
-    aft.at(1000)  # nothing measured yet
-    aft.turns(20.0).at(1002).goes('stick_slip').at(1012).turns(20.0)
-    assert aft.state('stick_slip') == 'acknowledged'
-    assert aft.given == ['stick_slip']
 
 
 def test_what_is_not_found_again_after_a_restart_clears(panel: Build) -> None:

@@ -118,21 +118,6 @@ def test_quantised_numbers_are_the_nearest_multiples(send: Send) -> None:
     assert (speed - RPM).var() == pytest.approx(0.25**2 / 12.0, rel=1e-2)
 
 
-def test_spikes_are_as_many_and_as_large_as_stated(send: Send) -> None:
-    spikes = {'spikes': {'load': {'size': 0.3, 'unit': 'kN', 'share': 0.05}}}
-    _, found = send(STEADY, spikes)
-    off = np.rint(found - 1000.0)
-    assert set(off.tolist()) == {-300.0, 0.0, 300.0}
-    count, n = np.count_nonzero(off), off.size
-    assert abs(count - 0.05 * n) < 5.0 * math.sqrt(0.05 * 0.95 * n)
-    assert abs(np.count_nonzero(off > 0) - count / 2) < 5.0 * math.sqrt(count) / 2.0
-    inside = spikes['spikes']['load'] | {'windows': [[10, 20], [30, 45]]}
-    _, windowed = send(STEADY, {'spikes': {'load': inside}})
-    hold = ((TIME >= 10) & (TIME < 20)) | ((TIME >= 30) & (TIME < 45))
-    # Windows choose among the spikes and do not change them.
-    assert windowed.tolist() == np.where(hold, found, 1000.0).tolist()
-
-
 @pytest.mark.parametrize('length', [60.0, 7.3, 0.05])
 def test_stuck_sensor_repeats_its_last_value(send: Send, length: float) -> None:
     windows = [[0, 3], [20, 61.5], [61.5, 70], [99, 100]]
@@ -143,21 +128,6 @@ def test_stuck_sensor_repeats_its_last_value(send: Send, length: float) -> None:
         expected.append(expected[-1] if stuck and expected else value)
     np.testing.assert_allclose(speed, expected, rtol=1e-12)
     assert len(set(speed[2000:7000].tolist())) == 1
-
-
-def test_nan_comes_where_it_is_asked_for(send: Send) -> None:
-    speed, load = send(
-        {
-            'not_a_number': {
-                'speed': {'windows': [[1, 2.5]]},
-                'load': {'share': 0.2, 'windows': [[50, 100]]},
-            }
-        }
-    )
-    assert np.isnan(speed).tolist() == ((TIME >= 1.0) & (TIME < 2.5)).tolist()
-    count = np.isnan(load).sum()
-    assert abs(count - 1000.0) < 5.0 * math.sqrt(5000 * 0.16)
-    assert not np.isnan(load[:5000]).any()
 
 
 # The recorder.
@@ -173,37 +143,6 @@ def load_of(
     bearings, rate = more.pop('bearings', 'stamped'), more.pop('rate', 10.0)
     scene = make_scene(bearings, rate, effects=[CLOCK, *effects])
     return messages_of(scene, *more.values())[LOAD]
-
-
-@pytest.mark.parametrize('length', [60.0, 7.3])
-def test_dropped_messages_are_those_of_the_windows(
-    make_scene: MakeScene, messages_of: MessagesOf, length: float
-) -> None:
-    drop = {'dropout': {'load': {'windows': [[10, 20], [50.05, 70]]}}}
-    found = load_of(make_scene, messages_of, drop, length=length)
-    tenths = [k for k in range(1001) if not (100 <= k < 200 or 501 <= k < 700)]
-    assert found.log_time_ns.tolist() == [START + k * 10**8 for k in tenths]
-    assert found.stamp_ns is not None
-    assert found.stamp_ns.tolist() == found.log_time_ns.tolist()
-    np.testing.assert_allclose(found.raw, np.array(tenths) / 10.0, atol=1e-9)
-
-
-def test_share_of_the_messages_is_lost_or_comes_twice(
-    make_scene: MakeScene, messages_of: MessagesOf
-) -> None:
-    repeat = {'repeated_stamps': {'load': {'share': 0.3}}}
-    drop = {'dropout': {'load': {'share': 0.1}}}
-    n, rate = 100_001, 1000.0
-    twice = load_of(make_scene, messages_of, repeat, rate=rate).log_time_ns
-    stamps, counts = np.unique(twice, return_counts=True)
-    assert (stamps.size, set(counts.tolist())) == (n, {1, 2})
-    assert np.all(np.diff(twice) >= 0)
-    assert abs((counts == 2).sum() - 0.3 * n) < 5.0 * math.sqrt(0.21 * n)
-    left = load_of(make_scene, messages_of, drop, rate=rate).log_time_ns
-    assert abs(left.size - 0.9 * n) < 5.0 * math.sqrt(0.09 * n)
-    # Both together hit the same messages as each alone.
-    both = load_of(make_scene, messages_of, drop, repeat, rate=rate).log_time_ns
-    assert both.tolist() == twice[np.isin(twice, left)].tolist()
 
 
 @pytest.mark.parametrize('bearings', [{'aft': {}}, 'stamped'])
@@ -243,6 +182,36 @@ def test_clock_jumps_add_up(make_scene: MakeScene, messages_of: MessagesOf) -> N
     found = load_of(make_scene, messages_of, jumps, bearings={'aft': {}})
     steps = [NS // 10] * 299 + [401 * NS // 10] + [NS // 10] * 700
     assert np.diff(found.log_time_ns).tolist() == steps
+
+
+@pytest.mark.parametrize(
+    ('effect', 'share'),
+    [('dropout', 0.1), ('repeated_stamps', 0.3), ('not_a_number', 0.2), ('spikes', 0.05)],
+)
+def test_shares_and_windows_choose_the_messages(
+    make_scene: MakeScene, messages_of: MessagesOf, effect: str, share: float
+) -> None:
+    """As many as stated by the binomial law; windows choose among them and change none."""
+    own = {'share': share} | ({'size': 300, 'unit': 'N'} if effect == 'spikes' else {})
+    windows = {'windows': [[10, 20], [50.05, 70]]}
+    counts = []
+    for chosen in (own, own | windows, own | windows | {'share': 1.0}):
+        found = load_of(make_scene, messages_of, {effect: {'load': chosen}}, rate=100.0)
+        assert found.stamp_ns is not None
+        assert found.stamp_ns.tolist() == found.log_time_ns.tolist()
+        tick = (found.log_time_ns - START) // 10**7
+        there = np.bincount(tick, minlength=10_001)
+        if effect == 'spikes':
+            there[tick[abs(found.raw - tick / 100.0) > 299.0]] = 9
+        elif effect == 'not_a_number':
+            there[tick[np.isnan(found.raw)]] = 9
+        counts.append(there != 1)
+    alone, among, whole = counts
+    assert abs(alone.sum() - share * 10_001) < 5.0 * math.sqrt(share * (1.0 - share) * 10_001)
+    time = np.arange(10_001) / 100.0
+    inside = ((time >= 10.0) & (time < 20.0)) | ((time >= 50.05) & (time < 70.0))
+    assert whole.tolist() == inside.tolist()
+    assert among.tolist() == (alone & inside).tolist()
 
 
 def test_late_messages_come_behind_younger_ones(

@@ -159,17 +159,3 @@ def test_load_is_the_elevation_times_its_factor(make_scene: MakeScene) -> None:
     np.testing.assert_allclose(ripple(unit='kN', load_per_metre=0.12), base, atol=1e-9)
     assert np.abs(base).max() > 100.0
     assert not ripple(significant_height=0.0).any()
-
-
-def test_bearings_of_one_ship_meet_the_same_sea(make_scene: MakeScene) -> None:
-    two: dict[str, Any] = {'aft': {}, 'fwd': {'load': {'topic': '/fwd'}}}
-    time = np.linspace(0.0, 100.0, 501)
-    each = [
-        {'effect': 'load_in_waves', 'bearing': name, **WAVES, 'load_per_metre': factor}
-        for name, factor in (('fwd', 50.0), ('aft', 100.0))
-    ]
-    shaft = make_scene(two, effects=[STEADY, *each]).build().shaft
-    aft, fwd = (shaft.load(name, time) - 5000.0 for name in ('aft', 'fwd'))
-    np.testing.assert_allclose(aft, 2.0 * fwd, atol=1e-9)
-    shaft = make_scene(two, seed=8, effects=[STEADY, *each]).build().shaft
-    assert np.abs(shaft.load('aft', time) - 5000.0 - aft).max() > 10.0
