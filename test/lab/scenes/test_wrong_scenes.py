@@ -40,7 +40,8 @@ SCENES = rows("""
 {telemetry: {speed: {rate: 1}}} => key 'telemetry.load' is missing
 {telemetry: {speed: {rate: 1}, load: {rate: 1}, torque: {}}}
   => unknown key 'torque' = {} in telemetry
-{bearings: measured, telemetry: {speed: {rate: 1}, load: {rate: 1}, level: {rate: 200}}}
+{bearings: measured, telemetry: {speed: {rate: 1}, load: {rate: 1}, level: {rate: 200}},
+    effects: [{lining_motion: {disturbance: {standard_deviation: 1, unit: N}}}]}
   => telemetry.level.rate = 200 Hz must not be above 7.96 Hz
 {telemetry: {speed: {rate: 1}, load: {rate: -1}}}
   => telemetry.load.rate = -1 must be a number [Hz] not below 1e-06 and not above 1000
