@@ -19,7 +19,6 @@ from threading import Thread
 import pytest
 
 from stickslip_monitor.cli import main
-from stickslip_monitor.commands.check_results import to_text
 
 ROOT = Path(__file__).parents[2]
 CONFIG = str(ROOT / 'launch_configs' / 'reference_bearing.yaml')
@@ -61,33 +60,6 @@ def test_units_are_understood_in_any_case(capsys: pytest.CaptureFixture[str]) ->
         assert main((*POINT[:3], '--speed', speed, '--load', load)) == 1
         said.add(capsys.readouterr().out)
     assert len(said) == 1
-
-
-def test_one_is_not_several_and_figures_are_in_percent_and_millimetres() -> None:
-    event = {'time': 10**9, 'from': 'normal', 'to': 'stick_slip', 'level': 'ERROR', 'text': 'X.'}
-    bearing = {
-        'data': [],
-        'inputs': {},
-        'events': [event],
-        'seconds': {'stable': 1.0},
-        'worst': {
-            'hopf_margin': {'time': 2 * 10**9, 'value': -0.52378},
-            'fold_margin': {'time': 0, 'value': 0.125},
-            'amplitude': {'time': 0, 'value': 1.07012e-3, 'amplitude_exact': 1.07012e-3},
-        },
-    }
-    document = {'path': 'a', 'duration': 3.0, 'messages': 1, 'start': 0, 'cuts': [],
-                'warnings': [], 'topics': {}, 'bearings': {'aft': bearing}}  # fmt: skip
-    assert to_text(document, False).splitlines() == [
-        'a: 1 message in 3.0 s',
-        'aft: 1 event',
-        '    time [s]  from             to               what',
-        '        1.00  normal           stick_slip       X.',
-        'time in each regime: stable 1.0 s',
-        'worst Hopf margin: -52.4% at 2.00 s',
-        'worst fold margin: +12.5% at 0.00 s',
-        'worst amplitude: 1.07 mm at 0.00 s',
-    ]
 
 
 @pytest.mark.parametrize(
@@ -133,33 +105,6 @@ def _read(terminal: int) -> Iterator[bytes]:
                 yield data
         except OSError:
             return
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'option', 'name'),
-    [
-        (('check', BAG, '--config', CONFIG), '--report', 'a.html'),
-        (('map', '--config', CONFIG), '-o', 'a.svg'),
-        (('diagram', '--config', CONFIG, '--load', '1kN', '--points', '10'), '-o', 'a.csv'),
-        ((*CURVE, '--journal-diameter', '0.1'), '--fragment', 'a.yaml'),
-        (('score', BAG, '--config', CONFIG), '--picture', 'a.png'),
-    ],
-    ids=lambda value: value[0] if isinstance(value, tuple) else '',
-)
-def test_a_missing_folder_is_told_before_the_work_and_a_file_after_it(
-    arguments: tuple[str, ...], option: str, name: str,
-    tmp_path: Path, capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    path = tmp_path / 'none' / name
-    assert main((*arguments, option, str(path))) == 2
-    assert capsys.readouterr() == (
-        '',
-        f"ERROR: output '{path}' cannot be written: there is no folder '{path.parent}'\n",
-    )
-    path.parent.mkdir()
-    assert main((*arguments, option, str(path))) < 2
-    assert capsys.readouterr().err == f'{path} written\n'
-    assert path.is_file()
 
 
 @pytest.mark.skipif(shutil.which('bash') is None, reason='bash is not installed')
