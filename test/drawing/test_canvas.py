@@ -11,11 +11,9 @@ from datetime import datetime, timezone
 from pathlib import Path
 from xml.etree import ElementTree
 
-import numpy as np
 import pytest
 from shared import contrast, luminance
 
-from stickslip_monitor import Stribeck
 from stickslip_monitor.drawing.canvas import (
     CAUTION_FILL,
     CONDITION_COLOUR,
@@ -32,15 +30,8 @@ from stickslip_monitor.drawing.canvas import (
     variable,
 )
 from stickslip_monitor.drawing.diagram import draw_diagram
-from stickslip_monitor.drawing.fits import draw_calibration, draw_friction_fit
 from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.errors import DrawingError, ReportError
-from stickslip_monitor.lab.calibration.calibrate import Calibration, DipResult
-from stickslip_monitor.lab.calibration.evidence import Dip, VibrationReport, path_of
-from stickslip_monitor.lab.calibration.posterior import prior_of, sample_posterior
-from stickslip_monitor.lab.friction_fit.curve_file import FrictionCurve
-from stickslip_monitor.lab.friction_fit.fit import fit_stribeck
-from stickslip_monitor.lab.friction_fit.spread import boundary_spread
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.signals import Condition
@@ -115,29 +106,6 @@ def test_boundaries_are_seen_on_all_fills_and_captions_name_their_hues(dark: boo
         hue = 360.0 * colorsys.rgb_to_hsv(*parts)[0]
         assert name == ('red' if hue < 25.0 else 'amber' if hue < 48.0 else 'yellow')
         assert f'the {name} ' in _SPEED_CAPTION
-
-
-def test_each_boundary_has_one_colour_in_all_pictures() -> None:
-    second, prior = np.array([0, 10**9]), prior_of(REFERENCE.bearing)
-    squeal = VibrationReport('', 0, 10**9, True, 0.0, 0.9, '')
-    path = path_of(second, np.full(2, 0.2), np.full(2, 1000.0), [squeal], (0, 10**9))
-    dip = DipResult(Dip('', 0, 10**9, (squeal,), second, path), 0.0, (0.5,), ())
-    calibration = Calibration(prior, sample_posterior(prior, []), (dip,))
-    speed = np.linspace(0.0, 0.5, 9)
-    fit = fit_stribeck(FrictionCurve.of(speed, Stribeck(0.3, 0.1, 10.0).coefficient(speed)))
-    spread = boundary_spread(fit, 400.0, 1000.0, draws=100)
-    for figure in (
-        draw_map(REFERENCE),
-        draw_diagram(REFERENCE, 1000.0, points=50),
-        draw_calibration(REFERENCE, calibration),
-        draw_friction_fit(fit, '', spread),
-    ):
-        lines = [line for axes in figure.axes for line in axes.lines]
-        colours = {line.get_color() for line in lines} | {
-            line.get_markeredgecolor() for line in lines if line.get_marker() not in ('', 'None')
-        }
-        assert {FOLD, HOPF} <= colours
-        assert REGIME_COLOUR[Regime.BISTABLE] not in colours
 
 
 def test_the_same_picture_gives_the_same_bytes(tmp_path: Path) -> None:
