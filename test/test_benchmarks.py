@@ -14,14 +14,6 @@ from benchmarks.parts import PARTS, SOAK
 FOLDER = Path(page.__file__).parent
 
 
-def test_sections_of_another_machine_are_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
-    old = page.render({'first': '## 1', 'second': '## 2'}, ('first', 'second'))
-    monkeypatch.setattr(page, 'machine', lambda: 'Machine: another.')
-    new = page.render({'first': '## new'}, ('first', 'second'), old)
-    assert '## new' in new
-    assert '## 2' not in new
-
-
 @pytest.mark.parametrize('name', [*PARTS, SOAK])
 def test_every_part_is_a_module_with_run(name: str) -> None:
     tree = ast.parse((FOLDER / f'{name}.py').read_text('utf-8'))

@@ -151,7 +151,6 @@ def start(line: str, folder: Path) -> subprocess.Popen[str]:
 @pytest.mark.parametrize('line', RUN)
 def test_command_line_runs_as_written(line: str, scratch: Path) -> None:
     program = start(line, scratch)
-    assert program.stdout is not None
     printed = ''
     if ' dashboard ' in line:
         printed = program.stdout.readline()
@@ -173,7 +172,6 @@ def test_the_quick_page_leads_to_the_first_alarm(tmp_path: Path) -> None:
             shutil.copy(*(tmp_path / name for name in line.split()[1:]))
         elif line.startswith('stickslip '):
             program = start(line, tmp_path)
-            assert program.stdout is not None
             if ' dashboard ' in line:
                 assert program.stdout.readline().startswith('Dashboard on http://')
                 program.send_signal(signal.SIGINT)

@@ -42,22 +42,9 @@ def test_a_hostile_value_gives_one_sentence(
         reader(path)
 
 
-METADATA = (
-    'rosbag2_bagfile_information: {message_count: .inf, relative_file_paths: []}',
-    'rosbag2_bagfile_information: ' + '[' * 100_000,
-    'a: &a [1, 2]\nb: &b [*a, *a]\nrosbag2_bagfile_information: *b',
-    "rosbag2_bagfile_information: {message_count: !!int '', relative_file_paths: []}",
-    'rosbag2_bagfile_information: {message_count: 1, relative_file_paths: [[a]]}',
-    '# ' + 'x' * (9 << 20),
-)
-
-
-@pytest.mark.parametrize('text', METADATA, ids=range(len(METADATA)))
-def test_hostile_metadata_is_not_used(text: str, tmp_path: Path) -> None:
-    (tmp_path / 'metadata.yaml').write_text(text)
-    found = read_metadata(tmp_path)
-    assert isinstance(found, str)
-    assert 'is not rosbag2 metadata' in found or 'cannot be read: it is larger' in found
+def test_metadata_of_megabytes_are_not_read(tmp_path: Path) -> None:
+    (tmp_path / 'metadata.yaml').write_text('# ' + 'x' * (9 << 20))
+    assert 'cannot be read: it is larger' in str(read_metadata(tmp_path))
 
 
 def test_a_file_that_is_listed_often_is_read_once(tmp_path: Path) -> None:

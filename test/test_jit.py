@@ -19,8 +19,6 @@ def test_compiling_is_told_at_a_terminal_until_it_is_kept(
     source = tmp_path / 'arithmetic.py'
     source.write_text('def twice(x):\n    return x + x\n')
     spec = importlib.util.spec_from_file_location('arithmetic', source)
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     monkeypatch.setitem(sys.modules, 'arithmetic', module)

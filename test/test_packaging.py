@@ -14,11 +14,12 @@ import subprocess
 import sys
 import sysconfig
 import zipfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 from xml.etree import ElementTree
 
 import pytest
@@ -304,92 +305,8 @@ def test_installed_node_comes_up_and_stops_on_ctrl_c(workspace: Workspace) -> No
 # --- the launch file ---------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Recorded:
-    """Stands for an object of `launch`: the name of its class and what it was made from."""
-
-    kind: str
-    args: tuple[Any, ...]
-    kwargs: dict[str, Any] = field(default_factory=dict)
-
-    def __iter__(self) -> Any:
-        """Go through this object and everything that it was made from."""
-        yield self
-        waiting: list[Any] = [*self.args, *self.kwargs.values()]
-        while waiting:
-            part = waiting.pop()
-            if isinstance(part, Recorded):
-                yield from part
-            elif isinstance(part, (list, tuple)):
-                waiting += part
-            elif isinstance(part, dict):
-                waiting += part.values()
-
-
-class Recorder(ModuleType):
-    """Stands for a module of `launch`: each of its names makes a `Recorded`."""
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith('__'):
-            raise AttributeError(name)
-        return lambda *args, **kwargs: Recorded(name, args, kwargs)
-
-
-@pytest.fixture
-def launch_file(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """The launch file, whose description is recorded: `launch` itself is not on PyPI.
-
-    A machine with a ROS 2 installation has it; the tests must say the same everywhere.
-    """
-    for name in ('launch', 'launch_ros'):
-        monkeypatch.setitem(sys.modules, name, Recorder(name))
-        for part in ('actions', 'substitutions', 'parameter_descriptions'):
-            monkeypatch.setitem(sys.modules, f'{name}.{part}', Recorder(f'{name}.{part}'))
-    path = ROOT / 'launch_configs' / 'monitor.launch.py'
-    spec = importlib.util.spec_from_file_location('monitor_launch', path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture
-def description(launch_file: ModuleType) -> Recorded:
-    described = launch_file.generate_launch_description()
-    assert isinstance(described, Recorded)
-    return described
-
-
-def test_launch_starts_the_program_of_a_wheel(
-    launch_file: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A wheel has no lib/<package>, in which `launch_ros` looks for a package's executables."""
-    monitor = tmp_path / 'bin' / 'monitor'
-    monitor.parent.mkdir()
-    monitor.touch()
-    monkeypatch.setattr(launch_file, 'IN_WHEEL', monitor)
-    described = launch_file.generate_launch_description()
-    (node,) = (part for part in described if part.kind == 'Node')
-    assert node.kwargs['executable'] == str(monitor)
-    assert 'package' not in node.kwargs
-
-
-def test_launch_file_starts_the_installed_node_with_the_arguments_it_declares(
-    description: Recorded,
-) -> None:
-    (node,) = (part for part in description if part.kind == 'Node')
-    assert (node.kwargs['package'], node.kwargs['executable']) == (NAME, 'monitor')
-    declared = [part.args[0] for part in description if part.kind == 'DeclareLaunchArgument']
-    used = {part.args[0] for part in description if part.kind == 'LaunchConfiguration'}
-    assert sorted(declared) == [
-        'config', 'enclave', 'log_level', 'namespace', 'respawn', 'use_sim_time',
-    ]  # fmt: skip
-    assert used == set(declared)
-
-
 class Given:
-    """Stands for a `LaunchConfiguration` whose value is its name."""
+    """Stands for a `LaunchConfiguration`: its value is what the context, a dict, has."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -397,36 +314,68 @@ class Given:
     def perform(self, context: dict[str, str]) -> str:
         return context[self.name]
 
+    def __repr__(self) -> str:
+        return f'<{self.name}>'
 
-def test_launch_file_refuses_a_parameter_file_that_is_missing(
-    launch_file: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+
+@pytest.fixture
+def launch_file(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The launch file over stand-ins: `launch` itself is not on PyPI.
+
+    A machine with a ROS 2 installation has it; the tests must say the same everywhere.
+    """
+    for name in ('launch', 'launch_ros'):
+        for part in ('', '.actions', '.substitutions', '.parameter_descriptions'):
+            monkeypatch.setitem(sys.modules, f'{name}{part}', MagicMock())
+    path = ROOT / 'launch_configs' / 'monitor.launch.py'
+    spec: Any = importlib.util.spec_from_file_location('monitor_launch', path)
+    module: Any = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    module.LaunchConfiguration = Given
+    module.ParameterValue = lambda value, **_: value
+    return module
+
+
+def test_launch_starts_the_installed_node_with_the_arguments_it_declares(launch_file: Any) -> None:
+    launch_file.generate_launch_description()
+    node = launch_file.Node.call_args.kwargs
+    assert (node['package'], node['executable']) == (NAME, 'monitor')
+    declared = [call.args[0] for call in launch_file.DeclareLaunchArgument.call_args_list]
+    assert sorted(declared) == [
+        'config', 'enclave', 'log_level', 'namespace', 'respawn', 'use_sim_time',
+    ]  # fmt: skip
+    assert set(re.findall(r'<(\w+)>', repr(node))) == set(declared)
+    # By default a parameter file that is installed.
+    launch_file.FindPackageShare.assert_called_with(NAME)
+    _, *inside = launch_file.PathJoinSubstitution.call_args.args[0]
+    assert Path(*inside) in launch_configs()
+
+
+def test_launch_starts_the_program_of_a_wheel(launch_file: Any, tmp_path: Path) -> None:
+    """A wheel has no lib/<package>, in which `launch_ros` looks for a package's executables."""
+    launch_file.IN_WHEEL = tmp_path / 'monitor'
+    launch_file.IN_WHEEL.touch()
+    launch_file.generate_launch_description()
+    node = launch_file.Node.call_args.kwargs
+    assert node['executable'] == str(launch_file.IN_WHEEL)
+    assert 'package' not in node
+
+
+def test_launch_refuses_a_missing_parameter_file_and_fails_when_the_monitor_does(
+    launch_file: Any, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(launch_file, 'LaunchConfiguration', Given)
     missing = str(tmp_path / 'missing.yaml')
     with pytest.raises(RuntimeError, match=f"config:='{missing}' is not a file"):
         launch_file.check_config({'config': missing})
     launch_file.check_config({'config': __file__})
 
+    class Context(dict[str, str]):
+        """A launch that goes on."""
 
-class Context(dict[str, str]):
-    """A launch that goes on."""
+        is_shutdown = False
 
-    is_shutdown = False
-
-
-def test_launch_fails_when_the_monitor_does(
-    launch_file: ModuleType, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(launch_file, 'LaunchConfiguration', Given)
     ended = SimpleNamespace(returncode=2)
     with pytest.raises(RuntimeError, match='ended with code 2'):
         launch_file.on_exit(ended, Context(respawn='false'))
     launch_file.on_exit(ended, Context(respawn='true'))
     launch_file.on_exit(SimpleNamespace(returncode=0), Context(respawn='false'))
-
-
-def test_launch_file_defaults_to_a_parameter_file_that_is_installed(description: Recorded) -> None:
-    (path,) = (part for part in description if part.kind == 'PathJoinSubstitution')
-    share, *inside = path.args[0]
-    assert share == Recorded('FindPackageShare', (NAME,))
-    assert Path(*inside) in launch_configs()

@@ -15,15 +15,6 @@ from stickslip_monitor.state_file import MAX_SIZE, StateFile, StateWriter
 OURS = {'schema': 'stickslip_monitor/alarm_state/1', 'time': 1}
 
 
-def test_round_trip(tmp_path: Path) -> None:
-    file = StateFile(str(tmp_path / 'state.json'))
-    assert file.read() is None
-    file.write({'time': 1})
-    file.write({'time': 2, 'text': 'Öl'})
-    assert file.read() == {'time': 2, 'text': 'Öl'}
-    assert [path.name for path in tmp_path.iterdir()] == ['state.json']
-
-
 def test_the_old_one_stays_whole_until_the_new_one_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -62,6 +53,8 @@ def pipe(folder: Path) -> str:
         (pipe, 'must be a file, but is a device, pipe or socket'),
         (lambda folder: '/dev/full', 'must be a file, but is a device, pipe or socket'),
         (lambda folder: str(folder / ('n' * 250)), 'cannot be used: File name too long'),
+        (lambda folder: str(folder / 'no' / 'state.json'), "no/state.json': there is no folder"),
+        (str, 'must be a file, but is a folder'),
     ],
 )
 def test_what_is_no_regular_file_is_refused_at_once(
@@ -132,10 +125,3 @@ def test_a_full_disk_is_told_and_tried_again(
     writer.close(patience=10.0)
     assert writer.fault == ''
     assert writer.read() == {'time': 1}
-
-
-def test_a_place_that_cannot_be(tmp_path: Path) -> None:
-    with pytest.raises(RosError, match=r"state_file = '.*/no/state\.json': there is no folder"):
-        StateFile(str(tmp_path / 'no' / 'state.json'))
-    with pytest.raises(RosError, match='must be a file, but is a folder'):
-        StateFile(str(tmp_path))

@@ -190,7 +190,6 @@ def build(
 def decode(message: Written) -> Any:
     schema = Schema(1, DEFINITIONS[message.type].encode(), 'ros2msg', message.type)
     decoder = DecoderFactory().decoder_for('cdr', schema)
-    assert decoder is not None
     try:
         return decoder(message.data)
     except Exception:

@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import json
-import struct
 from pathlib import Path
 
 import pytest
+from shared import png_size
 
 from stickslip_monitor.cli import main
 from stickslip_monitor.commands import accuracy
@@ -60,7 +60,7 @@ def test_the_picture(tmp_path: Path) -> None:
     pytest.importorskip('matplotlib')
     out = tmp_path / 'a.png'
     assert main(['accuracy', '--from', STORED, '--picture', str(out)]) == 0
-    assert struct.unpack('>II', out.read_bytes()[16:24]) == (2400, 1440)
+    assert png_size(out) == (2400, 1440)
 
 
 def test_times_in_words() -> None:

@@ -71,7 +71,6 @@ def test_one_recording_corrects_a_wrong_drawing(
         )
     )
     belief = load_config(configured).bearings[0].belief
-    assert belief is not None
     assert belief.fold_speed(1000.0, 0.5) / RPM == pytest.approx(40.72, rel=0.05)
     capsys.readouterr()
     # A check without either recommends tolerances, in a sentence with numbers.
@@ -117,8 +116,6 @@ def test_an_operator_and_a_level_are_evidence_too(
 ) -> None:
     bag = open_bag(COAST_DOWN)
     ((begin, end),) = read_truth(bag, 'aft_stern').episodes
-    assert bag.start_ns is not None
-    assert bag.end_ns is not None
     times = [f'{np.datetime64(t, "ns")}Z' for t in (bag.start_ns, begin, end, bag.end_ns)]
     reports = tmp_path / 'squeals.csv'
     lines = [
@@ -180,7 +177,6 @@ def without_truth(copy: Path, level: FloatArray | None = None) -> None:
         for message in bag.messages(own):
             writer.write(message.topic, message.log_time_ns, message.data)
         if level is not None:
-            assert bag.start_ns is not None
             writer.add_topic('/level', 'std_msgs/msg/Float64')
             time_ns = bag.start_ns + np.arange(level.size) * 10**8
             writer.write_float64s({'/level': (time_ns, level)})

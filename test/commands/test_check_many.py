@@ -10,11 +10,11 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
+from shared import until
 
 from stickslip_monitor.cli import main
 from stickslip_monitor.commands import check_many
@@ -165,17 +165,13 @@ def test_ctrl_c_ends_it_at_once_and_without_a_word(tmp_path: Path) -> None:
         stderr=subprocess.PIPE,
         text=True,
     ) as program:
-        assert program.stdout is not None
         assert 'bag_0: ' in program.stdout.readline()
         # A terminal sends Ctrl-C to all processes of a session.
         os.killpg(program.pid, signal.SIGINT)
         out, err = program.communicate(timeout=30.0)
     assert (program.returncode, err) == (130, '')
     assert out.count(' messages in ') < 150
-    limit = time.monotonic() + 10.0
-    while group_lives(program.pid):
-        assert time.monotonic() < limit, 'a process is left'
-        time.sleep(0.05)
+    until(lambda: not group_lives(program.pid), 'the end of all its processes')
 
 
 def group_lives(group: int) -> bool:

@@ -5,10 +5,7 @@ from __future__ import annotations
 
 import json
 import re
-import signal
-import subprocess
 import sys
-import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
@@ -16,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from shared import Program
 
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.messages import event_record
@@ -33,30 +31,18 @@ COMMAND = (sys.executable, '-m', 'stickslip_monitor.cli', 'dashboard', '--config
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Callable[..., str]]:
     """Starts a dashboard and returns its address; it is stopped when the test ends."""
-    started: list[subprocess.Popen[bytes]] = []
-    log = tmp_path / 'log'
+    started: list[Program] = []
 
     def start(*arguments: str) -> str:
-        with log.open('wb') as file:
-            started.append(
-                subprocess.Popen(
-                    [*COMMAND, '--port', '0', *arguments],
-                    cwd=ROOT,
-                    stdout=file,
-                    stderr=subprocess.STDOUT,
-                )
-            )
-        end = time.monotonic() + 60.0
-        while not (found := re.search(r'Dashboard on (http\S+)\n', log.read_text())):
-            assert time.monotonic() < end, log.read_text()
-            time.sleep(0.02)
-        return found[1]
+        program = Program([*COMMAND, '--port', '0', *arguments], tmp_path / 'log', cwd=ROOT)
+        started.append(program)
+        found = program.until(lambda: re.search(r'Dashboard on (http\S+)\n', program.output))
+        return str(found[1])
 
     yield start
-    for process in started:
-        process.send_signal(signal.SIGINT)
-        assert process.wait(20.0) == 0
-        assert log.read_text().count('\n') == 1, log.read_text()
+    for program in started:
+        assert program.stop() == 0
+        assert program.output.count('\n') == 1, program.output
 
 
 def events(url: str) -> Iterator[tuple[str, dict[str, Any]]]:

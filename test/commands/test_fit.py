@@ -28,31 +28,14 @@ def _write(path: Path, speed: Any, coefficient: Any, heading: str = 'speed [m/s]
     return str(path)
 
 
-@pytest.fixture
-def exact(tmp_path: Path) -> str:
-    speed = np.linspace(0.0, 0.5, 21)
-    return _write(tmp_path / 'exact.csv', speed, LAW.coefficient(speed))
-
-
 def _json(capsys: pytest.CaptureFixture[str], *arguments: str) -> Any:
     assert main(['fit', *arguments, '--json']) == 0
     return json.loads(capsys.readouterr().out)
 
 
-def test_json_of_an_exact_curve(exact: str, capsys: pytest.CaptureFixture[str]) -> None:
-    document = _json(capsys, exact)
-    assert document['schema'] == 'stickslip_monitor/fit/1'
-    assert document['friction'] == pytest.approx(
-        {'law': 'stribeck', 'static': 0.3, 'kinetic': 0.1, 'decay': 10.0, 'viscous': 0.0}
-    )
-    assert document['estimated'] == ['static', 'kinetic', 'decay']
-    assert np.shape(document['correlation']) == (3, 3)
-    assert document['outliers'] == document['bearings'] == document['warnings'] == []
-    assert document['viscous']['used'] is False
-
-
 def test_json_of_the_example(capsys: pytest.CaptureFixture[str]) -> None:
     document = _json(capsys, CURVE, *LOAD, '--speed', '38rpm')
+    assert document['schema'] == 'stickslip_monitor/fit/1'
     assert [item['line'] for item in document['outliers'] if not item['weight']] == [12, 21, 26]
     for name in ('static', 'kinetic', 'decay'):
         low, high = document['interval'][name]

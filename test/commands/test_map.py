@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 import csv
-import struct
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from shared import png_size
 
 from stickslip_monitor import assess, fold_load, fold_speed, hopf_load, hopf_speed
 from stickslip_monitor.cli import main
@@ -39,9 +39,7 @@ def read(path: Path) -> dict[str, np.ndarray]:
 def test_pictures_are_valid_and_wide_enough(command: tuple[str, ...], tmp_path: Path) -> None:
     pytest.importorskip('matplotlib')
     assert run(command, tmp_path / 'a.png') == 0
-    data = (tmp_path / 'a.png').read_bytes()
-    assert data[:8] == b'\x89PNG\r\n\x1a\n'
-    assert struct.unpack('>II', data[16:24]) == (1800, 1120)
+    assert png_size(tmp_path / 'a.png') == (1800, 1120)
     assert run(command, tmp_path / 'a.SVG') == 0
     assert ElementTree.parse(tmp_path / 'a.SVG').getroot().tag.endswith('}svg')
 

@@ -124,6 +124,7 @@ def test_a_foreign_file_is_replaced_only_by_force_and_an_own_one_always(
     assert output.read_text() == foreign
     for force in (['--force'], []):
         assert main([*line, *force]) < 2
+        assert command == 'check' or capsys.readouterr().err == f'{output} written\n'
     assert output.read_text() != foreign
     assert output.stat().st_mode & 0o777 == 0o600
     assert [path.name for path in tmp_path.iterdir()] == [output.name]
@@ -192,7 +193,6 @@ def test_a_command_that_is_stopped_leaves_nothing_behind(
         [sys.executable, '-m', 'stickslip_monitor', *line],
         stdin=subprocess.PIPE, stderr=subprocess.PIPE, env=os.environ | {'TMPDIR': str(tmp_path)},
     ) as program:  # fmt: skip
-        assert program.stdin is not None
         program.stdin.write(next(BAG.glob('*.mcap')).read_bytes())
         program.stdin.flush()
         while not list(tmp_path.glob('stickslip-*/*')):
@@ -206,7 +206,6 @@ def test_a_command_that_is_stopped_leaves_nothing_behind(
         else:
             program.kill()  # started where Ctrl-C is ignored, say
         assert program.wait() == 130
-        assert program.stderr is not None
         assert program.stderr.read() == b''
     assert list(tmp_path.iterdir()) == []
 

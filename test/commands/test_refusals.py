@@ -12,15 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from shared import record
 
-from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import COMMANDS, main
 
 ROOT = Path(__file__).parents[2]
 LAW = '{law: stribeck, static: 0.30, kinetic: 0.10, decay: 10.0}'
 BAG = f'{ROOT}/bags/coast_down'
 CURVE = f'{ROOT}/launch_configs/examples/friction_curve.csv'
-BOTH = 'own.yaml --load 1kN'
 CALIBRATION = '{"schema": "stickslip_monitor/calibration/1", "bearing": "bow"}'
 # The recording begins on 2026-05-04 at 06:00 UTC.
 REPORT = 'aft_stern,2026-05-05T06:00:00Z,2026-05-05T06:02:00Z,quiet\n'
@@ -87,6 +86,12 @@ REFUSED = {
     'fit none.csv': 'none.csv: No such file',
     'accuracy --from none.csv': 'cannot be read',
     # The folder that the shell is in is not meant, but a variable that is not set.
+    'play empty': "bag 'empty' has no messages to play",
+    'play none': "bag 'none' does not exist",
+    f'check {"x" * 300} -c own.yaml': 'File name too long',
+    'check x --mcap out.bag -c own.yaml': 'must end in .mcap',
+    'check x y --mcap out.mcap -c own.yaml': 'is for one bag, not 2',
+    'check x --mcap there.mcap -c own.yaml': 'exists already and is not overwritten',
     "info ''": 'bag is given an empty name',
     "play ''": 'bag is given an empty name',
     "check '' -c own.yaml": 'bags is given an empty name',
@@ -107,6 +112,7 @@ REFUSED = {
     'dashboard -c own.yaml --log own.yaml': 'cannot be used: it is not JSON',
     'dashboard -c own.yaml --bag none': "bag 'none' does not exist",
     'dashboard -c own.yaml --token-file none': "token file 'none' cannot be read: No such",
+    'dashboard -c own.yaml --token-file open': 'is open to every user: chmod 600',
     'dashboard -c own.yaml --token-file short': 'must hold at least 16 printable ASCII characters',
 }
 
@@ -127,14 +133,16 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         'bow.json': CALIBRATION,
         'late.csv': f'bearing,start,end,state\n{REPORT}',
         'short': 'hunter2\n',
+        'open': 'hunter2-hunter2-hunter2\n',
+        'there.mcap': '',
     }.items():
         (path / name).write_text(content, 'utf-8')
     (path / 'short').chmod(0o600)
     shutil.copy(ROOT / 'launch_configs' / 'scenes' / 'coast_down.yaml', path / 'scene.yaml')
-    with BagWriter(path / 'bare') as writer:
-        for topic in ('/shaft/speed', '/bearing/aft_stern/load'):
-            writer.add_topic(topic, 'std_msgs/msg/Float64')
-            writer.write_float64s({topic: ([0, 10**9], [1.0, 1.0])})
+    (path / 'open').chmod(0o604)
+    record(path / 'empty', {'/a': ([], [])})
+    two = [0, 10**9], [1.0, 1.0]
+    record(path / 'bare', {'/shaft/speed': two, '/bearing/aft_stern/load': two})
     return path
 
 

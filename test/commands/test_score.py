@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-import struct
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from typing import Any
 import pytest
 import yaml
 from scipy.optimize import brentq
+from shared import png_size
 
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.writer import BagWriter
@@ -176,9 +176,7 @@ def test_picture(tmp_path: Path, slowing: str, capsys: pytest.CaptureFixture[str
     pytest.importorskip('matplotlib')
     target = tmp_path / 'score.png'
     assert run(capsys, slowing, '--picture', str(target))[0] == 0
-    data = target.read_bytes()
-    assert data[:8] == b'\x89PNG\r\n\x1a\n'
-    assert struct.unpack('>II', data[16:24]) == (1800, 1592)
+    assert png_size(target) == (1800, 1592)
 
 
 def test_the_monitor_never_reads_the_truth(

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import errno
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -176,22 +174,3 @@ def test_stopping_in_the_middle_leaves_no_bag(
     assert main(['simulate', scene, '-o', str(tmp_path / 'bag')]) == 130
     assert blocks
     assert {p.name for p in tmp_path.iterdir()} == {'config.yaml', 'scene.yaml'}
-
-
-def test_path_that_is_too_long_is_named(
-    tmp_path: Path, scene: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A name ends at 255 bytes on every file system of Linux; the system has the words."""
-    name = str(tmp_path / ('x' * 300))
-    cases = (
-        ['simulate', scene, '-o', name],
-        ['check', name, '--config', str(tmp_path / 'config.yaml')],
-        ['score', name, '--config', str(tmp_path / 'config.yaml')],
-    )
-    for arguments in cases:
-        assert main(arguments) == 2
-        error = capsys.readouterr().err
-        assert error.startswith('ERROR: ')
-        assert f"'{name}'" in error
-        assert os.strerror(errno.ENAMETOOLONG) in error
-        assert error.count('\n') == 1

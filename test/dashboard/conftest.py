@@ -10,29 +10,18 @@ import logging
 import shutil
 import subprocess
 import threading
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from shared import until
 
 DEADLINE = 30.0
 """Only a test that fails waits so long [s]."""
 T0 = 1_700_000_000 * 10**9
 REFERENCE = Path(__file__).resolve().parents[2] / 'launch_configs' / 'reference_bearing.yaml'
 BEARING = 'aft_stern'
-
-
-def until(condition: Callable[[], Any], what: str, deadline: float = DEADLINE) -> Any:
-    """Wait until a condition holds; fail at the deadline."""
-    end = time.monotonic() + deadline
-    while not (value := condition()):
-        if time.monotonic() > end:
-            pytest.fail(f'{what}: not within {deadline:g} s')
-        time.sleep(0.01)
-    return value
 
 
 class Ship:
@@ -313,11 +302,3 @@ def browser(_browser: Browser) -> Iterator[Browser]:
     _browser.show_as(1280, 900)
     yield _browser
     _browser.open('about:blank')
-
-
-@pytest.fixture(scope='session')
-def kit() -> SimpleNamespace:
-    """What the test modules share, as they cannot import one another."""
-    return SimpleNamespace(
-        until=until, BEARING=BEARING, T0=T0, REFERENCE=REFERENCE, DEADLINE=DEADLINE
-    )

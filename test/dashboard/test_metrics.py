@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 import yaml
+from shared import until
 
 from benchmarks.signalk_servers import free_port
 
@@ -168,7 +169,7 @@ def test_the_shipped_files_please_promtool(arguments: tuple[str, ...]) -> None:
 
 @pytest.mark.slow
 def test_a_real_prometheus_scrapes_with_a_token_and_alerts(
-    dashboards: Any, kit: Any, tmp_path: Path
+    dashboards: Any, tmp_path: Path
 ) -> None:
     """With the shipped files, but for address and pace; the token as their comment has it."""
     dashboard, port = dashboards(token=TOKEN), free_port()
@@ -199,11 +200,11 @@ def test_a_real_prometheus_scrapes_with_a_token_and_alerts(
     server = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         load = 'query?query=stickslip_load_newtons'
-        (found,) = kit.until(lambda: ask(load, 60.0)['result'], 'the first scrape')
+        (found,) = until(lambda: ask(load, 60.0)['result'], 'the first scrape')
         assert float(found['value'][1]) == 1000.0
         assert found['metric']['bearing'] == 'aft_stern'
         assert firing(60.0) == set()
-        kit.until(lambda: firing(20.0) == {'StickSlipPredicted'}, 'the alert')
+        until(lambda: firing(20.0) == {'StickSlipPredicted'}, 'the alert')
     finally:
         server.terminate()
         server.wait()

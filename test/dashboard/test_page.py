@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from shared import until
 
 from stickslip_monitor.monitor.alarms.alarm import AlarmKind
 from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
@@ -274,19 +275,6 @@ def test_nothing_is_wider_than_the_screen(dashboard: Any, page: Any, width: int)
     assert width > 500 or part > 0.8
 
 
-def test_a_screen_reader_finds_its_way(dashboard: Any, page: Any) -> None:
-    dashboard.sail(20.0, 1000.0, 5.0)
-    page.until(f'document.querySelector(`{ALARM}`)')
-    nodes = page.call('Accessibility.getFullAXTree')['nodes']
-    found = {(n.get('role', {}).get('value'), n.get('name', {}).get('value', '')) for n in nodes}
-    roles = {role for role, _ in found}
-    assert {'banner', 'main', 'heading', 'alert', 'status', 'meter', 'image'} <= roles
-    meters = {name for role, name in found if role == 'meter'}
-    assert meters == {'Fold margin', 'Hopf margin', 'Stick-slip amplitude'}
-    assert ('button', 'Acknowledge: Stick-slip predicted, aft_stern') in found
-    assert all(name for role, name in found if role in ('button', 'textbox', 'combobox', 'image'))
-
-
 def test_what_was_not_done_stays_until_it_is_seen(
     dashboard: Any, page: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -315,7 +303,7 @@ def test_no_alarm_is_not_said_before_it_is_known(dashboard: Any, browser: Any) -
 
 
 @pytest.mark.slow
-def test_eight_tabs_share_one_stream(dashboard: Any, page: Any, kit: Any) -> None:
+def test_eight_tabs_share_one_stream(dashboard: Any, page: Any) -> None:
     """A browser opens six connections to a server: with a stream each, the seventh tab hangs."""
     tabs = [page.call('Target.createTarget', url=dashboard.url)['targetId'] for _ in range(7)]
     page.until('document.querySelector(".bearing")')
@@ -330,8 +318,8 @@ def test_eight_tabs_share_one_stream(dashboard: Any, page: Any, kit: Any) -> Non
             return ['(1) ' in t for t in titles()] == [True] * 8
 
         page.until('document.title.includes("(1) ")')
-        kit.until(all_know, 'all tabs')
-        kit.until(lambda: len(dashboard.board.hub.readers) == 1, 'the end of the others')
+        until(all_know, 'all tabs')
+        until(lambda: len(dashboard.board.hub.readers) == 1, 'the end of the others')
         # One that cannot be reached for a moment is there for actions, too.
         assert page.js('fetch("/page.css").then((answer) => answer.status)') == 200
     finally:
@@ -381,9 +369,7 @@ class Player:
         self.asked.append(seconds)
 
 
-def test_a_replay_is_led_with_the_keyboard(
-    dashboards: Callable[..., Any], browser: Any, kit: Any
-) -> None:
+def test_a_replay_is_led_with_the_keyboard(dashboards: Callable[..., Any], browser: Any) -> None:
     player = Player()
     dashboard = dashboards(player=player)
     dashboard.sail(60.0, 1000.0)
@@ -399,20 +385,20 @@ def test_a_replay_is_led_with_the_keyboard(
             break
     assert browser.text('#hold') == 'Pause'
     browser.press(' ')
-    kit.until(lambda: player.asked == [True], 'the pause')
+    until(lambda: player.asked == [True], 'the pause')
     dashboard.do(lambda: dashboard.board.play(place | {'paused': True}))
     browser.until('document.getElementById("hold").textContent === "Play"')
     browser.press(' ')
-    kit.until(lambda: player.asked[1:] == [False], 'its end')
+    until(lambda: player.asked[1:] == [False], 'its end')
     browser.press('Tab', ' ')
-    kit.until(lambda: player.asked[2:] == [False, 0.0], 'the start')
+    until(lambda: player.asked[2:] == [False, 0.0], 'the start')
     browser.press('Tab')
     assert browser.js(focused) == 'place'
     browser.press('ArrowLeft')
     # A key moves it by a two hundredth of the recording.
-    kit.until(lambda: player.asked[4:] == [64.0], 'the place')
+    until(lambda: player.asked[4:] == [64.0], 'the place')
     browser.press('Home')
-    kit.until(lambda: player.asked[5:] == [0.0], 'the beginning')
+    until(lambda: player.asked[5:] == [0.0], 'the beginning')
     assert browser.complaints == []
 
 

@@ -3,20 +3,17 @@
 
 from __future__ import annotations
 
-import builtins
 import colorsys
-import gc
 import re
 import sys
-import weakref
+from collections.abc import Callable
+from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
-import numpy as np
 import pytest
+from shared import contrast, luminance
 
-from stickslip_monitor import Stribeck
 from stickslip_monitor.drawing.canvas import (
     CAUTION_FILL,
     CONDITION_COLOUR,
@@ -33,19 +30,12 @@ from stickslip_monitor.drawing.canvas import (
     variable,
 )
 from stickslip_monitor.drawing.diagram import draw_diagram
-from stickslip_monitor.drawing.fits import draw_calibration, draw_friction_fit
 from stickslip_monitor.drawing.map import draw_map
-from stickslip_monitor.errors import DrawingError, OutputError
-from stickslip_monitor.lab.calibration.calibrate import Calibration, DipResult
-from stickslip_monitor.lab.calibration.evidence import Dip, VibrationReport, path_of
-from stickslip_monitor.lab.calibration.posterior import prior_of, sample_posterior
-from stickslip_monitor.lab.friction_fit.curve_file import FrictionCurve
-from stickslip_monitor.lab.friction_fit.fit import fit_stribeck
-from stickslip_monitor.lab.friction_fit.spread import boundary_spread
+from stickslip_monitor.errors import DrawingError, ReportError
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.signals import Condition
-from stickslip_monitor.report.page import _SPEED_CAPTION
+from stickslip_monitor.report.page import _SPEED_CAPTION, html_page
 
 pytest.importorskip('matplotlib')
 CONFIG = load_config(Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml')
@@ -80,18 +70,6 @@ def test_an_inline_picture_is_well_formed_and_refers_to_nothing_outside(
     used = set(re.findall(r'var\((--c[0-9a-f]{6})\)', drawings[0]))
     assert used <= {variable(colour) for colour in ON_DARK}
     assert {variable(INK), variable(PAPER), variable(CAUTION_FILL)} <= used
-
-
-def luminance(colour: str) -> float:
-    parts = np.array([int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)])
-    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
-    return float(linear @ [0.2126, 0.7152, 0.0722])
-
-
-def contrast(one: str, other: str) -> float:
-    """The ratio of WCAG 2: 4.5 for text, 3 for graphics."""
-    high, low = sorted((luminance(one), luminance(other)), reverse=True)
-    return (high + 0.05) / (low + 0.05)
 
 
 def test_every_regime_and_condition_has_a_colour_by_day_and_night() -> None:
@@ -130,40 +108,6 @@ def test_boundaries_are_seen_on_all_fills_and_captions_name_their_hues(dark: boo
         assert f'the {name} ' in _SPEED_CAPTION
 
 
-def test_each_boundary_has_one_colour_in_all_pictures() -> None:
-    second, prior = np.array([0, 10**9]), prior_of(REFERENCE.bearing)
-    squeal = VibrationReport('', 0, 10**9, True, 0.0, 0.9, '')
-    path = path_of(second, np.full(2, 0.2), np.full(2, 1000.0), [squeal], (0, 10**9))
-    dip = DipResult(Dip('', 0, 10**9, (squeal,), second, path), 0.0, (0.5,), ())
-    calibration = Calibration(prior, sample_posterior(prior, []), (dip,))
-    speed = np.linspace(0.0, 0.5, 9)
-    fit = fit_stribeck(FrictionCurve.of(speed, Stribeck(0.3, 0.1, 10.0).coefficient(speed)))
-    spread = boundary_spread(fit, 400.0, 1000.0, draws=100)
-    for figure in (
-        draw_map(REFERENCE),
-        draw_diagram(REFERENCE, 1000.0, points=50),
-        draw_calibration(REFERENCE, calibration),
-        draw_friction_fit(fit, '', spread),
-    ):
-        lines = [line for axes in figure.axes for line in axes.lines]
-        colours = {line.get_color() for line in lines} | {
-            line.get_markeredgecolor() for line in lines if line.get_marker() not in ('', 'None')
-        }
-        assert {FOLD, HOPF} <= colours
-        assert REGIME_COLOUR[Regime.BISTABLE] not in colours
-
-
-def test_figures_leave_nothing_behind(tmp_path: Path) -> None:
-    figure = draw_diagram(REFERENCE, 1000.0, points=20)
-    save_figure(figure, tmp_path / 'a.png')
-    gone = weakref.ref(figure)
-    del figure
-    gc.collect()
-    assert gone() is None
-    pyplot = sys.modules.get('matplotlib.pyplot')
-    assert pyplot is None or not pyplot.get_fignums()
-
-
 def test_the_same_picture_gives_the_same_bytes(tmp_path: Path) -> None:
     for suffix in ('png', 'svg'):
         for name in ('a', 'b'):
@@ -171,20 +115,22 @@ def test_the_same_picture_gives_the_same_bytes(tmp_path: Path) -> None:
         assert (tmp_path / f'a.{suffix}').read_bytes() == (tmp_path / f'b.{suffix}').read_bytes()
 
 
-def test_without_matplotlib_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    original = builtins.__import__
-
-    def refuse(name: str, *args: Any, **kwargs: Any) -> Any:
-        if name.startswith('matplotlib'):
-            raise ImportError(f"No module named '{name}'")
-        return original(name, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, '__import__', refuse)
-    with pytest.raises(DrawingError, match=r"extra 'report'.*stickslip_monitor\[report\]"):
-        draw_diagram(REFERENCE, 1000.0)
-
-
-def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
-    figure = draw_diagram(REFERENCE, 1000.0, points=20)
-    with pytest.raises(OutputError, match=r"/a\.png' cannot be written: there is no folder '"):
-        save_figure(figure, tmp_path / 'nowhere' / 'a.png')
+@pytest.mark.parametrize(
+    ('library', 'error', 'make'),
+    [
+        ('matplotlib', DrawingError, lambda: draw_diagram(REFERENCE, 1000.0)),
+        (
+            'jinja2',
+            ReportError,
+            lambda: html_page([], CONFIG, '', datetime(2026, 5, 5, tzinfo=timezone.utc)),
+        ),
+    ],
+)
+def test_without_its_library_the_extra_is_named(
+    library: str, error: type[Exception], make: Callable[[], object],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    for name in [library, *(name for name in sys.modules if name.startswith(f'{library}.'))]:
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(error, match=r"extra 'report'.*stickslip_monitor\[report\]"):
+        make()

@@ -143,13 +143,6 @@ def test_without_an_averaged_cycle_there_are_no_branches(
     assert np.isnan(columns['stick_slip_amplitude [m]']).all()
 
 
-def test_without_damping_the_cycle_never_ends() -> None:
-    diagram = diagram_of(bearing(Stribeck(0.3, 0.1, 10.0), damping=0.0))
-    assert diagram.marks == ()
-    assert [branch.stable for branch in diagram.branches] == [True]
-    assert np.isfinite(diagram.branches[0].amplitude).all()
-
-
 def test_a_branch_between_two_speeds_of_the_diagram_is_found() -> None:
     """A Hopf with a fold 0.003 rpm above it: between them there are two small cycles."""
     table = Tabulated(
@@ -172,12 +165,6 @@ def test_a_branch_between_two_speeds_of_the_diagram_is_found() -> None:
     at = np.searchsorted(diagram.speed, [hopf.speed, fold.speed])
     (small,) = [b for b in diagram.branches if b.amplitude[at[0]] == 0.0]
     assert small.amplitude[at[1]] == fold.amplitude < 5e-5
-
-
-def test_a_range_inside_one_regime_has_no_marks() -> None:
-    diagram = bifurcation_diagram(REFERENCE, LOAD, (5.0 * RPM, 25.0 * RPM), 50)
-    assert diagram.marks == ()
-    assert (diagram.speed[0], diagram.speed[-1]) == (5.0 * RPM, 25.0 * RPM)
 
 
 def with_law(law: object) -> BearingConfig:

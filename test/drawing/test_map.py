@@ -161,28 +161,6 @@ def test_a_track_of_next_to_nothing_is_drawn(points: int) -> None:
     draw_map(BEARING, track=Track(column, column, 1e3 * column))
 
 
-@pytest.mark.parametrize('n', [3000, 90_000])
-def test_a_track_is_a_course_without_zigzag_over_all_the_places_it_has_been_to(n: int) -> None:
-    """There and back through noise: one turn; and no extreme, and no gap, is lost."""
-    time, noise = np.arange(float(n)), np.random.default_rng(1)
-    speed = np.interp(time, [0, n / 2, n], [0.3, 0.1, 0.3]) + noise.normal(0.0, 5e-4, n)
-    load = noise.normal(900.0, 20.0, n)
-    load[n // 3], speed[7 * n // 9] = 300.0, np.nan
-    lines = draw_map(BEARING, track=Track(time, speed, load)).axes[0].lines
-    ages = [line for line in lines if line.get_zorder() == 8]
-    widths = [line.get_linewidth() for line in ages]
-    assert widths == sorted(widths, reverse=True)
-    steps = np.concatenate([np.diff(np.asarray(line.get_xdata())) for line in ages])
-    assert steps.size < 200
-    # Where it turns back, a single small step may go either way.
-    signs = np.sign(steps[np.abs(steps) > 0.02])
-    assert np.count_nonzero(np.diff(signs)) == 1
-    (cloud,) = [line for line in lines if line.get_zorder() == 6]
-    assert cloud.get_xdata().size < 700
-    assert np.isnan(cloud.get_xdata()).any()
-    assert float(np.nanmin(cloud.get_ydata())) == pytest.approx(0.3)
-
-
 def test_a_track_of_a_scan_is_interrupted_where_an_input_was_lost() -> None:
     second = 10**9
     stretch = np.repeat(np.arange(10, dtype=np.int64), 2) * second

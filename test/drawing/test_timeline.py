@@ -112,15 +112,6 @@ def test_a_line_is_interrupted_where(later: int) -> None:
     assert np.isnan(line.get_ydata()).sum() == 1
 
 
-def test_clocks_without_dates_and_clocks_with_one() -> None:
-    dated = panels(draw_timeline(timeline([60.0] * 20)))['alarm']
-    counted = panels(draw_timeline(timeline([60.0] * 20, start=0)))['alarm']
-    assert dated.get_xlabel() == 'time [UTC]'
-    assert counted.get_xlabel() == 'time from the start [s]'
-    assert counted.get_xlim() == (0.0, 20.0)
-    assert dated.get_xlim()[0] == pytest.approx(START / 86_400e9)
-
-
 @pytest.mark.parametrize('count', [1, 2])
 def test_next_to_nothing_is_drawn(count: int) -> None:
     draw_timeline(timeline([20.0] * count), 4.4)

@@ -98,8 +98,6 @@ RPM = {'from': 'nmea', 'sentence': 'RPM', 'kind': 'S'}
     ('base', 'change', 'text'),
     [
         (SIGNALK, {'signalk.url': 'ws://127.0.0.1'}, "signalk.url = 'ws://127.0.0.1' must be an"),
-        (SIGNALK, {'signalk.url': 'http://'}, 'must be an address such as http://127.0.0.1:3000'),
-        (SIGNALK, {'signalk.url': 'http://a:99999'}, 'must be an address'),
         (SIGNALK, {'signalk.url': 'http://a/signalk/v1/stream'}, 'must be an address'),
         (
             SIGNALK,
@@ -108,12 +106,10 @@ RPM = {'from': 'nmea', 'sentence': 'RPM', 'kind': 'S'}
         ),
         (SIGNALK, {'signalk.prefix': 'a..b'}, "signalk.prefix = 'a..b' must be a Signal K path"),
         (SIGNALK, {'signalk.accept_actions': True}, 'accept_actions = True must be false without'),
-        (SIGNALK, {'signalk.accept_actions': 'yes'}, "= 'yes' must be true or false"),
         (SIGNALK, {'signalk.tokenfile': 'x'}, "did you mean 'signalk.token_file'?"),
         (SIGNALK, {'fore.speed': PATH}, "unknown parameter 'fore.speed.from' = 'signalk'"),
         (SIGNALK, {SPEED: {'path': 'a.b'}}, "parameter 'aft.speed.from' is missing"),
         (SIGNALK, {SPEED: {'from': 'n2k'}}, "aft.speed.from = 'n2k' must be one of signalk, nmea"),
-        (SIGNALK, {SPEED: {'from': 'signalk'}}, "aft.speed.path = '' must be a Signal K path"),
         (SIGNALK, {SPEED: PATH | {'path': 'a.*'}}, "aft.speed.path = 'a.*' must be"),
         (NMEA, {SPEED: RPM | {'sentence': 'RPN'}}, "aft.speed.sentence = 'RPN' must be RPM"),
         (NMEA, {SPEED: RPM | {'kind': 'P'}}, "aft.speed.kind = 'P' must be S for a shaft or E"),
@@ -126,7 +122,6 @@ RPM = {'from': 'nmea', 'sentence': 'RPM', 'kind': 'S'}
         (NMEA, {'nmea.talker': 'i'}, "nmea.talker = 'i' must be two upper-case letters"),
         (NMEA, {'nmea.manufacturer': 'ABCD'}, 'must be three upper-case letters, or empty'),
         (NMEA, {'nmea.first_alert': 0}, 'nmea.first_alert = 0 must be a whole number'),
-        (NMEA, {'nmea.heartbeat': 0.0}, 'nmea.heartbeat = 0.0 must be a finite number not below'),
     ],
 )
 def test_one_sentence_for_whatever_breaks_a_rule(
@@ -144,7 +139,6 @@ def test_one_sentence_for_whatever_breaks_a_rule(
     ('links', 'bearing', 'with_node', 'text'),
     [
         (SIGNALK, {'speed': {'unit': 'rpm'}}, False, "unit = 'rpm' must be Hz, in which Signal K"),
-        (SIGNALK, {'load': {'unit': 'kN'}}, False, "unit = 'kN' must be N, in which Signal K"),
         ({'nmea.talker': 'II'}, TOPICS, True, 'uses no bus: give'),
         (None, {}, False, "has no section '/stickslip_links:'"),
         (

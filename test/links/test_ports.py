@@ -4,14 +4,13 @@
 from __future__ import annotations
 
 import asyncio
-import functools
 import logging
 import math
 import os
 import pty
 import re
 import socket
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -56,16 +55,6 @@ async def until(condition: Callable[[], Any], what: Callable[[], Any] = lambda: 
         await asyncio.sleep(0.01)
 
 
-def on_loop(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
-    """A test on an event loop, whose tasks end with it."""
-
-    @functools.wraps(test)
-    def run(**fixtures: Any) -> None:
-        asyncio.run(asyncio.wait_for(test(**fixtures), 60.0))
-
-    return run
-
-
 def udp(port: int = 0) -> socket.socket:
     """A socket of the test at this machine."""
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -84,7 +73,6 @@ async def at_work(port: Port) -> None:
     asyncio.get_running_loop().create_task(port.run())
 
 
-@on_loop
 async def test_datagrams_in_with_or_without_an_end_of_line() -> None:
     number = free()
     end = End(f'udp://127.0.0.1:{number}')
@@ -98,7 +86,6 @@ async def test_datagrams_in_with_or_without_an_end_of_line() -> None:
     assert end.states == [True]
 
 
-@on_loop
 async def test_datagrams_out_to_somebody_who_comes_late() -> None:
     number = free()
     end = End(f'udp://127.0.0.1:{number}', listens=False, silent=math.inf)
@@ -115,7 +102,6 @@ async def test_datagrams_out_to_somebody_who_comes_late() -> None:
     assert got == [f'{RPM}\r\n'.encode()] * 2
 
 
-@on_loop
 async def test_a_stream_that_comes_late_ends_and_comes_back() -> None:
     talkers: list[asyncio.StreamWriter] = []
     heard: list[bytes] = []
@@ -145,7 +131,6 @@ async def test_a_stream_that_comes_late_ends_and_comes_back() -> None:
     server.close()
 
 
-@on_loop
 async def test_a_serial_line_that_vanishes_and_comes_back(tmp_path: Path) -> None:
     ours, theirs = pty.openpty()
     device = tmp_path / 'tty'
@@ -170,7 +155,6 @@ async def test_a_serial_line_that_vanishes_and_comes_back(tmp_path: Path) -> Non
     os.close(ours)
 
 
-@on_loop
 async def test_silence_is_a_fault_where_lines_are_expected() -> None:
     listens = End(f'udp://127.0.0.1:{free()}', silent=0.1)
     sends = End(f'udp://127.0.0.1:{free()}', listens=False, silent=math.inf)
@@ -181,7 +165,6 @@ async def test_silence_is_a_fault_where_lines_are_expected() -> None:
     assert sends.states == [True]
 
 
-@on_loop
 async def test_where_only_acknowledgements_may_come_silence_is_no_fault(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -196,7 +179,6 @@ async def test_where_only_acknowledgements_may_come_silence_is_no_fault(
     assert told == [('nmea_in', True, '')]
 
 
-@on_loop
 async def test_what_cannot_be_opened_at_the_start_is_an_error(tmp_path: Path) -> None:
     no_line = tmp_path / 'file'
     no_line.touch()
@@ -232,7 +214,6 @@ class Display:
         return int(self.server.sockets[0].getsockname()[1])
 
 
-@on_loop
 async def test_sentences_in_alerts_out_and_acknowledgements_back(
     caplog: pytest.LogCaptureFixture,
 ) -> None:

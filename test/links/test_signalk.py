@@ -61,14 +61,6 @@ class Reader:
         return [value for bearing, _, value in found if bearing == 'aft']
 
 
-def test_the_subscription_names_its_context_and_no_period() -> None:
-    frame = Reader().inputs.subscription(['notifications.a.*'])
-    assert frame == {
-        'context': 'vessels.self',
-        'subscribe': [{'path': PATH}, {'path': 'notifications.a.*'}],
-    }
-
-
 @pytest.mark.parametrize(
     ('value', 'expected'),
     [
@@ -194,13 +186,12 @@ STICK = 'notifications.p.aft.stickSlip'
 
 
 class Server:
-    """What a server makes of notifications: 2.23 forgets no acknowledgement of a source."""
+    """What a server makes of notifications."""
 
-    def __init__(self, resets: bool = False) -> None:
+    def __init__(self) -> None:
         self.out = Notifications(['aft'], 'p', 'run')
         self.status: dict[tuple[str, str], dict[str, bool]] = {}
         self.values: dict[tuple[str, str], dict[str, Any]] = {}
-        self.resets = resets
         self.asked: list[ActionRequest] = []
 
     def alarm(
@@ -230,7 +221,7 @@ class Server:
         key = update['$source'], update['values'][0]['path']
         value = self.values[key] = dict(update['values'][0]['value'])
         status = self.status.setdefault(key, {'acknowledged': False, 'silenced': False})
-        if value['state'] == 'normal' and self.resets:
+        if value['state'] == 'normal':
             status.update(acknowledged=False, silenced=False)
         if value.get('acknowledgeStatus') == 'Yes':
             status['acknowledged'] = True
@@ -242,17 +233,6 @@ class Server:
         updates, asked = self.out.take_echo(delta(value, source=source, path=path), SHIP)
         self.asked += asked
         return updates
-
-    def person(self, source: str = 'stickslip_monitor', **status: bool) -> list[ActionRequest]:
-        """Somebody acts at the server; what we make of it."""
-        self.asked = []
-        self.status[source, STICK].update(status)
-        assert self.echo(source) == []
-        return self.asked
-
-
-ACKNOWLEDGED = [ActionRequest(Action.ACKNOWLEDGE, 'signal k', 'aft', AlarmKind.STICK_SLIP)]
-SILENCED = [ActionRequest(Action.SILENCE, 'signal k', 'aft', AlarmKind.STICK_SLIP)]
 
 
 @pytest.mark.parametrize(
@@ -285,33 +265,8 @@ def test_every_state_as_a_notification(
     assert value['message'] == messages.get(state, shown)
 
 
-def test_a_person_acknowledges_and_silences() -> None:
-    server = Server()
-    server.alarm('unacknowledged')
-    assert server.asked == []
-    assert server.person(silenced=True) == SILENCED
-    server.alarm('unacknowledged', silenced=True)
-    assert server.person(acknowledged=True) == ACKNOWLEDGED
-    server.alarm('acknowledged')
-    assert server.person() == []
-
-
-@pytest.mark.parametrize('resets', [False, True])
-def test_twenty_rounds_with_none_invented_and_none_lost(resets: bool) -> None:
-    server = Server(resets)
-    for _ in range(20):
-        server.asked = []
-        sent = server.alarm('unacknowledged')
-        assert server.asked == []
-        assert sent[-1]['method'] == ['visual', 'sound']
-        assert server.status[sent[-1]['source'], STICK]['acknowledged'] is False
-        assert server.person(sent[-1]['source'], acknowledged=True) == ACKNOWLEDGED
-        server.alarm('acknowledged')
-        server.alarm('normal')
-
-
 def test_an_echo_of_an_earlier_occurrence_or_run_is_nobodys_act() -> None:
-    server = Server(resets=True)
+    server = Server()
     server.alarm('unacknowledged')
     late = dict(server.values['stickslip_monitor', STICK])
     server.alarm('acknowledged')
@@ -332,7 +287,7 @@ def test_an_echo_of_an_earlier_occurrence_or_run_is_nobodys_act() -> None:
 
 
 def test_an_alarm_that_latched_and_comes_again_passes_through_normal() -> None:
-    server = Server(resets=True)
+    server = Server()
     for state in ('unacknowledged', 'acknowledged', 'latched'):
         server.alarm(state)
     states = [(v['state'], v['method']) for v in server.alarm('unacknowledged')]
@@ -345,23 +300,12 @@ def test_a_sound_that_an_older_client_took_away_is_a_silence() -> None:
     value = server.values['stickslip_monitor', STICK]
     old = dict(value)
     value['method'] = []
-    assert server.person() == SILENCED
+    assert server.echo('stickslip_monitor') == []
+    silence = ActionRequest(Action.SILENCE, 'signal k', 'aft', AlarmKind.STICK_SLIP)
+    assert server.asked == [silence]
     server.alarm('unacknowledged', silenced=True)
     server.alarm('unacknowledged')
     # The echo of what was sent before, without sound, comes late.
     late = {**old, 'method': ['visual'], 'status': {}}
     frame = delta(late, source='stickslip_monitor', path=STICK)
     assert server.out.take_echo(frame, SHIP) == ([], [])
-
-
-def test_the_monitor_has_a_notification_of_its_own() -> None:
-    out = Notifications(['aft'], 'p', 'run')
-    (update,) = out.take_monitor('the monitor is not heard')
-    value = update['values'][0]
-    assert value['path'] == 'notifications.p.monitor'
-    assert value['value']['state'] == 'warn'
-    assert out.take_monitor('the monitor is not heard') == []
-    assert out.take_monitor('')[0]['values'][0]['value']['state'] == 'normal'
-    frame = delta(value['value'], path=value['path'])
-    assert out.hears(frame, SHIP)
-    assert not out.hears(delta({'state': 'normal'}, path=value['path']), SHIP)

@@ -4,11 +4,10 @@
 from __future__ import annotations
 
 import asyncio
-import inspect
 import logging
 import ssl
 import subprocess
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -109,27 +108,6 @@ async def sailing(ship: Ship) -> AsyncIterator[Ship]:
         await asyncio.gather(task, return_exceptions=True)
 
 
-def at_sea(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
-    """A test with a small server, its first argument."""
-
-    async def sail(**fixtures: Any) -> None:
-        server = SmallServer()
-        await server.start()
-        try:
-            await asyncio.wait_for(test(server, **fixtures), 3.0 * DEADLINE)
-        finally:
-            await server.stop()
-
-    def run(**fixtures: Any) -> None:
-        asyncio.run(sail(**fixtures))
-
-    signature = inspect.signature(test)
-    own = [each for name, each in signature.parameters.items() if name != 'server']
-    # From here pytest takes what fixtures the test asks for; mypy knows no such attribute.
-    run.__signature__ = signature.replace(parameters=own)  # type: ignore[attr-defined]
-    return run
-
-
 RECORD = {
     'bearing': 'aft',
     'reason': 'stick_slip',
@@ -139,7 +117,6 @@ RECORD = {
 }
 
 
-@at_sea
 async def test_a_server_that_forgets_gets_everything_back(server: SmallServer) -> None:
     async with sailing(Ship(server)) as ship:
         ship.client.take_alarms(alarms('unacknowledged'))
@@ -163,7 +140,6 @@ async def test_a_server_that_forgets_gets_everything_back(server: SmallServer) -
         assert not [why for why in ship.reasons if '<' in why or 'ssl' in why]
 
 
-@at_sea
 async def test_a_frozen_server_is_noticed_by_its_silence(
     server: SmallServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -175,7 +151,6 @@ async def test_a_frozen_server_is_noticed_by_its_silence(
         await ship.until(lambda: ship.up('signalk_in'))
 
 
-@at_sea
 async def test_what_is_not_taken_is_told(
     server: SmallServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -191,7 +166,6 @@ async def test_what_is_not_taken_is_told(
 
 
 @pytest.mark.parametrize('accepts', [False, True])
-@at_sea
 async def test_people_act_at_the_server(server: SmallServer, accepts: bool) -> None:
     async with sailing(Ship(server, accept_actions=accepts)) as ship:
         for state in ('unacknowledged', 'acknowledged', 'normal', 'unacknowledged'):
@@ -205,7 +179,6 @@ async def test_people_act_at_the_server(server: SmallServer, accepts: bool) -> N
         assert ship.requests == (['silence', 'acknowledge'] if accepts else [])
 
 
-@at_sea
 async def test_the_end_takes_values_back_and_leaves_alarms(server: SmallServer) -> None:
     async with sailing(Ship(server)) as ship:
         ship.client.take_alarms(alarms('unacknowledged'))
@@ -223,7 +196,6 @@ async def test_the_end_takes_values_back_and_leaves_alarms(server: SmallServer) 
         assert ship.kept('notifications.p.shaft.monitor')['state'] == 'warn'
 
 
-@at_sea
 async def test_a_wrong_token_at_the_start_is_an_error_and_later_a_fault(
     server: SmallServer,
 ) -> None:
@@ -241,7 +213,6 @@ async def test_a_wrong_token_at_the_start_is_an_error_and_later_a_fault(
 
 
 @pytest.mark.parametrize('greeting', ['no JSON {', '3', '{"name": "another"}'])
-@at_sea
 async def test_another_program_is_no_signal_k_server(server: SmallServer, greeting: str) -> None:
     server.greeting = greeting
     with pytest.raises(LinkError, match='is no Signal K server'):
@@ -249,7 +220,6 @@ async def test_another_program_is_no_signal_k_server(server: SmallServer, greeti
 
 
 @pytest.mark.parametrize(('version', 'works'), [('2.23.0', False), ('2.24.0', True)])
-@at_sea
 async def test_a_server_that_takes_an_acknowledgement_from_anybody(
     server: SmallServer, version: str, works: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -273,7 +243,6 @@ def certificate(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@at_sea
 async def test_a_certificate_must_fit(
     server: SmallServer, certificate: Path, tmp_path: Path
 ) -> None:
@@ -299,7 +268,6 @@ async def test_a_certificate_must_fit(
         (['PENDING', 'COMPLETED'], 'DENIED', None),
     ],
 )
-@at_sea
 async def test_a_token_is_asked_for(
     server: SmallServer, states: list[str], permission: str, expected: str | None
 ) -> None:

@@ -176,49 +176,42 @@ async def sailing(
         assert all(isinstance(result, asyncio.CancelledError) for result in results), results
 
 
-def at_sea(work: Coroutine[Any, Any, None]) -> None:
-    asyncio.run(asyncio.wait_for(work, 5.0 * DEADLINE))
-
-
-def test_rounds_with_none_invented_and_none_lost(
+async def test_rounds_with_none_invented_and_none_lost(
     server: RealServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # However many there are in a short time, each is given aloud.
     monkeypatch.setattr(annunciator, 'WINDOW_NS', 0)
 
-    async def work() -> None:
-        async with sailing(server) as ship:
-            for number in range(8):
-                ship.seen.clear()
-                ship.rpm = STUCK
-                await ship.until(ship.sounds, f'alarm {number} with its sound')
+    async with sailing(server) as ship:
+        for number in range(8):
+            ship.seen.clear()
+            ship.rpm = STUCK
+            await ship.until(ship.sounds, f'alarm {number} with its sound')
+            assert ship.states['stick_slip'] == 'unacknowledged'
+            if number % 4 == 3:
+                await ship.do('silence', ship.sounds()['data']['occurrence'])
+                await ship.until(lambda: ship.sounds() is None, f'silence {number}')
                 assert ship.states['stick_slip'] == 'unacknowledged'
-                if number % 4 == 3:
-                    await ship.do('silence', ship.sounds()['data']['occurrence'])
-                    await ship.until(lambda: ship.sounds() is None, f'silence {number}')
-                    assert ship.states['stick_slip'] == 'unacknowledged'
-                token = next(iter(t for t, v in ship.seen.items() if v['state'] == 'alarm'))
-                await ship.do('acknowledge', token)
-                await ship.until(
-                    lambda: ship.states.get('stick_slip') == 'acknowledged', f'its end {number}'
-                )
-                ship.rpm = AHEAD
-                await ship.until(lambda: 'stick_slip' not in ship.states, f'the end {number}')
-                await ship.until(
-                    lambda: all(v['state'] == 'normal' for v in ship.seen.values()), 'normal'
-                )
-            own = [(c['alarm'], c['what']) for c in ship.changes if c['by'] == 'signal k']
-            # Who knows of the worst alarm knows of what it covers.
-            assert {alarm for alarm, _ in own} <= {'stick_slip', 'bistable', 'margin_low'}
-            assert own.count(('stick_slip', 'acknowledge')) == 8
-            assert own.count(('stick_slip', 'silence')) == 2
-            raised = [c['alarm'] for c in ship.changes if c['to'] == 'unacknowledged' != c['from']]
-            assert raised.count('stick_slip') == 8
-
-    at_sea(work())
+            token = next(iter(t for t, v in ship.seen.items() if v['state'] == 'alarm'))
+            await ship.do('acknowledge', token)
+            await ship.until(
+                lambda: ship.states.get('stick_slip') == 'acknowledged', f'its end {number}'
+            )
+            ship.rpm = AHEAD
+            await ship.until(lambda: 'stick_slip' not in ship.states, f'the end {number}')
+            await ship.until(
+                lambda: all(v['state'] == 'normal' for v in ship.seen.values()), 'normal'
+            )
+        own = [(c['alarm'], c['what']) for c in ship.changes if c['by'] == 'signal k']
+        # Who knows of the worst alarm knows of what it covers.
+        assert {alarm for alarm, _ in own} <= {'stick_slip', 'bistable', 'margin_low'}
+        assert own.count(('stick_slip', 'acknowledge')) == 8
+        assert own.count(('stick_slip', 'silence')) == 2
+        raised = [c['alarm'] for c in ship.changes if c['to'] == 'unacknowledged' != c['from']]
+        assert raised.count('stick_slip') == 8
 
 
-def test_a_token_by_request_and_the_right_to_write(
+async def test_a_token_by_request_and_the_right_to_write(
     installed: None, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     server = RealServer(tmp_path_factory.mktemp('secure'), secure=True)
@@ -237,7 +230,7 @@ def test_a_token_by_request_and_the_right_to_write(
             async with session.put(f'{access}/{number}/approved', json=body) as answer:
                 assert answer.status == 200, await answer.text()
 
-    async def work() -> None:
+    try:
         wrong = Ship(server, 'eyJ.a-wrong-token.x')
         with pytest.raises(LinkError, match='the token is refused'):
             await asyncio.wait_for(wrong.client.run(), DEADLINE)
@@ -250,8 +243,5 @@ def test_a_token_by_request_and_the_right_to_write(
             await ship.until(lambda: ship.links.get('signalk_out') is False, 'the missing echo')
         async with sailing(server, token) as ship:
             assert ship.links['signalk_out']
-
-    try:
-        at_sea(work())
     finally:
         server.stop()

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from shared import record
 
 from stickslip_monitor import Stream
-from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.monitor.bulk import BearingScan
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.offline.follow import BearingBlock
@@ -48,11 +48,7 @@ def _recording(path: Path, messages: int) -> Path:
         '/shaft/speed': (stamps, rpm + rng.normal(0.0, 0.3, size)),
         '/bearing/aft_stern/load': (stamps + 3_000_000, 900.0 + rng.normal(0.0, 5.0, size)),
     }
-    with BagWriter(path) as writer:
-        for topic in columns:
-            writer.add_topic(topic, 'std_msgs/msg/Float64')
-        writer.write_float64s(columns)
-    return path
+    return record(path, columns)
 
 
 @pytest.fixture(scope='module')

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from shared import record
 
 from stickslip_monitor import Monitor, build_config
 from stickslip_monitor.bags import series
-from stickslip_monitor.bags.encode import MESSAGE_TYPES, StatusFields, encode_diagnostics
 from stickslip_monitor.bags.reader import Request, open_bag
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
@@ -169,11 +169,6 @@ def test_inputs_are_copied_byte_by_byte_with_their_times(bag: Path, written: Pat
     assert after == before
 
 
-def test_the_file_lies_in_order_of_time(written: Path) -> None:
-    times = [t for _, t, _ in rosbags_messages(written)]
-    assert times == sorted(times)
-
-
 def test_our_reader_gives_the_same_check_again(written: Path, checked: CheckReport) -> None:
     again = check_bag(written, config_of())
     first, second = (
@@ -240,11 +235,8 @@ def test_a_publish_period_thins_the_values_and_keeps_the_changes(bag: Path) -> N
 def test_a_quiet_recording_has_its_diagnostics(tmp_path: Path) -> None:
     """Without a change of the alarm, which would be the only times not on the grid."""
     times = START + np.arange(50) * 10**8
-    with BagWriter(tmp_path / 'in') as writer:
-        columns = {'/shaft': (times, np.full(50, 60.0)), '/load': (times, np.full(50, 1000.0))}
-        for topic in columns:
-            writer.add_topic(topic, 'std_msgs/msg/Float64')
-        writer.write_float64s(columns)
+    columns = {'/shaft': (times, np.full(50, 60.0)), '/load': (times, np.full(50, 1000.0))}
+    record(tmp_path / 'in', columns)
     config = config_of(**{'aft.load.type': 'std_msgs/msg/Float64', 'aft.load.field': 'data'})
     found = check_bag(tmp_path / 'in', config)
     assert found.bearings['aft'].events == []
@@ -271,29 +263,6 @@ def test_a_clock_that_jumps_back_is_written(tmp_path: Path) -> None:
     assert counts['/stickslip_monitor/aft/regime'] == evaluations
 
 
-def test_diagnostics_are_encoded_as_another_library_encodes_them() -> None:
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    kind = 'diagnostic_msgs/msg/DiagnosticArray'
-    ours = get_types_from_msg(MESSAGE_TYPES[kind].definition, kind)
-    for name in (kind, 'diagnostic_msgs/msg/DiagnosticStatus', 'diagnostic_msgs/msg/KeyValue'):
-        assert store.fielddefs[name] == ours[name]
-    t = store.types
-    values = {'a': '1', 'key [m/s]': 'µ', '': ''}
-    status = t['diagnostic_msgs/msg/DiagnosticStatus'](
-        2, 'n: aft', 'text', 'aft', [t['diagnostic_msgs/msg/KeyValue'](*p) for p in values.items()]
-    )
-    other = t['diagnostic_msgs/msg/DiagnosticStatus'](0, 'x', '', 'yy', [])
-    header = t['std_msgs/msg/Header'](t['builtin_interfaces/msg/Time'](7, 8), '')
-    expected = store.serialize_cdr(t[kind](header, [status, other]), kind)
-    made = encode_diagnostics(
-        7 * NS + 8,
-        [StatusFields(2, 'n: aft', 'text', 'aft', values), StatusFields(0, 'x', '', 'yy', {})],
-    )
-    assert made == bytes(expected)
-
-
 # --- the command -------------------------------------------------------------------------------
 
 
@@ -309,20 +278,3 @@ def test_the_command_writes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str
     topics = open_bag(out).topics
     assert topics['/stickslip_monitor/warnings'].count == len(document['events'])
     assert topics['/stickslip_monitor/aft_stern/amplitude'].count == document['evaluations']
-
-
-@pytest.mark.parametrize(
-    ('bags', 'name', 'words'),
-    [
-        (1, 'out.bag', 'must end in .mcap'),
-        (1, 'there.mcap', 'exists already and is not overwritten'),
-        (2, 'out.mcap', 'is for one bag, not 2'),
-    ],
-)
-def test_what_cannot_be_written_is_named_before_the_check(
-    bags: int, name: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / 'there.mcap').touch()
-    assert check(*[f'nowhere_{number}' for number in range(bags)], '--mcap', tmp_path / name) == 2
-    assert words in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == ['there.mcap']

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import builtins
 import re
 from datetime import datetime, timezone
 from html.parser import HTMLParser
@@ -12,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from shared import contrast
 
-from stickslip_monitor.errors import ReportError
 from stickslip_monitor.monitor.config import BEARING_PARAMETERS
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.report.page import (
@@ -141,25 +140,6 @@ def test_it_is_well_formed_and_can_be_found_the_way_around_in() -> None:
     assert targets <= set(ids)
 
 
-def test_without_jinja_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    original = builtins.__import__
-
-    def refuse(name: str, *args: Any, **kwargs: Any) -> Any:
-        if name.startswith('jinja2'):
-            raise ImportError(f"No module named '{name}'")
-        return original(name, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, '__import__', refuse)
-    with pytest.raises(ReportError, match=r"extra 'report'.*stickslip_monitor\[report\]"):
-        page_of('x')
-
-
-def luminance(colour: str) -> float:
-    parts = [int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
-    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-
-
 @pytest.mark.parametrize('night', [False, True])
 def test_words_stand_out_from_what_is_behind_them(night: bool) -> None:
     import stickslip_monitor.report.page as module
@@ -174,9 +154,7 @@ def test_words_stand_out_from_what_is_behind_them(night: bool) -> None:
     pairs += [(grade, f'{grade}-back') for grade in grades]
     pairs += [('text', f'{grade}-back') for grade in grades]
     for front, back in pairs:
-        one, other = luminance(colour[front]), luminance(colour[back])
-        # WCAG 2, level AA for text of any size.
-        assert (max(one, other) + 0.05) / (min(one, other) + 0.05) >= 4.5, (front, back)
+        assert contrast(colour[front], colour[back]) >= 4.5, (front, back)
 
 
 def test_of_very_many_events_the_severe_stay() -> None:

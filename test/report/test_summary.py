@@ -119,18 +119,6 @@ def test_the_worst_counts_overall(grades: list[str], grade: str, text: str) -> N
     assert len(finding.sentences) == 1 + sum(g != 'clear' for g in grades)
 
 
-def test_bearings_of_one_recording_are_called_so() -> None:
-    parts = [('bag', Finding('clear', 'Clear', (f'{n}: fine.',))) for n in ('aft', 'forward')]
-    assert overall(parts).sentences == ('No stick-slip was predicted in any of 2 bearings.',)
-    assert overall(parts[:1]) == parts[0][1]
-
-
-def test_facts_of_a_quiet_bearing(course: Callable[..., Course]) -> None:
-    found = {fact.name: fact for fact in facts(course([60.0] * 10))}
-    assert found['stick-slip predicted'].value == 'never'
-    assert 'greatest amplitude' not in found
-
-
 def test_probabilities_are_a_fact_where_there_are_any(course: Callable[..., Course]) -> None:
     name = 'greatest probability of stick-slip'
     quiet = course([60.0, 40.723091, 60.0])

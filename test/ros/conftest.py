@@ -6,9 +6,7 @@ from __future__ import annotations
 import itertools
 import json
 import os
-import signal
 import socket
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -18,9 +16,8 @@ from typing import Any
 
 import pytest
 import yaml
+from shared import DEADLINE, Program
 
-# Only a test that fails waits so long; a busy machine may need some of it.
-DEADLINE = 60.0
 T0 = 1_700_000_000 * 10**9
 SECOND = 10**9
 JOINT = 'sensor_msgs/msg/JointState'
@@ -65,40 +62,6 @@ def parameters(*changes: dict[str, Any], **node: Any) -> dict[str, Any]:
     for change in changes:
         values |= change
     return {'bearings': ['aft']} | node | {f'aft.{key}': value for key, value in values.items()}
-
-
-class Program:
-    """A program in a process of its own, and what it printed."""
-
-    def __init__(self, command: list[str], log: Path) -> None:
-        self._log = log
-        with log.open('wb') as file:
-            self.process = subprocess.Popen(command, stdout=file, stderr=subprocess.STDOUT)
-
-    @property
-    def output(self) -> str:
-        return self._log.read_text(errors='replace')
-
-    @property
-    def alive(self) -> bool:
-        return self.process.poll() is None
-
-    def wait(self) -> int:
-        return self.process.wait(DEADLINE)
-
-    def stop(self, number: int = signal.SIGINT) -> int:
-        if self.alive:
-            self.process.send_signal(signal.SIGCONT)
-            self.process.send_signal(number)
-        return self.wait()
-
-    def end(self) -> None:
-        """Stop it whatever it takes; a killed program leaves shared memory behind."""
-        try:
-            self.stop()
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.wait()
 
 
 class Peer:

@@ -25,7 +25,7 @@ from sensor_msgs.msg import JointState, MagneticField
 from std_msgs.msg import Byte, Float64, Header
 
 from stickslip_monitor.ros.inputs import check_inputs
-from stickslip_monitor.ros.message_types import _type, definition, number_reader, stamp_reader
+from stickslip_monitor.ros.message_types import _type, definition, number_reader
 
 TICK_NS = 250_000_000
 
@@ -236,15 +236,6 @@ def test_the_number_at_a_path(message: Any, path: str, number: float) -> None:
     assert number_reader(parse_field(path))(message) == pytest.approx(number, nan_ok=True)
 
 
-def test_the_stamp_of_a_header() -> None:
-    message = JointState()
-    message.header.stamp.sec, message.header.stamp.nanosec = 1_700_000_000, 999_999_999
-    read = stamp_reader(JOINT)
-    assert read is not None
-    assert read(message) == 1_700_000_000_999_999_999
-    assert stamp_reader('std_msgs/msg/Float64') is None
-
-
 @pytest.mark.parametrize(
     'kind',
     [
@@ -277,8 +268,3 @@ def test_a_definition_has_the_fields_of_the_published_one(kind: str) -> None:
 )
 def test_bounds_and_arrays(text: str, expected: str) -> None:
     assert _type(text) == expected
-
-
-def test_a_type_that_is_not_installed_is_named() -> None:
-    with pytest.raises(RosError, match='package no_msgs is not installed'):
-        definition('no_msgs/msg/Thing')

@@ -115,7 +115,6 @@ def test_the_bearings_keep_their_schema(monitor: Monitor) -> None:
 
 def test_an_assessment_and_an_action_keep_their_schemas(monitor: Monitor) -> None:
     verdict = monitor.update(Sample('aft', 'load', 2, 1000.0)).verdict
-    assert verdict is not None
     document = assess_command.to_json('aft', verdict.assessment)
     assert complaints('assessment-1', document) == []
     for action in Action:

@@ -5,18 +5,16 @@ from __future__ import annotations
 
 import json
 import re
-import socket
 import sys
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
-
-from stickslip_monitor.links.nmea import parse, sentence
+from shared import Bus
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 pytest.importorskip('aiohttp', reason="the extras 'dashboard' and 'links' are not installed")
@@ -179,66 +177,13 @@ def test_of_two_nodes_on_a_page_the_one_that_is_meant_acts(
     assert other.up() == 1.0
 
 
-def udp() -> socket.socket:
-    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    made.bind(('127.0.0.1', 0))
-    made.setblocking(False)
-    return made
-
-
-class Bus:
-    """A talker and a display."""
-
-    def __init__(self) -> None:
-        self.display = udp()
-        with udp() as probe:
-            self.port = probe.getsockname()[1]
-        self.alarms: dict[str, str] = {}
-        self.beats: list[str] = []
-
-    def links(self) -> dict[str, Any]:
-        return {
-            'nmea.listen': f'udp://127.0.0.1:{self.port}',
-            'nmea.alerts': f'udp://127.0.0.1:{self.display.getsockname()[1]}',
-            'nmea.accept_actions': True,
-            'nmea.heartbeat': 1.0,
-            'aft.speed': {'from': 'nmea', 'sentence': 'RPM', 'kind': 'S'},
-            'aft.load': {'from': 'nmea', 'sentence': 'XDR', 'kind': 'N', 'name': 'AFT'},
-        }
-
-    def say(self, *bodies: str) -> None:
-        for body in bodies:
-            self.display.sendto(sentence(body).encode(), ('127.0.0.1', self.port))
-
-    def listen(self) -> None:
-        while True:
-            try:
-                parsed = parse(self.display.recv(1000).decode())
-            except BlockingIOError:
-                return
-            assert parsed is not None
-            _, formatter, fields = parsed
-            if formatter == 'ALF' and fields[6]:
-                self.alarms[fields[8]] = fields[6]
-            elif formatter == 'HBT':
-                self.beats.append(fields[1])
-
-    def sails(self, rpm: str, condition: Callable[[], bool]) -> Callable[[], bool]:
-        def look() -> bool:
-            self.say(f'RCRPM,S,1,{rpm},30.0,A', 'IIXDR,N,1000,N,AFT')
-            self.listen()
-            return condition()
-
-        return look
-
-
 @pytest.mark.slow
 def test_a_node_between_two_ends_of_a_bus(start: Any, run: Any, kit: Any, tmp_path: Path) -> None:
     changes = {'alarm.on_delay': 0.2, 'speed.timeout': 2.0, 'load.timeout': 2.0}
     monitor, bus = start(kit.parameters(changes)), Bus()
     path = tmp_path / f'{monitor.space}.yaml'
     document = yaml.safe_load(path.read_text())
-    document['/stickslip_links'] = {'ros__parameters': bus.links()}
+    document['/stickslip_links'] = {'ros__parameters': bus.links('aft')}
     path.write_text(yaml.safe_dump(document))
     until = monitor.peer.until
     watch = run(

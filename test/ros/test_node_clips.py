@@ -4,20 +4,14 @@
 from __future__ import annotations
 
 import shutil
-import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from stickslip_monitor import build_config
 from stickslip_monitor.bags.reader import open_bag
-from stickslip_monitor.errors import BagError
-from stickslip_monitor.monitor.clip_recorder import Clip
-from stickslip_monitor.monitor.signals import Condition
 from stickslip_monitor.offline.follow import scan_whole
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
@@ -86,10 +80,13 @@ def test_a_clip_that_is_not_over_is_written_when_the_node_stops(
     assert not list((tmp_path / 'clips').glob('.*'))
 
 
-def test_a_clip_that_cannot_be_written_is_told_and_the_node_goes_on(
-    kit: Any, host: Callable[..., Any], values: dict[str, Any], tmp_path: Path
-) -> None:
+def test_a_clip_that_cannot_be_written_is_told_and_written_when_there_is_room_again(
+    kit: Any, host: Callable[..., Any], values: dict[str, Any], tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.setattr('stickslip_monitor.ros.outputs.RETRY_PERIOD', 0.02)
     monitor = host(values)
+    diagnostics = monitor.diagnostics()
     telemetry = kit.Telemetry(monitor)
     shutil.rmtree(tmp_path / 'clips')
     (tmp_path / 'clips').touch()
@@ -98,35 +95,10 @@ def test_a_clip_that_cannot_be_written_is_told_and_the_node_goes_on(
     assert "clips' is a file, not a folder" in monitor.output
     assert telemetry.step(60.0, 1000.0)['regime'] == 'stable'
 
+    def health() -> str:
+        return str(kit.status(diagnostics, 'the node').get('message', ''))
 
-def test_a_lost_clip_is_written_when_there_is_room_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    from stickslip_monitor.ros import outputs
-
-    monkeypatch.setattr(outputs, 'RETRY_PERIOD', 0.02)
-    full, written = threading.Event(), threading.Event()
-    full.set()
-
-    class Store:
-        def write(self, clip: Clip) -> Iterator[None]:
-            if full.is_set():
-                raise BagError('No space left on device')
-            written.set()
-            yield
-
-    node: Any = SimpleNamespace(get_logger=lambda: SimpleNamespace(error=lambda text, **_: None))
-    alarm: Any = SimpleNamespace()
-    store: Any = Store()
-    own: Any = outputs.Clips(node, alarm, store)
-    own._recorder = SimpleNamespace(
-        clips=iter([[Clip('aft', Condition.STICK_SLIP, 1, ())], []]).__next__,
-        finish=lambda: None,
-    )
-    own._collect()
-    end = time.monotonic() + 10.0
-    while not own.fault and time.monotonic() < end:
-        time.sleep(0.01)
-    assert own.fault == 'an event clip is lost: No space left on device'
-    full.clear()
-    assert written.wait(10.0)
-    own.close()
-    assert own.fault == ''
+    monitor.peer.until(lambda: 'an event clip is lost' in health(), 'the fault')
+    (tmp_path / 'clips').unlink()
+    monitor.peer.until(lambda: clips(tmp_path), 'the clip')
+    monitor.peer.until(lambda: 'an event clip is lost' not in health(), 'the end of the fault')

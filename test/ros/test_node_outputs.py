@@ -155,21 +155,6 @@ def test_diagnostics_come_every_second_and_at_once_on_a_change(host: Any, kit: A
     assert float(record['amplitude [m]']) == pytest.approx(0.52688e-3, abs=5e-9)
 
 
-def test_publish_period_thins_values_but_not_changes(host: Any, kit: Any) -> None:
-    monitor = host(kit.parameters(kit.STAMPED))
-    warnings = monitor.warnings()
-    telemetry = kit.Telemetry(monitor)
-    assert monitor.set(publish_period=1000.0) == [(True, '')]
-    telemetry.heard['regime'].clear()
-    for _ in range(20):
-        telemetry.send(20.0, 1000.0)
-    monitor.peer.until(
-        lambda: any(e['to'] == 'stick_slip' for e in kit.events(warnings)), 'the alarm'
-    )
-    # One for each change: of stick-slip that begins, and of the alarm.
-    assert 1 <= len(telemetry.heard['regime']) <= len(warnings)
-
-
 def test_what_nobody_listens_to_is_not_worked_out_and_what_fails_is_logged() -> None:
     from rclpy.impl.implementation_singleton import rclpy_implementation
 

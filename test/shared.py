@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What tests of several rooms share: programs, waiting, a ship's bus, recordings, pictures."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import struct
+import subprocess
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from stickslip_monitor.bags.writer import BagWriter
+from stickslip_monitor.links.nmea import parse, sentence
+
+# Only a test that fails waits so long; a busy machine may need some of it.
+DEADLINE = 60.0
+
+
+def until(
+    condition: Callable[[], Any], what: str | Callable[[], str] = '', deadline: float = DEADLINE
+) -> Any:
+    """Wait until a condition holds; fail at the deadline."""
+    end = time.monotonic() + deadline
+    while not (value := condition()):
+        if time.monotonic() > end:
+            text = what() if callable(what) else what
+            pytest.fail(f'{text}: not within {deadline:g} s')
+        time.sleep(0.01)
+    return value
+
+
+class Program:
+    """A program in a process of its own, and what it printed."""
+
+    def __init__(self, command: list[str], log: Path, **options: Any) -> None:
+        self._log = log
+        with log.open('wb') as file:
+            self.process = subprocess.Popen(
+                command, stdout=file, stderr=subprocess.STDOUT, **options
+            )
+
+    @property
+    def output(self) -> str:
+        return self._log.read_text(errors='replace')
+
+    @property
+    def alive(self) -> bool:
+        return self.process.poll() is None
+
+    def until(self, condition: Callable[[], Any]) -> Any:
+        """Wait while it runs."""
+        return until(lambda: condition() or (not self.alive and self._dead()), lambda: self.output)
+
+    def _dead(self) -> None:
+        pytest.fail(f'it has ended: {self.output}')
+
+    def wait(self) -> int:
+        return self.process.wait(DEADLINE)
+
+    def stop(self, number: int = signal.SIGINT) -> int:
+        if self.alive:
+            self.process.send_signal(signal.SIGCONT)
+            self.process.send_signal(number)
+        return self.wait()
+
+    def end(self) -> None:
+        """Stop it whatever it takes; a killed program leaves shared memory behind."""
+        try:
+            self.stop()
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.wait()
+
+
+class Bus:
+    """A talker and a display on NMEA.
+
+    Attributes:
+        alarms: The newest state of each alert, by its identifier.
+        beats: The states of the heartbeats.
+    """
+
+    def __init__(self) -> None:
+        self.display, probe = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+        for each in (self.display, probe):
+            each.bind(('127.0.0.1', 0))
+        self.display.setblocking(False)
+        self.port = probe.getsockname()[1]
+        probe.close()
+        self.alarms: dict[str, str] = {}
+        self.beats: list[str] = []
+
+    def links(self, bearing: str) -> dict[str, Any]:
+        """The section of the configuration for it."""
+        return {
+            'nmea.listen': f'udp://127.0.0.1:{self.port}',
+            'nmea.alerts': f'udp://127.0.0.1:{self.display.getsockname()[1]}',
+            'nmea.accept_actions': True,
+            'nmea.heartbeat': 1.0,
+            f'{bearing}.speed': {'from': 'nmea', 'sentence': 'RPM', 'kind': 'S'},
+            f'{bearing}.load': {'from': 'nmea', 'sentence': 'XDR', 'kind': 'N', 'name': 'AFT'},
+        }
+
+    def say(self, *bodies: str) -> None:
+        for body in bodies:
+            self.display.sendto(sentence(body).encode(), ('127.0.0.1', self.port))
+
+    def listen(self) -> None:
+        while True:
+            try:
+                parsed = parse(self.display.recv(1000).decode())
+            except BlockingIOError:
+                return
+            _, formatter, fields = parsed or ('', '', [])
+            if formatter == 'ALF' and fields[6]:
+                self.alarms[fields[8]] = fields[6]
+            elif formatter == 'HBT':
+                self.beats.append(fields[1])
+
+    def sails(self, rpm: str, condition: Callable[[], Any]) -> Callable[[], Any]:
+        """A condition to wait for while the ship sails."""
+
+        def look() -> Any:
+            self.say(f'RCRPM,S,1,{rpm},30.0,A', 'IIXDR,N,1000,N,AFT')
+            self.listen()
+            return condition()
+
+        return look
+
+
+def record(path: Path, columns: Mapping[str, tuple[Any, Any]]) -> Path:
+    """A recording of Float64s: log times [ns] and values of each topic."""
+    with BagWriter(path) as writer:
+        for topic in columns:
+            writer.add_topic(topic, 'std_msgs/msg/Float64')
+        writer.write_float64s(columns)
+    return path
+
+
+def png_size(path: Path) -> tuple[int, int]:
+    """Width and height of a picture, by its header."""
+    data = path.read_bytes()
+    assert data[:8] == b'\x89PNG\r\n\x1a\n'
+    width, height = struct.unpack('>II', data[16:24])
+    return width, height
+
+
+def contrast(one: str, other: str) -> float:
+    """The ratio of WCAG 2 between two colours: 4.5 for text, 3 for graphics."""
+    high, low = sorted((luminance(one), luminance(other)), reverse=True)
+    return (high + 0.05) / (low + 0.05)
+
+
+def luminance(colour: str) -> float:
+    """The relative luminance of WCAG 2 of a colour written #rrggbb."""
+    parts = [int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]
+    red, green, blue = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
