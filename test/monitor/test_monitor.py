@@ -141,16 +141,6 @@ def test_bearings_are_independent(reference: dict[str, Any]) -> None:
     assert monitor.condition('forward') is Condition.STICK_SLIP
 
 
-def test_advance_starts_the_waiting_for_every_bearing(reference: dict[str, Any]) -> None:
-    monitor = Monitor(_two(reference, **{'forward.load.timeout': 2.0}))
-    assert monitor.advance(0) == []
-    events = monitor.advance(60 * SECOND)
-    assert [(e.bearing, *_brief(e)) for e in events] == [
-        ('aft', 5.0, 'normal', 'input_stale'),
-        ('forward', 2.0, 'normal', 'input_stale'),
-    ]
-
-
 def test_a_first_sample_before_the_start_moves_the_start(configure: Configure) -> None:
     # A recording is played whose stamps are long past.
     monitor = Monitor(configure(alarm__on_delay=0.0, load__timeout=4.0))
