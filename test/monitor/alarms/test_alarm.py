@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from itertools import product
 
+import pytest
+
 from stickslip_monitor.monitor.alarms.alarm import (
     ALWAYS,
     TABLE,
@@ -58,6 +60,21 @@ def test_the_published_transitions() -> None:
     for row in PUBLISHED.split(','):
         before, trigger, after = row.split()
         assert follow(by_letter[before], Trigger(trigger), Facts()) is by_letter[after], row
+
+
+@pytest.mark.parametrize(
+    ('state', 'trigger'),
+    [
+        (AlarmState.SHELVED, Trigger.UNSHELVE),
+        (AlarmState.SUPPRESSED, Trigger.UNSUPPRESS),
+        (AlarmState.OUT_OF_SERVICE, Trigger.RESTORE),
+    ],
+)
+def test_what_comes_back_with_its_cause_is_given_again(
+    state: AlarmState, trigger: Trigger
+) -> None:
+    assert follow(state, trigger, Facts(active=True)) is AlarmState.UNACKNOWLEDGED
+    assert follow(state, trigger, Facts(active=True, covered=True)) is AlarmState.ACKNOWLEDGED
 
 
 def test_a_latching_alarm_is_acknowledged_and_then_reset() -> None:
