@@ -171,6 +171,7 @@ def test_friction_that_does_not_fall_has_no_boundary(name: str) -> None:
     [
         *((50.0, 400.0, 2e6, law) for law in LAWS.values()),
         (50.0, 0.0, 2e6, LAWS['stribeck']),
+        (50.0, 0.0, 2e6, LAWS['coulomb']),
         (1e-300, 1e-300, 1e-300, LAWS['stribeck']),
         (1e300, 1.0, 1e300, LAWS['stribeck']),
         (1.0, 1e300, 1.0, LAWS['stribeck']),

@@ -12,6 +12,7 @@ from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_conf
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.monitor import Update
 from stickslip_monitor.monitor.signals import LADDER, Condition, Status
+from stickslip_monitor.monitor.verdict import QUIET as NOTHING_YET
 
 SECOND = 10**9
 # The first point below the Hopf speed decides, and no delay waits for a second one.
@@ -50,6 +51,7 @@ def _two(reference: dict[str, Any], **changes: Any) -> MonitorConfig:
 def test_a_point_needs_both_inputs(configure: Configure) -> None:
     monitor = Monitor(configure())
     assert _feed(monitor, 0.0, 'speed', UNSTABLE).verdict is None
+    assert monitor.bearings['aft'].standing is NOTHING_YET
     update = _feed(monitor, 1.0, 'load', 1000.0)
     assert update.status is Status.ACCEPTED
     assert update.verdict is not None

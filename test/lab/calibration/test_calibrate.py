@@ -173,6 +173,13 @@ def test_a_bearing_that_changed_is_noticed_and_forgetting_follows(coast: Coast) 
     assert fold(surprised, 0.5) < fold(followed, 0.5)
 
 
+def test_forgetting_follows_the_newest_dips(coast: Coast) -> None:
+    course, reports = coast(1)
+    changed = replace(course, speed=1.1 * course.speed), reports
+    followed = calibrate(dips_of(coast(0), changed), PRIOR, forget=0.1)
+    assert fold(followed, 0.5) > 1.07 * 40.7
+
+
 @pytest.mark.parametrize(('late', 'told'), [(0.95, True), (0.05, True), (0.5, False)])
 def test_episodes_that_end_on_one_side_are_told(late: float, told: bool, coast: Coast) -> None:
     (dip,) = dips_of(coast(0))
