@@ -51,17 +51,9 @@ def test_every_value_reaches_its_place(configure: Configure) -> None:
     assert (speed.scale, speed.offset) == (2.0, -1.0)
     assert speed.factor == pytest.approx(math.pi * 0.1, rel=1e-15)
     assert (speed.timeout_ns, speed.maximum, speed.deadband) == (250_000_000, 7.0, 0.01)
-    assert (load.topic, load.type, load.field) == (
-        '/bearing/aft/load',
-        'std_msgs/msg/Float64',
-        ('data',),
-    )
-    assert (load.factor, load.timeout_ns, load.maximum, load.deadband) == (
-        1000.0,
-        3_000_000_000,
-        1e8,
-        0.0,
-    )
+    assert (load.topic, load.type) == ('/bearing/aft/load', 'std_msgs/msg/Float64')
+    assert (load.field, load.factor, load.timeout_ns) == (('data',), 1000.0, 3_000_000_000)
+    assert (load.maximum, load.deadband) == (1e8, 0.0)
     assert (alarm.caution_margin, alarm.hysteresis, alarm.amplitude_limit) == (0.2, 0.03, 1e-3)
     assert (alarm.on_delay_ns, alarm.off_delay_ns) == (1_500_000_000, 2_500_000_000)
 
@@ -100,19 +92,9 @@ def test_bad_value_is_named_with_its_rule(
 
 
 def test_edges_of_ranges_are_allowed(configure: Configure) -> None:
-    bearing = configure(
-        damping=0.0,
-        speed__timeout=1e9,
-        alarm__caution_margin=0.0,
-        alarm__hysteresis=0.9,
-        alarm__amplitude_limit=math.inf,
-        alarm__on_delay=0,
-        alarm__off_delay=0,
-        alarm__minimum_speed=0,
-    ).bearing('aft')
-    assert bearing.bearing.damping == 0.0
-    assert bearing.speed.timeout_ns == 10**18
-    assert (bearing.alarm.on_delay_ns, bearing.alarm.off_delay_ns) == (0, 0)
+    edges = {'alarm__hysteresis': 0.9, 'alarm__amplitude_limit': math.inf, 'alarm__on_delay': 0}
+    aft = configure(damping=0.0, speed__timeout=1e9, **edges).bearing('aft')
+    assert (aft.bearing.damping, aft.speed.timeout_ns, aft.alarm.on_delay_ns) == (0.0, 10**18, 0)
 
 
 @pytest.mark.parametrize(
