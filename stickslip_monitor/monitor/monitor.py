@@ -260,7 +260,10 @@ class Monitor:
         return self._bearing(sample.bearing).update(place, sample.time_ns, sample.value)
 
     def advance(self, time_ns: int) -> list[Event]:
-        """Let time pass for every bearing; the first call of all starts the waiting for inputs."""
+        """Let time pass for every bearing; the first call of all starts the waiting for inputs.
+
+        Time does not go back by itself: what lies ahead of the samples leaves their inputs lost.
+        """
         return [event for b in self.bearings.values() for event in b.advance(time_ns)]
 
     def condition(self, name: str) -> Condition:

@@ -253,10 +253,12 @@ def take_point(s: Any, c: Any, law: Any, table: Any, belief: Any, until: int) ->
         until: Until when the values before stood [ns].
     """
     if s.point != NEVER:
+        passed = max(0, min(s.now, until) - s.point)
         if s.now - s.point > MEMORY:
             forget(s)
-        # Before a restart nobody knows what passed.
-        passed = max(0, min(s.now, until) - s.point) if s.point >= s.began else 0
+            passed = 0
+        elif s.point < s.began:  # before a restart nobody knows what passed
+            passed = 0
         grow(s, c, passed)
         wait(s, passed)
     s.point, s.lost = s.now, 0
@@ -280,6 +282,8 @@ def take_point(s: Any, c: Any, law: Any, table: Any, belief: Any, until: int) ->
         inside, held = can > c.can_chance, can >= LEFT_BELOW * c.can_chance
         exists = can >= LEFT_BELOW * c.runs_chance
         s.can, s.will, s.runs = can, will, runs_after(s.runs, can, will)
+    # The probability follows the load by a lag; where sliding is unstable a cycle exists.
+    exists = exists or s.median_rate > 0.0
     s.course = IDLE if not sliding else WITHIN if exists else BEYOND
     measured = measured_now(s, c)
     judge_lining(s, c, measured, sliding and wide)
@@ -322,6 +326,10 @@ def forget(s: Any) -> None:
     s.sticking = s.known = 0
     s.growth = s.unsure = 0.0
     s.dying = s.idle = 0
+    for place in range(LEVEL):
+        s.before[place] = s.earlier[place] = math.nan
+    s.fast = s.slow = s.value[SPEED]
+    s.load_mean = s.value[LOAD]
 
 
 def growth_rate(c: Any, law: Any, speed: float, load: float) -> float:

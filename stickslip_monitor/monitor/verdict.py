@@ -233,7 +233,7 @@ def describe(
     if standing.sticking and math.isfinite(point.amplitude_exact):
         text += f', amplitude {_three(point.amplitude_exact * 1e3)} mm'
     text += f', fold margin {point.stability_margin:+.0%}.'
-    return text + _belief_text(config, point) + _doubt_text(standing)
+    return text + _belief_text(config, standing, point) + _doubt_text(standing)
 
 
 _OVER = {
@@ -303,8 +303,11 @@ def _doubt_text(standing: Standing) -> str:
     return f' No vibration has been measured for {about(standing.unseen)}{asks}'
 
 
-def _belief_text(config: BearingConfig, point: Assessment) -> str:
+def _belief_text(config: BearingConfig, standing: Standing, point: Assessment) -> str:
     if config.belief is None or not math.isfinite(point.probability_can):
+        return ''
+    # The probability follows the load by a lag: it may not know yet of what runs already.
+    if standing.sticking and point.probability_can < config.alarm.can_probability:
         return ''
     low, high = (config.belief.fold_speed(float(point.load), p) for p in (0.05, 0.95))
     # By averaging; the fold that decides may be the exact model's.

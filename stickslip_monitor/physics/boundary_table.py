@@ -23,8 +23,10 @@ from stickslip_monitor.physics.cycle.cycles import exact_fold_speed
 from stickslip_monitor.physics.law_numbers import PIECES, law_numbers
 from stickslip_monitor.physics.oscillator import Bearing, damping_per_load
 
-# Octaves of load from the onset, and points: measured, twice as many gain nothing.
-_OCTAVES, _SMOOTH, _BROKEN = 8, 801, 1025
+# Octaves of load from the onset, and points in one: measured, twice as many gain nothing. A steep
+# law has its onset at some newtons, and is far from Coulomb's 8 octaves above it.
+_OCTAVES, _SMOOTH, _BROKEN = 8, 100, 128
+_LARGE = 5e4  # [N]
 # Loads among which the onset is looked for [N], and how often the interval is divided by 64.
 _LEAST, _MOST, _ROUNDS = 1e-9, 1e15, 8
 
@@ -100,7 +102,11 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
         # A law that falls at once, as Coulomb's, has a fold in proportion to every load.
         onset = _LEAST
     broken = law_numbers(bearing.friction)[PIECES] > 0.0
-    grid = np.linspace(0.0, _OCTAVES * math.log(2.0), _BROKEN if broken else _SMOOTH)
+    octaves = _OCTAVES
+    if not broken and onset > _LEAST:
+        octaves = max(octaves, math.ceil(math.log2(_LARGE / onset)))
+    points = octaves * (_BROKEN if broken else _SMOOTH) + 1
+    grid = np.linspace(0.0, octaves * math.log(2.0), points)
     load = np.exp(math.log(onset) + grid)
     with np.errstate(all='ignore'):
         columns = [np.asarray(each(load), float) for each in (averaged, exact)]

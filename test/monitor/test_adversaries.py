@@ -581,3 +581,41 @@ def test_a_hold_up_before_the_first_message_is_no_time() -> None:
     monitor = Monitor(_config('ship'))
     monitor.bearings[NAME].excuse(5 * SECOND)
     assert monitor.advance(10**18) == []
+
+
+@pytest.mark.parametrize('before', [1.8, 40.0])
+@pytest.mark.parametrize(('back', 'expected'), [(1.75, 'normal'), (0.9, 'bistable')])
+def test_what_was_before_a_gap_of_a_quarter_of_an_hour_begins_nothing_after_it(
+    before: float, back: float, expected: str
+) -> None:
+    """In the middle of a growth, or of stick-slip, both inputs go, and come back elsewhere."""
+    left, again = 60.0 + before, 960.0
+    heard = Heard(
+        _config('ship'),
+        _every('speed', 0.1, 60.0, _rpm('ship', 1.5))
+        + _every('speed', 0.1, left, _rpm('ship', 0.5), begin=60.0)
+        + _loaded('ship', left, 0.1),
+    )
+    onsets = len(heard.onsets)
+    heard.take(
+        _every('speed', 0.1, again + 40.0, _rpm('ship', back), begin=again)
+        + _loaded('ship', again + 40.0, 0.1, begin=again)
+    )
+    assert len(heard.onsets) == onsets
+    assert heard.monitor.condition(NAME) == expected
+
+
+def test_a_load_that_steps_is_one_onset_with_a_tolerance_too() -> None:
+    """The probability follows the load by a lag of 4 s; growth does not."""
+
+    def load(t: float) -> float:
+        return 0.0 if t < 12.0 else _nominal('ship')
+
+    messages = _every('speed', 0.1, 60.0, _rpm('ship', 0.5)) + _every('load', 0.1, 60.0, load)
+    plain, believing = (
+        Heard(_config('ship', **tolerance), messages)
+        for tolerance in ({}, {'tolerance__load': 0.02})
+    )
+    assert believing.onsets == plain.onsets
+    (onset,) = (event for event in believing.events if event.onset)
+    assert 'possible with' not in onset.text
