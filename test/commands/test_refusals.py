@@ -61,6 +61,12 @@ REFUSED = {
     f'check - {BAG} -c own.yaml': "'-', a recording on standard input, goes alone",
     f'check {BAG} -c own.yaml --resume x --mcap y.mcap': '--resume keeps what --json prints',
     f'check {BAG} -c own.yaml --learn level': 'aft_stern has none: configure level.topic',
+    **{
+        f'check {BAG} -c own.yaml --scheduler tcp://ship:8786 {option}': (
+            f'{option.split()[0]} does not go with --scheduler'
+        )
+        for option in ('--jobs 2', '--mcap x.mcap', '--clips x')
+    },
     f'score {BAG}': '--config is missing',
     f'score {BAG} -c own.yaml --seeds 2': '--seeds, --first-seed and --sensors are for scenes',
     f'score {BAG} {BAG} -c own.yaml --picture a.png': '--picture shows one bearing in one bag',
