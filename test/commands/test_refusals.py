@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import record
+from shared import ROOT, record
 
 from stickslip_monitor.cli import COMMANDS, main
 
-ROOT = Path(__file__).parents[2]
 LAW = '{law: stribeck, static: 0.30, kinetic: 0.10, decay: 10.0}'
 BAG = f'{ROOT}/bags/coast_down'
 CURVE = f'{ROOT}/launch_configs/examples/friction_curve.csv'
@@ -139,7 +138,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         'bow.json': CALIBRATION,
         'late.csv': f'bearing,start,end,state\n{REPORT}',
         'short': 'hunter2\n',
-        'open': 'hunter2-hunter2-hunter2\n',
+        'open': 'hunter2\n',
         'there.mcap': '',
     }.items():
         (path / name).write_text(content, 'utf-8')

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from shared import CONFIG
 
 from stickslip_monitor.dashboard.state import KEPT, SHOWN, DashboardState, EventLog
 from stickslip_monitor.dashboard.watched import (
@@ -32,7 +33,6 @@ from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.state_file import StateFile, StateWriter
 
 VIEW = BearingView('aft_stern', 190.0, (0.0, 1.0), (0.0, 1.0), {}, 0.1, None, {})
-REFERENCE = Path(__file__).resolve().parents[2] / 'launch_configs' / 'reference_bearing.yaml'
 Happening = Callable[[WatchedMonitor, list[float]], Any]
 
 
@@ -142,7 +142,7 @@ def test_what_is_none_changes_nothing(board: DashboardState, document: Any) -> N
 
 def test_what_is_offered_is_what_does_something() -> None:
     """Each offered action, done to a real alarm in that state, changes it; no other one does."""
-    config = load_config(REFERENCE)
+    config = load_config(CONFIG)
     for state in AlarmState:
         for action in OFFERED:
             annunciator = Annunciator(config)

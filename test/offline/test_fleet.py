@@ -20,7 +20,7 @@ from threading import Thread
 from typing import Any
 
 import pytest
-from shared import until
+from shared import CONFIG, ROOT, until
 
 from stickslip_monitor.cli import main
 from stickslip_monitor.errors import FleetError
@@ -29,8 +29,6 @@ from stickslip_monitor.offline.fleet import connected, on_cluster
 
 distributed = pytest.importorskip('distributed')
 dask = pytest.importorskip('dask')
-ROOT = Path(__file__).parents[2]
-CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
 LIMIT = 60.0
 
 

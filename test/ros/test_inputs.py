@@ -176,6 +176,10 @@ COVARIANCE = 'magnetic_field_covariance'
     [
         ({'speed.type': 'std_msgs/msg/Speed'}, "package std_msgs has no message type 'Speed'"),
         (
+            {'speed.type': 'no_msgs/msg/Thing'},
+            "message type 'no_msgs/msg/Thing' is not available: package no_msgs is not installed",
+        ),
+        (
             {'speed.type': 'std_msgs/msg/String'},
             "aft.speed.field 'data' of std_msgs/msg/String is a string, not a number",
         ),
