@@ -11,11 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
-from scipy.special import factorial
+import scipy.special
 
-from stickslip_monitor import Coulomb, Stribeck, Tabulated, assess, hopf_speed
+from stickslip_monitor import Coulomb, Stribeck, assess, hopf_speed
 from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.lab.findings import (
     REFERENCE,
@@ -33,7 +31,6 @@ from stickslip_monitor.physics.cycle.cycles import exact_cycle, exact_unstable_c
 
 RPM = REFERENCE.speed.factor('rpm')
 V = REFERENCE_RPM * RPM
-LAW = REFERENCE.friction
 OMEGA = 200.0
 
 
@@ -121,41 +118,30 @@ def test_averaging_is_better_at_the_unstable_branch(speeds: Sweep) -> None:
 
 @pytest.mark.parametrize(
     ('order', 'told'),
-    [
-        *((order, [np.nan] * 5) for order in (3, 4, 5, 6)),
-        (7, [-39.9, -35.3, -39.9, -45.9, -52.4]),
-        (9, [-2.9, -4.7, -7.7, -11.6, -16.3]),
-    ],
+    [(6, [np.nan] * 3), (7, [-39.9, -39.9, -52.4]), (9, [-2.9, -7.7, -16.3])],
 )
 def test_the_published_polynomial_misses_the_unstable_branch(
     order: int, told: list[float]
 ) -> None:
     """The likely reason for the published sentence: the expansion, not averaging [%].
 
-    The unstable cycle slips throughout, so with ``alpha = a/V < 1`` the average is the integral of
-    ``mu(1 - alpha cos t) cos t``; it balances damping where it falls short of it inside.
+    The unstable cycle slips throughout: with ``alpha = a/V < 1`` the friction's average is a
+    polynomial in alpha, by the mean of ``cos^(j+1)``, and balances the damping.
     """
-    t = np.linspace(0.0, np.pi, 401)
-    errors = []
-    for rpm in (32.0, 34.0, 36.0, 38.0, 40.0):
-        v = rpm * RPM
-        # Of mu in powers of |v|/V.
-        powers = np.arange(order + 1)
-        polynomial = 0.2 * (-10.0 * v) ** powers / factorial(powers)
-        polynomial[0] += 0.1
-
-        def drive(alpha: float, v: float = v, polynomial: np.ndarray = polynomial) -> float:
-            mu = np.polyval(polynomial[::-1], 1.0 - alpha * np.cos(t))
-            force = np.trapezoid(mu * np.cos(t), t) / np.pi
-            return float(1000.0 * force / alpha - 0.5 * 400.0 * v)
-
-        inside, outside = drive(1e-3), drive(1.0)
-        if not inside < 0.0 < outside:
-            errors.append(np.nan)
-            continue
-        amplitude = brentq(drive, 1e-3, 1.0) * v / OMEGA
-        exact = exact_unstable_cycle(REFERENCE, np.array([v]), 1000.0).amplitude[0]
-        errors.append(100.0 * (amplitude / exact - 1.0))
+    power, errors = np.arange(order + 1), []
+    mean = [scipy.special.binom(j + 1, (j + 1) // 2) / 2.0 ** (j + 1) * (j % 2) for j in power]
+    for v in np.array([32.0, 36.0, 40.0]) * RPM:
+        mu = np.polynomial.Polynomial(0.2 * (-10.0 * v) ** power / scipy.special.factorial(power))
+        # Of mu(1 - alpha c) the coefficient of alpha^j, times the mean of cos^(j + 1).
+        parts = [
+            mu.deriv(int(j))(1.0) * (-1.0) ** j / scipy.special.factorial(j) * mean[j]
+            for j in power[1:]
+        ]
+        parts[0] -= 0.5 * 400.0 * v / 1000.0
+        roots = np.polynomial.Polynomial(parts).roots()
+        real = roots[(abs(roots.imag) < 1e-9) & (roots.real > 1e-3) & (roots.real < 1.0)].real
+        exact = exact_unstable_cycle(REFERENCE, v, 1000.0).amplitude
+        errors.append(100.0 * (real.min() * v / OMEGA / exact - 1.0) if real.size else np.nan)
     assert errors == pytest.approx(told, abs=0.05, nan_ok=True)
 
 
@@ -206,45 +192,17 @@ def test_beyond_a_kinetic_coefficient_of_a_fifth_there_is_only_the_equilibrium(
 # 4. Time history and phase portrait.
 
 
-def test_stick_slip_grows_out_of_a_small_disturbance(history: History) -> None:
-    """Until the first stick the motion is smooth, and scipy has it; its crests follow KBM."""
+def test_stick_slip_grows_out_of_a_small_disturbance_to_the_exact_cycle(history: History) -> None:
+    """Having begun at a twentieth of it; the crests until the first stick are averaging's."""
     offset = history.motion.displacement - history.equilibrium
     assert offset[0] == pytest.approx(0.05 * history.averaged_amplitude)
-    first = int(np.argmax(history.motion.sticking))
-    early = history.time[: first - 10]
-
-    def flow(_: float, y: np.ndarray) -> list[float]:
-        friction = 1000.0 * float(LAW.coefficient(V - y[1]))
-        return [y[1], (friction - 400.0 * y[1] - 2.0e6 * y[0]) / 50.0]
-
-    start = [float(history.motion.displacement[0]), 0.0]
-    found = solve_ivp(
-        flow, (0.0, early[-1]), start, method='DOP853', rtol=1e-11, atol=1e-14, t_eval=early
-    )
-    np.testing.assert_allclose(history.motion.displacement[: early.size], found.y[0], atol=1e-10)
     period = 2.0 * np.pi / OMEGA
     for begin in np.arange(2, 20, 3) * period:
         turn = (history.time >= begin) & (history.time <= begin + period)
         crest = int(np.argmax(np.where(turn, offset, -np.inf)))
         assert offset[crest] == pytest.approx(history.envelope[crest], rel=0.02)
-
-
-def test_the_stick_phase_is_the_straight_piece_at_belt_speed(history: History) -> None:
     assert history.motion.sticking.any()
-    np.testing.assert_allclose(history.motion.velocity[history.motion.sticking], V, rtol=1e-12)
     assert np.max(history.motion.velocity) <= V * (1.0 + 1e-12)
-    _, displacement, velocity = history.cycle.waveform(721)
-    straight = np.abs(velocity - V) <= 1e-12 * V
-    share = float(history.cycle.stick_fraction)
-    assert np.mean(straight) == pytest.approx(share, abs=0.01)
-    # While it sticks the lining is carried V t: nothing else decides the length of the piece.
-    carried = np.ptp(displacement[straight])
-    assert carried == pytest.approx(V * share * float(history.cycle.period), rel=0.02)
-
-
-def test_the_history_ends_on_the_exact_cycle(history: History) -> None:
-    assert history.cycle.period == pytest.approx(31.5903e-3, abs=5e-8)
-    assert history.cycle.amplitude == pytest.approx(0.556755e-3, abs=6e-10)
     last = history.time > history.time[-1] - history.cycle.period
     _, *whole = history.cycle.waveform(721)
     motion = np.column_stack(
@@ -255,19 +213,14 @@ def test_the_history_ends_on_the_exact_cycle(history: History) -> None:
     assert np.max(distance) < 6e-3 * V
 
 
-TABLE = Tabulated([0.0, 0.1], [0.3, 0.1])
-
-
 @pytest.mark.parametrize(
     ('changes', 'rpm', 'load', 'words'),
     [
         ({'friction': Coulomb(0.3, 0.1)}, 20.0, 1e3, 'friction law = coulomb must be stribeck'),
-        ({'friction': TABLE}, 20.0, 1e3, 'friction law = tabulated must be stribeck'),
         ({'friction': Stribeck(0.2, 0.2, 10.0)}, 20.0, 1e3, 'has no fold'),
         ({'damping': 0.0}, 20.0, 1e3, 'load = 1000 N has no fold'),
         ({}, 20.0, 100.0, 'load = 100 N has no fold'),
         ({}, 35.0, 1e3, 'speed = 35 rpm must lie between 0 and the Hopf speed, 30.738 rpm'),
-        ({}, 0.0, 1e3, 'speed = 0 rpm must lie'),
         ({}, -20.0, 1e3, 'speed = -20 rpm must lie'),
     ],
 )

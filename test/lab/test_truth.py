@@ -54,54 +54,30 @@ def read(path: Path) -> TruthRecord:
     return read_truth(open_bag(path), 'aft')
 
 
-def test_episodes_and_span(tmp_path: Path) -> None:
-    path = write(
-        tmp_path / 'a.mcap',
-        [
-            (0, event('start', 0)),
-            (11, event('first_stick', 10.5)),
-            (21, event('last_stick', 20.25, sticks=7, sticking=0.3)),
-            (50, event('first_stick', 49)),
-            (60, event('last_stick', 59.5)),
-            (90, event('end', 90)),
-        ],
-    )
-    truth = read(path)
-    assert (truth.start_ns, truth.end_ns) == (0, 90 * SECOND)
-    assert truth.episodes == ((10_500_000_000, 20_250_000_000), (49 * SECOND, 59_500_000_000))
+SPAN = [(0, event('start', 0)), (90, event('end', 90))]
+FIRST = [
+    (11, event('first_stick', 10.5)),
+    (21, event('last_stick', 20.25, sticks=7, sticking=0.3)),
+]
+
+
+@pytest.mark.parametrize(
+    ('told', 'end', 'episodes'),
+    [
+        ([*SPAN, *FIRST, (50, event('first_stick', 49)), (60, event('last_stick', 59.5))], 90.0,
+         [(10.5, 20.25), (49.0, 59.5)]),
+        # An episode that goes on ends with the truth; of a recording that was cut, at its end.
+        ([*SPAN, FIRST[0]], 90.0, [(10.5, 90.0)]),
+        ([SPAN[0], FIRST[0]], 100.0, [(10.5, 100.0)]),
+    ],
+)  # fmt: skip
+def test_episodes_and_span(
+    tmp_path: Path, told: Any, end: float, episodes: list[tuple[float, float]]
+) -> None:
+    truth = read(write(tmp_path / 'a.mcap', sorted(told)))
+    assert (truth.start_ns, truth.end_ns) == (0, end * SECOND)
+    assert truth.episodes == tuple((a * SECOND, b * SECOND) for a, b in episodes)
     assert truth.amplitude.value.size == truth.fold_margin.time_ns.size == 0
-
-
-def test_an_episode_that_goes_on_ends_with_the_truth(tmp_path: Path) -> None:
-    told = [(0, event('start', 0)), (11, event('first_stick', 10)), (90, event('end', 90))]
-    assert read(write(tmp_path / 'a.mcap', told)).episodes == ((10 * SECOND, 90 * SECOND),)
-
-
-def test_a_recording_that_was_cut_is_known_to_its_end(tmp_path: Path) -> None:
-    told = [(0, event('start', 0)), (11, event('first_stick', 10))]
-    truth = read(write(tmp_path / 'a.mcap', told))
-    assert truth.end_ns == 100 * SECOND
-    assert truth.episodes == ((10 * SECOND, 100 * SECOND),)
-
-
-def test_numbers_keep_every_bit(tmp_path: Path) -> None:
-    values = {
-        'hopf_margin': [np.inf, 1 / 3],
-        'fold_margin': [0.1, -0.2],
-        'amplitude': [1e-300, 3e-4],
-    }
-    path = tmp_path / 'a.mcap'
-    with BagWriter(path) as writer:
-        writer.add_topic(EVENTS, 'std_msgs/msg/String')
-        writer.write(EVENTS, 5, encode_string(event('start', 0)))
-        for name, column in values.items():
-            writer.add_topic(f'/truth/aft/{name}', 'std_msgs/msg/Float64')
-            writer.write_float64s({f'/truth/aft/{name}': ([5, 9], column)})
-    truth = read(path)
-    for name, column in values.items():
-        numbers = getattr(truth, name)
-        assert numbers.value.tolist() == column
-        assert numbers.time_ns.tolist() == [5, 9]
 
 
 def test_no_truth_is_named(tmp_path: Path) -> None:
@@ -138,8 +114,7 @@ def test_events_of_another_type_are_named(tmp_path: Path) -> None:
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = load_config(ROOT / 'launch_configs' / 'reference_bearing.yaml')
 BEARING = CONFIG.bearings[0]
-S = 1_000_000_000
-START = 1_700_000_000 * S
+START = 1_700_000_000 * SECOND
 IntArray = NDArray[np.int64]
 
 
@@ -150,10 +125,10 @@ def recording(shift_s: NDArray[np.float64]) -> tuple[Stream, IntArray]:
         shift_s: By how much the sensors' clock is off in each second [s].
     """
     second = np.repeat(np.arange(shift_s.size), 2)
-    log = START + second * S + np.tile([0, 200_000_000], shift_s.size)
+    log = START + second * SECOND + np.tile([0, 200_000_000], shift_s.size)
     inputs = np.tile([Input.SPEED, Input.LOAD], shift_s.size)
     speed = np.interp(second % 120, [0, 20, 60, 80, 120], [60.0, 60.0, 25.0, 25.0, 60.0])
-    stamp = log + np.rint(np.repeat(shift_s, 2) * S).astype(np.int64)
+    stamp = log + np.rint(np.repeat(shift_s, 2) * SECOND).astype(np.int64)
     return Stream(stamp, inputs, np.where(inputs == Input.LOAD, 1000.0, speed)), log
 
 
@@ -185,7 +160,6 @@ def heard(stream: Stream, log: IntArray) -> list[tuple[Event, int, int]]:
     ('shift', 'least'),
     [
         (shifted({100: -30.0}, 240), 3),
-        (shifted({30: -20.0, 55: -50.0, 90: 0.0}, 240), 3),
         (shifted({50: 3600.0, 90: -3600.0, 200: 0.0}, 240), 3),
         (shifted({40: -3.0, 41: -40.0, 42: -80.0}, 240), 3),
         (shifted({0: -1e6}, 240), 3),
@@ -228,11 +202,13 @@ def test_a_constant_error_of_the_clock_is_none_of_the_recorder() -> None:
 def test_a_gap_lasts_as_long_as_the_clocks_agree() -> None:
     """Load silent from 60.2 to 90.2 s: lost 5 s later by its timeout, told between messages."""
     stream, log = recording(np.full(120, 2.0))
-    kept = ~((stream.inputs == Input.LOAD) & (log > START + 61 * S) & (log < START + 90 * S))
+    kept = ~(
+        (stream.inputs == Input.LOAD) & (log > START + 61 * SECOND) & (log < START + 90 * SECOND)
+    )
     stream = Stream(stream.time_ns[kept], stream.inputs[kept], stream.value[kept])
     moved = on_recorder_clock(stream, log[kept], scanned(stream))
     (lost,) = [e for e in moved.events if e.lost]
-    last_load = START + 60 * S + 200_000_000
+    last_load = START + 60 * SECOND + 200_000_000
     assert lost.time_ns == last_load + BEARING.load.timeout_ns
     gap = np.flatnonzero(moved.until_ns[:-1] < moved.time_ns[1:])
     assert moved.until_ns[gap].tolist() == [last_load + BEARING.load.timeout_ns]
@@ -241,6 +217,6 @@ def test_a_gap_lasts_as_long_as_the_clocks_agree() -> None:
 def test_nothing_believed_has_no_clock() -> None:
     stream, log = recording(np.full(20, 2.0))
     silent = Stream(stream.time_ns, stream.inputs, np.full(stream.value.shape, np.nan))
-    scan = scanned(silent, end_ns=START + 20 * S)
+    scan = scanned(silent, end_ns=START + 20 * SECOND)
     assert scan.events
     assert on_recorder_clock(silent, log, scan).events == scan.events

@@ -8,26 +8,20 @@ from typing import cast
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from stickslip_monitor.lab.truth import TruthNumbers, TruthRecord
 from stickslip_monitor.lab.voyages import said_by
 from stickslip_monitor.lab.warning_quality import (
     Episode,
-    Interval,
     Quality,
     Said,
     announced,
     false_alarms,
     given_of,
-    intersection,
     largest_burst,
-    merged,
     pooled,
     quality_of,
-    seconds,
 )
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.signals import Condition
@@ -219,20 +213,3 @@ def test_only_the_time_of_the_truth_is_judged() -> None:
     assert announced(said, known) == [Episode(60 * 10**9, 70 * 10**9, 30.0, None)]
     quality = quality_of(said, known, True)
     assert (quality.seconds, quality.false, quality.unalarmed) == (40.0, 0, 10.0)
-
-
-sets = st.lists(st.tuples(st.integers(0, 40), st.integers(0, 40)), max_size=8)
-
-
-def instants(found: list[Interval]) -> set[int]:
-    return {t for start, end in found for t in range(start, end)}
-
-
-@given(sets, sets)
-def test_sets_of_time_are_sets_of_instants(first: list[Interval], second: list[Interval]) -> None:
-    one, other = merged(first), merged(second)
-    assert instants(one) == instants(first)
-    edges = [t for interval in one for t in interval]
-    assert edges == sorted(set(edges))
-    assert instants(intersection(one, other)) == instants(first) & instants(second)
-    assert seconds(intersection(one, other)) == len(instants(first) & instants(second)) / 1e9

@@ -50,27 +50,13 @@ def test_published_boundaries_and_threshold() -> None:
     assert 1e3 * verdict.threshold_amplitude == pytest.approx(0.59272, abs=0.5e-5)
 
 
-def test_published_load_and_kinetic_coefficient_at_which_the_cycle_dies() -> None:
-    """At 20 rpm: 498 N with mu_k = 0.1, and mu_k = 0.2003 at 1000 N."""
-    speed = 20 * RPM
-    assert assess(BEARING, speed, 1000.0).fold_load == pytest.approx(498.0, abs=0.5)
-    assert assess(BEARING, speed, 497.5).outcome is Outcome.NO_CYCLE
-    assert assess(BEARING, speed, 498.5).outcome is Outcome.BISTABLE
-    alive = _with_law(Stribeck(0.30, 0.20025, 10.0))
-    dead = _with_law(Stribeck(0.30, 0.20035, 10.0))
-    assert assess(alive, speed, 1000.0).amplitude > 0.0
-    assert np.isnan(assess(dead, speed, 1000.0).amplitude)
-
-
 @pytest.mark.parametrize(
     ('revolutions', 'regime', 'hopf_inside', 'fold_inside'),
     [
-        (20, Regime.UNSTABLE, True, True),
         (30.7, Regime.UNSTABLE, True, True),
         (30.8, Regime.BISTABLE, False, True),
         (40.7, Regime.BISTABLE, False, True),
         (40.8, Regime.STABLE, False, False),
-        (-20, Regime.UNSTABLE, True, True),
         (-40.8, Regime.STABLE, False, False),
     ],
 )
@@ -140,78 +126,50 @@ def test_assessment_repeats_the_physics(name: str) -> None:
     )
 
 
-@pytest.mark.parametrize('damping', [0.0, 400.0])
+UNKNOWN = Outcome.NOT_FINITE
+
+
+@pytest.mark.parametrize(
+    ('speed', 'load', 'outcome', 'regime'),
+    [
+        (0.1, -0.0, Outcome.NO_CONTACT, Regime.STABLE),
+        (0.1, -1000.0, Outcome.NO_CONTACT, Regime.STABLE),
+        (-0.0, 1000.0, Outcome.AT_REST, Regime.UNDETERMINED),
+        (np.nan, 1e3, UNKNOWN, Regime.UNDETERMINED),
+        (-np.inf, 1e3, UNKNOWN, Regime.UNDETERMINED),
+        (0.1, np.inf, UNKNOWN, Regime.UNDETERMINED),
+        (0.3, 1000.0, Outcome.NO_CYCLE, Regime.STABLE),
+    ],
+)
+def test_points_without_a_cycle_say_why(
+    speed: float, load: float, outcome: Outcome, regime: Regime
+) -> None:
+    for name in LAWS if outcome is not Outcome.NO_CYCLE else ['stribeck']:
+        verdict = assess(_with_law(LAWS[name]), speed, load)
+        assert (verdict.outcome, verdict.regime) == (outcome, regime)
+        assert np.isnan(
+            [verdict.amplitude, verdict.amplitude_exact, verdict.amplitude_error]
+        ).all()
+        if outcome is Outcome.NO_CONTACT:
+            assert (verdict.growth_rate, verdict.hopf_margin) == (-4.0, np.inf)  # -c/(2 m)
+        if outcome is UNKNOWN:
+            assert np.isnan([getattr(verdict, field) for field in COLUMNS[3:]]).all()
+
+
 @pytest.mark.parametrize('name', ['rising', 'level'])
-def test_friction_that_does_not_fall_has_no_boundary(name: str, damping: float) -> None:
-    verdict = assess(_with_law(LAWS[name], damping), 0.1, 1e5)
-    assert verdict.outcome is Outcome.NO_BOUNDARY
-    assert verdict.regime is Regime.STABLE
+def test_friction_that_does_not_fall_has_no_boundary(name: str) -> None:
+    verdict = assess(_with_law(LAWS[name], 0.0), 0.1, 1e5)
+    assert (verdict.outcome, verdict.regime) == (Outcome.NO_BOUNDARY, Regime.STABLE)
     assert verdict.hopf_margin == verdict.fold_margin == verdict.stability_margin == np.inf
-    assert np.isnan([verdict.hopf_speed, verdict.fold_speed, verdict.amplitude]).all()
-    assert np.isnan(verdict.exact_fold_speed)
+    assert np.isnan([verdict.hopf_speed, verdict.fold_speed, verdict.exact_fold_speed]).all()
     assert np.isnan([verdict.hopf_load, verdict.fold_load]).all()
-
-
-def test_no_load_is_no_contact() -> None:
-    for name in LAWS:
-        for load in [0.0, -0.0, -1000.0]:
-            verdict = assess(_with_law(LAWS[name]), 0.1, load)
-            assert verdict.outcome is Outcome.NO_CONTACT
-            assert verdict.regime is Regime.STABLE
-            assert verdict.growth_rate == -4.0  # -c/(2 m)
-            assert verdict.hopf_margin == np.inf
-
-
-def test_rest_is_undetermined() -> None:
-    for name in LAWS:
-        for speed in [0.0, -0.0]:
-            verdict = assess(_with_law(LAWS[name]), speed, 1000.0)
-            assert verdict.outcome is Outcome.AT_REST
-            assert verdict.regime is Regime.UNDETERMINED
-            assert np.isnan([verdict.amplitude, verdict.threshold_amplitude]).all()
-
-
-def test_what_is_not_finite_is_named() -> None:
-    for name in LAWS:
-        for speed, load in [
-            (np.nan, 1e3),
-            (np.inf, 1e3),
-            (-np.inf, 1e3),
-            (0.1, np.nan),
-            (0.1, np.inf),
-            (np.nan, np.nan),
-        ]:
-            verdict = assess(_with_law(LAWS[name]), speed, load)
-            assert verdict.outcome is Outcome.NOT_FINITE
-            assert verdict.regime is Regime.UNDETERMINED
-            for field in COLUMNS[3:]:
-                assert np.isnan(getattr(verdict, field)), field
-
-
-EXTREMES = (5e-324, 1e-300, 1e-100, 1e-9, 0.1, 1e9, 1e100, 1e300)
-
-
-@pytest.mark.parametrize('damping', [0.0, 400.0])
-@pytest.mark.parametrize('name', LAWS)
-def test_no_number_raises_or_warns(name: str, damping: float) -> None:
-    """Inputs over the whole range of floats (warnings are errors in this suite)."""
-    speed, load = (np.array(EXTREMES) for _ in range(2))
-    bearing = _with_law(LAWS[name], damping)
-    verdict = assess(bearing, speed[:, None], load)
-    assert set(verdict.regime.ravel()) <= {'stable', 'bistable', 'unstable'}
-    inside = np.isin(verdict.regime, ['bistable', 'unstable'])
-    averaged = inside & ~((verdict.regime == 'bistable') & ~(verdict.fold_margin < 0.0))
-    np.testing.assert_array_equal(np.isnan(verdict.amplitude), ~averaged)
-    assert not np.isnan([verdict.hopf_margin, verdict.fold_margin, verdict.growth_rate]).any()
-    if damping and name != 'coulomb':
-        assert not inside[:, load < 100.0].any()
-    one = assess(bearing, 1e300, 5e-324)
-    assert one.regime is Regime(str(verdict.regime[-1, 0]))
 
 
 @pytest.mark.parametrize(
     ('mass', 'damping', 'stiffness', 'law'),
     [
+        *((50.0, 400.0, 2e6, law) for law in LAWS.values()),
+        (50.0, 0.0, 2e6, LAWS['stribeck']),
         (1e-300, 1e-300, 1e-300, LAWS['stribeck']),
         (1e300, 1.0, 1e300, LAWS['stribeck']),
         (1.0, 1e300, 1.0, LAWS['stribeck']),
@@ -228,39 +186,27 @@ def test_no_number_raises_or_warns(name: str, damping: float) -> None:
 def test_no_bearing_raises_or_warns(
     mass: float, damping: float, stiffness: float, law: FrictionLaw
 ) -> None:
-    speed = np.array([1e-100, 1e-9, 0.1, 1e9, 1e100])[:, None]
-    verdict = assess(Bearing(mass, damping, stiffness, law, 0.1), speed, [1e-3, 1.0, 1e6, 1e30])
+    """Over the whole range of floats (warnings are errors in this suite)."""
+    speed = np.array([5e-324, 1e-100, 1e-9, 0.1, 1e9, 1e100, 1e300])[:, None]
+    load = [5e-324, 1e-3, 1.0, 1e6, 1e30, 1e300]
+    verdict = assess(Bearing(mass, damping, stiffness, law, 0.1), speed, load)
     assert set(verdict.regime.ravel()) <= {'stable', 'bistable', 'unstable'}
     inside = np.isin(verdict.regime, ['bistable', 'unstable'])
     averaged = inside & ~((verdict.regime == 'bistable') & ~(verdict.fold_margin < 0.0))
     np.testing.assert_array_equal(np.isnan(verdict.amplitude), ~averaged)
 
 
-def test_scalars_in_numbers_out() -> None:
-    verdict = assess(BEARING, 0.1, 1000)
-    for field in COLUMNS:
-        assert type(getattr(verdict, field)) is (int if field == 'outcome_code' else float), field
-    assert type(verdict.regime_code) is int
-
-
-def test_what_is_worked_out_on_demand_is_listed() -> None:
-    assert {*COLUMNS, *BELIEFS} <= set(dir(assess(BEARING, 0.1, 1000)))
-
-
-@pytest.mark.parametrize(
-    ('speed', 'load', 'shape'),
-    [
-        (np.zeros(0), 1.0, (0,)),
-        (np.full((3, 1), 0.1), np.full(4, 1e3), (3, 4)),
-        (0.1, [1e3], (1,)),
-        (np.full((2, 1, 2), 0.1), 1e3, (2, 1, 2)),
-    ],
-)
-def test_arrays_broadcast(speed: np.ndarray, load: np.ndarray, shape: tuple[int, ...]) -> None:
+def test_columns_have_the_shape_of_speed_and_load() -> None:
     for law in LAWS.values():
-        verdict = assess(_with_law(law), speed, load)
-        for field in (*COLUMNS, 'regime', 'outcome', 'regime_code'):
-            assert getattr(verdict, field).shape == shape, field
+        grid = assess(_with_law(law), np.full((3, 1), 0.1), np.full(4, 1e3))
+        none = assess(_with_law(law), np.zeros(0), 1.0)
+        one = assess(_with_law(law), 0.1, 1000)
+        for field in (*COLUMNS, 'regime_code'):
+            assert getattr(grid, field).shape == (3, 4), field
+            assert getattr(none, field).shape == (0,), field
+            number = int if field.endswith('_code') else float
+            assert type(getattr(one, field)) is number, field
+    assert {*COLUMNS, *BELIEFS} <= set(dir(one))
 
 
 NUMBERS = st.one_of(
@@ -270,28 +216,24 @@ NUMBERS = st.one_of(
 POINTS = st.lists(st.tuples(NUMBERS, st.floats(-10.0, 5e3)), min_size=1, max_size=10)
 
 
-def _same_bits(bearing: Bearing, points: list[tuple[float, float]], exact: float = 1e-9) -> None:
-    """All columns to the bit, but those by the exact fold: many loads start from neighbours."""
-    speed, load = (np.array(column) for column in zip(*points, strict=True))
-    batch = assess(bearing, speed, load)
+@settings(max_examples=80, deadline=None)
+@given(name=st.sampled_from(['stribeck', 'viscous', 'rising', 'level']), points=POINTS)
+def test_batch_is_bit_identical_to_single_points(
+    name: str, points: list[tuple[float, float]]
+) -> None:
+    """All columns but those by the exact fold: many loads start from neighbours."""
+    bearing = _with_law(LAWS[name])
+    batch = assess(bearing, *(np.array(column) for column in zip(*points, strict=True)))
     for i, (v, n) in enumerate(points):
         one = assess(bearing, v, n)
         for field in COLUMNS:
             a, b = np.float64(getattr(batch, field)[i]), np.float64(getattr(one, field))
             if field in ('exact_fold_speed', 'exact_fold_margin', 'stability_margin'):
-                assert a == pytest.approx(b, rel=exact, abs=exact, nan_ok=True), (field, v, n)
+                assert a == pytest.approx(b, rel=1e-9, abs=1e-9, nan_ok=True), (field, v, n)
                 continue
             assert a.tobytes() == b.tobytes() or (np.isnan(a) and np.isnan(b)), (field, v, n)
         assert batch.outcome[i] == one.outcome
         assert batch.regime[i] == one.regime
-
-
-@settings(max_examples=80, deadline=None)
-@given(name=st.sampled_from(['stribeck', 'viscous', 'rising']), points=POINTS)
-def test_batch_is_bit_identical_to_single_points(
-    name: str, points: list[tuple[float, float]]
-) -> None:
-    _same_bits(_with_law(LAWS[name]), points)
 
 
 def test_the_exact_amplitude_and_what_averaging_misses() -> None:
@@ -302,14 +244,6 @@ def test_the_exact_amplitude_and_what_averaging_misses() -> None:
     verdict = assess(BEARING, revolutions * RPM, 1000.0)
     np.testing.assert_allclose(verdict.amplitude_exact * 1e3, exact, atol=5.1e-7)
     np.testing.assert_allclose(verdict.amplitude_error, averaged / exact - 1.0, atol=2e-5)
-
-
-@pytest.mark.parametrize(('speed', 'load'), [(0.3, 1000.0), (0.0, 1e3), (0.1, 0.0), (np.nan, 1)])
-def test_where_no_cycle_exists_there_is_no_exact_amplitude(speed: float, load: float) -> None:
-    verdict = assess(BEARING, speed, load)
-    assert type(verdict.amplitude_exact) is float
-    assert np.isnan(verdict.amplitude_exact)
-    assert np.isnan(verdict.amplitude_error)
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sequences import COUNT, NAME, SECOND, Bits, Messages, sequence
+from sequences import COUNT, NAME, Bits, Messages, sequence
 
-from stickslip_monitor import Monitor, Stream, build_config
+from stickslip_monitor import Monitor, Stream
 from stickslip_monitor.monitor.bulk import BearingScan, Scan
 
 # Every kind of sequence in turn; 16 and 5 have no common divisor with the number of kinds.
@@ -95,27 +95,3 @@ def test_any_cut_into_blocks_is_the_same(number: int) -> None:
     assert sum(part.counts for part in parts).tolist() == whole.counts.tolist()
     assert [at for part in parts for at in part.at] == whole.at
     assert _told([e for part in parts for e in part.events]) == _told(whole.events)
-
-
-def test_a_recording_without_samples_says_nothing() -> None:
-    own = sequence(0)
-    (config,) = own.config.bearings
-    scan = BearingScan(config, None).finish(_stream(own.messages[:0]), None)
-    assert (scan.time_ns.size, scan.events, scan.at) == (0, [], [])
-
-
-def test_inputs_that_never_come_are_lost_by_the_end() -> None:
-    own = sequence(0)
-    config = build_config(
-        {'bearings': [NAME]} | {f'{NAME}.{k}': v for k, v in own.parameters.items()}
-    )
-    scan = Monitor(config).scan({NAME: _stream(own.messages[:0])}, 0, 60 * SECOND)[NAME]
-    assert [str(event.after) for event in scan.events] == ['input_stale']
-    # As it is when the first of them is lost.
-    timeouts = {
-        'speed': config.bearings[0].speed.timeout_ns,
-        'load': config.bearings[0].load.timeout_ns,
-    }
-    first = min(timeouts.values())
-    assert scan.events[0].time_ns == first
-    assert set(scan.events[0].lost) == {name for name, own in timeouts.items() if own == first}

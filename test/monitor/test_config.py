@@ -11,6 +11,7 @@ from stickslip_monitor import MonitorConfig, Stribeck, Tabulated, build_config
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.config import BEARING_PARAMETERS
 from stickslip_monitor.monitor.parameter import REQUIRED
+from stickslip_monitor.physics.friction import Stretched
 
 Configure = Callable[..., MonitorConfig]
 MISSING = object()
@@ -65,38 +66,26 @@ def test_every_value_reaches_its_place(configure: Configure) -> None:
     assert (alarm.on_delay_ns, alarm.off_delay_ns) == (1_500_000_000, 2_500_000_000)
 
 
-def test_node_values_are_taken(reference: dict[str, Any]) -> None:
-    config = _build(reference, autostart=False, publish_period=1)
-    assert (config.autostart, config.publish_period) == (False, 1.0)
-    assert type(config.publish_period) is float
-
-
+# One of each kind of rule, and of what is no number.
 BAD_VALUES = [
     ('mass', -1.0, 'aft.mass = -1.0 must be a finite number above 0 kg'),
-    ('mass', math.nan, 'aft.mass = nan must be a finite number above 0 kg'),
     ('mass', '50', "aft.mass = '50' must be a finite number above 0 kg"),
     ('mass', True, 'aft.mass = True must be a finite number above 0 kg'),
-    ('mass', [50.0], 'aft.mass = [50.0] must be a finite number above 0 kg'),
-    ('mass', 1 + 0j, 'aft.mass = (1+0j) must be a finite number above 0 kg'),
     ('damping', -1e-9, 'aft.damping = -1e-09 must be a finite number not below 0 N s/m'),
     ('speed.unit', 'knots', "aft.speed.unit = 'knots' must be one of rpm, rad/s, Hz, m/s"),
     ('load.unit', False, 'aft.load.unit = False must be one of N, kN'),
-    ('friction.law', 'karnopp', 'must be one of stribeck, coulomb, tabulated'),
-    ('friction.decay', 0.0, 'aft.friction.decay = 0.0 must be a finite number above 0 s/m'),
-    ('speed.timeout', 0.0, 'aft.speed.timeout = 0.0 must be a finite number above 0 and not abo'),
     ('load.timeout', 1.1e9, 'aft.load.timeout = 1100000000.0 must be a finite number above 0 and'),
     ('load.scale', 0, 'aft.load.scale = 0 must be a finite number other than 0'),
     ('speed.offset', math.nan, 'aft.speed.offset = nan must be a finite number'),
-    ('speed.maximum', math.inf, 'aft.speed.maximum = inf must be a finite number above 0 m/s'),
     ('speed.topic', 7, 'aft.speed.topic = 7 must be a text'),
     ('alarm.hysteresis', 0.91, 'aft.alarm.hysteresis = 0.91 must be a finite number not below 0'),
-    ('alarm.amplitude_limit', 0.0, 'aft.alarm.amplitude_limit = 0.0 must be a number above 0 m'),
     ('alarm.amplitude_limit', math.nan, 'aft.alarm.amplitude_limit = nan must be a number above'),
-    (
-        'alarm.on_delay',
-        -1,
-        'aft.alarm.on_delay = -1 must be a finite number not below 0 and not above 604800 s',
-    ),
+    ('load.topic', 'a/1', "aft.load.topic = 'a/1' must be a ROS topic"),
+    ('load.topic', '/a//b', "aft.load.topic = '/a//b' must be a ROS topic"),
+    ('load.topic', '/a\n', 'must be a ROS topic'),
+    ('speed.type', 'std_msgs/Float64', 'package/msg/Type'),
+    ('speed.type', 'std_msgs/msg/float64', 'package/msg/Type'),
+    ('load.field', 'a..b', "aft.load.field: field 'a..b' is not a pa"),
 ]
 
 
@@ -148,7 +137,6 @@ def test_a_missing_parameter_is_told_with_unit_and_meaning(reference: dict[str, 
     [
         ('aft.mas', 'aft.mass'),
         ('aft.friction.statik', 'aft.friction.static'),
-        ('aft.alarm.on_dealy', 'aft.alarm.on_delay'),
         ('autostrat', 'autostart'),
     ],
 )
@@ -178,16 +166,11 @@ def test_a_section_that_is_not_a_bearing_is_refused(reference: dict[str, Any]) -
         ([], 'must name at least one bearing'),
         (['aft', 'aft'], "'aft' is listed twice"),
         (['Aft'], "'Aft' must be a name of lower-case letters"),
-        (['1aft'], "'1aft' must be a name"),
-        (['aft stern'], "'aft stern' must be a name"),
         (['aft/x'], "'aft/x' must be a name"),
-        ([''], "'' must be a name"),
-        (['aft.x'], "'aft.x' must be a name"),
         (['äft'], "'äft' must be a name"),
         (['aft\n'], 'must be a name'),
         ('aft', "bearings = 'aft' must be a list of texts"),
         ([1], r'bearings = \[1\] must be a list of texts'),
-        (None, 'bearings = None must be a list of texts'),
     ],
 )
 def test_bearing_names(reference: dict[str, Any], names: Any, text: str) -> None:
@@ -196,36 +179,10 @@ def test_bearing_names(reference: dict[str, Any], names: Any, text: str) -> None
 
 
 @pytest.mark.parametrize(
-    'topic', ['', '/', '~', '~a', '/a/', '/a//b', '/1a', 'a/1', 'a b', '/a-b', '/a\n', '/ä']
-)
-def test_topics_refused(configure: Configure, topic: str) -> None:
-    with pytest.raises(ConfigurationError, match=r'aft\.load\.topic = .* must be a ROS topic'):
-        configure(load__topic=topic)
-
-
-@pytest.mark.parametrize(
-    'name',
-    ['Float64', 'std_msgs/Float64', 'std_msgs/msg/float64', 'std_msgs.msg.Float64', 'a/srv/B', ''],
-)
-def test_message_types_refused(configure: Configure, name: str) -> None:
-    with pytest.raises(ConfigurationError, match=r'aft\.speed\.type = .* package/msg/Type'):
-        configure(speed__type=name)
-
-
-def test_a_bad_field_is_named_with_its_bearing(configure: Configure) -> None:
-    with pytest.raises(ConfigurationError, match=r"^aft\.load\.field: field 'a\.\.b' is not a pa"):
-        configure(load__field='a..b')
-
-
-@pytest.mark.parametrize(
     ('law', 'absent'),
     [
-        ('stribeck', 'static'),
-        ('stribeck', 'kinetic'),
         ('stribeck', 'decay'),
         ('coulomb', 'static'),
-        ('coulomb', 'kinetic'),
-        ('tabulated', 'speed'),
         ('tabulated', 'coefficient'),
     ],
 )
@@ -242,32 +199,25 @@ def test_a_law_asks_for_what_it_needs(reference: dict[str, Any], law: str, absen
     assert str(caught.value).startswith(expected)
 
 
-def test_a_table_of_ints_and_floats(configure: Configure) -> None:
-    law = (
-        configure(
-            friction__law='tabulated',
-            friction__speed=[0, 0.5, 2],
-            friction__coefficient=[0.3, 0.2, 0.1],
-        )
-        .bearing('aft')
-        .bearing.friction
+def test_laws_are_built_from_their_numbers(configure: Configure) -> None:
+    table = configure(
+        friction__law='tabulated',
+        friction__speed=[0, 0.5, 2],
+        friction__coefficient=[0.3, 0.2, 0.1],
     )
-    assert law == Tabulated([0.0, 0.5, 2.0], [0.3, 0.2, 0.1])
+    assert table.bearings[0].bearing.friction == Tabulated([0.0, 0.5, 2.0], [0.3, 0.2, 0.1])
+    stretched = configure(friction__exponent=2.0).bearings[0].bearing.friction
+    assert stretched == Stretched(0.3, 0.1, 10.0, 0.0, 2.0)
 
 
 @pytest.mark.parametrize(
     ('speed', 'coefficient', 'text'),
     [
         ([0.0], [0.3], r'^aft: friction table has 1 point: give at least two'),
-        ([0.0, 1.0], [0.3], r'^aft: friction table has 2 speeds and 1 coefficients'),
-        ([0.0, 0.0], [0.3, 0.1], r'^aft: friction table speed\[1\] = 0 m/s does not exceed'),
-        ([0.0, 2.0, 1.0], [0.3, 0.2, 0.1], r'^aft: friction table speed\[2\] = 1 m/s'),
         ([0.0, -1.0], [0.3, 0.1], r'^aft\.friction\.speed = \[0\.0, -1\.0\] must be a list of'),
         ([0.0, 1.0], [0.3, math.nan], r'^aft\.friction\.coefficient = \[0\.3, nan\] must be'),
-        ([0.0, math.inf], [0.3, 0.1], r'^aft\.friction\.speed = \[0\.0, inf\] must be a list'),
         ([0.0, True], [0.3, 0.1], r'^aft\.friction\.speed = \[0\.0, True\] must be a list'),
         ('01', [0.3, 0.1], r"^aft\.friction\.speed = '01' must be a list of finite numbers"),
-        (1.0, [0.3, 0.1], r'^aft\.friction\.speed = 1\.0 must be a list of finite numbers'),
         ([], [0.3, 0.1], r"^parameter 'aft\.friction\.speed' is missing"),
     ],
 )

@@ -22,7 +22,6 @@ LOST = replace(FINE, lost=True, heard=False)
     [
         (FINE, ''),
         (replace(FINE, behind=4.9), ''),
-        (replace(FINE, refused=Status.REPEATED), ''),
         (
             replace(LOST, without_clock=True, publishers=[]),
             'use_sim_time is set, but nothing comes on /clock: no sample can be used.',
@@ -46,7 +45,6 @@ LOST = replace(FINE, lost=True, heard=False)
             " 5 s: the senders' clocks differ.",
         ),
         (LOST, '/plc publishes on /speed, but nothing arrives.'),
-        (replace(LOST, publishers=None), 'Nothing arrives of /speed.'),
         (
             replace(FINE, share=29 / 30, reason=Status.NOT_FINITE),
             '97% of the samples on /speed are refused, most because: not a finite number.',
@@ -68,7 +66,7 @@ def stamps(period_ms: int, count: int) -> Any:
     return (1_700_000_000_000 + period_ms * np.arange(count)) * 1_000_000
 
 
-@pytest.mark.parametrize('seed', range(5))
+@pytest.mark.parametrize('seed', range(3))
 def test_every_message_missing_from_a_steady_sender_is_counted(seed: int) -> None:
     """With clock jitter of 5 % of the period, and up to 40 messages missing at random."""
     rng = np.random.default_rng(seed)

@@ -186,10 +186,3 @@ def test_a_damaged_store_starts_fresh(config: MonitorConfig) -> None:
         'state_file state.json cannot be used: it is not JSON; it is now state.json.damaged,'
         ' and the alarms start fresh'
     ]
-
-
-@pytest.mark.parametrize('value', [math.nan, 1e9])
-def test_values_that_cannot_be_raise_input_implausible(ship: Ship, value: float) -> None:
-    ship.sail(3.0)
-    ship.sail(5.0, rpm=value)
-    assert ship.states()['input_implausible'] == 'unacknowledged'

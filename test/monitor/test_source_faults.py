@@ -112,38 +112,20 @@ def test_neither_jitter_nor_single_dropouts_are_bursts() -> None:
         assert SourceWatch().see_many(time, time, np.full(time.size, 20.0)) == []
 
 
-def test_two_noisy_publishers_are_found_within_seconds() -> None:
-    random = np.random.default_rng(5)
-    values = mixed(600, 2) * (1.0 + 0.05 * random.standard_normal(600))
-    faults = found(values)
-    assert [fault.kind for fault in faults] == [TWO]
-    assert faults[0].raised_ns < 10 * SECOND
-
-
-def _swell(count: int) -> Floats:
-    """Loads in a swell of 8 s and a quarter of the load, at 2 Hz."""
-    return 1000.0 + 250.0 * np.sin(2.0 * np.pi * np.arange(count) / 16.0)
-
-
-def _counter(count: int) -> Floats:
-    """A pulse counter that toggles between 1 and 2 revolutions a minute."""
-    return 1.0 + np.arange(count) % 2
-
-
 @pytest.mark.parametrize(
     ('values', 'least'),
     [
-        (1000.0 * (1.0 + 0.1 * np.random.default_rng(1).standard_normal(200_000)), 0.0),
         (1000.0 * (1.0 + 0.2 * np.random.default_rng(2).standard_normal(200_000)), 0.0),
-        (_swell(5000), 0.0),
-        (_counter(5000), 3.0),
+        # A swell of 8 s and a quarter of the load, at 2 Hz.
+        (1000.0 + 250.0 * np.sin(2.0 * np.pi * np.arange(5000) / 16.0), 0.0),
+        # A pulse counter that toggles between 1 and 2 revolutions a minute.
+        (1.0 + np.arange(5000) % 2, 3.0),
         (np.repeat([60.0, 45.0, 60.0, 30.0, 60.0], 600), 0.0),
         (np.linspace(70.0, 0.0, 12), 0.0),
         (np.where(np.arange(600) == 300, 1e6, 60.0), 0.0),
-        (np.zeros(100), 0.0),
         (np.empty(0), 0.0),
     ],
-    ids=['noise', 'more_noise', 'swell', 'counter', 'steps', 'stop', 'spike', 'rest', 'empty'],
+    ids=['noise', 'swell', 'counter', 'steps', 'stop', 'spike', 'empty'],
 )
 def test_one_source_is_no_fault(values: Floats, least: float) -> None:
     time = instants(values.size)

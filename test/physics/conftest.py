@@ -7,17 +7,13 @@ above it: that bounds its error without solving anything twice.
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
-from types import ModuleType
 
 import mpmath as mp
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import quad
 
 from stickslip_monitor.physics.friction import FrictionLaw, Stribeck
@@ -79,99 +75,27 @@ class Oracle:
         return self.harmonic(v, v, groups.r) - groups.kappa * v / 2
 
 
-class BruteForce:
-    """KBM of any law: a fine scan of the balance by the midpoint rule, and scipy quad."""
+def _harmonic(law: FrictionLaw, speed: float, amplitude: float) -> float:
+    """``S`` of any law by scipy's adaptive quadrature, split wherever the law is not smooth."""
+    levels = [0.0, *law.breakpoints, *(-level for level in law.breakpoints)]
+    cosines = [(speed - level) / amplitude for level in levels]
+    cuts = np.unique([0.0, np.pi, *(np.arccos(x) for x in cosines if -1.0 < x < 1.0)])
 
-    def __init__(self, angles: int = 4000, amplitudes: int = 2000) -> None:
-        self._cosine = np.cos((np.arange(angles) + 0.5) * np.pi / angles)
-        self._x = np.linspace(0.0, 2.0, amplitudes + 2)[1:-1]
+    def integrand(t: float) -> float:
+        return float(law.coefficient(speed - amplitude * np.cos(t))) * float(np.cos(t))
 
-    def balance(
-        self, law: FrictionLaw, speed: float, q: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Velocity amplitudes, dense from 0 to 1000 V, and ``2 S/a - c/N`` there."""
-        beyond = np.maximum(self._x - 1.0, 0.0) * 0.5 * np.pi
-        a = np.where(self._x <= 1.0, speed * self._x, speed / np.cos(beyond))
-        s = np.concatenate(
-            [
-                np.mean(law.coefficient(speed - part[:, None] * self._cosine) * self._cosine, 1)
-                for part in np.array_split(a, 20)
-            ]
-        )
-        return a, 2.0 * s / a - q
-
-    def cycles(
-        self, law: FrictionLaw, speed: float, q: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Velocity amplitudes of all cycles, to the scan's step, and their stability."""
-        a, f = self.balance(law, speed, q)
-        index = np.flatnonzero((f[:-1] > 0.0) != (f[1:] > 0.0))
-        return 0.5 * (a[index] + a[index + 1]), f[index] > 0.0
-
-    @staticmethod
-    def harmonic(law: FrictionLaw, speed: float, amplitude: float) -> float:
-        """``S`` by adaptive quadrature, split wherever the law is not smooth."""
-        levels = [0.0, *law.breakpoints, *(-level for level in law.breakpoints)]
-        cosines = [(speed - level) / amplitude for level in levels]
-        cuts = np.unique([0.0, np.pi, *(np.arccos(x) for x in cosines if -1.0 < x < 1.0)])
-
-        def integrand(t: float) -> float:
-            return float(law.coefficient(speed - amplitude * np.cos(t))) * float(np.cos(t))
-
-        total = 0.0
-        for left, right in pairwise(cuts):
-            total += quad(integrand, left, right, epsabs=1e-13, epsrel=1e-13, limit=200)[0]
-        return total / np.pi
-
-
-class Sampled:
-    """A law known to a solver by its two functions only, which count how often they are asked."""
-
-    def __init__(self, law: FrictionLaw) -> None:
-        self.law, self.calls = law, 0
-
-    @property
-    def static(self) -> float:
-        return self.law.static
-
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        return self.law.breakpoints
-
-    def coefficient(self, speed: ArrayLike) -> NDArray[np.float64]:
-        self.calls += 1
-        return self.law.coefficient(speed)
-
-    def slope(self, speed: ArrayLike) -> NDArray[np.float64]:
-        self.calls += 1
-        return self.law.slope(speed)
+    options = {'epsabs': 1e-13, 'epsrel': 1e-13, 'limit': 200}
+    return sum(quad(integrand, *piece, **options)[0] for piece in pairwise(cuts)) / np.pi
 
 
 @pytest.fixture(scope='session')
-def sampled() -> type[Sampled]:
-    return Sampled
+def harmonic_by_quad() -> Callable[[FrictionLaw, float, float], float]:
+    return _harmonic
 
 
 @pytest.fixture(scope='session')
 def oracle() -> Oracle:
     return Oracle()
-
-
-@pytest.fixture(scope='session')
-def brute_force() -> BruteForce:
-    return BruteForce()
-
-
-@pytest.fixture(scope='session')
-def taylor() -> ModuleType:
-    """The exact cycle by Taylor series in 40 digits: test_cycle_reference.py."""
-    path = Path(__file__).with_name('cycle') / 'test_cycles_reference.py'
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture(scope='session')

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 import mpmath as mp
 import numpy as np
 import pytest
+import taylor
 from numpy.testing import assert_array_equal
 from scipy.special import i1e
 
@@ -54,7 +55,7 @@ def stribeck_bearing(eta: float, kappa: float) -> tuple[Bearing, float]:
 
 @pytest.mark.parametrize(('eta', 'kappa'), [(1e-3, 0.9), (0.2, 0.2), (5.0, 0.2)])
 @pytest.mark.parametrize('side', [-1.0, 1.0])
-def test_the_exact_fold_is_where_the_slip_phase_grazes(taylor, eta, kappa, side):
+def test_the_exact_fold_is_where_the_slip_phase_grazes(eta, kappa, side):
     """In 40 digits the lining overtakes the belt 1e-9 below the fold and misses it above."""
     bearing, load = stribeck_bearing(eta, kappa)
     speed = mp.mpf(exact_fold_speed(bearing, load) * (1.0 + side * 1e-9))
@@ -86,7 +87,7 @@ def test_averaged_cycles_just_inside_and_just_outside_the_fold(kappa):
     assert stationary_amplitudes(bearing, fold * (1.0 + distance), load).amplitude.size == 0
 
 
-def test_the_exact_cycle_of_a_sharp_law(taylor):
+def test_the_exact_cycle_of_a_sharp_law():
     """beta V = 1e4: friction falls within a ten-thousandth of the belt's speed."""
     bearing = unit_bearing(0.02, Stribeck(0.3, 0.1, 1e4))
     cycle = exact_cycle(bearing, 1.0, 10.0)

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import itertools
 import math
 from dataclasses import replace
@@ -11,6 +10,7 @@ from pathlib import Path
 
 import mpmath as mp
 import pytest
+import taylor
 
 from stickslip_monitor.commands.accuracy import markdown
 from stickslip_monitor.drawing.canvas import write_csv
@@ -30,13 +30,6 @@ from stickslip_monitor.lab.accuracy.measurement import (
 
 DOCS = Path(__file__).parents[3] / 'docs'
 TINY = Effort(budget=0.0, sample=1e-9, fewest=1, most=1)
-
-_PATH = Path(__file__).parents[2] / 'physics' / 'cycle' / 'test_cycles_reference.py'
-_spec = importlib.util.spec_from_file_location(_PATH.stem, _PATH)
-assert _spec is not None
-assert _spec.loader is not None
-taylor = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(taylor)
 
 
 @pytest.mark.parametrize('name', ['38 rpm', '20 rpm', 'eta = 5'])

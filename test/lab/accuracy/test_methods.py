@@ -5,13 +5,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 
 from stickslip_monitor.lab.accuracy.cases import CASES, METHODS, averaging, exact
 from stickslip_monitor.lab.accuracy.harmonic_balance import (
-    _Law,
-    half_range,
     harmonic_balance,
 )
 from stickslip_monitor.lab.accuracy.measurement import CYCLE, NO_CYCLE, REFUSED
@@ -107,26 +104,6 @@ def test_the_restick_trap():
     assert abs(error(switching, 40, True, 0.1)) < 1e-12
 
 
-def test_switching_follows_a_lining_that_overtakes_the_belt():
-    weak = Bearing(50.0, 40.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.1)
-    amplitude = switching(True, 0.1, weak, rpm(30), 100.0).amplitude
-    # Ten cycles do not forget the start altogether: there is no stick to do so.
-    assert amplitude == pytest.approx(exact_cycle(weak, rpm(30), 100.0).amplitude, rel=1e-3)
-
-
-def test_the_resolvent_solves_the_set_valued_law():
-    law, step = _Law(BENCH, rpm(20), 1000.0), 1e-6
-    y = np.array([-3.0, -0.31, -0.2, 0.0, 0.1, 0.2865, 0.5, 20.0])
-    v, slope = law.resolvent(y)
-    force, stuck = y - law.penalty * v, v == 0.0
-    assert np.all(np.abs(force[stuck]) <= law.static)
-    assert not slope[stuck].any()
-    expected = law.force * BENCH.friction.coefficient(rpm(20) * v[~stuck])
-    assert force[~stuck] == pytest.approx(expected, rel=1e-12)
-    difference = (law.resolvent(y + step)[0] - law.resolvent(y - step)[0]) / (2.0 * step)
-    assert slope[~stuck] == pytest.approx(difference[~stuck], rel=1e-5)
-
-
 @pytest.mark.parametrize('speed', [10, 30])
 def test_many_harmonics_approach_the_exact_cycle(speed):
     # The error changes its sign on the way: no single step down is certain.
@@ -134,10 +111,3 @@ def test_many_harmonics_approach_the_exact_cycle(speed):
     many = max(abs(error(harmonic_balance, speed, h)) for h in (63, 127))
     assert many < 0.2 * few
     assert many < 2e-3
-
-
-def test_half_range_of_a_series_is_refined_between_samples():
-    # a_1 cos + b_3 sin 3t; a dense grid as the judge.
-    q = np.array([4.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.2])
-    t = np.linspace(0.0, 2.0 * np.pi, 2_000_001)
-    assert half_range(q) == pytest.approx(0.5 * np.ptp(np.cos(t) + 0.2 * np.sin(3 * t)), rel=1e-11)

@@ -94,20 +94,6 @@ def test_a_cycle_ends_after_its_time_beyond_the_fold() -> None:
     assert math.exp(sticking) == pytest.approx(1.0 - 1.0 / math.e, abs=1e-3)
 
 
-def test_units_of_readings_do_not_matter(coast: Coast) -> None:
-    path, theta = path_from(coast), prior_points(100)
-    value = log_likelihood(theta, path)
-    faster, heavier = path.copy(), path.copy()
-    faster[:, SPEED] *= 1.1
-    faster[:, LOG_SPEED] += math.log(1.1)
-    heavier[:, LOAD_TERM] += math.log(1.3)
-    shift = np.zeros(7)
-    shift[0] = -math.log(1.1)
-    assert log_likelihood(theta + shift, faster) == pytest.approx(value, abs=1e-9)
-    shift[:2] = 0.0, math.log(1.3)
-    assert log_likelihood(theta + shift, heavier) == pytest.approx(value, abs=1e-9)
-
-
 def test_without_trust_a_report_tells_nothing(coast: Coast) -> None:
     course, reports = coast()
     mistrusted = [replace(report, trust=0.0) for report in reports]

@@ -82,9 +82,8 @@ def _near(fit: StribeckFit, law: Stribeck, relative: float) -> None:
 
 @pytest.mark.parametrize(
     ('decay', 'slope', 'viscous'),
-    [(0.5, 0.0, 'auto'), (10.0, 0.0, 'yes'), (100.0, 0.0, 'no'), (1e4, 0.0, 'auto'),
-     (10.0, 0.1, 'auto'), (10.0, 0.1, 'yes')],
-)  # fmt: skip
+    [(0.5, 0.0, 'auto'), (1e4, 0.0, 'no'), (10.0, 0.1, 'auto'), (10.0, 0.1, 'yes')],
+)
 def test_exact_data_give_the_law_back(decay: float, slope: float, viscous: Viscous) -> None:
     law = Stribeck(0.35, 0.08, decay, slope)
     speed = np.concatenate([[0.0], np.geomspace(0.02, 6.0, 15)]) / decay
@@ -173,29 +172,16 @@ def test_intervals_are_neither_too_wide_nor_too_narrow() -> None:
 # --- invariance ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(('of_speed', 'of_friction'), [(1e-6, 1e4), (1e6, 1e-3)])
-def test_units_do_not_matter(of_speed: float, of_friction: float) -> None:
-    curve = _noisy(RISING)
-    fit = fit_stribeck(curve, 'yes')
-    other = fit_stribeck(
-        FrictionCurve.of(curve.speed * of_speed, curve.coefficient * of_friction), 'yes'
-    )
-    scaled = np.array([of_friction, of_friction, 1.0 / of_speed, of_friction / of_speed])
-    np.testing.assert_allclose(other.estimate, fit.estimate * scaled, rtol=1e-7)
-    np.testing.assert_allclose(other.intervals, fit.intervals * scaled[:, None], rtol=1e-6)
-
-
-def test_the_order_of_the_points_and_the_unit_of_std_do_not_matter() -> None:
-    curve = _noisy()
-    std = np.linspace(1.0, 2.0, SPEED.size)
+def test_order_and_units_do_not_matter() -> None:
+    curve, std = _noisy(), np.linspace(1.0, 2.0, SPEED.size)
     fit = fit_stribeck(dataclasses.replace(curve, std=std), 'no')
     order = np.random.default_rng(0).permutation(SPEED.size)
-    other = fit_stribeck(
-        FrictionCurve.of(curve.speed[order], curve.coefficient[order], 50.0 * std[order]), 'no'
-    )
-    np.testing.assert_allclose(other.estimate, fit.estimate, rtol=1e-8)
-    np.testing.assert_allclose(other.standard_error, fit.standard_error, rtol=1e-6)
-    assert other.scale == pytest.approx(fit.scale / 50.0)
+    columns = (1e-6 * curve.speed, 1e4 * curve.coefficient, 50.0 * std)
+    other = fit_stribeck(FrictionCurve.of(*(column[order] for column in columns)), 'no')
+    scaled = np.array([1e4, 1e4, 1e6])
+    np.testing.assert_allclose(other.estimate, fit.estimate * scaled, rtol=1e-7)
+    np.testing.assert_allclose(other.intervals, fit.intervals * scaled[:, None], rtol=1e-6)
+    assert other.scale == pytest.approx(fit.scale * 1e4 / 50.0)
 
 
 # --- the viscous slope --------------------------------------------------------------------------
@@ -225,27 +211,14 @@ def test_the_test_of_the_slope_is_the_f_test() -> None:
     left = fit.weight * (curve.coefficient - _model(curve.speed, *found)) ** 2
     gain = float(np.sum(left) - np.sum(fit.weight * fit.residual**2))
     assert test.f_value == pytest.approx(gain / fit.scale**2, rel=1e-6)
-    n, k = float(fit.weight.sum()), 4
-    ratio = float(np.sum(left)) / float(np.sum(fit.weight * fit.residual**2))
-    price = 2 * (k + 1) * n / (n - k - 2) - 2 * k * n / (n - k - 1)
-    assert test.aicc_gain == pytest.approx(n * math.log(ratio) - price, rel=1e-6)
 
 
 def test_a_slope_that_is_negative_by_chance_is_held_at_0() -> None:
-    held = 0
-    for seed in range(10):
-        try:
-            fit = fit_stribeck(_noisy(seed=seed), 'yes')
-        except FitError as error:
-            assert 'must not be negative' in str(error)  # noqa: PT017
-            continue
+    fits = [fit_stribeck(_noisy(seed=seed), 'yes') for seed in (1, 3, 8)]
+    for fit in fits:
         assert fit.viscous_test is not None
-        assert ('viscous' in fit.names) == (fit.viscous_test.slope >= 0.0)
-        if 'viscous' not in fit.names:
-            held += 1
-            assert fit.law.viscous == 0.0
-            assert fit.viscous_test.t_value > -2.0
-    assert held > 2
+        assert -2.0 < fit.viscous_test.t_value < 0.0
+        assert ('viscous' in fit.names, fit.law.viscous) == (False, 0.0)
 
 
 # --- refusals -----------------------------------------------------------------------------------
@@ -370,16 +343,6 @@ def test_the_spread_is_that_of_the_drawn_laws(law: Stribeck) -> None:
     assert spread.regimes == pytest.approx(shares)
 
 
-def test_laws_without_a_boundary_count_as_0() -> None:
-    fit = fit_stribeck(_noisy(scatter=0.02, seed=4), 'no')
-    spread = boundary_spread(fit, 400.0, 400.0 / (0.2 * 10.0), speed=0.1)
-    assert 0.1 < spread.without < 0.9
-    assert spread.hopf_speed.low == spread.fold_speed.low == 0.0
-    assert spread.hopf_margin is not None
-    assert spread.hopf_margin.high == math.inf
-    assert boundary_spread(fit, 400.0, 1.0).without == 1.0
-
-
 # --- the file -----------------------------------------------------------------------------------
 
 
@@ -402,6 +365,14 @@ def test_a_plain_file(write: Write) -> None:
     assert (curve.unit, curve.unit_source) == ('m/s', 'assumed: the heading states none')
 
 
+def test_columns_and_unit_may_be_named(write: Write) -> None:
+    path = write('a [rad/s],b,c,std,weight\n2.0,0.1,0.3,0.5,16\n')
+    named = {'speed': 'a', 'coefficient': 'c'}
+    curve = read_curve(path, named, None, 0.5)
+    assert (curve.speed[0], curve.coefficient[0], curve.std[0]) == (0.5, 0.3, 0.5)
+    assert read_curve(path, named | {'weight': 'weight'}, None, 0.5).std.tolist() == [0.25]
+
+
 @pytest.mark.parametrize(
     'content',
     [
@@ -417,27 +388,10 @@ def test_as_benches_and_spreadsheets_write_it(write: Write, content: str) -> Non
     assert curve.unit == 'rpm'
 
 
-def test_columns_and_unit_may_be_named(write: Write) -> None:
-    curve = read_curve(
-        write('a [rad/s],b,c,c2\n2.0,0.1,0.2,0.3\n'),
-        {'speed': 'a', 'coefficient': 'c2'},
-        None,
-        0.5,
-    )
-    assert (curve.speed[0], curve.coefficient[0]) == (0.5, 0.3)
-
-
-def test_std_and_weight(write: Write) -> None:
-    path = write('v,mu,std,weight\n0,0.3,0.5,16\n')
-    assert read_curve(path).std.tolist() == [0.5]
-    assert read_curve(path, {'weight': 'weight'}).std.tolist() == [0.25]
-
-
 @pytest.mark.parametrize(
     ('content', 'words'),
     [
         ('', ' is empty'),
-        ('# nothing\n', ' is empty'),
         ('speed,mu\n', ' has headings (line 1) but no points'),
         (
             'a,mu\n1,2\n',
@@ -446,12 +400,10 @@ def test_std_and_weight(write: Write) -> None:
         ('v,speed,mu\n1,2,3\n', ", line 1: several columns may be the speed: 'v', 'speed'"),
         ('speed,mu\n0,0.3\n\n0.1,x\n', ", line 4, column 'mu': 'x' must be a number"),
         ('speed,mu\n0\n', ", line 2, column 'mu': the line has 1 cell and the headings 2"),
-        ('speed,mu\n0,nan\n', ", line 2, column 'mu': 'nan' must be a finite number"),
         ('speed,mu\n-0.1,0.2\n', ", line 2, column 'speed': '-0.1' must not be negative"),
         ('speed,mu,std\n0.1,0.2,0\n', ", line 2, column 'std': '0' must be greater than 0"),
         ('speed [kn],mu\n1,2\n', ", line 1, column 'speed [kn]': unit 'kn' must be one of rpm"),
         ('speed [rpm],mu\n1,2\n', ": speeds in rpm need the journal's diameter"),
-        ('speed,mu\n"1,2\n', ', line 2: unexpected end of data'),
         (b'\xff\xfe\x00', ' is not a text file in UTF-8'),
     ],
 )
@@ -464,7 +416,7 @@ def test_a_file_that_breaks_a_rule_is_refused(
     assert str(caught.value).startswith(f'{path}{words}')
 
 
-def test_options_that_do_not_fit_the_file_are_refused(write: Write, tmp_path: Path) -> None:
+def test_options_that_do_not_fit_the_file_are_refused(write: Write) -> None:
     path = write('speed [m/s],mu\n1,2\n')
     with pytest.raises(FitError, match=r"'speed \[m/s\]' is in m/s, and --speed-unit says rpm"):
         read_curve(path, unit='rpm', journal_diameter=0.1)
@@ -474,13 +426,9 @@ def test_options_that_do_not_fit_the_file_are_refused(write: Write, tmp_path: Pa
         read_curve(path, {'std': 'mu', 'weight': 'mu'})
     with pytest.raises(PhysicsError, match=r'journal_diameter = -1 m must be greater than 0'):
         read_curve(write('speed [rpm],mu\n1,2\n'), journal_diameter=-1.0)
-    with pytest.raises(FitError, match='No such file'):
-        read_curve(tmp_path / 'none.csv')
 
 
-@pytest.mark.parametrize(
-    ('column', 'value'), [(0, np.nan), (0, -5.0), (1, np.inf), (1, -1e300), (2, np.nan), (2, -5.0)]
-)
+@pytest.mark.parametrize(('column', 'value'), [(0, np.nan), (1, -1e300), (2, -5.0)])
 def test_a_number_that_is_none_is_named(column: int, value: float) -> None:
     v = np.linspace(0.0, 1.0, 12)
     columns = [v, 0.1 + 0.2 * np.exp(-10.0 * v), np.ones(12)]

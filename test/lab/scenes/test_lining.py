@@ -23,13 +23,10 @@ from stickslip_monitor.lab.scenes.lining import (
     AmplitudeWindows,
     EpisodeEvent,
     Episodes,
-    FrictionCourse,
-    Instants,
     half_peak_to_peak,
     parameters_of,
     with_parameters,
 )
-from stickslip_monitor.lab.scenes.profile import Profile
 from stickslip_monitor.lab.scenes.scene import Scene, simulate
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
 from stickslip_monitor.physics.motion import integrator
@@ -77,29 +74,20 @@ def events(
     return kinds
 
 
-def growth(speed: NDArray[np.float64], load: float = 1000.0) -> NDArray[np.float64]:
-    """Growth rate of a small disturbance, in closed form."""
-    return (load * DROP * DECAY * np.exp(-DECAY * speed) - DAMPING) / (2.0 * MASS)
-
-
-@pytest.mark.parametrize(
-    ('rpm', 'amplitude'), [(10.0, 0.296953e-3), (20.0, 0.556755e-3), (30.0, 0.804800e-3)]
-)
-def test_the_cycle_is_the_exact_one(make_scene: Make, rpm: float, amplitude: float) -> None:
-    """From rest in a second; numbers of the exact cycle from the reference table."""
+def test_the_cycle_is_the_exact_one(make_scene: Make) -> None:
+    """From rest in a second to 20 rpm; numbers of the exact cycle from the reference table."""
     scene = make_scene(
-        effects=effects([[0, 0], [1, rpm]], deviation=0.0, amplitude={'rate': 2.0}), duration=12.0
+        effects=effects([[0, 0], [1, 20]], deviation=0.0, amplitude={'rate': 2.0}), duration=12.0
     )
     found = told(scene)
     times, values = found['amplitude']
     assert np.array_equal(times, np.arange(1, 25) / 2.0)
-    assert values[-4:] == pytest.approx([amplitude] * 4, rel=1e-4)
-    if rpm == 20.0:
-        ends, lengths = found['stick']
-        assert np.diff(ends[-20:]) == pytest.approx(31.5903e-3, rel=1e-5)
-        # All but the first stick, in which the shaft breaks away, are shorter than a period.
-        assert max(lengths[1:]) < 31.6e-3
-        assert lengths[0] > 1e-2
+    assert values[-4:] == pytest.approx([0.556755e-3] * 4, rel=1e-4)
+    ends, lengths = found['stick']
+    assert np.diff(ends[-20:]) == pytest.approx(31.5903e-3, rel=1e-5)
+    # All but the first stick, in which the shaft breaks away, are shorter than a period.
+    assert max(lengths[1:]) < 31.6e-3
+    assert lengths[0] > 1e-2
 
 
 def test_steady_sliding_trembles_as_linear_theory_says(make_scene: Make) -> None:
@@ -130,27 +118,6 @@ def test_steady_sliding_trembles_as_linear_theory_says(make_scene: Make) -> None
     assert found['stick'][1] == []
 
 
-def test_onset_is_delayed_by_the_growth_that_it_needs(make_scene: Make) -> None:
-    """Through Hopf at 1 rpm/s: the amplitude grows by ``exp(integral sigma dt)``, then sticks."""
-    scene = make_scene(
-        effects=effects([[0, 34], [16, 18]], amplitude={'rate': 4.0}, deviation=0.2), duration=16.0
-    )
-    found = told(scene)
-    time, values = found['amplitude'][0], np.array(found['amplitude'][1])
-    (first,) = events(found, scene)['first_stick']
-    # Far above the disturbance, far below the limit: the linear range of the growth.
-    linear = (values > 2e-5) & (values < 1e-4) & (time < first)
-    assert linear.sum() >= 3
-    fine = np.linspace(0.0, 16.0, 16001)
-    gained = np.cumsum(growth((34.0 - fine) * RPM)) * 1e-3
-    expected = np.interp(time[linear], fine, gained)
-    assert np.diff(np.log(values[linear])) == pytest.approx(np.diff(expected), rel=0.03)
-    # At Hopf (3.26 s) the amplitude is a small part of the sliding limit, V/omega = 0.8 mm.
-    assert first > 3.26 + 3.0
-    needed = np.interp(time[linear][0], fine, gained) + np.log(7e-4 / values[linear][0])
-    assert first == pytest.approx(np.interp(needed, gained[4000:], fine[4000:]), abs=0.6)
-
-
 @pytest.mark.parametrize(('part', 'sticks'), [(0.97, False), (1.03, True)])
 def test_a_knock_beyond_the_threshold_starts_stick_slip(
     make_scene: Make, part: float, sticks: bool
@@ -178,26 +145,6 @@ def test_a_shaft_at_rest_is_no_stick_slip(make_scene: Make) -> None:
     kinds = events(found, scene)
     if 'first_stick' in kinds:  # the last cycles before the stop, which is at 5 s
         assert kinds['last_stick'][0] <= 5.0
-
-
-def test_samples_tell_one_motion(make_scene: Make) -> None:
-    """Velocity and acceleration against differences of the displacement; ``x' = V`` in sticks."""
-    scene = make_scene(
-        effects=effects([[0, 0], [1, 20]], deviation=0.0, motion={'rate': 4000.0}), duration=4.0
-    )
-    found = told(scene)
-    time = found['displacement'][0]
-    assert np.array_equal(time, np.arange(16001) / 4000.0)
-    x, v, a = (np.array(found[n][1]) for n in ('displacement', 'velocity', 'acceleration'))
-    stuck = np.array(found['sticking'][1])
-    whole = stuck[2:] == stuck[:-2]
-    assert (x[2:] - x[:-2])[whole] * 2000.0 == pytest.approx(v[1:-1][whole], abs=2e-4)
-    assert (v[2:] - v[:-2])[whole] * 2000.0 == pytest.approx(a[1:-1][whole], abs=0.5)
-    running = stuck & (time > 1.0)
-    assert v[running] == pytest.approx(20 * RPM, rel=1e-12)
-    in_sticks = [np.any((e - d <= t) & (t <= e)) for t, e, d in
-                 ((t, *map(np.array, found['stick'])) for t in time[::37])]  # fmt: skip
-    assert in_sticks == stuck[::37].tolist()
 
 
 def assert_same(found: dict[str, Any], expected: dict[str, Any]) -> None:
@@ -287,17 +234,6 @@ def test_sticks_are_joined_to_episodes(
 PERIOD = 0.03
 
 
-@pytest.mark.parametrize(
-    'ends', [[10.0], [0.0, 0.1, 3.3, 3.3, 9.99, 10.0], [0.05 * k for k in range(201)]]
-)
-def test_regular_instants_do_not_depend_on_the_cuts(ends: list[float]) -> None:
-    regular = Instants(30.0, 10.0)
-    parts = [regular.until(end) for end in ends]
-    assert np.array_equal(np.concatenate(parts), np.arange(301) / 30.0)
-    for end, part in zip(ends, parts, strict=True):
-        assert np.all(part <= end)
-
-
 @pytest.mark.parametrize('ends', [[10.0], [0.07, 0.61, 3.3, 3.3, 9.99, 10.0]])
 def test_windows_give_the_amplitude_of_a_motion_that_grows(ends: list[float]) -> None:
     """``x = e t + A exp(t/5) sin(omega t)``: half the peak to peak over the last four periods."""
@@ -321,13 +257,7 @@ def test_windows_give_the_amplitude_of_a_motion_that_grows(ends: list[float]) ->
 
 
 def test_peaks_between_samples_are_found_to_the_order_of_the_cubic() -> None:
-    """A sine at 16 samples a period, at every phase: 6e-5 by the cubic, 2e-2 without it."""
-    step = 1.0 / 16.0
-    t = np.arange(65) * step
-    phase = np.linspace(0.0, 1.0, 50)[:, None]
-    x, v = np.sin(2 * np.pi * (t + phase)), 2 * np.pi * np.cos(2 * np.pi * (t + phase))
-    assert half_peak_to_peak(x, v, step) == pytest.approx(1.0, abs=7e-5)
-    # It is exact for a cubic: x = s^3 - s has its turning points at 1/sqrt(3).
+    """Exact for a cubic: ``x = s^3 - s`` has its turning points at 1/sqrt(3)."""
     s = np.linspace(-1.1, 1.1, 8)
     found = half_peak_to_peak((s**3 - s)[None], (3 * s * s - 1)[None], float(s[1] - s[0]))
     assert found == pytest.approx(2.0 / 3.0 / np.sqrt(3.0), rel=1e-12)
@@ -358,37 +288,6 @@ def test_the_factor_multiplies_the_whole_coefficient(law: Any) -> None:
     own = ['static', 'kinetic', 'decay', 'viscous'] if isinstance(law, Stribeck) else []
     own = ['static', 'kinetic'] if isinstance(law, Coulomb) else own
     assert parameters_of(law) == (*own, 'factor')
-
-
-def test_the_law_moves_in_steps_of_a_second() -> None:
-    course = FrictionCourse(
-        Stribeck(0.3, 0.1, 10.0),
-        {
-            'kinetic': Profile.of([(10.0, 0.1), (20.0, 0.2)]),
-            'factor': Profile.of([(0.0, 2.0)]),
-        },
-    )
-    for time, kinetic in ((0.0, 0.1), (10.0, 0.1), (15.0, 0.15), (15.99, 0.15), (30.0, 0.2)):
-        law = course.at(time)
-        assert isinstance(law, Stribeck)
-        assert law.kinetic == pytest.approx(2.0 * kinetic)
-        assert (law.static, law.decay) == (0.6, 10.0)
-
-
-def test_a_factor_does_what_the_load_does(make_scene: Make) -> None:
-    """1.25 times the friction at 1000 N has the sticks and the margins of 1250 N."""
-    point = {'operating_point': {'rate': 1.0}}
-    found = [
-        told(make_scene(effects=[*listed, point], duration=4.0))
-        for listed in (
-            effects([[0, 0], [1, 20]], 1250.0, deviation=0.0),
-            [*effects([[0, 0], [1, 20]], deviation=0.0), drift('factor', [[0, 1.25]])],
-        )
-    ]
-    assert found[0]['stick'][0].size > 50
-    assert found[1]['stick'][0] == pytest.approx(found[0]['stick'][0], abs=1e-9)
-    for name in ('hopf_margin', 'fold_margin'):
-        assert found[1][name][1] == pytest.approx(found[0][name][1], abs=2e-9)
 
 
 def test_the_true_margins_follow_the_friction_there_is(make_scene: Make) -> None:

@@ -5,8 +5,6 @@ from __future__ import annotations
 
 from itertools import product
 
-import pytest
-
 from stickslip_monitor.monitor.alarms.alarm import (
     ALWAYS,
     TABLE,
@@ -46,33 +44,6 @@ def test_only_a_reset_or_removal_takes_a_latch_away() -> None:
     assert left - {Trigger.RAISE, Trigger.UNSUPPRESS} == {Trigger.RESET, Trigger.REMOVE}
 
 
-@pytest.mark.parametrize('trigger', [t for t in Trigger if t is not Trigger.RAISE])
-def test_nothing_but_a_cause_gives_an_alarm(trigger: Trigger) -> None:
-    for state, facts in product(AlarmState, EVERY_FACTS):
-        if follow(state, trigger, facts) is AlarmState.UNACKNOWLEDGED is not state:
-            assert facts.active
-            assert not facts.suppressed or trigger is Trigger.UNSUPPRESS
-
-
-@pytest.mark.parametrize('facts', [f for f in EVERY_FACTS if f.suppressed])
-def test_no_alarm_is_given_while_suppressed(facts: Facts) -> None:
-    for state in AlarmState:
-        if state is AlarmState.NORMAL:
-            continue  # Never normal while suppressed: it is suppressed at once.
-        if follow(state, Trigger.RAISE, facts) is AlarmState.UNACKNOWLEDGED:
-            assert state is AlarmState.UNACKNOWLEDGED
-
-
-# An onset is told by the worst alarm on show, which nothing covers.
-@pytest.mark.parametrize('trigger', [t for t in Trigger if t is not Trigger.RECUR])
-def test_clear_and_cover_never_give_an_alarm(trigger: Trigger) -> None:
-    covered = Facts(covered=True, active=True)
-    for state in AlarmState:
-        if follow(state, trigger, covered) is AlarmState.UNACKNOWLEDGED:
-            # One that was given before and still waits.
-            assert state in WAITING
-
-
 # ANSI/ISA-18.2-2016, figure of alarm state transitions, and IEC 62682: the standard's letters.
 PUBLISHED = [
     ('A', Trigger.RAISE, 'B'),
@@ -101,21 +72,6 @@ def test_the_published_transitions() -> None:
     for before, trigger, after in PUBLISHED:
         by_letter = {state.letter: state for state in AlarmState}
         assert follow(by_letter[before], trigger, Facts()) is by_letter[after]
-
-
-@pytest.mark.parametrize(
-    ('state', 'trigger'),
-    [
-        (AlarmState.SHELVED, Trigger.UNSHELVE),
-        (AlarmState.SUPPRESSED, Trigger.UNSUPPRESS),
-        (AlarmState.OUT_OF_SERVICE, Trigger.RESTORE),
-    ],
-)
-def test_what_comes_back_with_its_cause_is_given_again(
-    state: AlarmState, trigger: Trigger
-) -> None:
-    assert follow(state, trigger, Facts(active=True)) is AlarmState.UNACKNOWLEDGED
-    assert follow(state, trigger, Facts(active=True, covered=True)) is AlarmState.ACKNOWLEDGED
 
 
 def test_a_latching_alarm_is_acknowledged_and_then_reset() -> None:

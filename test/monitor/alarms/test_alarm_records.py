@@ -159,15 +159,12 @@ def _spoilt(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
     [
         ('schema', 'stickslip_monitor/alarm_state/2', "'stickslip_monitor/alarm_state/2' must be"),
         ('time', '12', "the document: time = '12' is not of its type"),
-        ('time', True, 'time = True is not of its type'),
         ('bearings', KeyError, "the document has no 'bearings'"),
-        ('bearings.aft', [], "aft has no 'shaft_locked'"),
         (
             'bearings.aft.alarms.stick_slip.state',
             'loud',
             "aft.stick_slip: there is no state 'loud'",
         ),
-        ('bearings.aft.alarms.stick_slip.by', None, 'aft.stick_slip: by = None'),
         ('bearings.aft.alarms.stick_slip.active', KeyError, "aft.stick_slip has no 'active'"),
         ('bearings.aft.alarms.smoke', {}, "aft: there is no alarm 'smoke'"),
     ],

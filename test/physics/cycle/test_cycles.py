@@ -8,10 +8,9 @@ import math
 import mpmath as mp
 import numpy as np
 import pytest
+import taylor
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.integrate import solve_ivp
 
-from stickslip_monitor.physics.averaging.boundaries import stationary_amplitudes
 from stickslip_monitor.physics.cycle.cycles import (
     CycleKind,
     exact_cycle,
@@ -57,12 +56,10 @@ def test_the_bench_of_physics_md(speed, amplitude, period):
 
 # eta, kappa, beta V, refinement of the reference where a boundary layer needs it
 POINTS = [
-    (0.2, 0.2, 0.1, 4),
-    (0.2, 0.2, 2.0, 4),
+    (0.2, 0.2, math.pi / 3.0, 4),  # the bench at 20 rpm
     (0.2, 0.2, 2.13, 4),
     (0.2, 0.0, 1e-9, 4),
     (1e-6, 0.2, 1e-4, 4),
-    (5.0, 0.2, 1.0, 4),
     (5.0, 0.01, 18.0, 4),
     (100.0, 0.018, 1.0, 4),
     (1e3, 0.0, 1e-9, 4),
@@ -71,7 +68,7 @@ POINTS = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize(('eta', 'kappa', 'speed', 'refine'), POINTS)
-def test_taylor_series_in_40_digits(taylor, eta, kappa, speed, refine):
+def test_taylor_series_in_40_digits(eta, kappa, speed, refine):
     bearing, load = unit_bearing(kappa * eta / 2.0), eta / 0.2
     cycle = exact_cycle(bearing, speed, load)
     force = mp.mpf(load) / mp.mpf(speed)
@@ -123,41 +120,6 @@ def test_the_fold_of_physics_md():
     assert BENCH.speed.from_surface(fold, 'rpm') == pytest.approx(40.7179, abs=6e-5)
 
 
-@pytest.mark.parametrize('eta', [1e-6, 1e-4])
-def test_weak_friction_meets_averaging(eta):
-    # Averaging is exact to first order in eta: its error falls with eta.
-    bearing, load, speed = unit_bearing(0.1 * eta), eta / 0.2, 1.5
-    exact = exact_cycle(bearing, speed, load)
-    both = stationary_amplitudes(bearing, speed, load)
-    assert exact.kind is CycleKind.OVERTAKING
-    assert exact.stick_fraction == 0.0
-    assert 0.0 < exact.multiplier < 1.0
-    assert exact.amplitude == pytest.approx(both.amplitude[both.stable][0], rel=10.0 * eta)
-    unstable = exact_unstable_cycle(bearing, 1.8, load).amplitude
-    both = stationary_amplitudes(bearing, 1.8, load)
-    assert unstable == pytest.approx(both.amplitude[~both.stable][0], rel=10.0 * eta)
-
-
-@pytest.mark.parametrize(
-    ('zeta', 'eta', 'speed'),
-    # In the second the phase ahead of the belt spans two steps, the last of which only just began.
-    [(1e-4, 0.001, 2.0), (1e-3, 0.01083144557832, 0.5647044), (0.0, 0.05, 1.2)],
-)
-def test_overtaking_closes_under_the_reference(taylor, zeta, eta, speed):
-    # One round by Taylor series in 40 digits, starting where the solver says the cycle starts.
-    bearing, load = unit_bearing(zeta), eta / 0.2
-    cycle = exact_cycle(bearing, speed, load)
-    force = mp.mpf(load) / mp.mpf(speed)
-    law = (mp.mpf(bearing.damping) / 2, force * mp.mpf(0.3), force * mp.mpf(0.1), mp.mpf(speed))
-    _, displacement, _ = cycle.waveform(2)
-    start = mp.mpf(float(displacement[0] / speed))
-    behind, x, (top, bottom) = taylor.slip_phase(taylor.Slip(*law), start)
-    ahead, end, _ = taylor.slip_phase(taylor.Slip(*law, side=-1), x, turns=0)
-    assert float(end) == pytest.approx(float(start), abs=1e-10)
-    assert cycle.period == pytest.approx(float(behind + ahead), rel=1e-9)
-    assert cycle.amplitude / speed == pytest.approx(float(top - bottom) / 2.0, rel=1e-10)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize('zeta', [1e-3, 0.0])
 def test_hardly_damped_every_point_below_the_fold_has_its_cycle(zeta):
@@ -177,7 +139,7 @@ def test_hardly_damped_every_point_below_the_fold_has_its_cycle(zeta):
 @pytest.mark.parametrize(
     ('eta', 'kappa', 'speed'), [(0.2, 0.2, 1.78), (0.2, 0.2, 2.1319), (1e-6, 0.2, 1.8)]
 )
-def test_the_unstable_cycle_and_its_multiplier(taylor, eta, kappa, speed):
+def test_the_unstable_cycle_and_its_multiplier(eta, kappa, speed):
     # The return map in 40 digits: its fixed point, and its slope by a difference of 1e-15.
     bearing, load = unit_bearing(kappa * eta / 2.0), eta / 0.2
     cycle = exact_unstable_cycle(bearing, speed, load)
@@ -210,82 +172,6 @@ def test_branches_meet_at_the_fold():
         assert exact_unstable_cycle(bearing, speed, load).amplitude == pytest.approx(
             stable, rel=1e-10
         )
-
-
-def by_events(bearing: Bearing, speed: float, load: float) -> tuple[float, float]:
-    """Amplitude and period by an embedded Runge-Kutta method with events, in the lab frame."""
-    c, mu, static = bearing.damping, bearing.friction.coefficient, bearing.friction.static
-
-    def slip(side):
-        def rate(_, s):
-            # The law of the side it slips on, also a little beyond the contact.
-            v = max(side * (speed - s[1]), 1e-300)
-            return [s[1], side * load * float(mu(v)) - c * s[1] - s[0]]
-
-        return rate
-
-    def contact(_, s):
-        return s[1] - speed
-
-    x, side, time, extremes = load * static - c * speed, 1.0, 0.0, []
-    for _ in range(4):
-        # The start of a slip phase is itself a contact: leave it first.
-        begin = 1e-2
-        first = solve_ivp(slip(side), (0, begin), [x, speed], 'DOP853', rtol=1e-13, atol=1e-14)
-        state = list(first.y[:, -1])
-        contact.terminal = True
-        turn = lambda _, s: s[1]  # noqa: E731
-        run = solve_ivp(
-            slip(side), (begin, 60.0), state, 'DOP853', events=[contact, turn],
-            rtol=1e-13, atol=1e-14, max_step=0.01,
-        )  # fmt: skip
-        extremes += [s[0] for s in run.y_events[1]]
-        x, time = run.y_events[0][-1][0], time + run.t_events[0][-1]
-        if abs(x + c * speed) <= static * load:
-            time += (load * static - c * speed - x) / speed
-            break
-        side = -side
-    return (max(extremes) - min(extremes)) / 2.0, time
-
-
-FALLING = unit_bearing(0.05, Tabulated([0.0, 0.1, 0.3, 1.0, 5.0], [0.3, 0.2, 0.12, 0.1, 0.11]))
-# Friction vanishes at speed, so the lining comes back faster than the belt can stop it.
-OVERSHOOTS = unit_bearing(0.0, Tabulated([0.0, 1.0, 1.2], [0.3, 0.3, 0.0]))
-
-
-@pytest.mark.parametrize(
-    ('bearing', 'speed', 'fastest'),
-    [(FALLING, 0.3, 1.0), (FALLING, 2.0, 1.0), (OVERSHOOTS, 1.0, 1.1)],
-)
-def test_a_table_by_events(bearing, speed, fastest):
-    cycle = exact_cycle(bearing, speed, 10.0)
-    amplitude, period = by_events(bearing, speed, 10.0)
-    assert cycle.amplitude == pytest.approx(amplitude, rel=1e-9)
-    assert cycle.period == pytest.approx(period, rel=1e-8)
-    assert cycle.stick_fraction > 0.1
-    assert np.max(cycle.waveform(4001)[2]) >= fastest * speed
-
-
-@pytest.mark.parametrize('speed', [0.05, 0.3, 1.0, 1.5])
-def test_a_law_known_by_its_two_functions_only(sampled, speed):
-    # The same law twice: analytically, and sampled. Differences are formed by subtraction there.
-    for law in (Stribeck(0.3, 0.1, 1.0, 0.01), Coulomb(0.3, 0.1)):
-        known = exact_cycle(unit_bearing(0.02, law), speed, 5.0)
-        other = exact_cycle(unit_bearing(0.02, sampled(law)), speed, 5.0)
-        assert other.kind == known.kind == CycleKind.STICK_SLIP
-        assert other.amplitude == pytest.approx(known.amplitude, rel=3e-8)
-        assert other.period == pytest.approx(known.period, rel=3e-8)
-
-
-def test_many_points_in_one_call_are_the_points_one_by_one():
-    speeds, loads = np.linspace(0.02, 0.25, 40)[:, None], np.linspace(500.0, 1500.0, 20)
-    together = exact_cycle(BENCH, speeds, loads)
-    assert together.amplitude.shape == together.kind.shape == (40, 20)
-    for i, j in ((0, 0), (20, 10), (39, 19), (35, 3)):
-        alone = exact_cycle(BENCH, speeds[i, 0], loads[j])
-        assert together.kind[i, j] == alone.kind
-        assert_allclose(together.amplitude[i, j], alone.amplitude, rtol=1e-10)
-        assert_allclose(together.period[i, j], alone.period, rtol=1e-10)
 
 
 def test_the_waveform_closes_and_obeys_the_equation():
@@ -326,7 +212,6 @@ def test_points_without_a_cycle_say_why(speed, load, kind):
     'bearing',
     [
         unit_bearing(0.0, Stribeck(0.3, 0.3, 10.0)),
-        unit_bearing(0.1, Stribeck(0.1, 0.3, 100.0)),
         unit_bearing(0.0, Coulomb(0.1, 0.3)),
         unit_bearing(0.0, Tabulated([0.0, 1.0], [0.1, 0.3])),
     ],

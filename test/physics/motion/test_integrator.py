@@ -8,15 +8,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
 
+from stickslip_monitor import jit
 from stickslip_monitor.errors import PhysicsError
+from stickslip_monitor.physics.cycle.cycles import exact_cycle
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
 from stickslip_monitor.physics.motion.integrator import (
     Accuracy,
     Drive,
+    Motion,
     MotionOutcome,
     MotionState,
     Phase,
@@ -26,15 +30,7 @@ from stickslip_monitor.physics.oscillator import Bearing
 
 REFERENCE = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, 10.0), 0.1)
 LOAD = 1000.0
-
-
-def damped(bearing: Bearing, shift: float, x: float, velocity: float, t: float) -> float:
-    """Free damped oscillation about a displacement."""
-    zeta, omega = bearing.damping_ratio, bearing.natural_frequency
-    natural, y = omega * math.sqrt(1.0 - zeta**2), x - shift
-    swing = y * math.cos(natural * t)
-    swing += (velocity + zeta * omega * y) / natural * math.sin(natural * t)
-    return shift + math.exp(-zeta * omega * t) * swing
+HAS_NUMBA = find_spec('numba') is not None
 
 
 def test_coulomb_damper_stops_where_it_must() -> None:
@@ -53,16 +49,6 @@ def test_coulomb_damper_stops_where_it_must() -> None:
     assert (motion.transitions.after == Phase.STICK).tolist() == [False] * (swings - 1) + [True]
     assert motion.final.displacement == pytest.approx(x, rel=1e-11)
     assert motion.final.phase is Phase.STICK
-
-
-@pytest.mark.parametrize('speed', [0.0, 0.1, -0.1])
-def test_without_load_the_lining_swings_freely(speed: float) -> None:
-    times = np.linspace(0.0, 1.0, 101)
-    drive = Drive.constant(speed, 0.0, 1.0)
-    motion = integrate(REFERENCE, drive, MotionState(1e-3, speed), times, compiled=False)
-    expected = [damped(REFERENCE, 0.0, 1e-3, 0.0, t) for t in times]
-    assert motion.displacement == pytest.approx(expected, abs=1e-15)
-    assert not motion.sticking.any()
 
 
 RISING = replace(REFERENCE, friction=Stribeck(0.1, 0.3, 10.0))
@@ -173,3 +159,178 @@ def test_a_drive_joins_its_samples_by_straight_lines() -> None:
 def test_bad_drives_are_named(changes: dict[str, list[float]], message: str) -> None:
     with pytest.raises(PhysicsError, match=message):
         Drive.sampled(**(GRID | changes))
+
+
+# Order, drift, and the same numbers however a motion is cut or computed.
+INSTANTS = np.linspace(0.0, 1.0, 51)
+VARYING = Drive.sampled(
+    INSTANTS, 0.09 * np.cos(5.0 * INSTANTS), 800.0 + 500.0 * np.sin(9.0 * INSTANTS)
+)
+LAWS = [
+    Stribeck(0.3, 0.1, 10.0, 0.02),
+    Coulomb(0.3, 0.12),
+    Tabulated([0.005, 0.03, 0.1, 0.2], [0.3, 0.22, 0.12, 0.1]),
+]
+
+
+def columns(motion: Motion) -> list[np.ndarray]:
+    return [
+        motion.displacement,
+        motion.velocity,
+        motion.acceleration,
+        motion.relative_speed,
+        motion.transitions.time,
+    ]
+
+
+@pytest.mark.parametrize(('order', 'longest'), [(4, 0.2), (6, 0.2), (8, 0.7)])
+def test_error_falls_with_the_order_of_the_series(order: int, longest: float) -> None:
+    drive, state = Drive.constant(0.6, 1000.0, 0.05), MotionState(2e-4, 0.6)
+    exact = integrate(REFERENCE, drive, state, compiled=False).final
+    lengths, errors = longest * np.array([1.0, 0.5, 0.25]), []
+    for length in lengths:
+        accuracy = Accuracy(1e9, order, float(length))
+        end = integrate(REFERENCE, drive, state, accuracy=accuracy, compiled=False).final
+        velocity = (end.relative_speed - exact.relative_speed) / REFERENCE.natural_frequency
+        errors.append(np.hypot(end.displacement - exact.displacement, velocity))
+    slopes = np.diff(np.log(errors)) / np.diff(np.log(lengths))
+    assert slopes == pytest.approx(order, abs=0.4)
+
+
+@pytest.mark.parametrize('law', LAWS)
+def test_numba_and_python_agree(law: Stribeck) -> None:
+    pytest.importorskip('numba')
+    bearing, times = replace(REFERENCE, friction=law), np.linspace(0.0, 1.0, 501)
+    motions = [
+        integrate(bearing, VARYING, MotionState(1e-4, 0.02), times, compiled=compiled)
+        for compiled in (True, False)
+    ]
+    compiled, plain = motions
+    for a, b in zip(columns(compiled), columns(plain), strict=True):
+        assert a == pytest.approx(b, rel=1e-12, abs=1e-12 * np.max(np.abs(b)))
+    assert (compiled.steps, compiled.expansions) == (plain.steps, plain.expansions)
+    assert np.array_equal(compiled.phase, plain.phase)
+
+
+def test_without_numba_python_serves(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jit, 'has_compiler', lambda: False)
+    drive = Drive.constant(0.1, 1000.0, 0.05)
+    assert integrate(REFERENCE, drive, MotionState(0.0, 0.0)).steps > 0
+    with pytest.raises(PhysicsError, match='needs numba, which is not installed'):
+        integrate(REFERENCE, drive, MotionState(0.0, 0.0), compiled=True)
+
+
+@pytest.mark.parametrize('law', LAWS)
+def test_cutting_a_drive_at_its_samples_changes_no_bit(law: Stribeck) -> None:
+    bearing, times = replace(REFERENCE, friction=law), np.linspace(0.0, 1.0, 257)
+    whole = integrate(bearing, VARYING, MotionState(0.0, 0.0), times, compiled=False)
+    parts, state, cuts = [], MotionState(0.0, 0.0), (1, 2, 3, 20, 37)
+    for first, last in zip((0, *cuts), (*cuts, 50), strict=True):
+        drive = Drive(
+            INSTANTS[first : last + 1], VARYING.speed[first:last], VARYING.load[first:last]
+        )
+        mine = times[(times > drive.start) & (times <= drive.end)]
+        mine = mine if first else np.append(0.0, mine)
+        parts.append(integrate(bearing, drive, state, mine, compiled=False))
+        state = parts[-1].final
+    for i, column in enumerate(columns(whole)):
+        assert np.array_equal(column, np.concatenate([columns(part)[i] for part in parts]))
+    assert state == whole.final
+
+
+def test_samples_do_not_change_the_motion() -> None:
+    ends = [
+        integrate(REFERENCE, VARYING, MotionState(0.0, 0.0), times, compiled=False).final
+        for times in ((), np.linspace(0.0, 1.0, 333))
+    ]
+    assert ends[0] == ends[1]
+
+
+@pytest.mark.slow
+def test_many_cycles_do_not_drift() -> None:
+    """A hundred thousand cycles where numba is installed, two thousand elsewhere.
+
+    The period is that of the exact cycle, found by another method.
+    """
+    speed, cycles = REFERENCE.speed.to_surface(20.0, 'rpm'), 100_000 if HAS_NUMBA else 2_000
+    exact = exact_cycle(REFERENCE, speed, 1000.0)
+    duration = (cycles + 10) * exact.period
+    late = np.linspace(duration - 0.05, duration, 2001)
+    motion = integrate(
+        REFERENCE,
+        Drive.constant(speed, 1000.0, duration),
+        MotionState(0.0, 0.0),
+        np.append(np.linspace(0.3, 0.35, 2001), late),
+    )
+    t = motion.transitions
+    releases = t.time[t.before == Phase.STICK][2:]
+    assert releases.size > cycles
+    assert (releases[-1] - releases[0]) / (releases.size - 1) == pytest.approx(
+        exact.period, rel=1e-12
+    )
+    for x in (motion.displacement[:2001], motion.displacement[2001:]):
+        assert 0.5 * np.ptp(x) == pytest.approx(exact.amplitude, rel=1e-5)
+
+
+def test_sticking_follows_the_travel_of_the_belt() -> None:
+    times = np.linspace(0.0, 1.0, 21)
+    drive = Drive.sampled([0.0, 0.5, 1.0], [0.0, 2e-4, -2e-4], [1000.0] * 3)
+    motion = integrate(REFERENCE, drive, MotionState(0.0, 0.0), times, compiled=False)
+    assert motion.sticking.all()
+    early = 2e-4 * times**2
+    late = 5e-5 + 2e-4 * (times - 0.5) - 4e-4 * (times - 0.5) ** 2
+    expected = np.where(times < 0.5, early, late)
+    assert motion.displacement == pytest.approx(expected, abs=1e-19)
+
+
+def random_case(seed: int) -> tuple[Bearing, Drive]:
+    """Any law, damping and load, with inputs that stop and vanish."""
+    rng = np.random.default_rng(seed)
+    low, high = rng.uniform(0.05, 0.5, 2)
+    points = np.sort(rng.uniform(0.0, 0.2, 5))
+    law = [
+        Stribeck(low, high, 10.0 ** rng.uniform(-1.0, 4.0)),
+        Coulomb(low, high),
+        Tabulated(points.tolist(), rng.uniform(0.0, 0.5, 5).tolist()),
+    ][seed % 3]
+    time = np.cumsum(rng.uniform(0.2, 1.0, 12)) * 10.0 ** rng.uniform(-3.0, -1.3)
+    speed = np.where(rng.random(12) < 0.2, 0.0, 0.1 * rng.standard_normal(12))
+    load = np.where(rng.random(12) < 0.2, 0.0, 10.0 ** rng.uniform(1.0, 4.5) * rng.random(12))
+    damping = float(rng.choice([0.0, 400.0, 2.0e4]))
+    bearing = replace(REFERENCE, friction=law, damping=damping)
+    return bearing, Drive.sampled(time, speed, load)
+
+
+@pytest.mark.parametrize('seed', range(9))
+def test_random_motions_keep_the_law(seed: int) -> None:
+    """No contact is missed, sticking never exceeds its limit, slip has its friction.
+
+    Displacement, velocity and acceleration belong together by Simpson's rule between transitions
+    and samples of the drive.
+    """
+    bearing, drive = random_case(seed)
+    times = np.linspace(drive.start, drive.end, 4001)
+    motion = integrate(bearing, drive, MotionState(1e-4, 0.0), times, compiled=False)
+    assert motion.outcome is MotionOutcome.COMPLETE
+    x, v, a = motion.displacement, motion.velocity, motion.acceleration
+    breaks = np.searchsorted(times, np.concatenate([motion.transitions.time, drive.time]))
+    smooth = np.ones(times.size - 2, bool)
+    smooth[np.clip(breaks[:, None] + np.arange(-3, 2), 0, smooth.size - 1)] = False
+    third = (times[1] - times[0]) / 3.0
+    for whole, rate, tolerance in ((x, v, 1e-7), (v, a, 2e-5)):
+        step = whole[2:] - whole[:-2] - third * (rate[:-2] + 4.0 * rate[1:-1] + rate[2:])
+        assert np.max(np.abs(step[smooth])) < tolerance * np.ptp(whole)
+    fastest = np.max(np.abs(motion.relative_speed)) + 0.1
+    assert np.all(motion.relative_speed * motion.phase >= -1e-13 * fastest)
+    piece = np.clip(np.searchsorted(drive.time, times) - 1, 0, 10)
+    since, coefficients = times - drive.time[piece], drive.load[piece]
+    load = np.polynomial.polynomial.polyval(since, coefficients.T, tensor=False)
+    inner = bearing.mass * a + bearing.damping * v
+    spring = bearing.stiffness * x
+    scale = 1.0 + np.max(load) + np.max(np.abs(spring)) + np.max(np.abs(inner))
+    slow = np.maximum(np.abs(motion.relative_speed), 1e-300)
+    sliding = load * np.asarray(bearing.friction.coefficient(slow)) * motion.phase
+    limit = max(bearing.friction.static, float(bearing.friction.coefficient(1e-300)))
+    sticks = motion.sticking
+    assert np.all(np.abs((inner + spring)[sticks]) <= limit * load[sticks] + 1e-12 * scale)
+    assert np.max(np.abs((inner + spring - sliding)[~sticks]), initial=0.0) < 1e-8 * scale

@@ -63,6 +63,7 @@ def test_a_distance_of_1e_12_from_the_fold_decides(side: float, sticks: bool, lo
 
 
 SHARP, FEW = Stribeck(0.3, 0.1, 1e5), Tabulated([0.02, 0.5], [0.3, 0.1])
+FALLING = Tabulated([0.0, 0.1, 0.3, 1.0, 5.0], [0.3, 0.2, 0.12, 0.1, 0.11])
 # Bearing, speed [m/s], load [N]
 CYCLES = {
     'beta V = 1e4': (replace(REFERENCE, friction=SHARP), 0.1, 1e4),
@@ -72,6 +73,8 @@ CYCLES = {
     'eta 5': (REFERENCE, 0.1, 2.5e4),
     'eta 1e3': (REFERENCE, 0.1, 5e6),
     'two points': (replace(REFERENCE, friction=FEW), 0.1, 5e3),
+    'five points': (Bearing(1.0, 0.1, 1.0, FALLING, 0.1), 0.3, 10.0),
+    'five points, faster': (Bearing(1.0, 0.1, 1.0, FALLING, 0.1), 2.0, 10.0),
 }
 
 

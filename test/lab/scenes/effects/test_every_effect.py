@@ -13,7 +13,6 @@ import pytest
 import yaml
 
 from stickslip_monitor.commands.simulate import write_bag
-from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.effects import effect as effect_module
 from stickslip_monitor.lab.scenes.effects import lining_motion
 from stickslip_monitor.lab.scenes.scene import EFFECTS, KEYS, STAGES, Scene, load_scene
@@ -67,13 +66,6 @@ def test_scene_of_the_page_can_be_made(tmp_path: Path) -> None:
     assert counts == {'/shaft/speed': 6001, '/bearing/aft_stern/load': 1201 - 20 * 2}
     keys = PAGE.read_text('utf-8').partition('## Scenes that vary')[0]
     assert re.findall(r'^\| `(\w+)` \| [^|]+ \|$', keys, re.M) == list(KEYS)
-
-
-def test_effect_that_is_listed_twice_is_named(make_scene: MakeScene) -> None:
-    for name in EFFECTS:
-        twice = [{name: EXAMPLES[name]}] * 2
-        with pytest.raises(SceneError, match=f"effect '{name}'.* is listed twice"):
-            make_scene('measured', effects=twice, telemetry=RATES)
 
 
 def test_order_in_the_file_and_length_of_the_blocks_change_no_bit(

@@ -13,8 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import Reader
-from rosbags.typesys import Stores, get_typestore
 
 from stickslip_monitor.bags.reader import Request, open_bag
 from stickslip_monitor.commands.simulate import write_bag
@@ -66,26 +64,6 @@ def test_filter_lags_behind_a_ramp(send: Send, tau: float) -> None:
     expected = 60.0 - 0.5 * (since - tau * (1.0 - np.exp(-since / tau)))
     found, _ = send(CORNER, filtering(speed=tau), rate=1.0)
     np.testing.assert_allclose(found, expected, rtol=1e-9)
-
-
-def test_filter_weakens_and_delays_ripple(send: Send) -> None:
-    """By 1/sqrt(1 + (omega tau)^2) and atan(omega tau), settled from the first sample on."""
-    tau, omega = 0.05, 2.0 * math.pi * 99.0 / 60.0 * 9.0
-    factor = 1.0 / math.hypot(1.0, omega * tau)
-    phase = omega * SECONDS - math.atan(omega * tau)
-    expected = 99.0 * (1.0 + 0.1 * factor * np.cos(phase))
-    found, _ = send(FAST, BLADES, filtering(speed=tau), rate=1.0)
-    # The grid of 400 Hz takes the ripple for linear between its instants: (omega h)^2 / 12.
-    np.testing.assert_allclose(found, expected, atol=9.9 * factor * (omega / 400.0) ** 2 / 10.0)
-
-
-@pytest.mark.parametrize('window', [0.0123, 1.0, 2.5, 17.3])
-def test_mean_follows_a_ramp(send: Send, window: float) -> None:
-    """The mean of a corner: the ramp's integral is a quarter rpm times the time squared."""
-    late, early = (np.maximum(SECONDS - back - 20.0, 0.0) for back in (0.0, window))
-    expected = 60.0 - 0.25 * (late**2 - early**2) / window
-    found, _ = send(CORNER, averaging(speed=window), rate=1.0)
-    np.testing.assert_allclose(found, expected, atol=2e-5)
 
 
 @pytest.mark.parametrize('window', [0.1, 0.5, 2.0])
@@ -140,21 +118,6 @@ def test_quantised_numbers_are_the_nearest_multiples(send: Send) -> None:
     assert (speed - RPM).var() == pytest.approx(0.25**2 / 12.0, rel=1e-2)
 
 
-def test_spikes_are_as_many_and_as_large_as_stated(send: Send) -> None:
-    spikes = {'spikes': {'load': {'size': 0.3, 'unit': 'kN', 'share': 0.05}}}
-    _, found = send(STEADY, spikes)
-    off = np.rint(found - 1000.0)
-    assert set(off.tolist()) == {-300.0, 0.0, 300.0}
-    count, n = np.count_nonzero(off), off.size
-    assert abs(count - 0.05 * n) < 5.0 * math.sqrt(0.05 * 0.95 * n)
-    assert abs(np.count_nonzero(off > 0) - count / 2) < 5.0 * math.sqrt(count) / 2.0
-    inside = spikes['spikes']['load'] | {'windows': [[10, 20], [30, 45]]}
-    _, windowed = send(STEADY, {'spikes': {'load': inside}})
-    hold = ((TIME >= 10) & (TIME < 20)) | ((TIME >= 30) & (TIME < 45))
-    # Windows choose among the spikes and do not change them.
-    assert windowed.tolist() == np.where(hold, found, 1000.0).tolist()
-
-
 @pytest.mark.parametrize('length', [60.0, 7.3, 0.05])
 def test_stuck_sensor_repeats_its_last_value(send: Send, length: float) -> None:
     windows = [[0, 3], [20, 61.5], [61.5, 70], [99, 100]]
@@ -165,29 +128,6 @@ def test_stuck_sensor_repeats_its_last_value(send: Send, length: float) -> None:
         expected.append(expected[-1] if stuck and expected else value)
     np.testing.assert_allclose(speed, expected, rtol=1e-12)
     assert len(set(speed[2000:7000].tolist())) == 1
-
-
-def test_nan_comes_where_it_is_asked_for(send: Send) -> None:
-    speed, load = send(
-        {
-            'not_a_number': {
-                'speed': {'windows': [[1, 2.5]]},
-                'load': {'share': 0.2, 'windows': [[50, 100]]},
-            }
-        }
-    )
-    assert np.isnan(speed).tolist() == ((TIME >= 1.0) & (TIME < 2.5)).tolist()
-    count = np.isnan(load).sum()
-    assert abs(count - 1000.0) < 5.0 * math.sqrt(5000 * 0.16)
-    assert not np.isnan(load[:5000]).any()
-
-
-def test_effect_may_be_for_one_bearing(make_scene: MakeScene, messages_of: MessagesOf) -> None:
-    two: dict[str, Any] = {'aft': {}, 'fwd': {'load': {'topic': '/fwd'}}}
-    bias = {'bearing': 'fwd', 'load': {'bias': 5, 'unit': 'N'}}
-    sent = messages_of(make_scene(two, effects=[STEADY, {'bias': bias}]))
-    assert set(sent['/fwd'].raw.tolist()) == {1005.0}
-    assert set(sent[LOAD].raw.tolist()) == {1000.0}
 
 
 # The recorder.
@@ -203,37 +143,6 @@ def load_of(
     bearings, rate = more.pop('bearings', 'stamped'), more.pop('rate', 10.0)
     scene = make_scene(bearings, rate, effects=[CLOCK, *effects])
     return messages_of(scene, *more.values())[LOAD]
-
-
-@pytest.mark.parametrize('length', [60.0, 7.3])
-def test_dropped_messages_are_those_of_the_windows(
-    make_scene: MakeScene, messages_of: MessagesOf, length: float
-) -> None:
-    drop = {'dropout': {'load': {'windows': [[10, 20], [50.05, 70]]}}}
-    found = load_of(make_scene, messages_of, drop, length=length)
-    tenths = [k for k in range(1001) if not (100 <= k < 200 or 501 <= k < 700)]
-    assert found.log_time_ns.tolist() == [START + k * 10**8 for k in tenths]
-    assert found.stamp_ns is not None
-    assert found.stamp_ns.tolist() == found.log_time_ns.tolist()
-    np.testing.assert_allclose(found.raw, np.array(tenths) / 10.0, atol=1e-9)
-
-
-def test_share_of_the_messages_is_lost_or_comes_twice(
-    make_scene: MakeScene, messages_of: MessagesOf
-) -> None:
-    repeat = {'repeated_stamps': {'load': {'share': 0.3}}}
-    drop = {'dropout': {'load': {'share': 0.1}}}
-    n, rate = 100_001, 1000.0
-    twice = load_of(make_scene, messages_of, repeat, rate=rate).log_time_ns
-    stamps, counts = np.unique(twice, return_counts=True)
-    assert (stamps.size, set(counts.tolist())) == (n, {1, 2})
-    assert np.all(np.diff(twice) >= 0)
-    assert abs((counts == 2).sum() - 0.3 * n) < 5.0 * math.sqrt(0.21 * n)
-    left = load_of(make_scene, messages_of, drop, rate=rate).log_time_ns
-    assert abs(left.size - 0.9 * n) < 5.0 * math.sqrt(0.09 * n)
-    # Both together hit the same messages as each alone.
-    both = load_of(make_scene, messages_of, drop, repeat, rate=rate).log_time_ns
-    assert both.tolist() == twice[np.isin(twice, left)].tolist()
 
 
 @pytest.mark.parametrize('bearings', [{'aft': {}}, 'stamped'])
@@ -275,6 +184,36 @@ def test_clock_jumps_add_up(make_scene: MakeScene, messages_of: MessagesOf) -> N
     assert np.diff(found.log_time_ns).tolist() == steps
 
 
+@pytest.mark.parametrize(
+    ('effect', 'share'),
+    [('dropout', 0.1), ('repeated_stamps', 0.3), ('not_a_number', 0.2), ('spikes', 0.05)],
+)
+def test_shares_and_windows_choose_the_messages(
+    make_scene: MakeScene, messages_of: MessagesOf, effect: str, share: float
+) -> None:
+    """As many as stated by the binomial law; windows choose among them and change none."""
+    own = {'share': share} | ({'size': 300, 'unit': 'N'} if effect == 'spikes' else {})
+    windows = {'windows': [[10, 20], [50.05, 70]]}
+    counts = []
+    for chosen in (own, own | windows, own | windows | {'share': 1.0}):
+        found = load_of(make_scene, messages_of, {effect: {'load': chosen}}, rate=100.0)
+        assert found.stamp_ns is not None
+        assert found.stamp_ns.tolist() == found.log_time_ns.tolist()
+        tick = (found.log_time_ns - START) // 10**7
+        there = np.bincount(tick, minlength=10_001)
+        if effect == 'spikes':
+            there[tick[abs(found.raw - tick / 100.0) > 299.0]] = 9
+        elif effect == 'not_a_number':
+            there[tick[np.isnan(found.raw)]] = 9
+        counts.append(there != 1)
+    alone, among, whole = counts
+    assert abs(alone.sum() - share * 10_001) < 5.0 * math.sqrt(share * (1.0 - share) * 10_001)
+    time = np.arange(10_001) / 100.0
+    inside = ((time >= 10.0) & (time < 20.0)) | ((time >= 50.05) & (time < 70.0))
+    assert whole.tolist() == inside.tolist()
+    assert among.tolist() == (alone & inside).tolist()
+
+
 def test_late_messages_come_behind_younger_ones(
     make_scene: MakeScene, messages_of: MessagesOf
 ) -> None:
@@ -289,28 +228,6 @@ def test_late_messages_come_behind_younger_ones(
     # A delay that overtakes nothing is refused.
     with pytest.raises(SceneError, match=r'delay = 0.25 must be a number \[s\] above 0.25'):
         load_of(make_scene, messages_of, late, rate=4.0)
-
-
-def test_another_reader_finds_stamps_and_order_in_the_bag(
-    make_scene: MakeScene, tmp_path: Path
-) -> None:
-    late = {'out_of_order': {'load': {'delay': 1.1, 'windows': [[40, 40.1]]}}}
-    jump = {'clock_jump': {'jumps': [[60, -40]]}}
-    scene = make_scene('stamped', 2.0, effects=[CLOCK, late, jump])
-    assert sum(write_bag(scene, tmp_path / 'bag').values()) == 402
-    store = get_typestore(Stores.ROS2_JAZZY)
-    rows = []
-    with Reader(tmp_path / 'bag') as reader:
-        wanted = [c for c in reader.connections if c.topic == LOAD]
-        for connection, log_time, data in reader.messages(wanted):
-            message: Any = store.deserialize_cdr(data, connection.msgtype)
-            stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
-            rows.append((log_time - START, stamp - START, message.wrench.force.z))
-    expected = [
-        (k * NS // 2, k * NS // 2 - (40 * NS if k >= 120 else 0), k / 2) for k in range(201)
-    ]
-    expected[80] = (expected[80][0] + 11 * NS // 10, *expected[80][1:])
-    assert rows == [(t, s, pytest.approx(v)) for t, s, v in sorted(expected)]
 
 
 def test_monitor_counts_every_kind_of_bad_message(make_scene: MakeScene, tmp_path: Path) -> None:

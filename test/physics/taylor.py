@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The exact cycle once more, independently: Taylor series in 40 digits, in the lab frame.
+"""An independent exact cycle, for tests: Taylor series in 40 digits, in the lab frame.
 
 ``x'' + 2 zeta x' + x = force (mu_k + (mu_s - mu_k) exp(-decay (V - x')))`` with omega = m = k = 1.
 """
@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 import mpmath as mp
-import pytest
 
 mp.mp.dps = 40
 ORDER = 40
@@ -137,15 +136,3 @@ def return_map(zeta, static, kinetic, decay, x):
                 return turns, time + t
         x, v, time = at(xs, h), at(vs, h), time + h
     raise AssertionError('no return')
-
-
-@pytest.mark.slow
-def test_the_reference_gives_the_numbers_of_physics_md():
-    # The bench at 20 rpm: eta = 0.2, zeta = 0.02, beta V = 10 pi 0.1 / 3.
-    speed = mp.pi / 30
-    force = 1000 / (50 * 200 * speed)
-    amplitude, period, _ = stick_slip(
-        mp.mpf(1) / 50, force * mp.mpf(3) / 10, force / 10, 10 * speed
-    )
-    assert abs(amplitude * speed / 200 - 0.556755e-3) < 6e-10
-    assert abs(period / 200 - 31.5903e-3) < 6e-8
