@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
+import os
+import time
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +59,34 @@ def test_two_writers_do_not_meet(tmp_path: Path) -> None:
         write()
     assert [path.name for path in tmp_path.iterdir()] == ['bag.mcap']
     assert list(open_bag(tmp_path / 'bag.mcap').topics) == ['/y']
+
+
+@pytest.mark.parametrize('name', ['bag.mcap', 'bag'])
+def test_the_draft_of_a_killed_process_is_swept_and_that_of_a_living_one_kept(
+    tmp_path: Path, name: str
+) -> None:
+    dead = tmp_path / f'.{name}.7.draft'
+    dead.mkdir() if name == 'bag' else dead.touch()
+    with BagWriter(tmp_path / name):
+        for draft in tmp_path.iterdir():
+            os.utime(draft, (time.time() - 60.0,) * 2)
+        with contextlib.suppress(BagError), BagWriter(tmp_path / name):
+            assert not dead.exists()
+            assert (tmp_path / f'.{name}.0.draft').exists()
+            raise BagError('no room')
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_a_link_is_followed_and_one_that_leads_nowhere_refused(tmp_path: Path) -> None:
+    link, loop = tmp_path / 'link.mcap', tmp_path / 'loop.mcap'
+    link.symlink_to(tmp_path / 'there.mcap')
+    with BagWriter(link):
+        pass
+    assert link.is_symlink()
+    assert (tmp_path / 'there.mcap').is_file()
+    loop.symlink_to(loop)
+    with pytest.raises(BagError, match='exists already'):
+        BagWriter(loop)
 
 
 def read_with_rosbags(path: Path) -> list[tuple[str, int, object]]:

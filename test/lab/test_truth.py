@@ -80,6 +80,21 @@ def test_episodes_and_span(
     assert truth.amplitude.value.size == truth.fold_margin.time_ns.size == 0
 
 
+def test_each_number_is_read_from_its_topic(tmp_path: Path) -> None:
+    columns = {'hopf_margin': [np.inf, 0.3], 'fold_margin': [0.1, -0.2], 'amplitude': [0.0, 3e-4]}
+    path = tmp_path / 'a.mcap'
+    with BagWriter(path) as writer:
+        writer.add_topic(EVENTS, 'std_msgs/msg/String')
+        writer.write(EVENTS, 5, encode_string(event('start', 0)))
+        for name, column in columns.items():
+            writer.add_topic(f'/truth/aft/{name}', 'std_msgs/msg/Float64')
+            writer.write_float64s({f'/truth/aft/{name}': ([5, 9], column)})
+    truth = read(path)
+    for name, column in columns.items():
+        assert getattr(truth, name).time_ns.tolist() == [5, 9]
+        assert getattr(truth, name).value.tolist() == column
+
+
 def test_no_truth_is_named(tmp_path: Path) -> None:
     path = write(tmp_path / 'a.mcap', [(0, event('start', 0))])
     assert not has_truth(open_bag(path), 'fore')

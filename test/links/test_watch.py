@@ -145,7 +145,7 @@ async def test_what_a_server_or_its_token_ends(server: SmallServer, tmp_path: Pa
     path = signalk_ship(tmp_path, server, token_file=str(token))
     said = await asyncio.to_thread(refusal, path)
     assert f"token file '{token}' cannot be read: No such file or directory" in said
-    token.write_text('a-wrong-token-of-somebody')
+    token.write_text('a.wrong-token.of-somebody')
     token.chmod(0o640)
     assert 'can be read by others: chmod 600 it' in await asyncio.to_thread(refusal, path)
     token.chmod(0o600)

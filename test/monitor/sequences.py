@@ -104,18 +104,11 @@ class Bits:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Messages:
-    """Messages of one or more inputs, shape (n,) each.
-
-    Attributes:
-        arrival_ns: When they come [ns].
-        quantity: 0 speed, 1 load, 2 level.
-        time_ns: Their stamps [ns].
-        value: Their numbers.
-    """
+    """Messages of one or more inputs, in order of arrival, shape (n,) each."""
 
     arrival_ns: Integers
     quantity: NDArray[np.int8]
-    time_ns: Integers
+    time_ns: Integers  # stamps
     value: Floats
 
     def __getitem__(self, rows: Any) -> Messages:
@@ -133,25 +126,15 @@ def _together(parts: list[Messages]) -> Messages:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sequence:
-    """A sequence of samples of one bearing, in order of arrival.
-
-    Attributes:
-        number: Its number.
-        bearing: Name of its bearing, a key of :data:`BEARINGS`.
-        kinds: What is special about it, of :data:`KINDS`, and ``level`` with a level.
-        parameters: Its configuration, by the bearing's parameters.
-        messages: The samples.
-        start_ns: When the waiting for inputs begins; ``None``: with the first sample [ns].
-        end_ns: Until when time passes after the last sample [ns].
-    """
+    """A sequence of samples of one bearing, a key of :data:`BEARINGS`, in order of arrival."""
 
     number: int
     bearing: str
-    kinds: tuple[str, ...]
+    kinds: tuple[str, ...]  # what is special about it, and ``level`` with a level
     parameters: dict[str, Any]
     messages: Messages
-    start_ns: int | None
-    end_ns: int
+    start_ns: int | None  # when the waiting for inputs begins; None: with the first sample
+    end_ns: int  # until when time passes after the last sample
 
     @property
     def config(self) -> MonitorConfig:
@@ -164,11 +147,6 @@ class Sequence:
         columns = (self.messages.quantity, self.messages.time_ns, self.messages.value)
         for quantity, time_ns, value in zip(*(c.tolist() for c in columns), strict=True):
             yield Sample(NAME, QUANTITIES[quantity], time_ns, value)
-
-
-def sequences(numbers: range = range(COUNT)) -> Iterator[Sequence]:
-    """Make the sequences of some numbers."""
-    yield from map(sequence, numbers)
 
 
 def sequence(number: int) -> Sequence:

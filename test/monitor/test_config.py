@@ -51,17 +51,9 @@ def test_every_value_reaches_its_place(configure: Configure) -> None:
     assert (speed.scale, speed.offset) == (2.0, -1.0)
     assert speed.factor == pytest.approx(math.pi * 0.1, rel=1e-15)
     assert (speed.timeout_ns, speed.maximum, speed.deadband) == (250_000_000, 7.0, 0.01)
-    assert (load.topic, load.type, load.field) == (
-        '/bearing/aft/load',
-        'std_msgs/msg/Float64',
-        ('data',),
-    )
-    assert (load.factor, load.timeout_ns, load.maximum, load.deadband) == (
-        1000.0,
-        3_000_000_000,
-        1e8,
-        0.0,
-    )
+    assert (load.topic, load.type) == ('/bearing/aft/load', 'std_msgs/msg/Float64')
+    assert (load.field, load.factor, load.timeout_ns) == (('data',), 1000.0, 3_000_000_000)
+    assert (load.maximum, load.deadband) == (1e8, 0.0)
     assert (alarm.caution_margin, alarm.hysteresis, alarm.amplitude_limit) == (0.2, 0.03, 1e-3)
     assert (alarm.on_delay_ns, alarm.off_delay_ns) == (1_500_000_000, 2_500_000_000)
 
@@ -100,19 +92,9 @@ def test_bad_value_is_named_with_its_rule(
 
 
 def test_edges_of_ranges_are_allowed(configure: Configure) -> None:
-    bearing = configure(
-        damping=0.0,
-        speed__timeout=1e9,
-        alarm__caution_margin=0.0,
-        alarm__hysteresis=0.9,
-        alarm__amplitude_limit=math.inf,
-        alarm__on_delay=0,
-        alarm__off_delay=0,
-        alarm__minimum_speed=0,
-    ).bearing('aft')
-    assert bearing.bearing.damping == 0.0
-    assert bearing.speed.timeout_ns == 10**18
-    assert (bearing.alarm.on_delay_ns, bearing.alarm.off_delay_ns) == (0, 0)
+    edges = {'alarm__hysteresis': 0.9, 'alarm__amplitude_limit': math.inf, 'alarm__on_delay': 0}
+    aft = configure(damping=0.0, speed__timeout=1e9, **edges).bearing('aft')
+    assert (aft.bearing.damping, aft.speed.timeout_ns, aft.alarm.on_delay_ns) == (0.0, 10**18, 0)
 
 
 @pytest.mark.parametrize(
@@ -208,6 +190,25 @@ def test_laws_are_built_from_their_numbers(configure: Configure) -> None:
     assert table.bearings[0].bearing.friction == Tabulated([0.0, 0.5, 2.0], [0.3, 0.2, 0.1])
     stretched = configure(friction__exponent=2.0).bearings[0].bearing.friction
     assert stretched == Stretched(0.3, 0.1, 10.0, 0.0, 2.0)
+
+
+TORSIONAL = {'inertia': 0.125, 'torsional_damping': 1.0, 'torsional_stiffness': 5000.0}
+
+
+def test_a_lining_is_given_by_torsional_values_too(reference: dict[str, Any]) -> None:
+    both = {'bearings': ['aft']} | {
+        f'aft.{name}': value for name, value in (reference | TORSIONAL).items()
+    }
+    with pytest.raises(ConfigurationError, match=r"^'aft\.mass' and 'aft\.inertia' are given: "):
+        build_config(both)
+    plain = {f'aft.{name}' for name in ('mass', 'damping', 'stiffness')}
+    alone = {name: value for name, value in both.items() if name not in plain}
+    # Each over the square of a radius of 50 mm.
+    own = build_config(alone).bearings[0].bearing
+    assert (own.mass, own.damping, own.stiffness) == pytest.approx((50.0, 400.0, 2.0e6))
+    del alone['aft.torsional_damping']
+    with pytest.raises(ConfigurationError, match=r"^parameter 'aft\.torsional_damping' \[N m s"):
+        build_config(alone)
 
 
 @pytest.mark.parametrize(

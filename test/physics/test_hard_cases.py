@@ -87,18 +87,6 @@ def test_averaged_cycles_just_inside_and_just_outside_the_fold(kappa):
     assert stationary_amplitudes(bearing, fold * (1.0 + distance), load).amplitude.size == 0
 
 
-def test_the_exact_cycle_of_a_sharp_law():
-    """beta V = 1e4: friction falls within a ten-thousandth of the belt's speed."""
-    bearing = unit_bearing(0.02, Stribeck(0.3, 0.1, 1e4))
-    cycle = exact_cycle(bearing, 1.0, 10.0)
-    amplitude, period, stick = taylor.stick_slip(
-        mp.mpf(bearing.damping) / 2, 10 * mp.mpf(0.3), 10 * mp.mpf(0.1), mp.mpf(1e4), refine=1
-    )
-    assert cycle.amplitude == pytest.approx(float(amplitude), rel=2e-14)
-    assert cycle.period == pytest.approx(float(period), rel=2e-14)
-    assert cycle.stick_fraction == pytest.approx(float(stick), rel=1e-12)
-
-
 LAWS = [
     Stribeck(0.3, 0.1, 10.0),
     Stribeck(0.3, 0.1, 10.0, 0.01),

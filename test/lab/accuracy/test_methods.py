@@ -104,6 +104,13 @@ def test_the_restick_trap():
     assert abs(error(switching, 40, True, 0.1)) < 1e-12
 
 
+def test_switching_follows_a_lining_that_overtakes_the_belt():
+    weak = Bearing(50.0, 40.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.1)
+    amplitude = switching(True, 0.1, weak, rpm(30), 100.0).amplitude
+    # Ten cycles do not forget the start altogether: there is no stick to do so.
+    assert amplitude == pytest.approx(exact_cycle(weak, rpm(30), 100.0).amplitude, rel=1e-3)
+
+
 @pytest.mark.parametrize('speed', [10, 30])
 def test_many_harmonics_approach_the_exact_cycle(speed):
     # The error changes its sign on the way: no single step down is certain.

@@ -339,6 +339,7 @@ def test_the_spread_is_that_of_the_drawn_laws(law: Stribeck) -> None:
         expected = np.percentile(drawn, [2.5, 50.0, 97.5], method='nearest')
         np.testing.assert_allclose([item.low, item.median, item.high], expected, rtol=1e-10)
         above.append(float(np.mean(drawn > 0.16)))
+    assert boundary_spread(fit, 400.0, 1.0).without == 1.0  # at 1 N no law has a boundary
     shares = {'unstable': above[0], 'bistable': above[1] - above[0], 'stable': 1.0 - above[1]}
     assert spread.regimes == pytest.approx(shares)
 
@@ -400,6 +401,8 @@ def test_as_benches_and_spreadsheets_write_it(write: Write, content: str) -> Non
         ('v,speed,mu\n1,2,3\n', ", line 1: several columns may be the speed: 'v', 'speed'"),
         ('speed,mu\n0,0.3\n\n0.1,x\n', ", line 4, column 'mu': 'x' must be a number"),
         ('speed,mu\n0\n', ", line 2, column 'mu': the line has 1 cell and the headings 2"),
+        ('speed,mu\n0,nan\n', ", line 2, column 'mu': 'nan' must be a finite number"),
+        ('speed,mu\n"1,2\n', ', line 2: unexpected end of data'),
         ('speed,mu\n-0.1,0.2\n', ", line 2, column 'speed': '-0.1' must not be negative"),
         ('speed,mu,std\n0.1,0.2,0\n', ", line 2, column 'std': '0' must be greater than 0"),
         ('speed [kn],mu\n1,2\n', ", line 1, column 'speed [kn]': unit 'kn' must be one of rpm"),

@@ -31,8 +31,6 @@ MessagesOf = Callable[..., dict[str, Messages]]
 SPEED, LOAD = '/shaft/speed', '/bearing/aft/load'
 START = 1_700_000_000_000_000_000
 SURFACE = math.pi * 0.1 / 60.0  # m/s of one rpm
-POINTS = [[10, 60], [50, 20], [51, 20], [73, -35]]
-PROFILE = {'speed_profile': {'unit': 'rpm', 'points': POINTS}}
 NOISE = {
     'speed': {'standard_deviation': 0.1, 'unit': 'rpm'},
     'load': {'standard_deviation': 0.005, 'unit': 'kN'},
@@ -85,26 +83,6 @@ def test_numbers_are_what_the_sensor_sends(make_scene: MakeScene, messages_of: M
         effect = {'speed_profile': {'unit': unit, 'points': [[0, 3.0]]}}
         raw = messages_of(make_scene(effects=[effect]))[SPEED].raw
         np.testing.assert_allclose(raw, 3.0 * rpm, rtol=1e-14)
-
-
-def test_bearings_of_one_shaft_share_its_turning(
-    make_scene: MakeScene, messages_of: MessagesOf
-) -> None:
-    load = {'topic': '/fwd', 'unit': 'kN'}
-    two = {'aft': {}, 'fwd': {'journal_diameter': 0.25, 'load': load}}
-    loads = [
-        {'effect': 'load_profile', 'bearing': name, 'unit': 'N', 'points': [[0, size]]}
-        for name, size in (('fwd', 500), ('aft', 900))
-    ]
-    scene = make_scene(two, effects=[PROFILE, *loads])
-    shaft, time = scene.build().shaft, np.array([0.0, 30.0])
-    np.testing.assert_allclose(shaft.speed('aft', time), [60.0 * SURFACE, 40.0 * SURFACE])
-    np.testing.assert_allclose(shaft.speed('fwd', time), [150.0 * SURFACE, 100.0 * SURFACE])
-    np.testing.assert_allclose(shaft.turns('fwd', time), shaft.turns('aft', time))
-    found = messages_of(scene)
-    assert list(found) == [SPEED, LOAD, '/fwd']
-    np.testing.assert_allclose(found[LOAD].raw, 900.0, rtol=1e-14)
-    np.testing.assert_allclose(found['/fwd'].raw, 0.5, rtol=1e-14)
 
 
 def test_noise_is_white_and_depends_on_its_seed_alone(

@@ -31,8 +31,14 @@ SCENES = rows("""
 {durations: 3} => unknown key 'durations' = 3; did you mean 'duration'?
 {scene: ~} => not a scene file: it must begin with 'scene: stickslip_monitor/scene/1'
 {effects: ~} => key 'effects' is missing:
+{scene: x/2} => scene = 'x/2' must be 'stickslip_monitor/scene/1'
+{description: 3} => description = 3 must be a text
 {duration: 0} => duration = 0 must be a number [s] above 0
 {duration: true} => duration = True must be
+{start: 2026-05-04} => start = 2026-05-04 must be an ISO time
+{telemetry: 3} => telemetry = 3 must be a mapping of keys
+{telemetry: {speed: {rate: 1}, load: {rate: 1}, level: {rate: 1}}}
+  => telemetry.level: the configuration has no aft.level.topic
 {start: noon} => start = 'noon' must be an ISO time
 {start: 1969-12-31 23:59:00} => start = 1969-12-31T23:59:00 must lie
 {start: 9223372036854775807} => must lie, with the whole scene, between
@@ -69,6 +75,8 @@ speed_steps: {unit: rpm, rise: 4, steps: [[0, 1], [10, 2], [13, 3]]}
   => speed_steps.steps: step 3 is at 13 s, but the one before takes until 14 s
 manoeuvre: {unit: rpm, time_constant: 8, ahead: {half: 60}, orders: [[0, full speed]]}
   => order 1 is 'full speed', which has no speed in this scene
+manoeuvre: {unit: rpm, time_constant: 8, ahead: {half: 60}, orders: [[now, stop]]}
+  => order 1 is at 'now', which is no time in s
 manoeuvre: {unit: rpm, time_constant: 8, ahead: {half: 60}, orders: [stop]}
   => order 1 = 'stop' must be a pair, [time in s, 'slow ahead']
 manoeuvre: {unit: rpm, time_constant: 8, ahead: {slow: 40, half: 40}, orders: []}
@@ -83,6 +91,7 @@ spikes: {load: {size: 1, unit: N}} => spikes.load must have windows, a share of 
 stuck: {load: {windows: [[0, 30], [20, 40]]}}
   => stuck.load.windows: window 2 = [20, 40] overlaps or precedes window 1 = [0, 30]; windows must
 stuck: {load: {windows: [5, 6]}} => window 1 = 5 must be a pair of numbers, [start in s
+stuck: {load: {windows: [[5, 5]]}} => window 1 = [5, 5] must start before it ends, within
 clock_jump: {jumps: [[5, -40]]}
   => topic /shaft/speed is std_msgs/msg/Float64, without a time stamp: its clock can only jump
 clock_jump: {jumps: [[5, 0]]} => clock_jump.jumps: jump 1 is by 0 s, which must not
@@ -92,6 +101,7 @@ friction_drift: {parameter: mass, points: [[0, 1]]}
   => friction_drift.parameter = 'mass' must be one of static, kinetic, decay, viscous, factor
 friction_drift: {parameter: static, points: [[0, 0.3], [5, -0.1]]}
   => friction_drift: static = -0.1 at 5 s must not be negative
+friction_drift: {parameter: decay, points: [[0, 10], [5, 0]]} => friction_drift at 5 s: decay = 0
 friction_drift: {parameter: static, points: [[0, 0.3]]} -
   friction_drift: {parameter: static, points: [[0, 0.3]]}
   => effect 'friction_drift' with static is listed twice for bearing aft

@@ -53,59 +53,20 @@ def restarted(old: Annunciator, down: int, second: int = 2) -> Annunciator:
 
 
 def test_the_record(stuck: Annunciator) -> None:
+    """Its keys are held to the schema in test/ros/test_interfaces.py."""
     changes = stuck.act(Action.ACKNOWLEDGE, T0 + 2 * SECOND, 'Ada')
     record = json.loads(json.dumps(alarms_record(stuck, changes, T0 + 2 * SECOND, 7)))
-    assert {key: record[key] for key in ('schema', 'time', 'sequence', 'sounding')} == {
-        'schema': 'stickslip_monitor/alarm/1',
-        'time': T0 + 2 * SECOND,
-        'sequence': 7,
-        'sounding': False,
-    }
-    assert record['unacknowledged'] == 0
+    assert (record['schema'], record['time']) == ('stickslip_monitor/alarm/1', T0 + 2 * SECOND)
+    assert (record['sequence'], record['sounding'], record['unacknowledged']) == (7, False, 0)
     assert record['flood'] == {'alarms_10min': 1, 'most_10min': 1, 'flooding': False}
-    assert record['changes'] == [
-        {
-            'time': T0 + 2 * SECOND,
-            'bearing': 'aft',
-            'alarm': 'stick_slip',
-            'priority': 'alarm',
-            'what': 'acknowledge',
-            'from': 'unacknowledged',
-            'to': 'acknowledged',
-            'by': 'Ada',
-            'text': 'aft: stick_slip',
-        }
-    ]
+    (change,) = record['changes']
+    told = {'from': 'unacknowledged', 'to': 'acknowledged', 'by': 'Ada', 'text': 'aft: stick_slip'}
+    assert change.items() >= (told | {'alarm': 'stick_slip', 'what': 'acknowledge'}).items()
     alarms = {alarm['alarm']: alarm for alarm in record['alarms']}
     assert [*alarms, 'vibration'] == [kind.value for kind in AlarmKind]
-    assert alarms['stick_slip'] == {
-        'bearing': 'aft',
-        'alarm': 'stick_slip',
-        'priority': 'alarm',
-        'state': 'acknowledged',
-        'active': True,
-        'sounding': False,
-        'silenced': False,
-        'latching': False,
-        'covered': False,
-        'suppressed_by': [],
-        'shelved_until': None,
-        'since': T0 + SECOND,
-        'changed': T0 + 2 * SECOND,
-        'by': 'Ada',
-        'count': 1,
-        'text': 'aft: stick_slip',
-    }
-
-
-def test_an_acknowledgement_survives_a_restart(stuck: Annunciator) -> None:
-    stuck.act(Action.ACKNOWLEDGE, T0 + 2 * SECOND, 'Ada')
-    new = restarted(stuck, 10)
-    new.advance(100 * SECOND, T0 + 100 * SECOND)
-    alarm = new.alarms['aft'][AlarmKind.STICK_SLIP]
-    assert (alarm.state, alarm.by, alarm.text) == ('acknowledged', 'Ada', 'aft: stick_slip')
-    assert new.take_event(_event(101, Condition.NORMAL, Condition.STICK_SLIP)) == []
-    assert not new.sounding
+    own = {'state': 'acknowledged', 'active': True, 'shelved_until': None, 'by': 'Ada', 'count': 1}
+    times = {'since': T0 + SECOND, 'changed': T0 + 2 * SECOND}
+    assert alarms['stick_slip'].items() >= (own | times).items()
 
 
 @pytest.mark.parametrize(
@@ -122,16 +83,6 @@ def test_the_shelf_survives_a_restart(stuck: Annunciator, down: int, left: int) 
     assert alarm.state == ('shelved' if left else 'unacknowledged')
     new.advance(left * SECOND, T0)
     assert alarm.state == 'unacknowledged'
-
-
-def test_a_locked_shaft_survives_a_restart(stuck: Annunciator) -> None:
-    stuck.act(Action.ACKNOWLEDGE, T0, 'Ada')
-    stuck.act(Action.SUPPRESS, T0, 'Ada')
-    new = restarted(stuck, 10)
-    new.advance(SECOND, T0)
-    assert {alarm.state.value for alarm in new} == {'suppressed'}
-    new.act(Action.UNSUPPRESS, T0, 'Ada')
-    assert new.alarms['aft'][AlarmKind.STICK_SLIP].state == 'unacknowledged'
 
 
 def test_other_bearings_are_passed_over(stuck: Annunciator) -> None:

@@ -218,21 +218,6 @@ def test_a_close_pair_of_cycles_is_not_lost(share: float, harmonic_by_quad: Any)
     assert fewer.amplitude.size == cycles.amplitude.size - 2
 
 
-@pytest.mark.parametrize('load', [150.0, 1600.0])
-def test_highest_hopf_speed_of_a_table_with_several(load: float) -> None:
-    """Brute force: the highest speed at which a difference of the coefficient falls steeply."""
-    speed, h = np.linspace(1e-4, 1.0, 200_001), 1e-7
-    slope = (TWO_FALLS.coefficient(speed + h) - TWO_FALLS.coefficient(speed - h)) / (2.0 * h)
-    unstable = -slope * load > 400.0
-    assert np.count_nonzero(np.diff(unstable)) == 3  # two unstable ranges, one from rest
-    got = hopf_speed(_bearing(TWO_FALLS), load)
-    assert got == pytest.approx(speed[unstable][-1], abs=1e-5)
-    for v in (0.01, 0.1, 0.21, 0.5):
-        assert (growth_rate(_bearing(TWO_FALLS), v, load) > 0.0) == unstable[
-            np.searchsorted(speed, v)
-        ]
-
-
 @pytest.mark.parametrize('share', [1e-2, 1e-4, 1e-6, 1e-8])
 def test_hopf_speed_is_found_however_narrow_the_unstable_range(share: float) -> None:
     """The slope of a monotone cubic is a parabola between two points; its top by three samples.

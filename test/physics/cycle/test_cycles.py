@@ -121,21 +121,6 @@ def test_the_fold_of_physics_md():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('zeta', [1e-3, 0.0])
-def test_hardly_damped_every_point_below_the_fold_has_its_cycle(zeta):
-    # The lining passes the belt for moments only here and there; the fold is found by itself.
-    rng = np.random.default_rng(3)
-    bearing, load = unit_bearing(zeta), 10.0 * max(zeta, 1e-3) * 2.0 ** rng.uniform(1, 4, 80)
-    fold = np.asarray(exact_fold_speed(bearing, load))
-    speed = np.where(np.isfinite(fold), fold, 3.0) * rng.uniform(0.05, 1.0, 80)
-    cycle = exact_cycle(bearing, speed, load)
-    assert set(cycle.kind) == {CycleKind.STICK_SLIP, CycleKind.OVERTAKING}
-    some = np.flatnonzero(cycle.kind == CycleKind.OVERTAKING)[::10]
-    alone = [exact_cycle(bearing, speed[i], load[i]).amplitude for i in some]
-    np.testing.assert_allclose(alone, cycle.amplitude[some], rtol=1e-12)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ('eta', 'kappa', 'speed'), [(0.2, 0.2, 1.78), (0.2, 0.2, 2.1319), (1e-6, 0.2, 1.8)]
 )

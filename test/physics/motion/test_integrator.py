@@ -238,14 +238,6 @@ def test_cutting_a_drive_at_its_samples_changes_no_bit(law: Stribeck) -> None:
     assert state == whole.final
 
 
-def test_samples_do_not_change_the_motion() -> None:
-    ends = [
-        integrate(REFERENCE, VARYING, MotionState(0.0, 0.0), times, compiled=False).final
-        for times in ((), np.linspace(0.0, 1.0, 333))
-    ]
-    assert ends[0] == ends[1]
-
-
 @pytest.mark.slow
 def test_many_cycles_do_not_drift() -> None:
     """A hundred thousand cycles where numba is installed, two thousand elsewhere.
