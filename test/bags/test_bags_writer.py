@@ -8,6 +8,7 @@ import dataclasses
 import math
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -190,6 +191,23 @@ def test_recording_that_breaks_off_is_read_to_the_cut(tmp_path: Path, name: str)
     assert 4 * (1 << 20) // 43 + 1_000 < read.size < 115_000
     assert read.tolist() == values[: read.size].tolist()
     assert not (tmp_path / name / 'metadata.yaml').exists()
+
+
+@pytest.mark.parametrize(
+    ('use', 'text'),
+    [
+        (lambda writer: writer.add_topic('/x', FLOAT64), "topic '/x' was added to bag '"),
+        (lambda writer: writer.write('/y', 0, b''), "topic '/y' was not added to bag '"),
+        (lambda writer: writer.write('/x', -1, b''), "log time -1 ns of topic '/x' is not"),
+        (lambda writer: writer.write_float64s({'/x': ([1], [1, 2])}), 'has 1 log times for 2'),
+        (lambda writer: writer.add_topic('/b', 'a/msg/B'), "type 'a/msg/B' needs a definition"),
+    ],
+)
+def test_wrong_use_is_named(use: Callable[[BagWriter], None], text: str, tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'bag') as writer:
+        writer.add_topic('/x', FLOAT64)
+        with pytest.raises(BagError, match=text):
+            use(writer)
 
 
 def test_we_read_what_rosbags_writes(tmp_path: Path) -> None:
