@@ -49,6 +49,9 @@ COMMANDS = {
 }
 
 
+_TOLD_TO_STOP = threading.Event()
+
+
 class _ErrorStream(io.TextIOWrapper):
     """The standard error: what it does not take, as on a full disk, changes nothing else."""
 
@@ -168,6 +171,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _stopped() if argv is None else 130
     except Exception as error:
+        if _TOLD_TO_STOP.is_set():
+            # A library that was being loaded has made an error of its own of it.
+            return _stopped()
         if '--traceback' in arguments:
             traceback.print_exc()
         return _failed(program_fault(error), 3)
@@ -245,15 +251,22 @@ def _print_anything() -> None:
             stream.reconfigure(errors='backslashreplace')
 
 
+def _stop(*_: object) -> NoReturn:
+    _TOLD_TO_STOP.set()
+    raise KeyboardInterrupt
+
+
 def _heed_signals() -> None:
     """Have a command that is told to stop clear away what it has begun, as after Ctrl-C.
 
     A terminal that is closed says so, too, unless the command is to outlive it (nohup).
     """
     if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        signal.signal(signal.SIGTERM, _stop)
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            signal.signal(signal.SIGINT, _stop)
         if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
-            signal.signal(signal.SIGHUP, signal.default_int_handler)
+            signal.signal(signal.SIGHUP, _stop)
 
 
 def _stopped() -> int:

@@ -7,6 +7,7 @@ And the parts that their sentences share.
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 
 
@@ -92,8 +93,9 @@ def no_ros(error: ImportError) -> RosError:
 
 
 def cause(error: BaseException) -> str:
-    """Why something failed, without the number that the system has for it."""
-    return getattr(error, 'strerror', None) or str(error) or type(error).__name__
+    """Why something failed, without the number or the place in C that the system has for it."""
+    text = getattr(error, 'strerror', None) or str(error) or type(error).__name__
+    return re.sub(r'^\[SSL: \w+\] (.*) \(_ssl\.c:\d+\)$', r'TLS: \1', text)
 
 
 def program_fault(error: BaseException) -> str:

@@ -10,6 +10,7 @@ import fcntl
 import glob
 import json
 import os
+import shutil
 import stat
 import tempfile
 import time
@@ -219,7 +220,7 @@ def write_whole(path: str | Path, data: bytes, mark: bytes, force: bool = False)
     check_replaceable(path, mark, force)
     target = Path(os.path.realpath(path))
     name = f'.{target.name[:100]}'
-    _sweep(target.parent, name)
+    sweep(target.parent, name)
     number, draft = tempfile.mkstemp(_DRAFT, f'{name}.', target.parent)
     try:
         with os.fdopen(number, 'wb') as file:
@@ -250,12 +251,14 @@ def hold(number: int) -> bool:
     return True
 
 
-def _sweep(folder: Path, name: str) -> None:
+def sweep(folder: Path, name: str) -> None:
     """Remove the drafts of an output whose processes were killed: old ones that nobody holds."""
     for draft in folder.glob(f'{glob.escape(name)}.*{_DRAFT}'):
-        with contextlib.suppress(OSError), draft.open('rb') as file:
-            if time.time() - draft.stat().st_mtime > _SETTLED and hold(file.fileno()):
-                draft.unlink()
+        with contextlib.suppress(OSError), contextlib.ExitStack() as opened:
+            number = os.open(draft, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+            opened.callback(os.close, number)
+            if time.time() - draft.stat().st_mtime > _SETTLED and hold(number):
+                shutil.rmtree(draft) if draft.is_dir() else draft.unlink()
 
 
 def printable(text: str) -> str:

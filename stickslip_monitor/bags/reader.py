@@ -242,6 +242,7 @@ def _folder_files(folder: Path, tell: Callable[[str], None]) -> tuple[list[Path]
     if not there:
         raise BagError(f"bag '{folder}' has no .mcap file")
     if isinstance(metadata, str):
+        _refuse_several(folder, names)
         tell(f'{metadata}: its .mcap files were read in the order of their names')
         return there, None
     listed, count = metadata
@@ -257,6 +258,12 @@ def _folder_files(folder: Path, tell: Callable[[str], None]) -> tuple[list[Path]
     if not found:
         raise BagError(f"bag '{folder}' has none of the files its {METADATA_NAME} lists")
     return found, count
+
+
+def _refuse_several(folder: Path, names: Iterable[str]) -> None:
+    apart = _recordings(folder, names)
+    if len(apart) > 1:
+        raise BagError(f"folder '{folder}' holds {len(apart)} recordings: name one of them")
 
 
 def read_metadata(folder: Path) -> tuple[dict[Path, None], int] | str:

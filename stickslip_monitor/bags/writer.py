@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import io
 import itertools
+import os
 import shutil
 import zlib
 from collections import Counter, deque
@@ -56,7 +57,7 @@ from stickslip_monitor.bags.blocks import (
 from stickslip_monitor.bags.encode import MESSAGE_TYPES, MessageType, encode_float64s
 from stickslip_monitor.bags.values import METADATA_NAME, METADATA_ROOT, Payload
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.files import open_file
+from stickslip_monitor.files import hold, open_file, sweep
 
 COMPRESSIONS = {
     'none': ('', lambda data: data),
@@ -342,7 +343,8 @@ class BagWriter:
         chunk_size: int = 1 << 20,
         label: str | None = None,
     ) -> None:
-        self.path = Path(path)
+        # What a link leads to, as for every other output.
+        self.path = Path(os.path.realpath(path))
         if compression not in COMPRESSIONS:
             known = ', '.join(COMPRESSIONS)
             raise BagError(f"compression '{compression}' is unknown: use one of {known}")
@@ -383,6 +385,7 @@ class BagWriter:
             # Closing a file on a full disk fails once more; the draft goes either way.
             with contextlib.suppress(OSError):
                 self._file.close()
+            os.close(self._held)
             if self._is_file:
                 self._draft.unlink(missing_ok=True)
             else:
@@ -498,17 +501,20 @@ class BagWriter:
         self._is_broken = True
 
     def _refuse_existing(self) -> None:
-        if self.path.exists():
+        if os.path.lexists(self.path):
             raise BagError(f"bag '{self.path}' exists already and is not overwritten")
 
     def _begin_draft(self) -> tuple[Path, IO[bytes]]:
+        sweep(self.path.parent, f'.{self.path.name}')
         for number in itertools.count():
             draft = self.path.with_name(f'.{self.path.name}.{number}.draft')
             with contextlib.suppress(FileExistsError):
-                if self._is_file:
-                    return draft, draft.open('x+b')
-                draft.mkdir()
-                return draft, (draft / self._file_name).open('x+b')
+                if not self._is_file:
+                    draft.mkdir()
+                file = (draft if self._is_file else draft / self._file_name).open('x+b')
+                self._held = os.open(draft, os.O_RDONLY)
+                hold(self._held)
+                return draft, file
         raise AssertionError('unreachable: the numbers do not end')
 
     @property

@@ -279,7 +279,9 @@ def _kept(path: str | None) -> Iterator[tuple[dict[str, dict[str, Any]], Keep]]:
                         with contextlib.suppress(ValueError, KeyError, TypeError):
                             record = json.loads(line)
                             known[record['key']] = record['found']
-            file = opened.enter_context(Path(path).open('a', encoding='utf-8'))
+            # What holds none of our results is replaced: --force allows it.
+            mode = 'a' if known else 'w'
+            file = opened.enter_context(Path(path).open(mode, encoding='utf-8'))
         except (OSError, ValueError) as error:
             raise OutputError(f"results '{path}' cannot be kept: {error}") from None
 
@@ -287,5 +289,5 @@ def _kept(path: str | None) -> Iterator[tuple[dict[str, dict[str, Any]], Keep]]:
             file.write(json.dumps({'key': key, 'found': document}) + '\n')
             file.flush()
 
-        file.write('' if line.endswith(b'\n') else '\n')
+        file.write('' if line.endswith(b'\n') or not known else '\n')
         yield known, keep

@@ -308,10 +308,10 @@ def _token(path: str) -> str:
 
 
 def _is_token(path: Path) -> bool:
-    """Whether a file is empty or holds one line of a token, which an old one may."""
+    """Whether a file is empty or holds a JSON Web Token, as every token of a server is."""
     if not path.is_file() or path.is_symlink() or path.stat().st_size > _LONGEST_TOKEN:
         return False
-    return re.fullmatch(rb'[\w.~+/=-]*\n?', path.read_bytes()) is not None
+    return re.fullmatch(rb'([\w-]+(\.[\w-]+){2,})?\n?', path.read_bytes()) is not None
 
 
 async def _request_token(links: LinksConfig) -> int:

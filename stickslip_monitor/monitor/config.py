@@ -277,6 +277,16 @@ LINING_PARAMETERS = tuple(
     )
 )
 """The parameters of :class:`Bearing`, but for its friction."""
+TORSIONAL_PARAMETERS = {
+    'mass': _physical(
+        'inertia', 'kg m^2', "In place of mass: the lining's inertia about the shaft's axis."
+    ),
+    'damping': Parameter(
+        'torsional_damping', 'float', math.nan, 'In place of damping.', 'N m s/rad', minimum=0.0
+    ),
+    'stiffness': _physical('torsional_stiffness', 'N m/rad', 'In place of stiffness.'),
+}
+"""What all three of a lining may be given by instead: each over the square of the radius."""
 FRICTION_PARAMETERS = (
     Parameter('friction.law', 'str', 'stribeck', 'Friction law.', choices=FRICTION_LAWS),
     _physical('friction.static', '', 'Static coefficient mu_s.'),
@@ -345,6 +355,7 @@ INPUT_PARAMETERS = {
 """The parameters of each input."""
 BEARING_PARAMETERS = (
     *LINING_PARAMETERS,
+    *TORSIONAL_PARAMETERS.values(),
     *FRICTION_PARAMETERS,
     *TOLERANCE_PARAMETERS,
     Parameter(

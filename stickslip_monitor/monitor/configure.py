@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from stickslip_monitor.monitor.config import (
     LINING_PARAMETERS,
     NODE_PARAMETERS,
     RETIRED,
+    TORSIONAL_PARAMETERS,
     AlarmConfig,
     BearingConfig,
     ClipConfig,
@@ -34,7 +36,7 @@ from stickslip_monitor.monitor.config import (
     MonitorConfig,
     parameters_of,
 )
-from stickslip_monitor.monitor.parameter import filled
+from stickslip_monitor.monitor.parameter import REQUIRED, filled
 from stickslip_monitor.physics.belief import Belief, Tolerance
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Tabulated, stribeck
 from stickslip_monitor.physics.oscillator import Bearing
@@ -204,7 +206,27 @@ def _notes(values: Mapping[str, Any], names: tuple[str, ...]) -> tuple[str, ...]
     )
 
 
+def _at_surface(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The parameters with mass, damping and stiffness, where torsional values are given."""
+    rows = {row.name: row for row in LINING_PARAMETERS}
+    given = [row for row in TORSIONAL_PARAMETERS.values() if f'{name}.{row.name}' in values]
+    if not given:
+        return values
+    diameter = rows['journal_diameter'].checked(f'{name}.journal_diameter', values)
+    found = dict(values)
+    for key, row in TORSIONAL_PARAMETERS.items():
+        if f'{name}.{key}' in values:
+            raise ConfigurationError(
+                f"'{name}.{key}' and '{name}.{given[0].name}' are given: give mass, damping and"
+                f' stiffness, or {", ".join(each.name for each in TORSIONAL_PARAMETERS.values())}'
+            )
+        torsional = replace(row, default=REQUIRED).checked(f'{name}.{row.name}', values)
+        found[f'{name}.{key}'] = torsional / (0.25 * diameter * diameter)
+    return found
+
+
 def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
+    values = _at_surface(name, values)
     own = {row.name: row.checked(f'{name}.{row.name}', values) for row in BEARING_PARAMETERS}
     try:
         bearing = Bearing(

@@ -60,6 +60,7 @@ class NodeHealth:
     lost: int = 0  # messages that the middleware reports as lost
     missing: int = 0  # messages missing by the stamps of senders whose period is known
     thinned: int = 0  # messages left out because too many waited
+    losing: bool = False  # the last of these came to nothing within a minute
     double: bool = False  # another node has the same full name
     delays: int = 0  # how often the node was held up
     longest_delay: float = 0.0  # for how long at most [s]
@@ -71,7 +72,7 @@ class NodeHealth:
         """ERROR where something is not done that was asked for."""
         if self.failures or self.state_file_fault or self.clip_fault:
             return Level.ERROR
-        doubtful = self.gone or self.double or not self.monitoring
+        doubtful = self.losing or self.double or not self.monitoring
         return Level.WARN if doubtful else Level.OK
 
     @property
@@ -90,7 +91,9 @@ class NodeHealth:
             self.clip_fault,
             '' if self.monitoring else NOT_MONITORING,
             DOUBLE if self.double else '',
-            f'{plural(self.gone, "message")} lost.' if self.gone else '',
+            f'{plural(self.gone, "message")} lost, some in the last minute.'
+            if self.losing
+            else '',
         ]
         return ' '.join(text for text in said if text) or 'Monitoring.'
 
@@ -320,7 +323,7 @@ def bearing_record(state: BearingState) -> dict[str, Any]:
     """A bearing as page, metrics and buses read it; the fields are in docs/interfaces.md."""
     standing, monitoring = state.standing, state.monitoring
     point = state.assessment if monitoring else None
-    clears = standing.clears if point is not None else None
+    clears = None if point is None or state.lost else standing.clears
     measured = state.measured if monitoring else None
     unknown = state.unknown if monitoring else None
     heard = QUANTITIES if state.measured is None else INPUTS

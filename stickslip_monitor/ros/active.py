@@ -88,8 +88,8 @@ class Active:
         self._watchdog = Watchdog(self._session, simulated, now)
         self._running = ElapsedTime(simulated, now)
         self._ticked_ns, self._shown_ns = now.steady_ns, -SHOW_NS
-        self._looks = self._lost_told = 0
-        self._lost_told_at = -math.inf
+        self._looks = self._lost_told = self._lost_seen = 0
+        self._lost_told_at = self._lost_at = -math.inf
         # A timer of the steady clock: those of ROS time stall when a replay steps back.
         self._ticker = node.create_timer(
             WATCHDOG_PERIOD, survived(self.tick), clock=Clock(clock_type=ClockType.STEADY_TIME)
@@ -182,6 +182,9 @@ class Active:
         self._looks += 1
         self._own.look_at_files()
         steady, lost = now.steady_ns * 1e-9, self._health.gone
+        if lost > self._lost_seen:
+            self._lost_seen, self._lost_at = lost, steady
+        self._health.losing = steady - self._lost_at < LOSS_PERIOD
         if lost > self._lost_told and steady - self._lost_told_at >= LOSS_PERIOD:
             self._log.warning(
                 f'{plural(lost - self._lost_told, "message")} lost on the way to the node,'

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from stickslip_monitor.bags.reader import find_bags, stamp_of
+from stickslip_monitor.bags.reader import find_bags, open_bag, stamp_of
+from stickslip_monitor.errors import BagError
 
 
 def make(folder: Path, *names: str) -> None:
@@ -60,6 +61,8 @@ def test_numbered_files_are_one_recording_only_if_they_bear_one_name(tmp_path: P
     make(tmp_path, 'one/a_0.mcap', 'one/a_1.mcap', 'two/a_0.mcap', 'two/b_0.mcap')
     found = [str(bag.relative_to(tmp_path)) for bag in find_bags([tmp_path])]
     assert found == ['one', 'two/a_0.mcap', 'two/b_0.mcap']
+    with pytest.raises(BagError, match=r"two' holds 2 recordings: name one of them"):
+        open_bag(tmp_path / 'two')
 
 
 def test_what_is_none_stays_as_it_is(tmp_path: Path) -> None:

@@ -14,14 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import until
+from shared import CONFIG, ROOT, until
 
 from stickslip_monitor.cli import main
 from stickslip_monitor.commands import check_many
 
-ROOT = Path(__file__).parents[2]
 BAGS = ROOT / 'bags'
-CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
 NAMES = ('voyage', 'coast_down', 'history_above', 'history_below')
 
 
@@ -111,6 +109,11 @@ def test_what_was_found_is_kept_and_only_the_rest_is_checked_again(
     assert checked == [bags[2], bags[0]]
     assert check(*bags, '--resume', CONFIG) == 2
     assert 'is the input' in capsys.readouterr().err
+    # A diary is replaced if somebody insists, never written into.
+    kept.write_text('Monday\n', 'utf-8')
+    assert check(*options) == 2
+    assert check(*options, '--force') == 0
+    assert 'Monday' not in kept.read_text('utf-8')
 
 
 @pytest.mark.parametrize('cut', [0, 3000])

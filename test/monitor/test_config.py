@@ -192,6 +192,25 @@ def test_laws_are_built_from_their_numbers(configure: Configure) -> None:
     assert stretched == Stretched(0.3, 0.1, 10.0, 0.0, 2.0)
 
 
+TORSIONAL = {'inertia': 0.125, 'torsional_damping': 1.0, 'torsional_stiffness': 5000.0}
+
+
+def test_a_lining_is_given_by_torsional_values_too(reference: dict[str, Any]) -> None:
+    both = {'bearings': ['aft']} | {
+        f'aft.{name}': value for name, value in (reference | TORSIONAL).items()
+    }
+    with pytest.raises(ConfigurationError, match=r"^'aft\.mass' and 'aft\.inertia' are given: "):
+        build_config(both)
+    plain = {f'aft.{name}' for name in ('mass', 'damping', 'stiffness')}
+    alone = {name: value for name, value in both.items() if name not in plain}
+    # Each over the square of a radius of 50 mm.
+    own = build_config(alone).bearings[0].bearing
+    assert (own.mass, own.damping, own.stiffness) == pytest.approx((50.0, 400.0, 2.0e6))
+    del alone['aft.torsional_damping']
+    with pytest.raises(ConfigurationError, match=r"^parameter 'aft\.torsional_damping' \[N m s"):
+        build_config(alone)
+
+
 @pytest.mark.parametrize(
     ('speed', 'coefficient', 'text'),
     [

@@ -112,6 +112,13 @@ def test_the_record_of_a_bearing_has_numbers(ship: Ship) -> None:
     assert record['inputs']['load']['counts']['accepted'] == 100
 
 
+def test_a_held_state_is_not_held_while_an_input_is_lost(ship: Ship) -> None:
+    ship.sail(20.0, rpm=20.0)
+    assert ship.sail(3.0)['held_until'] is not None
+    record = ship.sail(4.0, rpm=None)
+    assert (record['reason'], record['held_until']) == ('input_stale', None)
+
+
 def test_a_mostly_dead_sensor_is_told_with_its_share(ship: Ship) -> None:
     assert ship.sail(20.0, rpm=lambda k: 60.0 if k % 10 else math.nan)['level'] == 'OK'
     record = ship.sail(60.0, rpm=lambda k: math.nan if k % 5 else 60.0)

@@ -62,6 +62,7 @@ export class Charts {
     this.choice.addEventListener('change', () => { this.window = null; this.show(); });
     this.charts = kinds(bearing).map((kind) => this.build(kind, bearing.name));
     new ResizeObserver(() => this.resize()).observe(root);
+    this.show();
   }
 
   build(kind, group) {

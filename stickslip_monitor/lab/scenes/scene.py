@@ -125,7 +125,8 @@ def _build(path: Path, document: Any, seed: int | None, sensors: str | Path | No
         settings if given is None or key in settings else given
         for key in ('telemetry', 'parameter_error')
     )
-    rates = telemetry.value('telemetry', '{speed: {rate: Hz}, load: {rate: Hz}}')
+    what = '{speed: {rate: Hz}, load: {rate: Hz}}, or score it with --sensors'
+    rates = telemetry.value('telemetry', what)
     channels = read_channels(config, rates)
     for channel in channels:
         if start_ns + round(duration * 1e9) >= channel.stamps_end_ns:

@@ -11,6 +11,7 @@ from stickslip_monitor.errors import AlarmStateError, ConfigurationError
 from stickslip_monitor.monitor.alarms.alarm import AlarmKind, AlarmState
 from stickslip_monitor.monitor.alarms.annunciator import (
     MONITOR,
+    ON_SHOW,
     STANDING,
     TIMER,
     WAITING,
@@ -116,10 +117,16 @@ def row_records(
         shown = [alarm for alarm in own.values() if alarm.state in _SHOWN]
         if not shown:
             continue
-        shown.sort(key=lambda alarm: -alarm.kind.priority)
-        worst = shown[0]
+        # What is active comes before what is over and waits.
+        shown.sort(key=lambda alarm: (alarm.state not in ON_SHOW, -alarm.kind.priority))
+        worst, state = shown[0], shown[0].state
         # The row waits for somebody where any of its alarms does.
-        state = next((alarm.state for alarm in shown if alarm.state in WAITING), worst.state)
+        if any(alarm.state in WAITING for alarm in shown):
+            active = state in ON_SHOW
+            state = AlarmState.UNACKNOWLEDGED if active else AlarmState.RETURNED
+        text = text_of(name)
+        if worst.kind is AlarmKind.INPUT_IMPLAUSIBLE:
+            text = f'{worst.text} {text}'
         yield {
             'bearing': name,
             'alarm': worst.kind.value,
@@ -131,7 +138,7 @@ def row_records(
             'changed': worst.changed_ns,
             'by': worst.by,
             'count': worst.count,
-            'text': text_of(name),
+            'text': text,
             'first_text': worst.first_text,
             'first_time': worst.first_ns,
             'came_back': worst.came_back,

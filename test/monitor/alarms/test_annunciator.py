@@ -361,3 +361,20 @@ def test_one_row_a_bearing(configure: Configure) -> None:
     assert (row['alarm'], row['state']) == ('stick_slip', 'unacknowledged')
     assert (row['text'], row['first_text']) == ('aft: now', 'aft: now stick_slip')
     assert row['kinds'] == ['stick_slip', 'bistable', 'margin_low']
+
+
+def test_what_is_active_comes_before_what_is_over_and_waits(configure: Configure) -> None:
+    panel = Panel(configure()).at(0.0).goes('stick_slip').at(20.0).goes('normal')
+
+    def row() -> tuple[str, str]:
+        (one,) = alarms_record(panel.alarms, [], T0, 1, text_of=str)['rows']
+        return one['alarm'], one['state']
+
+    assert row() == ('stick_slip', 'returned_unacknowledged')
+    panel.at(30.0).goes('input_stale').at(60.0)
+    assert row() == ('input_lost', 'unacknowledged')
+    panel.does('acknowledge', 'input_lost')
+    # Its colleague still waits for somebody.
+    assert row() == ('input_lost', 'unacknowledged')
+    panel.does('acknowledge')
+    assert row() == ('input_lost', 'acknowledged')
