@@ -17,6 +17,9 @@ import pytest
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.links.nmea import parse, sentence
 
+ROOT = Path(__file__).resolve().parents[1]
+CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
+START = 1_777_874_400 * 10**9  # 2026-05-04 06:00:00 UTC, when most recordings of bags/ begin
 # Only a test that fails waits so long; a busy machine may need some of it.
 DEADLINE = 60.0
 

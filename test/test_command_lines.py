@@ -14,10 +14,10 @@ import sysconfig
 from pathlib import Path
 
 import pytest
+from shared import ROOT
 
 from stickslip_monitor import cli
 
-ROOT = Path(__file__).resolve().parents[1]
 PAGES = [
     *(ROOT / name for name in ('README.md', 'CONTRIBUTING.md', 'bags/README.md')),
     *sorted((ROOT / 'docs').glob('*.md')),

@@ -9,18 +9,17 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import pytest
 import yaml
+from shared import ROOT
 
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.offline.check import check_bag
 from stickslip_monitor.offline.verdict_bag import write_verdicts
 
-ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / 'launch_configs' / 'dashboards'
 Recording = dict[str, list[Any]]
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import make_docs
 import pytest
+from shared import ROOT
 
 import stickslip_monitor
 from stickslip_monitor import Stribeck, Tabulated, assess
@@ -26,7 +27,6 @@ from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_f
 from stickslip_monitor.monitor.signals import STATUS_SENTENCES, Condition, Status
 from stickslip_monitor.monitor.source_faults import SourceFaultKind
 
-ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / 'docs'
 PAGE = DOCS / 'configuration.md'
 API = DOCS / 'api.md'

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from shared import CONFIG, ROOT
 
 from stickslip_monitor import cli
 from stickslip_monitor.bags.reader import find_bags, open_bag, read_metadata
@@ -16,8 +17,6 @@ from stickslip_monitor.lab.friction_fit.curve_file import read_curve
 from stickslip_monitor.lab.scenes.scene import load_scene
 from stickslip_monitor.monitor.config_file import load_config
 
-ROOT = Path(__file__).parents[1]
-CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
 BAG = ROOT / 'bags' / 'coast_down'
 
 VALUES = (

@@ -175,6 +175,7 @@ def test_unreadable_topics_are_listed(tmp_path: Path) -> None:
 # Topic, its type, field, and why it is no number.
 NO_NUMBERS = (
     ('/good', FLOAT64, 'value', "std_msgs/Float64 has no field 'value': its fields are data"),
+    ('/good', FLOAT64, 'data[0]', "'data' is a float64, which has no element 0"),
     ('/good', FLOAT64, 'data.x', "'data' is a float64, which has no field 'x'"),
     ('/text', 'std_msgs/msg/String', 'data', "'data' is a string, not a number"),
     (

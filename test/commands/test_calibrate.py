@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from shared import CONFIG, ROOT
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.bags.reader import open_bag
@@ -19,8 +20,6 @@ from stickslip_monitor.cli import main
 from stickslip_monitor.lab.truth import read_truth
 from stickslip_monitor.monitor.config_file import load_config
 
-ROOT = Path(__file__).parents[2]
-CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
 COAST_DOWN = ROOT / 'bags' / 'coast_down'
 RPM = math.pi * 0.1 / 60.0
 

@@ -16,17 +16,14 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from shared import record
+from shared import CONFIG, ROOT, START, record
 
 from stickslip_monitor.cli import main
 from stickslip_monitor.drawing.canvas import CONDITION_NAMES
 from stickslip_monitor.monitor.signals import Condition
 from stickslip_monitor.report import page as report_page
 
-ROOT = Path(__file__).parents[2]
 BAG = ROOT / 'bags' / 'coast_down'
-CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
-START = 1_777_874_400 * 10**9
 
 
 def check(*arguments: object) -> int:

@@ -14,14 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import until
+from shared import CONFIG, ROOT, until
 
 from stickslip_monitor.cli import main
 from stickslip_monitor.commands import check_many
 
-ROOT = Path(__file__).parents[2]
 BAGS = ROOT / 'bags'
-CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
 NAMES = ('voyage', 'coast_down', 'history_above', 'history_below')
 
 

@@ -15,10 +15,10 @@ from pathlib import Path
 from threading import Thread
 
 import pytest
+from shared import ROOT
 
 from stickslip_monitor.cli import main
 
-ROOT = Path(__file__).parents[2]
 CONFIG = str(ROOT / 'launch_configs' / 'reference_bearing.yaml')
 BAG = str(ROOT / 'bags' / 'coast_down')
 POINT = ('assess', '--config', CONFIG, '--speed', '20rpm', '--load', '1kN')

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import Program
+from shared import CONFIG, ROOT, Program
 
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.messages import event_record
@@ -22,8 +22,6 @@ from stickslip_monitor.offline.check import check_bag
 pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
 
 
-ROOT = Path(__file__).resolve().parents[2]
-CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
 BAG = ROOT / 'bags' / 'history_above'
 COMMAND = (sys.executable, '-m', 'stickslip_monitor.cli', 'dashboard', '--config', str(CONFIG))
 

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from shared import ROOT
 
 from stickslip_monitor import Stribeck
 from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.config_file import load_config, load_yaml
 
-ROOT = Path(__file__).resolve().parents[2]
 CONFIG = str(ROOT / 'launch_configs' / 'reference_bearing.yaml')
 CURVE = str(ROOT / 'launch_configs' / 'examples' / 'friction_curve.csv')
 LOAD = ('--config', CONFIG, '--load', '1000N')

@@ -9,13 +9,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from shared import png_size
+from shared import ROOT, png_size
 
 from stickslip_monitor import assess, fold_load, fold_speed, hopf_load, hopf_speed
 from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.config_file import load_config
 
-ROOT = Path(__file__).parents[2]
 CONFIG = str(ROOT / 'launch_configs' / 'reference_bearing.yaml')
 BEARING = load_config(CONFIG).bearings[0].bearing
 DIAGRAM = ('diagram', '--load=1kN')

@@ -16,13 +16,12 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from shared import CONFIG, ROOT
 
 from stickslip_monitor.cli import COMMANDS, main
 from stickslip_monitor.commands.declared import FileOptions, check_files
 from stickslip_monitor.errors import OutputError
 
-ROOT = Path(__file__).parents[2]
-CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
 BAG = ROOT / 'bags' / 'coast_down'
 WAYS: Mapping[str, Callable[[Path, Path], object]] = {
     'itself': lambda new, old: old.rename(new),

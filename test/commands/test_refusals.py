@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import record
+from shared import ROOT, record
 
 from stickslip_monitor.cli import COMMANDS, main
 
-ROOT = Path(__file__).parents[2]
 LAW = '{law: stribeck, static: 0.30, kinetic: 0.10, decay: 10.0}'
 BAG = f'{ROOT}/bags/coast_down'
 CURVE = f'{ROOT}/launch_configs/examples/friction_curve.csv'
@@ -61,6 +60,12 @@ REFUSED = {
     f'check - {BAG} -c own.yaml': "'-', a recording on standard input, goes alone",
     f'check {BAG} -c own.yaml --resume x --mcap y.mcap': '--resume keeps what --json prints',
     f'check {BAG} -c own.yaml --learn level': 'aft_stern has none: configure level.topic',
+    **{
+        f'check {BAG} -c own.yaml --scheduler tcp://ship:8786 {option}': (
+            f'{option.split()[0]} does not go with --scheduler'
+        )
+        for option in ('--jobs 2', '--mcap x.mcap', '--clips x')
+    },
     f'score {BAG}': '--config is missing',
     f'score {BAG} -c own.yaml --seeds 2': '--seeds, --first-seed and --sensors are for scenes',
     f'score {BAG} {BAG} -c own.yaml --picture a.png': '--picture shows one bearing in one bag',
@@ -133,7 +138,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         'bow.json': CALIBRATION,
         'late.csv': f'bearing,start,end,state\n{REPORT}',
         'short': 'hunter2\n',
-        'open': 'hunter2-hunter2-hunter2\n',
+        'open': 'hunter2\n',
         'there.mcap': '',
     }.items():
         (path / name).write_text(content, 'utf-8')

@@ -16,14 +16,12 @@ from typing import Any
 import pytest
 import yaml
 from scipy.optimize import brentq
-from shared import png_size
+from shared import CONFIG, ROOT, png_size
 
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
 
-ROOT = Path(__file__).parents[2]
-CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
 START = 1_700_000_000_000_000_000
 
 

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 import yaml
+from shared import ROOT
 
 from stickslip_monitor.cli import main
 from stickslip_monitor.commands.score import judge_all
 from stickslip_monitor.lab.voyages import OURS, Call, judge
 
-ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / 'launch_configs'
 LINING = {'lining_motion': {'disturbance': {'standard_deviation': 0.001, 'unit': 'nominal'}}}
 

@@ -15,12 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import until
+from shared import CONFIG, until
 
 DEADLINE = 30.0
 """Only a test that fails waits so long [s]."""
 T0 = 1_700_000_000 * 10**9
-REFERENCE = Path(__file__).resolve().parents[2] / 'launch_configs' / 'reference_bearing.yaml'
 BEARING = 'aft_stern'
 
 
@@ -41,7 +40,7 @@ class Ship:
         self.asked: list[Any] = []
         self.deaf = False
         log, clock = logging.getLogger('ship'), lambda: self.time_ns
-        self.session = Session(load_config(REFERENCE), Shown(shown), log, clock, None, Graph())
+        self.session = Session(load_config(CONFIG), Shown(shown), log, clock, None, Graph())
         self.session.begin()
 
     @property
@@ -98,7 +97,7 @@ class Dashboard:
         from stickslip_monitor.monitor.config_file import load_config
 
         self._loop = asyncio.new_event_loop()
-        config = load_config(REFERENCE)
+        config = load_config(CONFIG)
         self.board = DashboardState([watched(config, node, node) for node in nodes])
         self.ships = [Ship(monitor) for monitor in self.board.monitors]
         self.ship = self.ships[0]

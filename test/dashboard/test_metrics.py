@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 import yaml
-from shared import until
+from shared import ROOT, until
 
 from benchmarks.signalk_servers import free_port
 
@@ -24,7 +24,6 @@ parser = pytest.importorskip(
     'prometheus_client.parser', reason="the extra 'dashboard' is not installed"
 )
 
-ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = ROOT / 'launch_configs' / 'dashboards'
 DOCS = ROOT / 'docs' / 'dashboard.md'
 SPACE = {'namespace': '/'}

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
+from shared import CONFIG, ROOT
 
 from stickslip_monitor.commands.dashboard import watched
 from stickslip_monitor.monitor.config_file import load_config
@@ -19,8 +19,6 @@ pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
 from stickslip_monitor.dashboard import replay
 from stickslip_monitor.dashboard.state import DashboardState
 
-ROOT = Path(__file__).resolve().parents[2]
-CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
 BAG = ROOT / 'bags' / 'history_above'
 
 

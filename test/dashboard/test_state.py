@@ -6,14 +6,13 @@ from __future__ import annotations
 import asyncio
 import csv
 import io
-import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import until
+from shared import CONFIG
 
 from stickslip_monitor.dashboard.state import KEPT, SHOWN, DashboardState, EventLog
 from stickslip_monitor.dashboard.watched import (
@@ -34,7 +33,6 @@ from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.state_file import StateFile, StateWriter
 
 VIEW = BearingView('aft_stern', 190.0, (0.0, 1.0), (0.0, 1.0), {}, 0.1, None, {})
-REFERENCE = Path(__file__).resolve().parents[2] / 'launch_configs' / 'reference_bearing.yaml'
 Happening = Callable[[WatchedMonitor, list[float]], Any]
 
 
@@ -144,7 +142,7 @@ def test_what_is_none_changes_nothing(board: DashboardState, document: Any) -> N
 
 def test_what_is_offered_is_what_does_something() -> None:
     """Each offered action, done to a real alarm in that state, changes it; no other one does."""
-    config = load_config(REFERENCE)
+    config = load_config(CONFIG)
     for state in AlarmState:
         for action in OFFERED:
             annunciator = Annunciator(config)
@@ -255,31 +253,6 @@ def test_the_log_outlives_a_restart_and_has_everything_once(tmp_path: Path) -> N
     rows = list(csv.reader(io.StringIO(log()[0].csv())))
     assert [row[5] for row in rows] == ['what', '0', '1', '2', '3', '4']
     assert rows[1][0] == '1970-01-01T00:00:00.000Z'
-
-
-def test_a_log_that_cannot_be_written_is_told(board: DashboardState, tmp_path: Path) -> None:
-    folder = tmp_path / 'folder'
-    folder.mkdir()
-    store = StateWriter(StateFile(str(folder / 'log.json'), '--log', 'dashboard'))
-    board.log = EventLog(store)
-    shutil.rmtree(folder)
-    board.log.extend([change(1)])
-    until(board.notices, 'the notice')
-    assert 'The log is not kept' in board.notices()[0]
-    store.close()
-
-
-def test_what_the_node_says_of_itself_is_told(board: DashboardState) -> None:
-    (monitor,) = board.monitors
-    hear(monitor)
-    monitor.take_alarms(alarms(notes=[{'time': 5 * 10**6, 'what': 'node', 'text': 'T'}]))
-    monitor.take_health(0, 'Monitoring.')
-    assert board.notices() == []
-    monitor.take_health(2, '3 callbacks failed, last: division by zero')
-    assert board.monitor()['notices'] == ['test: 3 callbacks failed, last: division by zero']
-    assert board.there
-    (entry,) = board.state()['log']
-    assert (entry['time'], entry['node'], entry['text'], entry['alarm']) == (5, 'test', 'T', '')
 
 
 def test_a_map_is_made_for_the_first_point_and_grows(now: list[float]) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from shared import CONFIG as REFERENCE_FILE
 from shared import contrast, luminance
 
 from stickslip_monitor.drawing.canvas import (
@@ -38,7 +39,7 @@ from stickslip_monitor.monitor.signals import Condition
 from stickslip_monitor.report.page import _SPEED_CAPTION, html_page
 
 pytest.importorskip('matplotlib')
-CONFIG = load_config(Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml')
+CONFIG = load_config(REFERENCE_FILE)
 REFERENCE = CONFIG.bearings[0]
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.special import i1e
+from shared import CONFIG as REFERENCE_FILE
 
 from stickslip_monitor import (
     Bearing,
@@ -41,7 +41,7 @@ from stickslip_monitor.physics.cycle.cycles import exact_cycle
 
 pytest.importorskip('matplotlib')
 RPM = math.pi * 0.1 / 60.0
-CONFIG = load_config(Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml')
+CONFIG = load_config(REFERENCE_FILE)
 BEARING = CONFIG.bearings[0]
 REFERENCE = BEARING.bearing
 TABLE = replace(

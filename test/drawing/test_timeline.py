@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from shared import CONFIG as REFERENCE_FILE
+from shared import START
 
 from stickslip_monitor import Monitor, Stream
 from stickslip_monitor.drawing.canvas import CONDITION_COLOUR, FOLD
@@ -22,8 +23,7 @@ from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.outline import condition_intervals
 
 pytest.importorskip('matplotlib')
-CONFIG = load_config(Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml')
-START = 1_777_874_400 * 10**9  # 2026-05-04 06:00:00 UTC
+CONFIG = load_config(REFERENCE_FILE)
 
 
 def timeline(

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 import yaml
+from shared import ROOT
 
 from stickslip_monitor.commands.watch import load_watch
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.signals import Input
 
-ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / 'launch_configs' / 'examples' / 'ship.yaml'
 PAGE = ROOT / 'docs' / 'ship.md'
 REFERENCE = yaml.safe_load((ROOT / 'launch_configs' / 'reference_bearing.yaml').read_text())
@@ -98,6 +98,7 @@ RPM = {'from': 'nmea', 'sentence': 'RPM', 'kind': 'S'}
     ('base', 'change', 'text'),
     [
         (SIGNALK, {'signalk.url': 'ws://127.0.0.1'}, "signalk.url = 'ws://127.0.0.1' must be an"),
+        (SIGNALK, {'signalk.url': 'http://a:99999'}, 'must be an address such as http://127.0.0'),
         (SIGNALK, {'signalk.url': 'http://a/signalk/v1/stream'}, 'must be an address'),
         (
             SIGNALK,

@@ -62,6 +62,12 @@ def test_what_a_sentence_brings(body: str, expected: list[float]) -> None:
         assert {item[:2] for item in found} <= {('aft', 0), ('aft', 1)}
 
 
+def test_a_talker_is_chosen() -> None:
+    port = NmeaInput('aft', Input.SPEED, 'RPM', talker='RC', kind='S', number=1)
+    assert list(samples([port], sentence('IIRPM,S,1,74.6,30.0,A'))) == []
+    assert list(samples([port], sentence('RCRPM,S,1,74.6,30.0,A'))) == [('aft', 0, 74.6)]
+
+
 @pytest.mark.parametrize('line', [f'{RPM}*00', RPM, RPM[:10], '', '$', '\xff\xfe$$$***'])
 def test_a_line_without_its_checksum_is_nothing(line: str) -> None:
     assert parse(line) is None

@@ -188,7 +188,8 @@ STICK = 'notifications.p.aft.stickSlip'
 class Server:
     """What a server makes of notifications."""
 
-    def __init__(self) -> None:
+    def __init__(self, resets: bool = True) -> None:
+        self.resets = resets
         self.out = Notifications(['aft'], 'p', 'run')
         self.status: dict[tuple[str, str], dict[str, bool]] = {}
         self.values: dict[tuple[str, str], dict[str, Any]] = {}
@@ -221,7 +222,7 @@ class Server:
         key = update['$source'], update['values'][0]['path']
         value = self.values[key] = dict(update['values'][0]['value'])
         status = self.status.setdefault(key, {'acknowledged': False, 'silenced': False})
-        if value['state'] == 'normal':
+        if value['state'] == 'normal' and self.resets:
             status.update(acknowledged=False, silenced=False)
         if value.get('acknowledgeStatus') == 'Yes':
             status['acknowledged'] = True
@@ -263,6 +264,21 @@ def test_every_state_as_a_notification(
     messages = {'returned_unacknowledged': 'Over: aft: text'}
     shown = '' if value['state'] == 'normal' else 'aft: text'
     assert value['message'] == messages.get(state, shown)
+
+
+def test_rounds_at_a_server_that_forgets_no_acknowledgement() -> None:
+    """As 2.23 does of a source: none is invented, and none lost."""
+    server = Server(resets=False)
+    asked = [ActionRequest(Action.ACKNOWLEDGE, 'signal k', 'aft', AlarmKind.STICK_SLIP)]
+    for _ in range(3):
+        server.asked = []
+        source = server.alarm('unacknowledged')[-1]['source']
+        assert server.asked == []
+        assert server.status[source, STICK]['acknowledged'] is False
+        server.status[source, STICK]['acknowledged'] = True
+        assert (server.echo(source), server.asked) == ([], asked)
+        server.alarm('acknowledged')
+        server.alarm('normal')
 
 
 def test_an_echo_of_an_earlier_occurrence_or_run_is_nobodys_act() -> None:

@@ -7,10 +7,10 @@ import asyncio
 import logging
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from contextlib import asynccontextmanager, suppress
-from pathlib import Path
 from typing import Any
 
 import pytest
+from shared import CONFIG
 
 pytest.importorskip('aiohttp', reason="the extra 'links' is not installed")
 
@@ -35,7 +35,6 @@ PREFIX = 'propulsion.port.shaft'
 BEARING = 'aft_stern'
 STICK = f'notifications.{PREFIX}.aftStern.stickSlip'
 AHEAD, STUCK = 1.0, 20.0 / 60.0  # revolutions a second
-REFERENCE = Path(__file__).resolve().parents[2] / 'launch_configs' / 'reference_bearing.yaml'
 INPUTS = {'speed.unit': 'Hz', 'speed.timeout': 2.0, 'load.timeout': 2.0}
 AT_ONCE = ('onset_growth', 'on_delay', 'off_delay', 'input_off_delay')
 CHANGES = INPUTS | {f'alarm.{name}': 0.0 for name in AT_ONCE}
@@ -62,7 +61,7 @@ class Ship:
     def __init__(self, server: RealServer, token: str = '') -> None:
         self.server, self.rpm = server, AHEAD
         changes = {f'{BEARING}.{name}': value for name, value in CHANGES.items()}
-        config = build_config(load_parameters(REFERENCE) | changes)
+        config = build_config(load_parameters(CONFIG) | changes)
         self.record: dict[str, Any] = {'alarms': []}
         self.changes: list[dict[str, Any]] = []
         self.seen: dict[str, Any] = {}

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 import yaml
-from shared import DEADLINE, Bus, Program
+from shared import CONFIG, DEADLINE, Bus, Program
 
 pytest.importorskip('aiohttp', reason="the extra 'links' is not installed")
 
@@ -27,8 +27,7 @@ WITHOUT_ROS = (
     "import sys; sys.modules['rclpy'] = None\n"
     'from stickslip_monitor.cli import main; sys.exit(main(sys.argv[1:]))'
 )
-REFERENCE = Path(__file__).resolve().parents[2] / 'launch_configs' / 'reference_bearing.yaml'
-BEARING = yaml.safe_load(REFERENCE.read_text())['/**']['ros__parameters']['aft_stern'] | {
+BEARING = yaml.safe_load(CONFIG.read_text())['/**']['ros__parameters']['aft_stern'] | {
     'speed': {'unit': 'rpm', 'timeout': 2.0},
     'load': {'unit': 'N', 'timeout': 2.0},
     'alarm': {'on_delay': 0.2, 'off_delay': 0.2},

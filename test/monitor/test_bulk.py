@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sequences import COUNT, NAME, Bits, Messages, sequence
+from sequences import COUNT, NAME, SECOND, Bits, Messages, sequence
 
 from stickslip_monitor import Monitor, Stream
 from stickslip_monitor.monitor.bulk import BearingScan, Scan
@@ -95,3 +95,14 @@ def test_any_cut_into_blocks_is_the_same(number: int) -> None:
     assert sum(part.counts for part in parts).tolist() == whole.counts.tolist()
     assert [at for part in parts for at in part.at] == whole.at
     assert _told([e for part in parts for e in part.events]) == _told(whole.events)
+
+
+def test_inputs_that_never_come_are_lost_by_the_end() -> None:
+    own = sequence(0)
+    scan = Monitor(own.config).scan({NAME: _stream(own.messages[:0])}, 0, 60 * SECOND)[NAME]
+    (event,) = scan.events
+    inputs = {'speed': own.config.bearings[0].speed, 'load': own.config.bearings[0].load}
+    # As it is when the first of them is lost.
+    first = min(each.timeout_ns for each in inputs.values())
+    assert (str(event.after), event.time_ns) == ('input_stale', first)
+    assert set(event.lost) == {n for n, each in inputs.items() if each.timeout_ns == first}

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shared import record
+from shared import CONFIG, ROOT, START, record
 
 from stickslip_monitor import Stream
 from stickslip_monitor.monitor.bulk import BearingScan
@@ -20,9 +20,6 @@ from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.offline.follow import BearingBlock
 from stickslip_monitor.offline.outline import Outline, Outliner
 
-ROOT = Path(__file__).parents[2]
-CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
-START = 1_777_874_400 * 10**9
 _MILLION = 1_000_000
 # In a process of its own, which tells the most memory that it had, and whose data is
 # bounded, so that nothing is merely not touched.

@@ -20,7 +20,7 @@ from threading import Thread
 from typing import Any
 
 import pytest
-from shared import until
+from shared import CONFIG, ROOT, until
 
 from stickslip_monitor.cli import main
 from stickslip_monitor.errors import FleetError
@@ -29,8 +29,6 @@ from stickslip_monitor.offline.fleet import connected, on_cluster
 
 distributed = pytest.importorskip('distributed')
 dask = pytest.importorskip('dask')
-ROOT = Path(__file__).parents[2]
-CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
 LIMIT = 60.0
 
 
@@ -90,6 +88,14 @@ def test_a_worker_killed_in_the_middle_loses_nothing_and_doubles_nothing(
     # The call that was killed was begun again, by another process.
     assert begun.count(victim) == 1
     assert len(begun) > 1
+
+
+def test_an_exception_is_the_outcome_of_its_call_alone(address: str) -> None:
+    with connected(address) as client:
+        calls = {f'invert-{value}': (value,) for value in (2, 0, 4)}
+        found = dict(on_cluster(client, lambda value: 1 / value, calls))
+    assert (found['invert-2'], found['invert-4']) == (0.5, 0.25)
+    assert isinstance(found['invert-0'], ZeroDivisionError)
 
 
 @pytest.mark.slow
@@ -224,11 +230,3 @@ def test_a_cluster_without_workers_is_not_waited_for_for_ever(
         list(on_cluster(client, abs, {'a': (-1,), 'b': (-2,)}))
     address = cluster.scheduler_address
     assert str(caught.value) == f"scheduler '{address}' has no worker, with 2 calls to do"
-
-
-@pytest.mark.parametrize('option', [('--jobs', 2), ('--mcap', 'x.mcap'), ('--clips', 'x')])
-def test_what_writes_on_this_machine_does_not_go_there(
-    option: tuple[str, object], capsys: pytest.CaptureFixture[str]
-) -> None:
-    line = refusal(capsys, '--scheduler', 'tcp://ship:8786', *option)
-    assert line.startswith(f'ERROR: {option[0]} does not go with --scheduler')

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shared import CONFIG, START
 
 from stickslip_monitor.bags.encode import encode_float64s, encode_stamped
 from stickslip_monitor.bags.writer import BagWriter
@@ -14,10 +15,8 @@ from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
 from stickslip_monitor.monitor.signals import Status
 
-CONFIG = Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml'
 FLOAT, STAMPED = 'std_msgs/msg/Float64', 'geometry_msgs/msg/WrenchStamped'
 SPEED, LOAD = '/shaft/speed', '/bearing/aft_stern/load'
-START = 1_777_874_400 * 10**9
 
 
 def facts(**known: object) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from shared import record
+from shared import CONFIG, ROOT, record
 
 from stickslip_monitor import Monitor, build_config
 from stickslip_monitor.bags import series
@@ -26,8 +26,6 @@ from stickslip_monitor.offline.check import CheckReport, check_bag
 from stickslip_monitor.offline.follow import scan_whole
 from stickslip_monitor.offline.verdict_bag import MessageColumn, tell_verdicts, write_verdicts
 
-ROOT = Path(__file__).parents[2]
-CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
 NS, START = 10**9, 1_777_874_400 * 10**9
 # docs/interfaces.md, by hand.
 TOPICS = {

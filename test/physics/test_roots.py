@@ -14,9 +14,14 @@ from stickslip_monitor.physics.roots import (
     narrowed,
     newton_on_bracket,
     next_trial,
+    root_on_bracket,
 )
 
 Array = NDArray[np.float64]
+
+
+def _cube(x: Array, c: Array) -> tuple[Array, Array]:
+    return c - x**3, -3.0 * x * x
 
 
 def _kink(x: Array) -> tuple[Array, Array]:
@@ -60,6 +65,24 @@ def test_newton_without_a_root_goes_to_the_end_that_is_nearest_to_one() -> None:
         (beyond,),
     )
     np.testing.assert_allclose(got, [1.0, 0.0], atol=1e-9)
+
+
+def _between(function: Callable[..., Array], low: Array, high: Array, *more: Array) -> Array:
+    ends = function(low, *more), function(high, *more)
+    return root_on_bracket(function, low, high, ends, more)
+
+
+def test_a_root_never_depends_on_its_neighbours() -> None:
+    c = np.array([1e-12, 0.3, 7.0, 1e12])
+    low, high = np.zeros_like(c), np.maximum(c, 1.0)
+    newton = newton_on_bracket(_cube, low, high, 0.3 * high, (c,))
+    between = _between(lambda x, k: x**3 - k, low, high, c)
+    for i in range(c.size):
+        l1, h1, c1 = (array[i : i + 1] for array in (low, high, c))
+        assert newton_on_bracket(_cube, l1, h1, 0.3 * h1, (c1,)) == newton[i]
+        assert _between(lambda x, k: x**3 - k, l1, h1, c1) == between[i]
+    np.testing.assert_allclose(newton, np.cbrt(c), rtol=1e-14)
+    np.testing.assert_allclose(between, np.cbrt(c), rtol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
+from shared import CONFIG as REFERENCE_FILE
+from shared import START
 
 from stickslip_monitor import Monitor, Stream
 from stickslip_monitor.monitor.assessment import REGIMES
@@ -16,8 +17,7 @@ from stickslip_monitor.offline.check import BearingReport
 from stickslip_monitor.offline.outline import Worst, condition_intervals
 from stickslip_monitor.report.summary import Course
 
-CONFIG = load_config(Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml')
-START = 1_777_874_400 * 10**9
+CONFIG = load_config(REFERENCE_FILE)
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import contrast
+from shared import CONFIG, contrast
 
 from stickslip_monitor.monitor.config import BEARING_PARAMETERS
 from stickslip_monitor.monitor.config_file import load_config
@@ -56,7 +56,6 @@ class Page(HTMLParser):
         self.text += data
 
 
-CONFIG = Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml'
 DRAWING = '<svg role="img" aria-label="m"></svg>'
 START = 1_777_852_800 * 10**9  # a midnight
 

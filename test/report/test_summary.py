@@ -14,6 +14,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from shared import START
 
 from stickslip_monitor import assess
 from stickslip_monitor.monitor.signals import Condition
@@ -22,7 +23,6 @@ from stickslip_monitor.physics.belief import Belief, Tolerance
 from stickslip_monitor.report.summary import Course, Finding, facts, finding_of, overall
 
 Make = Callable[..., Course]
-START = 1_777_874_400 * 10**9
 
 
 def said(finding: Finding) -> str:

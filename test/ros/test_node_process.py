@@ -20,6 +20,7 @@ from xml.etree import ElementTree
 
 import pytest
 import yaml
+from shared import ROOT
 
 from stickslip_monitor.errors import RosError, StickslipError
 
@@ -27,7 +28,6 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 from stickslip_monitor.ros import run as node
 
-ROOT = Path(__file__).parents[2]
 UNIT = ROOT / 'launch_configs' / 'systemd' / 'stickslip-monitor.service'
 
 

@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-import tracemalloc
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -109,18 +107,3 @@ def messages_of() -> Callable[..., dict[str, Messages]]:
         return found
 
     return collect
-
-
-@pytest.fixture
-def peak_memory() -> Callable[[Scene, float], int]:
-    """The most memory that simulating a scene over a duration [s] takes [bytes]."""
-
-    def peak(scene: Scene, duration: float) -> int:
-        tracemalloc.start()
-        for _ in simulate(replace(scene, duration=duration)):
-            pass
-        size = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        return size
-
-    return peak

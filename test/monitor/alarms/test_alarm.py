@@ -46,6 +46,15 @@ def test_only_a_reset_or_removal_takes_a_latch_away() -> None:
     assert left - {Trigger.RAISE, Trigger.UNSUPPRESS} == {Trigger.RESET, Trigger.REMOVE}
 
 
+def test_nothing_but_a_cause_gives_an_alarm_and_none_while_suppressed() -> None:
+    for state, trigger, facts in product(AlarmState, Trigger, EVERY_FACTS):
+        if state is AlarmState.NORMAL and facts.suppressed:
+            continue  # Never normal while suppressed: it is suppressed at once.
+        if follow(state, trigger, facts) is AlarmState.UNACKNOWLEDGED is not state:
+            assert facts.active or trigger is Trigger.RAISE
+            assert not facts.suppressed or trigger is Trigger.UNSUPPRESS
+
+
 # ANSI/ISA-18.2-2016, figure of alarm state transitions, and IEC 62682: the standard's letters.
 PUBLISHED = """
 A raise B, B acknowledge C, B clear D, C clear A, D acknowledge A, D raise B, A shelve G, B

@@ -202,6 +202,21 @@ def test_a_lost_input_neither_clears_nor_gives_what_was_there(panel: Build) -> N
     assert aft.given == ['stick_slip', 'input_lost']
 
 
+def test_a_latching_alarm_that_came_and_went_on_the_shelf_is_not_lost(panel: Build) -> None:
+    aft = panel(alarm__latch=True).at(1)
+    aft.does('shelve', 'stick_slip')
+    aft.at(2).goes('stick_slip').at(3).goes('normal').at(601)
+    assert aft.state('stick_slip') == 'returned_unacknowledged'
+
+
+def test_to_shelve_what_stands_does_not_hide_what_comes(panel: Build) -> None:
+    aft = panel().at(1).goes('caution')
+    aft.does('shelve')
+    assert aft.states == {'margin_low': 'shelved'}
+    aft.at(2).goes('stick_slip')
+    assert aft.given == ['margin_low', 'stick_slip']
+
+
 def test_the_shelf_ends_by_itself(panel: Build) -> None:
     aft = panel().at(1).goes('stick_slip')
     aft.does('shelve')
@@ -231,6 +246,14 @@ def test_a_shaft_at_rest_suppresses_the_ladder(panel: Build) -> None:
     assert aft.state('stick_slip') == 'suppressed'
     aft.at(22)
     assert aft.states == {}
+
+
+def test_noise_about_the_minimum_speed_changes_nothing(panel: Build) -> None:
+    aft = panel().at(0).turns(0.0).at(11)
+    changes = len(aft.log)
+    for second in range(12, 8 * 3600):
+        aft.at(second).turns(20.0 if second % 2 else 0.0)
+    assert len(aft.log) == changes == 4
 
 
 def test_start_up_is_inhibited(panel: Build) -> None:
@@ -272,6 +295,14 @@ def test_silence_is_a_flag_beside_the_life(panel: Build) -> None:
         ('unsilence', 'timer', 'margin_low'),
         ('unsilence', 'timer', 'bistable'),
     ]
+
+
+def test_what_flickers_keeps_its_silence(panel: Build) -> None:
+    aft = panel().at(1).goes('stick_slip')
+    aft.does('silence')
+    aft.at(2).goes('normal').at(3).goes('stick_slip')
+    assert not aft.alarms.sounding
+    assert aft.given == ['stick_slip']
 
 
 def test_what_is_not_found_again_after_a_restart_clears(panel: Build) -> None:

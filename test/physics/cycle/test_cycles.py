@@ -120,6 +120,26 @@ def test_the_fold_of_physics_md():
     assert BENCH.speed.from_surface(fold, 'rpm') == pytest.approx(40.7179, abs=6e-5)
 
 
+@pytest.mark.parametrize(
+    ('zeta', 'eta', 'speed'),
+    # In the second the phase ahead of the belt spans two steps, the last of which only just began.
+    [(1e-4, 0.001, 2.0), (1e-3, 0.01083144557832, 0.5647044)],
+)
+def test_overtaking_closes_under_the_reference(zeta, eta, speed):
+    # One round by Taylor series in 40 digits, starting where the solver says the cycle starts.
+    bearing, load = unit_bearing(zeta), eta / 0.2
+    cycle = exact_cycle(bearing, speed, load)
+    force = mp.mpf(load) / mp.mpf(speed)
+    law = (mp.mpf(bearing.damping) / 2, force * mp.mpf(0.3), force * mp.mpf(0.1), mp.mpf(speed))
+    _, displacement, _ = cycle.waveform(2)
+    start = mp.mpf(float(displacement[0] / speed))
+    behind, x, (top, bottom) = taylor.slip_phase(taylor.Slip(*law), start)
+    ahead, end, _ = taylor.slip_phase(taylor.Slip(*law, side=-1), x, turns=0)
+    assert float(end) == pytest.approx(float(start), abs=1e-10)
+    assert cycle.period == pytest.approx(float(behind + ahead), rel=1e-9)
+    assert cycle.amplitude / speed == pytest.approx(float(top - bottom) / 2.0, rel=1e-10)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ('eta', 'kappa', 'speed'), [(0.2, 0.2, 1.78), (0.2, 0.2, 2.1319), (1e-6, 0.2, 1.8)]

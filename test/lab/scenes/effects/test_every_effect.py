@@ -119,14 +119,3 @@ def test_leaving_an_effect_out_changes_no_stream_of_another(
         'load_in_waves', 'sensor_noise', 'spikes', 'not_a_number', 'clock_jitter', 'out_of_order',
         'repeated_stamps', 'dropout', 'vibration_background',
     }  # fmt: skip
-
-
-@pytest.mark.slow
-def test_memory_of_a_day_is_that_of_an_hour(
-    make_scene: MakeScene, peak_memory: Callable[[Scene, float], int]
-) -> None:
-    """All effects but those on the lining, which have tests of their own, and the slow waves."""
-    names = set(QUICK) - {*STAGES['lining'], 'load_in_waves', 'cut_off'}
-    scene = make_scene('measured', 1.0, effects=[{name: EXAMPLES[name]} for name in names])
-    peak_memory(scene, 600.0)
-    assert peak_memory(scene, 43_200.0) < 1.2 * peak_memory(scene, 3_600.0)
