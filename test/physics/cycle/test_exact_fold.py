@@ -50,6 +50,8 @@ def test_many_loads_are_the_loads_one_by_one(law, least, most, rounding):
         (bench(Stribeck(0.3, 0.1, 10.0)), 700.0),
         (bench(Stribeck(0.3, 0.1, 1000.0)), 50.0),
         (bench(TABLE), 700.0),
+        # A law so sharp that a step would pass over its layer.
+        (Bearing(50.0, 15.0, 2.0e6, Stribeck(0.3, 0.1, 5e5), 0.1), 8000.0),
         # A heavily damped lining with a steep law, whose fold was not found before.
         (Bearing(1.0, 1.8, 1.0, Stribeck(0.3, 0.1, 1.0), 0.1), 5000.0),
     ],
