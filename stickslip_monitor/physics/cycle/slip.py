@@ -18,9 +18,7 @@ from typing import TypeAlias
 
 from stickslip_monitor.physics.cycle.step import Medium, acceleration, slip_step
 from stickslip_monitor.physics.law_numbers import (
-    DECAY,
     HOLD,
-    PIECES,
     STEEPEST,
     LawNumbers,
     forward_coefficient,
@@ -57,9 +55,6 @@ SLIP_STEPS, _LONGEST_SLIP, _SHORTEST_SLIP = 20000, 1.0, 1e-13
 # Share of the energy at the start below which an orbit that does not turn has come to rest, and
 # the growth of energy, back in time, from which no orbit comes back; or way beyond the belt.
 _SETTLED_SHARE, _ESCAPED_SHARE, _THROUGH = 1e-12, 1e12, 1e-3
-# Folds of an exponential above zero speed from which a step may enter its layer, and how far it
-# may go down at a time from further above: between two stages the layer would not be seen.
-_IN_SIGHT, _DOWN = 40.0, 0.25
 # Beyond this friction force, in units of m omega V, the numbers run out.
 _GREATEST_FORCE = 1e150
 _LARGEST_EXPONENT = 700.0
@@ -152,15 +147,6 @@ def cut_step(
     return s, e, z, r
 
 
-def is_blind_step(law: LawNumbers, medium: Medium, z0: float, z: float) -> bool:
-    """Whether a step comes down towards the layer of a sharp law from where it is not seen."""
-    if law[PIECES] != 0.0:
-        return False
-    above = medium[4] / medium[0] + z0
-    low = medium[4] / medium[0] + z
-    return law[DECAY] * medium[0] * above > _IN_SIGHT and low < _DOWN * above
-
-
 def step_divergence(
     law: LawNumbers, medium: Medium, begin: tuple[float, float, float], h: float
 ) -> float:
@@ -226,10 +212,10 @@ def motion_fades(medium: Medium, direction: float, energy: float, now: float, z:
     return ESCAPED if through or now > _ESCAPED_SHARE * (1.0 + energy) else GOES_ON
 
 
-def next_length(h: float, error: float, allowed: float, blind: bool) -> float:
+def next_length(h: float, error: float, allowed: float) -> float:
     """Length of the step after one of length ``h``, or in its place if that was too long."""
     share = 5.0 if error == 0.0 else min(max(0.9 * (allowed / error) ** 0.125, 0.2), 5.0)
-    if blind or not error <= allowed:
+    if not error <= allowed:
         share = min(share, 0.5) if share >= 0.2 else 0.2
     length = min(abs(h) * share, _LONGEST_SLIP)
     return length if h > 0.0 else -length
@@ -263,9 +249,9 @@ def follow_slip(
     for _ in range(SLIP_STEPS):
         e1, z1, r1, error = slip_step(law, medium, e, z, r, h)
         allowed = tolerance * (abs(e) + abs(z) + abs(h) * (abs(drift) + abs(r)))
-        blind, length = is_blind_step(law, medium, z, z1), h
-        h = next_length(h, error, allowed, blind)
-        if blind or not error <= allowed:
+        length = h
+        h = next_length(h, error, allowed)
+        if not error <= allowed:
             if not abs(h) > _SHORTEST_SLIP:
                 break
             continue
