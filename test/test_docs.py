@@ -24,7 +24,8 @@ from stickslip_monitor.monitor.config import (
 )
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
-from stickslip_monitor.monitor.signals import STATUS_SENTENCES, Condition, Status
+from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.signals import STATUS_SENTENCES, Status
 from stickslip_monitor.monitor.source_faults import SourceFaultKind
 
 DOCS = ROOT / 'docs'

@@ -359,6 +359,7 @@ def _walk(folder: Path) -> Iterator[Path]:
 
 def _recordings(folder: Path, names: Iterable[str]) -> list[Path]:
     """The folder, if its files are parts of one recording, or else each of its files."""
+    # As Path.is_dir does, Path.is_file raises behind a closed folder.
     names = [name for name in names if os.path.isfile(folder / name)]  # noqa: PTH113
     loose = [n for n in names if n.endswith('.mcap') and not n.startswith('.')]
     parts = [_PART.fullmatch(name) for name in loose]

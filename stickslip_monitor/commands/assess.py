@@ -12,13 +12,8 @@ from typing import Any
 
 from rich.table import Table
 
-from stickslip_monitor.commands.declared import (
-    add_bearing,
-    add_config,
-    chosen,
-    parse_load,
-    parse_speed,
-)
+from stickslip_monitor.commands.arguments import chosen, parse_load, parse_speed
+from stickslip_monitor.commands.declared import add_bearing, add_config
 from stickslip_monitor.commands.output import add_json, console, print_json
 from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, assess
 from stickslip_monitor.monitor.config import BearingConfig

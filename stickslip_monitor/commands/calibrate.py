@@ -25,7 +25,7 @@ from rich.table import Table
 
 from stickslip_monitor import __version__
 from stickslip_monitor.commands import declared
-from stickslip_monitor.commands.declared import ONE_OF_SEVERAL, the_bearing
+from stickslip_monitor.commands.arguments import ONE_OF_SEVERAL, the_bearing
 from stickslip_monitor.commands.output import ProgressBar, add_json, console, json_text, print_json
 from stickslip_monitor.errors import ConfigurationError, cause, plural
 from stickslip_monitor.files import read_json

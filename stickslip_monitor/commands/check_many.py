@@ -20,8 +20,9 @@ from typing import TYPE_CHECKING, Any
 
 from stickslip_monitor import __version__
 from stickslip_monitor.bags.reader import stamp_of
+from stickslip_monitor.commands.arguments import chosen
 from stickslip_monitor.commands.check_results import Found, Task, attempt, failed, to_text, wrapped
-from stickslip_monitor.commands.declared import chosen, ending, say_written, write_outputs
+from stickslip_monitor.commands.declared import ending, say_written, write_outputs
 from stickslip_monitor.commands.output import ProgressBar, json_text, line_width, print_json
 from stickslip_monitor.errors import (
     BagError,

@@ -16,8 +16,8 @@ from stickslip_monitor.bags.reader import Bag
 from stickslip_monitor.errors import CalibrationError, StickslipError, plural
 from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.ladder import Level
 from stickslip_monitor.monitor.messages import event_record, number
-from stickslip_monitor.monitor.signals import Level
 from stickslip_monitor.offline.check import BearingReport, CheckReport, InputReport, check_bag
 from stickslip_monitor.offline.follow import scan_whole
 

@@ -10,15 +10,14 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from stickslip_monitor.commands.declared import (
+from stickslip_monitor.commands.arguments import (
     add_drawing,
-    add_number,
     chosen,
     parse_loaded,
     speed_range,
     the_bearing,
-    write_outputs,
 )
+from stickslip_monitor.commands.declared import add_number, write_outputs
 from stickslip_monitor.drawing.diagram import bifurcation_diagram, diagram_columns, draw_diagram
 from stickslip_monitor.drawing.map import diagram_speeds
 

@@ -20,7 +20,7 @@ from rich.markup import escape
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.commands import declared
-from stickslip_monitor.commands.declared import (
+from stickslip_monitor.commands.arguments import (
     ONE_OF_SEVERAL,
     chosen,
     parse_loaded,

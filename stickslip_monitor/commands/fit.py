@@ -22,7 +22,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from stickslip_monitor.commands import declared
-from stickslip_monitor.commands.declared import chosen, parse_load, parse_speed
+from stickslip_monitor.commands.arguments import chosen, parse_load, parse_speed
 from stickslip_monitor.commands.output import add_json, console, print_json
 from stickslip_monitor.drawing.fits import draw_friction_fit
 from stickslip_monitor.errors import ConfigurationError, plural

@@ -11,16 +11,15 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from stickslip_monitor.commands.declared import (
+from stickslip_monitor.commands.arguments import (
     add_drawing,
-    add_input,
     chosen,
     parse_load,
     parse_range,
     speed_range,
     the_bearing,
-    write_outputs,
 )
+from stickslip_monitor.commands.declared import add_input, write_outputs
 from stickslip_monitor.drawing.map import boundaries, draw_map, map_columns, map_ranges
 from stickslip_monitor.drawing.track import Track, track_of_scan
 from stickslip_monitor.errors import ConfigurationError

@@ -23,7 +23,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from stickslip_monitor.commands import declared
-from stickslip_monitor.commands.declared import chosen
+from stickslip_monitor.commands.arguments import chosen
 from stickslip_monitor.commands.output import ProgressBar, add_json, console, print_json
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.lab.scenes.scene import load_scene

@@ -19,7 +19,7 @@ from stickslip_monitor.dashboard.state import DashboardState
 from stickslip_monitor.dashboard.watched import NOT_MONITORING, WatchedMonitor
 from stickslip_monitor.monitor.alarms.alarm import AlarmState
 from stickslip_monitor.monitor.assessment import Regime
-from stickslip_monitor.monitor.signals import MEASURED, Condition
+from stickslip_monitor.monitor.ladder import MEASURED, Condition
 
 GAUGES = {
     'rpm': ('shaft_speed_rpm', 'Speed of the shaft in revolutions a minute, negative astern.'),

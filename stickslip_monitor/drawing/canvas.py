@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from stickslip_monitor.errors import DrawingError
 from stickslip_monitor.files import PICTURES, write_whole
 from stickslip_monitor.monitor.assessment import Regime
-from stickslip_monitor.monitor.signals import Condition
+from stickslip_monitor.monitor.ladder import Condition
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Axes

@@ -33,7 +33,7 @@ from stickslip_monitor.drawing.canvas import (
 from stickslip_monitor.drawing.track import envelope
 from stickslip_monitor.monitor.assessment import Regime, at_indices
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.signals import Level
+from stickslip_monitor.monitor.ladder import Level
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.outline import ConditionInterval, Verdicts, coarsened
 

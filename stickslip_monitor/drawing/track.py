@@ -23,7 +23,7 @@ from stickslip_monitor.drawing.canvas import (
     Axes,
     legend_above,
 )
-from stickslip_monitor.monitor.signals import Condition
+from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.offline.outline import Verdicts
 
 _POINTS_PER_INCH = 70

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray, flatten, in_blocks, restore
-from stickslip_monitor.monitor.signals import SentenceEnum
+from stickslip_monitor.monitor.ladder import SentenceEnum
 from stickslip_monitor.physics.averaging import boundaries
 from stickslip_monitor.physics.belief import Belief
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table

@@ -19,6 +19,7 @@ from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.assessment import Assessment, assess
 from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.ladder import CONDITIONS, LADDER, Unknown
 from stickslip_monitor.monitor.rule_state import (
     NEVER,
     STATE_TYPE,
@@ -26,7 +27,7 @@ from stickslip_monitor.monitor.rule_state import (
     State,
     settings_of,
 )
-from stickslip_monitor.monitor.signals import CONDITIONS, LADDER, Input, Status, Stream, Unknown
+from stickslip_monitor.monitor.signals import Input, Status, Stream
 from stickslip_monitor.monitor.verdict import Event, assessed, event_of, size_cycle, why_unknown
 from stickslip_monitor.physics import boundary_table, chances, law_numbers
 

@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from stickslip_monitor.monitor.ladder import Unknown
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.signals import (
     INPUTS,
@@ -20,7 +21,6 @@ from stickslip_monitor.monitor.signals import (
     QUANTITIES,
     STATUS_SENTENCES,
     Status,
-    Unknown,
     to_si,
 )
 from stickslip_monitor.monitor.source_faults import SourceWatch, fault_text, least_gap

@@ -21,19 +21,9 @@ from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.bulk import Scan, scan_bearing
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.ladder import CONDITIONS, MEASURED, Condition, Measured, Unknown
 from stickslip_monitor.monitor.rule_state import NEVER, State, settings_of
-from stickslip_monitor.monitor.signals import (
-    CONDITIONS,
-    INPUTS,
-    MEASURED,
-    Condition,
-    Input,
-    Measured,
-    Sample,
-    Status,
-    Stream,
-    Unknown,
-)
+from stickslip_monitor.monitor.signals import INPUTS, Input, Sample, Status, Stream
 from stickslip_monitor.monitor.verdict import (
     QUIET,
     Event,

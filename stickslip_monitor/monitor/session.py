@@ -25,10 +25,11 @@ from stickslip_monitor.monitor.alarms.alarm_records import (
 from stickslip_monitor.monitor.alarms.annunciator import MONITOR, AlarmChange, Annunciator
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.input_watch import Graph, InputWatch
+from stickslip_monitor.monitor.ladder import Condition, Level
 from stickslip_monitor.monitor.messages import BearingState, bearing_record, state_of
 from stickslip_monitor.monitor.monitor import Monitor, Update
 from stickslip_monitor.monitor.rule_state import State
-from stickslip_monitor.monitor.signals import Condition, Level, Status
+from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.monitor.verdict import Event, Verdict
 
 LOOK_NS = 10**9

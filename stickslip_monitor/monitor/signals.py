@@ -1,96 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What comes in and what is said of it: samples, streams, severities, conditions."""
+"""What comes in: samples, streams of them, and what became of each."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum, IntEnum
-from inspect import get_annotations
-from typing import Any, TypeVar
+from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.config import InputConfig
-
-_SentenceEnum = TypeVar('_SentenceEnum', bound='SentenceEnum')
-
-
-class SentenceEnum(str, Enum):
-    """A name; each member carries what its class declares, and then its sentence."""
-
-    sentence: str
-
-    def __new__(cls: type[_SentenceEnum], name: str, *facts: Any) -> _SentenceEnum:
-        """Make a member from its name and its facts, the sentence last."""
-        member = str.__new__(cls, name)
-        member._value_ = name
-        for fact, value in zip([*get_annotations(cls), 'sentence'], facts, strict=True):
-            setattr(member, fact, value)
-        return member
-
-    def __str__(self) -> str:
-        return str(self.value)
-
-
-class Level(IntEnum):
-    """Severity, with the values of ``diagnostic_msgs/DiagnosticStatus``."""
-
-    OK = 0
-    WARN = 1
-    ERROR = 2
-
-
-class Condition(SentenceEnum):
-    """What the alarm of a bearing says."""
-
-    level: Level
-
-    NORMAL = 'normal', Level.OK, 'No stick-slip predicted.'
-    VIBRATION = (
-        'vibration',
-        Level.WARN,
-        'Vibration is measured where no stick-slip is possible: the model does not explain it.',
-    )
-    CAUTION = 'caution', Level.WARN, 'Close to the stick-slip region.'
-    BISTABLE = (
-        'bistable',
-        Level.WARN,
-        'Inside the bistable range: a disturbance can start stick-slip.',
-    )
-    STICK_SLIP = 'stick_slip', Level.ERROR, 'Stick-slip predicted.'
-    AMPLITUDE = 'amplitude_limit', Level.ERROR, 'Stick-slip predicted above the amplitude limit.'
-    INPUT_STALE = 'input_stale', Level.ERROR, 'An input is lost: nothing can be predicted.'
-
-
-CONDITIONS = tuple(Condition)
-"""The conditions as the rule numbers them."""
-# Vibration that the model does not explain hides nothing that the model says.
-LADDER = CONDITIONS[:-1]
-"""Those of the operating point, in rising order of trouble."""
-
-
-class Measured(SentenceEnum):
-    """What the level says of the lining."""
-
-    UNKNOWN = 'unknown', 'Whether the lining vibrates is not known.'
-    QUIET = 'quiet', 'No vibration is measured.'
-    VIBRATING = 'vibrating', 'Vibration is measured.'
-
-
-MEASURED = tuple(Measured)
-
-
-class Unknown(SentenceEnum):
-    """Why the level says nothing; each member carries its clause."""
-
-    NOTHING = 'nothing', 'no level has come'
-    LOST = 'lost', 'the level is lost'
-    STUCK = 'stuck', 'the level never changes: its sensor is stuck'
-    LOUD = 'loud', 'the level is high where no stick-slip can exist: it tells something else'
-    ONE_MODE = 'one_mode', 'no threshold is configured, and none has been learned yet'
-    SHORT = 'short', 'the level has not been above or below its threshold for long enough'
 
 
 class Input(IntEnum):

@@ -43,7 +43,7 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.monitor.assessment import Assessment
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig
-from stickslip_monitor.monitor.signals import SentenceEnum
+from stickslip_monitor.monitor.ladder import SentenceEnum
 from stickslip_monitor.physics.averaging.boundaries import fold_speed
 
 FASTEST = 30.0

@@ -15,15 +15,9 @@ from typing import Any
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.assessment import Assessment, Outcome, assess, fold_share
 from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.ladder import LADDER, MEASURED, Condition, Measured, Unknown
 from stickslip_monitor.monitor.rule_state import NEVER, RuleSettings
-from stickslip_monitor.monitor.signals import (
-    LADDER,
-    MEASURED,
-    QUANTITIES,
-    Condition,
-    Measured,
-    Unknown,
-)
+from stickslip_monitor.monitor.signals import QUANTITIES
 from stickslip_monitor.physics.belief import Belief
 from stickslip_monitor.physics.cycle.cycles import exact_amplitude
 

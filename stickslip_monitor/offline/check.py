@@ -26,15 +26,8 @@ from stickslip_monitor.monitor.assessment import REGIMES, Regime
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
-from stickslip_monitor.monitor.signals import (
-    INPUTS,
-    LEVEL,
-    MEASURED,
-    STATUS_SENTENCES,
-    Status,
-    Unknown,
-    to_si,
-)
+from stickslip_monitor.monitor.ladder import MEASURED, Unknown
+from stickslip_monitor.monitor.signals import INPUTS, LEVEL, STATUS_SENTENCES, Status, to_si
 from stickslip_monitor.monitor.source_faults import (
     Plausibility,
     SourceFault,

@@ -18,7 +18,7 @@ from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from stickslip_monitor.monitor.assessment import REGIMES, Assessment, Regime, assess, at_indices
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.signals import LADDER, Condition
+from stickslip_monitor.monitor.ladder import LADDER, Condition
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.follow import BearingBlock
 

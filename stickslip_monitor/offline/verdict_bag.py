@@ -29,6 +29,7 @@ from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.messages import (
     BearingState,
     diagnostic_record,
@@ -40,7 +41,6 @@ from stickslip_monitor.monitor.messages import (
 )
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.session import Moment, NoLog, Session, Sink
-from stickslip_monitor.monitor.signals import Condition
 from stickslip_monitor.monitor.verdict import Event, Verdict
 from stickslip_monitor.offline.check import CheckReport
 from stickslip_monitor.offline.follow import requests_of

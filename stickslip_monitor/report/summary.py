@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.signals import Condition
+from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.offline.check import BearingReport
 from stickslip_monitor.offline.outline import ConditionInterval, Extreme, Verdicts, together
 from stickslip_monitor.report import formatting

@@ -24,8 +24,8 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.health import NodeHealth
 from stickslip_monitor.monitor.input_watch import Graph, Publisher
-from stickslip_monitor.monitor.messages import NodeHealth
 from stickslip_monitor.monitor.source_faults import StampGaps
 from stickslip_monitor.ros.message_types import (
     check_field,

@@ -25,7 +25,7 @@ from stickslip_monitor.monitor.clip_recorder import ClipStore
 from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig, parameters_of
 from stickslip_monitor.monitor.config_file import NODE_NAME, is_ros_parameter
 from stickslip_monitor.monitor.configure import bearing_names, build_config
-from stickslip_monitor.monitor.messages import NodeHealth
+from stickslip_monitor.monitor.health import NodeHealth
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
 from stickslip_monitor.ros.active import Active
 from stickslip_monitor.ros.inputs import check_inputs

@@ -23,14 +23,12 @@ from std_msgs.msg import String
 from stickslip_monitor.errors import cause
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder, ClipStore
 from stickslip_monitor.monitor.config import BearingConfig, ClipConfig, MonitorConfig
+from stickslip_monitor.monitor.health import DiagnosticRecord, NodeHealth, health_record
 from stickslip_monitor.monitor.messages import (
     BearingState,
-    DiagnosticRecord,
-    NodeHealth,
     bearings_json,
     diagnostic_record,
     event_json,
-    health_record,
     output_topics,
     verdict_values,
 )

@@ -8,6 +8,7 @@ import os
 import pty
 import re
 import subprocess
+import sys
 import sysconfig
 from collections.abc import Iterator
 from contextlib import suppress
@@ -125,3 +126,16 @@ def test_the_tab_key_offers_commands_options_and_files(
         cwd=ROOT, env=os.environ | asked | {'IFS': '\v'}, check=True,
     )  # fmt: skip
     assert offered in answer.read_text()
+
+
+@pytest.mark.parametrize('command', ['--help', 'check --help', 'health --help'])
+def test_what_needs_no_numbers_starts_without_their_libraries(command: str) -> None:
+    """A container asks ``health`` every half minute."""
+    code = (
+        'import sys; from stickslip_monitor.cli import main\n'
+        'try: main(sys.argv[1:])\nexcept SystemExit: pass\n'
+        'print(sorted({"numpy", "scipy", "rclpy", "yaml"} & set(sys.modules)))'
+    )
+    line = [sys.executable, '-c', code, *command.split()]
+    done = subprocess.run(line, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == '[]'

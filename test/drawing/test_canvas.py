@@ -35,7 +35,7 @@ from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.errors import DrawingError, ReportError
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.signals import Condition
+from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.report.page import _SPEED_CAPTION, html_page
 
 pytest.importorskip('matplotlib')

@@ -36,7 +36,7 @@ from stickslip_monitor.drawing.map import (
 )
 from stickslip_monitor.drawing.track import Track, TrackEvent, envelope, track_of_scan
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.signals import Condition
+from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.physics.cycle.cycles import exact_cycle
 
 pytest.importorskip('matplotlib')

@@ -18,7 +18,7 @@ from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_e
 from stickslip_monitor.lab.truth import TruthNumbers, TruthRecord
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.signals import Condition
+from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.outline import condition_intervals
 

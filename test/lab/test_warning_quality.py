@@ -24,7 +24,7 @@ from stickslip_monitor.lab.warning_quality import (
     quality_of,
 )
 from stickslip_monitor.monitor.bulk import Scan
-from stickslip_monitor.monitor.signals import Condition
+from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.verdict import Event
 
 Array = NDArray[np.float64]

@@ -19,8 +19,8 @@ import pytest
 from sequences import BEARINGS, NAME, SECOND
 
 from stickslip_monitor import Monitor, MonitorConfig, Sample, build_config
+from stickslip_monitor.monitor.ladder import Unknown
 from stickslip_monitor.monitor.rule_state import State
-from stickslip_monitor.monitor.signals import Unknown
 from stickslip_monitor.monitor.verdict import Event
 
 # One message: when it arrives [s], of what, its stamp [s], its number.

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder
 from stickslip_monitor.monitor.config import ClipConfig
-from stickslip_monitor.monitor.signals import Condition
+from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.verdict import Event
 
 NS, T0 = 10**9, 1_777_874_400

@@ -10,8 +10,9 @@ import pytest
 
 from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_config
 from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.monitor.ladder import LADDER, Condition
 from stickslip_monitor.monitor.monitor import Update
-from stickslip_monitor.monitor.signals import LADDER, Condition, Status
+from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.monitor.verdict import QUIET as NOTHING_YET
 
 SECOND = 10**9

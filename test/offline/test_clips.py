@@ -16,7 +16,7 @@ from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage
 from stickslip_monitor.monitor.config import ClipConfig
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.signals import Condition
+from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.offline.check import check_bag
 from stickslip_monitor.offline.clips import ClipFolder
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from stickslip_monitor.monitor.signals import Condition
+from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.outline import (
     ConditionInterval,

@@ -17,7 +17,7 @@ import pytest
 from shared import START
 
 from stickslip_monitor import assess
-from stickslip_monitor.monitor.signals import Condition
+from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.offline.outline import ConditionInterval
 from stickslip_monitor.physics.belief import Belief, Tolerance
 from stickslip_monitor.report.summary import Course, Finding, facts, finding_of, overall

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from stickslip_monitor import build_config
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.fields import parse_field
-from stickslip_monitor.monitor.messages import NodeHealth
+from stickslip_monitor.monitor.health import NodeHealth
 from stickslip_monitor.monitor.monitor import Monitor
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')

@@ -17,14 +17,8 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.signals import (
-    INPUTS,
-    LADDER,
-    STATUS_SENTENCES,
-    Condition,
-    SentenceEnum,
-    Status,
-)
+from stickslip_monitor.monitor.ladder import LADDER, Condition, SentenceEnum
+from stickslip_monitor.monitor.signals import INPUTS, STATUS_SENTENCES, Status
 from stickslip_monitor.monitor.verdict import Event
 
 AT_REST, START_UP, SHAFT_LOCKED = 'at_rest', 'start_up', 'shaft_locked'

@@ -19,7 +19,7 @@ from stickslip_monitor.monitor.alarms.alarm_records import (
     state_record,
 )
 from stickslip_monitor.monitor.alarms.annunciator import Action, Annunciator
-from stickslip_monitor.monitor.signals import Condition
+from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.verdict import Event
 
 SECOND = 10**9

@@ -14,7 +14,8 @@ from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.alarms.alarm import AlarmKind, AlarmState
 from stickslip_monitor.monitor.alarms.alarm_records import alarms_record
 from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange, Annunciator
-from stickslip_monitor.monitor.signals import Condition, Status
+from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.monitor.verdict import QUIET, Event, Verdict
 
 Configure = Callable[..., MonitorConfig]

@@ -30,7 +30,8 @@ from stickslip_monitor.monitor.alarms.annunciator import (
     Annunciator,
     LiveAlarm,
 )
-from stickslip_monitor.monitor.signals import LADDER, Condition, Status
+from stickslip_monitor.monitor.ladder import LADDER, Condition
+from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.monitor.verdict import QUIET, Event, Verdict
 
 SECOND = 10**9
