@@ -4,7 +4,8 @@
 Each boundary is a piecewise polynomial in ``ln N`` from the least load at which a stick-slip cycle
 exists; above the last one a speed is in proportion to the load, as Coulomb's law has it, the limit
 of every law for large loads. A smooth law is a cubic spline, right to 1e-9; one in pieces
-(a measured table) is interpolated linearly in many more points, right to 1e-4.
+(a measured table) is interpolated linearly in many more points, right to 1e-4 but where its fold
+jumps or begins, between two loads half a percent apart.
 """
 
 from __future__ import annotations
@@ -19,16 +20,20 @@ from scipy.interpolate import CubicSpline
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.physics.averaging import boundaries
+from stickslip_monitor.physics.averaging.quadrature import slope_table
 from stickslip_monitor.physics.cycle.cycles import exact_fold_speed
+from stickslip_monitor.physics.fold_curve import curve_speeds, last_speeds, slowest_speed
 from stickslip_monitor.physics.law_numbers import PIECES, law_numbers
 from stickslip_monitor.physics.oscillator import Bearing, damping_per_load
 
 # Octaves of load from the onset, and points in one: measured, twice as many gain nothing. A steep
 # law has its onset at some newtons, and is far from Coulomb's 8 octaves above it.
 _OCTAVES, _SMOOTH, _BROKEN = 8, 100, 128
-_LARGE = 5e4  # [N]
+_LARGE, _LARGE_OF_PIECES = 5e4, 2e4  # [N]
 # Loads among which the onset is looked for [N], and how often the interval is divided by 64.
 _LEAST, _MOST, _ROUNDS = 1e-9, 1e15, 8
+# Share of the averaged slope at a higher speed below which a speed has no say.
+_MATTERS = 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +93,11 @@ def boundary_at(pieces: Any, first: float, step: float, load: float) -> float:
 
 def boundary_table(bearing: Bearing) -> BoundaryTable:
     """The averaged and the exact fold of a bearing over the load."""
+    broken = law_numbers(bearing.friction)[PIECES] > 0.0
 
     def averaged(load: FloatArray) -> FloatArray:
-        return np.asarray(boundaries.fold_speed(bearing, load))
+        found = _read_from_curve(bearing, load) if broken else None
+        return np.asarray(boundaries.fold_speed(bearing, load)) if found is None else found
 
     def exact(load: FloatArray) -> FloatArray:
         return np.asarray(exact_fold_speed(bearing, load))
@@ -101,10 +108,10 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
     if onset == math.inf:
         # A law that falls at once, as Coulomb's, has a fold in proportion to every load.
         onset = _LEAST
-    broken = law_numbers(bearing.friction)[PIECES] > 0.0
     octaves = _OCTAVES
-    if not broken and onset > _LEAST:
-        octaves = max(octaves, math.ceil(math.log2(_LARGE / onset)))
+    if onset > _LEAST:
+        large = _LARGE_OF_PIECES if broken else _LARGE
+        octaves = max(octaves, math.ceil(math.log2(large / onset)))
     points = octaves * (_BROKEN if broken else _SMOOTH) + 1
     grid = np.linspace(0.0, octaves * math.log(2.0), points)
     load = np.exp(math.log(onset) + grid)
@@ -134,6 +141,26 @@ def _onset(bearing: Bearing) -> float:
             return math.exp(low)
         low, high = float(grid[k - 1]), float(grid[k])
     return math.exp(high)
+
+
+def _read_from_curve(bearing: Bearing, load: FloatArray) -> FloatArray | None:
+    """The averaged folds of ascending loads; ``None`` where the largest has none.
+
+    Of a measured table each by itself would take seconds.
+    """
+    least, most = slowest_speed(bearing.friction), float(boundaries.fold_speed(bearing, load[-1]))
+    if not least < most < math.inf:
+        return None
+    speed = curve_speeds(least, most)
+    table = slope_table(bearing.friction)
+    # What has no cycle until far more load than a higher speed is nowhere the last.
+    height = np.interp(speed, table.speeds, table.peak)
+    above = np.maximum.accumulate(height[::-1])[::-1]
+    found, matters = np.full(speed.size, np.inf), height > _MATTERS * above
+    found[matters] = boundaries.fold_load(bearing, speed[matters])
+    found[-1] = load[-1]
+    found[np.isnan(found)] = np.inf
+    return last_speeds(speed, found, load, smooth=False)
 
 
 def _linear(speed: FloatArray) -> FloatArray:

@@ -35,8 +35,8 @@ def gauss_rule(order: int) -> tuple[FloatArray, FloatArray]:
 
 
 _BLOCK = 8192
-# A stretch of so few radians needs few nodes: between two points of a finely measured table.
-_NARROW, _FEW, _MANY = 0.02, gauss_rule(3), gauss_rule(16)
+# Between two points of a measured table a stretch of so few radians needs so few nodes.
+_TABLE_RULES = ((0.02, gauss_rule(3)), (0.3, gauss_rule(6)), (np.inf, gauss_rule(16)))
 # Stretches for which memory is taken at a time.
 _STRETCHES = 400_000
 
@@ -112,12 +112,13 @@ def _integrals(
     """:func:`_cycle_integrals` of some elements."""
     begin, extent, element = _panels(law, speed[part], amplitude[part])
     # Between its points a table is a cubic, where another law may fall by orders of magnitude.
-    narrow = (extent < _NARROW) & computes_as(law, Tabulated)
+    rules = _TABLE_RULES if computes_as(law, Tabulated) else _TABLE_RULES[-1:]
+    which = np.searchsorted([widest for widest, _ in rules], extent, side='right')
     nothing = np.zeros((0, 1))
     count = len(integrand(nothing, nothing, np.zeros(0, dtype=np.intp)))
     sums = [np.zeros(element.size) for _ in range(count)]
-    for rows, (nodes, weights) in ((narrow, _FEW), (~narrow, _MANY)):
-        where = np.flatnonzero(rows)
+    for rule, (_, (nodes, weights)) in enumerate(rules):
+        where = np.flatnonzero(which == rule)
         for first in range(0, where.size, _BLOCK):
             block = where[first : first + _BLOCK]
             index = element[block] + (part.start or 0)

@@ -1,53 +1,90 @@
 # SPDX-License-Identifier: Apache-2.0
 """The exact fold over the load: the last speed at which the slip phase meets the belt.
 
-It is in a smooth ratio to the averaged fold. Of many loads every so-many-th is solved, and those
-between them only where a polynomial through their neighbours does not tell the ratio well enough.
-What is known at neighbouring loads tells where to look.
+Of many loads the question is turned round: from which load on does the slip phase meet the belt at
+a speed? That load is in a smooth ratio to the one by averaging. The ratio is solved at some speeds
+and told by polynomials between them, and the folds are read from the curve.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from stickslip_monitor.arrays import FloatArray, IndexArray
-from stickslip_monitor.physics.averaging import boundaries
-from stickslip_monitor.physics.cycle.slip import (
-    GRAZING,
-    ROUGHLY,
-    fold_from_above,
-    fold_near,
-    grazing_margin,
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.physics.averaging import boundaries, closed_form
+from stickslip_monitor.physics.averaging.quadrature import slope_surface
+from stickslip_monitor.physics.cycle.slip import GRAZING, ROUGHLY, Orbit, grazing_margin
+from stickslip_monitor.physics.fold_curve import (
+    curve_speeds,
+    interpolated,
+    last_speeds,
+    slowest_speed,
+    stretches,
 )
-from stickslip_monitor.physics.friction import Stribeck, computes_as
+from stickslip_monitor.physics.friction import Coulomb, Stribeck, computes_as
 from stickslip_monitor.physics.law_numbers import (
-    EDGES,
     HOLD,
     KINETIC,
     PIECES,
     STEEPEST,
     VISCOUS,
+    forward_coefficient,
     law_numbers,
 )
 from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.roots import (
+    begun_bracket,
+    best_of,
+    is_found,
+    narrowed,
+    next_trial,
+)
 
-# Every so-many-th of many loads is solved at first, and polynomials go through so many of them.
-_STRIDE, _NEIGHBOURS = 64, 8
-# How far a polynomial may be off in the middle between solved loads, to be believed at their
-# quarters: of a smooth law (where the error then falls by 256), a steep one, one in pieces.
-_TOLD, _STEEP_TOLD, _ROUGHLY_TOLD = 5e-8, 3e-6, 2e-5
-# Growth rate of the slip at breakaway, N |mu'(0)| / (m omega), of a steep law.
-_STEEP = 4.0
+
+class _Care(NamedTuple):
+    """How well folds are to be known.
+
+    Attributes:
+        orbit: The orbits that are followed.
+        close: Relative width of a bracket at which its root is found.
+        sure: Step from a first guess, in ln N, that needs no second look.
+        told: How far a polynomial may be off in the middle between solved speeds, to be believed
+            at their quarters.
+    """
+
+    orbit: Orbit
+    close: float
+    sure: float
+    told: float
+
+
+# Of a smooth law, where a polynomial's error falls by 256 as its stretch is halved, and of one in
+# pieces; each first where slip grows slowly at breakaway, then where it grows so fast that near
+# grazing orbits part at once.
+_SMOOTH = _Care(GRAZING, 1e-13, 3e-10, 1e-8), _Care(ROUGHLY, 1e-7, 1e-7, 3e-7)
+_IN_PIECES = _Care(ROUGHLY, 1e-5, 2e-5, 3e-5), _Care(ROUGHLY, 2e-5, 5e-5, 1e-4)
+# Where one fold of a law in pieces is asked for.
+_ROUGH_ROOT = 1e-7
+# The growth rate of slip at breakaway that is steep, N |mu'(0)| / (m omega).
+_STEEP_RATE = 4.0
 # Loads in units of the least with a cycle, and forces ``N Delta/(m omega V)``, up to which
 # averaging has the fold to 1e-10, and orbits gain too little to tell it better.
 _WEAKLY, _SLIGHT = 1.003, 1e-6
-# How far beyond the scales of a law its fold is looked for.
-_SPREAD, _LARGEST_EXPONENT = 100.0, 700.0
-# Steps of the secant method from a good guess, and how close it has to come.
-_SECANTS, _CONVERGED = 6, 1e-11
+# Loads from which on a curve costs less than each by itself.
+_FEW = 12
+# How much averaging may be off, as a factor of the load: where it is steep much more.
+_OFF, _STEEPLY_OFF = 2.0, 10.0
+# Speeds that are tried for one load, and how far beyond the scales of a law they reach.
+_TRIED, _BEYOND = 145, 100.0
+# Grazing margins and, in ln N, distances from a root in which the margin is almost straight.
+_STRAIGHT = 0.01
+# Steps of the secant method, widenings in search of a bracket, trials within one.
+_SECANTS, _WIDENINGS, _TRIALS = 6, 12, 100
+_LARGEST_EXPONENT = 700.0
 
 
 def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
@@ -60,166 +97,198 @@ def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
     Returns:
         ``nan`` where no speed has a cycle, ``inf`` where none is the last, shape (n,).
     """
-    search, is_closed = _Search(bearing), computes_as(bearing.friction, Stribeck)
+    grazing = _Grazing(bearing)
     loads, back = np.unique(load, return_inverse=True)
-    averaged = np.asarray(boundaries.fold_speed(bearing, loads))
-    out, height = np.full(loads.size, np.nan), loads * search.law[STEEPEST] / bearing.damping
-    if is_closed:
-        drop = (search.law[HOLD] - search.law[KINETIC]) * loads / bearing.momentum
-        near = (height > 1.0) & ((height < _WEAKLY) | (drop < _SLIGHT * averaged))
-        out[near] = averaged[near]
-        height[near] = 0.0
-    rows = np.flatnonzero(height > 1.0)
-    # Coulomb's law, the limit for large loads, has a fold in proportion to the load.
-    scale = np.where((averaged > 0.0) & (averaged < np.inf), averaged, loads)
-    steep = np.array([search.is_steep(n) for n in loads[rows]], dtype=bool)
-    for part, close in ((rows[steep], _STEEP_TOLD), (rows[~steep], _TOLD)):
-
-        def ratio(i: int, part: IndexArray = part) -> float:
-            return search.at(loads[part[i]], averaged[part[i]]) / float(scale[part[i]])
-
-        close = _ROUGHLY_TOLD if search.in_pieces else close
-        out[part] = interpolated(np.log(loads[part]), ratio, close) * scale[part]
+    out = np.full(loads.size, np.nan)
+    # Without a gain at any speed the flow contracts everywhere (Bendixson's criterion).
+    rows = np.flatnonzero(loads * grazing.law[STEEPEST] > bearing.damping)
+    folds = grazing.curve(loads[rows]) if rows.size > _FEW else None
+    out[rows] = [grazing.fold(float(n)) for n in loads[rows]] if folds is None else folds
     return out[back]
 
 
-def interpolated(place: FloatArray, solve: Callable[[int], float], close: float) -> FloatArray:
-    """Positive values at ascending places, solved only where their neighbours do not tell them.
-
-    Args:
-        place: Shape (n,).
-        solve: The value at an index; called from above.
-        close: Relative error of a polynomial in the middle between solved places up to which it
-            is believed where these are half as far apart.
-    """
-    count = place.size
-    value = np.full(count, np.nan)
-    stride = min(_STRIDE, 1 << max(count.bit_length() - 3, 0))
-    for i in range(0, count, stride)[::-1]:
-        value[i] = solve(i)
-    told = np.zeros(count, dtype=bool)  # from an index to the next that is known
-    while stride > 1:
-        half = stride // 2
-        miss = np.full(count, np.inf)
-        for i in range(half, count, stride)[::-1]:
-            first = (i - half) // stride - _NEIGHBOURS // 2 + 1
-            last = (count - 1) // stride - _NEIGHBOURS + 1
-            near = range(max(min(first, last), 0) * stride, count, stride)[:_NEIGHBOURS]
-            guess = math.exp(_through(place[near], np.log(value[near]), place[i]))
-            value[i] = guess if told[i - half] else solve(i)
-            known = 0.0 < value[i] < math.inf and guess > 0.0
-            miss[i - half] = abs(guess / value[i] - 1.0) if known else math.inf
-        # The error falls to a sixteenth at least where the stretch is halved.
-        beside = np.maximum(miss, np.maximum(np.roll(miss, stride), np.roll(miss, -stride)))
-        sure = beside[::stride] < close
-        told[::stride] = sure
-        told[half::stride] = sure[: told[half::stride].size]
-        stride = half
-    return value
-
-
-def _through(x: FloatArray, y: FloatArray, at: float) -> float:
-    """The polynomial through some points; ``nan`` where one is missing."""
-    apart = x[:, None] - x
-    np.fill_diagonal(apart, 1.0)
-    weights = np.prod(at - x) / (at - x) / np.prod(apart, axis=1)
-    return float(weights @ y)
-
-
-class _Search:
-    """Solves the folds of one bearing, and remembers them."""
+class _Grazing:
+    """Where the slip phase of a bearing grazes the belt."""
 
     def __init__(self, bearing: Bearing) -> None:
-        self.bearing = bearing
+        self.bearing, self.friction = bearing, bearing.friction
         self.law = law_numbers(bearing.friction)
         self.body = bearing.mass, bearing.damping, bearing.stiffness
         self.in_pieces = self.law[PIECES] > 0.0
-        self.orbit = ROUGHLY if self.in_pieces else GRAZING
-        self.known: dict[float, float] = {}  # logarithms of fold over scale, by ln N
-        self.rate = math.nan  # of the grazing margin over ln V at the last fold
-        self.none = 0.0  # the largest load found to have no cycle
+        # Such a law has cycles up to one speed.
+        self.falls_on = computes_as(self.friction, Stribeck) or computes_as(self.friction, Coulomb)
+        self.rate = math.nan  # of the grazing margin over ln N, as last found
 
-    def at(self, load: float, averaged: float) -> float:
-        """The fold at a load, given the averaged one [m/s]."""
-        fold, place = math.nan, math.log(load)
-        scale = averaged if 0.0 < averaged < math.inf else load
-        if load < self.none:
-            return fold
-        if len(self.known) > 1:
-            guess, steep = scale * math.exp(self._guessed(place)), self.is_steep(load)
-            if not steep:
-                fold = self._polished(load, guess)
-            if math.isnan(fold) and (steep or self.in_pieces):
-                fold = fold_near(self.law, self.body, load, guess, ROUGHLY)
-        if math.isnan(fold):
-            fold = self._searched(load, averaged)
-            self.none = load if math.isnan(fold) else self.none
-        if 0.0 < fold < math.inf:
-            self.known[place] = math.log(fold / scale)
-        return fold
+    def margin(self, speed: float, load: float, orbit: Orbit) -> float:
+        """The distance of the slip phase from grazing, > 0 where it meets the belt."""
+        return grazing_margin(self.law, self.body, speed, load, orbit)
 
-    def is_steep(self, load: float) -> bool:
-        """Whether slip grows so fast at breakaway that near grazing orbits part at once."""
-        # A law that falls at once has no such growth.
-        return _STEEP * self.bearing.momentum < load * self.law[STEEPEST] < math.inf
+    def curve(self, load: FloatArray) -> FloatArray | None:
+        """The folds of ascending loads; ``None`` where the largest has none."""
+        most = self.fold(float(load[-1]))
+        least = self.fold(float(load[0])) if self.falls_on else slowest_speed(self.friction)
+        if not least < most < math.inf:
+            return None
+        speed = curve_speeds(least, most)
+        averaged = self.by_averaging(speed)
+        # A speed matters where no higher one has a cycle at less load.
+        above = np.minimum.accumulate(averaged[::-1])[::-1]
+        steep = self.is_steep(averaged)
+        label = np.where(averaged <= _OFF * above, 1 + steep, 0)
+        found = np.full(speed.size, np.inf)
+        for part in stretches(label)[::-1]:
+            if label[part.start] > 0:
+                found[part] = self._loads(speed[part], averaged[part], bool(steep[part.start]))
+        if self.falls_on:
+            found[0] = load[0]
+        found[-1] = load[-1]
+        return last_speeds(speed, found, load, not self.in_pieces)
 
-    def _guessed(self, place: float) -> float:
-        """The logarithm of the ratio by a polynomial through what is known nearest by."""
-        near = sorted(self.known, key=lambda x: abs(x - place))[:_NEIGHBOURS]
-        known = [self.known[x] for x in near]
-        # Far from what is known a polynomial runs away.
-        spread = 2.0 * abs(known[0] - known[1]) + 0.02
-        found = _through(np.array(near), np.array(known), place)
-        return min(max(found, min(known[:2]) - spread), max(known[:2]) + spread)
+    def _loads(self, speed: FloatArray, averaged: FloatArray, steep: bool) -> FloatArray:
+        """The loads that graze at ascending speeds, near those by averaging [N]."""
+        care = (_IN_PIECES if self.in_pieces else _SMOOTH)[int(steep)]
+        last = 1.0
 
-    def _polished(self, load: float, guess: float) -> float:
-        """The fold by the secant method from a guess; ``nan`` where that leads to none."""
-        law, body = self.law, self.body
-        before, after = guess, guess * (1.0 + 1e-5)
-        f_before = grazing_margin(law, body, before, load, self.orbit)
-        if abs(f_before) < abs(0.01 * self.rate):
-            after = guess * (1.0 - f_before / self.rate)
+        def ratio(i: int, guess: float) -> float:
+            nonlocal last
+            v, n = float(speed[i]), float(averaged[i])
+            if self._is_slight(n, v):
+                return 1.0
+            guess = n * (guess if guess > 0.0 else last)
+            found = self._polished(v, guess, care)
+            if math.isnan(found):
+                found = _root(lambda load: self.margin(v, load, care.orbit), guess, care.close)
+            last = found / n if 0.0 < found < math.inf else last
+            return found / n
+
+        return averaged * interpolated(np.log(speed), ratio, care.told)
+
+    def _polished(self, speed: float, guess: float, care: _Care) -> float:
+        """The load that grazes, by the secant method; ``nan`` where that leads to none [N]."""
+        before, f_before = math.log(guess), self.margin(speed, guess, care.orbit)
+        after = before + 1e-5
+        if abs(f_before) < _STRAIGHT * min(abs(self.rate), 1.0):
+            after = before - f_before / self.rate
+            if abs(after - before) < care.sure:
+                return math.exp(after)
         for _ in range(_SECANTS):
-            f_after = grazing_margin(law, body, after, load, self.orbit)
-            if f_after == f_before:
+            f_after = self.margin(speed, math.exp(after), care.orbit)
+            last = after - before
+            if not (f_after - f_before) * last > 0.0:
                 break
-            last, step = after - before, -f_after * (after - before) / (f_after - f_before)
-            if not abs(step) < 0.05 * guess or (f_after - f_before) * last > 0.0:
+            rate = (f_after - f_before) / last
+            step = -f_after / rate
+            if not abs(step) < 0.05:
                 break
-            self.rate = (f_after - f_before) / last * after
             before, f_before, after = after, f_after, after + step
             # The error after a step is far less than its product with the one before.
-            if abs(step * last) <= _CONVERGED * after * after:
-                return after
+            if abs(step * last) <= 0.01 * care.sure and abs(f_after) < _STRAIGHT:
+                self.rate = rate
+                return math.exp(after)
         return math.nan
 
-    def _searched(self, load: float, averaged: float) -> float:
-        law, jump = self.bearing.friction, self._coulomb(load)
-        if not self.in_pieces:
-            guess = float(np.fmax(averaged, jump))
-            if not 0.0 < guess < math.inf:
-                return guess if guess == math.inf else math.nan
-            return fold_near(self.law, self.body, load, guess, self.orbit)
-        scales = [v for v in (*law.breakpoints[:1], *law.breakpoints[-1:]) if v > 0.0]
-        if 0.0 < jump < math.inf:
-            scales.append(jump)
-        high, low = _SPREAD * max(scales), min(scales) / _SPREAD
-        return fold_from_above(self.law, self.body, load, high, low, self.orbit)
+    def fold(self, load: float) -> float:
+        """The last speed with a stick-slip cycle at one load; ``nan`` and ``inf`` as above."""
+        close = _ROUGH_ROOT if self.in_pieces else _SMOOTH[0].close
+        orbit = ROUGHLY if self.in_pieces else GRAZING
+
+        def beyond(speed: float) -> float:
+            return -self.margin(speed, load, orbit)
+
+        if self.falls_on:
+            averaged = float(boundaries.fold_speed(self.bearing, load))
+            if self._is_slight(load, averaged):
+                return averaged
+            guess = float(np.fmax(averaged, self._coulomb(load)))
+            return _root(beyond, guess, close) if 0.0 < guess < math.inf else guess or math.nan
+        above = math.nan
+        for speed in self._tried(load):
+            if beyond(speed) < 0.0:
+                is_first = math.isnan(above)
+                return (
+                    _root(beyond, speed, close)
+                    if is_first
+                    else _between(beyond, speed, above, close)
+                )
+            above = speed
+        return math.nan
+
+    def _tried(self, load: float) -> list[float]:
+        """Descending speeds, of which the first with a cycle is close to the fold."""
+        scales = [v for v in self.friction.breakpoints if v > 0.0] or [load]
+        grid = np.geomspace(min(scales) / _BEYOND, max(scales) * _BEYOND, _TRIED)
+        least = self.by_averaging(grid)
+        # The range of speeds with a cycle may be narrower than the grid where it begins.
+        k = int(np.argmin(least))
+        near = np.geomspace(grid[max(k - 1, 0)], grid[min(k + 1, _TRIED - 1)], 21)
+        lowest = near[np.argmin(self.by_averaging(near))]
+        off = _STEEPLY_OFF if self.is_steep(load) else _OFF
+        found: list[float] = np.sort(np.append(grid[least <= off * load], lowest)).tolist()
+        return found[::-1]
+
+    def by_averaging(self, speed: FloatArray) -> FloatArray:
+        """The least load with a cycle that reaches the belt, by averaging; ``inf`` for none [N].
+
+        Averaging sees no cycle of a law that falls at once, which a turn of the free vibration
+        tells.
+        """
+        if computes_as(self.friction, Stribeck):
+            fall = closed_form.peak_slope(self.friction, speed)
+        else:
+            fall = slope_surface(self.friction, np.ones_like(speed), speed)
+        drop = self.law[HOLD] - forward_coefficient(self.law, 0.0)
+        with np.errstate(divide='ignore'):
+            per_load = np.maximum(fall, 0.0) / self.bearing.damping
+            if drop > 0.0:
+                per_load += self._lasting(drop, self.bearing.damping_ratio) / speed
+            return 1.0 / per_load
+
+    def is_steep(self, load: FloatArray | float) -> Any:
+        """Whether slip grows so fast at breakaway that near grazing orbits part at once."""
+        # A law that falls at once has no such growth.
+        growth = load * self.law[STEEPEST]
+        return (growth > _STEEP_RATE * self.bearing.momentum) & (growth < math.inf)
+
+    def _is_slight(self, load: float, speed: float) -> bool:
+        """Whether averaging tells the fold better than orbits, whose energy hardly changes."""
+        if not computes_as(self.friction, Stribeck):
+            return False
+        drop = (self.law[HOLD] - self.law[KINETIC]) * load / self.bearing.momentum
+        return load * self.law[STEEPEST] < _WEAKLY * self.bearing.damping or drop < _SLIGHT * speed
 
     def _coulomb(self, load: float) -> float:
-        """The fold [m/s] of a law that falls at once, from one turn of the free vibration.
+        """The fold [m/s] of a law that falls at once: right to some percent."""
+        rise = 0.5 * self.law[VISCOUS] * load / self.bearing.momentum
+        drop = max(self.law[HOLD] - self.law[KINETIC], 0.0)
+        return load * self._lasting(drop, self.bearing.damping_ratio + rise) if drop > 0.0 else 0.0
 
-        It starts ``N Delta/k`` from its middle at the belt's speed, and must have that speed again
-        when it has lost ``exp(-2 pi zeta)`` of its amplitude: right to some percent.
+    def _lasting(self, drop: float, damping: float) -> float:
+        """Speed over load [m/(s N)] at which a turn of the free vibration comes back to the belt.
+
+        It starts ``N drop/k`` from its middle at the belt's speed, and must have that speed again
+        when it has lost ``exp(-2 pi zeta)`` of its amplitude.
         """
-        momentum = self.bearing.momentum
-        if self.in_pieces:
-            kinetic, viscous = self.law[EDGES + int(self.law[PIECES]) * 5 - 4], 0.0
-        else:
-            kinetic, viscous = self.law[KINETIC], self.law[VISCOUS]
-        damping = self.bearing.damping_ratio + 0.5 * viscous * load / momentum
         lost = math.expm1(min(4.0 * math.pi * damping, _LARGEST_EXPONENT))
-        drop = max(self.law[HOLD] - kinetic, 0.0) * load / momentum
-        if lost == 0.0:
-            return math.inf if drop > 0.0 else 0.0
-        return drop / math.sqrt(lost)
+        return drop / (self.bearing.momentum * math.sqrt(lost)) if lost > 0.0 else math.inf
+
+
+def _root(function: Callable[[float], float], guess: float, close: float) -> float:
+    """The root of a rising function near a guess > 0; ``inf`` above all, ``nan`` below all."""
+    at, factor, positive = guess, 1.0001, function(guess) > 0.0
+    for _ in range(_WIDENINGS):
+        other = at / factor if positive else at * factor
+        if (function(other) > 0.0) != positive:
+            return _between(function, at, other, close)
+        at, factor = other, min(factor**3, 10.0)
+    return math.nan if positive else math.inf
+
+
+def _between(function: Callable[[float], float], a: float, b: float, close: float) -> float:
+    """The root of a function between two places where it has different signs."""
+    bracket = begun_bracket(a, function(a), b, function(b))
+    for _ in range(_TRIALS):
+        if is_found(bracket, close):
+            break
+        at = next_trial(bracket, close)
+        bracket = narrowed(bracket, at, function(at))
+    return best_of(bracket)

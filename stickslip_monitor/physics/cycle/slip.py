@@ -18,12 +18,15 @@ from typing import TypeAlias
 
 from stickslip_monitor.physics.cycle.step import Medium, acceleration, slip_step
 from stickslip_monitor.physics.law_numbers import (
+    EDGES,
     HOLD,
+    PIECES,
     STEEPEST,
     LawNumbers,
     forward_coefficient,
     friction_drop,
     friction_slope,
+    law_piece,
 )
 from stickslip_monitor.physics.roots import (
     begun_bracket,
@@ -60,18 +63,16 @@ _GREATEST_FORCE = 1e150
 _LARGEST_EXPONENT = 700.0
 # Relative speed below which an orbit has certainly met the belt.
 _DEEP = -0.1
+# How far past an edge of a law a step is to end, relative to the belt's speed.
+_AT_EDGE = 1e-6
 # Gauss's nodes and weights on [0, 1].
 _GAUSS_NODES = (0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970262)
 _GAUSS_WEIGHTS = (0.17392742256872692, 0.3260725774312731, 0.3260725774312731, 0.17392742256872692)
 # Fourfold increases in search of the far side of an overtaking cycle, and trials for a root.
 _QUADRUPLINGS, _TRIALS = 40, 100
-# Widenings in search of a fold about a guess, and speeds looked at from above without one.
-_WIDENINGS, _SEARCHED = 12, 96
 # Of roots; panels in which a sign change of the energy gain is looked for; a gain of energy in a
 # turn that is rounding.
 _ROOT, _PANELS, _BALANCED = 1e-14, 24, 1e-13
-# Errors of a step below which a fold is worth all its digits, and how close it is found above.
-_FINE, _ROUGH_ROOT = 1e-10, 1e-7
 
 
 def slip_medium(
@@ -212,6 +213,39 @@ def motion_fades(medium: Medium, direction: float, energy: float, now: float, z:
     return ESCAPED if through or now > _ESCAPED_SHARE * (1.0 + energy) else GOES_ON
 
 
+def until_edge(law: LawNumbers, medium: Medium, z: float, rate: float, h: float) -> float:
+    """Length of a step, cut where the relative speed comes to the next piece of a law.
+
+    A step over such an edge would be refused: the law's second derivative jumps there. The speed
+    is foreseen to second order, and a little beyond the edge does no harm.
+    """
+    speed, force, damping, _, origin, _, drift = medium
+    pieces = int(law[PIECES])
+    if pieces == 0:
+        return h
+    v, direction = origin + speed * z, 1.0 if h > 0.0 else -1.0
+    bend = drift - z - (damping + force * speed * friction_slope(law, v)) * rate
+    heading = direction * rate
+    # What has come so close to an edge is taken to have passed it.
+    beside = v + _AT_EDGE * speed if heading > 0.0 else v - _AT_EDGE * speed
+    i = law_piece(law, beside)
+    length = abs(h)
+    if i + 1 < pieces:
+        gap = (law[EDGES + i + 1] - v) / speed + _AT_EDGE
+        length = min(length, time_to_rise(heading, bend, gap))
+    if i > 0:
+        gap = (v - law[EDGES + i]) / speed + _AT_EDGE
+        length = min(length, time_to_rise(-heading, -bend, gap))
+    return direction * length
+
+
+def time_to_rise(rate: float, bend: float, gap: float) -> float:
+    """The time after which ``rate t + bend t^2/2`` first reaches a gap > 0; ``inf`` for never."""
+    square = rate * rate + 2.0 * bend * gap
+    fastest = rate + math.sqrt(square) if square > 0.0 else 0.0
+    return 2.0 * gap / fastest if fastest > 0.0 else math.inf
+
+
 def next_length(h: float, error: float, allowed: float) -> float:
     """Length of the step after one of length ``h``, or in its place if that was too long."""
     share = 5.0 if error == 0.0 else min(max(0.9 * (allowed / error) ** 0.125, 0.2), 5.0)
@@ -247,10 +281,13 @@ def follow_slip(
     h = direction * 0.1 / (1.0 + damping + abs(slope))
     time, crest, trough, divergence, event = 0.0, math.nan, math.nan, 0.0, GOES_ON
     for _ in range(SLIP_STEPS):
-        e1, z1, r1, error = slip_step(law, medium, e, z, r, h)
-        allowed = tolerance * (abs(e) + abs(z) + abs(h) * (abs(drift) + abs(r)))
-        length = h
-        h = next_length(h, error, allowed)
+        length = until_edge(law, medium, z, r, h)
+        e1, z1, r1, error = slip_step(law, medium, e, z, r, length)
+        allowed = tolerance * (abs(e) + abs(z) + abs(length) * (abs(drift) + abs(r)))
+        longest = h
+        h = next_length(length, error, allowed)
+        if error <= allowed and abs(h) < abs(longest) > abs(length):
+            h = longest  # the step was short for the edge's sake
         if not error <= allowed:
             if not abs(h) > _SHORTEST_SLIP:
                 break
@@ -489,77 +526,6 @@ def grazing_margin(
     medium = slip_medium(law, body, speed, load)
     end, _, _, z, _, _, _ = follow_slip(law, medium, 0.0, 0.0, orbit, ONLY)
     return -z if end == LANDED or (end == MISSED and z < 1.0) else -1.0
-
-
-def fold_between(
-    law: LawNumbers,
-    body: tuple[float, float, float],
-    load: float,
-    low: float,
-    high: float,
-    orbit: Orbit,
-) -> float:
-    """The speed at which the slip phase grazes the belt, from one with a cycle to one without."""
-    inside = grazing_margin(law, body, low, load, orbit)
-    outside = grazing_margin(law, body, high, load, orbit)
-    # A root needs no more digits than the orbits have.
-    close = orbit[4] if orbit[4] < _FINE else _ROUGH_ROOT
-    bracket = begun_bracket(low, inside, high, outside)
-    for _ in range(_TRIALS):
-        if is_found(bracket, close):
-            break
-        speed = next_trial(bracket, close)
-        bracket = narrowed(bracket, speed, grazing_margin(law, body, speed, load, orbit))
-    return best_of(bracket)
-
-
-def fold_near(
-    law: LawNumbers, body: tuple[float, float, float], load: float, guess: float, orbit: Orbit
-) -> float:
-    """The last speed with a stick-slip cycle, of a law that has them up to one speed [m/s].
-
-    Returns:
-        ``nan`` where no speed has a cycle, ``inf`` where none is the last.
-    """
-    if not load * law[STEEPEST] > body[1]:
-        return math.nan
-    low, high, factor = guess, guess, 1.0001
-    hit = grazing_margin(law, body, guess, load, orbit) > 0.0
-    for _ in range(_WIDENINGS):
-        if hit:
-            low, high = high, high * factor
-            if not grazing_margin(law, body, high, load, orbit) > 0.0:
-                return fold_between(law, body, load, low, high, orbit)
-        else:
-            low, high = low / factor, low
-            if grazing_margin(law, body, low, load, orbit) > 0.0:
-                return fold_between(law, body, load, low, high, orbit)
-        factor = min(factor * factor * factor, 10.0)
-    return math.inf if hit else math.nan
-
-
-def fold_from_above(
-    law: LawNumbers,
-    body: tuple[float, float, float],
-    load: float,
-    high: float,
-    low: float,
-    orbit: Orbit,
-) -> float:
-    """The last speed with a stick-slip cycle of any law, looked for downward [m/s].
-
-    From a speed above all that are likely to one below them; ``nan`` and ``inf`` as above.
-    """
-    if not load * law[STEEPEST] > body[1]:
-        return math.nan
-    factor = (low / high) ** (1.0 / _SEARCHED)
-    if grazing_margin(law, body, high, load, orbit) > 0.0:
-        return math.inf
-    for _ in range(_SEARCHED):
-        if grazing_margin(law, body, high * factor, load, orbit) > 0.0:
-            return fold_between(law, body, load, high * factor, high, orbit)
-        high *= factor
-    return math.nan
 
 
 def cycles_of_points(

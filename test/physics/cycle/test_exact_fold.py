@@ -16,7 +16,9 @@ from stickslip_monitor import (
     exact_fold_speed,
 )
 from stickslip_monitor.physics.boundary_table import boundary_table
-from stickslip_monitor.physics.friction import FrictionLaw
+from stickslip_monitor.physics.cycle import exact_fold as module
+from stickslip_monitor.physics.cycle import slip
+from stickslip_monitor.physics.friction import FrictionLaw, Stretched
 
 SPEEDS = (0.0, *np.geomspace(0.01, 1.0, 12))
 TABLE = Tabulated(SPEEDS, [0.1 + 0.2 * float(np.exp(-10.0 * v)) for v in SPEEDS])
@@ -78,3 +80,66 @@ def test_the_table_over_the_load_is_the_exact_fold(decay, least, rounding):
     load = np.array([least, 311.0, 1007.0, 9001.0])
     exact = [exact_fold_speed(bearing, n) for n in load]
     np.testing.assert_allclose(boundary_table(bearing).exact(load), exact, rtol=rounding)
+
+
+def measured(count: int, noise: float, seed: int) -> Tabulated:
+    """A Stribeck curve as a test bench measures it."""
+    speed = [0.0, *np.geomspace(0.005, 1.0, count - 1)]
+    scatter = noise * np.random.default_rng(seed).standard_normal(count)
+    curve = 0.1 + 0.2 * np.exp(-10.0 * np.array(speed)) + scatter
+    return Tabulated(speed, np.maximum(curve, 0.0))
+
+
+def dense_fold(bearing: Bearing, load: float) -> float:
+    """The last speed with a cycle that sticks, by halving between points of a dense grid."""
+    speed = np.geomspace(0.02, 4.0, 400)
+    sticks = exact_cycle(bearing, speed, load).kind == CycleKind.STICK_SLIP
+    low, high = speed[np.flatnonzero(sticks)[-1] + np.array([0, 1])]
+    while high - low > 1e-7 * low:
+        middle = 0.5 * (low + high)
+        kind = exact_cycle(bearing, middle, load).kind
+        low, high = (middle, high) if kind == CycleKind.STICK_SLIP else (low, middle)
+    return low
+
+
+@pytest.mark.parametrize(('count', 'noise', 'seed'), [(7, 0.02, 1), (13, 0.01, 2)])
+def test_the_fold_of_a_noisy_table_is_where_a_dense_grid_of_cycles_ends(count, noise, seed):
+    bearing = bench(measured(count, noise, seed))
+    load = np.array([612.0, 2345.0])
+    dense = [dense_fold(bearing, n) for n in load]
+    np.testing.assert_allclose([exact_fold_speed(bearing, n) for n in load], dense, rtol=3e-6)
+    np.testing.assert_allclose(boundary_table(bearing).exact(load), dense, rtol=1e-4)
+
+
+@pytest.mark.parametrize(('count', 'noise'), [(5, 0.03), (13, 0.01), (30, 0.01), (60, 0.01)])
+def test_few_orbits_tabulate_a_measured_table(count, noise, monkeypatch):
+    orbits = 0
+
+    def counted(*arguments):
+        nonlocal orbits
+        orbits += 1
+        return slip.grazing_margin(*arguments)
+
+    monkeypatch.setattr(module, 'grazing_margin', counted)
+    bearing = bench(measured(count, noise, count))
+    table = boundary_table(bearing)
+    assert 50 < orbits < 700
+    load = np.array([500.0, 3000.0, 9000.0])
+    alone = [exact_fold_speed(bearing, n) for n in load]
+    np.testing.assert_allclose(table.exact(load), alone, rtol=1e-4)
+
+
+@pytest.mark.parametrize('exponent', [1.5, 2.0, 4.0])
+def test_the_fold_of_a_law_with_an_exponent_is_found_from_its_onset_on(exponent):
+    bearing = bench(Stretched(0.3, 0.1, 10.0, 0.0, exponent))
+    load = np.geomspace(100.0, 1000.0, 47)
+    fold = np.array([exact_fold_speed(bearing, n) for n in load])
+    first = int(np.flatnonzero(fold > 0.0)[0])
+    low, high = load[first - 1], load[first]
+    while high - low > 1e-4 * low:  # as close to the onset as that
+        middle = 0.5 * (low + high)
+        found = exact_fold_speed(bearing, middle) > 0.0
+        low, high = (low, middle) if found else (middle, high)
+    near = high * np.array([1.0, 1.0003, 1.001, 1.003, 1.01])
+    beginning = np.array([exact_fold_speed(bearing, n) for n in near])
+    assert np.all(np.diff(np.append(beginning, fold[first + 1 :])) > 0.0)
