@@ -99,16 +99,20 @@ class Port:
 
     def send(self, lines: Iterable[str]) -> None:
         """Send lines; one that cannot be sent is lost, and told."""
-        for line in lines if self._descriptor is not None else ():
+        for line in lines:
+            if self._descriptor is None:
+                return
             data = f'{line}\r\n'.encode('ascii', 'replace')
             try:
-                # What the other end does not take is not kept for it.
-                if os.write(self._descriptor, data) < len(data):
-                    self._fail('the other end takes nothing')
+                sent = os.write(self._descriptor, data)
             except BlockingIOError:
-                self._fail('the other end takes nothing')
+                sent = 0
             except OSError as error:
                 self._fail(cause(error))
+                continue
+            # What the other end does not take is not kept for it.
+            if sent < len(data):
+                self._fail('the other end takes nothing')
 
     def _close(self) -> None:
         if self._descriptor is not None:
