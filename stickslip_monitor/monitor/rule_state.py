@@ -104,7 +104,6 @@ FIELDS = (
     StateField('loud', 'f8', 0, '', 0, 'share of the time outside in which the level is high'),
     StateField('outside', 'i8', 0, 'ns', NEVER, 'when the level last told of something else'),
     StateField('spell', 'i8', 0, 'ns', NEVER, 'since when the level has been high'),
-    StateField('ended', 'i8', 0, 'ns', NEVER, 'when it last ended so soon, without ringing down'),
     StateField('loudest', 'f8', 0, 'dB', math.nan, 'the highest of these means outside'),
     StateField('watched', 'i8', 0, 'ns', 0, 'for how long the level was watched outside'),
     StateField(
