@@ -128,8 +128,7 @@ def judge_stamp(s: Any, c: Any, place: int, stamp: int) -> int:
     """Whether a stamp is valid, of which the input's latest stamp is then made.
 
     It is expected within some gaps after the input's last one, or about the monitor's time. Any
-    other waits: it was right if the input's next sample follows it, or the next two where it was
-    off by more than the time-out, and the clock has then moved.
+    other waits: it was right if the input's next two samples follow it, and the clock has moved.
     """
     last, waiting = s.stamp[place], s.odd[place]
     if stamp == last:
@@ -148,8 +147,7 @@ def judge_stamp(s: Any, c: Any, place: int, stamp: int) -> int:
     # Slow values are known by their gaps alone.
     slow = 0 if last == NEVER else min(int(LATE * max(0, waiting - last)), MEMORY)
     if waiting != NEVER and waiting < stamp <= waiting + max(limit, slow):
-        far = abs(stamp - s.now) > limit and (last == NEVER or abs(stamp - last) > limit)
-        if far and not s.agreed[place]:
+        if not s.agreed[place]:
             s.odd[place], s.agreed[place] = stamp, 1
             return OUT_OF_ORDER if stamp < last else ODD_STAMP
         s.stamp[place] = stamp

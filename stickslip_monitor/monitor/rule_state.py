@@ -49,9 +49,9 @@ FIELDS = (
     # The inputs, in the order of :class:`~stickslip_monitor.monitor.signals.Input`.
     StateField('stamp', 'i8', 3, 'ns', NEVER, 'latest valid time stamp of each input'),
     StateField(
-        'odd', 'i8', 3, 'ns', NEVER, 'stamp that waits for the next sample to agree with it'
+        'odd', 'i8', 3, 'ns', NEVER, 'stamp that waits for the next two samples to agree with it'
     ),
-    StateField('agreed', 'i8', 3, '', 0, 'how many samples have followed that one'),
+    StateField('agreed', 'i8', 3, '', 0, '1 once a sample has agreed with it'),
     StateField('came', 'i8', 2, 'ns', NEVER, 'from when the age of speed and load is counted'),
     StateField('gap', 'i8', 2, 'ns', 0, 'time between the last two stamps of speed and load'),
     StateField('pace', 'i8', 2, 'ns', 0, 'the shorter of the last two of these'),

@@ -184,12 +184,18 @@ def test_odd_stamps_hide_no_stick_slip(off: float, every: int) -> None:
 
 
 @pytest.mark.parametrize('off', [-3600.0, -8.0, 8.0, 3600.0])
-def test_one_odd_stamp_is_refused_and_counted(off: float) -> None:
+@pytest.mark.parametrize('several', [1, 2])
+@pytest.mark.parametrize('timeout', [2.0, 15.0])
+def test_one_or_two_odd_stamps_are_refused_and_counted(
+    off: float, several: int, timeout: float
+) -> None:
     speed = _speed('steep', 0.5, 120.0, 2.0)
-    at, quantity, stamp, number = speed[100]
-    speed[100] = (at, quantity, stamp + off, number)
-    heard = Heard(_config('steep'), speed + _loaded('steep', 120.0, 0.5))
-    assert [s for s in heard.statuses if s != 'ACCEPTED'] in (['ODD_STAMP'], ['OUT_OF_ORDER'])
+    for row in range(100, 100 + several):
+        at, quantity, stamp, number = speed[row]
+        speed[row] = (at, quantity, stamp + off, number)
+    heard = Heard(_config('steep', speed__timeout=timeout), speed + _loaded('steep', 120.0, 0.5))
+    found = [s for s in heard.statuses if s != 'ACCEPTED']
+    assert found in (['ODD_STAMP'] * several, ['OUT_OF_ORDER'] * several)
     assert heard.events == []
 
 
