@@ -27,7 +27,7 @@ from stickslip_monitor.dashboard.access import (
     guard,
 )
 from stickslip_monitor.dashboard.metrics import Metrics
-from stickslip_monitor.dashboard.state import DashboardState
+from stickslip_monitor.dashboard.state import DashboardState, event_of
 from stickslip_monitor.dashboard.watched import OFFERED
 from stickslip_monitor.errors import ConfigurationError, DashboardError, StickslipError
 from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest, parse_request
@@ -216,13 +216,13 @@ class Server:
             await response.prepare(request)
             # One that comes back needs no history: it gets all that is shown, which is bounded.
             state = self._board.state() | {'signed_in': self._access.signed_in(request)}
-            event = b'retry: 1000\n\n' + hub.event('state', state)
+            event = b'retry: 1000\n\n' + event_of('state', state)
             while not reader.closed:
                 await asyncio.wait_for(response.write(event), STALLED)
                 try:
                     event = await asyncio.wait_for(reader.take(), HEARTBEAT)
                 except asyncio.TimeoutError:
-                    event = hub.event('beat', self._board.monitor())
+                    event = event_of('beat', self._board.monitor())
         except (ConnectionError, asyncio.TimeoutError):
             if request.transport is not None:
                 request.transport.abort()

@@ -149,11 +149,11 @@ class Page {
       monitor: (monitor) => this.believe(monitor),
       beat: (monitor) => this.believe(monitor),
     };
-    this.again = connect(({ kind, data }) => {
+    this.again = connect(({ kind, told }) => {
       if (kind === 'lost') { this.lose(); return; }
       if (kind === 'login') { location.assign('/login'); return; }
       this.heardAt = Date.now();
-      does[kind](JSON.parse(data));
+      does[kind](told);
     });
   }
 
