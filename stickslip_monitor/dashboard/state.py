@@ -239,11 +239,6 @@ class DashboardState:
         """Whether anything of any monitor is heard."""
         return not self.finished and any(monitor.heard for monitor in self.monitors)
 
-    @property
-    def there(self) -> bool:
-        """Whether all that must be heard is: without it nothing is all clear."""
-        return self.heard and not self.faults()
-
     def faults(self) -> list[str]:
         """Why what is shown must not be taken for all there is; a sentence each."""
         if self.finished:
