@@ -64,7 +64,7 @@ def has_truth(bag: Bag, bearing: str) -> bool:
 
 
 def read_truth(bag: Bag, bearing: str) -> TruthRecord:
-    """Read the truth about a bearing.
+    """Read the truth about a bearing whose lining was followed.
 
     Raises:
         BagError: The recording holds none, or it is not of the kind this version knows.
@@ -79,7 +79,18 @@ def read_truth(bag: Bag, bearing: str) -> TruthRecord:
         )
     if bag.topics[name].type != STRING:
         raise BagError(f"topic '{name}' of bag '{bag.path}' is no {STRING}")
-    events = [_event(bag, message.data, name) for message in bag.messages([name])]
+    return known_truth(bag, bearing)
+
+
+def known_truth(bag: Bag, bearing: str) -> TruthRecord:
+    """What a recording holds of the truth about a bearing: no episodes if no lining was followed.
+
+    Raises:
+        BagError: It is not of the kind this version knows.
+    """
+    name = topic(bearing, 'events')
+    told = bag.messages([name]) if has_truth(bag, bearing) else ()
+    events = [_event(bag, message.data, name) for message in told]
     times = [time for _, time in events] or [0]
     start = bag.start_ns if bag.start_ns is not None else times[0]
     over = bool(events) and events[-1][0] == 'end'

@@ -172,7 +172,7 @@ class Active:
         self._health.longest_delay = max(self._health.longest_delay, held)
         text = f'the node was held up for {held:.3g} s: answers were late, inputs are not to blame'
         self._log.warning(text)
-        self._own.note('node', text)
+        self._session.note('node', text)
         self._session.excuse(held_ns)
         # The alarms' time has passed, that of the inputs has not.
         self._running_ns += self._clock.passed(now)
@@ -202,7 +202,7 @@ class Active:
         if self._health.double and not before:
             text = f'another node is called {self._node.get_fully_qualified_name()}, too'
             self._log.error(text)
-            self._own.note('node', text)
+            self._session.note('node', text)
 
 
 class Actions:

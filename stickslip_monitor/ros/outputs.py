@@ -128,10 +128,6 @@ class Configured:
         self.session = self._session()
         self.session.inherit(before)
 
-    def note(self, what: str, text: str) -> None:
-        """Put something on record with the list of alarms."""
-        self.session.note(what, text)
-
     def look_at_files(self) -> None:
         """Bring the health of what is written up to date."""
         before = self.health.clip_fault, self.health.state_file_fault
