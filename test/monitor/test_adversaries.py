@@ -234,7 +234,7 @@ def _bistable_and_sticking(bearing: str) -> Heard:
 def test_without_a_memory_nobody_knows_whether_a_bistable_bearing_vibrates() -> None:
     heard = _hear('steep', 60.0, 0.9, period=0.25)
     assert str(heard.monitor.condition(NAME)) == 'bistable'
-    assert not heard.monitor.bearings[NAME].standing.known
+    assert not heard.monitor.bearings[NAME].state.known
     assert 'not known' in heard.events[-1].text
 
 
