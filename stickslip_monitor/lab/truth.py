@@ -98,7 +98,7 @@ def known_truth(bag: Bag, bearing: str) -> TruthRecord:
     requests = {each: Request(topic(bearing, each), 'data', FLOAT64) for each in _NUMBERS}
     series = bag.read(r for r in requests.values() if r.topic in bag.topics)
     numbers = {each: _numbers(series.get(request)) for each, request in requests.items()}
-    return TruthRecord(start, end, tuple(episodes_of(events, end)), **numbers)
+    return TruthRecord(start, end, tuple(_episodes(events, end)), **numbers)
 
 
 def _bearings(bag: Bag) -> list[str]:
@@ -118,7 +118,7 @@ def _event(bag: Bag, data: bytes, topic: str) -> tuple[str, int]:
     raise BagError(f"topic '{topic}' of bag '{bag.path}' holds an event that is no {EVENT_SCHEMA}")
 
 
-def episodes_of(events: Iterable[tuple[str, int]], end: int) -> Iterable[tuple[int, int]]:
+def _episodes(events: Iterable[tuple[str, int]], end: int) -> Iterable[tuple[int, int]]:
     """First and last stick of each episode [ns], of events by name and time in their order.
 
     One that is going on at the end ends there.

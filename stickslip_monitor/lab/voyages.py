@@ -36,7 +36,6 @@ from stickslip_monitor.lab.warning_quality import (
     Interval,
     Quality,
     Said,
-    given_of,
     merged,
     quality_of,
 )
@@ -270,8 +269,7 @@ def said_by(scan: Scan, truth: TruthRecord) -> Said:
         for event in scan.events
         if event.raised and event.after is not Condition.INPUT_STALE
     ]
-    times = [time_ns for time_ns, _ in raised]
-    return Said(merged(warned), merged(alarmed), times, given_of(raised), len(scan.events))
+    return Said(merged(warned), merged(alarmed), raised, len(scan.events))
 
 
 def _bare_rules(scan: Scan) -> dict[str, Said]:
@@ -282,9 +280,8 @@ def _bare_rules(scan: Scan) -> dict[str, Said]:
         below = np.asarray(margin) < 0.0
         pairs = zip(scan.time_ns[below].tolist(), scan.until_ns[below].tolist(), strict=True)
         stretches = merged(pairs)
-        starts = [start for start, _ in stretches]
-        given = given_of((start, 0) for start in starts)
-        found[name] = Said(stretches, stretches, starts, given, 2 * len(stretches))
+        raised = [(start, 0) for start, _ in stretches]
+        found[name] = Said(stretches, stretches, raised, 2 * len(stretches))
     return found
 
 

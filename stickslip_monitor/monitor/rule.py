@@ -134,10 +134,8 @@ def judge_stamp(s: Any, c: Any, place: int, stamp: int) -> int:
     if stamp == last:
         return REPEATED
     s.odd[place] = NEVER
-    limit = c.timeout[place] if place == LEVEL else age_limit(s, c, place)
-    step = limit
-    if place != LEVEL and s.pace[place] > 0:
-        step = min(limit, max(STEP, int(LATE * s.pace[place])))
+    limit = age_limit(s, c, place)
+    step = min(limit, max(STEP, int(LATE * s.pace[place]))) if s.pace[place] > 0 else limit
     first = last == NEVER and (place == LEVEL or s.stamp[SPEED] + s.stamp[LOAD] == 2 * NEVER)
     back = last != NEVER and last - limit <= stamp < last
     follows = last != NEVER and last < stamp <= last + step
@@ -213,8 +211,7 @@ def take_value(s: Any, place: int, stamp: int, si: float) -> None:
             s.slow = lagged(s.slow, median, seconds, SLOW_LAG)
         else:
             s.load_mean = lagged(s.load_mean, median, seconds, LOAD_LAG)
-        s.pace[place] = min(gap, s.gap[place])
-        s.gap[place] = gap
+        keep_pace(s, place, gap)
     elif place == SPEED:
         s.fast = s.slow = si
     else:
@@ -223,6 +220,12 @@ def take_value(s: Any, place: int, stamp: int, si: float) -> None:
     s.earlier[place] = s.before[place]
     s.before[place] = s.value[place]
     s.value[place] = si
+
+
+def keep_pace(s: Any, place: int, gap: int) -> None:
+    """Note the time between the last two stamps of an input [ns]."""
+    s.pace[place] = min(gap, s.gap[place])
+    s.gap[place] = gap
 
 
 def lagged(mean: float, value: float, seconds: float, lag: float) -> float:
@@ -488,7 +491,10 @@ def take_level(s: Any, c: Any, si: float, stamp: int, last: int) -> None:
     if si != s.level:
         s.moved = stamp
     s.level = si
-    if last == NEVER or not 0 <= gap <= c.timeout[LEVEL]:
+    limit = age_limit(s, c, LEVEL)
+    if last != NEVER and gap > 0:
+        keep_pace(s, LEVEL, gap)
+    if last == NEVER or not 0 <= gap <= limit:
         s.vibrating, s.level_count, s.spell = UNKNOWN, 0, NEVER
         s.level_mean = s.level_peak = level
         return
@@ -555,7 +561,7 @@ def measured_now(s: Any, c: Any) -> int:
     if (
         not c.has_level
         or s.stamp[LEVEL] == NEVER
-        or abs(s.now - s.stamp[LEVEL]) > c.timeout[LEVEL]
+        or abs(s.now - s.stamp[LEVEL]) > age_limit(s, c, LEVEL)
     ):
         return UNKNOWN
     if s.stamp[LEVEL] - s.moved > STUCK or s.loud > LOUD:

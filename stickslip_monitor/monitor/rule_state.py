@@ -53,8 +53,8 @@ FIELDS = (
     ),
     StateField('agreed', 'i8', 3, '', 0, '1 once a sample has agreed with it'),
     StateField('came', 'i8', 2, 'ns', NEVER, 'from when the age of speed and load is counted'),
-    StateField('gap', 'i8', 2, 'ns', 0, 'time between the last two stamps of speed and load'),
-    StateField('pace', 'i8', 2, 'ns', 0, 'the shorter of the last two of these'),
+    StateField('gap', 'i8', 3, 'ns', 0, 'time between the last two stamps of each input'),
+    StateField('pace', 'i8', 3, 'ns', 0, 'the shorter of the last two of these'),
     StateField('value', 'f8', 2, 'SI', math.nan, 'latest speed [m/s] and load [N]'),
     StateField('before', 'f8', 2, 'SI', math.nan, 'the values before these'),
     StateField('earlier', 'f8', 2, 'SI', math.nan, 'the values before those'),
@@ -170,6 +170,8 @@ class State:
         for f in FIELDS:
             found = record.get(f.name)
             parts = found if isinstance(found, list) else [found]
+            if f.name in ('gap', 'pace') and len(parts) == 2:  # before, the level had none
+                parts = [*parts, 0]
             if len(parts) != max(f.size, 1) or isinstance(found, list) != bool(f.size):
                 raise ValueError(f'{f.name} = {found!r} must be {f.size or "a"} {f.kind}')
             numbers = [_number(f, part) for part in parts]

@@ -194,7 +194,7 @@ class Standing:
             return None
         if stamp == NEVER:
             return Unknown.NOTHING
-        if abs(s.now - stamp) > c.timeout[rule.LEVEL]:
+        if abs(s.now - stamp) > rule.age_limit(s, c, rule.LEVEL):
             return Unknown.LOST
         if stamp - s.moved > rule.STUCK:
             return Unknown.STUCK

@@ -292,6 +292,17 @@ def test_bursts_are_remembered_over_an_episode_and_prove_no_hearing(
     assert heard.monitor.condition(NAME) == ('bistable' if rises else 'stick_slip')
 
 
+@pytest.mark.parametrize('period', [3.0, 10.0])
+def test_a_level_that_is_slower_than_its_time_out_is_heard(period: float) -> None:
+    """As a speed or a load is: a value stands for 2.5 of its gaps."""
+    level = _every('level', period, 400.0, lambda t: (44.0 if t > 200.0 else 22.0) + math.sin(t))
+    own = _speed('viscous', 0.5, 400.0, 0.9) + _loaded('viscous', 400.0) + level
+    heard = Heard(_config('viscous', level__timeout=2.0, **DECIBELS), own)
+    assert 200.0 < heard.first(STICKING) <= 201.0 + 3.0 * period
+    assert heard.monitor.condition(NAME) == 'stick_slip'
+    assert heard.monitor.bearings[NAME].unknown is None
+
+
 def test_the_blow_after_one_that_rang_down_is_believed_at_once() -> None:
     """Two blows in the bistable range: the level tells of the second, which goes on."""
 
