@@ -135,14 +135,14 @@ class BearingScan:
             # A loss comes before the sample that showed it.
             lost = int(row[rule.AFTER]) == len(LADDER)
             last = int(np.searchsorted(made, row[rule.SAMPLE], 'left' if lost else 'right')) - 1
-            events.append(self._event(row, state, points[made[last]] if last >= 0 else self._last))
+            standing = self._standing(state, points[made[last]] if last >= 0 else self._last)
+            before, time_ns, onset = row[[rule.BEFORE, rule.TIME, rule.ONSET]].tolist()
+            events.append(standing.event(before, time_ns, bool(onset)))
             at.append(int(row[rule.SAMPLE]) + self._taken)
         if made.size:
             self._last = points[made[-1]].copy()
         if final and end_ns is not None and self.state.now != NEVER:
-            end = Standing(self.config, self.settings, self.state)
-            if self._last is not None:
-                end.judge(self._last.tolist())
+            end = self._standing(self.state, self._last)
             events += end.advance(max(end_ns, self.state.now))
             at += [self._taken + size - 1] * (len(events) - len(at))
         status = notes[:, rule.STATUS].astype(np.int8)
@@ -183,7 +183,7 @@ class BearingScan:
             now_ns=notes[:, rule.NOW],
             status=status,
             counts=counts.reshape(len(Input), len(Status)),
-            unknown=Standing(self.config, self.settings, self.state).unknown,
+            unknown=self._standing(self.state, None).unknown,
         )
 
     def _run(
@@ -221,9 +221,9 @@ class BearingScan:
             self.state = State.of_row(states[0])
         return changes
 
-    def _event(self, row: Any, state: State, point: FloatArray | None) -> Event:
-        """A change of the alarm, with the operating point that it came after."""
+    def _standing(self, state: State, point: FloatArray | None) -> Standing:
+        """The bearing with a memory, and the operating point that led to it."""
         standing = Standing(self.config, self.settings, state)
         if point is not None:
             standing.judge(point.tolist())
-        return standing.event(int(row[rule.BEFORE]), int(row[rule.TIME]), bool(row[rule.ONSET]))
+        return standing
