@@ -230,7 +230,7 @@ def voyages() -> dict[str, Any]:
             calibrated = _calibrated(config, learning)
             for state, own in (('', config), (', calibrated', calibrated)):
                 part = found.setdefault(name + state, [])
-                part += [replace(c, config=own).rules(False)[OURS] for c in judged_cases]
+                part += [replace(c, config=own).rules()[OURS] for c in judged_cases]
     figures = {name: pooled(parts).figures() for name, parts in found.items()}
     return {name: {key: own[key] for key in ('hours', *_MEASURES)} for name, own in
             figures.items()}  # fmt: skip

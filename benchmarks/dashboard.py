@@ -23,7 +23,7 @@ from stickslip_monitor.dashboard.server import Server
 from stickslip_monitor.dashboard.state import DashboardState
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME, load_config
-from stickslip_monitor.monitor.messages import bearing_record, state_of
+from stickslip_monitor.monitor.messages import BearingState, bearing_record
 from stickslip_monitor.monitor.monitor import Monitor
 from stickslip_monitor.monitor.signals import Input
 
@@ -87,7 +87,7 @@ async def _feed(config: MonitorConfig, board: DashboardState, rate: float) -> No
             rpm = 40.0 + 20.0 * math.sin(0.1 * step / rate + k)
             bearing.update(Input.SPEED, now_ns, rpm)
             bearing.update(Input.LOAD, now_ns, 1000.0)
-            shown.take_record(bearing_record(state_of(bearing)))
+            shown.take_record(bearing_record(BearingState(bearing)))
         late = asyncio.get_running_loop().time() - begin
         await asyncio.sleep(max((step + 1) / rate - late, 0.0))
 

@@ -22,8 +22,8 @@ from expected_events import expected_events
 from rich.console import Console
 
 from stickslip_monitor.bags.reader import Bag, open_bag
-from stickslip_monitor.commands.simulate import write_bag
 from stickslip_monitor.errors import BagError, StickslipError
+from stickslip_monitor.lab.scenes.recording import write_bag
 from stickslip_monitor.lab.scenes.scene import Scene, load_scene
 from stickslip_monitor.lab.truth import has_truth, read_truth
 

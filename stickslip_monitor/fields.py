@@ -45,4 +45,5 @@ def read_field(message: Any, path: FieldPath) -> float:
     value = message
     for step in path:
         value = value[step] if isinstance(step, int) else getattr(value, step)
-    return float(value)
+    # rclpy gives an octet as bytes.
+    return float(value[0] if isinstance(value, bytes) else value)

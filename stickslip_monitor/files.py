@@ -12,7 +12,6 @@ import json
 import os
 import shutil
 import stat
-import tempfile
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -218,28 +217,36 @@ def write_whole(path: str | Path, data: bytes, mark: bytes, force: bool = False)
         OSError: It cannot be written; what was there stays.
     """
     check_replaceable(path, mark, force)
-    target = Path(os.path.realpath(path))
+    replace_file(Path(os.path.realpath(path)), data)
+
+
+def replace_file(target: Path, data: bytes) -> None:
+    """Put data in the place of a file, with its mode, only when all of it is on the disk.
+
+    Raises:
+        OSError: It cannot be written; what was there stays.
+    """
     name = f'.{target.name[:100]}'
     sweep(target.parent, name)
-    number, draft = tempfile.mkstemp(_DRAFT, f'{name}.', target.parent)
+    draft = target.with_name(f'{name}.{os.urandom(8).hex()}{_DRAFT}')
     try:
-        with os.fdopen(number, 'wb') as file:
-            hold(number)
+        with draft.open('xb') as file:
+            hold(file.fileno())
             file.write(data)
-            Path(draft).chmod(_mode(target))
-            Path(draft).replace(target)
+            file.flush()
+            os.fsync(file.fileno())
+            with contextlib.suppress(OSError):
+                draft.chmod(stat.S_IMODE(target.stat().st_mode))
+            draft.replace(target)
     finally:
         with contextlib.suppress(OSError):
-            Path(draft).unlink(missing_ok=True)
-
-
-def _mode(target: Path) -> int:
-    """Who may read an output: whoever might read what was there, or any new file."""
-    with contextlib.suppress(OSError):
-        return stat.S_IMODE(target.stat().st_mode)
-    mask = os.umask(0)
-    os.umask(mask)
-    return 0o666 & ~mask
+            draft.unlink(missing_ok=True)
+    # So that the rename outlasts a loss of power.
+    folder = os.open(target.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
 
 
 def hold(number: int) -> bool:

@@ -8,11 +8,8 @@ bag layer, and so MCAP, is said here and nowhere else.
 from __future__ import annotations
 
 import sys
-import traceback
 from collections.abc import Sequence
 
-from stickslip_monitor.errors import program_fault
-from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.clip_recorder import ClipStore
 from stickslip_monitor.monitor.config import ClipConfig
 from stickslip_monitor.ros import run
@@ -31,18 +28,8 @@ def clip_store(config: ClipConfig) -> ClipStore:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is told to stop; see :func:`stickslip_monitor.ros.run.main`.
-
-    Returns:
-        Its exit code, or 3 after a fault of the program.
-    """
-    try:
-        return run.main(args, clip_store)
-    except Exception as error:
-        if '--traceback' in (sys.argv if args is None else args):
-            traceback.print_exc()
-        print(f'ERROR: {printable(program_fault(error))}', file=sys.stderr)  # noqa: T201
-        return 3
+    """Run the node until it is told to stop; see :func:`stickslip_monitor.ros.run.main`."""
+    return run.main(args, clip_store)
 
 
 if __name__ == '__main__':

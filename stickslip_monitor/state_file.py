@@ -8,18 +8,23 @@ import json
 import os
 import stat
 import threading
+from collections import deque
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from stickslip_monitor.errors import AlarmStateError, RosError, cause
-from stickslip_monitor.files import read_file
+from stickslip_monitor.files import read_file, replace_file
+
+T = TypeVar('T')
 
 MAX_SIZE = 16_000_000
 """A larger file is not one of ours [bytes]."""
 RETRY_PERIOD = 5.0
+"""What cannot be written is tried again after so long [s]."""
 # By its schema, which stands at the beginning, a file of ours is known, damaged or not.
 _MARK, _HEAD = b'stickslip_monitor/', 200
-_SUFFIXES = ('.new', '.lock', '.damaged')
+_SUFFIXES = ('.lock', '.damaged')
 
 
 class StateFile:
@@ -130,24 +135,74 @@ class StateFile:
         Raises:
             OSError: It cannot be written; the old one is untouched.
         """
-        new = self._beside('.new')
-        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NONBLOCK | os.O_NOFOLLOW
-        descriptor = os.open(new, flags | os.O_CLOEXEC, 0o644)
-        with os.fdopen(descriptor, 'w', encoding='utf-8') as file:
-            json.dump(document, file, indent=1)
-            file.flush()
-            os.fsync(descriptor)
-        new.replace(self.path)
-        # So that the rename outlasts a loss of power.
-        folder = os.open(self.path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+        replace_file(self.path, json.dumps(document, indent=1).encode())
+
+
+class Background(Generic[T]):
+    """Writes in a thread, so that nobody waits for the disk, and again until it succeeds.
+
+    Args:
+        name: What the thread is called.
+        write: Writes one thing; whatever it raises is survived.
+        most: So many wait at most, the newest of all.
+
+    Attributes:
+        fault: Why the last thing is not written yet; empty otherwise.
+    """
+
+    def __init__(self, name: str, write: Callable[[T], object], most: int = 1) -> None:
+        self.fault = ''
+        self._name, self._write = name, write
+        self._waiting: deque[T] = deque(maxlen=most)
+        self._closing = False
+        self._changed = threading.Condition()
+        self._thread: threading.Thread | None = None
+
+    def put(self, thing: T) -> None:
+        """Have something written; it must not change any more."""
+        with self._changed:
+            self._waiting.append(thing)
+            self._changed.notify()
+            if self._thread is None:
+                self._closing = False
+                self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
+                self._thread.start()
+
+    def close(self, patience: float) -> bool:
+        """Write what is left; whether that took no longer than so much time [s]."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify()
+            thread, self._thread = self._thread, None
+        if thread is not None:
+            thread.join(patience)
+        return thread is None or not thread.is_alive()
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or self._closing)
+                if not self._waiting:
+                    return
+                thing = self._waiting.popleft()
+            try:
+                self._write(thing)
+                self.fault = ''
+            except Exception as error:
+                self.fault = cause(error)
+                self._wait(thing)
+
+    def _wait(self, thing: T) -> None:
+        """Before the next attempt, with this one unless there is a newer one by then."""
+        with self._changed:
+            if not self._closing:
+                self._changed.wait_for(lambda: self._closing, RETRY_PERIOD)
+                if not self._waiting:
+                    self._waiting.append(thing)
 
 
 class StateWriter:
-    """Writes the newest document to a state file in a thread, and again until it succeeds.
+    """Writes the newest document to a state file in a thread.
 
     Args:
         file: The file; locked until :meth:`close`.
@@ -157,7 +212,6 @@ class StateWriter:
 
     Attributes:
         path: Of the file.
-        fault: Why the newest document is not in the file yet; empty otherwise.
     """
 
     def __init__(self, file: StateFile) -> None:
@@ -165,46 +219,16 @@ class StateWriter:
         file.lock()
         self.path = file.path
         self.read, self.set_aside = file.read, file.set_aside
-        self.fault = ''
         self._file = file
-        self._document: Any = None
-        self._closing = False
-        self._changed = threading.Condition()
-        self._thread = threading.Thread(target=self._run, name='state_file', daemon=True)
-        self._thread.start()
+        self._writer = Background[Any]('state_file', file.write)
+        self.write = self._writer.put
 
-    def write(self, document: Any) -> None:
-        """Have a new document written; it must not change any more."""
-        with self._changed:
-            self._document = document
-            self._changed.notify()
+    @property
+    def fault(self) -> str:
+        """Why the newest document is not in the file yet; empty otherwise."""
+        return self._writer.fault and f'the alarms are not kept: {self._writer.fault}'
 
     def close(self, patience: float = 2.0) -> None:
         """Write what is left, unless that takes longer than patience [s], and let others write."""
-        with self._changed:
-            self._closing = True
-            self._changed.notify()
-        self._thread.join(patience)
+        self._writer.close(patience)
         self._file.unlock()
-
-    def _run(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._document is not None or self._closing)
-                document, self._document = self._document, None
-            if document is None:
-                return
-            try:
-                self._file.write(document)
-                self.fault = ''
-            except OSError as error:
-                self.fault = f'the alarms are not kept: {cause(error)}'
-                self._wait(document)
-
-    def _wait(self, document: Any) -> None:
-        """Before the next attempt, with this document unless there is a newer one by then."""
-        with self._changed:
-            if not self._closing:
-                self._changed.wait_for(lambda: self._closing, RETRY_PERIOD)
-                if self._document is None:
-                    self._document = document

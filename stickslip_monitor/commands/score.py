@@ -2,7 +2,7 @@
 """Judge the monitor's warnings over simulated bags, or scenes, by what the lining really did.
 
 A bag must hold the truth, as those of a scene with the effect lining_motion do. Scenes (.yaml) are
-simulated in memory with several seeds, in processes. The bare rules V < V_F and V < V_H stand
+simulated with several seeds, in processes. The bare rules V < V_F and V < V_H stand
 beside the monitor; what each figure means is in docs/warning_quality.md. The exit code is 1 where
 an episode of stick-slip was missed or warned of too late, or a stick-slip alarm was false.
 """

@@ -136,18 +136,12 @@ def read_token(path: str) -> str:
 
 
 def guard(access: Access) -> Middleware:
-    """The middleware that keeps the rules, and gives every answer its headers."""
+    """The middleware that keeps the rules."""
 
     @web.middleware
     async def middleware(request: web.Request, handler: Handler) -> web.StreamResponse:
         refused = _refusal(access, request)
-        if refused is not None:
-            return refused
-        try:
-            return await handler(request)
-        except web.HTTPException as error:
-            error.headers.update(_HEADERS)
-            raise
+        return refused if refused is not None else await handler(request)
 
     return middleware
 

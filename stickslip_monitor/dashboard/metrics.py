@@ -109,7 +109,7 @@ def _presence(board: DashboardState, missing: set[str]) -> Iterator[Metric]:
         'monitor_silence_seconds',
         'Time since anything was heard of the monitor.',
         _SPACE,
-        [((m.namespace,), m.silent_for) for m in monitors if m.silent_for is not None],
+        [((m.namespace,), m.silent_for) for m in monitors],
     )
     pairs = [(m, name, own.key) for m in monitors for name, own in m.bearings.items()]
     yield _family(
@@ -129,12 +129,12 @@ def _bearings(known: _Known) -> Iterator[Metric]:
         # Where no cycle exists at an operating point its amplitude is 0.
         none = 0.0 if key in ('amplitude', 'amplitude_exact') else None
         values = [(n, none if r[key] is None and r['regime'] else r[key]) for n, r in known]
-        yield _family(name, text, _BEARING, [(n, v) for n, v in values if v is not None])
+        yield _family(name, text, _BEARING, values)
     yield _family(
         'predicted',
         'Whether stick-slip is predicted now; one that is only held is not.',
         _BEARING,
-        [(n, r['sticking']) for n, r in known if r['sticking'] is not None],
+        [(n, r['sticking']) for n, r in known],
     )
     yield _family(
         'held',
@@ -154,7 +154,7 @@ def _inputs(inputs: list[tuple[tuple[str, str, str], dict[str, Any]]]) -> Iterat
         ('sample_age_seconds', 'age', 'Time since the last sample that was used.'),
         ('sample_rate_hertz', 'rate', 'Samples a second that are used.'),
     ):
-        values = [(labels, own[key]) for labels, own in inputs if own[key] is not None]
+        values = [(labels, own[key]) for labels, own in inputs]
         yield _family(name, text, [*_BEARING, 'input'], values)
     counter = CounterMetricFamily(
         f'{PREFIX}samples',
@@ -202,7 +202,9 @@ def _alarms(monitors: list[WatchedMonitor]) -> Iterator[Metric]:
 def _family(
     name: str, text: str, labels: Sequence[str], values: Iterable[tuple[Any, Any]]
 ) -> Metric:
+    """Of each set of labels its value; ``None`` is left out."""
     family = GaugeMetricFamily(f'{PREFIX}{name}', text, labels=labels)
     for names, value in values:
-        family.add_metric(list(names), float(value))
+        if value is not None:
+            family.add_metric(list(names), float(value))
     return family

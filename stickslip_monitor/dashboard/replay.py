@@ -10,13 +10,14 @@ from collections.abc import Iterator
 from heapq import merge
 from typing import Any, NamedTuple
 
-from stickslip_monitor.bags.reader import Request, Series, open_bag
+from stickslip_monitor.bags.reader import Series, open_bag
 from stickslip_monitor.dashboard.state import DashboardState
 from stickslip_monitor.errors import BagError, ConfigurationError
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.input_watch import Graph
 from stickslip_monitor.monitor.session import Moment, NoLog, Session, Shown
 from stickslip_monitor.monitor.signals import Input
+from stickslip_monitor.offline.follow import requests_of
 
 _SHOWN_EVERY = 0.2
 _TURN = 0.01
@@ -182,9 +183,9 @@ class Replay:
 def _samples(path: str, config: MonitorConfig) -> Iterator[_Sample]:
     """The numbers of a recording in its order."""
     sources = [
-        (b.name, place, Request(source.topic, source.field_text, source.type))
-        for b in config.bearings
-        for place, source in zip(Input, b.inputs.values(), strict=False)
+        (bearing.name, place, request)
+        for bearing in config.bearings
+        for place, request in zip(Input, requests_of(bearing), strict=False)
     ]
     series = open_bag(path).read({request for *_, request in sources})
     own = [_column(name, place, series[request]) for name, place, request in sources]

@@ -9,13 +9,13 @@ import json
 import logging
 import math
 import signal
-from collections.abc import Callable, Iterator
-from importlib import resources
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
+from aiohttp.typedefs import Handler
 
 from stickslip_monitor.dashboard.access import (
     COOKIE,
@@ -27,7 +27,7 @@ from stickslip_monitor.dashboard.access import (
     guard,
 )
 from stickslip_monitor.dashboard.metrics import Metrics
-from stickslip_monitor.dashboard.state import DashboardState
+from stickslip_monitor.dashboard.state import DashboardState, event_of
 from stickslip_monitor.dashboard.watched import OFFERED
 from stickslip_monitor.errors import ConfigurationError, DashboardError, StickslipError
 from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest, parse_request
@@ -49,24 +49,7 @@ LARGEST_REQUEST = 4096
 _JSON = 'application/json'
 SLOWEST_REQUEST = 10.0
 """How long the content of a request may take to come [s]."""
-KINDS = {
-    '.html': 'text/html',
-    '.css': 'text/css',
-    '.js': 'text/javascript',
-    '.svg': 'image/svg+xml',
-}
-"""What the page is made of."""
-_NAMES = {'page.html': '', 'login.html': 'login', 'uPlot.iife.min.js': 'uPlot.js'}
-_NAMES['uPlot.min.css'] = 'uPlot.css'
-
-
-def page_files() -> Iterator[tuple[str, bytes, str]]:
-    """Of every file of the page its path on the server, its content and its type."""
-    folder = resources.files('stickslip_monitor.dashboard') / 'page'
-    for file in (*folder.iterdir(), *(folder / 'vendor').iterdir()):
-        kind = KINDS.get(Path(file.name).suffix)
-        if kind is not None:
-            yield f'/{_NAMES.get(file.name, file.name)}', file.read_bytes(), kind
+_PAGE = Path(__file__).parent / 'page'
 
 
 class Server:
@@ -93,10 +76,10 @@ class Server:
             middlewares=[self._connections.count(), guard(self._access)],
             client_max_size=LARGEST_REQUEST,
         )
-        for path, body, kind in page_files():
-            app.router.add_get(path, _file(body, kind))
         app.add_routes(
             [
+                web.get('/', _file('page.html')),
+                web.get('/login', _file('login.html')),
                 web.post('/login', self._login),
                 web.post('/logout', self._logout),
                 web.get('/events', self._events),
@@ -105,6 +88,7 @@ class Server:
                 web.get('/history', self._history),
                 web.get('/log.csv', self._log),
                 *([web.post('/replay', self._replay)] if self._player is not None else []),
+                web.static('/', _PAGE),
             ]
         )
         app.on_response_prepare.append(add_headers)
@@ -216,13 +200,13 @@ class Server:
             await response.prepare(request)
             # One that comes back needs no history: it gets all that is shown, which is bounded.
             state = self._board.state() | {'signed_in': self._access.signed_in(request)}
-            event = b'retry: 1000\n\n' + hub.event('state', state)
+            event = b'retry: 1000\n\n' + event_of('state', state)
             while not reader.closed:
                 await asyncio.wait_for(response.write(event), STALLED)
                 try:
                     event = await asyncio.wait_for(reader.take(), HEARTBEAT)
                 except asyncio.TimeoutError:
-                    event = hub.event('beat', self._board.monitor())
+                    event = event_of('beat', self._board.monitor())
         except (ConnectionError, asyncio.TimeoutError):
             if request.transport is not None:
                 request.transport.abort()
@@ -272,9 +256,9 @@ class Server:
         return web.Response(body=body, headers={'Content-Type': kind})
 
 
-def _file(body: bytes, kind: str) -> Callable[[web.Request], Any]:
-    async def serve(_: web.Request) -> web.Response:
-        return web.Response(body=body, content_type=kind, charset='utf-8')
+def _file(name: str) -> Handler:
+    async def serve(_: web.Request) -> web.StreamResponse:
+        return web.FileResponse(_PAGE / name)
 
     return serve
 

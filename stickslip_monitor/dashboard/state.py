@@ -12,7 +12,6 @@ import csv
 import io
 import json
 import math
-import time
 from collections.abc import Iterable
 from datetime import datetime, timezone
 from itertools import islice
@@ -147,15 +146,9 @@ class Reader:
 
 
 class Hub:
-    """Hands events to every reader.
+    """Hands events to every reader."""
 
-    Args:
-        run: What tells the events of this process from those of another.
-    """
-
-    def __init__(self, run: str) -> None:
-        self._run = run
-        self._number = 0
+    def __init__(self) -> None:
         self.readers: set[Reader] = set()
 
     def join(self, signed_in: bool = True) -> Reader:
@@ -182,15 +175,15 @@ class Hub:
 
     def send(self, kind: str, document: dict[str, Any], key: str = '') -> None:
         """Give an event to every reader; the key tells it from others of its kind."""
-        event = self.event(kind, document)
+        event = event_of(kind, document)
         for reader in self.readers:
             reader.put(f'{kind} {key}', event)
 
-    def event(self, kind: str, document: dict[str, Any]) -> bytes:
-        """An event as it goes over the wire, under a number of its own."""
-        self._number += 1
-        data = json.dumps(document, allow_nan=False, separators=(',', ':'))
-        return f'id: {self._run}-{self._number}\nevent: {kind}\ndata: {data}\n\n'.encode()
+
+def event_of(kind: str, document: dict[str, Any]) -> bytes:
+    """An event as it goes over the wire."""
+    data = json.dumps(document, allow_nan=False, separators=(',', ':'))
+    return f'event: {kind}\ndata: {data}\n\n'.encode()
 
 
 class DashboardState:
@@ -211,7 +204,7 @@ class DashboardState:
     ) -> None:
         self.monitors = tuple(monitors)
         self._replay = replay
-        self.hub = Hub(f'{time.time_ns() // 1_000_000:x}')
+        self.hub = Hub()
         self.log = EventLog() if log is None else log
         self.links: dict[str, bool] = {}
         self.playing: dict[str, Any] | None = None
@@ -245,11 +238,6 @@ class DashboardState:
     def heard(self) -> bool:
         """Whether anything of any monitor is heard."""
         return not self.finished and any(monitor.heard for monitor in self.monitors)
-
-    @property
-    def there(self) -> bool:
-        """Whether all that must be heard is: without it nothing is all clear."""
-        return self.heard and not self.faults()
 
     def faults(self) -> list[str]:
         """Why what is shown must not be taken for all there is; a sentence each."""

@@ -64,7 +64,7 @@ def has_truth(bag: Bag, bearing: str) -> bool:
 
 
 def read_truth(bag: Bag, bearing: str) -> TruthRecord:
-    """Read the truth about a bearing.
+    """Read the truth about a bearing whose lining was followed.
 
     Raises:
         BagError: The recording holds none, or it is not of the kind this version knows.
@@ -79,7 +79,18 @@ def read_truth(bag: Bag, bearing: str) -> TruthRecord:
         )
     if bag.topics[name].type != STRING:
         raise BagError(f"topic '{name}' of bag '{bag.path}' is no {STRING}")
-    events = [_event(bag, message.data, name) for message in bag.messages([name])]
+    return known_truth(bag, bearing)
+
+
+def known_truth(bag: Bag, bearing: str) -> TruthRecord:
+    """What a recording holds of the truth about a bearing: no episodes if no lining was followed.
+
+    Raises:
+        BagError: It is not of the kind this version knows.
+    """
+    name = topic(bearing, 'events')
+    told = bag.messages([name]) if has_truth(bag, bearing) else ()
+    events = [_event(bag, message.data, name) for message in told]
     times = [time for _, time in events] or [0]
     start = bag.start_ns if bag.start_ns is not None else times[0]
     over = bool(events) and events[-1][0] == 'end'
@@ -87,7 +98,7 @@ def read_truth(bag: Bag, bearing: str) -> TruthRecord:
     requests = {each: Request(topic(bearing, each), 'data', FLOAT64) for each in _NUMBERS}
     series = bag.read(r for r in requests.values() if r.topic in bag.topics)
     numbers = {each: _numbers(series.get(request)) for each, request in requests.items()}
-    return TruthRecord(start, end, tuple(episodes_of(events, end)), **numbers)
+    return TruthRecord(start, end, tuple(_episodes(events, end)), **numbers)
 
 
 def _bearings(bag: Bag) -> list[str]:
@@ -107,7 +118,7 @@ def _event(bag: Bag, data: bytes, topic: str) -> tuple[str, int]:
     raise BagError(f"topic '{topic}' of bag '{bag.path}' holds an event that is no {EVENT_SCHEMA}")
 
 
-def episodes_of(events: Iterable[tuple[str, int]], end: int) -> Iterable[tuple[int, int]]:
+def _episodes(events: Iterable[tuple[str, int]], end: int) -> Iterable[tuple[int, int]]:
     """First and last stick of each episode [ns], of events by name and time in their order.
 
     One that is going on at the end ends there.

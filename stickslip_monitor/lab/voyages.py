@@ -3,43 +3,39 @@
 
 One call is one scene with one seed, for as many grades of sensors as are asked for: what the ship
 does, and what the lining does with it, is simulated once. Arguments and results are plain values,
-so that the calls can be made in processes.
+so that the calls can be made in processes. A scene is judged by its recording, as any bag.
 """
 
 from __future__ import annotations
 
-import json
-from collections import defaultdict
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import IntArray
+from stickslip_monitor.bags.reader import Bag
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.scenes.scene import STAGES, Scene, load_scene, simulate
+from stickslip_monitor.lab.scenes.recording import write_bag
+from stickslip_monitor.lab.scenes.scene import STAGES, Scene, load_scene
 from stickslip_monitor.lab.scenes.settings import as_believed
-from stickslip_monitor.lab.scenes.telemetry import Messages
 from stickslip_monitor.lab.truth import (
-    Column,
-    TruthNumbers,
     TruthRecord,
-    episodes_of,
     has_truth,
+    known_truth,
     on_recorder_clock,
     read_truth,
     scan_on_recorder_clock,
-    topic,
 )
 from stickslip_monitor.lab.warning_quality import (
     Interval,
     Quality,
     Said,
-    given_of,
     merged,
     quality_of,
 )
@@ -135,15 +131,27 @@ def cases_of(scene: Scene, truths: dict[str, TruthRecord] | None = None) -> Iter
         SceneError: It says nothing about the truth.
     """
     truths = {} if truths is None else truths
+    sent = {channel.topic for channel in scene.channels}
     known = truths and not any(channel.quantity == 'level' for channel in scene.channels)
-    messages, columns = _run(_without_lining(scene) if known else scene)
-    for config in scene.config.bearings:
-        if config.name not in truths:
-            truths[config.name] = _truth(scene, config.name, columns)
-        sent = config.level if config.level and config.level.topic in messages else None
-        believed = as_believed(replace(config, level=sent), scene.parameter_error, scene.seed)
-        stream, arrival_ns = _stream(config, messages)
-        yield Sailed(believed, stream, arrival_ns, truths[config.name], _is_plain(scene))
+    believed = [
+        as_believed(
+            replace(own, level=own.level if own.level and own.level.topic in sent else None),
+            scene.parameter_error,
+            scene.seed,
+        )
+        for own in scene.config.bearings
+    ]
+    with TemporaryDirectory(prefix='stickslip_') as folder:
+        path = Path(folder) / 'voyage.mcap'
+        write_bag(_without_lining(scene) if known else scene, path)
+        whole = scan_whole(path, replace(scene.config, bearings=tuple(believed)))
+        for own in believed:
+            if own.name not in truths:
+                truths[own.name] = _truth(whole.bag, own.name)
+    for own in believed:
+        found = whole.bearings[own.name]
+        truth = truths[own.name]
+        yield Sailed(own, found.stream, found.arrival_ns, truth, _is_plain(scene))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -228,76 +236,22 @@ def _without_lining(scene: Scene) -> Scene:
     return replace(scene, effects=kept)
 
 
-def _run(scene: Scene) -> tuple[dict[str, Messages], dict[str, list[Column]]]:
-    """The messages of each channel and the truth of each topic."""
-    sent: dict[str, list[Messages]] = defaultdict(list)
-    columns: dict[str, list[Column]] = defaultdict(list)
-    for block in simulate(scene):
-        for name, signal in block.signals.items():
-            sent[name].append(signal.messages())
-        for column in block.truth:
-            columns[column.topic].append(column)
-    return {name: _joined(parts) for name, parts in sent.items()}, columns
-
-
-def _joined(parts: Sequence[Messages]) -> Messages:
-    stamps = [part.stamp_ns for part in parts if part.stamp_ns is not None]
-    return Messages(
-        np.concatenate([part.log_time_ns for part in parts]),
-        np.concatenate(stamps) if stamps else None,
-        np.concatenate([part.raw for part in parts]),
-    )
-
-
-def _stream(config: BearingConfig, messages: Mapping[str, Messages]) -> tuple[Stream, IntArray]:
-    """The samples of a bearing as a recorder gets them, and when it does [ns]."""
-    sent = [messages[s.topic] for s in config.inputs.values() if s.topic in messages]
-    arrival: IntArray = np.concatenate([own.log_time_ns for own in sent])
-    order = np.argsort(arrival, kind='stable')
-    stamp = np.concatenate(
-        [own.log_time_ns if own.stamp_ns is None else own.stamp_ns for own in sent]
-    )
-    inputs = np.repeat(np.arange(len(sent), dtype=np.int8), [own.raw.size for own in sent])
-    value = np.concatenate([own.raw for own in sent])
-    return Stream(stamp[order], inputs[order], value[order]), arrival[order]
-
-
-def _truth(scene: Scene, bearing: str, columns: Mapping[str, Sequence[Column]]) -> TruthRecord:
+def _truth(bag: Bag, bearing: str) -> TruthRecord:
     """The truth about a bearing.
 
     Raises:
         SceneError: The scene does not tell it.
     """
-
-    def column(name: str) -> Any:
-        return np.concatenate([own.values for own in columns[topic(bearing, name)]])
-
-    margins = columns.get(topic(bearing, 'fold_margin'))
-    if margins is None:
+    truth = known_truth(bag, bearing)
+    fold = truth.fold_margin.value
+    if not fold.size:
         raise SceneError('without the effect operating_point nobody knows the true margins')
-    fold = column('fold_margin')
-    events = columns.get(topic(bearing, 'events'))
-    if events is None and fold.min() < 0.0:
+    if not has_truth(bag, bearing) and fold.min() < 0.0:
         raise SceneError(
             'without the effect lining_motion nobody knows whether the lining sticks, and the'
             f' fold margin falls to {fold.min():.3g}'
         )
-    end_ns = scene.start_ns + round(scene.duration * 1e9)
-    time_ns = np.concatenate([own.stamps(scene.start_ns) for own in margins])
-    return TruthRecord(
-        start_ns=scene.start_ns,
-        end_ns=end_ns,
-        episodes=tuple(episodes_of(_events(events or ()), end_ns)),
-        hopf_margin=TruthNumbers(time_ns, column('hopf_margin')),
-        fold_margin=TruthNumbers(time_ns, fold),
-        amplitude=TruthNumbers(time_ns[:0], fold[:0]),
-    )
-
-
-def _events(columns: Iterable[Column]) -> Iterator[tuple[str, int]]:
-    for text in (text for column in columns for text in column.values):
-        event = json.loads(text)
-        yield event['event'], event['time']
+    return truth
 
 
 def said_by(scan: Scan, truth: TruthRecord) -> Said:
@@ -315,8 +269,7 @@ def said_by(scan: Scan, truth: TruthRecord) -> Said:
         for event in scan.events
         if event.raised and event.after is not Condition.INPUT_STALE
     ]
-    times = [time_ns for time_ns, _ in raised]
-    return Said(merged(warned), merged(alarmed), times, given_of(raised), len(scan.events))
+    return Said(merged(warned), merged(alarmed), raised, len(scan.events))
 
 
 def _bare_rules(scan: Scan) -> dict[str, Said]:
@@ -327,9 +280,8 @@ def _bare_rules(scan: Scan) -> dict[str, Said]:
         below = np.asarray(margin) < 0.0
         pairs = zip(scan.time_ns[below].tolist(), scan.until_ns[below].tolist(), strict=True)
         stretches = merged(pairs)
-        starts = [start for start, _ in stretches]
-        given = given_of((start, 0) for start in starts)
-        found[name] = Said(stretches, stretches, starts, given, 2 * len(stretches))
+        raised = [(start, 0) for start, _ in stretches]
+        found[name] = Said(stretches, stretches, raised, 2 * len(stretches))
     return found
 
 

@@ -91,8 +91,8 @@ class Said:
 
     warned: Intervals  # when it warned of anything
     alarmed: Intervals  # when it said that stick-slip runs
-    raised: Sequence[int]  # when a condition got worse, or stick-slip began anew, rising [ns]
-    given: Sequence[int]  # when an alarm was given to people, rising [ns]
+    # When a condition got worse, or stick-slip began anew, rising [ns], and to which rung.
+    raised: Sequence[tuple[int, int]]
     changes: int  # changes of condition
 
 
@@ -269,7 +269,7 @@ def quality_of(said: Said, truth: TruthRecord, plain: bool) -> Quality:
     both = seconds(intersection(alarmed, episodes))
     margin = truth.fold_margin
     far = while_true(margin.time_ns, margin.value >= FAR, truth.end_ns)
-    bouts = _bouts(episodes)
+    bouts, raised = _bouts(episodes), [time_ns for time_ns, _ in said.raised]
     return Quality(
         seconds=(truth.end_ns - truth.start_ns) / 1e9,
         leads=leads,
@@ -282,13 +282,13 @@ def quality_of(said: Said, truth: TruthRecord, plain: bool) -> Quality:
         unfounded=seconds(alarmed) - both,
         unalarmed=seconds(episodes) - both,
         bouts=len(bouts),
-        newly=_newly_given(bouts, said.raised),
+        newly=_newly_given(bouts, raised),
         far_seconds=seconds(far),
         far_warnings=sum(intersection([warning], far) == [warning] for warning in warned),
         far_warned=seconds(intersection(warned, far)),
         changes=said.changes,
-        bursts=(largest_burst(said.raised),),
-        given=(largest_burst(said.given),),
+        bursts=(largest_burst(raised),),
+        given=(largest_burst(given_of(said.raised)),),
     )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import math
 import os
+import socket
 import termios
 import time
 import tty
@@ -28,26 +29,24 @@ AGAIN = 1.0
 """Time between two attempts to open a port [s]."""
 LONGEST_LINE = 1024
 _NO_ANSWER = 5.0
+_MOST_AT_ONCE = 1 << 16
 OnLine = Callable[[str], None]
 OnLink = Callable[[bool, str], None]
 """Told whether a port works, and if not, why."""
 
 
-class Port(asyncio.DatagramProtocol, asyncio.Protocol):
-    """A place where lines come from and go to: a datagram socket.
+class Port:
+    """A place where lines come from and go to: a file descriptor, of a socket or a serial line.
 
     Args:
         name: The parameter that has the address.
         on_link: Told when the port begins or ceases to work.
-        listens: Whether lines come in; datagrams go one way only.
+        listens: Whether datagrams come in; they go one way only.
         silent: After so long without a line it is opened again; infinite where none need come [s].
 
     Raises:
         ConfigurationError: The address is none.
     """
-
-    waits = False
-    """Whether the other end may come later than we do."""
 
     def __init__(
         self,
@@ -66,7 +65,7 @@ class Port(asyncio.DatagramProtocol, asyncio.Protocol):
         self._heard_at = 0.0
         self._loop = asyncio.get_running_loop()
         self._fault: asyncio.Future[str] = self._loop.create_future()
-        self._transport: Any = None
+        self._descriptor: int | None = None
 
     async def start(self) -> None:
         """Open it for the first time.
@@ -77,121 +76,62 @@ class Port(asyncio.DatagramProtocol, asyncio.Protocol):
         try:
             await self._open()
         except OSError as error:
-            if not self.waits:
+            # A server may come later than we do.
+            if self.url.scheme != 'tcp':
                 raise LinkError(
                     f"{self.name} = '{self.address}' cannot be opened: {cause(error)}"
                 ) from error
-            self._fail(error)
+            self._fail(cause(error))
 
     async def run(self) -> None:
         """Keep it open until cancelled."""
         try:
             while True:
                 self._on_link(False, await self._end())
-                self.close()
+                self._close()
                 await asyncio.sleep(AGAIN)
                 try:
                     await self._open()
                 except OSError as error:
-                    self._fail(error)
+                    self._fail(cause(error))
         finally:
-            self.close()
+            self._close()
 
     def send(self, lines: Iterable[str]) -> None:
         """Send lines; one that cannot be sent is lost, and told."""
-        for line in lines if self._transport is not None else ():
+        for line in lines:
+            if self._descriptor is None:
+                return
+            data = f'{line}\r\n'.encode('ascii', 'replace')
             try:
-                self._write(f'{line}\r\n'.encode('ascii', 'replace'))
+                sent = os.write(self._descriptor, data)
+            except BlockingIOError:
+                sent = 0
             except OSError as error:
-                self._fail(error)
+                self._fail(cause(error))
+                continue
+            # What the other end does not take is not kept for it.
+            if sent < len(data):
+                self._fail('the other end takes nothing')
 
-    def close(self) -> None:
-        """Close it, whatever state it is in."""
-        if self._transport is not None:
-            self._transport.abort()
-            self._transport = None
+    def _close(self) -> None:
+        if self._descriptor is not None:
+            self._loop.remove_reader(self._descriptor)
+            os.close(self._descriptor)
+            self._descriptor = None
 
     async def _open(self) -> None:
         self._fault, self._buffer = self._loop.create_future(), b''
-        await self._connect()
+        if self.url.scheme == 'serial':
+            self._descriptor = self._serial_line()
+        else:
+            self._descriptor = await self._socket()
+        self._loop.add_reader(self._descriptor, self._read, self._descriptor)
         if self._silent == math.inf:
             self._on_link(True, '')
 
-    async def _connect(self) -> None:
-        where: Any = (self.url.hostname, self.url.port)
-        ends = {'local_addr': where} if self._listens else {'remote_addr': where}
-        # A socket that may broadcast is not connected, and then hears of no refusal.
-        broadcast = None if self._listens else (self.url.hostname or '').endswith('.255')
-        make = self._loop.create_datagram_endpoint
-        self._transport, _ = await make(lambda: self, **ends, allow_broadcast=broadcast)
-
-    def _write(self, data: bytes) -> None:
-        if not self._listens:
-            self._transport.sendto(data)
-
-    async def _end(self) -> str:
-        """Wait until the port is at its end; return why."""
-        self._heard_at = self._loop.time()
-        while (left := self._heard_at + self._silent - self._loop.time()) > 0.0:
-            done, _ = await asyncio.wait({self._fault}, timeout=None if left == math.inf else left)
-            if done:
-                return self._fault.result()
-        return f'nothing heard for {self._silent:g} s'
-
-    def _fail(self, why: Exception | str) -> None:
-        if not self._fault.done():
-            self._fault.set_result(why if isinstance(why, str) else cause(why))
-
-    def _take(self, data: bytes) -> None:
-        """Bytes have come; whole lines are handed on, of one that never ends its end."""
-        self._heard_at = self._loop.time()
-        self._on_link(True, '')
-        *lines, rest = (self._buffer + data).split(b'\n')
-        self._buffer = rest[-LONGEST_LINE:]
-        for line in lines:
-            self._on_line(line.decode('ascii', 'replace'))
-
-    def datagram_received(self, data: bytes, _: Any) -> None:
-        """A datagram has come, which holds whole lines."""
-        self._take(data.rstrip(b'\n') + b'\n')
-
-    def error_received(self, error: Exception) -> None:
-        """The other end of our datagrams is not there."""
-        self._fail(error)
-
-
-class TcpPort(Port):
-    """A connection to a server, such as a multiplexer."""
-
-    waits = True
-
-    async def _connect(self) -> None:
-        where: Any = (self.url.hostname, self.url.port)
-        opened = self._loop.create_connection(lambda: self, *where)
-        try:
-            self._transport, _ = await asyncio.wait_for(opened, _NO_ANSWER)
-        except asyncio.TimeoutError as error:
-            raise OSError(f'no answer for {_NO_ANSWER:g} s') from error
-
-    def data_received(self, data: bytes) -> None:
-        """Part of the stream has come."""
-        self._take(data)
-
-    def connection_lost(self, error: Exception | None) -> None:
-        """The connection is over."""
-        self._fail(error or 'the other end closed the connection')
-
-    def _write(self, data: bytes) -> None:
-        # What a frozen server does not take is not kept for it.
-        if self._transport.get_write_buffer_size() > 64 * LONGEST_LINE:
-            raise OSError('the other end takes nothing')
-        self._transport.write(data)
-
-
-class SerialPort(Port):
-    """A serial line, 8N1; its transport is a file descriptor."""
-
-    async def _connect(self) -> None:
+    def _serial_line(self) -> int:
+        """A serial line, 8N1."""
         descriptor = os.open(self.url.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         try:
             tty.setraw(descriptor)
@@ -202,38 +142,67 @@ class SerialPort(Port):
         except termios.error as error:
             os.close(descriptor)
             raise OSError('it is no serial line') from error
-        self._loop.add_reader(descriptor, self._readable, descriptor)
-        self._transport = descriptor
+        return descriptor
 
-    def _readable(self, descriptor: int) -> None:
+    async def _socket(self) -> int:
+        """A socket at the first address of a name that takes one."""
+        kind = socket.SOCK_STREAM if self.url.scheme == 'tcp' else socket.SOCK_DGRAM
+        host, number = self.url.hostname, self.url.port
+        *others, last = await self._loop.getaddrinfo(host, number, type=kind)
+        for family, _, _, _, address in others:
+            with suppress(OSError):
+                return await self._socket_at(family, kind, address)
+        return await self._socket_at(last[0], kind, last[4])
+
+    async def _socket_at(self, family: int, kind: int, address: Any) -> int:
+        # Closed at the end of the block, unless it is detached.
+        with socket.socket(family, kind) as own:
+            own.setblocking(False)
+            if kind == socket.SOCK_DGRAM and self._listens:
+                own.bind(address)
+                return own.detach()
+            own.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+            try:
+                await asyncio.wait_for(self._loop.sock_connect(own, address), _NO_ANSWER)
+            except asyncio.TimeoutError as error:
+                raise OSError(f'no answer for {_NO_ANSWER:g} s') from error
+            return own.detach()
+
+    async def _end(self) -> str:
+        """Wait until the port is at its end; return why."""
+        self._heard_at = self._loop.time()
+        while (left := self._heard_at + self._silent - self._loop.time()) > 0.0:
+            done, _ = await asyncio.wait({self._fault}, timeout=None if left == math.inf else left)
+            if done:
+                return self._fault.result()
+        return f'nothing heard for {self._silent:g} s'
+
+    def _fail(self, why: str) -> None:
+        if not self._fault.done():
+            self._fault.set_result(why)
+
+    def _read(self, descriptor: int) -> None:
+        """Take what has come; whole lines are handed on, of one that never ends its end."""
         try:
-            data = os.read(descriptor, 4096)
+            data = os.read(descriptor, _MOST_AT_ONCE)
         except BlockingIOError:
             return
         except OSError as error:
-            data = b''
-            self._fail(error)
-        if data:
-            self._take(data)
-        else:
-            self._fail('the line is closed')
-            self._loop.remove_reader(descriptor)
-
-    def close(self) -> None:
-        """Close the device."""
-        if self._transport is not None:
-            self._loop.remove_reader(self._transport)
-            with suppress(OSError):
-                os.close(self._transport)
-            self._transport = None
-
-    def _write(self, data: bytes) -> None:
-        if os.write(self._transport, data) < len(data):
-            raise OSError('the line does not take so much')
-
-
-KINDS = {'udp': Port, 'tcp': TcpPort, 'serial': SerialPort}
-"""The ports by the schemes of their addresses."""
+            self._fail(cause(error))
+            return
+        if self.url.scheme == 'udp':
+            # A datagram holds whole lines.
+            data = data.rstrip(b'\n') + b'\n'
+        elif not data:
+            serial = self.url.scheme == 'serial'
+            self._fail('the line is closed' if serial else 'the other end closed the connection')
+            return
+        self._heard_at = self._loop.time()
+        self._on_link(True, '')
+        *lines, rest = (self._buffer + data).split(b'\n')
+        self._buffer = rest[-LONGEST_LINE:]
+        for line in lines:
+            self._on_line(line.decode('ascii', 'replace'))
 
 
 class NmeaClient:
@@ -274,8 +243,7 @@ class NmeaClient:
         on_link = partial(self._side.tell, 'nmea_in' if listens else 'nmea_out')
         # Where only acknowledgements may come, silence is nothing wrong.
         silent = SILENT if self._inputs and listens else math.inf
-        kind = KINDS[check_port(f'nmea.{role}', address).scheme]
-        return kind(f'nmea.{role}', address, self._on_line, on_link, listens, silent)
+        return Port(f'nmea.{role}', address, self._on_line, on_link, listens, silent)
 
     async def run(self) -> None:
         """Keep the ports open until cancelled."""

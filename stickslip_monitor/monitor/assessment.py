@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -90,15 +90,7 @@ BELIEFS = (
 """What tolerances or a calibration add to an assessment; ``nan`` without them."""
 
 
-class Points(NamedTuple):
-    """What an assessment stores, each of shape (n,)."""
-
-    speed: FloatArray
-    load: FloatArray
-    outcome_code: NDArray[np.int8]
-    hopf_speed: FloatArray
-    fold_speed: FloatArray
-    exact_fold_speed: FloatArray
+_STORED = ('speed', 'load', 'outcome_code', 'hopf_speed', 'fold_speed', 'exact_fold_speed')
 
 
 def margin(speed: FloatArray, boundary: FloatArray) -> FloatArray:
@@ -116,7 +108,7 @@ def margin(speed: FloatArray, boundary: FloatArray) -> FloatArray:
     return value
 
 
-def _margin(points: Points, boundary: FloatArray) -> FloatArray:
+def _margin(points: Assessment, boundary: FloatArray) -> FloatArray:
     return np.where(
         points.outcome_code == NOT_FINITE, np.nan, margin(np.abs(points.speed), boundary)
     )
@@ -125,8 +117,7 @@ def _margin(points: Points, boundary: FloatArray) -> FloatArray:
 def _amplitude(
     solve: Callable[[Bearing, FloatArray, FloatArray], FloatArray],
     codes: list[np.int8],
-    bearing: Bearing,
-    points: Points,
+    points: Assessment,
 ) -> FloatArray:
     """An amplitude under averaging at the points of some outcomes, ``nan`` elsewhere."""
     speed = np.abs(points.speed)
@@ -134,25 +125,25 @@ def _amplitude(
     rows = np.flatnonzero(np.isin(points.outcome_code, codes) & (speed < points.fold_speed))
     result = np.full(speed.shape, np.nan)
     if rows.size:
-        result[rows] = solve(bearing, speed[rows], points.load[rows])
+        result[rows] = solve(points._bearing, speed[rows], points.load[rows])
     return result
 
 
-_ON_DEMAND: dict[str, Callable[[Bearing, Points], FloatArray]] = {
-    'hopf_margin': lambda _, p: _margin(p, p.hopf_speed),
-    'fold_margin': lambda _, p: _margin(p, p.fold_speed),
-    'exact_fold_margin': lambda _, p: _margin(p, p.exact_fold_speed),
-    'stability_margin': lambda _, p: _margin(p, np.fmax(p.fold_speed, p.exact_fold_speed)),
-    'hopf_load': lambda b, p: boundaries.hopf_load(b, p.speed) + (p.load - p.load),
-    'fold_load': lambda b, p: boundaries.fold_load(b, p.speed) + (p.load - p.load),
-    'growth_rate': lambda b, p: boundaries.growth_rate(b, p.speed, p.load),
+_ON_DEMAND: dict[str, Callable[[Assessment], FloatArray]] = {
+    'hopf_margin': lambda p: _margin(p, p.hopf_speed),
+    'fold_margin': lambda p: _margin(p, p.fold_speed),
+    'exact_fold_margin': lambda p: _margin(p, p.exact_fold_speed),
+    'stability_margin': lambda p: _margin(p, p.stability_limit),
+    'hopf_load': lambda p: boundaries.hopf_load(p._bearing, p.speed) + (p.load - p.load),
+    'fold_load': lambda p: boundaries.fold_load(p._bearing, p.speed) + (p.load - p.load),
+    'growth_rate': lambda p: boundaries.growth_rate(p._bearing, p.speed, p.load),
     'amplitude': partial(_amplitude, boundaries.stable_amplitude, [BISTABLE, STICK_SLIP]),
     'threshold_amplitude': partial(_amplitude, boundaries.threshold_amplitude, [BISTABLE]),
-    'amplitude_exact': lambda b, p: np.asarray(exact_amplitude(b, p.speed, p.load)),
+    'amplitude_exact': lambda p: np.asarray(exact_amplitude(p._bearing, p.speed, p.load)),
 }
 
 
-COLUMNS = (*Points._fields, *_ON_DEMAND)
+COLUMNS = (*_STORED, *_ON_DEMAND)
 """The names of what is told of every operating point."""
 
 
@@ -160,10 +151,10 @@ def _worked_out(name: str, points: Assessment) -> dict[str, Any]:
     """A column and what comes with it, of the shape of the points."""
     if name in BELIEFS:
         return _believed(name, points)
-    bearing, flat = points._bearing, [np.reshape(part, -1) for part in points._stored()]
+    flat = [np.reshape(part, -1) for part in points._stored()]
 
     def worked_out(*columns: NDArray[Any]) -> tuple[FloatArray]:
-        return (_ON_DEMAND[name](bearing, Points(*columns)),)
+        return (_ON_DEMAND[name](_of(columns, points._bearing)),)
 
     if name == 'amplitude_exact':  # many together pay for a compiled loop
         (found,) = worked_out(*flat)
@@ -248,7 +239,7 @@ class Assessment:
         return sorted({*object.__dir__(self), *_ON_DEMAND, *BELIEFS})
 
     def _stored(self) -> Iterator[Any]:
-        return (getattr(self, name) for name in Points._fields)
+        return (getattr(self, name) for name in _STORED)
 
     def __eq__(self, other: object) -> bool:
         """Whether both are of the same points, with the same verdict."""
@@ -303,6 +294,10 @@ class Assessment:
         )
 
 
+def _of(stored: Iterable[Any], bearing: Bearing, **more: Any) -> Assessment:
+    return Assessment(**dict(zip(_STORED, stored, strict=True)), _bearing=bearing, **more)
+
+
 Assessments = Assessment
 """An assessment of arrays."""
 
@@ -333,8 +328,7 @@ def assess(
     with np.errstate(all='ignore'):
         columns = in_blocks(partial(_judge, bearing, table), v, n)
     stored = (restore(part, shape) for part in (v, n, *columns))
-    named = dict(zip(Points._fields, stored, strict=True))
-    return Assessment(**named, _bearing=bearing, _belief=belief)
+    return _of(stored, bearing, _belief=belief)
 
 
 def _judge(
@@ -372,6 +366,5 @@ def at_indices(points: Assessment, rows: Any) -> Assessment:
         return column[rows].item() if single else column[rows]
 
     known = {name: picked(column) for name, column in points._known.items()}
-    stored = dict(zip(Points._fields, map(picked, points._stored()), strict=True))
-    bearing, belief = points._bearing, points._belief
-    return Assessment(**stored, _bearing=bearing, _known=known, _belief=belief)
+    stored = map(picked, points._stored())
+    return _of(stored, points._bearing, _known=known, _belief=points._belief)

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 from stickslip_monitor.monitor import rule
-from stickslip_monitor.monitor.assessment import Assessment, assess
+from stickslip_monitor.monitor.assessment import Assessment
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.ladder import CONDITIONS, LADDER, Unknown
+from stickslip_monitor.monitor.ladder import LADDER, Unknown
 from stickslip_monitor.monitor.rule_state import (
     NEVER,
     STATE_TYPE,
@@ -28,7 +28,7 @@ from stickslip_monitor.monitor.rule_state import (
     settings_of,
 )
 from stickslip_monitor.monitor.signals import Input, Status, Stream
-from stickslip_monitor.monitor.verdict import Event, assessed, event_of, size_cycle, why_unknown
+from stickslip_monitor.monitor.verdict import Event, Standing, assessed, size_cycle
 from stickslip_monitor.physics import boundary_table, chances, law_numbers
 
 LONG = 30_000
@@ -68,10 +68,8 @@ class Scan:
     @cached_property
     def assessment(self) -> Assessment:
         """The models' assessments of the points, of arrays of shape (n,)."""
-        config, table = self.config, self.settings.boundaries
-        found = assess(config.bearing, self.speed, self.load, config.belief, table)
-        found.remember_chances(self.chances.T)
-        return found
+        table = self.settings.boundaries
+        return assessed(self.config, table, self.speed, self.load, self.chances.T)
 
 
 def scan_bearing(
@@ -137,12 +135,15 @@ class BearingScan:
             # A loss comes before the sample that showed it.
             lost = int(row[rule.AFTER]) == len(LADDER)
             last = int(np.searchsorted(made, row[rule.SAMPLE], 'left' if lost else 'right')) - 1
-            events.append(self._event(row, state, points[made[last]] if last >= 0 else self._last))
+            standing = self._standing(state, points[made[last]] if last >= 0 else self._last)
+            before, time_ns, onset = row[[rule.BEFORE, rule.TIME, rule.ONSET]].tolist()
+            events.append(standing.event(before, time_ns, bool(onset)))
             at.append(int(row[rule.SAMPLE]) + self._taken)
         if made.size:
             self._last = points[made[-1]].copy()
         if final and end_ns is not None and self.state.now != NEVER:
-            events += self._end(max(end_ns, self.state.now))
+            end = self._standing(self.state, self._last)
+            events += end.advance(max(end_ns, self.state.now))
             at += [self._taken + size - 1] * (len(events) - len(at))
         status = notes[:, rule.STATUS].astype(np.int8)
         jumps = self._jumps + np.cumsum(status == Status.CLOCK_JUMP)
@@ -182,7 +183,7 @@ class BearingScan:
             now_ns=notes[:, rule.NOW],
             status=status,
             counts=counts.reshape(len(Input), len(Status)),
-            unknown=why_unknown(self.state, self.settings.live) if has_level else None,
+            unknown=self._standing(self.state, None).unknown,
         )
 
     def _run(
@@ -220,22 +221,9 @@ class BearingScan:
             self.state = State.of_row(states[0])
         return changes
 
-    def _event(self, row: Any, state: State, at: FloatArray | None) -> Event:
-        """A change of the alarm, with the operating point that it came after."""
-        settings, point = self.settings, None
-        if at is not None:
-            speed, load, *chances = at.tolist()
-            point = assessed(self.config, settings, speed, load, chances)
-        change = CONDITIONS[int(row[rule.BEFORE])], CONDITIONS[int(row[rule.AFTER])]
-        time_ns, onset = int(row[rule.TIME]), bool(row[rule.ONSET])
-        return event_of(self.config, state, settings.live, time_ns, change, point, onset)
-
-    def _end(self, end_ns: int) -> list[Event]:
-        """Let time pass to the end of the recording."""
-        state = self.state
-        before, lost = rule.condition(state), state.lost
-        rule.pass_time(state, self.settings.live, end_ns)
-        if state.lost == lost:
-            return []
-        row = [0, state.lost_since, before, rule.condition(state), 0]
-        return [self._event(row, state, self._last)]
+    def _standing(self, state: State, point: FloatArray | None) -> Standing:
+        """The bearing with a memory, and the operating point that led to it."""
+        standing = Standing(self.config, self.settings, state)
+        if point is not None:
+            standing.judge(point.tolist())
+        return standing

@@ -6,21 +6,18 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from stickslip_monitor.monitor.assessment import BELIEFS, Assessment
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.health import NOT_MONITORING, DiagnosticRecord
 from stickslip_monitor.monitor.input_watch import InputState
-from stickslip_monitor.monitor.ladder import Condition, Level, Measured, Unknown
+from stickslip_monitor.monitor.ladder import Condition, Level, Unknown
 from stickslip_monitor.monitor.monitor import BearingMonitor
-from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES, Input, Status
-from stickslip_monitor.monitor.verdict import Event, Standing, Verdict
+from stickslip_monitor.monitor.signals import INPUTS, Input, Status
+from stickslip_monitor.monitor.verdict import Event, Verdict
 
 WARNING_SCHEMA = 'stickslip_monitor/warning/1'
 BEARINGS_SCHEMA = 'stickslip_monitor/bearings/1'
@@ -80,7 +77,7 @@ def verdict_values(bearing: BearingConfig) -> dict[str, Callable[[Verdict], floa
     }
     values['regime'] = lambda verdict: str(verdict.assessment.regime.value)
     if bearing.level is not None:
-        values['measured'] = lambda verdict: str(verdict.standing.measured)
+        values['measured'] = lambda verdict: str(verdict.measured)
     return values
 
 
@@ -117,9 +114,9 @@ def event_record(event: Event) -> dict[str, Any]:
         'level': event.after.level.name,
         'reason': event.after.value,
         'sticking': event.sticking,
-        'growth': event.standing.growth,
-        'clears_in': event.standing.clears,
-        'raised': event.standing.raised,
+        'growth': event.growth,
+        'clears_in': event.clears,
+        'raised': event.raised_lately,
         **({} if event.measured is None else {'measured': event.measured.value}),
         **point_record(event.assessment),
         'input_age': {name: number(age) for name, age in event.lost.items()},
@@ -135,22 +132,18 @@ def event_json(event: Event) -> str:
 WAITING = 'Waiting for the first speed and load.'
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class BearingState:
-    """A bearing at an instant."""
+    """A bearing as it is told of: to be read before it goes on."""
 
-    config: BearingConfig
-    condition: Condition
-    text: str  # what the condition says, for a person
-    assessment: Assessment | None  # the last one, of scalars
-    standing: Standing
-    lost: dict[str, float]  # the inputs that are lost, with their ages [s]
-    counts: NDArray[np.int64]  # samples by Input and Status, shape (3, 7)
-    time_ns: int  # on the clock of the samples; 0 before the first
-    inputs: Mapping[str, InputState]  # by quantity, where somebody looks at them
-    monitoring: bool  # somebody watches the bearing
-    measured: Measured | None  # what the level says; None where none is configured
-    unknown: Unknown | None  # why it says nothing
+    bearing: BearingMonitor
+    inputs: Mapping[str, InputState] = field(default_factory=dict)  # where somebody looks at them
+    monitoring: bool = True  # somebody watches the bearing
+
+    @property
+    def point(self) -> Assessment | None:
+        """The last operating point, where somebody watches."""
+        return self.bearing.assessment if self.monitoring else None
 
     @property
     def faults(self) -> dict[str, str]:
@@ -160,59 +153,31 @@ class BearingState:
     @property
     def waiting(self) -> bool:
         """Whether nothing is known yet: no operating point, nor that an input is lost."""
-        return self.assessment is None and self.condition is not Condition.INPUT_STALE
+        bearing = self.bearing
+        return bearing.verdict is None and bearing.condition is not Condition.INPUT_STALE
 
     @property
     def reason(self) -> str:
         """The condition, or why there is none."""
         if not self.monitoring:
             return 'not_monitoring'
-        return 'waiting' if self.waiting else self.condition.value
+        return 'waiting' if self.waiting else self.bearing.condition.value
 
     @property
     def level(self) -> Level:
         """How bad it is; nobody can say that all is well of a bearing that is not watched."""
         if not self.monitoring or self.waiting:
             return Level.WARN
-        return max(self.condition.level, Level.WARN if self.faults else Level.OK)
+        return max(self.bearing.condition.level, Level.WARN if self.faults else Level.OK)
 
     @property
     def message(self) -> str:
         """What there is to say, for a person."""
-        name = self.config.name
+        name = self.bearing.config.name
         if not self.monitoring:
             return f'{name}: {NOT_MONITORING}'
-        text = f'{name}: {WAITING}' if self.waiting else self.text
+        text = f'{name}: {WAITING}' if self.waiting else self.bearing.text()
         return ' '.join([text, *dict.fromkeys(self.faults.values())])
-
-    @property
-    def rpm(self) -> float:
-        """Speed of the shaft at the last point [rpm]."""
-        assert self.assessment is not None
-        return float(self.config.bearing.speed.from_surface(self.assessment.speed, 'rpm'))
-
-
-def state_of(
-    bearing: BearingMonitor,
-    inputs: Mapping[str, InputState] | None = None,
-    monitoring: bool = True,
-) -> BearingState:
-    """The state of a bearing that is, or was, monitored; see :class:`BearingState`."""
-    verdict, measured = bearing.verdict, bearing.measured
-    return BearingState(
-        bearing.config,
-        bearing.condition,
-        bearing.text(),
-        verdict.assessment if verdict else None,
-        bearing.standing,
-        bearing.lost(),
-        bearing.counts,
-        bearing.now_ns or 0,
-        inputs or {},
-        monitoring,
-        measured,
-        None if measured is None else bearing.unknown,
-    )
 
 
 def bearings_json(states: Iterable[BearingState], time_ns: int) -> str:
@@ -224,39 +189,42 @@ def bearings_json(states: Iterable[BearingState], time_ns: int) -> str:
 
 def bearing_record(state: BearingState) -> dict[str, Any]:
     """A bearing as page, metrics and buses read it; the fields are in docs/interfaces.md."""
-    standing, monitoring = state.standing, state.monitoring
-    point = state.assessment if monitoring else None
-    clears = None if point is None or state.lost else standing.clears
-    measured = state.measured if monitoring else None
-    unknown = state.unknown if monitoring else None
-    heard = QUANTITIES if state.measured is None else INPUTS
+    bearing, point, monitoring = state.bearing, state.point, state.monitoring
+    time_ns, lost = bearing.now_ns or 0, bearing.lost()
+    clears = None if point is None or lost else bearing.clears
+    measured = bearing.measured if monitoring else None
+    unknown = bearing.unknown if monitoring else None
     return {
-        'bearing': state.config.name,
-        'time': state.time_ns,
+        'bearing': bearing.config.name,
+        'time': time_ns,
         'level': state.level.name,
         'reason': state.reason,
         'text': state.message,
         'monitoring': monitoring,
-        'sticking': None if point is None else standing.sticking,
-        'growth': number(standing.growth),
+        'sticking': None if point is None else bearing.sticking,
+        'growth': number(bearing.growth),
         'clears_in': clears,
-        'held_until': None if clears is None else state.time_ns + round(clears * 1e9),
-        'raised': standing.raised,
-        'rpm': None if point is None else state.rpm,
+        'held_until': None if clears is None else time_ns + round(clears * 1e9),
+        'raised': bearing.raised_lately,
+        'rpm': None if point is None else _rpm(bearing, point),
         **point_record(point),
         'measured': None if measured is None else measured.value,
         'unmeasured': '' if unknown is None else unknown.sentence,
-        'unseen': standing.unseen,
-        'inputs': {name: _input_record(state, place) for place, name in enumerate(heard)},
+        'unseen': bearing.unseen,
+        'inputs': {name: _input_record(state, name) for name in bearing.config.inputs},
     }
 
 
-def _input_record(state: BearingState, place: int) -> dict[str, Any]:
-    name, counts = INPUTS[place], state.counts[place]
-    known = state.inputs.get(name, InputState())
-    lost = state.unknown is Unknown.LOST if place == Input.LEVEL else name in state.lost
+def _rpm(bearing: BearingMonitor, point: Assessment) -> float:
+    return float(bearing.config.bearing.speed.from_surface(point.speed, 'rpm'))
+
+
+def _input_record(state: BearingState, name: str) -> dict[str, Any]:
+    bearing, place = state.bearing, INPUTS.index(name)
+    known, counts = state.inputs.get(name, InputState()), bearing.counts[place]
+    is_level = place == Input.LEVEL
     return {
-        'lost': lost,
+        'lost': bearing.unknown is Unknown.LOST if is_level else name in bearing.lost(),
         'age': number(known.age),
         'rate': number(known.rate),
         'fault': known.fault,
@@ -271,7 +239,7 @@ def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:
         node: Full name of the node that publishes it, without the leading slash.
         state: The bearing.
     """
-    name = state.config.name
+    name = state.bearing.config.name
     return DiagnosticRecord(
         level=state.level,
         name=f'{node}: {name}',
@@ -293,42 +261,42 @@ def hardware_id(node: str, bearing: str) -> str:
 def diagnostic_values(state: BearingState) -> dict[str, str | float]:
     """The key-value pairs of a bearing's diagnostic status: one number a key, unit in the key."""
     result: dict[str, str | float] = {'reason': state.reason}
-    point = state.assessment if state.monitoring else None
+    bearing, point = state.bearing, state.point
     if point is not None:
         result |= {
             'regime': point.regime.value,
             'outcome': point.outcome.value,
-            'stick-slip predicted': str(state.standing.sticking).lower(),
+            'stick-slip predicted': str(bearing.sticking).lower(),
             'speed [m/s]': point.speed,
-            'shaft speed [rpm]': state.rpm,
+            'shaft speed [rpm]': _rpm(bearing, point),
             'load [N]': point.load,
             'hopf speed [m/s]': point.hopf_speed,
             'fold speed [m/s]': point.fold_speed,
             'hopf margin': point.hopf_margin,
             'fold margin': point.fold_margin,
             'growth rate [1/s]': point.growth_rate,
-            'growth [e-folds]': state.standing.growth,
+            'growth [e-folds]': bearing.growth,
             'amplitude [m]': point.amplitude,
             'amplitude of the exact cycle [m]': point.amplitude_exact,
             'error of the amplitude': point.amplitude_error,
             'threshold amplitude [m]': point.threshold_amplitude,
-            'clears in [s]': math.nan if state.standing.clears is None else state.standing.clears,
-            'raised lately': state.standing.raised,
+            'clears in [s]': math.nan if bearing.clears is None else bearing.clears,
+            'raised lately': bearing.raised_lately,
         }
         if point.has_belief:
             result |= {name.replace('_', ' '): getattr(point, name) for name in BELIEFS}
-    for name, age in state.lost.items():
+    for name, age in bearing.lost().items():
         result[f'{name} age [s]'] = age
     for name, text in state.faults.items():
         result[f'{name} fault'] = text
-    if state.measured is not None and state.monitoring:
+    if bearing.measured is not None and state.monitoring:
         result |= {
-            'measured': state.measured.value,
-            'measured unknown': '' if state.unknown is None else state.unknown.sentence,
-            'predicted but not measured for [s]': state.standing.unseen,
+            'measured': bearing.measured.value,
+            'measured unknown': '' if bearing.unknown is None else bearing.unknown.sentence,
+            'predicted but not measured for [s]': bearing.unseen,
         }
-    for place, name in enumerate(QUANTITIES if state.measured is None else INPUTS):
+    for place, name in enumerate(bearing.config.inputs):
         for status in Status:
             key = f'{name} samples {status.name.lower().replace("_", " ")}'
-            result[key] = int(state.counts[place, status])
+            result[key] = int(bearing.counts[place, status])
     return result

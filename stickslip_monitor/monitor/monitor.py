@@ -12,7 +12,6 @@ import copy
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,21 +20,14 @@ from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.bulk import Scan, scan_bearing
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
-from stickslip_monitor.monitor.ladder import CONDITIONS, MEASURED, Condition, Measured, Unknown
+from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.rule_state import NEVER, State, settings_of
 from stickslip_monitor.monitor.signals import INPUTS, Input, Sample, Status, Stream
 from stickslip_monitor.monitor.verdict import (
-    QUIET,
     Event,
     Standing,
     Verdict,
-    assessed,
-    describe,
-    event_of,
-    lost_inputs,
     size_cycle,
-    standing_of,
-    why_unknown,
 )
 
 
@@ -51,40 +43,34 @@ class Update:
 _STATUS = tuple(Status)
 
 
-class BearingMonitor:
-    """One bearing, sample by sample.
+class BearingMonitor(Standing):
+    """One bearing, sample by sample: its standing now.
 
     Attributes:
-        config: The bearing.
-        state: Its memory.
         counts: Samples by :class:`Input` and :class:`Status`, shape (3, 7).
-        verdict: The latest; ``None`` before the first operating point.
     """
 
     def __init__(self, config: BearingConfig, state: State | None = None) -> None:
-        self.config = config
-        self.state = state or State()
+        super().__init__(config, settings_of(config), state or State())
         # After a restart inputs are waited for anew.
         self.state.began, self.state.came = NEVER, [NEVER, NEVER]
         self.counts = np.zeros((len(Input), len(Status)), dtype=np.int64)
-        self.verdict: Verdict | None = None
-        self._settings = settings_of(config)
 
     def retune(self, config: BearingConfig) -> None:
         """Take over new thresholds, delays, scales and timeouts.
 
         Values that stand are converted into a new scale; the memory of the lining stays.
         """
-        old, self.config = self._settings.live, config
-        self._settings = settings_of(config)
-        new = self._settings.live
+        old, self.config = self.settings.live, config
+        self.settings = settings_of(config)
+        new = self.settings.live
         for place in range(len(config.inputs)):
             if (old.scale[place], old.offset[place]) != (new.scale[place], new.offset[place]):
                 self._rescale(place, old)
 
     def _rescale(self, place: int, old: Any) -> None:
         """Convert what is remembered of an input from the old settings into those of now."""
-        state, new = self.state, self._settings.live
+        state, new = self.state, self.settings.live
         if place == Input.LEVEL:
             # Decibels of a number that has an offset cannot be converted: learn them anew.
             state.loudest, state.watched, state.vibrating = math.nan, 0, rule.UNKNOWN
@@ -106,60 +92,17 @@ class BearingMonitor:
         """The latest time, on the clock of the samples [ns]; ``None`` before the first."""
         return None if self.state.now == NEVER else self.state.now
 
-    @property
-    def condition(self) -> Condition:
-        """What the alarm says now."""
-        return CONDITIONS[rule.condition(self.state)]
-
-    @property
-    def standing(self) -> Standing:
-        """What the alarm rests on."""
-        if self.state.point == NEVER:
-            return QUIET
-        return standing_of(self.state, self._settings.live)
-
-    @property
-    def measured(self) -> Measured | None:
-        """What the measured vibration says now; ``None`` where none is configured."""
-        if self.config.level is None:
-            return None
-        return MEASURED[rule.measured_now(self.state, self._settings.live)]
-
-    @property
-    def unknown(self) -> Unknown | None:
-        """Why the measured vibration says nothing; ``None`` where it does."""
-        return why_unknown(self.state, self._settings.live)
-
-    def lost(self) -> dict[str, float]:
-        """The inputs that are lost at the latest time, with their ages [s]."""
-        return lost_inputs(self.state, self._settings.live, self.state.now)
-
     def is_lost(self, place: int) -> bool:
         """Whether an input does not count at the latest time."""
         if place != Input.LEVEL:
             return INPUTS[place] in self.lost()
         state = self.state
-        late = abs(state.now - state.stamp[place]) > self._settings.live.timeout[place]
+        late = abs(state.now - state.stamp[place]) > self.settings.live.timeout[place]
         return state.now != NEVER and late
 
     def last_ns(self, place: int) -> int | None:
         """Stamp of the last valid sample of an input [ns]."""
         return None if self.state.stamp[place] == NEVER else int(self.state.stamp[place])
-
-    def text(self) -> str:
-        """What the alarm says now, for a person."""
-        lost = self.lost() if self.state.lost else {}
-        point = self.verdict.assessment if self.verdict else None
-        return describe(self.config, self.condition, point, self.standing, lost)
-
-    def advance(self, time_ns: int) -> list[Event]:
-        """Let time pass without a sample; a time before the latest one changes nothing."""
-        state = self.state
-        if state.now != NEVER and time_ns < state.now:
-            return []
-        before, lost = rule.condition(state), state.lost
-        rule.pass_time(state, self._settings.live, time_ns)
-        return [self._event(before, state.lost_since)] if state.lost > lost else []
 
     def copy(self) -> BearingMonitor:
         """The same bearing once more: what happens to one does not happen to the other."""
@@ -182,7 +125,7 @@ class BearingMonitor:
             raise ConfigurationError(
                 f"parameter '{self.config.name}.level.topic' is missing: no level is configured"
             )
-        state, settings = self.state, self._settings
+        state, settings = self.state, self.settings
         c = settings.live
         if rule.amplitude_due(state, c):
             size_cycle(self.config, state)
@@ -194,26 +137,18 @@ class BearingMonitor:
             return Update(status)
         events = []
         if state.lost > lost:
-            events.append(self._event(before, state.lost_since))
+            events.append(self.event(before, state.lost_since))
             before = rule.condition(state)
         sticking = state.sticking
         given = settings.law, settings.table, settings.belief
         if not rule.take(state, c, *given, place, time_ns, si):
             return Update(status, None, events)
-        point = *state.value, (state.can, state.will, state.runs)
-        judge = partial(assessed, self.config, settings, *point)
-        standing = standing_of(state, c)
-        self.verdict = Verdict(self.config.name, state.now, standing, judge, *point)
+        chances = state.can, state.will, state.runs
+        verdict = self.judge([*state.value, *chances], self.measured)
         onset = state.sticking > sticking
         if onset or rule.condition(state) != before:
-            events.append(self._event(before, state.now, onset))
-        return Update(status, self.verdict, events)
-
-    def _event(self, before: int, time_ns: int, onset: bool = False) -> Event:
-        point = self.verdict.assessment if self.verdict else None
-        change = CONDITIONS[before], self.condition
-        c = self._settings.live
-        return event_of(self.config, self.state, c, time_ns, change, point, onset)
+            events.append(self.event(before, state.now, onset))
+        return Update(status, verdict, events)
 
 
 class Monitor:

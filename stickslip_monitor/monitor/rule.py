@@ -57,12 +57,10 @@ FALL = 3.0
 """A level this far below its highest since it rose is that of something that rings down [dB]."""
 LOUD_LAG, LOUD = 600.0, 0.02
 """A level tells nothing that is high for more than this share of the time outside, lag [s]."""
-APART = 120 * 10**9
+APART = 1200 * 10**9
 """A level that was high outside so shortly before tells nothing inside [ns]."""
 SHORT = 15 * 10**9
 """A vibration that ends sooner than this, and does not ring down, was something else [ns]."""
-BURSTS = 300 * 10**9
-"""So long a vibration too short to be counted is remembered [ns]."""
 DEAF = 60 * 10**9
 """A level that is quiet for so long where stick-slip is predicted may be blind [ns]."""
 LEARNED = 60 * 10**9
@@ -130,17 +128,14 @@ def judge_stamp(s: Any, c: Any, place: int, stamp: int) -> int:
     """Whether a stamp is valid, of which the input's latest stamp is then made.
 
     It is expected within some gaps after the input's last one, or about the monitor's time. Any
-    other waits: it was right if the input's next sample follows it, or the next two where it was
-    off by more than the time-out, and the clock has then moved.
+    other waits: it was right if the input's next two samples follow it, and the clock has moved.
     """
     last, waiting = s.stamp[place], s.odd[place]
     if stamp == last:
         return REPEATED
     s.odd[place] = NEVER
-    limit = c.timeout[place] if place == LEVEL else age_limit(s, c, place)
-    step = limit
-    if place != LEVEL and s.pace[place] > 0:
-        step = min(limit, max(STEP, int(LATE * s.pace[place])))
+    limit = age_limit(s, c, place)
+    step = min(limit, max(STEP, int(LATE * s.pace[place]))) if s.pace[place] > 0 else limit
     first = last == NEVER and (place == LEVEL or s.stamp[SPEED] + s.stamp[LOAD] == 2 * NEVER)
     back = last != NEVER and last - limit <= stamp < last
     follows = last != NEVER and last < stamp <= last + step
@@ -150,8 +145,7 @@ def judge_stamp(s: Any, c: Any, place: int, stamp: int) -> int:
     # Slow values are known by their gaps alone.
     slow = 0 if last == NEVER else min(int(LATE * max(0, waiting - last)), MEMORY)
     if waiting != NEVER and waiting < stamp <= waiting + max(limit, slow):
-        far = abs(stamp - s.now) > limit and (last == NEVER or abs(stamp - last) > limit)
-        if far and not s.agreed[place]:
+        if not s.agreed[place]:
             s.odd[place], s.agreed[place] = stamp, 1
             return OUT_OF_ORDER if stamp < last else ODD_STAMP
         s.stamp[place] = stamp
@@ -217,8 +211,7 @@ def take_value(s: Any, place: int, stamp: int, si: float) -> None:
             s.slow = lagged(s.slow, median, seconds, SLOW_LAG)
         else:
             s.load_mean = lagged(s.load_mean, median, seconds, LOAD_LAG)
-        s.pace[place] = min(gap, s.gap[place])
-        s.gap[place] = gap
+        keep_pace(s, place, gap)
     elif place == SPEED:
         s.fast = s.slow = si
     else:
@@ -227,6 +220,12 @@ def take_value(s: Any, place: int, stamp: int, si: float) -> None:
     s.earlier[place] = s.before[place]
     s.before[place] = s.value[place]
     s.value[place] = si
+
+
+def keep_pace(s: Any, place: int, gap: int) -> None:
+    """Note the time between the last two stamps of an input [ns]."""
+    s.pace[place] = min(gap, s.gap[place])
+    s.gap[place] = gap
 
 
 def lagged(mean: float, value: float, seconds: float, lag: float) -> float:
@@ -379,6 +378,8 @@ def judge_lining(s: Any, c: Any, measured: int, near: bool) -> None:
     # Without a growth that is asked for, one value by itself must not start what it cannot keep.
     starts = s.median_rate > 0.0 or (s.rate > 0.0 and c.onset_growth > 0.0)
     if near and measured == VIBRATING and s.raised & (1 << CAUTION) and not was_apart(s):
+        if s.course == WITHIN:
+            s.heard = 1
         s.course, starts = WITHIN, True
         s.growth = max(s.growth, c.onset_growth)
     elif measured == QUIET and s.heard and s.median_rate <= 0.0 and s.course == WITHIN:
@@ -487,11 +488,13 @@ def take_level(s: Any, c: Any, si: float, stamp: int, last: int) -> None:
         # Its clock was set back.
         s.moved += gap
         s.outside = shifted(s.outside, gap)
-        s.ended = shifted(s.ended, gap)
     if si != s.level:
         s.moved = stamp
     s.level = si
-    if last == NEVER or not 0 <= gap <= c.timeout[LEVEL]:
+    limit = age_limit(s, c, LEVEL)
+    if last != NEVER and gap > 0:
+        keep_pace(s, LEVEL, gap)
+    if last == NEVER or not 0 <= gap <= limit:
         s.vibrating, s.level_count, s.spell = UNKNOWN, 0, NEVER
         s.level_mean = s.level_peak = level
         return
@@ -506,13 +509,9 @@ def take_level(s: Any, c: Any, si: float, stamp: int, last: int) -> None:
     if high and s.spell == NEVER:
         s.spell = stamp
     elif low and s.spell != NEVER:
-        lasted = stamp - s.spell
-        if lasted < SHORT and not rings_down:
-            # Stick-slip would have gone on, and the ring of a blow falls by and by. A single one
-            # that is too short to tell anything may be a blow all the same.
-            if lasted >= DUE or (s.ended != NEVER and stamp - s.ended < BURSTS):
-                s.outside = stamp
-            s.ended = stamp
+        if s.vibrating == VIBRATING and stamp - s.spell < SHORT and not rings_down:
+            # Stick-slip would have gone on, and the ring of a blow falls by and by.
+            s.outside = stamp
         s.spell = NEVER
 
 
@@ -553,8 +552,6 @@ def count_level(s: Any, level: float, high: bool, low: bool, gap: int) -> None:
         s.level_count = max(s.level_count, 0)
     if s.level_count >= DUE:
         s.vibrating, s.level_count = VIBRATING, 0
-        if s.course == WITHIN and s.raised & (1 << CAUTION):
-            s.heard = 1
     elif s.level_count <= -DUE:
         s.vibrating, s.level_count = QUIET, 0
 
@@ -564,7 +561,7 @@ def measured_now(s: Any, c: Any) -> int:
     if (
         not c.has_level
         or s.stamp[LEVEL] == NEVER
-        or abs(s.now - s.stamp[LEVEL]) > c.timeout[LEVEL]
+        or abs(s.now - s.stamp[LEVEL]) > age_limit(s, c, LEVEL)
     ):
         return UNKNOWN
     if s.stamp[LEVEL] - s.moved > STUCK or s.loud > LOUD:

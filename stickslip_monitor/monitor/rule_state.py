@@ -49,12 +49,12 @@ FIELDS = (
     # The inputs, in the order of :class:`~stickslip_monitor.monitor.signals.Input`.
     StateField('stamp', 'i8', 3, 'ns', NEVER, 'latest valid time stamp of each input'),
     StateField(
-        'odd', 'i8', 3, 'ns', NEVER, 'stamp that waits for the next sample to agree with it'
+        'odd', 'i8', 3, 'ns', NEVER, 'stamp that waits for the next two samples to agree with it'
     ),
-    StateField('agreed', 'i8', 3, '', 0, 'how many samples have followed that one'),
+    StateField('agreed', 'i8', 3, '', 0, '1 once a sample has agreed with it'),
     StateField('came', 'i8', 2, 'ns', NEVER, 'from when the age of speed and load is counted'),
-    StateField('gap', 'i8', 2, 'ns', 0, 'time between the last two stamps of speed and load'),
-    StateField('pace', 'i8', 2, 'ns', 0, 'the shorter of the last two of these'),
+    StateField('gap', 'i8', 3, 'ns', 0, 'time between the last two stamps of each input'),
+    StateField('pace', 'i8', 3, 'ns', 0, 'the shorter of the last two of these'),
     StateField('value', 'f8', 2, 'SI', math.nan, 'latest speed [m/s] and load [N]'),
     StateField('before', 'f8', 2, 'SI', math.nan, 'the values before these'),
     StateField('earlier', 'f8', 2, 'SI', math.nan, 'the values before those'),
@@ -104,7 +104,6 @@ FIELDS = (
     StateField('loud', 'f8', 0, '', 0, 'share of the time outside in which the level is high'),
     StateField('outside', 'i8', 0, 'ns', NEVER, 'when the level last told of something else'),
     StateField('spell', 'i8', 0, 'ns', NEVER, 'since when the level has been high'),
-    StateField('ended', 'i8', 0, 'ns', NEVER, 'when it last ended so soon, without ringing down'),
     StateField('loudest', 'f8', 0, 'dB', math.nan, 'the highest of these means outside'),
     StateField('watched', 'i8', 0, 'ns', 0, 'for how long the level was watched outside'),
     StateField(
@@ -171,6 +170,8 @@ class State:
         for f in FIELDS:
             found = record.get(f.name)
             parts = found if isinstance(found, list) else [found]
+            if f.name in ('gap', 'pace') and len(parts) == 2:  # before, the level had none
+                parts = [*parts, 0]
             if len(parts) != max(f.size, 1) or isinstance(found, list) != bool(f.size):
                 raise ValueError(f'{f.name} = {found!r} must be {f.size or "a"} {f.kind}')
             numbers = [_number(f, part) for part in parts]

@@ -26,7 +26,7 @@ from stickslip_monitor.monitor.alarms.annunciator import MONITOR, AlarmChange, A
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.input_watch import Graph, InputWatch
 from stickslip_monitor.monitor.ladder import Condition, Level
-from stickslip_monitor.monitor.messages import BearingState, bearing_record, state_of
+from stickslip_monitor.monitor.messages import BearingState, bearing_record
 from stickslip_monitor.monitor.monitor import Monitor, Update
 from stickslip_monitor.monitor.rule_state import State
 from stickslip_monitor.monitor.signals import Status
@@ -317,9 +317,9 @@ class Session:
         """The state of some bearings."""
         looked = self._inputs if self.monitoring else None
         return [
-            state_of(
+            BearingState(
                 self.monitor.bearings[name],
-                looked.states(name, now.steady_ns) if looked else None,
+                looked.states(name, now.steady_ns) if looked else {},
                 self.monitoring,
             )
             for name in names

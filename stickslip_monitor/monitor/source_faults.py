@@ -26,113 +26,18 @@ a few seconds. For stamps, each step back within eight samples of the last one c
 longer pause starts anew: single late messages are no fault. A *burst* is a step that is more than
 twenty times the one before it, and within 32 samples of the last one. A minute without evidence
 clears.
-
-A speed in Hz that is read as revolutions a minute, or a torque that is read as a load, is no
-fault of any sample, and the verdict that follows from it is a quiet one. So what all samples
-together say is also held against what a stern bearing can be (:class:`Plausibility`).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.monitor.assessment import Assessment
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig
 from stickslip_monitor.monitor.ladder import SentenceEnum
-from stickslip_monitor.physics.averaging.boundaries import fold_speed
-
-FASTEST = 30.0
-"""Surface speed above which no water-lubricated bearing runs [m/s]."""
-THICKEST = 1.0
-"""Journal diameter from which on it may be in another unit [m]."""
-FACTOR = 5.0
-"""Least distance from the boundary, as a factor, that is asked about if it is never smaller."""
-
-
-class Plausibility:
-    """What all operating points of a recording say about the inputs of a bearing."""
-
-    def __init__(self, config: BearingConfig) -> None:
-        self._config = config
-        self._count = self._negative = 0
-        self._fastest = self._heaviest = 0.0
-        # Of the points of a turning shaft: whether all have a fold, and speeds relative to it.
-        self._turning = False
-        self._bounded = True
-        self._least, self._most = math.inf, -math.inf
-
-    def take(self, points: Assessment) -> None:
-        """Take some points, of arrays."""
-        speed, load, fold = np.abs(points.speed), points.load, points.fold_speed
-        self._count += speed.size
-        self._fastest = float(speed.max(initial=self._fastest))
-        self._negative += int(np.count_nonzero(load < 0.0))
-        turning = (speed > 0.0) & (load > 0.0)
-        bounded = turning & np.isfinite(fold)
-        self._turning |= bool(turning.any())
-        self._bounded &= bool((bounded == turning).all())
-        self._heaviest = float(load[turning].max(initial=self._heaviest))
-        ratio = speed[bounded] / fold[bounded]
-        self._least = float(ratio.min(initial=self._least))
-        self._most = float(ratio.max(initial=self._most))
-
-    def questions(self) -> dict[str, list[str]]:
-        """Questions by quantity, each a clause that follows the name of the input."""
-        config, diameter = self._config, self._config.bearing.journal_diameter
-        found: dict[str, list[str]] = {'speed': [], 'load': []}
-        if config.speed.topic == config.load.topic and config.speed.field == config.load.field:
-            found['load'].append(
-                'is read from the same field as the speed: is it the right topic?'
-            )
-        if diameter >= THICKEST:
-            found['speed'].append(
-                f'turns a journal of {diameter:g} m: is journal_diameter in metres?'
-            )
-        if self._fastest > FASTEST:
-            found['speed'].append(
-                f'reaches {self._fastest:.4g} m/s at the surface of the journal, more than'
-                f' {FASTEST:g} m/s: are its unit and scale right?'
-            )
-        if self._negative > 0.5 * self._count:
-            found['load'].append(
-                'is negative for most of the time: is the sign of its scale right?'
-            )
-        if self._turning:
-            found['speed'] += self._distance()
-        return found
-
-    def _distance(self) -> list[str]:
-        """Whether the points of a turning shaft are all far from the boundary."""
-        asked = 'are units, scales and topics of speed and load right?'
-        if self._least == math.inf:
-            return self._without_boundary(asked)
-        if self._least > FACTOR:
-            return [f'is never below {self._least:.3g} times the fold speed: {asked}']
-        if self._most < 1.0 / FACTOR and self._bounded:
-            return [f'is never above {self._most:.2g} times the fold speed: {asked}']
-        return []
-
-    def _without_boundary(self, asked: str) -> list[str]:
-        law = self._config.bearing.friction
-        at_rest = float(np.asarray(law.coefficient(np.zeros(1)))[0])
-        sliding = float(np.min(np.asarray(law.coefficient(np.linspace(1e-3, 2.0, 200)))))
-        if at_rest <= sliding:
-            return [
-                f'can never bring stick-slip: friction at rest, {at_rest:.4g}, is not above the'
-                f' least of sliding friction, {sliding:.4g}: are static and kinetic swapped?'
-            ]
-        if np.isfinite(fold_speed(self._config.bearing, FACTOR * self._heaviest)):
-            return []
-        return [
-            f'has no boundary at any load up to {FACTOR:g} times the largest seen,'
-            f' {self._heaviest:.4g} N: {asked}'
-        ]
-
 
 ENOUGH = 12
 """Pieces of evidence that raise a fault."""
@@ -279,12 +184,11 @@ class SourceWatch:
             before, self._step_ns = self._step_ns, stamp_ns - self._stamp_ns
             if self._step_ns < 0:
                 raised += self._stamps.again(self._number, arrival_ns, _NEAR)
-            elif _is_burst(before, self._step_ns):
+            elif before >= 0 and self._step_ns > _BURST * before:  # a pause ends a burst
                 raised += self._bursts.again(self._number, arrival_ns, _BURST_NEAR)
         self._stamp_ns = stamp_ns
         if math.isfinite(si):
-            if _is_jump(self._value, si, self.least_gap):
-                raised += self._jump(arrival_ns, self._value, si)
+            raised += self._jump(arrival_ns, self._value, si)
             self._value = si
         return tuple(raised)
 
@@ -303,32 +207,30 @@ class SourceWatch:
         """
         if not stamp_ns.size:
             return []
-        before = stamp_ns[0] if self._stamp_ns is None else self._stamp_ns
-        step_ns = np.diff(stamp_ns, prepend=before)
-        earlier = np.append(self._step_ns, step_ns[:-1])
-        if self._stamp_ns is None:
-            earlier[1:2] = -1
-        found = []
-        for evidence, shown, near in (
-            (self._stamps, step_ns < 0, _NEAR),
-            (self._bursts, _is_burst(earlier, step_ns), _BURST_NEAR),
-        ):
-            for place in np.flatnonzero(shown).tolist():
-                found += evidence.again(self._number + 1 + place, int(arrival_ns[place]), near)
-        self._number += stamp_ns.size
-        self._step_ns = int(step_ns[-1])
-        self._stamp_ns = int(stamp_ns[-1])
-        known = np.isfinite(si)
-        arrival_ns, si = arrival_ns[known], np.append(self._value, si[known])
-        self._value = float(si[-1])
+        before_ns, fresh = self._stamp_ns, self._stamp_ns is None
+        stamps = np.append(stamp_ns[:1] if before_ns is None else before_ns, stamp_ns)
+        steps = np.append(self._step_ns, np.diff(stamps))
+        if fresh:
+            steps[1] = -1
+        # A value that is not finite leaves the one before it.
+        known = np.append(True, np.isfinite(si))
+        places = np.maximum.accumulate(np.where(known, np.arange(known.size), 0))
+        values = np.append(self._value, si)[places]
         with np.errstate(over='ignore'):
-            # As a rule one part of the condition leaves nothing for the others.
-            steep = np.flatnonzero(np.abs(np.diff(si)) >= _GAP * np.abs(si[1:]))
-            jumps = steep[_is_jump(si[steep], si[steep + 1], self.least_gap)]
-        rows = (arrival_ns[jumps], si[jumps], si[jumps + 1])
-        for now_ns, value, after in zip(*(row.tolist() for row in rows), strict=True):
-            found += self._jump(now_ns, value, after)
-        return sorted(found, key=lambda fault: fault.raised_ns)
+            height = np.abs(np.diff(values))
+            seen = (height > 0.0) & (height >= _GAP * np.abs(values[1:]))
+            seen |= (steps[1:] < 0) | (steps[1:] > _BURST * steps[:-1])
+        # What no part of the evidence can be in needs no look.
+        found: list[SourceFault] = []
+        taken = self._number + 1
+        for k in np.flatnonzero(seen).tolist():
+            self._number, self._value = taken + k - 1, float(values[k])
+            self._stamp_ns = None if fresh and k == 0 else int(stamps[k])
+            self._step_ns = int(steps[k])
+            found += self.see(int(arrival_ns[k]), int(stamp_ns[k]), float(si[k]))
+        self._number, self._value = taken + stamp_ns.size - 1, float(values[-1])
+        self._stamp_ns, self._step_ns = int(stamps[-1]), int(steps[-1])
+        return found
 
     def standing(self, now_ns: int) -> tuple[SourceFault, ...]:
         """The faults that stand at a time of arrival [ns]."""
@@ -338,28 +240,15 @@ class SourceWatch:
         return tuple(evidence.fault for evidence in kinds if evidence.fault)
 
     def _jump(self, arrival_ns: int, before: float, after: float) -> list[SourceFault]:
+        height = abs(after - before)
+        least = max(self.least_gap, _GAP * abs(before), _GAP * abs(after))
+        if not (height > 0.0 and height >= least):
+            return []
         origin, self._origin = self._origin, before
-        if not abs(after - origin) <= _TOLERANCE * abs(after - before):
+        if not abs(after - origin) <= _TOLERANCE * height:
             self._levels.against(_PENALTY)
             return []
         return self._levels.add(arrival_ns, (min(before, after), max(before, after)))
-
-
-def _is_burst(before_ns: Any, step_ns: Any) -> Any:
-    """Whether a pause ends a burst: of the last two steps between stamps, numbers or arrays."""
-    return (before_ns >= 0) & (step_ns > _BURST * before_ns)
-
-
-def _is_jump(before: Any, after: Any, least_gap: float) -> Any:
-    """Whether two successive values jump: of numbers or of arrays, with the same operations."""
-    height = abs(after - before)
-    # With a bitwise "and", which numbers and arrays both have; a value that is nan never jumps.
-    return (
-        (height > 0.0)
-        & (height >= least_gap)
-        & (height >= _GAP * abs(before))
-        & (height >= _GAP * abs(after))
-    )
 
 
 @dataclass(slots=True)

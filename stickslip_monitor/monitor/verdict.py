@@ -1,123 +1,49 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the monitor says: a verdict on every operating point, an event on every change of alarm.
 
-``s`` is the memory of a bearing and ``c`` its settings, as the rule takes them.
+Both come from the :class:`Standing` of a bearing, which reads its memory for people.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
+
+from numpy.typing import ArrayLike
 
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.assessment import Assessment, Outcome, assess, fold_share
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.ladder import LADDER, MEASURED, Condition, Measured, Unknown
+from stickslip_monitor.monitor.ladder import (
+    CONDITIONS,
+    LADDER,
+    MEASURED,
+    Condition,
+    Measured,
+    Unknown,
+)
 from stickslip_monitor.monitor.rule_state import NEVER, RuleSettings
 from stickslip_monitor.monitor.signals import QUANTITIES
 from stickslip_monitor.physics.belief import Belief
+from stickslip_monitor.physics.boundary_table import BoundaryTable
 from stickslip_monitor.physics.cycle.cycles import exact_amplitude
 
-Chances = tuple[float, float, float]
-"""The probabilities that stick-slip can happen, that it starts by itself, and that it runs."""
 DOUBT = 60.0
 """Predicted for so long without measured vibration, the parameters are in doubt [s]."""
 
 
-@dataclass(frozen=True, slots=True)
-class Standing:
-    """What the alarm of a bearing rests on."""
-
-    rung: int = 0  # of the ladder on which it stands
-    sticking: bool = False  # stick-slip is predicted to run
-    asked: int = 0  # the highest rung that the operating point by itself asks for
-    growth: float = 0.0  # of a disturbance while stick-slip is not predicted [e-folds]
-    delay: float = 0.0  # how long it must be asked for before that rung is raised [s]
-    clears: float | None = None  # when the rung clears if the point stays [s]; None: held by it
-    raised: int = 0  # 1 for a rung that is raised, 2 for one that is held because it came back
-    known: bool = False  # it is known which state a bistable bearing is in
-    measured: Measured | None = None  # what the level says; None where none is configured
-    unseen: float = 0.0  # how long stick-slip has been predicted and not measured [s]
-    heard: bool = False  # the level has risen where a cycle exists
-    loud: bool = False  # the level is high where no stick-slip can exist
-
-    @property
-    def condition(self) -> Condition:
-        """What the alarm says of the operating point."""
-        return LADDER[self.rung]
-
-
-QUIET = Standing()
-
-
-def standing_of(s: Any, c: Any) -> Standing:
-    """What the alarm rests on."""
-    rung, wanted = rule.rung_of(s), (s.raised & ~s.asks) | (s.asks & ~s.raised)
-    asked = int(wanted).bit_length()
-    clears, raised = None, 0
-    if rung:
-        k = rung - 1
-        raised = 1 if s.cleared[k] == NEVER else 2
-        if s.asks & (1 << k):
-            clears = max(0, rule.due(s, c, k) - s.count[k]) * 1e-9
-    return Standing(
-        rung=rung,
-        sticking=bool(s.sticking),
-        asked=asked,
-        growth=0.0 if s.sticking else s.growth,
-        delay=rule.due(s, c, asked - 1) * 1e-9 if asked > rung else 0.0,
-        clears=clears,
-        raised=raised,
-        known=bool(s.known),
-        measured=MEASURED[rule.measured_now(s, c)] if c.has_level else None,
-        unseen=0.0 if s.unseen == NEVER else (s.now - s.unseen) * 1e-9,
-        heard=bool(s.heard),
-        loud=bool(c.has_level and s.vibrating == rule.VIBRATING and s.loud > rule.LOUD),
-    )
-
-
-def why_unknown(s: Any, c: Any) -> Unknown | None:
-    """Why the level of a bearing says nothing; ``None`` where it does."""
-    stamp = s.stamp[rule.LEVEL]
-    if stamp == NEVER:
-        return Unknown.NOTHING
-    if abs(s.now - stamp) > c.timeout[rule.LEVEL]:
-        return Unknown.LOST
-    if stamp - s.moved > rule.STUCK:
-        return Unknown.STUCK
-    if s.loud > rule.LOUD:
-        return Unknown.LOUD
-    if rule.measured_now(s, c) != rule.UNKNOWN:
-        return None
-    learning = c.threshold != c.threshold and s.watched < rule.LEARNED
-    return Unknown.ONE_MODE if learning else Unknown.SHORT
-
-
-def lost_inputs(s: Any, c: Any, now: int) -> dict[str, float]:
-    """The inputs whose values no longer stand at a time [ns], with their ages [s]."""
-    found: dict[str, float] = {}
-    if s.began == NEVER:
-        return found
-    for place, name in enumerate(QUANTITIES):
-        came = s.came[place]
-        begun = s.began if came == NEVER else came
-        if now >= begun + rule.age_limit(s, c, place):
-            found[name] = math.inf if came == NEVER else (now - came) / 1e9
-    return found
-
-
 def assessed(
     config: BearingConfig,
-    settings: RuleSettings,
-    speed: float,
-    load: float,
-    chances: Iterable[float],
+    table: BoundaryTable,
+    speed: ArrayLike,
+    load: ArrayLike,
+    chances: Iterable[Any],
 ) -> Assessment:
-    """The models' assessment of a speed [m/s] and load [N], with the rule's probabilities."""
-    point = assess(config.bearing, speed, load, config.belief, settings.boundaries)
+    """The models' assessment of speeds [m/s] and loads [N], with the rule's probabilities."""
+    point = assess(config.bearing, speed, load, config.belief, table)
     point.remember_chances(chances)
     return point
 
@@ -135,11 +61,11 @@ class Verdict:
 
     bearing: str
     time_ns: int  # the later of its two measurements
-    standing: Standing
     judge: Callable[[], Assessment]  # makes the assessment, when it is first asked for
     speed: float = math.nan  # of the surface [m/s]
     load: float = math.nan  # [N]
-    chances: Chances = (0.0, 0.0, 0.0)  # the first three of BELIEFS; of no matter without one
+    chances: Sequence[float] = ()  # the first three of BELIEFS; of no matter without one
+    measured: Measured | None = None  # what the level says; None where none is configured
 
     @cached_property
     def assessment(self) -> Assessment:
@@ -159,9 +85,11 @@ class Event:
     sticking: bool  # stick-slip was predicted to run
     lost: dict[str, float]  # the inputs that are lost, with their ages [s]; inf: never received
     text: str  # what happened, for a person
-    standing: Standing = QUIET
     says: str = ''  # what the condition says by itself, whatever came before
     measured: Measured | None = None  # None where no level is configured
+    growth: float = 0.0  # the last three as of :class:`Standing`
+    clears: float | None = None
+    raised_lately: int = 0
     onset: bool = False  # stick-slip has begun, which is announced whatever stood before
 
     @property
@@ -172,62 +100,198 @@ class Event:
         return self.onset or LADDER.index(self.after) > LADDER.index(self.before)
 
 
-def event_of(
-    config: BearingConfig,
-    s: Any,
-    c: Any,
-    time_ns: int,
-    change: tuple[Condition, Condition],
-    point: Assessment | None,
-    onset: bool = False,
-) -> Event:
-    """A change of alarm, from one condition to another, with what it rests on."""
-    before, after = change
-    standing = QUIET if s.point == NEVER else standing_of(s, c)
-    lost = lost_inputs(s, c, time_ns) if s.lost else {}
-    return Event(
-        config.name,
-        time_ns,
-        before,
-        after,
-        point,
-        standing.sticking,
-        lost,
-        describe(config, after, point, standing, lost, before),
-        standing,
-        describe(config, after, point, standing, lost),
-        standing.measured,
-        onset,
-    )
+class Standing:
+    """A bearing at an instant: what its memory means, for a person and for a record.
+
+    Attributes:
+        config: The bearing.
+        settings: What its rule takes.
+        state: Its memory.
+        verdict: The latest; ``None`` before the first operating point.
+    """
+
+    def __init__(
+        self,
+        config: BearingConfig,
+        settings: RuleSettings,
+        state: Any,
+        verdict: Verdict | None = None,
+    ) -> None:
+        self.config, self.settings, self.state, self.verdict = config, settings, state, verdict
+
+    @property
+    def condition(self) -> Condition:
+        """What the alarm says now."""
+        return CONDITIONS[rule.condition(self.state)]
+
+    @property
+    def assessment(self) -> Assessment | None:
+        """The models' assessment of the latest operating point, of numbers."""
+        return self.verdict.assessment if self.verdict else None
+
+    @property
+    def sticking(self) -> bool:
+        """Whether stick-slip is predicted to run."""
+        return bool(self.state.sticking)
+
+    @property
+    def growth(self) -> float:
+        """Of a disturbance while stick-slip is not predicted [e-folds]."""
+        return 0.0 if self.state.sticking else float(self.state.growth)
+
+    @property
+    def rung(self) -> int:
+        """The rung of the ladder on which the alarm stands."""
+        return rule.rung_of(self.state)
+
+    @property
+    def asked(self) -> int:
+        """The highest rung that the operating point by itself asks for."""
+        raised, asks = self.state.raised, self.state.asks
+        return int((raised & ~asks) | (asks & ~raised)).bit_length()
+
+    @property
+    def raised_lately(self) -> int:
+        """1 for a rung that is raised, 2 for one that is held because it came back."""
+        rung = self.rung
+        if not rung:
+            return 0
+        return 1 if self.state.cleared[rung - 1] == NEVER else 2
+
+    @property
+    def clears(self) -> float | None:
+        """When the rung clears if the point stays [s]; ``None`` where the point holds it."""
+        state, k = self.state, self.rung - 1
+        if k < 0 or not state.asks & (1 << k):
+            return None
+        return max(0, rule.due(state, self.settings.live, k) - state.count[k]) * 1e-9
+
+    @property
+    def measured(self) -> Measured | None:
+        """What the measured vibration says; ``None`` where none is configured."""
+        settings = self.settings.live
+        return MEASURED[rule.measured_now(self.state, settings)] if settings.has_level else None
+
+    @property
+    def unseen(self) -> float:
+        """How long stick-slip has been predicted and not measured [s]."""
+        s = self.state
+        return 0.0 if s.unseen == NEVER else (s.now - s.unseen) * 1e-9
+
+    @property
+    def is_loud(self) -> bool:
+        """Whether the level is high where no stick-slip can exist."""
+        s = self.state
+        high = s.vibrating == rule.VIBRATING and s.loud > rule.LOUD
+        return bool(self.settings.live.has_level and high)
+
+    @property
+    def unknown(self) -> Unknown | None:
+        """Why the measured vibration says nothing; ``None`` where it does."""
+        s, c = self.state, self.settings.live
+        stamp = s.stamp[rule.LEVEL]
+        if not c.has_level:
+            return None
+        if stamp == NEVER:
+            return Unknown.NOTHING
+        if abs(s.now - stamp) > rule.age_limit(s, c, rule.LEVEL):
+            return Unknown.LOST
+        if stamp - s.moved > rule.STUCK:
+            return Unknown.STUCK
+        if s.loud > rule.LOUD:
+            return Unknown.LOUD
+        if rule.measured_now(s, c) != rule.UNKNOWN:
+            return None
+        learning = c.threshold != c.threshold and s.watched < rule.LEARNED
+        return Unknown.ONE_MODE if learning else Unknown.SHORT
+
+    def lost(self, now: int | None = None) -> dict[str, float]:
+        """The inputs that are lost at a time [ns], the latest as a rule, with their ages [s]."""
+        s, found = self.state, dict[str, float]()
+        if s.began == NEVER:
+            return found
+        now = s.now if now is None else now
+        for place, name in enumerate(QUANTITIES):
+            came = s.came[place]
+            begun = s.began if came == NEVER else came
+            if now >= begun + rule.age_limit(s, self.settings.live, place):
+                found[name] = math.inf if came == NEVER else (now - came) / 1e9
+        return found
+
+    def text(self) -> str:
+        """What the alarm says now, for a person."""
+        return describe(self, self.lost() if self.state.lost else {})
+
+    def judge(self, point: Sequence[float], measured: Measured | None = None) -> Verdict:
+        """Take the operating point that the memory has just come to.
+
+        Args:
+            point: Its speed [m/s] and load [N], and the rule's probabilities if there are any.
+            measured: What the level says of it.
+        """
+        speed, load, *chances = point
+        judge = partial(assessed, self.config, self.settings.boundaries, speed, load, chances)
+        own = self.config.name, self.state.now
+        self.verdict = Verdict(*own, judge, speed, load, chances, measured)
+        return self.verdict
+
+    def advance(self, time_ns: int) -> list[Event]:
+        """Let time pass without a sample; a time before the latest one changes nothing."""
+        state = self.state
+        if state.now != NEVER and time_ns < state.now:
+            return []
+        before, lost = rule.condition(state), state.lost
+        rule.pass_time(state, self.settings.live, time_ns)
+        return [self.event(before, state.lost_since)] if state.lost > lost else []
+
+    def event(self, before: int, time_ns: int, onset: bool = False) -> Event:
+        """The change of alarm, or the onset, that has just come.
+
+        Args:
+            before: The condition before it, as the rule numbers them.
+            time_ns: When it fell due.
+            onset: Whether stick-slip has begun.
+        """
+        lost = self.lost(time_ns) if self.state.lost else {}
+        was = CONDITIONS[before]
+        return Event(
+            bearing=self.config.name,
+            time_ns=time_ns,
+            before=was,
+            after=self.condition,
+            assessment=self.assessment,
+            sticking=self.sticking,
+            lost=lost,
+            text=describe(self, lost, was),
+            says=describe(self, lost),
+            measured=None if self.state.point == NEVER else self.measured,
+            growth=self.growth,
+            clears=self.clears,
+            raised_lately=self.raised_lately,
+            onset=onset,
+        )
 
 
-def describe(
-    config: BearingConfig,
-    condition: Condition,
-    point: Assessment | None,
-    standing: Standing,
-    lost: dict[str, float],
-    before: Condition | None = None,
-) -> str:
+def describe(b: Standing, lost: dict[str, float], before: Condition | None = None) -> str:
     """One or a few sentences: what it is, what to do, and where the bearing stands."""
+    config, condition, point = b.config, b.condition, b.assessment
     if lost:
         return f'{config.name}: {_lost_text(config, lost)}'
     if point is None or condition is Condition.INPUT_STALE:
         return f'{config.name}: {condition.sentence}'
-    what = _what(config, standing, point)
+    what = _what(b, point)
     if before is Condition.INPUT_STALE:
         what = f'Speed and load are back. {what}'
     elif before is Condition.AMPLITUDE and condition is Condition.STICK_SLIP:
         what = f'Amplitude back below the limit. {what}'
-    out = _way_out(config, standing, point)
     at = f'{_speed_text(config, point, abs(point.speed))}, {_three(point.load / 1e3)} kN'
-    text = f'{config.name}: {what}{out} Now {at}'
+    text = f'{config.name}: {what}{_way_out(b, point)} Now {at}'
     if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NO_BOUNDARY):
         return f'{text}. {point.outcome.sentence}'
-    if standing.sticking and math.isfinite(point.amplitude_exact):
+    if b.sticking and math.isfinite(point.amplitude_exact):
         text += f', amplitude {_three(point.amplitude_exact * 1e3)} mm'
     text += f', fold margin {point.stability_margin:+.0%}.'
-    return text + _belief_text(config, standing, point) + _doubt_text(standing)
+    return text + _belief_text(b, point) + _doubt_text(b)
 
 
 _OVER = {
@@ -239,24 +303,23 @@ _OVER = {
 }
 
 
-def _what(config: BearingConfig, standing: Standing, point: Assessment) -> str:
+def _what(b: Standing, point: Assessment) -> str:
     """What the alarm says, and what is about to change."""
-    condition, asked = standing.condition, LADDER[standing.asked]
-    if standing.clears is not None:
-        held = ' It came back within a minute and is held.' if standing.raised > 1 else ''
-        return (
-            f'{_OVER[condition]}: {condition} clears in {about(max(standing.clears, 1.0))}.{held}'
-        )
-    if point.outcome is Outcome.STICK_SLIP and not standing.sticking:
+    condition, clears = b.condition, b.clears
+    if clears is not None:
+        held = ' It came back within a minute and is held.' if b.raised_lately > 1 else ''
+        return f'{_OVER[condition]}: {condition} clears in {about(max(clears, 1.0))}.{held}'
+    if point.outcome is Outcome.STICK_SLIP and not b.sticking:
         return 'Steady sliding is unstable: stick-slip is starting.'
-    if standing.sticking and standing.measured is Measured.VIBRATING:
+    if b.sticking and b.measured is Measured.VIBRATING:
         return _measured_text(point)
-    if standing.asked > standing.rung:
-        return f'{asked.sentence[:-1]} for less than {standing.delay:.3g} s: no alarm yet.'
-    if condition is Condition.CAUTION and point.stability_margin > _caution_margin(config):
+    if b.asked > b.rung:
+        delay = rule.due(b.state, b.settings.live, b.asked - 1) * 1e-9
+        return f'{LADDER[b.asked].sentence[:-1]} for less than {delay:.3g} s: no alarm yet.'
+    if condition is Condition.CAUTION and point.stability_margin > _caution_margin(b.config):
         return 'Slowing towards stick-slip.'
     if condition is Condition.BISTABLE:
-        return f'{condition.sentence} {_state_text(standing)}'
+        return f'{condition.sentence} {_state_text(b)}'
     return condition.sentence
 
 
@@ -264,11 +327,11 @@ def _caution_margin(config: BearingConfig) -> float:
     return config.alarm.caution_margin + config.alarm.hysteresis
 
 
-def _state_text(standing: Standing) -> str:
+def _state_text(b: Standing) -> str:
     """Whether a bistable bearing is quiet: measured, remembered, or not known."""
-    if standing.measured is Measured.QUIET and standing.heard:
+    if b.measured is Measured.QUIET and b.state.heard:
         return Measured.QUIET.sentence
-    return 'Quiet by its history.' if standing.known else 'Whether it vibrates is not known.'
+    return 'Quiet by its history.' if b.state.known else 'Whether it vibrates is not known.'
 
 
 def _measured_text(point: Assessment) -> str:
@@ -283,25 +346,26 @@ def _measured_text(point: Assessment) -> str:
     )
 
 
-def _doubt_text(standing: Standing) -> str:
-    if standing.loud:
+def _doubt_text(b: Standing) -> str:
+    if b.is_loud:
         return f' {Unknown.LOUD.sentence[0].upper()}{Unknown.LOUD.sentence[1:]}.'
-    quiet = standing.measured is Measured.QUIET
-    if not (standing.sticking and quiet) or standing.unseen < DOUBT:
+    quiet = b.measured is Measured.QUIET
+    if not (b.sticking and quiet) or b.unseen < DOUBT:
         return ''
     asks = (
         ': are the parameters and the threshold of the level right?'
-        if standing.heard
+        if b.state.heard
         else '; the level has never risen in stick-slip: can it hear the bearing?'
     )
-    return f' No vibration has been measured for {about(standing.unseen)}{asks}'
+    return f' No vibration has been measured for {about(b.unseen)}{asks}'
 
 
-def _belief_text(config: BearingConfig, standing: Standing, point: Assessment) -> str:
+def _belief_text(b: Standing, point: Assessment) -> str:
+    config = b.config
     if config.belief is None or not math.isfinite(point.probability_can):
         return ''
     # The probability follows the load by a lag: it may not know yet of what runs already.
-    if standing.sticking and point.probability_can < config.alarm.can_probability:
+    if b.sticking and point.probability_can < config.alarm.can_probability:
         return ''
     low, high = (config.belief.fold_speed(float(point.load), p) for p in (0.05, 0.95))
     # By averaging; the fold that decides may be the exact model's.
@@ -341,10 +405,10 @@ def about(seconds: float) -> str:
     return f'{seconds / 60.0:.1f} min'
 
 
-def _way_out(config: BearingConfig, standing: Standing, point: Assessment) -> str:
+def _way_out(b: Standing, point: Assessment) -> str:
     """What leads out of the condition: out of the bistable range, and clear of caution."""
-    condition = standing.condition
-    if standing.asked > standing.rung or condition in (Condition.NORMAL, Condition.VIBRATION):
+    config, condition = b.config, b.condition
+    if b.asked > b.rung or condition in (Condition.NORMAL, Condition.VIBRATION):
         # The text is about what is not raised yet, or of what no speed ends.
         return ''
     if config.belief is not None:

@@ -29,7 +29,6 @@ from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_f
 from stickslip_monitor.monitor.ladder import MEASURED, Unknown
 from stickslip_monitor.monitor.signals import INPUTS, LEVEL, STATUS_SENTENCES, Status, to_si
 from stickslip_monitor.monitor.source_faults import (
-    Plausibility,
     SourceFault,
     SourceWatch,
     fault_text,
@@ -38,6 +37,7 @@ from stickslip_monitor.monitor.source_faults import (
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.follow import BearingBlock, follow, requests_of
 from stickslip_monitor.offline.outline import Extreme, Outline, Outliner, Worst
+from stickslip_monitor.offline.plausibility import Plausibility
 
 _MOST_NAMED = 5
 

@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
@@ -162,13 +163,19 @@ class _Course(Generic[_Follower]):
         self.follower.take(BearingBlock(series, stream, scan))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class WholeBearing:
     """One bearing over a whole recording in memory."""
 
+    config: BearingConfig
     stream: Stream  # its samples, m of them
     arrival_ns: IntArray  # when the recorder got each, shape (m,)
-    scan: Scan
+    span: SampleSpan
+
+    @cached_property
+    def scan(self) -> Scan:
+        """The verdicts, worked out when they are first asked for."""
+        return scan_bearing(self.config, self.stream, self.span.start_ns, self.span.end_ns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,6 +203,5 @@ def scan_whole(path: str | Path, config: MonitorConfig) -> WholeBag:
         own = tuple(series[request] for request in asked[bearing.name])
         stream, order = _merged(own)
         arrival = np.concatenate([each.log_time_ns for each in own])[order]
-        scan = scan_bearing(bearing, stream, span.start_ns, span.end_ns)
-        found[bearing.name] = WholeBearing(stream, arrival, scan)
+        found[bearing.name] = WholeBearing(bearing, stream, arrival, span)
     return WholeBag(bag, found, span.start_ns)

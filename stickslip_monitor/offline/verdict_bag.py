@@ -27,7 +27,6 @@ from stickslip_monitor.bags.reader import Request, Series
 from stickslip_monitor.bags.values import Payload, TimeSpans
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.messages import (
@@ -35,13 +34,12 @@ from stickslip_monitor.monitor.messages import (
     diagnostic_record,
     event_json,
     output_topics,
-    state_of,
     topic_numbers,
     topic_words,
 )
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.session import Moment, NoLog, Session, Sink
-from stickslip_monitor.monitor.verdict import Event, Verdict
+from stickslip_monitor.monitor.verdict import Event, Verdict, assessed
 from stickslip_monitor.offline.check import CheckReport
 from stickslip_monitor.offline.follow import requests_of
 from stickslip_monitor.physics.boundary_table import known_table
@@ -247,7 +245,7 @@ class _Messages(Sink):
             told = self._verdicts[verdict.bearing]
             told.time_ns.append(verdict.time_ns)
             told.points.extend((verdict.speed, verdict.load, *verdict.chances))
-            told.measured.append(str(verdict.standing.measured))
+            told.measured.append(str(verdict.measured))
 
     def take_event(self, event: Event) -> None:
         """One JSON warning."""
@@ -269,9 +267,7 @@ class _Messages(Sink):
 def _of_verdicts(bearing: BearingConfig, told: _Verdicts) -> Iterator[tuple[str, Payload]]:
     """What the topics of a bearing say of n verdicts, n messages each, by their last part."""
     speed, load, *chances = np.array(told.points).reshape(-1, 5).T
-    table = known_table(bearing.bearing)
-    points = assess(bearing.bearing, speed, load, bearing.belief, table)
-    points.remember_chances(chances)
+    points = assessed(bearing, known_table(bearing.bearing), speed, load, chances)
     for name in topic_numbers(bearing):
         values = getattr(points, name)
         if name.startswith('amplitude'):
@@ -345,7 +341,7 @@ class _Course:
             if self._sink.wants(time_ns):
                 # A loss counts from the nanosecond after it fell due.
                 bearings, _ = self._probes(time_ns + 1 if time_ns in losses else time_ns)
-                self._sink.take_diagnostics(time_ns, [state_of(b) for b in bearings])
+                self._sink.take_diagnostics(time_ns, [BearingState(b) for b in bearings])
         self._ticked_ns = until_ns - 1
         self._due = {t for t in self._due if t >= until_ns}
 

@@ -85,8 +85,8 @@ class Active:
             self.destroy()
             raise
         now = self._now()
-        self._watchdog = Watchdog(self._session, simulated, now)
-        self._running = ElapsedTime(simulated, now)
+        self._watchdog, self._clock = Watchdog(self._session), PassingTime(simulated, now)
+        self._running_ns = 0
         self._ticked_ns, self._shown_ns = now.steady_ns, -SHOW_NS
         self._looks = self._lost_told = self._lost_seen = 0
         self._lost_told_at = self._lost_at = -math.inf
@@ -151,8 +151,10 @@ class Active:
         self._ticked_ns, now = now.steady_ns, self._now()
         if late:
             self._session.catch_up(now)
-        self._watchdog.tick(now)
-        self._session.tick(now, self._running.tick(now))
+        passed_ns = self._clock.passed(now)
+        self._running_ns += passed_ns
+        self._watchdog.tick(now, passed_ns)
+        self._session.tick(now, self._running_ns)
         self._own.tick_clips()
         if now.steady_ns - self._shown_ns >= SHOW_NS:
             self._shown_ns = now.steady_ns
@@ -170,9 +172,10 @@ class Active:
         self._health.longest_delay = max(self._health.longest_delay, held)
         text = f'the node was held up for {held:.3g} s: answers were late, inputs are not to blame'
         self._log.warning(text)
-        self._own.note('node', text)
+        self._session.note('node', text)
         self._session.excuse(held_ns)
-        self._watchdog.skip(now)
+        # The alarms' time has passed, that of the inputs has not.
+        self._running_ns += self._clock.passed(now)
 
     def _look(self, now: Moment) -> None:
         """Look after the node's own health, once a second."""
@@ -199,7 +202,7 @@ class Active:
         if self._health.double and not before:
             text = f'another node is called {self._node.get_fully_qualified_name()}, too'
             self._log.error(text)
-            self._own.note('node', text)
+            self._session.note('node', text)
 
 
 class Actions:
@@ -269,8 +272,8 @@ class Actions:
         self._services.append(self._node.create_service(kind, name, serve))
 
 
-class ElapsedTime:
-    """Time since the last sample, on clocks that may stop or step.
+class PassingTime:
+    """The time that passes, on clocks that may stop or step.
 
     While ROS time follows a simulated clock that moves, that clock is the measure. One that
     stands still (the player has gone) cannot say that an input is lost, so then the steady clock
@@ -278,55 +281,39 @@ class ElapsedTime:
     """
 
     def __init__(self, simulated: bool, now: Moment) -> None:
-        self._simulated = simulated
-        self.restart(now)
+        self._simulated, self._last = simulated, now
 
-    def restart(self, now: Moment) -> None:
-        """A sample has come: the count starts anew."""
-        self._last, self._elapsed_ns = now, 0
-
-    def skip(self, now: Moment) -> None:
-        """The time up to now does not count."""
-        self._last = now
-
-    def tick(self, now: Moment) -> int:
-        """Return the time since the last sample [ns]."""
+    def passed(self, now: Moment) -> int:
+        """The time since the last call [ns]."""
         last, self._last = self._last, now
         steady, simulated = now.steady_ns - last.steady_ns, now.time_ns - last.time_ns
         moving = self._simulated and simulated != 0 and last.time_ns != 0
-        self._elapsed_ns += max(simulated, 0) if moving else steady
-        return self._elapsed_ns
+        return max(simulated, 0) if moving else steady
 
 
 class Watchdog:
     """Tells a session of the time that passes without samples, bearing by bearing."""
 
-    def __init__(self, session: Session, simulated: bool, now: Moment) -> None:
+    def __init__(self, session: Session) -> None:
         self._session = session
-        names = list(session.monitor.bearings)
-        self._flows = {name: ElapsedTime(simulated, now) for name in names}
-        # From when each waits for samples, on the clock of these [ns]; 0 for not yet.
-        self._bases = dict.fromkeys(names, 0)
+        # For how long each has had none, and from when it waits for them, on their clock [ns]; 0
+        # for not yet.
+        self._silent = dict.fromkeys(session.monitor.bearings, 0)
+        self._bases = dict(self._silent)
         self._heard: set[str] = set()
 
     def hear(self, name: str) -> None:
         """A sample of a bearing was believed."""
         self._heard.add(name)
 
-    def skip(self, now: Moment) -> None:
-        """The time up to now does not count."""
-        for flow in self._flows.values():
-            flow.skip(now)
-
-    def tick(self, now: Moment) -> None:
-        """Tell of the time that has passed without samples."""
+    def tick(self, now: Moment, passed_ns: int) -> None:
+        """Tell of the time that has passed without samples, so much since the last call [ns]."""
         for name, bearing in self._session.monitor.bearings.items():
-            flow = self._flows[name]
             if name in self._heard:
-                flow.restart(now)
-                self._bases[name] = bearing.now_ns or 0
+                self._silent[name], self._bases[name] = 0, bearing.now_ns or 0
                 continue
-            elapsed = max(flow.tick(now) - LAG_NS, 0)
+            self._silent[name] += passed_ns
+            elapsed = max(self._silent[name] - LAG_NS, 0)
             base = self._bases[name] = self._base(name, bearing, now, elapsed)
             if base:
                 self._session.pass_time(name, base + elapsed, now)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 import re
 from collections.abc import Callable
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 from rclpy.exceptions import NameValidationException
 
 from stickslip_monitor.errors import RosError
-from stickslip_monitor.fields import FieldPath
+from stickslip_monitor.fields import FieldPath, read_field
 from stickslip_monitor.monitor.config import InputConfig
 
 ROS_FAULTS = (NameValidationException, RuntimeError, ValueError)
@@ -129,12 +130,9 @@ def number_reader(path: FieldPath) -> Callable[[Any], float]:
     """A function that reads the number at a path; ``nan`` where an array is too short."""
 
     def read(message: Any) -> float:
-        value = message
         try:
-            for step in path:
-                value = value[step] if isinstance(step, int) else getattr(value, step)
-        except IndexError:
-            return float('nan')
-        return float(value[0] if isinstance(value, bytes) else value)
+            return read_field(message, path)
+        except LookupError:
+            return math.nan
 
     return read

@@ -86,10 +86,13 @@ def declare(node: Node) -> None:
 
 def _as_written(name: str, value: Any) -> Any:
     # 'ros2 param dump' writes what has no value as null, which comes back as a word.
-    if value in ('null', 'None'):
+    if value is None or value in ('null', 'None'):
         return None
     # ROS reads the bare word N of a parameter file as the YAML 1.1 boolean 'no'.
-    return 'N' if name.endswith('load.unit') and value is False else value
+    if value is False and name.endswith('load.unit'):
+        return 'N'
+    # Arrays of numbers are no lists, those of texts are.
+    return list(value) if hasattr(value, '__iter__') and not isinstance(value, str) else value
 
 
 def values(node: Node) -> dict[str, Any]:
@@ -127,11 +130,10 @@ def changed_config(
                 continue
             raise ConfigurationError(f'{name} cannot be deleted: set it to a value')
         row = rows.get(name)
-        if row is not None and not row.live and _plain(value) != _plain(proposed.get(name)):
+        if row is not None and not row.live and value != proposed.get(name):
             if row.fixed:
-                shown = list(value) if isinstance(_plain(value), tuple) else value
                 raise ConfigurationError(
-                    f'{name} = {shown!r} cannot be set: a running node keeps it; restart it'
+                    f'{name} = {value!r} cannot be set: a running node keeps it; restart it'
                     ' with another parameter file'
                 )
             if active:
@@ -143,15 +145,13 @@ def changed_config(
 
 def told_changes(node: Node, changes: Iterable[RosParameter[Any]]) -> list[str]:
     """A line for each parameter that a set of changes gives another value."""
-    return [
-        f'parameter {change.name}: {node.get_parameter(change.name).value!r} -> {change.value!r}'
-        for change in changes
-        if _plain(change.value) != _plain(node.get_parameter(change.name).value)
-    ]
-
-
-def _plain(value: Any) -> Any:
-    return tuple(value) if hasattr(value, '__iter__') and not isinstance(value, str) else value
+    told = []
+    for change in changes:
+        before = _as_written(change.name, node.get_parameter(change.name).value)
+        after = _as_written(change.name, change.value)
+        if before != after:
+            told.append(f'parameter {change.name}: {before!r} -> {after!r}')
+    return told
 
 
 def _read_only(name: str, value: Any) -> ConfigurationError:
@@ -310,7 +310,7 @@ class MonitorNode(LifecycleNode):
 
     def _note(self, what: str, text: str) -> None:
         if self._configured is not None:
-            self._configured.note(what, text)
+            self._configured.session.note(what, text)
 
     def _failed(self, text: str) -> TransitionCallbackReturn:
         # Told here because rclpy says nothing of an exception in a transition.

@@ -4,10 +4,7 @@
 from __future__ import annotations
 
 import json
-import queue
-import threading
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -20,7 +17,6 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
-from stickslip_monitor.errors import cause
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder, ClipStore
 from stickslip_monitor.monitor.config import BearingConfig, ClipConfig, MonitorConfig
 from stickslip_monitor.monitor.health import DiagnosticRecord, NodeHealth, health_record
@@ -36,16 +32,13 @@ from stickslip_monitor.monitor.session import Session, Sink
 from stickslip_monitor.monitor.verdict import Event, Verdict
 from stickslip_monitor.ros.inputs import RosGraph
 from stickslip_monitor.ros.message_types import definition, message_type
-from stickslip_monitor.state_file import StateFile, StateWriter
+from stickslip_monitor.state_file import Background, StateFile, StateWriter
 
 WARNINGS_KEPT = 100
 ALARMS_KEPT = 20
 # How long the end of the node waits for readers [s].
 _LAST_WORD = 0.5
 _CLIPS_WAITING = 2
-_LOSS_TOLD_EVERY = 60.0
-RETRY_PERIOD = 5.0
-"""A clip that cannot be written is tried again after so long [s]."""
 
 
 def _reliable(depth: int = 10, latched: bool = False) -> QoSProfile:
@@ -135,18 +128,14 @@ class Configured:
         self.session = self._session()
         self.session.inherit(before)
 
-    def note(self, what: str, text: str) -> None:
-        """Put something on record with the list of alarms."""
-        self.session.note(what, text)
-
     def look_at_files(self) -> None:
         """Bring the health of what is written up to date."""
-        if self.clips is not None:
-            self.health.clip_fault = self.clips.fault
-        if self._kept is not None:
-            before, self.health.state_file_fault = self.health.state_file_fault, self._kept.fault
-            if self._kept.fault and not before:
-                self._node.get_logger().error(self._kept.fault)
+        before = self.health.clip_fault, self.health.state_file_fault
+        now = tuple('' if own is None else own.fault for own in (self.clips, self._kept))
+        self.health.clip_fault, self.health.state_file_fault = now
+        for fault, old in zip(now, before, strict=True):
+            if fault and not old:
+                self._node.get_logger().error(fault)
 
     def tick_clips(self) -> None:
         """Let time pass for the clips."""
@@ -275,20 +264,20 @@ def _status(record: DiagnosticRecord) -> DiagnosticStatus:
 class Clips:
     """Records what passes the node, and writes a clip around each alarm.
 
-    Clips are written in a thread, so that no callback waits for the disk; one that cannot be
-    written is tried again until a newer one comes; one that comes while two others wait is lost.
-
-    Attributes:
-        fault: Why the last clip is lost; empty where it is not.
+    One that cannot be written is tried again until a newer one comes; of more than two that wait
+    the oldest are lost.
     """
 
     def __init__(self, node: LifecycleNode, config: ClipConfig, store: ClipStore) -> None:
         self._node, self._store = node, store
         self._definitions: dict[str, str] = {}
         self._recorder = ClipRecorder(config, self._definitions)
-        self.fault = ''
-        self._waiting: queue.Queue[Clip | None] = queue.Queue(_CLIPS_WAITING)
-        self._thread: threading.Thread | None = None
+        self._writer = Background('clips', self._write, _CLIPS_WAITING)
+
+    @property
+    def fault(self) -> str:
+        """Why the last clip is lost; empty where it is not."""
+        return self._writer.fault and f'an event clip is lost: {self._writer.fault}'
 
     def take(self, topic: str, message: Any, time_ns: int | None = None) -> None:
         """Take a message that was heard or said.
@@ -318,43 +307,15 @@ class Clips:
         """Write what is left, the clip that is being taken too, within so much time [s]."""
         self._recorder.finish()
         self._collect()
-        if self._thread is not None:
-            try:
-                self._waiting.put(None, timeout=patience)
-                self._thread.join(patience)
-            except queue.Full:
-                self._lost(f'the disk takes longer than {patience:g} s')
-            self._thread = None
+        if not self._writer.close(patience):
+            self._node.get_logger().error(
+                f'an event clip is lost: the disk takes longer than {patience:g} s'
+            )
 
     def _collect(self) -> None:
         for clip in self._recorder.clips():
-            if self._thread is None:
-                self._thread = threading.Thread(target=self._run, name='clips', daemon=True)
-                self._thread.start()
-            try:
-                self._waiting.put_nowait(clip)
-            except queue.Full:
-                self._lost('the disk does not keep up')
+            self._writer.put(clip)
 
-    def _run(self) -> None:
-        clip = self._waiting.get()
-        while clip is not None:
-            written = self._written(clip)
-            # One that is not written is tried once more, unless a newer one comes.
-            with suppress(queue.Empty):
-                clip = self._waiting.get(timeout=None if written else RETRY_PERIOD)
-
-    def _written(self, clip: Clip) -> bool:
-        try:
-            for _ in self._store.write(clip):
-                pass
-        except Exception as error:
-            # Neither a full disk nor a fault of ours may stop the monitor, or later clips.
-            self._lost(cause(error))
-            return False
-        self.fault = ''
-        return True
-
-    def _lost(self, reason: str) -> None:
-        self.fault = f'an event clip is lost: {reason}'
-        self._node.get_logger().error(self.fault, throttle_duration_sec=_LOSS_TOLD_EVERY)
+    def _write(self, clip: Clip) -> None:
+        for _ in self._store.write(clip):
+            pass

@@ -10,6 +10,7 @@ import signal
 import socket
 import sys
 import time
+import traceback
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -21,7 +22,8 @@ from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedE
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 
-from stickslip_monitor.errors import RosError, StickslipError
+from stickslip_monitor.errors import RosError, StickslipError, program_fault
+from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.clip_recorder import ClipStore
 from stickslip_monitor.monitor.config import ClipConfig
 from stickslip_monitor.ros.message_types import ROS_FAULTS
@@ -194,17 +196,20 @@ def main(
         store: Makes what takes event clips.
 
     Returns:
-        0 after Ctrl-C or a termination signal, 2 for a bad configuration.
+        0 after Ctrl-C or a termination signal, 2 for a bad configuration, 3 after a fault of the
+        program.
     """
     try:
         _run(args, store)
     except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+        return 0
     except StickslipError as error:
-        print(f'ERROR: {error}', file=sys.stderr)  # noqa: T201
-        return 2
-    return 0
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+        code, text = 2, str(error)
+    except Exception as error:
+        if '--traceback' in (sys.argv if args is None else args):
+            traceback.print_exc()
+        code, text = 3, printable(program_fault(error))
+    else:
+        return 0
+    print(f'ERROR: {text}', file=sys.stderr)  # noqa: T201
+    return code

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.expand_topic_name import expand_topic_name
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -147,6 +148,7 @@ class Bridge:
     ) -> None:
         self._publishers: dict[tuple[str, Input], Publisher[Float64]] = {}
         topics = set()
+        space, _, name_of_node = monitor.rpartition('/')
         for name, place in inputs:
             quantity = place.name.lower()
             source = config.bearing(name).inputs[quantity]
@@ -160,7 +162,8 @@ class Bridge:
                 continue
             topics.add(source.topic)
             try:
-                own = node.create_publisher(Float64, _resolved(source.topic, monitor), 10)
+                topic = expand_topic_name(source.topic, name_of_node, space or '/')
+                own = node.create_publisher(Float64, topic, 10)
             except ROS_FAULTS as error:
                 raise RosError(f'{source.topic} cannot be published: {error}') from error
             self._publishers[name, place] = own
@@ -169,13 +172,6 @@ class Bridge:
         """Publish one number."""
         if (bearing, place) in self._publishers:
             self._publishers[bearing, place].publish(Float64(data=value))
-
-
-def _resolved(topic: str, monitor: str) -> str:
-    """The full name of a topic, as the monitor's node resolves it."""
-    if topic.startswith('~'):
-        return f'{monitor}{topic[1:]}'
-    return topic if topic.startswith('/') else f'{monitor.rpartition("/")[0]}/{topic}'
 
 
 def _is_of_node(status: DiagnosticStatus) -> bool:

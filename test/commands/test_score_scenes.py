@@ -78,7 +78,7 @@ def test_serial_and_parallel_are_the_same_and_seeds_differ(scene: str) -> None:
 
 
 def test_truth_is_that_of_the_bag(scene: str, tmp_path: Path, capsys: Any) -> None:
-    """What is judged in memory is what the recording of the same scene would be judged for."""
+    """A scene is judged as the recording that is made of it."""
     assert main(['simulate', scene, '-o', str(tmp_path / 'bag')]) == 0
     capsys.readouterr()
     config = str(CONFIGS / 'reference_bearing.yaml')

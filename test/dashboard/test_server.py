@@ -38,15 +38,15 @@ def ask(work: Callable[[Any], Awaitable[Any]]) -> Any:
     return asyncio.run(go())
 
 
-async def event(stream: Any, kind: str) -> tuple[str, dict[str, Any]]:
-    """The next event of a kind: its id, and what it says."""
+async def event(stream: Any, kind: str) -> dict[str, Any]:
+    """What the next event of a kind says."""
     fields: dict[str, str] = {}
     while True:
         line = (await stream.content.readline()).decode()
         assert line, 'the stream has ended'
         if line == '\n':
             if fields.get('event') == kind:
-                return fields['id'], json.loads(fields['data'])
+                return dict(json.loads(fields['data']))
             fields = {}
         else:
             name, _, value = line.rstrip('\n').partition(': ')
@@ -104,7 +104,7 @@ def test_fifty_readers_and_one_that_never_reads(dashboard: Any) -> None:
             await event(stream, 'state')
             ready.append(1)
             while True:
-                _, status = await event(stream, 'status')
+                status = await event(stream, 'status')
                 if status['load'] == 500.0:
                     return float(status['rpm'])
 
@@ -350,7 +350,7 @@ def test_a_session_begins_with_the_token_and_can_be_ended(dashboards: Any) -> No
         copied = {'Cookie': cookie.partition(';')[0]}
         assert (await session.get(f'{locked.url}metrics')).status == 200
         async with session.get(f'{locked.url}events') as stream:
-            _, state = await event(stream, 'state')
+            state = await event(stream, 'state')
             assert state['signed_in']
         assert (await session.post(f'{locked.url}logout')).status == 204
         # Neither the browser nor a copy of its cookie gets in again.

@@ -220,7 +220,7 @@ def test_never_all_clear_by_mistake(
     board: DashboardState, now: list[float], happens: Happening, words: str
 ) -> None:
     happens(board.monitors[0], now)
-    assert not board.there
+    assert board.faults()
     assert words in ' '.join(board.monitor()['faults'])
 
 
@@ -230,7 +230,7 @@ def test_a_bearing_that_the_node_does_not_have_is_told(now: list[float]) -> None
     assert [a['bearing'] for a in board.alarms['alarms']] == ['aft_stern']
     board.monitors[0].take_alarms(alarms())
     hear(board.monitors[0])
-    assert (board.heard, board.there) == (True, False)
+    assert (board.heard, bool(board.faults())) == (True, True)
     assert 'Of fore nothing is heard: test does not watch it.' in board.faults()
 
 
@@ -289,9 +289,9 @@ def test_twin_screws_are_two_things(now: list[float]) -> None:
         hear(monitor, text='aft_stern: fine')
     waiting = alarm(state='unacknowledged', active=True, text='aft_stern: bad')
     port.take_alarms(alarms(waiting, unacknowledged=1, rows=[waiting]))
-    assert (board.heard, board.there) == (True, False)
+    assert (board.heard, bool(board.faults())) == (True, True)
     starboard.take_alarms(alarms(alarm()))
-    assert board.there
+    assert (board.heard, board.faults()) == (True, [])
     assert board.alarms['unacknowledged'] == 1
     assert [(a['bearing'], a['state']) for a in board.alarms['alarms']] == [
         ('port/aft_stern', 'unacknowledged'),

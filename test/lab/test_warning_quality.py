@@ -53,7 +53,7 @@ def truth(episodes: Spans, margin: Sequence[float] = ()) -> TruthRecord:
 def said(
     warned: Spans = (), alarmed: Spans = (), changes: int = 0, raised: Sequence[int] = ()
 ) -> Said:
-    return Said(ns(warned), ns(alarmed), [time * 10**9 for time in raised], [], changes)
+    return Said(ns(warned), ns(alarmed), [(time * 10**9, 1) for time in raised], changes)
 
 
 def test_leads_misses_and_detection() -> None:
@@ -208,7 +208,7 @@ def test_an_episode_from_50_to_60_s(
 
 def test_only_the_time_of_the_truth_is_judged() -> None:
     """From 30 to 70 s: an episode that goes on ends there; what was said before counts from 30."""
-    said = Said(ns([(10, 90)]), ns([(10, 20), (80, 90)]), [], [], 0)
+    said = Said(ns([(10, 90)]), ns([(10, 20), (80, 90)]), [], 0)
     known = record((30, 70), [(5, 8), (60, 99)], np.full(2, 0.2))
     assert announced(said, known) == [Episode(60 * 10**9, 70 * 10**9, 30.0, None)]
     quality = quality_of(said, known, True)

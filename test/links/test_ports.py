@@ -21,7 +21,7 @@ from stickslip_monitor.links import nmea_client
 from stickslip_monitor.links.link_config import NmeaLink
 from stickslip_monitor.links.live_monitor import MonitorSide
 from stickslip_monitor.links.nmea import NmeaInput, sentence
-from stickslip_monitor.links.nmea_client import KINDS, NmeaClient, Port
+from stickslip_monitor.links.nmea_client import NmeaClient, Port
 from stickslip_monitor.monitor.signals import Input
 
 RPM = sentence('RCRPM,S,1,74.6,30.0,A')
@@ -39,8 +39,7 @@ class End:
         self.lines: list[str] = []
         self.states: list[bool] = []
         self.reasons: list[str] = []
-        kind = KINDS[address.partition(':')[0]]
-        self.port = kind('nmea.listen', address, self.lines.append, self.tell, listens, silent)
+        self.port = Port('nmea.listen', address, self.lines.append, self.tell, listens, silent)
 
     def tell(self, up: bool, why: str) -> None:
         if self.states[-1:] != [up]:

@@ -59,7 +59,7 @@ def test_sample_by_sample_equals_a_recording(number: int) -> None:
         events += update.events
         statuses.append(int(update.status))
         if update.verdict is not None:
-            points.append((update.verdict.time_ns, update.verdict.standing.rung))
+            points.append((update.verdict.time_ns, monitor.bearings[NAME].rung))
     events += monitor.advance(own.end_ns)
     scan = monitor.scan({NAME: _stream(own.messages)}, own.start_ns, own.end_ns)[NAME]
     assert scan.status.tolist() == statuses

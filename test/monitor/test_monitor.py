@@ -13,7 +13,6 @@ from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.ladder import LADDER, Condition
 from stickslip_monitor.monitor.monitor import Update
 from stickslip_monitor.monitor.signals import Status
-from stickslip_monitor.monitor.verdict import QUIET as NOTHING_YET
 
 SECOND = 10**9
 # The first point below the Hopf speed decides, and no delay waits for a second one.
@@ -52,13 +51,13 @@ def _two(reference: dict[str, Any], **changes: Any) -> MonitorConfig:
 def test_a_point_needs_both_inputs(configure: Configure) -> None:
     monitor = Monitor(configure())
     assert _feed(monitor, 0.0, 'speed', UNSTABLE).verdict is None
-    assert monitor.bearings['aft'].standing is NOTHING_YET
+    assert monitor.bearings['aft'].asked == 0
     update = _feed(monitor, 1.0, 'load', 1000.0)
     assert update.status is Status.ACCEPTED
     assert update.verdict is not None
     assert update.verdict.bearing == 'aft'
     assert update.verdict.time_ns == SECOND
-    assert update.verdict.standing.asked == LADDER.index(Condition.BISTABLE)
+    assert monitor.bearings['aft'].asked == LADDER.index(Condition.BISTABLE)
     assert update.verdict.assessment.speed == pytest.approx(20.0 * math.pi * 0.1 / 60.0)
     assert update.verdict.assessment.load == 1000.0
     assert update.verdict.assessment.amplitude == pytest.approx(0.52688e-3, rel=1e-4)
@@ -76,8 +75,7 @@ def test_a_rejected_sample_changes_nothing(configure: Configure) -> None:
         update = _feed(monitor, time, 'speed', value)
         assert (update.status, update.verdict, update.events) == (status, None, [])
     assert monitor.bearings['aft'].now_ns == 0
-    assert monitor.bearings['aft'].verdict is not None
-    assert not monitor.bearings['aft'].verdict.standing.sticking
+    assert not monitor.bearings['aft'].sticking
 
 
 def test_coast_down_and_recovery(configure: Configure) -> None:
@@ -235,7 +233,7 @@ def test_retune_takes_over_scale_deadband_and_limit(configure: Configure) -> Non
     update = _feed(monitor, 1.0, 'load', 600.0)
     assert update.verdict is not None
     assert update.verdict.assessment.load == 1200.0
-    assert update.verdict.standing.condition is Condition.AMPLITUDE
+    assert monitor.condition('aft') is Condition.AMPLITUDE
     assert _feed(monitor, 2.0, 'speed', 22.0).status is Status.IMPLAUSIBLE
     monitor.retune(configure(alarm__minimum_speed=0.2))
     _feed(monitor, 3.0, 'speed', INSIDE)

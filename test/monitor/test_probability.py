@@ -4,16 +4,19 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from sequences import BEARINGS
 
-from stickslip_monitor import Monitor, MonitorConfig, Stream, assess, fold_speed
+from stickslip_monitor import Monitor, MonitorConfig, Stream, assess, build_config, fold_speed
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.assessment import BELIEFS
 from stickslip_monitor.monitor.messages import event_record, output_topics
+from stickslip_monitor.physics.averaging.boundaries import hopf_speed
 
 Configure = Callable[..., MonitorConfig]
 TOLERANCE = {'tolerance__damping': 0.3, 'tolerance__decay': 0.2, 'tolerance__scatter': 0.02}
@@ -58,6 +61,57 @@ def test_noise_of_the_load_makes_no_probability_sure_or_unsure(
     said = Monitor(config).scan({'aft': stream})['aft'].assessment.probability_can[20:]
     assert abs(said.mean() - true) < 0.05
     assert said.std() < 0.15
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('rate', 'noise'), [(2.0, 0.05), (1.0, 0.1)])
+def test_what_is_said_is_so_often_true(rate: float, noise: float) -> None:
+    """Ships whose true values are drawn from the tolerances, by a noisy load cell, on the way.
+
+    Speed and load move to another point each minute, up to twice the fold speed and load.
+    """
+    random = np.random.default_rng(71)
+    counts = {'can': np.zeros((10, 3)), 'will': np.zeros((10, 3))}
+    legs, steps = 25, int(60 * rate)
+    spread = dict.fromkeys(('damping', 'decay'), 0.1) | {'static': 0.05, 'kinetic': 0.05}
+    for number in range(60):
+        values, fold, nominal = BEARINGS[('reference', 'ship', 'steep', 'viscous')[number % 4]]
+        told = {f'tolerance.{name}': share for name, share in spread.items()}
+        own = values | told | {'tolerance.load': 0.05, 'speed.unit': 'rpm', 'load.unit': 'N'}
+        topics = {'speed.topic': '/n', 'load.topic': '/f', 'load.timeout': 5.0}
+        config = build_config(
+            {'bearings': ['b']} | {f'b.{k}': v for k, v in (own | topics).items()}
+        )
+        bearing, factor = config.bearings[0].bearing, config.bearings[0].speed.factor
+        place = np.arange((legs - 1) * steps) / steps
+        rpm = np.interp(place, np.arange(legs), fold * random.uniform(0.2, 2.0, legs))
+        load = np.interp(place, np.arange(legs), nominal * np.exp(random.uniform(-0.7, 0.7, legs)))
+        sent = load * np.maximum(0.05, 1.0 + noise * random.standard_normal(load.size))
+        stream = Stream(
+            np.repeat(np.arange(rpm.size) * int(10**9 / rate), 2),
+            np.tile(np.array([0, 1], np.int8), rpm.size),
+            np.stack([rpm, sent], axis=1).ravel(),
+        )
+        found = Monitor(config).scan({'b': stream})['b'].assessment
+        for _ in range(20):
+            by = {name: float(np.exp(s * random.standard_normal())) for name, s in spread.items()}
+            law = bearing.friction
+            law = replace(law, **{n: getattr(law, n) * by[n] for n in by if n != 'damping'})
+            true = replace(bearing, damping=bearing.damping * by['damping'], friction=law)
+            at = random.integers(rpm.size - 1, size=40)
+            really = load[at] * np.exp(0.05 * random.standard_normal())
+            for name, of, boundary in (
+                ('can', found.probability_can, fold_speed(true, really)),
+                ('will', found.probability_will, hopf_speed(true, really)),
+            ):
+                said = np.asarray(of)[2 * at]
+                is_so = rpm[at] * factor < boundary
+                bins = np.minimum((said * 10).astype(int), 9)
+                for column, weight in enumerate((None, said, is_so)):
+                    counts[name][:, column] += np.bincount(bins, weight, 10)
+    for rows in counts.values():
+        assert rows[:, 0].min() > 300
+        np.testing.assert_allclose(rows[:, 2] / rows[:, 0], rows[:, 1] / rows[:, 0], atol=0.07)
 
 
 def test_without_tolerances_nothing_is_said(configure: Configure) -> None:

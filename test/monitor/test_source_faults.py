@@ -71,6 +71,18 @@ def test_live_and_bulk_raise_the_same_faults(
     assert repr([*first, *second]) == repr(live)
 
 
+def test_the_first_stamp_of_all_ends_no_burst() -> None:
+    """Also where it came in a stretch of its own: copies, each a second after the other."""
+    stamp = np.repeat(np.arange(20), 2)[1:] * SECOND
+    value, watch = np.full(stamp.size, 20.0), SourceWatch()
+    found = [
+        fault
+        for part in (slice(1), slice(1, None))
+        for fault in watch.see_many(stamp[part], stamp[part], value[part])
+    ]
+    assert [(fault.kind, fault.since_ns) for fault in found] == [(BURSTS, 2 * SECOND)]
+
+
 @pytest.mark.parametrize(
     ('every', 'rate', 'raised'),
     [

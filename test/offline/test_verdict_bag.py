@@ -20,7 +20,7 @@ from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
 from stickslip_monitor.commands.check_results import to_json
 from stickslip_monitor.monitor.config import MonitorConfig
-from stickslip_monitor.monitor.messages import diagnostic_record, event_record, state_of
+from stickslip_monitor.monitor.messages import BearingState, diagnostic_record, event_record
 from stickslip_monitor.monitor.verdict import Event, Verdict
 from stickslip_monitor.offline.check import CheckReport, check_bag
 from stickslip_monitor.offline.follow import scan_whole
@@ -186,7 +186,7 @@ def test_diagnostics_are_those_of_the_live_monitor(written: Path) -> None:
     assert seconds == [START + s * NS for s in range(70)]
     for second in (0, 5, 12, 29, 31, 36, 45, 51, 52, 69):
         _, _, monitor = live(second)
-        expected = diagnostic_record('stickslip_monitor', state_of(monitor.bearings['aft']))
+        expected = diagnostic_record('stickslip_monitor', BearingState(monitor.bearings['aft']))
         message = arrays[START + second * NS]
         assert message.header.stamp.sec * NS + message.header.stamp.nanosec == START + second * NS
         (status,) = message.status

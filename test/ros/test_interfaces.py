@@ -23,10 +23,10 @@ from stickslip_monitor.monitor.alarms.alarm_records import (
 from stickslip_monitor.monitor.alarms.annunciator import Action, Annunciator
 from stickslip_monitor.monitor.input_watch import InputState
 from stickslip_monitor.monitor.messages import (
+    BearingState,
     bearings_json,
     diagnostic_values,
     event_record,
-    state_of,
 )
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'interfaces.md'
@@ -108,7 +108,7 @@ def test_the_bearings_keep_their_schema(monitor: Monitor) -> None:
     bearing = monitor.bearings['aft']
     inputs = {'load': InputState(fault='nobody publishes', age=7.0, rate=2.0)}
     for _ in range(2):
-        document = json.loads(bearings_json([state_of(bearing, inputs)], 5))
+        document = json.loads(bearings_json([BearingState(bearing, inputs)], 5))
         assert complaints('bearings-1', document) == []
         monitor.update(Sample('aft', 'load', 2, 1000.0))
 
@@ -142,7 +142,7 @@ def test_keys_of_diagnostics(monitor: Monitor) -> None:
     monitor.update(Sample('aft', 'load', 2, 1000.0))
     monitor.advance(10**12)
     inputs = dict.fromkeys(('speed', 'load'), InputState(fault='nobody publishes'))
-    keys = diagnostic_values(state_of(monitor.bearings['aft'], inputs))
+    keys = diagnostic_values(BearingState(monitor.bearings['aft'], inputs))
     named = fields('Diagnostics')
     counts = [name.removeprefix('...') for name in named if name.startswith('...')]
     named = [name for name in named if not name.startswith('...')]

@@ -84,7 +84,7 @@ def test_a_clip_that_cannot_be_written_is_told_and_written_when_there_is_room_ag
     kit: Any, host: Callable[..., Any], values: dict[str, Any], tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
-    monkeypatch.setattr('stickslip_monitor.ros.outputs.RETRY_PERIOD', 0.02)
+    monkeypatch.setattr('stickslip_monitor.state_file.RETRY_PERIOD', 0.02)
     monitor = host(values)
     diagnostics = monitor.diagnostics()
     telemetry = kit.Telemetry(monitor)

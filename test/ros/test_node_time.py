@@ -188,11 +188,9 @@ def test_time_without_samples(
     simulated: bool, begun: int, ticks: list[tuple[int, int, int]]
 ) -> None:
     from stickslip_monitor.monitor.session import Moment
-    from stickslip_monitor.ros.active import ElapsedTime
+    from stickslip_monitor.ros.active import PassingTime
 
-    flow = ElapsedTime(simulated, Moment(0, begun))
-    for steady_ns, time_ns, elapsed in ticks:
-        assert flow.tick(Moment(steady_ns, time_ns)) == elapsed
-    # A sample starts the count anew.
-    flow.restart(Moment(100, ROS + 600))
-    assert flow.tick(Moment(150, ROS + 650)) == 50
+    clock, elapsed = PassingTime(simulated, Moment(0, begun)), 0
+    for steady_ns, time_ns, expected in ticks:
+        elapsed += clock.passed(Moment(steady_ns, time_ns))
+        assert elapsed == expected

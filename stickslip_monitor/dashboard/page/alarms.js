@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The list of alarms: worst first, what waits for somebody before what does not.
 
-import { make } from '/map.js';
+import { get, make, put } from '/dom.js';
 
 export const NAMES = {
   amplitude_limit: 'Amplitude above limit',
@@ -22,7 +22,7 @@ const STATES = {
   out_of_service: 'out of service',
 };
 const BUTTONS = { acknowledge: 'Acknowledge', silence: 'Silence', reset: 'Reset', shelve: 'Shelve', unshelve: 'Unshelve' };
-const ORDER = ['unacknowledged', 'returned_unacknowledged', 'acknowledged', 'latched', 'shelved', 'suppressed', 'out_of_service'];
+const ORDER = Object.keys(STATES);
 const PRIORITIES = ['alarm', 'warning', 'caution'];
 const ASIDE = ['shelved', 'suppressed', 'out_of_service'];
 const WAITING = ['unacknowledged', 'returned_unacknowledged'];
@@ -97,9 +97,7 @@ export class AlarmList {
     this.known = null;
     this.standing = [];
     this.none = this.trusted = false;
-    const get = (id) => document.getElementById(id);
-    [this.list, this.aside, this.asideList, this.quiet, this.unsure, this.shelved, this.tally, this.silence, this.section] = ['alarm-list', 'aside', 'aside-list', 'quiet', 'unsure', 'hidden-alarms', 'tally', 'silence', 'alarms'].map(get);
-    this.seen = get('seen');
+    [this.list, this.aside, this.asideList, this.quiet, this.unsure, this.shelved, this.tally, this.silence, this.section, this.seen] = ['alarm-list', 'aside', 'aside-list', 'quiet', 'unsure', 'hidden-alarms', 'tally', 'silence', 'alarms', 'seen'].map(get);
     // Those that are listed now, not those that come while they are being acknowledged.
     this.seen.addEventListener('click', () => act('acknowledge', { members: this.waiting }, this.seen));
     this.silence.addEventListener('click', () => act('silence', null, this.silence));
@@ -171,8 +169,7 @@ export class AlarmList {
 
   tell({ root, alarm }) {
     const now = alarm.aside || alarm.members.length > 1 ? null : this.now(alarm.bearing);
-    const text = withoutName(now ? { text: now, bearing: alarm.bearing } : alarm), place = root.querySelector('.text');
-    if (place.textContent !== text) place.textContent = text;
+    put(root.querySelector('.text'), withoutName(now ? { text: now, bearing: alarm.bearing } : alarm));
   }
 
   create(alarm) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Margins and amplitude as horizontal gauges, each with its number and a sentence beside it.
 
-import { give, make } from '/map.js';
+import { give, make, put } from '/dom.js';
 
 const W = 400;
 
@@ -25,7 +25,7 @@ function tell(parts, low, high, now, number, note) {
 
 /** What the ends and the middle of a gauge stand for. */
 function mark(parts, texts) {
-  texts.forEach((text, k) => { if (parts.scale.children[k].textContent !== text) parts.scale.children[k].textContent = text; });
+  texts.forEach((text, k) => put(parts.scale.children[k], text));
 }
 
 const rect = (look, x, width, y = 6, height = 16) => make('rect', { class: look, x, y, width: Math.max(width, 0), height });

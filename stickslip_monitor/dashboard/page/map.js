@@ -1,22 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The stability map: what divides it is drawn once for a width, the point and its trail each time.
 
-const NS = 'http://www.w3.org/2000/svg';
+import { make } from '/dom.js';
+
 const LEFT = 62, RIGHT = 14, TOP = 12, BOTTOM = 44;
 const FADES = [0.25, 0.4, 0.6, 0.85];
-
-/** Give an element attributes. */
-export function give(element, attributes) {
-  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
-}
-
-/** An SVG element with attributes, and text if there is any. */
-export function make(kind, attributes = {}, text = '') {
-  const element = document.createElementNS(NS, kind);
-  give(element, attributes);
-  if (text) element.textContent = text;
-  return element;
-}
 
 /** Round numbers that divide a range into a few parts. */
 export function ticks(top, most) {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Many bearings at a glance, worst first; of few there is no need for it.
 
+import { get, put } from '/dom.js';
+
 const FEW = 4;
 // Of one that is not heard nobody knows how bad it is: it comes first, with those that nobody watches.
 const WORST = ['not_monitoring', 'stick_slip', 'amplitude_limit', 'input_stale', 'waiting', 'bistable', 'vibration', 'caution', 'normal'];
@@ -12,7 +14,6 @@ export class Overview {
   constructor(reveal) {
     this.reveal = reveal;
     this.rows = new Map();
-    const get = (id) => document.getElementById(id);
     [this.root, this.body, this.find, this.only, this.counts] = ['overview', 'rows', 'find', 'only', 'counts'].map(get);
     this.find.addEventListener('input', () => this.order());
     this.only.addEventListener('change', () => this.order());
@@ -30,12 +31,9 @@ export class Overview {
     if (this.root.hidden) return;
     for (const { name, status } of bearings) {
       const row = this.body.insertRow();
-      const button = document.createElement('button');
-      button.type = 'button';
-      button.dataset.name = name;
-      button.textContent = name;
-      for (let k = 0; k < 5; k += 1) row.insertCell();
-      row.cells[0].append(button);
+      row.innerHTML = `<td><button type="button"></button></td>${'<td></td>'.repeat(4)}`;
+      const button = row.querySelector('button');
+      button.dataset.name = button.textContent = name;
       this.rows.set(name, { row, status, name, unheard: false });
       this.fill(name, status);
     }
@@ -60,7 +58,7 @@ export class Overview {
     const load = status.load === null ? '–' : (status.load / 1000).toFixed(1);
     const margin = status.fold_margin === null ? '–' : (Math.round(100 * status.fold_margin) + 0).toFixed(0);
     const texts = [own.unheard ? '✕ not heard' : `${WORDS[status.reason] ?? status.reason}${status.held_until ? ' (held)' : ''}`, status.rpm === null ? '–' : `${Math.abs(status.rpm).toFixed(1)}`, load, margin];
-    texts.forEach((text, k) => { if (own.row.cells[k + 1].textContent !== text) own.row.cells[k + 1].textContent = text; });
+    texts.forEach((text, k) => put(own.row.cells[k + 1], text));
   }
 
   /** The last word of one that is not heard any more is not how it is. */

@@ -9,6 +9,7 @@ import { Charts, History } from '/charts.js';
 import { ReplayBar } from '/replay.js';
 import { StabilityMap } from '/map.js';
 import { connect } from '/stream.js';
+import { get, put } from '/dom.js';
 
 const SILENCE = 12000, ANSWER = 5000, REDRAW = 250;
 const REASONS = { normal: '✓ Normal', caution: '! Margin low', bistable: '! Bistable', stick_slip: '▲ Stick-slip predicted', amplitude_limit: '▲ Amplitude above limit', vibration: '! Vibration not explained', input_stale: '✕ Input lost', waiting: '… Waiting', not_monitoring: '✕ Not monitoring' };
@@ -16,8 +17,6 @@ const WHAT = { raise: 'raised', clear: 'cleared', acknowledge: 'acknowledged', s
 const MEASURED = { quiet: '✓ quiet', vibrating: '▲ vibrating', unknown: 'unknown' };
 const FAULTS = { not_finite: 'not finite', implausible: 'implausible', repeated: 'repeated', out_of_order: 'out of order', clock_jump: 'clock jumps', odd_stamp: 'odd time stamps' };
 
-const get = (id) => document.getElementById(id);
-const put = (element, text) => { if (element.textContent !== text) element.textContent = text; };
 const speedText = (rpm) => (rpm === null ? '–' : `${Math.abs(rpm).toFixed(Math.abs(rpm) < 99.95 ? 1 : 0)} rpm`);
 const loadText = (load) => (load === null ? '–' : Math.abs(load) < 9999.5 ? `${load.toFixed(0)} N` : `${(load / 1000).toFixed(1)} kN`);
 
@@ -134,7 +133,6 @@ class Page {
     this.overview = new Overview((names) => { for (const [name, bearing] of this.bearings) bearing.reveal(names.has(name)); });
     this.sound = new Sound(get('sound'));
     this.replay = new ReplayBar();
-    get('local').addEventListener('change', () => { time.local = get('local').value === 'local'; keep('local', get('local').value); this.refresh(); });
     get('answer').addEventListener('click', () => { get('answer').hidden = true; });
     this.alarms = new AlarmList((...request) => this.act(...request), (text) => put(get('say-now'), text), (name) => this.bearings.get(name)?.status?.text);
     this.heardAt = Date.now();
@@ -149,11 +147,11 @@ class Page {
       monitor: (monitor) => this.believe(monitor),
       beat: (monitor) => this.believe(monitor),
     };
-    this.again = connect(({ kind, data }) => {
+    this.again = connect(({ kind, told }) => {
       if (kind === 'lost') { this.lose(); return; }
       if (kind === 'login') { location.assign('/login'); return; }
       this.heardAt = Date.now();
-      does[kind](JSON.parse(data));
+      does[kind](told);
     });
   }
 
@@ -206,6 +204,7 @@ class Page {
   }
 
   refresh() {
+    time.local = get('local').value === 'local';
     put(get('zone'), time.local ? 'Time (local)' : 'Time (UTC)');
     if (this.log) this.take({ alarms: this.record, log: this.log });
     if (time.now) this.time(time.now);
@@ -349,17 +348,15 @@ function light(paper = false) {
   page?.redraw();
 }
 
-get('who').value = recall('who') ?? '';
-get('who').addEventListener('change', (event) => keep('who', event.target.value.trim()));
+for (const [id, apply] of Object.entries({ who: () => {}, theme: () => light(), local: () => page.refresh() })) {
+  get(id).value = recall(id) ?? get(id).value;
+  get(id).addEventListener('change', () => { keep(id, get(id).value.trim()); apply(); });
+}
 get('tools').addEventListener('submit', (event) => event.preventDefault());
-get('local').value = recall('local') ?? 'utc';
-time.local = get('local').value === 'local';
-put(get('zone'), time.local ? 'Time (local)' : 'Time (UTC)');
-get('theme').value = recall('theme') ?? 'auto';
-get('theme').addEventListener('change', (event) => { keep('theme', event.target.value); light(); });
 dark.addEventListener('change', () => light());
 addEventListener('beforeprint', () => light(true));
 addEventListener('afterprint', () => light());
 light();
 get('leave').addEventListener('click', async () => { await fetch('/logout', { method: 'POST' }).catch(() => null); location.assign('/login'); });
 page = new Page();
+page.refresh();

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // A recording: hold it, go on, go to any place of it, begin again. All of it with the keyboard, too.
 
+import { get } from '/dom.js';
+
 const minutes = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, '0')}`;
 
 export class ReplayBar {
   constructor() {
-    const get = (id) => document.getElementById(id);
     [this.root, this.hold, this.again, this.place, this.told] = ['replay', 'hold', 'again', 'place', 'replay-time'].map(get);
     this.hold.addEventListener('click', () => ask(this.over ? { at: 0, paused: false } : { paused: !this.paused }));
     this.again.addEventListener('click', () => ask({ at: 0, paused: false }));

@@ -4,63 +4,57 @@
 
 const AGAIN = 2000;
 const KINDS = ['state', 'status', 'map', 'alarms', 'monitor', 'replay', 'beat'];
-const numberOf = (event) => Number(event.lastEventId.split('-').at(-1));
 
 export class Stream {
   constructor() {
-    this.tabs = new Map();
-    this.source = null;
+    this.tabs = new Set();
+    // The state, and the newest of every kind and bearing since: all that a new tab must be told.
+    this.known = new Map();
   }
 
-  /** A tab begins with all there is, read by a connection of its own that ends with it. */
   join(tell) {
-    const waiting = [];
-    this.tabs.set(tell, (message) => waiting.push(message));
-    const first = new EventSource('/events');
-    first.addEventListener('state', (event) => {
-      first.close();
-      if (!this.tabs.has(tell)) return;
-      const number = numberOf(event);
-      tell({ kind: 'state', data: event.data });
-      for (const message of waiting) if (!(message.number <= number)) tell(message);
-      this.tabs.set(tell, tell);
-      if (!this.source) this.open();
-    });
-    first.onerror = () => { first.close(); if (this.tabs.has(tell)) { tell({ kind: 'lost' }); this.retry(() => this.tabs.has(tell) && this.join(tell)); } };
+    this.tabs.add(tell);
+    for (const message of this.known.values()) tell(message);
+    if (!this.source) this.open();
   }
 
   leave(tell) {
     this.tabs.delete(tell);
-    if (!this.tabs.size) { this.source?.close(); this.source = null; }
+    if (this.tabs.size) return;
+    this.source?.close();
+    this.source = null;
+    this.known.clear();
   }
 
   open() {
     this.source?.close();
     this.source = new EventSource('/events');
-    // What came since a tab began, or while the connection was broken, is in the state.
-    for (const kind of KINDS) this.source.addEventListener(kind, (event) => this.send({ kind, data: event.data, number: numberOf(event) }));
+    for (const kind of KINDS) this.source.addEventListener(kind, (event) => this.send({ kind, told: JSON.parse(event.data) }));
     this.source.onerror = () => {
       this.send({ kind: 'lost' });
-      if (this.source?.readyState === EventSource.CLOSED) { this.source = null; this.retry(() => this.tabs.size && !this.source && this.open()); }
+      // The browser itself comes back after a broken connection, but not after a refusal.
+      if (this.source?.readyState === EventSource.CLOSED) this.retry();
     };
   }
 
-  /** The browser itself comes back after a broken connection, but not after a refusal. */
-  retry(work) {
+  retry() {
     setTimeout(async () => {
+      if (!this.tabs.size || this.source?.readyState !== EventSource.CLOSED) return;
       const answer = await fetch('/page.js', { method: 'HEAD', cache: 'no-store' }).catch(() => null);
-      if (answer?.status === 401) this.send({ kind: 'login' });
-      if (answer?.ok) work(); else this.retry(work);
+      if (answer?.status === 401) for (const tell of this.tabs) tell({ kind: 'login' });
+      if (answer?.ok) this.open(); else this.retry();
     }, AGAIN);
   }
 
   send(message) {
-    for (const take of this.tabs.values()) take(message);
+    if (['state', 'lost'].includes(message.kind)) this.known.clear();
+    this.known.set(`${message.kind} ${message.told?.bearing}`, message);
+    for (const tell of this.tabs) tell(message);
   }
 
   /** Nothing has come for long. */
   again() {
-    if (this.source) this.open();
+    if (this.source?.readyState !== EventSource.CLOSED) this.open();
   }
 }
 

@@ -21,6 +21,7 @@ import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.lab.accuracy.measurement import MethodResult, found, not_converged
+from stickslip_monitor.lab.accuracy.time_stepping import turning_points
 from stickslip_monitor.physics.averaging.boundaries import stationary_amplitudes
 from stickslip_monitor.physics.friction import Coulomb
 from stickslip_monitor.physics.oscillator import Bearing
@@ -29,7 +30,7 @@ _NEWTON, _HALVINGS, _INNER = 80, 12, 40
 _CONVERGED = 1e-11
 _SAMPLES_PER_HARMONIC, _FEWEST = 32, 256
 _LINEAR, _ROOT = 2.0, 4.0
-_FINE = 4096
+_FINE = 1024
 
 
 class _Law:
@@ -144,21 +145,15 @@ def _solved(matrix: FloatArray, value: FloatArray) -> FloatArray:
 
 
 def half_range(q: FloatArray) -> float:
-    """Half the peak-to-peak of a series, its extremes refined by Newton's method."""
+    """Half the peak-to-peak of a series."""
     n = np.arange(1, (q.size - 1) // 2 + 1)
     series = q[1::2] - 1j * q[2::2]
-
-    def derivative(order: int, phase: FloatArray) -> FloatArray:
-        waves = np.exp(1j * np.multiply.outer(phase, n))
-        return np.asarray(np.real(waves @ ((1j * n) ** order * series)))
-
-    grid = np.linspace(0.0, 2.0 * np.pi, max(_FINE, 16 * n.size), endpoint=False)
-    x = derivative(0, grid)
-    at = grid[[int(np.argmax(x)), int(np.argmin(x))]]
-    for _ in range(3):
-        bend = derivative(2, at)
-        at = at - derivative(1, at) / np.where(bend == 0.0, 1.0, bend)
-    return 0.5 * abs(float(np.diff(derivative(0, at))[0]))
+    count = max(_FINE, 16 * n.size)
+    # One phase more than a turn, so that an extreme at its end is between two.
+    phase = 2.0 * np.pi * np.arange(count + 2) / count
+    waves = np.exp(1j * np.multiply.outer(phase, n))
+    x, v, a = (np.real(waves @ ((1j * n) ** order * series)) for order in range(3))
+    return 0.5 * float(np.ptp(turning_points(x, v, a, 2.0 * np.pi / count)))
 
 
 def has_resolvent(bearing: Bearing) -> bool:

@@ -42,21 +42,6 @@ def typical_period(bearing: Bearing, speed: float, load: float) -> float:
     return 2.0 * np.pi / bearing.natural_frequency + 2.0 * max(lead, 0.0) / speed
 
 
-def run(
-    flow: Flow,
-    span: tuple[float, float],
-    start: tuple[float, float],
-    more: Sequence[Event] = (),
-    **options: Any,
-) -> Any:
-    """What ``solve_ivp`` finds from a displacement [m] and a velocity [m/s] over a span [s].
-
-    Turning points are its first event. The options are handed on.
-    """
-    solve: Any = solve_ivp
-    return solve(flow, span, list(start), events=[lambda _, y: y[1], *more], **options)
-
-
 _CYCLES = 10.0
 _WATCHED = 0.6
 _QUIET, _DECAYS = 0.5, 0.8
@@ -73,6 +58,10 @@ def scalar_law(law: FrictionLaw) -> Callable[[float], float]:
         decay, viscous = law.decay, law.viscous
         return lambda v: kinetic + gap * math.exp(min(-decay * v, _STEEPEST)) + viscous * v
     return lambda v: float(law.coefficient(v))
+
+
+def _turning(_: float, y: FloatArray) -> float:
+    return float(y[1])
 
 
 def _late_range(runs: Sequence[Any], span: float, speed: float, omega: float) -> float:
@@ -106,7 +95,9 @@ def smoothed(
         return load * math.tanh(relative / width) * law(abs(relative))
 
     flow = _flow(bearing, speed, friction)
-    way = run(flow, (0.0, span), start, method='LSODA', rtol=rtol, atol=atol)
+    way = solve_ivp(
+        flow, (0.0, span), start, method='LSODA', events=_turning, rtol=rtol, atol=atol
+    )
     if not way.success:
         return not_converged(way.nfev)
     return found(_late_range([way], span, speed, bearing.natural_frequency), way.nfev)
@@ -139,15 +130,16 @@ def switching(
     own; the longest step is in units of ``1/omega``, ``inf`` as users leave it.
     """
     omega = bearing.natural_frequency
+    method: Any
     method, rtol, atol = ('DOP853', 1e-12, 1e-15) if tight else ('RK45', 1e-3, 1e-6)
     span = _CYCLES * typical_period(bearing, speed, load)
     time, x, side = 0.0, breakaway(bearing, speed, load), 1.0
     ways: list[Any] = []
     while time < span and len(ways) < _MOST_PHASES:
-        way = run(
-            _slip_flow(side, bearing, speed, load), (time, span), (x, speed),
-            [_contact(speed, side, time + _DEAF / omega)],
-            method=method, rtol=rtol, atol=atol, max_step=longest / omega,
+        way = solve_ivp(
+            _slip_flow(side, bearing, speed, load), (time, span), (x, speed), method=method,
+            events=[_turning, _contact(speed, side, time + _DEAF / omega)],
+            rtol=rtol, atol=atol, max_step=longest / omega,
         )  # fmt: skip
         ways.append(way)
         if not way.success:

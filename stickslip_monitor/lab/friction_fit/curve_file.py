@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import FitError, plural
@@ -52,15 +51,8 @@ class FrictionCurve:
     # Standard deviation of each coefficient, of which only the ratios matter, shape (n,).
     std: FloatArray
     line: IntArray  # the line of the file that each point came from, shape (n,)
-    unit: str = 'm/s'  # the unit that the speeds were written in
-    unit_source: str = 'given'  # where that unit was found, for the user
-
-    @classmethod
-    def of(cls, speed: ArrayLike, coefficient: ArrayLike, std: ArrayLike = 1.0) -> FrictionCurve:
-        """A curve from arrays in SI; its lines are the points' numbers from 1."""
-        v, mu = np.asarray(speed, dtype=float), np.asarray(coefficient, dtype=float)
-        each = np.broadcast_to(np.asarray(std, dtype=float), mu.shape)
-        return cls(v, mu, each, np.arange(1, mu.size + 1))
+    unit: str  # the unit that the speeds were written in
+    unit_source: str  # where that unit was found, for the user
 
 
 def read_curve(

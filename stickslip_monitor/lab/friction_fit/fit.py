@@ -9,6 +9,7 @@ refusal with what is missing, or the law with warnings.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -20,12 +21,10 @@ from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.errors import FitError
 from stickslip_monitor.lab.friction_fit.curve_file import FrictionCurve
 from stickslip_monitor.lab.friction_fit.solve import (
+    PLAIN,
+    RISING,
     TUKEY,
-    Model,
     Solution,
-    coefficient_at,
-    descend,
-    rates,
     scale_floor,
     solve,
 )
@@ -65,19 +64,18 @@ class ViscousTest:
         return self.slope > 0.0 and self.p_value < VISCOUS_LEVEL
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class StribeckFit(Solution):
     """A fitted law with its uncertainty."""
 
-    law: Stribeck  # the fitted law
-    decay_interval: tuple[float, float]  # 95 % profile interval of ``decay`` [s/m]
     # The test of the viscous slope; ``None`` with too few points for it.
-    viscous_test: ViscousTest | None
+    viscous_test: ViscousTest | None = None
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """The estimated coefficients, k of ``static``, ``kinetic``, ``decay``, ``viscous``."""
-        return self.model.names
+    def law(self) -> Stribeck:
+        """The fitted law."""
+        kinetic, viscous = (max(float(value), 0.0) for value in self.values[[1, 3]])
+        return Stribeck(kinetic + self.fall, kinetic, self.decay, viscous)
 
     @property
     def estimate(self) -> FloatArray:
@@ -187,12 +185,12 @@ def fit_stribeck(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit
 
 def _fitted(curve: FrictionCurve, viscous: Viscous) -> StribeckFit:
     """The fit of a curve of sound numbers."""
-    lack = _lack_of_points(curve, Model(viscous=viscous == 'yes'))
+    lack = _lack_of_points(curve, RISING if viscous == 'yes' else PLAIN)
     if lack:
         raise FitError(lack)
     test = None
-    if not _lack_of_points(curve, Model(viscous=True)):
-        full = solve(curve, Model(viscous=True))
+    if not _lack_of_points(curve, RISING):
+        full = solve(curve, RISING)
         test = _viscous_test(full)
         if viscous == 'yes' and test.t_value < -_SIGNIFICANT:
             raise FitError(
@@ -201,41 +199,31 @@ def _fitted(curve: FrictionCurve, viscous: Viscous) -> StribeckFit:
             )
         if (viscous == 'yes' and test.slope >= 0.0) or (viscous == 'auto' and test.demands_slope):
             return _identified(full, test)
-    return _identified(solve(curve, Model(viscous=False)), test)
+    return _identified(solve(curve, PLAIN), test)
 
 
 def _identified(free: Solution, test: ViscousTest | None) -> StribeckFit:
     """The fit, if the curve identifies it."""
     _require_kept(free)
     _require_fall(free)
-    interval = free.profile_interval()
-    _require_decay(free, interval)
+    _require_decay(free)
     best = free
     if free.values[1] < 0.0:
-        best = solve(free.curve, replace(free.model, kinetic=False))
+        best = solve(free.curve, tuple(name for name in free.names if name != 'kinetic'))
         _require_kept(best)
-        interval = best.profile_interval()
     _require_distinct(best)
-    kinetic, viscous = (max(float(value), 0.0) for value in best.values[[1, 3]])
-    law = Stribeck(kinetic + best.fall, kinetic, best.decay, viscous)
-    numbers = (best.curve, best.model, best.values, best.weight, best.median_scale)
-    return StribeckFit(*numbers, law, interval, test)
+    numbers = (best.curve, best.names, best.values, best.weight, best.median_scale)
+    return StribeckFit(*numbers, test)
 
 
 def _viscous_test(full: Solution) -> ViscousTest:
     """Compare with the best plain law at the weights of the full one."""
-    curve, plain = full.curve, replace(full, model=replace(full.model, viscous=False))
-    rate = rates(curve)
-    best = rate[int(np.argmin(plain.profile(rate)))]
-    start = np.array([full.values[0], full.values[1], math.log(best / np.ptp(curve.speed)), 0.0])
-    root = np.sqrt(full.weight)
-    values = descend(curve, plain.model, start, root / full.median_scale)
-    residual = curve.coefficient - coefficient_at(curve, values)
-    gain = max(float(np.sum(full.row_weight * residual**2)) - full.squares, 0.0)
+    plain = replace(full, names=PLAIN).started().descended()
+    gain = max(plain.squares - full.squares, 0.0)
     f_value, error = gain / full.variance, math.sqrt(full.covariance[3, 3])
     p_value = float(stats.f.sf(f_value, 1.0, max(full.degrees_of_freedom, 1.0)))
     count = float(full.weight.sum())
-    floor = count * scale_floor(curve) ** 2
+    floor = count * scale_floor(full.curve) ** 2
     lower = count * math.log(max(full.squares + gain, floor) / max(full.squares, floor))
     # What the corrected Akaike criterion asks for a law of k coefficients and a scatter.
     with_slope, without = (2.0 * k * count / max(count - k - 1.0, 1e-9) for k in (5, 4))
@@ -281,10 +269,10 @@ def _questions(curve: FrictionCurve) -> list[str]:
     return found
 
 
-def _lack_of_points(curve: FrictionCurve, model: Model) -> str:
+def _lack_of_points(curve: FrictionCurve, names: Sequence[str]) -> str:
     """Whether there are too few points or too few different speeds, as a sentence."""
-    n, k = curve.speed.size, model.size
-    coefficients = f'{k} coefficients ({", ".join(model.names)})'
+    n, k = curve.speed.size, len(names)
+    coefficients = f'{k} coefficients ({", ".join(names)})'
     if n < k + SPARE_POINTS:
         return (
             f'points = {n} must be at least {k + SPARE_POINTS}: {coefficients} and'
@@ -296,7 +284,7 @@ def _lack_of_points(curve: FrictionCurve, model: Model) -> str:
 
 def _require_kept(solution: Solution) -> None:
     """Refuse a curve most of which was set aside as outliers."""
-    kept, least = int(np.sum(solution.weight > 0.0)), solution.model.size + SPARE_POINTS
+    kept, least = int(np.sum(solution.weight > 0.0)), len(solution.names) + SPARE_POINTS
     if kept < least:
         raise FitError(
             f'points on one curve = {kept} must be at least {least}: the other'
@@ -312,9 +300,8 @@ def _require_fall(solution: Solution) -> None:
             f'static - kinetic = {solution.fall:.3g} must be above 0: the curve has no falling'
             ' part that levels off, as the Stribeck law has'
         )
-    straight = replace(solution.model, kinetic=False)
     constant = np.ones((1, solution.weight.size, 1))
-    if straight.viscous:
+    if 'viscous' in solution.names:
         constant = np.concatenate([constant, solution.curve.speed[None, :, None]], axis=2)
     gain = solution.least_squares_of(constant)[0] - solution.squares
     f_value = gain / 2.0 / solution.variance
@@ -326,9 +313,9 @@ def _require_fall(solution: Solution) -> None:
         )
 
 
-def _require_decay(solution: Solution, interval: tuple[float, float]) -> None:
+def _require_decay(solution: Solution) -> None:
     """Refuse speeds that do not hold the decay between them."""
-    low, high = interval
+    low, high = solution.decay_interval
     slowest, fastest = solution.curve.speed.min(), solution.curve.speed.max()
     if not math.isfinite(high):
         raise FitError(
@@ -361,7 +348,7 @@ def _require_distinct(solution: Solution) -> None:
     correlation = np.abs(_correlation(covariance)) - np.eye(len(covariance))
     i, j = np.unravel_index(int(np.argmax(correlation)), correlation.shape)
     if correlation[i, j] > MOST_CORRELATION:
-        names = solution.model.names
+        names = solution.names
         raise FitError(
             f'correlation of {names[i]} and {names[j]} = {correlation[i, j]:.6f} must not be above'
             f' {MOST_CORRELATION:g}: the curve knows only a combination of the two'

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
+from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes import telemetry
 from stickslip_monitor.lab.scenes.profile import Profile
@@ -80,6 +80,11 @@ class FrictionCourse:
 # A single stick, after a knock or as the shaft breaks away, is no oscillation.
 LEAST_STICKS = 2
 
+Change = tuple[float, bool, bool]
+"""When the lining began to stick (True) or ceased to (False), and, before those of the same time,
+when the shaft came to rest (True) or began to turn (False): time [s], whether it is the lining's,
+and which."""
+
 
 @dataclass(frozen=True, slots=True)
 class EpisodeEvent:
@@ -90,27 +95,6 @@ class EpisodeEvent:
     time: float  # when it was [s]
     sticks: int  # stretches of sticking up to then
     sticking: float  # time of sticking in them [s]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Walk:
-    """How the lining moved over a stretch of time."""
-
-    end: float  # where it ends [s]
-    time: FloatArray  # times of the samples asked for, shape (n,) [s]
-    displacement: FloatArray  # shape (n,) [m]
-    velocity: FloatArray  # shape (n,) [m/s]
-    acceleration: FloatArray  # shape (n,) [m/s^2]
-    sticking: BoolArray  # whether it sticks, shape (n,)
-    # When it began to stick (True) or ceased to (False), and, before those of the same time,
-    # when the shaft came to rest (True) or began to turn (False): time [s], whether it is the
-    # lining's, and which.
-    changes: list[tuple[float, bool, bool]]
-
-    def at(self, own: IndexArray) -> Walk:
-        """The same with some of the samples."""
-        names = ('time', 'displacement', 'velocity', 'acceleration', 'sticking')
-        return replace(self, **{name: getattr(self, name)[own] for name in names})
 
 
 class Episodes:
@@ -130,11 +114,13 @@ class Episodes:
         self._sticking = 0.0
         self._open: float | None = None
 
-    def see(self, walk: Walk) -> tuple[list[tuple[float, float]], list[EpisodeEvent]]:
+    def see(
+        self, changes: Sequence[Change], end: float
+    ) -> tuple[list[tuple[float, float]], list[EpisodeEvent]]:
         """Ends and durations [s] of the sticks that ended in a stretch, and its events."""
         ended: list[tuple[float, float]] = []
         events: list[EpisodeEvent] = []
-        for time, is_stick, now in walk.changes:
+        for time, is_stick, now in changes:
             if is_stick and now:
                 self.since = time
                 events += [] if self._resting else self.stick(time)
@@ -146,7 +132,7 @@ class Episodes:
                 self._resting = now
                 if now:
                     self.release(time)
-        return ended, events + self.passed(walk.end)
+        return ended, events + self.passed(end)
 
     def stick(self, time: float) -> list[EpisodeEvent]:
         """A stick begins while the shaft turns."""
@@ -182,58 +168,47 @@ PERIODS = 4
 _STEPS = 16 * PERIODS
 
 
-class Instants:
-    """The instants ``k / rate`` of a scene of some duration [s], handed out in order.
+class Samples:
+    """The motion at the instants ``k / rate`` of a scene of some duration [s], in order.
 
-    Or the times ``before`` each of them, falling to 0, shape (n,) [s], where they do not overlap.
+    With a natural period [s], it is the motion in a window of :data:`PERIODS` before each of them
+    but the first, which must not overlap.
     """
 
-    def __init__(self, rate: float, duration: float, before: FloatArray | None = None) -> None:
-        self._rate = rate
-        self._count = telemetry.count(rate, duration)
-        self._before = np.zeros(1) if before is None else before
-        # The times before the scene's start are not there.
-        self.next = 0 if before is None else before.size
+    def __init__(self, rate: float, duration: float, period: float = 0.0) -> None:
+        self._rate, self._count = rate, telemetry.count(rate, duration)
+        self.step = PERIODS * period / _STEPS
+        self._before = np.arange(_STEPS if period else 0, -1, -1) * self.step
+        # A window before the scene's start is not there.
+        self._next = 1 if period else 0
+        self._asked = self._next * self._before.size
+        self._kept = np.empty((4, 0))
 
     def until(self, end: float) -> FloatArray:
-        """The next instants, up to and with ``end`` [s]."""
+        """The next times to sample the motion at, up to and with ``end`` [s]."""
         size = self._before.size
         last = min(self._count, math.floor((end + self._before[0]) * self._rate) + 2)
-        number, place = np.divmod(np.arange(self.next, max(last * size, self.next)), size)
+        number, place = np.divmod(np.arange(self._asked, max(last * size, self._asked)), size)
         time = number / self._rate - self._before[place]
         time = time[: np.searchsorted(time, end, 'right')]
-        self.next += time.size
+        self._asked += time.size
         return time
 
+    def add(self, motion: FloatArray) -> None:
+        """Add the motion at the times handed out last, as of :meth:`Lining.follow`."""
+        self._kept = np.concatenate([self._kept, motion], axis=1)
 
-class AmplitudeWindows:
-    """The amplitude of a motion in a short window before each instant ``k / rate``, ``k > 0``.
+    def due(self, end: float = math.inf) -> tuple[FloatArray, FloatArray]:
+        """Take what is complete before ``end`` [s]: m instants [s], and the motion at each.
 
-    Windows of :data:`PERIODS` must not overlap; period and duration are in s.
-    """
-
-    def __init__(self, rate: float, period: float, duration: float) -> None:
-        self._rate, self._step = rate, PERIODS * period / _STEPS
-        before = np.arange(_STEPS, -1, -1).astype(float) * self._step
-        self.instants = Instants(rate, duration, before)
-        self._kept = np.empty((2, 0))
-
-    def amplitudes(
-        self, displacement: FloatArray, velocity: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Half the peak to peak of each window that is now complete, shape (m,) [m].
-
-        Takes displacement and velocity at the instants handed out last, and gives the instants at
-        the windows' ends [s] with the amplitudes.
+        The motion is of shape (4, m, samples in a window).
         """
-        kept = np.concatenate([self._kept, [displacement, velocity]], axis=1)
-        begin = self.instants.next - kept.shape[1]
-        whole = kept.shape[1] // (_STEPS + 1)
-        cut = whole * (_STEPS + 1)
-        self._kept = kept[:, cut:]
-        x, v = kept[:, :cut].reshape(2, whole, _STEPS + 1)
-        numbers = begin // (_STEPS + 1) + np.arange(whole)
-        return numbers / self._rate, half_peak_to_peak(x, v, self._step)
+        size = self._before.size
+        time = (self._next + np.arange(self._kept.shape[1] // size)) / self._rate
+        time = time[: np.searchsorted(time, end, 'left')]
+        taken, self._kept = np.split(self._kept, [time.size * size], axis=1)
+        self._next += time.size
+        return time, taken.reshape(4, time.size, size)
 
 
 def half_peak_to_peak(x: FloatArray, v: FloatArray, step: float) -> FloatArray:
@@ -303,26 +278,27 @@ class Lining:
         """Where a stretch ends that must reach ``end``: at the end of a piece [s]."""
         return min(math.ceil(end * self.rate) / self.rate, self._duration)
 
-    def follow(self, end: float, times: FloatArray) -> Walk:
+    def follow(self, end: float, times: FloatArray) -> tuple[FloatArray, list[Change]]:
         """Follow the lining to a later time, as :meth:`next_end` says [s].
 
-        It is sampled at times that do not fall, after the last end and up to this one [s].
+        It is sampled at n times that do not fall, after the last end and up to this one [s].
+
+        Returns:
+            Displacement, velocity and acceleration in SI units and whether it sticks, shape
+            (4, n), and the changes in their order.
         """
         nodes = self._extend(end)
-        motions: list[Motion] = []
-        sticks: list[tuple[float, bool, bool]] = []
+        sampled: list[FloatArray] = []
+        sticks: list[Change] = []
+        taken = 0
         for low, high in self._stretches(nodes):
-            taken = sum(motion.time.size for motion in motions)
             upto = int(np.searchsorted(times, nodes[0, high], 'right'))
             motion = self._integrate(nodes[:, low : high + 1], times[taken:upto])
+            columns = motion.displacement, motion.velocity, motion.acceleration, motion.sticking
+            sampled.append(np.array(columns, float))
             sticks += self._changes(motion)
-            motions.append(motion)
-        sampled = {
-            name: np.concatenate([getattr(motion, name) for motion in motions])
-            for name in ('displacement', 'velocity', 'acceleration', 'sticking')
-        }
-        changes = list(heapq.merge(self._rests(nodes), sticks))
-        return Walk(end, times, changes=changes, **sampled)
+            taken = upto
+        return np.concatenate(sampled, axis=1), list(heapq.merge(self._rests(nodes), sticks))
 
     def _start(self) -> MotionState:
         _, speed, load = self._nodes[:, 0].tolist()
@@ -381,7 +357,7 @@ class Lining:
         self._state = motion.final
         return motion
 
-    def _changes(self, motion: Motion) -> list[tuple[float, bool, bool]]:
+    def _changes(self, motion: Motion) -> list[Change]:
         """Where sticking begins and ends, at knocks and changes of the law too."""
         found = []
         starts = motion.start.phase is Phase.STICK
@@ -396,7 +372,7 @@ class Lining:
         self._sticking = motion.final.phase is Phase.STICK
         return found
 
-    def _rests(self, nodes: FloatArray) -> list[tuple[float, bool, bool]]:
+    def _rests(self, nodes: FloatArray) -> list[Change]:
         resting = np.abs(nodes[1]) < max(self.config.speed.deadband, np.finfo(float).tiny)
         change = np.flatnonzero(resting != np.append(self._resting, resting[:-1]))
         self._resting = bool(resting[-1])

@@ -282,7 +282,8 @@ def _measured(scene: Scene, run: SceneRun, channel: Channel, start: float, end: 
     sensor = run.sensors.get(channel.topic)
     value = sensor.read(span) if sensor else run.shaft.value(channel.topic, time)
     _check_range(channel, time, value)
-    return Signal(channel, time, stamp_ns, value, stamp_ns.copy() if channel.is_stamped else None)
+    arrival_ns = stamp_ns.copy() if channel.is_stamped else None
+    return Signal(channel, time, stamp_ns, value, np.ones_like(numbers), arrival_ns)
 
 
 def _check_range(channel: Channel, time: FloatArray, value: FloatArray) -> None:

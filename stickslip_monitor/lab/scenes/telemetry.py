@@ -125,10 +125,6 @@ class Channel:
         diameter = {b.name: b.bearing.journal_diameter for b in self.bearings}
         return diameter[bearing] / self.bearings[0].bearing.journal_diameter
 
-    def raw(self, si: FloatArray) -> FloatArray:
-        """The numbers the sensor sends for SI values: the inverse of what the monitor does."""
-        return (si / self.input.factor - self.input.offset) / self.input.scale
-
 
 @dataclass(slots=True, eq=False)
 class Signal:
@@ -138,30 +134,22 @@ class Signal:
     time: FloatArray  # true instants of measurement since the scene's start, shape (n,) [s]
     stamp_ns: IntArray  # time stamps by the sensor's clock, shape (n,) [ns]
     value: FloatArray  # surface speed [m/s] or load [N], shape (n,)
+    copies: IntArray  # how often each is recorded, shape (n,)
     # When the recorder gets each message, by its own clock, shape (n,) [ns]; None where
     # messages have no stamp of their own, and the recorder's is all there is.
     arrival_ns: IntArray | None = None
-    copies: IntArray | None = None  # how often each is recorded, shape (n,); None: once
-
-    @property
-    def raw(self) -> FloatArray:
-        """The numbers the sensor sends, shape (n,)."""
-        return self.channel.raw(self.value)
-
-    def counted(self) -> IntArray:
-        """How often each is recorded, to be changed in place."""
-        if self.copies is None:
-            self.copies = np.ones(self.time.size, np.int64)
-        return self.copies
 
     def messages(self) -> Messages:
         """What the recorder writes."""
-        log_time = self.stamp_ns if self.arrival_ns is None else self.arrival_ns
-        stamp = None if self.arrival_ns is None else self.stamp_ns
-        if self.copies is None:
-            return Messages(log_time, stamp, self.raw)
-        log_time, raw = np.repeat(log_time, self.copies), np.repeat(self.raw, self.copies)
-        return Messages(log_time, None if stamp is None else np.repeat(stamp, self.copies), raw)
+        stamp, raw = np.repeat(self.stamp_ns, self.copies), np.repeat(self._raw(), self.copies)
+        if self.arrival_ns is None:
+            return Messages(stamp, None, raw)
+        return Messages(np.repeat(self.arrival_ns, self.copies), stamp, raw)
+
+    def _raw(self) -> FloatArray:
+        """The numbers the sensor sends for SI values: the inverse of what the monitor does."""
+        source = self.channel.input
+        return (self.value / source.factor - source.offset) / source.scale
 
 
 @dataclass(frozen=True, slots=True, eq=False)

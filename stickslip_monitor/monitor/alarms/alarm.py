@@ -245,8 +245,6 @@ _HELD = (('held', AlarmState.RETURNED),)
 _BACK = ((ALWAYS, AlarmState.NORMAL),)
 _COME = (('covered', AlarmState.ACKNOWLEDGED), (ALWAYS, AlarmState.UNACKNOWLEDGED))
 _DONE = (('held', AlarmState.LATCHED), (ALWAYS, AlarmState.NORMAL))
-_SHELF = ((ALWAYS, AlarmState.SHELVED),)
-_AWAY = ((ALWAYS, AlarmState.OUT_OF_SERVICE),)
 
 # State and trigger lead to the first choice whose fact holds. What is not in the table does not
 # change the state, and a person's action that is not in it is refused.
@@ -256,12 +254,8 @@ _AWAY = ((ALWAYS, AlarmState.OUT_OF_SERVICE),)
 TABLE: dict[tuple[AlarmState, Trigger], tuple[Choice, ...]] = {
     (AlarmState.NORMAL, Trigger.RAISE): _COME,
     (AlarmState.NORMAL, Trigger.SUPPRESS): ((ALWAYS, AlarmState.SUPPRESSED),),
-    (AlarmState.NORMAL, Trigger.SHELVE): _SHELF,
-    (AlarmState.NORMAL, Trigger.REMOVE): _AWAY,
     (AlarmState.UNACKNOWLEDGED, Trigger.CLEAR): ((ALWAYS, AlarmState.RETURNED),),
     (AlarmState.UNACKNOWLEDGED, Trigger.ACKNOWLEDGE): ((ALWAYS, AlarmState.ACKNOWLEDGED),),
-    (AlarmState.UNACKNOWLEDGED, Trigger.SHELVE): _SHELF,
-    (AlarmState.UNACKNOWLEDGED, Trigger.REMOVE): _AWAY,
     (AlarmState.ACKNOWLEDGED, Trigger.RECUR): (
         ('suppressed', AlarmState.ACKNOWLEDGED),
         ('active', AlarmState.UNACKNOWLEDGED),
@@ -271,26 +265,29 @@ TABLE: dict[tuple[AlarmState, Trigger], tuple[Choice, ...]] = {
         ('held', AlarmState.ACKNOWLEDGED),
         (ALWAYS, AlarmState.SUPPRESSED),
     ),
-    (AlarmState.ACKNOWLEDGED, Trigger.SHELVE): _SHELF,
-    (AlarmState.ACKNOWLEDGED, Trigger.REMOVE): _AWAY,
     (AlarmState.RETURNED, Trigger.RAISE): (
         ('suppressed', AlarmState.RETURNED),
         (ALWAYS, AlarmState.UNACKNOWLEDGED),
     ),
     (AlarmState.RETURNED, Trigger.UNSUPPRESS): (('active', AlarmState.UNACKNOWLEDGED),),
     (AlarmState.RETURNED, Trigger.ACKNOWLEDGE): _DONE,
-    (AlarmState.RETURNED, Trigger.SHELVE): _SHELF,
-    (AlarmState.RETURNED, Trigger.REMOVE): _AWAY,
     (AlarmState.LATCHED, Trigger.RAISE): (('suppressed', AlarmState.LATCHED), *_COME),
     (AlarmState.LATCHED, Trigger.UNSUPPRESS): _AGAIN,
     (AlarmState.LATCHED, Trigger.RESET): _BACK,
-    (AlarmState.LATCHED, Trigger.REMOVE): _AWAY,
     (AlarmState.SHELVED, Trigger.UNSHELVE): (*_ASIDE, *_AGAIN, *_HELD, *_BACK),
-    (AlarmState.SHELVED, Trigger.REMOVE): _AWAY,
     (AlarmState.SUPPRESSED, Trigger.UNSUPPRESS): (*_AGAIN, *_BACK),
-    (AlarmState.SUPPRESSED, Trigger.SHELVE): _SHELF,
-    (AlarmState.SUPPRESSED, Trigger.REMOVE): _AWAY,
     (AlarmState.OUT_OF_SERVICE, Trigger.RESTORE): (*_ASIDE, *_AGAIN, *_BACK),
+    # What can be shelved, and taken out of service.
+    **{
+        (state, Trigger.SHELVE): ((ALWAYS, AlarmState.SHELVED),)
+        for state in AlarmState
+        if state not in (AlarmState.LATCHED, AlarmState.SHELVED, AlarmState.OUT_OF_SERVICE)
+    },
+    **{
+        (state, Trigger.REMOVE): ((ALWAYS, AlarmState.OUT_OF_SERVICE),)
+        for state in AlarmState
+        if state is not AlarmState.OUT_OF_SERVICE
+    },
 }
 
 

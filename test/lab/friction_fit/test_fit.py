@@ -28,11 +28,18 @@ SPEED = np.linspace(0.0, 0.5, 26)
 SCATTER = 0.003
 
 
+def curve_of(speed: Array, coefficient: Array, std: Array | None = None) -> FrictionCurve:
+    """A curve of points in SI, whose lines are their numbers from 1."""
+    each = np.ones(coefficient.shape) if std is None else std
+    lines = np.arange(1, coefficient.size + 1)
+    return FrictionCurve(speed, coefficient, each, lines, 'm/s', 'given')
+
+
 def _noisy(
     law: Stribeck = LAW, speed: Array = SPEED, scatter: float = SCATTER, seed: int = 1
 ) -> FrictionCurve:
     noise = np.random.default_rng(seed).standard_normal(speed.size)
-    return FrictionCurve.of(speed, law.coefficient(speed) + scatter * noise)
+    return curve_of(speed, law.coefficient(speed) + scatter * noise)
 
 
 @cache
@@ -87,7 +94,7 @@ def _near(fit: StribeckFit, law: Stribeck, relative: float) -> None:
 def test_exact_data_give_the_law_back(decay: float, slope: float, viscous: Viscous) -> None:
     law = Stribeck(0.35, 0.08, decay, slope)
     speed = np.concatenate([[0.0], np.geomspace(0.02, 6.0, 15)]) / decay
-    fit = fit_stribeck(FrictionCurve.of(speed, law.coefficient(speed)), viscous)
+    fit = fit_stribeck(curve_of(speed, law.coefficient(speed)), viscous)
     _near(fit, law, 1e-10)
     assert fit.outliers.size == 0
 
@@ -141,7 +148,7 @@ def test_outliers_move_the_estimate_by_less_than_its_standard_errors() -> None:
         bad = 2 + random.choice(mu.size - 2, mu.size // 5, replace=False)
         off = random.choice([-1.0, 1.0], bad.size) * random.uniform(10.0, 30.0, bad.size)
         mu[bad] += SCATTER * off
-        fit = fit_stribeck(FrictionCurve.of(SPEED, mu), 'no')
+        fit = fit_stribeck(curve_of(SPEED, mu), 'no')
         assert set(bad) <= set(fit.outliers)
         moves.append((fit.estimate - before.estimate) / before.standard_error)
     assert np.median(np.abs(moves)) < 0.6
@@ -177,7 +184,7 @@ def test_order_and_units_do_not_matter() -> None:
     fit = fit_stribeck(dataclasses.replace(curve, std=std), 'no')
     order = np.random.default_rng(0).permutation(SPEED.size)
     columns = (1e-6 * curve.speed, 1e4 * curve.coefficient, 50.0 * std)
-    other = fit_stribeck(FrictionCurve.of(*(column[order] for column in columns)), 'no')
+    other = fit_stribeck(curve_of(*(column[order] for column in columns)), 'no')
     scaled = np.array([1e4, 1e4, 1e6])
     np.testing.assert_allclose(other.estimate, fit.estimate * scaled, rtol=1e-7)
     np.testing.assert_allclose(other.intervals, fit.intervals * scaled[:, None], rtol=1e-6)
@@ -248,14 +255,14 @@ def test_a_curve_that_cannot_identify_the_law_is_refused(
     speed: Array, coefficient: Array, viscous: Viscous, words: str
 ) -> None:
     with pytest.raises(FitError) as caught:
-        fit_stribeck(FrictionCurve.of(speed, coefficient), viscous)
+        fit_stribeck(curve_of(speed, coefficient), viscous)
     assert words in str(caught.value)
     assert '\n' not in str(caught.value)
 
 
 def test_a_level_below_zero_is_held_at_zero() -> None:
     mu = Stribeck(0.2, 0.0, 8.0).coefficient(SPEED) - 0.003 + 0.002 * NOISE
-    fit = fit_stribeck(FrictionCurve.of(SPEED, mu))
+    fit = fit_stribeck(curve_of(SPEED, mu))
     assert fit.names == ('static', 'decay')
     assert fit.law.kinetic == 0.0
     found, _ = curve_fit(
@@ -274,7 +281,7 @@ def test_warnings_name_what_is_weak() -> None:
     assert text.startswith('the point of line 1, 0 m/s, is not checked by any other')
     mu = _noisy().coefficient
     mu[[3, 7, 11, 15, 19, 23]] += 0.1
-    (text,) = fit_stribeck(FrictionCurve.of(SPEED, mu), 'no').warnings
+    (text,) = fit_stribeck(curve_of(SPEED, mu), 'no').warnings
     assert text.startswith('23% of the points count less than half')
 
 
@@ -299,7 +306,7 @@ def test_another_shape_is_named(
 ) -> None:
     speed = np.linspace(0.0, 0.5, points)
     noise = np.random.default_rng(2).standard_normal(speed.size)
-    fit = fit_stribeck(FrictionCurve.of(speed, shape(speed) + scatter * noise))
+    fit = fit_stribeck(curve_of(speed, shape(speed) + scatter * noise))
     assert any('has another shape' in text for text in fit.warnings) == named
 
 
@@ -438,17 +445,17 @@ def test_a_number_that_is_none_is_named(column: int, value: float) -> None:
     columns[column][3] = value
     name = ('speed', 'coefficient', 'std')[column]
     with pytest.raises(FitError, match=f'line 4: {name} = .* must be a number from'):
-        fit_stribeck(FrictionCurve.of(*columns))
+        fit_stribeck(curve_of(*columns))
 
 
 def test_numbers_that_look_like_another_unit_get_a_question() -> None:
     v = np.linspace(0.0, 1.0, 30)
     mu = 0.1 + 0.2 * np.exp(-10.0 * v)
-    assert not fit_stribeck(FrictionCurve.of(v, mu)).warnings
-    (percent,) = fit_stribeck(FrictionCurve.of(v, 100.0 * mu)).warnings
+    assert not fit_stribeck(curve_of(v, mu)).warnings
+    (percent,) = fit_stribeck(curve_of(v, 100.0 * mu)).warnings
     assert percent.endswith('is it in percent, 30 for 0.30?')
-    (rpm,) = fit_stribeck(FrictionCurve.of(190.0 * v, mu)).warnings
+    (rpm,) = fit_stribeck(curve_of(190.0 * v, mu)).warnings
     assert rpm.endswith('is it in rpm (--speed-unit rpm)?')
     # A refusal asks too: the unit may be its cause.
     with pytest.raises(FitError, match=r'is it in percent, 30 for 0\.30\?'):
-        fit_stribeck(FrictionCurve.of(v, np.full(30, 30.0)))
+        fit_stribeck(curve_of(v, np.full(30, 30.0)))

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 
 from stickslip_monitor.lab.scenes.lining import (
-    AmplitudeWindows,
     EpisodeEvent,
     Episodes,
+    Samples,
     half_peak_to_peak,
     parameters_of,
     with_parameters,
@@ -236,12 +236,14 @@ PERIOD = 0.03
 
 def test_windows_give_the_amplitude_of_a_motion_that_grows() -> None:
     """``x = e t + A exp(t/5) sin(omega t)``: half the peak to peak over the last four periods."""
-    omega, windows = 2.0 * np.pi / PERIOD, AmplitudeWindows(2.0, PERIOD, 10.0)
-    t = windows.instants.until(10.0)
+    omega, windows = 2.0 * np.pi / PERIOD, Samples(2.0, 10.0, PERIOD)
+    t = windows.until(10.0)
     grown = 1e-3 * np.exp(t / 5.0)
     x = 1e-6 * t + grown * np.sin(omega * t)
     v = 1e-6 + grown * (np.sin(omega * t) / 5.0 + omega * np.cos(omega * t))
-    time, amplitude = windows.amplitudes(x, v)
+    windows.add(np.stack([x, v, x, v]))
+    time, motion = windows.due()
+    amplitude = half_peak_to_peak(motion[0], motion[1], windows.step)
     assert np.array_equal(time, np.arange(1, 21) / 2.0)
     # The last maximum and minimum lie within the last period.
     assert amplitude == pytest.approx(1e-3 * np.exp((time - 0.5 * PERIOD) / 5.0), rel=4e-3)

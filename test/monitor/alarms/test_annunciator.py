@@ -16,7 +16,7 @@ from stickslip_monitor.monitor.alarms.alarm_records import alarms_record
 from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange, Annunciator
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.signals import Status
-from stickslip_monitor.monitor.verdict import QUIET, Event, Verdict
+from stickslip_monitor.monitor.verdict import Event, Verdict
 
 Configure = Callable[..., MonitorConfig]
 SECOND = 10**9
@@ -63,7 +63,7 @@ class Panel:
             speed = self.config.bearing.speed.to_surface(rpm, 'rpm')
             self._points[rpm] = assess(self.config.bearing, speed, 1000.0)
         point = self._points[rpm]
-        verdict = Verdict('aft', self.stamp, QUIET, lambda: point, point.speed, point.load)
+        verdict = Verdict('aft', self.stamp, lambda: point, point.speed, point.load)
         self.log += self.alarms.take_verdict(verdict)
         return self
 

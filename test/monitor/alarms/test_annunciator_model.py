@@ -32,7 +32,7 @@ from stickslip_monitor.monitor.alarms.annunciator import (
 )
 from stickslip_monitor.monitor.ladder import LADDER, Condition
 from stickslip_monitor.monitor.signals import Status
-from stickslip_monitor.monitor.verdict import QUIET, Event, Verdict
+from stickslip_monitor.monitor.verdict import Event, Verdict
 
 SECOND = 10**9
 WAITING = {AlarmState.UNACKNOWLEDGED, AlarmState.RETURNED}
@@ -121,7 +121,7 @@ class Life(RuleBasedStateMachine):
     @rule(turning=st.integers(0, 1))
     def operating_point(self, turning: int) -> None:
         point = self.points[turning]
-        verdict = Verdict('b', self.now, QUIET, lambda: point, point.speed, point.load)
+        verdict = Verdict('b', self.now, lambda: point, point.speed, point.load)
         self.heard(self.annunciator.take_verdict(verdict))
 
     @rule(

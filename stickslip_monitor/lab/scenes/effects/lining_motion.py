@@ -16,13 +16,14 @@ amplitude of the last four periods, as displacement, velocity or acceleration.
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError, SceneError
@@ -30,12 +31,11 @@ from stickslip_monitor.lab.scenes.effects.effect import UNITS, SceneRun, effect
 from stickslip_monitor.lab.scenes.lining import (
     PERIODS,
     STEP,
-    AmplitudeWindows,
     Episodes,
     FrictionCourse,
-    Instants,
     Lining,
-    Walk,
+    Samples,
+    half_peak_to_peak,
     parameters_of,
     with_parameters,
 )
@@ -119,8 +119,9 @@ _HIGHEST_MOTION_RATE = 100_000.0
 # Natural periods without a stick after which an episode is over: longer than a ring-down, and than
 # the ripple of the blades takes to stop sticking and to let it begin again.
 _GAP = 50.0
-_DTYPES = {FLOAT64: np.float64, BOOL: np.bool_, STRING: np.object_}
-_MOTION = ('displacement', 'velocity', 'acceleration', 'sticking')
+_MOTION = ('displacement', 'velocity', 'acceleration')
+Take = Callable[[TimeBlock, FloatArray, FloatArray], None]
+"""Takes what is due in a block: times [s] and values."""
 LEVEL_FACTORS = {'um': (0, 1e6), 'mm/s': (1, 1e3), 'm/s^2': (2, 1.0), 'g': (2, 1.0 / 9.80665)}
 """Of each unit of a level the power of the frequency, and how many make an SI unit."""
 
@@ -198,27 +199,6 @@ def _level_channel(run: SceneRun, config: BearingConfig, most: float) -> Channel
     return channel
 
 
-class Pending:
-    """Messages of one topic that are known and not yet due; times do not fall."""
-
-    def __init__(self, name: str, kind: str) -> None:
-        self._name, self._kind = name, kind
-        self._time: FloatArray = np.empty(0)
-        self._values: NDArray[Any] = np.empty(0, _DTYPES[kind])
-
-    def add(self, time: ArrayLike, values: Any) -> None:
-        """Add messages: times [s] and values, shape (n,)."""
-        self._time = np.append(self._time, time)
-        self._values = np.append(self._values, np.asarray(values, self._values.dtype))
-
-    def due(self, end: float, last: bool) -> Column:
-        """Take what falls before ``end`` [s], or all that there is."""
-        count = self._time.size if last else int(np.searchsorted(self._time, end, 'left'))
-        column = Column(self._name, self._kind, self._time[:count], self._values[:count])
-        self._time, self._values = self._time[count:], self._values[count:]
-        return column
-
-
 class FollowedLining:
     """One bearing: its lining, followed block by block, and what is recorded of it."""
 
@@ -226,57 +206,55 @@ class FollowedLining:
         self.lining, self._run = lining, run
         self.period = 2.0 * math.pi / lining.config.bearing.natural_frequency
         self._episodes = Episodes(_GAP * self.period)
-        self._asked: list[tuple[Instants, Callable[[Walk], None]]] = []
-        self._pending: dict[str, Pending] = {}
-        self._send_level: Callable[[TimeBlock], None] | None = None
-        self._record('stick', FLOAT64)
-        self._record('events', STRING)
+        # What is sampled, and what becomes of it in the block in which it is due.
+        self._asked: list[tuple[Samples, Take]] = []
+        # What is known and not yet due, by time [s].
+        self._sticks: list[tuple[float, float]] = []
+        self._events: list[tuple[float, str]] = []
         self._event(0.0, 'start', 0.0)
-
-    def _record(self, name: str, kind: str) -> Pending:
-        self._pending[name] = Pending(topic(self.lining.config.name, name), kind)
-        return self._pending[name]
 
     def ask_amplitude(self, rate: float) -> None:
         """Record the amplitude at a rate [Hz]."""
-        self._take_amplitudes(rate, self._record('amplitude', FLOAT64), 1.0)
 
-    def _take_amplitudes(self, rate: float, pending: Pending, scale: float) -> None:
-        windows = AmplitudeWindows(rate, self.period, self._run.duration)
+        def record(block: TimeBlock, time: FloatArray, amplitude: FloatArray) -> None:
+            block.truth.append(self._column('amplitude', FLOAT64, time, amplitude))
 
-        def take(walk: Walk) -> None:
-            at, found = windows.amplitudes(walk.displacement, walk.velocity)
-            pending.add(at, np.round(found, _PLACES) * scale)
-
-        self._asked.append((windows.instants, take))
+        self._ask_amplitude(rate, record)
 
     def ask_motion(self, rate: float) -> None:
         """Record the motion at a rate [Hz]."""
-        kinds = {name: BOOL if name == 'sticking' else FLOAT64 for name in _MOTION}
-        pending = {name: self._record(name, kind) for name, kind in kinds.items()}
 
-        def take(walk: Walk) -> None:
-            for name, own in pending.items():
-                own.add(walk.time, getattr(walk, name))
+        def record(block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
+            for name, values in zip(_MOTION, motion[:3, :, 0], strict=True):
+                block.truth.append(self._column(name, FLOAT64, time, values))
+            sticking = motion[3, :, 0].astype(np.bool_)
+            block.truth.append(self._column('sticking', BOOL, time, sticking))
 
-        self._asked.append((Instants(rate, self._run.duration), take))
+        self._asked.append((Samples(rate, self._run.duration), record))
 
     def ask_level(self, channel: Channel) -> None:
         """Add to the level that is sent the RMS value of a harmonic motion of the amplitude."""
-        pending, bearing = Pending('level', FLOAT64), self.lining.config.bearing
         power, factor = LEVEL_FACTORS[channel.input.unit]
-        scale = bearing.natural_frequency**power * factor * math.sqrt(0.5)
-        self._take_amplitudes(channel.rate, pending, scale)
+        frequency = self.lining.config.bearing.natural_frequency
+        scale = frequency**power * factor * math.sqrt(0.5)
 
-        def send(block: TimeBlock) -> None:
-            found = pending.due(block.end, block.end == block.duration)
+        def send(block: TimeBlock, time: FloatArray, amplitude: FloatArray) -> None:
             signal = block.signals[channel.topic]
             own = np.zeros(signal.time.size)
             # There is no window before the scene's start.
-            own[np.searchsorted(signal.time, found.time)] = found.values
+            own[np.searchsorted(signal.time, time)] = amplitude * scale
             signal.value[:] = np.hypot(signal.value, own)
 
-        self._send_level = send
+        self._ask_amplitude(channel.rate, send)
+
+    def _ask_amplitude(self, rate: float, take: Take) -> None:
+        samples = Samples(rate, self._run.duration, self.period)
+
+        def take_amplitude(block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
+            amplitude = half_peak_to_peak(motion[0], motion[1], samples.step)
+            take(block, time, np.round(amplitude, _PLACES))
+
+        self._asked.append((samples, take_amplitude))
 
     def apply(self, block: TimeBlock) -> None:
         """Follow the lining through a block."""
@@ -285,18 +263,20 @@ class FollowedLining:
             self._follow(self.lining.next_end(block.end))
         if last:
             self._finish(block.end)
-        block.truth.extend(pending.due(block.end, last) for pending in self._pending.values())
-        if self._send_level:
-            self._send_level(block)
+        due = math.inf if last else block.end
+        block.truth.append(self._column('stick', FLOAT64, *_due(self._sticks, due)))
+        block.truth.append(self._column('events', STRING, *_due(self._events, due)))
+        for samples, take in self._asked:
+            take(block, *samples.due(due))
 
     def _follow(self, end: float) -> None:
-        asked = [instants.until(end) for instants, _ in self._asked]
-        walk = self.lining.follow(end, np.unique(np.concatenate([np.empty(0), *asked])))
-        for (_, take), own in zip(self._asked, asked, strict=True):
-            take(walk.at(np.searchsorted(walk.time, own)))
-        ended, events = self._episodes.see(walk)
-        for time, duration in ended:
-            self._pending['stick'].add(time, round(duration, _INSTANTS))
+        asked = [samples.until(end) for samples, _ in self._asked]
+        times = np.unique(np.concatenate([np.empty(0), *asked]))
+        motion, changes = self.lining.follow(end, times)
+        for (samples, _), own in zip(self._asked, asked, strict=True):
+            samples.add(motion[:, np.searchsorted(times, own)])
+        ended, events = self._episodes.see(changes, end)
+        self._sticks += [(time, round(duration, _INSTANTS)) for time, duration in ended]
         for event in events:
             more = {'sticks': event.sticks, 'sticking': round(event.sticking, _INSTANTS)}
             only = more if event.name == 'last_stick' else {}
@@ -304,10 +284,20 @@ class FollowedLining:
 
     def _finish(self, end: float) -> None:
         if (since := self._episodes.since) is not None:
-            self._pending['stick'].add(end, round(end - since, _INSTANTS))
+            self._sticks.append((end, round(end - since, _INSTANTS)))
         self._event(end, 'end', end)
 
     def _event(self, known: float, name: str, time: float, **more: float) -> None:
         stamp = self._run.start_ns + round(time * 1e9)
         text = event_text(self.lining.config.name, name, stamp, **more)
-        self._pending['events'].add(known, text)
+        self._events.append((known, text))
+
+    def _column(self, name: str, kind: str, time: FloatArray, values: Any) -> Column:
+        return Column(topic(self.lining.config.name, name), kind, time, values)
+
+
+def _due(pending: list[tuple[float, Any]], end: float) -> tuple[FloatArray, NDArray[Any]]:
+    """Take the times [s] and values of what falls before ``end`` [s]; times do not fall."""
+    count = bisect.bisect_left(pending, end, key=lambda item: item[0])
+    taken, pending[:count] = pending[:count], []
+    return np.array([time for time, _ in taken]), np.array([value for _, value in taken])

@@ -289,7 +289,7 @@ def repeated_stamps(settings: Settings, channel: Channel, run: SceneRun) -> Chan
     mask = read_sample_mask(settings, run.duration, run.random(settings, channel))
 
     def repeat(signal: Signal) -> None:
-        signal.counted()[mask.hit(signal.time)] *= 2
+        signal.copies[mask.hit(signal.time)] *= 2
 
     return repeat
 
@@ -300,7 +300,7 @@ def dropout(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     mask = read_sample_mask(settings, run.duration, run.random(settings, channel))
 
     def lose(signal: Signal) -> None:
-        signal.counted()[mask.hit(signal.time)] = 0
+        signal.copies[mask.hit(signal.time)] = 0
 
     return lose
 
