@@ -167,7 +167,8 @@ def _linear(speed: FloatArray) -> FloatArray:
     speed = np.where(np.isnan(speed), 0.0, speed)
     pieces = np.zeros((speed.size - 1, 4))
     pieces[:, 0] = speed[:-1]
-    pieces[:, 1] = np.where(np.isfinite(speed[1:]), np.diff(speed), 0.0)
+    with np.errstate(invalid='ignore'):  # from one endless fold to the next
+        pieces[:, 1] = np.where(np.isfinite(speed[1:]), np.diff(speed), 0.0)
     return pieces
 
 

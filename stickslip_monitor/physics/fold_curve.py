@@ -33,8 +33,8 @@ def curve_speeds(least: float, most: float) -> FloatArray:
 
 
 def slowest_speed(law: FrictionLaw) -> float:
-    """A speed far below the scales of a law that has some [m/s]."""
-    return min(v for v in law.breakpoints if v > 0.0) / _BELOW
+    """A speed far below the scales of a law, or below 1 m/s where it has none [m/s]."""
+    return min((v for v in law.breakpoints if v > 0.0), default=1.0) / _BELOW
 
 
 def stretches(label: NDArray[np.int_]) -> list[slice]:

@@ -101,7 +101,10 @@ def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
     loads, back = np.unique(load, return_inverse=True)
     out = np.full(loads.size, np.nan)
     # Without a gain at any speed the flow contracts everywhere (Bendixson's criterion).
-    rows = np.flatnonzero(loads * grazing.law[STEEPEST] > bearing.damping)
+    falls = loads * grazing.law[STEEPEST] > bearing.damping
+    if bearing.damping == 0.0:  # whatever gains energy gains it at every load
+        out[falls & (boundaries.fold_speed(bearing, loads) == np.inf)] = np.inf
+    rows = np.flatnonzero(falls & ~(out == np.inf))
     folds = grazing.curve(loads[rows]) if rows.size > _FEW else None
     out[rows] = [grazing.fold(float(n)) for n in loads[rows]] if folds is None else folds
     return out[back]

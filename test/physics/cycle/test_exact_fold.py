@@ -143,3 +143,9 @@ def test_the_fold_of_a_law_with_an_exponent_is_found_from_its_onset_on(exponent)
     near = high * np.array([1.0, 1.0003, 1.001, 1.003, 1.01])
     beginning = np.array([exact_fold_speed(bearing, n) for n in near])
     assert np.all(np.diff(np.append(beginning, fold[first + 1 :])) > 0.0)
+
+
+def test_without_damping_a_measured_table_has_no_last_speed():
+    bearing = bench(measured(13, 0.01, 2), damping=0.0)
+    assert np.all(exact_fold_speed(bearing, np.geomspace(1e-3, 1e4, 20)) == np.inf)
+    assert np.all(boundary_table(bearing).exact(np.array([1.0, 1000.0])) == np.inf)
