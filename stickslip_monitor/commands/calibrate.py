@@ -51,7 +51,7 @@ from stickslip_monitor.monitor.configure import (
     load_calibration,
     require_same_sensors,
 )
-from stickslip_monitor.offline.follow import scan_whole
+from stickslip_monitor.offline.check import scan_whole
 from stickslip_monitor.physics.belief import EXACT, QUANTILES
 
 

@@ -18,8 +18,13 @@ from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.ladder import Level
 from stickslip_monitor.monitor.messages import event_record, number
-from stickslip_monitor.offline.check import BearingReport, CheckReport, InputReport, check_bag
-from stickslip_monitor.offline.follow import scan_whole
+from stickslip_monitor.offline.check import (
+    BearingReport,
+    CheckReport,
+    check_bag,
+    scan_whole,
+)
+from stickslip_monitor.offline.input_check import InputReport
 
 if TYPE_CHECKING:
     from stickslip_monitor.lab.calibration.recordings import Evidence, EvidenceSource

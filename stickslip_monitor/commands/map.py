@@ -58,6 +58,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _track(path: str, own: BearingConfig) -> Track:
     # Imported only for a track: reading bags takes time to import.
-    from stickslip_monitor.offline.follow import scan_whole
+    from stickslip_monitor.offline.check import scan_whole
 
     return track_of_scan(scan_whole(path, MonitorConfig((own,))).bearings[own.name].scan)

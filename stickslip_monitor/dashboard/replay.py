@@ -17,7 +17,7 @@ from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.input_watch import Graph
 from stickslip_monitor.monitor.session import Moment, NoLog, Session, Shown
 from stickslip_monitor.monitor.signals import Input
-from stickslip_monitor.offline.follow import requests_of
+from stickslip_monitor.offline.check import requests_of
 
 _SHOWN_EVERY = 0.2
 _TURN = 0.01

@@ -24,7 +24,7 @@ from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.signals import Status, Stream
-from stickslip_monitor.offline.follow import WholeBag
+from stickslip_monitor.offline.check import WholeBag
 
 EVENT_SCHEMA = 'stickslip_monitor/truth/1'
 ROOT = '/truth'

@@ -44,8 +44,8 @@ from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.ladder import LADDER, Condition, Level
 from stickslip_monitor.monitor.signals import Stream, to_si
 from stickslip_monitor.monitor.source_faults import SourceWatch, least_gap
+from stickslip_monitor.offline.check import scan_whole
 from stickslip_monitor.offline.fleet import run_in_processes
-from stickslip_monitor.offline.follow import scan_whole
 from stickslip_monitor.offline.outline import condition_intervals
 
 Alarm = Mapping[str, Any]

@@ -6,113 +6,38 @@ Everything is added up while the bag is read, so memory does not grow with the r
 
 from __future__ import annotations
 
-import math
-from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.arrays import IntArray
-from stickslip_monitor.bags.cdr import short_name
-from stickslip_monitor.bags.reader import Bag, Fault, missing_topic, open_bag
+from stickslip_monitor.arrays import FloatArray, IntArray
+from stickslip_monitor.bags.reader import Bag, Fault, Request, Series, open_bag
 from stickslip_monitor.bags.series import Progress
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
-from stickslip_monitor.monitor.bulk import Scan
-from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
-from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
-from stickslip_monitor.monitor.ladder import MEASURED, Unknown
-from stickslip_monitor.monitor.signals import INPUTS, LEVEL, STATUS_SENTENCES, Status, to_si
-from stickslip_monitor.monitor.source_faults import (
-    SourceFault,
-    SourceWatch,
-    fault_text,
-    least_gap,
-)
+from stickslip_monitor.monitor.bulk import BearingScan, Scan, scan_bearing
+from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.ladder import MEASURED
+from stickslip_monitor.monitor.signals import Stream
 from stickslip_monitor.monitor.verdict import Event
-from stickslip_monitor.offline.follow import BearingBlock, follow, requests_of
+from stickslip_monitor.offline.input_check import (
+    InputCheck,
+    InputReport,
+    Plausibility,
+    check_topics,
+)
 from stickslip_monitor.offline.outline import Extreme, Outline, Outliner, Worst
-from stickslip_monitor.offline.plausibility import Plausibility
 
-_MOST_NAMED = 5
-
-
-@dataclass(frozen=True, slots=True)
-class Gap:
-    """A time without messages: the last stamp before it [ns] and how long it lasted [s]."""
-
-    start_ns: int
-    seconds: float
-
-
-@dataclass(frozen=True, slots=True)
-class Gaps:
-    """The rhythm of a topic."""
-
-    rate: float  # messages a second between the gaps [1/s]; nan for fewer than two
-    count: int  # intervals longer than the limit
-    longest: tuple[Gap, ...]  # of these, longest first, at most five
-
-
-class GapCount:
-    """Finds the intervals between the messages of a topic that are longer than a limit [ns]."""
-
-    def __init__(self, limit_ns: int) -> None:
-        self._limit_ns = limit_ns
-        self._last = np.empty(0, np.int64)
-        self._count = self._regular = self._passed_ns = 0
-        self._longest: list[tuple[int, int]] = []
-
-    def take(self, stamp_ns: IntArray) -> None:
-        """Take some stamps in order of arrival, shape (n,) [ns]; steps back count as no time."""
-        stamp_ns = np.append(self._last, stamp_ns)
-        self._last = stamp_ns[-1:].copy()
-        interval = np.diff(stamp_ns)
-        long = np.flatnonzero(interval > self._limit_ns)
-        start_ns, lasting_ns = stamp_ns[long], interval[long]
-        self._count += long.size
-        self._regular += interval.size - long.size
-        self._passed_ns += int(np.maximum(interval, 0).sum() - lasting_ns.sum())
-        order = np.argsort(-lasting_ns, kind='stable')[:_MOST_NAMED]
-        self._longest += zip(lasting_ns[order].tolist(), start_ns[order].tolist(), strict=True)
-        self._longest.sort(key=lambda gap: -gap[0])
-        del self._longest[_MOST_NAMED:]
-
-    def gaps(self) -> Gaps:
-        """The gaps, and the rate apart from them."""
-        passed = float(self._passed_ns) * 1e-9
-        longest = tuple(Gap(start, lasting / 1e9) for lasting, start in self._longest)
-        rate = self._regular / passed if passed > 0.0 else math.nan
-        return Gaps(rate, self._count, longest)
-
-
-@dataclass(frozen=True, slots=True)
-class InputReport:
-    """What came of one input of a bearing."""
-
-    quantity: str  # 'speed', 'load' or 'level'
-    topic: str
-    messages: int  # on the topic
-    used: int  # samples that were believed
-    faults: tuple[Fault, ...]  # what was wrong with the others, and jumps of the clock
-    gaps: Gaps  # intervals longer than the input's timeout
-    span: tuple[float, float] = (math.nan, math.nan)  # of the numbers believed, as in messages
-    si_span: tuple[float, float] = (math.nan, math.nan)  # the same in SI; a level in its own unit
-    sources: tuple[SourceFault, ...] = ()  # of the source; they are among the faults as well
-    questions: tuple[str, ...] = ()  # where the numbers look like another unit or topic
-    fault: str = ''  # why it brings nothing, in the words of the running monitor
-
-    @property
-    def complaints(self) -> list[str]:
-        """What was wrong, one clause for each kind."""
-        place = f'{self.quantity} on {self.topic}'
-        found = [f'{place}: {fault.count} x {fault.text}' for fault in self.faults]
-        return [*found, f'{place}: {self.fault}'] if self.fault else found
+_AHEAD_NS = 10**9
+"""A stamp may be so much later than the recorder's time, by the errors of both clocks [ns]."""
+_SILENCE = Stream(np.empty(0, np.int64), np.empty(0, np.int8), np.empty(0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,59 +92,55 @@ def check_bag(
     bag = open_bag(path)
     if bag.files and not any(file.stat().st_size for file in bag.files):
         raise BagError(f"bag '{path}' is empty: 0 bytes")
-    _check_topics(bag, config)
-    found = follow(bag, config, partial(_BearingCheck, outlined=outlined), progress)
-    start, end = found.start_ns, found.end_ns
-    span_ns = end - start if start is not None and end is not None else 0
-    reports = {
-        bearing.name: found.followers[bearing.name].report(
-            span_ns, [found.faults[request] for request in requests_of(bearing)]
-        )
-        for bearing in config.bearings
-    }
-    return CheckReport(bag, reports, start, end)
-
-
-def _check_topics(bag: Bag, config: MonitorConfig) -> None:
-    """Refuse inputs that the recording does not have, or not with their type.
-
-    Raises:
-        BagError: In the words of the running monitor.
-    """
-    for source in (source for b in config.bearings for source in b.inputs.values()):
-        topic = bag.topics.get(source.topic)
-        facts = _facts(source)
-        if topic is None:
-            reason = missing_topic(bag.topics, source.topic)
-            raise BagError(f'{input_fault(facts)[:-1]}: {reason}')
-        if short_name(topic.type) != short_name(source.type):
-            bags = (Publisher(f"Bag '{bag.path.name}'", topic.type),)
-            raise BagError(input_fault(replace(facts, publishers=bags))[:-1])
-
-
-def _facts(source: InputConfig) -> InputFacts:
-    """An input of which nothing has come."""
-    return InputFacts(source.topic, source.type, source.timeout_ns * 1e-9, lost=True)
+    check_topics(bag, config)
+    reading = bag.reading({r for b in config.bearings for r in requests_of(b)}, progress)
+    span = SampleSpan(bag)
+    checks = [_BearingCheck(bearing, outlined) for bearing in config.bearings]
+    running: list[Future[None]] = []
+    # Bearings know nothing of each other, and arithmetic on arrays needs no interpreter.
+    with ThreadPoolExecutor(min(len(checks), os.cpu_count() or 1)) as pool:
+        for part in reading:
+            # What was read before is scanned while the next is read.
+            for future in running:
+                future.result()
+            span.hear(part.values())
+            running = [pool.submit(check.take, part, span.start_ns) for check in checks]
+        for future in running:
+            future.result()
+    faults = reading.faults()
+    reports = {check.config.name: check.report(span, faults) for check in checks}
+    return CheckReport(bag, reports, span.start_ns, span.end_ns)
 
 
 class _BearingCheck:
-    """Adds up what the monitor says of one bearing."""
+    """Runs the monitor over one bearing's samples and adds up what it says."""
 
     def __init__(self, config: BearingConfig, outlined: bool) -> None:
-        self._config = config
+        self.config = config
+        self._requests = requests_of(config)
+        self._scan: BearingScan | None = None
         self._outliner = Outliner(config) if outlined else None
-        self._inputs = [_InputCheck(config, k) for k in range(len(config.inputs))]
+        self._inputs = [InputCheck(config, k) for k in range(len(config.inputs))]
         self._plausibility = Plausibility(config)
         self._worst = Worst()
         self._events: list[Event] = []
         self._evaluations = 0
         self._lasting_ns = np.zeros(len(REGIMES), np.int64)
         self._measured_ns = np.zeros(len(MEASURED), np.int64)
-        self._unknown: Unknown | None = None
 
-    def take(self, block: BearingBlock) -> None:
-        """Take the next part of the recording."""
-        scan = block.scan
+    def take(self, part: Mapping[Request, Series], start_ns: int | None) -> None:
+        """Take the next part of a recording that begins at a time [ns]."""
+        series = [part[request] for request in self._requests]
+        stream, _ = _streamed(series)
+        if self._scan is None:
+            self._scan = BearingScan(self.config, start_ns)
+        scan = self._scan.take(stream)
+        self._add(scan)
+        for each, own in zip(self._inputs, series, strict=True):
+            each.take(own, stream, scan)
+
+    def _add(self, scan: Scan) -> None:
+        """Add up the verdicts that are known with a part, a point behind."""
         self._events += scan.events
         self._evaluations += scan.time_ns.size
         self._plausibility.take(scan.assessment)
@@ -227,34 +148,36 @@ class _BearingCheck:
         self._lasting_ns += _lasting_ns(scan, np.asarray(scan.assessment.regime_code), REGIMES)
         if scan.measured is not None:
             self._measured_ns += _lasting_ns(scan, scan.measured, MEASURED)
-        self._unknown = scan.unknown
         if self._outliner is not None:
-            self._outliner.take(block)
-        for each in self._inputs:
-            each.take(block)
+            self._outliner.take(scan)
 
-    def report(self, span_ns: int, faults: Sequence[tuple[Fault, ...]]) -> BearingReport:
-        """What was said over a recording of some length, with the faults of its messages."""
+    def report(
+        self, span: SampleSpan, faults: Mapping[Request, tuple[Fault, ...]]
+    ) -> BearingReport:
+        """What was said over the whole recording, with the faults of its messages."""
+        assert self._scan is not None
+        end = self._scan.finish(_SILENCE, span.end_ns)
+        self._add(end)
         seconds = dict(zip(REGIMES, (self._lasting_ns * 1e-9).tolist(), strict=True))
-        silent_ns = max(0, span_ns - int(self._lasting_ns.sum()))
+        silent_ns = max(0, span.length_ns - int(self._lasting_ns.sum()))
         seconds[Regime.UNDETERMINED] += silent_ns * 1e-9
         asked = self._plausibility.questions()
-        if self._unknown is not None:
-            asked['level'] = [f'says nothing at the end: {self._unknown.sentence}']
+        if end.unknown is not None:
+            asked['level'] = [f'says nothing at the end: {end.unknown.sentence}']
         measured = zip(map(str, MEASURED), (self._measured_ns * 1e-9).tolist(), strict=True)
         # Each input is held against the load, and the load against the speed.
         others = [self._inputs[int(k != 1)] for k in range(len(self._inputs))]
         return BearingReport(
-            self._config.name,
+            self.config.name,
             self._events,
             self._evaluations,
             seconds,
             self._worst.found,
             tuple(
-                each.report(own, tuple(asked.get(each.quantity, ())), other)
-                for each, own, other in zip(self._inputs, faults, others, strict=True)
+                each.report(faults[request], tuple(asked.get(each.quantity, ())), other)
+                for each, request, other in zip(self._inputs, self._requests, others, strict=True)
             ),
-            None if self._config.level is None else dict(measured),
+            None if self.config.level is None else dict(measured),
             None if self._outliner is None else self._outliner.outline(),
         )
 
@@ -266,74 +189,105 @@ def _lasting_ns(scan: Scan, codes: NDArray[np.int8], kinds: Sequence[Any]) -> In
     return totals.astype(np.int64)
 
 
-class _InputCheck:
-    """Adds up what came of one input of a bearing."""
+def requests_of(config: BearingConfig) -> tuple[Request, ...]:
+    """What to read for a bearing: one request for each of its inputs."""
+    return tuple(Request(i.topic, i.field_text, i.type) for i in config.inputs.values())
 
-    def __init__(self, config: BearingConfig, place: int) -> None:
-        self.quantity = INPUTS[place]
-        self._place = place
-        self._source = config.inputs[self.quantity]
-        self._counts = np.zeros(len(Status), np.int64)
-        self._gaps = GapCount(self._source.timeout_ns)
-        self._watch = SourceWatch(least_gap(config, place))
-        self._sources: list[SourceFault] = []
-        self._span = math.inf, -math.inf
-        self._messages = self._delay_ns = 0
 
-    def take(self, block: BearingBlock) -> None:
-        """Take the next part of the recording."""
-        series, scan = block.series[self._place], block.scan
-        self._messages += series.value.size
-        if series.value.size:
-            self._delay_ns = int(series.log_time_ns[-1] - series.stamp_ns[-1])
-        self._gaps.take(series.stamp_ns)
-        # A level that jumps between two values is what is looked for, and no fault.
-        is_level = self._place == LEVEL
-        si = np.full(series.value.size, np.nan) if is_level else to_si(self._source, series.value)
-        self._sources += self._watch.see_many(series.log_time_ns, series.stamp_ns, si)
-        self._counts += scan.counts[self._place]
-        refused, value = scan.status > Status.CLOCK_JUMP, series.value
-        if refused.any():
-            value = block.stream.value[(block.stream.inputs == self._place) & ~refused]
-        low, high = self._span
-        self._span = float(value.min(initial=low)), float(value.max(initial=high))
+def merged(series: Sequence[Series]) -> tuple[IntArray, IntArray, FloatArray, IntArray]:
+    """Some series in the order of the recording.
 
-    def _fault(self, other: _InputCheck) -> str:
-        """Why the input brings nothing, or what its clock differs from the other's by."""
-        facts = _facts(self._source)
-        if not self._messages:
-            return input_fault(facts)
-        if not self._counts[: Status.CLOCK_JUMP + 1].any():
-            worst = max(Status, key=lambda status: int(self._counts[status]))
-            sender = (Publisher('', self._source.type),)
-            return input_fault(replace(facts, publishers=sender, refused=worst))
-        if not other._messages or self._source.topic == other._source.topic:
-            return ''
-        # By how the last stamps of both lie in the recording, whichever came later.
-        behind = (self._delay_ns - other._delay_ns) * 1e-9
-        known = replace(facts, lost=False, heard=True, other=other._source.topic)
-        return input_fault(replace(known, behind=behind))
+    Returns:
+        Which of them, stamp [ns], number and log time [ns] of each message, shape (n,).
+    """
+    order = np.argsort(np.concatenate([each.sequence for each in series]), kind='stable')
+    return (
+        np.repeat(np.arange(len(series)), [each.sequence.size for each in series])[order],
+        np.concatenate([each.stamp_ns for each in series])[order],
+        np.concatenate([each.value for each in series])[order],
+        np.concatenate([each.log_time_ns for each in series])[order],
+    )
 
-    def report(
-        self, faults: tuple[Fault, ...], asked: tuple[str, ...], other: _InputCheck
-    ) -> InputReport:
-        """What came of the input, by its messages' faults, and questions."""
-        used = int(self._counts[: Status.CLOCK_JUMP + 1].sum())
-        first, last = self._span if used else (math.nan, math.nan)
-        # Below the deadband a negative number is -0.0.
-        low, high = sorted(float(to_si(self._source, end)) + 0.0 for end in (first, last))
-        counted = {text: int(self._counts[status]) for status, text in STATUS_SENTENCES.items()}
-        counted |= Counter(fault_text(fault, self._source) for fault in self._sources)
-        return InputReport(
-            quantity=self.quantity,
-            topic=self._source.topic,
-            messages=self._messages,
-            used=used,
-            faults=(*faults, *(Fault(count, text) for text, count in counted.items() if count)),
-            gaps=self._gaps.gaps(),
-            span=(first, last),
-            si_span=(low, high),
-            sources=tuple(self._sources),
-            questions=asked,
-            fault=self._fault(other),
+
+def _streamed(series: Sequence[Series]) -> tuple[Stream, IntArray]:
+    """The samples of a bearing's inputs, and when the recorder got each [ns]."""
+    inputs, stamp_ns, value, arrival_ns = merged(series)
+    return Stream(stamp_ns, inputs.astype(np.int8), value), arrival_ns
+
+
+class SampleSpan:
+    """Start and end of a recording on the clock of the samples.
+
+    Stamps in headers may be from another clock than the recorder's: then the samples' own span
+    counts. Which it is shows with the first message.
+
+    Attributes:
+        start_ns: The start [ns], known with the first message.
+        end_ns: The end as far as it was read [ns].
+    """
+
+    def __init__(self, bag: Bag) -> None:
+        self.start_ns, self.end_ns = bag.start_ns, bag.end_ns
+        self._begun = False
+
+    def hear(self, series: Iterable[Series]) -> None:
+        """Take the messages of a stretch."""
+        known = [each for each in series if each.sequence.size]
+        if self.start_ns is None or self.end_ns is None or not known:
+            return
+        if not self._begun:
+            self._begun = True
+            first = min(known, key=lambda each: int(each.sequence[0]))
+            stamp, log_time = int(first.stamp_ns[0]), int(first.log_time_ns[0])
+            if not self.start_ns <= stamp <= log_time + _AHEAD_NS:
+                self.start_ns = self.end_ns = stamp
+        self.end_ns = max(self.end_ns, *(int(each.stamp_ns.max()) for each in known))
+
+    @property
+    def length_ns(self) -> int:
+        """From the start to the end; 0 without messages [ns]."""
+        return 0 if self.start_ns is None or self.end_ns is None else self.end_ns - self.start_ns
+
+
+@dataclass(frozen=True)
+class WholeBearing:
+    """One bearing over a whole recording in memory."""
+
+    config: BearingConfig
+    stream: Stream  # its samples, m of them
+    arrival_ns: IntArray  # when the recorder got each, shape (m,)
+    span: SampleSpan
+
+    @cached_property
+    def scan(self) -> Scan:
+        """The verdicts, worked out when they are first asked for."""
+        return scan_bearing(self.config, self.stream, self.span.start_ns, self.span.end_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class WholeBag:
+    """A bag with all its verdicts in memory, for what needs them at once."""
+
+    bag: Bag
+    bearings: dict[str, WholeBearing]  # by name
+    start_ns: int | None  # on the clock of the samples
+
+
+def scan_whole(path: str | Path, config: MonitorConfig) -> WholeBag:
+    """Run the monitor over a bag and keep everything.
+
+    Raises:
+        BagError: The bag cannot be read, lacks a topic, or a field leads to no number.
+    """
+    bag = open_bag(path)
+    asked = {b.name: requests_of(b) for b in config.bearings}
+    series = bag.read({request for own in asked.values() for request in own})
+    span = SampleSpan(bag)
+    span.hear(series.values())
+    found = {
+        bearing.name: WholeBearing(
+            bearing, *_streamed([series[request] for request in asked[bearing.name]]), span
         )
+        for bearing in config.bearings
+    }
+    return WholeBag(bag, found, span.start_ns)

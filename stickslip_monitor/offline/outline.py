@@ -20,7 +20,6 @@ from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import LADDER, Condition
 from stickslip_monitor.monitor.verdict import Event
-from stickslip_monitor.offline.follow import BearingBlock
 
 _MOST = 600
 _BISTABLE, _UNSTABLE = REGIMES.index(Regime.BISTABLE), REGIMES.index(Regime.UNSTABLE)
@@ -77,9 +76,8 @@ class Outliner:
         self._events: list[Event] = []
         self._last: tuple[int, int] | None = None
 
-    def take(self, block: BearingBlock) -> None:
+    def take(self, scan: Scan) -> None:
         """Take the next verdicts."""
-        scan = block.scan
         self._events += scan.events
         if not scan.time_ns.size:
             return

@@ -7,13 +7,11 @@ memory does not grow with the recording.
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.encode import (
@@ -28,7 +26,6 @@ from stickslip_monitor.bags.values import Payload, TimeSpans
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
-from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.messages import (
     BearingState,
     diagnostic_record,
@@ -38,10 +35,11 @@ from stickslip_monitor.monitor.messages import (
     topic_words,
 )
 from stickslip_monitor.monitor.monitor import BearingMonitor
+from stickslip_monitor.monitor.rule import standing_until
+from stickslip_monitor.monitor.rule_state import NEVER
 from stickslip_monitor.monitor.session import Moment, NoLog, Session, Sink
 from stickslip_monitor.monitor.verdict import Event, Verdict, assessed
-from stickslip_monitor.offline.check import CheckReport
-from stickslip_monitor.offline.follow import requests_of
+from stickslip_monitor.offline.check import CheckReport, merged, requests_of
 from stickslip_monitor.physics.boundary_table import known_table
 
 NODE = 'stickslip_monitor'
@@ -50,7 +48,7 @@ TICK_NS = 10**9
 SILENCE_NS = 3600 * 10**9
 """Diagnostics of a longer silence end [ns]: a clock that was wrong for one message would else
 make them for years."""
-# Messages that are laid out at a time.
+# Samples whose messages are laid out at a time.
 _SLICE = 1 << 14
 _ALWAYS = TimeSpans([(0, (1 << 63) - 1)])
 
@@ -103,34 +101,11 @@ def write_verdicts(
             writer.add_topic(topic, kind, definition)
 
         def write(columns: Sequence[MessageColumn]) -> None:
-            for part in _slices(columns):
-                writer.write_columns((each.topic, each.time_ns, each.payload) for each in part)
+            writer.write_columns((each.topic, each.time_ns, each.payload) for each in columns)
             if progress is not None:
                 progress(sum(writer.message_counts.values()))
 
         tell_verdicts(checked, config, write)
-
-
-def _slices(columns: Sequence[MessageColumn]) -> Iterator[list[MessageColumn]]:
-    """Cut columns into stretches of time, so that little is laid out at once."""
-    longest = max(columns, key=lambda each: each.time_ns.size, default=None)
-    if longest is None:
-        return
-    edges = np.sort(longest.time_ns)[_SLICE::_SLICE]
-    places = [np.searchsorted(edges, each.time_ns, 'right') for each in columns]
-    for number in range(edges.size + 1):
-        yield [
-            _picked(each, np.flatnonzero(place == number))
-            for each, place in zip(columns, places, strict=True)
-        ]
-
-
-def _picked(column: MessageColumn, rows: NDArray[np.intp]) -> MessageColumn:
-    payload = column.payload
-    if rows.size == column.time_ns.size:
-        return column
-    some = payload[rows] if isinstance(payload, np.ndarray) else [payload[k] for k in rows]
-    return MessageColumn(column.topic, column.type, column.time_ns[rows], some)
 
 
 def topics(checked: CheckReport, config: MonitorConfig) -> Iterator[tuple[str, str, str | None]]:
@@ -165,20 +140,13 @@ def tell_verdicts(
     Raises:
         BagError: The bag cannot be read again.
     """
-    asked = {request for bearing in config.bearings for request in requests_of(bearing)}
-
     raw, course = _Raw(checked, config, spans), _Course(checked, config, spans)
+    asked = {request for *_, request in course.inputs}
     for part in checked.bag.reading(asked):
-        course.take(part)
-        tell([*raw.until(_latest_ns(part)), *course.told()])
+        for log_time_ns in course.take(part):
+            tell([*raw.until(log_time_ns), *course.told()])
     course.finish()
     tell([*raw.until(None), *course.told()])
-
-
-def _latest_ns(part: Mapping[Request, Series]) -> int:
-    """The log time that a stretch goes up to [ns]."""
-    known = [int(each.log_time_ns[-1]) for each in part.values() if each.log_time_ns.size]
-    return max(known, default=0)
 
 
 class _Raw:
@@ -188,108 +156,43 @@ class _Raw:
         self._messages = checked.bag.messages(_input_topics(config), spans)
         self._next = next(self._messages, None)
 
-    def until(self, read_ns: int | None) -> Iterator[MessageColumn]:
+    def until(self, log_time_ns: int | None) -> Iterator[MessageColumn]:
         """Those up to a log time [ns]; the rest of all for ``None``."""
-        found: dict[tuple[str, str], tuple[list[int], list[bytes]]] = {}
-        while (message := self._next) and (read_ns is None or message.log_time_ns <= read_ns):
-            times, payload = found.setdefault((message.topic, message.type), ([], []))
-            times.append(message.log_time_ns)
-            payload.append(message.data)
+        found: dict[tuple[str, str], list[tuple[int, bytes]]] = {}
+        while (message := self._next) and (
+            log_time_ns is None or message.log_time_ns <= log_time_ns
+        ):
+            own = found.setdefault((message.topic, message.type), [])
+            own.append((message.log_time_ns, message.data))
             self._next = next(self._messages, None)
-        for (topic, kind), (times, payload) in found.items():
-            yield MessageColumn(topic, kind, np.array(times), payload)
+        for (topic, kind), messages in found.items():
+            yield _column(topic, kind, messages)
 
 
-class _Verdicts:
-    """Verdicts on one bearing, as columns, which take a quarter of the memory of rows."""
-
-    def __init__(self) -> None:
-        self.time_ns = array('q')
-        self.points = array('d')  # speed, load and chance of stick-slip of each
-        self.measured: list[str] = []  # what the level said at each
+def _column(topic: str, kind: str, messages: Sequence[tuple[int, bytes]]) -> MessageColumn:
+    times, payload = zip(*messages, strict=True)
+    return MessageColumn(topic, kind, np.array(times), payload)
 
 
-class _Messages(Sink):
-    """What a session tells, encoded; what lies outside the spans is passed over."""
+class _Course(Sink):
+    """A session on its way through a recording, in the recording's own time.
 
-    def __init__(self, config: MonitorConfig, spans: TimeSpans) -> None:
-        self._spans, self._bearings = spans, config.bearings
-        self._verdicts = {b.name: _Verdicts() for b in config.bearings}
-        self._kinds = output_topics(config.bearings, f'/{NODE}')
-        self._told: dict[str, list[tuple[int, bytes]]] = {name: [] for name in self._kinds}
-
-    def wants(self, time_ns: int) -> bool:
-        """Whether a time lies in the spans."""
-        return bool(self._spans.overlap(time_ns, time_ns))
-
-    def columns(self) -> Iterator[MessageColumn]:
-        """What was told since the last call."""
-        for bearing in self._bearings:
-            told = self._verdicts[bearing.name]
-            if not told.measured:
-                continue
-            self._verdicts[bearing.name] = _Verdicts()
-            time_ns = np.array(told.time_ns)
-            for name, payload in _of_verdicts(bearing, told):
-                topic = f'/{NODE}/{bearing.name}/{name}'
-                yield MessageColumn(topic, self._kinds[topic], time_ns, payload)
-        for topic, messages in self._told.items():
-            if messages:
-                times, payload = zip(*messages, strict=True)
-                yield MessageColumn(topic, self._kinds[topic], np.array(times), list(payload))
-                messages.clear()
-
-    def take_verdict(self, verdict: Verdict) -> None:
-        """One operating point; what is said of it is worked out with those that follow."""
-        if self.wants(verdict.time_ns):
-            told = self._verdicts[verdict.bearing]
-            told.time_ns.append(verdict.time_ns)
-            told.points.extend((verdict.speed, verdict.load, *verdict.chances))
-            told.measured.append(str(verdict.measured))
-
-    def take_event(self, event: Event) -> None:
-        """One JSON warning."""
-        if self.wants(event.time_ns):
-            self._tell(f'/{NODE}/warnings', event.time_ns, encode_string(event_json(event)))
-
-    def take_diagnostics(self, time_ns: int, states: Sequence[BearingState]) -> None:
-        """The state of the bearings at a time [ns]."""
-        records = [diagnostic_record(NODE, state) for state in states]
-        fields = [
-            StatusFields(r.level, r.name, r.message, r.hardware_id, r.values) for r in records
-        ]
-        self._tell('/diagnostics', time_ns, encode_diagnostics(time_ns, fields))
-
-    def _tell(self, topic: str, time_ns: int, data: bytes) -> None:
-        self._told[topic].append((time_ns, data))
-
-
-def _of_verdicts(bearing: BearingConfig, told: _Verdicts) -> Iterator[tuple[str, Payload]]:
-    """What the topics of a bearing say of n verdicts, n messages each, by their last part."""
-    speed, load, *chances = np.array(told.points).reshape(-1, 5).T
-    points = assessed(bearing, known_table(bearing.bearing), speed, load, chances)
-    for name in topic_numbers(bearing):
-        values = getattr(points, name)
-        if name.startswith('amplitude'):
-            values = np.where(np.isnan(values), 0.0, values)  # there is no cycle
-        yield name, encode_float64s(values)
-    words = {'regime': points.regime.tolist(), 'measured': told.measured}
-    for name in topic_words(bearing):
-        encoded = {word: encode_string(word) for word in set(words[name])}
-        yield name, [encoded[word] for word in words[name]]
-
-
-class _Course:
-    """A session on its way through a recording, in the recording's own time."""
+    Attributes:
+        inputs: Bearing, place and what is read of each input.
+    """
 
     def __init__(self, checked: CheckReport, config: MonitorConfig, spans: TimeSpans) -> None:
-        self._sink = _Messages(config, spans)
-        self._session = Session(config, self._sink, NoLog(), lambda: 0)
+        self._spans = spans
+        self._kinds = output_topics(config.bearings, f'/{NODE}')
+        self._verdicts: dict[str, list[Verdict]] = {b.name: [] for b in config.bearings}
+        self._told: dict[str, list[tuple[int, bytes]]] = {name: [] for name in self._kinds}
+        self._session = Session(config, self, NoLog(), lambda: 0)
         self._session.begin()
+        self._bearings = self._session.monitor.bearings
         self._start_ns, self._end_ns = checked.start_ns or 0, checked.end_ns or 0
         self._ticked_ns = self._heard_ns = self._start_ns - 1
         self._due: set[int] = set()
-        self._inputs = [
+        self.inputs = [
             (bearing.name, place, request)
             for bearing in config.bearings
             for place, request in enumerate(requests_of(bearing))
@@ -297,20 +200,15 @@ class _Course:
         if checked.start_ns is not None:
             self._advance(self._start_ns)
 
-    def told(self) -> Iterator[MessageColumn]:
-        """The messages since the last call."""
-        return self._sink.columns()
-
-    def take(self, part: Mapping[Request, Series]) -> None:
-        """Take the next stretch."""
-        sequence = np.concatenate([part[r].sequence for *_, r in self._inputs])
-        stamps = np.concatenate([part[r].stamp_ns for *_, r in self._inputs]).tolist()
-        values = np.concatenate([part[r].value for *_, r in self._inputs]).tolist()
-        sizes = [part[r].sequence.size for *_, r in self._inputs]
-        inputs = np.repeat(np.arange(len(sizes)), sizes).tolist()
-        for k in np.argsort(sequence, kind='stable').tolist():
-            name, place, _ = self._inputs[inputs[k]]
-            self._sample(name, place, stamps[k], values[k])
+    def take(self, part: Mapping[Request, Series]) -> Iterator[int]:
+        """Take the next stretch; now and then the log time up to which it was taken [ns]."""
+        inputs, *columns, log_time_ns = merged([part[request] for *_, request in self.inputs])
+        for begin in range(0, inputs.size, _SLICE):
+            rows = slice(begin, begin + _SLICE)
+            samples = (column[rows].tolist() for column in (inputs, *columns))
+            for number, time_ns, value in zip(*samples, strict=True):
+                self._sample(number, time_ns, value)
+            yield int(log_time_ns[rows].max())
 
     def finish(self) -> None:
         """Come to the end of the recording."""
@@ -318,14 +216,44 @@ class _Course:
         self._advance(self._end_ns)
         self._pass_time(self._end_ns + 1)
 
-    def _sample(self, name: str, place: int, time_ns: int, value: float) -> None:
+    def told(self) -> Iterator[MessageColumn]:
+        """The messages since the last call."""
+        for name, verdicts in self._verdicts.items():
+            if verdicts:
+                time_ns = np.array([verdict.time_ns for verdict in verdicts])
+                for last, payload in _of_verdicts(self._bearings[name].config, verdicts):
+                    topic = f'/{NODE}/{name}/{last}'
+                    yield MessageColumn(topic, self._kinds[topic], time_ns, payload)
+                verdicts.clear()
+        for topic, messages in self._told.items():
+            if messages:
+                yield _column(topic, self._kinds[topic], messages)
+                messages.clear()
+
+    def take_verdict(self, verdict: Verdict) -> None:
+        """One operating point; what is said of it is worked out with those that follow."""
+        if self._wants(verdict.time_ns):
+            self._verdicts[verdict.bearing].append(verdict)
+
+    def take_event(self, event: Event) -> None:
+        """One JSON warning."""
+        if self._wants(event.time_ns):
+            data = encode_string(event_json(event))
+            self._told[f'/{NODE}/warnings'].append((event.time_ns, data))
+
+    def _wants(self, time_ns: int) -> bool:
+        """Whether a time lies in the spans: nothing else is encoded."""
+        return bool(self._spans.overlap(time_ns, time_ns))
+
+    def _sample(self, number: int, time_ns: int, value: float) -> None:
         self._pass_time(time_ns)
         self._heard_ns = max(self._heard_ns, min(time_ns, self._end_ns))
+        name, place, _ = self.inputs[number]
         update = self._session.take(name, place, time_ns, value, Moment(time_ns, time_ns))
         self._due.update(event.time_ns for event in update.events)
 
     def _advance(self, time_ns: int) -> None:
-        for name in self._session.monitor.bearings:
+        for name in self._bearings:
             self._session.pass_time(name, time_ns, Moment(time_ns, time_ns))
 
     def _pass_time(self, until_ns: int) -> None:
@@ -333,37 +261,57 @@ class _Course:
         if until_ns <= self._ticked_ns + 1:
             return
         until_ns = min(until_ns, self._end_ns + 1)
-        losses: set[int] = set()
-        if any(self._may_lose(b, until_ns) for b in self._session.monitor.bearings.values()):
-            losses = {event.time_ns for own in self._probes(until_ns - 1)[1] for event in own}
-        times = {*self._grid(until_ns), *self._due, *losses}
-        for time_ns in sorted(t for t in times if self._ticked_ns < t < until_ns):
-            if self._sink.wants(time_ns):
+        losses = {time_ns for b in self._bearings.values() for time_ns in _loss(b, until_ns)}
+        # Every second of the recording, but not of a long silence.
+        passed = -(-(self._ticked_ns + 1 - self._start_ns) // TICK_NS)
+        last = min(until_ns - 1, self._heard_ns + SILENCE_NS)
+        seconds = range(self._start_ns + TICK_NS * passed, last + 1, TICK_NS)
+        for time_ns in sorted({*seconds, *self._due, *losses}):
+            if self._ticked_ns < time_ns < until_ns and self._wants(time_ns):
                 # A loss counts from the nanosecond after it fell due.
-                bearings, _ = self._probes(time_ns + 1 if time_ns in losses else time_ns)
-                self._sink.take_diagnostics(time_ns, [BearingState(b) for b in bearings])
+                self._diagnose(time_ns, time_ns + (time_ns in losses))
         self._ticked_ns = until_ns - 1
         self._due = {t for t in self._due if t >= until_ns}
 
-    def _grid(self, until_ns: int) -> Iterator[int]:
-        """Every second of the recording before a time, but not of a long silence."""
-        last = min(until_ns - 1, self._heard_ns + SILENCE_NS)
-        first = -(-(self._ticked_ns + 1 - self._start_ns) // TICK_NS)
-        return (
-            self._start_ns + TICK_NS * k
-            for k in range(first, (last - self._start_ns) // TICK_NS + 1)
-        )
+    def _diagnose(self, time_ns: int, seen_ns: int) -> None:
+        """Tell, at a time, the state of the bearings at another if nothing comes [ns]."""
+        probes = [bearing.copy() for bearing in self._bearings.values()]
+        for probe in probes:
+            probe.advance(seen_ns)
+        records = [diagnostic_record(NODE, BearingState(probe)) for probe in probes]
+        fields = [
+            StatusFields(r.level, r.name, r.message, r.hardware_id, r.values) for r in records
+        ]
+        self._told['/diagnostics'].append((time_ns, encode_diagnostics(time_ns, fields)))
 
-    def _may_lose(self, bearing: BearingMonitor, until_ns: int) -> bool:
-        """Whether an input that counts may have been lost before a time [ns]."""
-        sources = bearing.config.speed, bearing.config.load
-        condition = self._session.monitor.condition(bearing.config.name)
-        return condition is not Condition.INPUT_STALE and any(
-            until_ns - (bearing.last_ns(place) or self._start_ns) > source.timeout_ns
-            for place, source in enumerate(sources)
-        )
 
-    def _probes(self, time_ns: int) -> tuple[list[BearingMonitor], list[list[Event]]]:
-        """The bearings as they will be at a time if nothing comes, and what changes by then."""
-        probes = [b.copy() for b in self._session.monitor.bearings.values()]
-        return probes, [probe.advance(time_ns) for probe in probes]
+def _loss(bearing: BearingMonitor, until_ns: int) -> Iterator[int]:
+    """When an input that counts is lost before a time [ns], if nothing comes."""
+    state = bearing.state
+    if state.now != NEVER and not state.lost:
+        lost_ns = max(standing_until(state, bearing.settings.live), state.now)
+        if lost_ns < until_ns - 1:
+            yield lost_ns
+
+
+def _of_verdicts(
+    bearing: BearingConfig, verdicts: Sequence[Verdict]
+) -> Iterator[tuple[str, Payload]]:
+    """What the topics of a bearing say of n verdicts, n messages each, by their last part."""
+    points = assessed(
+        bearing,
+        known_table(bearing.bearing),
+        np.array([verdict.speed for verdict in verdicts]),
+        np.array([verdict.load for verdict in verdicts]),
+        np.array([verdict.chances for verdict in verdicts]).T,
+    )
+    for name in topic_numbers(bearing):
+        values = getattr(points, name)
+        if name.startswith('amplitude'):
+            values = np.where(np.isnan(values), 0.0, values)  # there is no cycle
+        yield name, encode_float64s(values)
+    regimes, measured = points.regime.tolist(), [str(verdict.measured) for verdict in verdicts]
+    words = {'regime': regimes, 'measured': measured}
+    for name in topic_words(bearing):
+        encoded = {word: encode_string(word) for word in set(words[name])}
+        yield name, [encoded[word] for word in words[name]]

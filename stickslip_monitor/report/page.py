@@ -42,7 +42,8 @@ from stickslip_monitor.monitor.config_file import load_parameters
 from stickslip_monitor.monitor.messages import number
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
 from stickslip_monitor.monitor.source_faults import fault_text
-from stickslip_monitor.offline.check import BearingReport, CheckReport, InputReport
+from stickslip_monitor.offline.check import BearingReport, CheckReport
+from stickslip_monitor.offline.input_check import InputReport
 from stickslip_monitor.offline.outline import condition_intervals
 from stickslip_monitor.report import formatting
 from stickslip_monitor.report.summary import (

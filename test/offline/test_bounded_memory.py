@@ -17,7 +17,6 @@ from shared import CONFIG, ROOT, START, record
 from stickslip_monitor import Stream
 from stickslip_monitor.monitor.bulk import BearingScan
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.offline.follow import BearingBlock
 from stickslip_monitor.offline.outline import Outline, Outliner
 
 _MILLION = 1_000_000
@@ -93,8 +92,8 @@ def test_so_does_what_is_written_beside_it(tmp_path: Path, option: str) -> None:
 def _outline(scan: BearingScan, streams: list[Stream]) -> Outline:
     outliner = Outliner(scan.config)
     for stream in streams[:-1]:
-        outliner.take(BearingBlock((), stream, scan.take(stream)))
-    outliner.take(BearingBlock((), streams[-1], scan.finish(streams[-1], None)))
+        outliner.take(scan.take(stream))
+    outliner.take(scan.finish(streams[-1], None))
     return outliner.outline()
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stickslip_monitor.arrays import IntArray
-from stickslip_monitor.offline.check import Gap, GapCount, Gaps
+from stickslip_monitor.offline.input_check import Gap, GapCount, Gaps
 
 NS = 10**9
 

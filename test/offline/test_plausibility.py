@@ -16,7 +16,7 @@ import pytest
 from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.offline.plausibility import Plausibility
+from stickslip_monitor.offline.input_check import Plausibility
 from stickslip_monitor.physics.friction import Stribeck
 
 CONFIG = (

@@ -22,8 +22,7 @@ from stickslip_monitor.commands.check_results import to_json
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.messages import BearingState, diagnostic_record, event_record
 from stickslip_monitor.monitor.verdict import Event, Verdict
-from stickslip_monitor.offline.check import CheckReport, check_bag
-from stickslip_monitor.offline.follow import scan_whole
+from stickslip_monitor.offline.check import CheckReport, check_bag, scan_whole
 from stickslip_monitor.offline.verdict_bag import MessageColumn, tell_verdicts, write_verdicts
 
 NS, START = 10**9, 1_777_874_400 * 10**9

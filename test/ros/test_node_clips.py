@@ -12,7 +12,7 @@ import pytest
 
 from stickslip_monitor import build_config
 from stickslip_monitor.bags.reader import open_bag
-from stickslip_monitor.offline.follow import scan_whole
+from stickslip_monitor.offline.check import scan_whole
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 

@@ -38,7 +38,7 @@ from stickslip_monitor.lab.truth import has_truth, read_truth, scan_on_recorder_
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.rule import UNKNOWN, VIBRATING
-from stickslip_monitor.offline.follow import WholeBag
+from stickslip_monitor.offline.check import WholeBag
 from stickslip_monitor.physics.averaging.boundaries import fold_speed
 from stickslip_monitor.physics.belief import QUANTILES
 

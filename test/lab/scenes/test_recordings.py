@@ -22,7 +22,7 @@ from stickslip_monitor.bags.reader import Request, open_bag
 from stickslip_monitor.lab.scenes.scene import load_scene
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.offline.follow import scan_whole
+from stickslip_monitor.offline.check import scan_whole
 
 ROOT = Path(__file__).resolve().parents[3]
 BAGS = ROOT / 'bags'

@@ -20,7 +20,7 @@ from stickslip_monitor.lab.scenes.recording import write_bag
 from stickslip_monitor.lab.scenes.scene import Scene
 from stickslip_monitor.lab.scenes.telemetry import Messages
 from stickslip_monitor.monitor.signals import Status
-from stickslip_monitor.offline.follow import scan_whole
+from stickslip_monitor.offline.check import scan_whole
 
 MakeScene = Callable[..., Scene]
 MessagesOf = Callable[..., dict[str, Messages]]

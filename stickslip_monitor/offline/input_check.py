@@ -1,0 +1,289 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What comes of the inputs of a bearing over a recording: counts, gaps, faults and questions."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stickslip_monitor.arrays import IntArray
+from stickslip_monitor.bags.cdr import short_name
+from stickslip_monitor.bags.reader import Bag, Fault, Series, missing_topic
+from stickslip_monitor.errors import BagError
+from stickslip_monitor.monitor.assessment import Assessment
+from stickslip_monitor.monitor.bulk import Scan
+from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
+from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
+from stickslip_monitor.monitor.signals import (
+    INPUTS,
+    LEVEL,
+    STATUS_SENTENCES,
+    Status,
+    Stream,
+    to_si,
+)
+from stickslip_monitor.monitor.source_faults import (
+    SourceFault,
+    SourceWatch,
+    fault_text,
+    least_gap,
+)
+from stickslip_monitor.physics.averaging.boundaries import fold_speed
+
+_MOST_NAMED = 5
+FASTEST = 30.0
+"""Surface speed above which no water-lubricated bearing runs [m/s]."""
+THICKEST = 1.0
+"""Journal diameter from which on it may be in another unit [m]."""
+FACTOR = 5.0
+"""Least distance from the boundary, as a factor, that is asked about if it is never smaller."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """A time without messages: the last stamp before it [ns] and how long it lasted [s]."""
+
+    start_ns: int
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Gaps:
+    """The rhythm of a topic."""
+
+    rate: float  # messages a second between the gaps [1/s]; nan for fewer than two
+    count: int  # intervals longer than the limit
+    longest: tuple[Gap, ...]  # of these, longest first, at most five
+
+
+class GapCount:
+    """Finds the intervals between the messages of a topic that are longer than a limit [ns]."""
+
+    def __init__(self, limit_ns: int) -> None:
+        self._limit_ns = limit_ns
+        self._last = np.empty(0, np.int64)
+        self._count = self._regular = self._passed_ns = 0
+        self._longest: list[tuple[int, int]] = []
+
+    def take(self, stamp_ns: IntArray) -> None:
+        """Take some stamps in order of arrival, shape (n,) [ns]; steps back count as no time."""
+        stamp_ns = np.append(self._last, stamp_ns)
+        self._last = stamp_ns[-1:].copy()
+        interval = np.diff(stamp_ns)
+        long = np.flatnonzero(interval > self._limit_ns)
+        start_ns, lasting_ns = stamp_ns[long], interval[long]
+        self._count += long.size
+        self._regular += interval.size - long.size
+        self._passed_ns += int(np.maximum(interval, 0).sum() - lasting_ns.sum())
+        order = np.argsort(-lasting_ns, kind='stable')[:_MOST_NAMED]
+        self._longest += zip(lasting_ns[order].tolist(), start_ns[order].tolist(), strict=True)
+        self._longest.sort(key=lambda gap: -gap[0])
+        del self._longest[_MOST_NAMED:]
+
+    def gaps(self) -> Gaps:
+        """The gaps, and the rate apart from them."""
+        passed = float(self._passed_ns) * 1e-9
+        longest = tuple(Gap(start, lasting / 1e9) for lasting, start in self._longest)
+        rate = self._regular / passed if passed > 0.0 else math.nan
+        return Gaps(rate, self._count, longest)
+
+
+@dataclass(frozen=True, slots=True)
+class InputReport:
+    """What came of one input of a bearing."""
+
+    quantity: str  # 'speed', 'load' or 'level'
+    topic: str
+    messages: int  # on the topic
+    used: int  # samples that were believed
+    faults: tuple[Fault, ...]  # what was wrong with the others, and jumps of the clock
+    gaps: Gaps  # intervals longer than the input's timeout
+    span: tuple[float, float] = (math.nan, math.nan)  # of the numbers believed, as in messages
+    si_span: tuple[float, float] = (math.nan, math.nan)  # the same in SI; a level in its own unit
+    sources: tuple[SourceFault, ...] = ()  # of the source; they are among the faults as well
+    questions: tuple[str, ...] = ()  # where the numbers look like another unit or topic
+    fault: str = ''  # why it brings nothing, in the words of the running monitor
+
+    @property
+    def complaints(self) -> list[str]:
+        """What was wrong, one clause for each kind."""
+        place = f'{self.quantity} on {self.topic}'
+        found = [f'{place}: {fault.count} x {fault.text}' for fault in self.faults]
+        return [*found, f'{place}: {self.fault}'] if self.fault else found
+
+
+class InputCheck:
+    """Adds up what came of one input of a bearing."""
+
+    def __init__(self, config: BearingConfig, place: int) -> None:
+        self.quantity = INPUTS[place]
+        self._place = place
+        self._source = config.inputs[self.quantity]
+        self._counts = np.zeros(len(Status), np.int64)
+        self._gaps = GapCount(self._source.timeout_ns)
+        self._watch = SourceWatch(least_gap(config, place))
+        self._sources: list[SourceFault] = []
+        self._span = math.inf, -math.inf
+        self._messages = self._delay_ns = 0
+
+    def take(self, series: Series, stream: Stream, scan: Scan) -> None:
+        """Take the next part: as it was recorded, merged with the others', and its verdicts."""
+        self._messages += series.value.size
+        if series.value.size:
+            self._delay_ns = int(series.log_time_ns[-1] - series.stamp_ns[-1])
+        self._gaps.take(series.stamp_ns)
+        # A level that jumps between two values is what is looked for, and no fault.
+        is_level = self._place == LEVEL
+        si = np.full(series.value.size, np.nan) if is_level else to_si(self._source, series.value)
+        self._sources += self._watch.see_many(series.log_time_ns, series.stamp_ns, si)
+        self._counts += scan.counts[self._place]
+        refused, value = scan.status > Status.CLOCK_JUMP, series.value
+        if refused.any():
+            value = stream.value[(stream.inputs == self._place) & ~refused]
+        low, high = self._span
+        self._span = float(value.min(initial=low)), float(value.max(initial=high))
+
+    def _fault(self, other: InputCheck) -> str:
+        """Why the input brings nothing, or what its clock differs from the other's by."""
+        facts = _facts(self._source)
+        if not self._messages:
+            return input_fault(facts)
+        if not self._counts[: Status.CLOCK_JUMP + 1].any():
+            worst = max(Status, key=lambda status: int(self._counts[status]))
+            sender = (Publisher('', self._source.type),)
+            return input_fault(replace(facts, publishers=sender, refused=worst))
+        if not other._messages or self._source.topic == other._source.topic:
+            return ''
+        # By how the last stamps of both lie in the recording, whichever came later.
+        behind = (self._delay_ns - other._delay_ns) * 1e-9
+        known = replace(facts, lost=False, heard=True, other=other._source.topic)
+        return input_fault(replace(known, behind=behind))
+
+    def report(
+        self, faults: tuple[Fault, ...], asked: tuple[str, ...], other: InputCheck
+    ) -> InputReport:
+        """What came of the input, by its messages' faults, and questions."""
+        used = int(self._counts[: Status.CLOCK_JUMP + 1].sum())
+        first, last = self._span if used else (math.nan, math.nan)
+        # Below the deadband a negative number is -0.0.
+        low, high = sorted(float(to_si(self._source, end)) + 0.0 for end in (first, last))
+        counted = {text: int(self._counts[status]) for status, text in STATUS_SENTENCES.items()}
+        counted |= Counter(fault_text(fault, self._source) for fault in self._sources)
+        return InputReport(
+            quantity=self.quantity,
+            topic=self._source.topic,
+            messages=self._messages,
+            used=used,
+            faults=(*faults, *(Fault(count, text) for text, count in counted.items() if count)),
+            gaps=self._gaps.gaps(),
+            span=(first, last),
+            si_span=(low, high),
+            sources=tuple(self._sources),
+            questions=asked,
+            fault=self._fault(other),
+        )
+
+
+def check_topics(bag: Bag, config: MonitorConfig) -> None:
+    """Refuse inputs that the recording does not have, or not with their type.
+
+    Raises:
+        BagError: In the words of the running monitor.
+    """
+    for source in (source for b in config.bearings for source in b.inputs.values()):
+        topic = bag.topics.get(source.topic)
+        facts = _facts(source)
+        if topic is None:
+            reason = missing_topic(bag.topics, source.topic)
+            raise BagError(f'{input_fault(facts)[:-1]}: {reason}')
+        if short_name(topic.type) != short_name(source.type):
+            bags = (Publisher(f"Bag '{bag.path.name}'", topic.type),)
+            raise BagError(input_fault(replace(facts, publishers=bags))[:-1])
+
+
+def _facts(source: InputConfig) -> InputFacts:
+    """An input of which nothing has come."""
+    return InputFacts(source.topic, source.type, source.timeout_ns * 1e-9, lost=True)
+
+
+class Plausibility:
+    """What all operating points of a recording say about the inputs of a bearing."""
+
+    def __init__(self, config: BearingConfig) -> None:
+        self._config = config
+        self._count = self._negative = 0
+        self._fastest = self._heaviest = 0.0
+        # Of the points of a turning shaft: whether all have a fold, and speeds relative to it.
+        self._turning = False
+        self._bounded = True
+        self._least, self._most = math.inf, -math.inf
+
+    def take(self, points: Assessment) -> None:
+        """Take some points, of arrays."""
+        speed, load, fold = np.abs(points.speed), points.load, points.fold_speed
+        self._count += speed.size
+        self._fastest = float(speed.max(initial=self._fastest))
+        self._negative += int(np.count_nonzero(load < 0.0))
+        turning = (speed > 0.0) & (load > 0.0)
+        bounded = turning & np.isfinite(fold)
+        self._turning |= bool(turning.any())
+        self._bounded &= bool((bounded == turning).all())
+        self._heaviest = float(load[turning].max(initial=self._heaviest))
+        ratio = speed[bounded] / fold[bounded]
+        self._least = float(ratio.min(initial=self._least))
+        self._most = float(ratio.max(initial=self._most))
+
+    def questions(self) -> dict[str, list[str]]:
+        """Questions by quantity, each a clause that follows the name of the input."""
+        config, diameter = self._config, self._config.bearing.journal_diameter
+        found: dict[str, list[str]] = {'speed': [], 'load': []}
+        if config.speed.topic == config.load.topic and config.speed.field == config.load.field:
+            found['load'].append(
+                'is read from the same field as the speed: is it the right topic?'
+            )
+        if diameter >= THICKEST:
+            found['speed'].append(
+                f'turns a journal of {diameter:g} m: is journal_diameter in metres?'
+            )
+        if self._fastest > FASTEST:
+            found['speed'].append(
+                f'reaches {self._fastest:.4g} m/s at the surface of the journal, more than'
+                f' {FASTEST:g} m/s: are its unit and scale right?'
+            )
+        if self._negative > 0.5 * self._count:
+            found['load'].append(
+                'is negative for most of the time: is the sign of its scale right?'
+            )
+        if self._turning:
+            found['speed'] += self._distance()
+        return found
+
+    def _distance(self) -> list[str]:
+        """Whether the points of a turning shaft are all far from the boundary."""
+        asked = 'are units, scales and topics of speed and load right?'
+        if self._least == math.inf:
+            return self._without_boundary(asked)
+        if self._least > FACTOR:
+            return [f'is never below {self._least:.3g} times the fold speed: {asked}']
+        if self._most < 1.0 / FACTOR and self._bounded:
+            return [f'is never above {self._most:.2g} times the fold speed: {asked}']
+        return []
+
+    def _without_boundary(self, asked: str) -> list[str]:
+        law = self._config.bearing.friction
+        at_rest = float(np.asarray(law.coefficient(np.zeros(1)))[0])
+        sliding = float(np.min(np.asarray(law.coefficient(np.linspace(1e-3, 2.0, 200)))))
+        if at_rest <= sliding:
+            return [
+                f'can never bring stick-slip: friction at rest, {at_rest:.4g}, is not above the'
+                f' least of sliding friction, {sliding:.4g}: are static and kinetic swapped?'
+            ]
+        if np.isfinite(fold_speed(self._config.bearing, FACTOR * self._heaviest)):
+            return []
+        return [
+            f'has no boundary at any load up to {FACTOR:g} times the largest seen,'
+            f' {self._heaviest:.4g} N: {asked}'
+        ]
