@@ -202,67 +202,62 @@ def on_cluster(
     """
     from distributed import KilledWorker
 
+    killed = []
+    for key, outcome in _done(client, function, calls):
+        if isinstance(outcome, KilledWorker):
+            killed.append(key)
+        else:
+            yield key, outcome
+    # Dask blames a worker's death on all that waited there: alone, each shows what it does.
+    for key in killed:
+        ((_, outcome),) = _done(client, function, {f'{key}-alone': calls[key]})
+        yield key, _GIVEN_UP if isinstance(outcome, KilledWorker) else outcome
+
+
+def _done(
+    client: Client, function: Callable[..., Any], calls: Mapping[str, tuple[Any, ...]]
+) -> Iterator[tuple[str, Any]]:
+    """The key of each call, as it is done, and its result or exception."""
     arriving: SimpleQueue[Future] = SimpleQueue()
     # Results are dropped on the cluster as soon as nobody here holds their future.
     for key, call in calls.items():
         client.submit(function, *call, key=key).add_done_callback(arriving.put)
     left = len(calls)
-    killed = []
     try:
-        for _ in calls:
-            future = _patiently(client, left, _arrival, arriving)
-            outcome = _patiently(client, left, _outcome, future)
-            if isinstance(outcome, KilledWorker):
-                killed.append(future.key)
+        while left:
+            try:
+                future = arriving.get(timeout=_LOOK)
+                outcome = future.result(_LOOK)
+            except Empty:
+                _require_worker(client, left)
                 continue
+            except CancelledError:
+                raise
+            except Exception as error:
+                if isinstance(error, asyncio.TimeoutError) and future.status != 'error':
+                    # The result was lost with its worker: it is worked out again.
+                    arriving.put(future)
+                    _require_worker(client, left)
+                    continue
+                outcome = error
             left -= 1
             yield future.key, outcome
-        # Dask blames a worker's death on all that waited there: alone, each shows what it does.
-        for key in killed:
-            future = client.submit(function, *calls[key], key=f'{key}-alone')
-            outcome = _patiently(client, left, _outcome, future)
-            left -= 1
-            yield key, _GIVEN_UP if isinstance(outcome, KilledWorker) else outcome
     except CancelledError as error:
         raise FleetError(
             f"scheduler '{client.scheduler.address}' was lost with {left} calls to do"
         ) from error
 
 
-def _patiently(client: Client, left: int, wait: Callable[[Any], Any], of: Any) -> Any:
-    """Wait as long as somebody may do what is waited for: without workers Dask waits for ever."""
-    while True:
-        with contextlib.suppress(asyncio.TimeoutError):
-            return wait(of)
-        try:
-            client.wait_for_workers(1, timeout=_NO_WORKER)
-        except asyncio.TimeoutError:
-            raise FleetError(
-                f"scheduler '{client.scheduler.address}' has no worker, with {left} calls to do"
-            ) from None
-        except OSError:  # the scheduler is gone: the client cancels what waits
-            continue
-
-
-def _arrival(arriving: SimpleQueue[Future]) -> Future:
+def _require_worker(client: Client, left: int) -> None:
+    """Wait for somebody who may do what is left: without workers Dask waits for ever."""
     try:
-        return arriving.get(timeout=_LOOK)
-    except Empty:
-        raise asyncio.TimeoutError from None
-
-
-def _outcome(future: Future) -> Any:
-    """Result or exception of a call; cancelled where nobody is there any more to do it."""
-    try:
-        return future.result(_LOOK)
-    except CancelledError:
-        raise
+        client.wait_for_workers(1, timeout=_NO_WORKER)
     except asyncio.TimeoutError:
-        if future.status == 'error':  # the call's own
-            return future.exception()
-        raise
-    except Exception as error:
-        return error
+        raise FleetError(
+            f"scheduler '{client.scheduler.address}' has no worker, with {left} calls to do"
+        ) from None
+    except OSError:
+        pass  # the scheduler is gone: the client cancels what waits
 
 
 def _line(error: BaseException) -> str:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,22 +40,19 @@ Verdicts = Scan | Outline
 """What is drawn and told of a bearing: all its verdicts, or their outline."""
 
 
-class _Rows(NamedTuple):
-    """Points that may stay, shape (n,) each: first and last, and those of extreme scores."""
-
-    number: IntArray  # which point of the recording it is
-    time_ns: IntArray
-    until_ns: IntArray  # how long it counts
-    speed: FloatArray  # of the surface [m/s]
-    load: FloatArray  # [N]
-    sticking: BoolArray
-    opens: BoolArray  # whether the line is interrupted before it
-    scores: FloatArray  # columns whose extremes stay, shape (m, n); nan for none
-
-    def kept(self, rows: IndexArray) -> _Rows:
-        """Some of them."""
-        columns: Any = (column[..., rows] for column in self)
-        return _Rows(*columns)
+_ROW = np.dtype(
+    [
+        ('number', np.int64),  # which point of the recording it is
+        ('time_ns', np.int64),
+        ('until_ns', np.int64),  # how long it counts
+        ('speed', np.float64),  # of the surface [m/s]
+        ('load', np.float64),  # [N]
+        ('sticking', np.bool_),
+        ('opens', np.bool_),  # whether the line is interrupted before it
+        ('scores', np.float64, 5),  # whose extremes stay; nan for none
+    ]
+)
+"""A point that may stay."""
 
 
 class Outliner:
@@ -71,8 +67,7 @@ class Outliner:
         self._config = config
         self._count = 0
         self._length = 1
-        times, numbers, flags = np.empty(0, np.int64), np.empty(0), np.empty(0, np.bool_)
-        self._rows = _Rows(times, times, times, numbers, numbers, flags, flags, np.empty((5, 0)))
+        self._rows = np.empty(0, _ROW)
         self._events: list[Event] = []
         self._last: tuple[int, int] | None = None
 
@@ -82,14 +77,13 @@ class Outliner:
         if not scan.time_ns.size:
             return
         rows = self._new(scan)
-        self._count += scan.time_ns.size
+        self._count += rows.size
         while self._count > _MOST * self._length:
             self._length *= 2
-        rows = self._thinned(rows)
-        rows = _join(self._rows, rows)
-        self._rows = self._thinned(rows) if rows.number.size > 24 * _MOST else rows
+        rows = np.concatenate([self._rows, self._thinned(rows)])
+        self._rows = self._thinned(rows) if rows.size > 24 * _MOST else rows
 
-    def _new(self, scan: Scan) -> _Rows:
+    def _new(self, scan: Scan) -> NDArray[np.void]:
         points, time = scan.assessment, scan.time_ns
         amplitude = np.full(time.size, np.nan)
         sticking = np.flatnonzero(scan.sticking)
@@ -99,61 +93,52 @@ class Outliner:
         self._last = int(time[-1]), int(scan.until_ns[-1])
         opens = np.append(ends, scan.until_ns[:-1]) < time
         opens |= time < np.append(before, time[:-1])
-        return _Rows(
-            self._count + np.arange(time.size),
-            time,
-            scan.until_ns,
-            points.speed,
-            points.load,
-            scan.sticking,
-            opens,
-            np.stack(
-                [
-                    np.abs(points.speed),
-                    points.load,
-                    _finite(points.hopf_margin),
-                    _finite(points.fold_margin),
-                    amplitude,
-                ]
-            ),
-        )
+        margins = [
+            np.where(np.isfinite(margin), margin, np.nan)
+            for margin in (points.hopf_margin, points.fold_margin)
+        ]
+        rows = np.empty(time.size, _ROW)
+        rows['number'] = self._count + np.arange(time.size)
+        rows['time_ns'], rows['until_ns'] = time, scan.until_ns
+        rows['speed'], rows['load'] = points.speed, points.load
+        rows['sticking'], rows['opens'] = scan.sticking, opens
+        rows['scores'] = np.stack([np.abs(points.speed), points.load, *margins, amplitude], -1)
+        return rows
 
-    def _thinned(self, rows: _Rows) -> _Rows:
-        if self._length == 1 or not rows.number.size:
+    def _thinned(self, rows: NDArray[np.void]) -> NDArray[np.void]:
+        if self._length == 1 or not rows.size:
             return rows
-        stretch = rows.number // self._length
-        starts = np.flatnonzero(np.diff(stretch, prepend=-1))
-        kept = [np.array([0, stretch.size - 1]), _first(rows.opens, starts)]
-        for column in rows.scores:
+        starts = self._stretches(rows)
+        kept = [np.array([0, rows.size - 1]), _first(rows['opens'], starts)]
+        for column in rows['scores'].T:
             for score in (column, -column):
                 score = np.where(np.isnan(score), -np.inf, score)
                 most = np.repeat(
                     np.maximum.reduceat(score, starts), np.diff([*starts, score.size])
                 )
                 kept.append(_first((score == most) & (score > -np.inf), starts))
-        return rows.kept(np.unique(np.concatenate(kept)))
+        return rows[np.unique(np.concatenate(kept))]
+
+    def _stretches(self, rows: NDArray[np.void]) -> IndexArray:
+        """Where the stretches begin of which some points stay."""
+        return np.flatnonzero(np.diff(rows['number'] // self._length, prepend=-1))
 
     def outline(self) -> Outline:
         """The outline of what was taken; of few points all of them."""
         config = self._config
         rows = self._thinned(self._rows)
-        known = assess(config.bearing, rows.speed, rows.load, config.belief)
-        return Outline(rows.time_ns, self._until(rows), known, rows.sticking, self._events)
+        known = assess(config.bearing, rows['speed'], rows['load'], config.belief)
+        return Outline(rows['time_ns'], self._until(rows), known, rows['sticking'], self._events)
 
-    def _until(self, rows: _Rows) -> IntArray:
+    def _until(self, rows: NDArray[np.void]) -> IntArray:
         """Each counts until the next but where the line is interrupted: once in a stretch."""
-        stretch = rows.number // self._length
-        starts = np.flatnonzero(np.diff(stretch, prepend=-1))
-        opens = _first(rows.opens, starts)
-        until = rows.until_ns.copy()
-        until[:-1] = np.maximum(rows.time_ns[1:], rows.time_ns[:-1])
+        time, until = rows['time_ns'], rows['until_ns'].copy()
+        opens = _first(rows['opens'], self._stretches(rows))
         before = opens[opens > 0] - 1
-        until[before] = np.minimum(rows.until_ns[before], rows.time_ns[before + 1] - 1)
+        interrupted = np.minimum(until[before], time[before + 1] - 1)
+        until[:-1] = np.maximum(time[1:], time[:-1])
+        until[before] = interrupted
         return until
-
-
-def _finite(column: FloatArray) -> FloatArray:
-    return np.where(np.isfinite(column), column, np.nan)
 
 
 def _first(chosen: BoolArray, starts: NDArray[np.intp]) -> IndexArray:
@@ -161,11 +146,6 @@ def _first(chosen: BoolArray, starts: NDArray[np.intp]) -> IndexArray:
     places = np.flatnonzero(chosen)
     owner = np.searchsorted(starts, places, 'right')
     return places[np.flatnonzero(np.diff(owner, prepend=0))]
-
-
-def _join(first: _Rows, second: _Rows) -> _Rows:
-    columns: Any = (np.concatenate(pair, axis=-1) for pair in zip(first, second, strict=True))
-    return _Rows(*columns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,28 +250,28 @@ class Worst:
 
     def __init__(self) -> None:
         self.found: dict[str, Extreme] = {}
-        self._least: dict[str, float] = {}
 
     def take(self, scan: Scan) -> None:
         """Take the next part of the verdicts on one bearing."""
         points = scan.assessment
-        for name in ('hopf_margin', 'fold_margin'):
-            margin = getattr(points, name)
-            self._take(name, scan, None, np.where(np.isfinite(margin), margin, np.inf))
+        every = np.arange(scan.time_ns.size)
+        self._take('hopf_margin', scan, every, points.hopf_margin)
+        self._take('fold_margin', scan, every, points.fold_margin)
         # One that dies out beyond the fold has no amplitude any more.
         exists = (points.regime_code == _BISTABLE) | (points.regime_code == _UNSTABLE)
         rows = np.flatnonzero(scan.sticking & exists)
         if rows.size:
             rows = rows[_outermost(np.abs(scan.speed[rows]), scan.load[rows])]
-            amplitude = at_indices(points, rows).amplitude_exact
-            self._take('amplitude', scan, rows, np.where(np.isnan(amplitude), np.inf, -amplitude))
+            self._take('amplitude', scan, rows, at_indices(points, rows).amplitude_exact, -1)
 
-    def _take(self, name: str, scan: Scan, rows: IndexArray | None, badness: FloatArray) -> None:
-        """Take a column whose least value is the worst; ``inf`` is none."""
-        i = int(badness.argmin()) if badness.size else -1
-        if i < 0 or not badness[i] < self._least.get(name, math.inf):
-            return
-        self._least[name] = value = float(badness[i])
-        k = i if rows is None else int(rows[i])
-        value = -value if name == 'amplitude' else value
-        self.found[name] = Extreme(int(scan.time_ns[k]), value, at_indices(scan.assessment, k))
+    def _take(
+        self, name: str, scan: Scan, rows: IndexArray, values: FloatArray, sign: int = 1
+    ) -> None:
+        """Take values of some rows; the least is the worst, with the other sign the greatest."""
+        badness = np.where(np.isfinite(values), sign * values, np.inf)
+        least = sign * self.found[name].value if name in self.found else math.inf
+        if badness.min(initial=math.inf) < least:
+            i = int(badness.argmin())
+            k = int(rows[i])
+            point = at_indices(scan.assessment, k)
+            self.found[name] = Extreme(int(scan.time_ns[k]), float(values[i]), point)
