@@ -20,6 +20,20 @@ from stickslip_monitor.links.nmea import parse, sentence
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
 START = 1_777_874_400 * 10**9  # 2026-05-04 06:00:00 UTC, when most recordings of bags/ begin
+REFERENCE: dict[str, Any] = {
+    'mass': 50.0,
+    'damping': 400.0,
+    'stiffness': 2.0e6,
+    'journal_diameter': 0.1,
+    'friction.law': 'stribeck',
+    'friction.static': 0.3,
+    'friction.kinetic': 0.1,
+    'friction.decay': 10.0,
+    'speed.topic': '/shaft/speed',
+    'speed.unit': 'rpm',
+    'load.topic': '/bearing/aft/load',
+    'load.unit': 'N',
+}
 # Only a test that fails waits so long; a busy machine may need some of it.
 DEADLINE = 60.0
 

@@ -5,23 +5,9 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from shared import REFERENCE
 
 from stickslip_monitor import MonitorConfig, build_config
-
-REFERENCE: dict[str, Any] = {
-    'mass': 50.0,
-    'damping': 400.0,
-    'stiffness': 2.0e6,
-    'journal_diameter': 0.1,
-    'friction.law': 'stribeck',
-    'friction.static': 0.3,
-    'friction.kinetic': 0.1,
-    'friction.decay': 10.0,
-    'speed.topic': '/shaft/speed',
-    'speed.unit': 'rpm',
-    'load.topic': '/bearing/aft/load',
-    'load.unit': 'N',
-}
 
 
 @pytest.fixture

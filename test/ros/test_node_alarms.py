@@ -129,19 +129,3 @@ def test_an_acknowledged_alarm_survives_a_restart(host: Any, kit: Any, tmp_path:
     assert panel.states() == {'stick_slip': 'acknowledged', **COVERED}
     assert panel.changes == []
     assert not any(record['sounding'] for record in panel.lists)
-    second.end()
-
-    # What is damaged is set aside by name, and the alarms start fresh.
-    file.write_bytes(file.read_bytes()[:-100])
-    third = host(values)
-    panel = Panel(third)
-    assert panel.states() == {}
-    assert f'state_file {file} cannot be used: it is not JSON: ' in third.output
-    assert (tmp_path / 'alarms.json.damaged').exists()
-
-    # What cannot be written is told, and no more: a folder stands where the file would.
-    file.unlink(missing_ok=True)
-    file.mkdir()
-    assert panel.ask('suppress', True)[0]
-    panel.peer.until(lambda: 'the alarms are not kept: ' in third.output, 'the reason')
-    panel.peer.until(lambda: set(panel.states().values()) == {'suppressed'}, 'suppression')

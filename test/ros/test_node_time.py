@@ -150,13 +150,6 @@ def test_clock_starts_late_and_jumps(host: Any, kit: Any) -> None:
     assert event['from'] == 'stick_slip'
     assert 106.0 <= event['time'] * 1e-9 <= now <= 115.0
 
-    # Forward, by more than the timeout: for so long nothing was received.
-    warnings.clear()
-    now = run(now + 3600.0, 20.0, heard('stick_slip'), 'the second warning')
-    kinds = [e['to'] for e in kit.events(warnings)]
-    assert (kinds[0], kinds[-1]) == ('input_stale', 'stick_slip')
-    assert kit.events(warnings)[-1]['time'] * 1e-9 > 3700.0
-
     # No samples while the clock runs on, some twenty times faster than real time.
     warnings.clear()
     begin = run(now + 0.2, 20.0, lambda: True, 'a sample')

@@ -84,17 +84,3 @@ def test_what_comes_back_with_its_cause_is_given_again(
 ) -> None:
     assert follow(state, trigger, Facts(active=True)) is AlarmState.UNACKNOWLEDGED
     assert follow(state, trigger, Facts(active=True, covered=True)) is AlarmState.ACKNOWLEDGED
-
-
-def test_a_latching_alarm_is_acknowledged_and_then_reset() -> None:
-    held, state = Facts(held=True), AlarmState.NORMAL
-    for trigger, after in (
-        (Trigger.RAISE, AlarmState.UNACKNOWLEDGED),
-        (Trigger.CLEAR, AlarmState.RETURNED),
-        (Trigger.RESET, AlarmState.RETURNED),
-        (Trigger.ACKNOWLEDGE, AlarmState.LATCHED),
-        (Trigger.RESET, AlarmState.NORMAL),
-    ):
-        state = follow(state, trigger, held)
-        assert state is after
-    assert follow(AlarmState.ACKNOWLEDGED, Trigger.CLEAR, held) is AlarmState.LATCHED
