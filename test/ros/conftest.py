@@ -305,13 +305,7 @@ class Telemetry:
 
         Stamps may run ahead of the clock, but do not stay behind it: the watchdog goes by it.
         """
-        now = round(time.monotonic() - self._begun, 1)
-        if now > self.now + 0.8:
-            # A stamp more than a second after the one before waits until two more follow it.
-            self.now = now
-            self.send(rpm, load)
-            self.send(rpm, load)
-        self.now = max(self.now, now)
+        self.now = max(self.now, round(time.monotonic() - self._begun, 1))
         return [self.step(rpm, load) for _ in range(round(seconds * 10))][-1]
 
 

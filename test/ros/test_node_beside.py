@@ -34,13 +34,6 @@ class Page:
                     return dict(json.loads(line[6:]))
         raise AssertionError('the stream has ended')
 
-    def status(self) -> dict[str, Any]:
-        return self.state()['bearings'][0]['status'] or {}
-
-    def alarms(self) -> dict[str, str]:
-        record = self.state()['alarms'] or {'alarms': []}
-        return {a['alarm']: a['state'] for a in record['alarms'] if a['state'] != 'normal'}
-
     def metrics(self) -> dict[str, float]:
         with urllib.request.urlopen(f'{self.url}metrics', timeout=10.0) as answer:
             lines = answer.read().decode().splitlines()
@@ -104,48 +97,6 @@ def open_page(run: Any, tmp_path: Path) -> Iterator[Any]:
 
 
 @pytest.mark.slow
-def test_it_shows_the_node_and_acts_on_it(start: Any, open_page: Any, kit: Any) -> None:
-    monitor = start(kit.parameters(kit.STAMPED))
-    telemetry = kit.Telemetry(monitor)
-    shown, peer = open_page(monitor)[1], monitor.peer
-    heard = telemetry.hold(45.0, 1000.0, 1.0)
-    peer.until(lambda: shown.status().get('rpm') == pytest.approx(45.0), 'the operating point')
-    status = shown.status()
-    assert status['load'] == 1000.0
-    assert status['fold_margin'] == pytest.approx(heard['fold_margin'], rel=1e-8)
-    assert shown.state()['monitor']['there']
-
-    telemetry.hold(20.0, 1000.0, 2.0)
-    peer.until(lambda: shown.alarms().get('stick_slip') == 'unacknowledged', 'the alarm')
-    assert shown.act('acknowledge', 'stick_slip') == (200, 'acknowledge: 1 alarm')
-    peer.until(lambda: shown.alarms()['stick_slip'] == 'acknowledged', 'the acknowledgement')
-    last = shown.state()['log'][-1]
-    own = f'{monitor.space}/aft'
-    assert (last['what'], last['by'], last['bearing']) == ('acknowledge', 'Ada', own)
-    # The node itself says so, in its log too.
-    assert 'aft/stick_slip: acknowledge by Ada, unacknowledged -> ack' in monitor.output
-    assert shown.act('acknowledge', 'stick_slip') == (409, 'there is nothing to acknowledge')
-    assert shown.act('shelve', 'stick_slip')[0] == 200
-    peer.until(lambda: shown.alarms()['stick_slip'] == 'shelved', 'the shelf')
-    notes = [entry['text'] for entry in shown.state()['log'] if not entry['alarm']]
-    assert notes[-1] == 'aft/stick_slip: shelve by Ada: new oil'
-
-    peer.until(lambda: shown.figure('predicted') == 1.0, 'it')
-    assert shown.figure('load_newtons') == 1000.0
-    one = {'bearing': 'aft', 'namespace': f'/{monitor.space}', 'alarm': 'stick_slip'}
-    assert shown.figure('alarm_state', **one, priority='alarm', state='shelved') == 1.0
-    assert shown.up() == 1.0
-
-    # Without the node nothing is repeated, and nothing is done.
-    assert monitor.stop() == 0
-    peer.until(lambda: not shown.state()['monitor']['there'], 'silence')
-    assert shown.up() == 0.0
-    assert shown.figure('load_newtons') is None
-    gone = (503, 'the monitor is not there, or not active: nothing was done')
-    peer.until(lambda: shown.act('unshelve', 'stick_slip') == gone, 'the word that it is gone')
-
-
-@pytest.mark.slow
 def test_of_two_nodes_on_a_page_the_one_that_is_meant_acts(
     start: Any, open_page: Any, kit: Any
 ) -> None:
@@ -169,9 +120,22 @@ def test_of_two_nodes_on_a_page_the_one_that_is_meant_acts(
     assert shown.act('acknowledge', 'stick_slip') == (200, 'acknowledge: 1 alarm')
     peer.until(lambda: 'acknowledge by Ada' in port.output, 'its word')
     assert 'acknowledge by Ada' not in starboard.output
+    last = shown.state()['log'][-1]
+    own = f'{port.space}/aft'
+    assert (last['what'], last['by'], last['bearing']) == ('acknowledge', 'Ada', own)
+    assert shown.act('shelve', 'stick_slip')[0] == 200
+    one = {'bearing': 'aft', 'namespace': f'/{port.space}', 'alarm': 'stick_slip'}
+    shelved = one | {'priority': 'alarm', 'state': 'shelved'}
+    peer.until(lambda: shown.figure('alarm_state', **shelved) == 1.0, 'the shelf')
+    notes = [entry['text'] for entry in shown.state()['log'] if not entry['alarm']]
+    assert 'aft/stick_slip: shelve by Ada: new oil' in notes
     # One that is silent is told, and the other is not taken for it.
     assert port.stop() == 0
     peer.until(lambda: shown.up() == 0.0, 'silence')
+    # Nothing old is repeated, and nothing is done.
+    assert shown.figure('load_newtons') is None
+    gone = (503, 'the monitor is not there, or not active: nothing was done')
+    peer.until(lambda: shown.act('unshelve', 'stick_slip') == gone, 'the word that it is gone')
     unheard = [f'{port.space}/aft']
     peer.until(lambda: shown.state()['monitor']['unheard'] == unheard, 'which it is')
     assert other.up() == 1.0

@@ -56,37 +56,6 @@ class Sensors:
         return now
 
 
-def test_an_input_that_dies_is_reported_with_its_age_and_cleared(host: Any, kit: Any) -> None:
-    monitor = host(kit.parameters({'speed.timeout': 1.0, 'load.timeout': 60.0}))
-    peer, warnings, diagnostics = monitor.peer, monitor.warnings(), monitor.diagnostics()
-    regimes, sensors = monitor.listen('aft/regime'), Sensors(monitor)
-    peer.until(sensors.sending(60.0, 1000.0, lambda: regimes), 'a regime')
-    warnings.clear()
-    peer.until(sensors.sending(None, 1000.0, lambda: warnings), 'the loss of the speed')
-    (event,) = kit.events(warnings)
-    assert (event['to'], event['level']) == ('input_stale', 'ERROR')
-    # The age at the time of the event, not when somebody looked.
-    assert event['input_age'] == {'speed': pytest.approx(1.0)}
-    topic = monitor.input('shaft/speed')
-    assert event['text'] == (
-        f'aft: Input speed lost: no valid value on {topic} for 1 s.'
-        f' /{peer.node.get_name()} publishes on {topic}, but nothing arrives.'
-    )
-    peer.until(
-        lambda: float(kit.status(diagnostics).get('speed age [s]', 0.0)) > 2.0, 'a growing age'
-    )
-    record = kit.status(diagnostics)
-    assert (record['level'], record['reason']) == (b'\x02', 'input_stale')
-    assert 'load age [s]' not in record
-    peer.until(
-        sensors.sending(60.0, 1000.0, lambda: kit.events(warnings)[-1]['to'] == 'normal'),
-        'the return',
-    )
-    assert kit.events(warnings)[-1]['from'] == 'input_stale'
-    peer.until(lambda: kit.status(diagnostics).get('level') == b'\x00', 'diagnostics clear')
-    assert 'speed age [s]' not in kit.status(diagnostics)
-
-
 @pytest.mark.parametrize('simulated', [False, True])
 def test_inputs_never_received(host: Any, kit: Any, simulated: bool) -> None:
     timeouts = {'speed.timeout': 1.0, 'load.timeout': 1.0}
