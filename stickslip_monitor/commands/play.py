@@ -15,7 +15,7 @@ from rich.markup import escape
 from rich.progress import Progress
 
 from stickslip_monitor.bags.reader import Bag, open_bag
-from stickslip_monitor.commands.declared import add_input, add_number
+from stickslip_monitor.commands import options
 from stickslip_monitor.errors import BagError, RosError, no_ros, plural
 from stickslip_monitor.files import printable
 
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_input(parser, 'bag', metavar='BAG', help='rosbag2 folder or .mcap file')
+    options.add_input(parser, 'bag', metavar='BAG', help='rosbag2 folder or .mcap file')
     text = 'times faster than recorded (default 1)'
-    add_number(parser, '--rate', 0, above=True, kind=float, default=1.0, help=text)
-    add_number(parser, '--loop', 1, default=1, metavar='N', help='play it N times')
+    options.add_number(parser, '--rate', 0, above=True, kind=float, default=1.0, help=text)
+    options.add_number(parser, '--loop', 1, default=1, metavar='N', help='play it N times')
     text = 'wait so long at most for a subscriber before starting'
-    add_number(parser, '--wait', 0, kind=float, default=0.0, metavar='SECONDS', help=text)
+    options.add_number(parser, '--wait', 0, kind=float, default=0.0, metavar='SECONDS', help=text)
 
 
 def run(args: argparse.Namespace) -> int:
