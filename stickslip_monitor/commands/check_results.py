@@ -176,10 +176,7 @@ def _outcomes(
     else:
         from stickslip_monitor.offline.fleet import core_count, run_in_processes
 
-        keys, jobs = list(calls), args.jobs or core_count()
-        with contextlib.closing(run_in_processes(attempt, list(calls.values()), jobs)) as arriving:
-            for place, outcome in arriving:
-                yield keys[place], outcome
+        yield from run_in_processes(attempt, calls, args.jobs or core_count())
 
 
 def attempt(task: Task, bag: Path, progress: Progress | None = None) -> Found:
@@ -202,10 +199,12 @@ def attempt(task: Task, bag: Path, progress: Progress | None = None) -> Found:
         if task.mcap is not None:
             from stickslip_monitor.offline.verdict_bag import write_verdicts
 
-            def told(count: int) -> None:
-                show(f'{count} messages written', count, None)
-
-            write_verdicts(checked, task.config, task.mcap, told)
+            write_verdicts(
+                checked,
+                task.config,
+                task.mcap,
+                lambda count: show(f'{count} messages written', count, None),
+            )
         if task.clips is not None:
             from stickslip_monitor.offline.clips import ClipFolder, write_clips
 
