@@ -23,7 +23,8 @@ import numpy as np
 from benchmarks.table import Table, duration, ratio
 from stickslip_monitor.bags.reader import Request, open_bag
 from stickslip_monitor.bags.writer import BagWriter
-from stickslip_monitor.commands.check_results import to_json, to_text
+from stickslip_monitor.commands.check import to_text
+from stickslip_monitor.commands.check_results import to_json
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.offline.check import check_bag
 from stickslip_monitor.offline.clips import ClipFolder, write_clips

@@ -176,7 +176,7 @@ def _judged_spoilt(seeds: range, jobs: int) -> dict[str, Quality]:
     scenes = [str(scene) for scene in sorted(SCENES.glob('*.yaml')) if scene.stem != WRONG_SOURCE]
     calls = [(scene, seed) for scene in scenes for seed in seeds]
     found: dict[str, list[Quality]] = {}
-    for _, outcome in run_in_processes(judge_spoilt, calls, jobs):
+    for _, outcome in run_in_processes(judge_spoilt, dict(enumerate(calls)), jobs):
         if isinstance(outcome, BaseException):
             raise outcome
         for name, quality in outcome.items():

@@ -21,7 +21,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn
 
 from stickslip_monitor import __version__
-from stickslip_monitor.commands.declared import check_files
+from stickslip_monitor.commands.output import check_files
 from stickslip_monitor.errors import (
     ConfigurationError,
     StickslipError,

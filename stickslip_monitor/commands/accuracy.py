@@ -18,14 +18,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from stickslip_monitor.commands import declared
-from stickslip_monitor.commands.output import (
-    ProgressBar,
-    add_json,
-    console,
-    line_width,
-    print_json,
-)
+from stickslip_monitor.commands import options, output
 from stickslip_monitor.drawing.studies import MethodMark, draw_pareto
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.lab.accuracy.cases import BASE, CASES, METHODS, TYPICAL
@@ -50,15 +43,15 @@ _WORDS = {'refused': '-', 'no_cycle': 'none', 'not_converged': 'fails'}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('--quick', action='store_true', help='few cases, short samples: seconds')
-    declared.add_input(
+    options.add_input(
         parser, '--from', dest='source', metavar='FILE', help='show that CSV: no measuring'
     )
     text = '.csv: every method at every case'
-    declared.add_output(parser, '--output', '-o', marks=declared.TABLE, was='--csv', help=text)
-    declared.add_picture(parser, 'error over time')
+    options.add_output(parser, '--output', '-o', marks=options.TABLE, was='--csv', help=text)
+    options.add_picture(parser, 'error over time')
     parser.add_argument('--markdown', action='store_true', help='print the table in Markdown')
-    declared.add_force(parser)
-    add_json(parser)
+    options.add_force(parser)
+    options.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -66,17 +59,17 @@ def run(args: argparse.Namespace) -> int:
     if args.source and args.quick:
         raise ConfigurationError('--from shows what was measured: it does not go with --quick')
     rows = read_rows(args.source) if args.source else measured(args.quick)
-    declared.write_outputs(
+    output.write_outputs(
         args,
         output=lambda: columns(rows),
         picture=lambda: draw_pareto(panels(rows), footnote(rows)),
     )
     if args.json:
-        print_json(to_json(rows))
+        output.print_json(to_json(rows))
     elif args.markdown:
         sys.stdout.write(markdown(rows))
     else:
-        _print(console(), rows)
+        _print(output.console(), rows)
     return 0
 
 
@@ -85,7 +78,7 @@ def measured(quick: bool) -> list[Row]:
     cases = [case for case in CASES if case.quick or not quick]
     steps = [(m, case) for m in METHODS if not (quick and m.slow) for case in cases]
     rows = []
-    with ProgressBar() as bar:
+    with output.ProgressBar() as bar:
         for done, (method, case) in enumerate(steps):
             bar.show(f'{method.name}, {case.name}', done, len(steps))
             rows.append(measure(method, case, QUICK if quick else Effort()))
@@ -191,7 +184,7 @@ def _print(out: Console, rows: Sequence[Row]) -> None:
         table.add_column(heading, justify='right' if i else 'left')
     for line in lines:
         table.add_row(*line)
-    if line_width() is None:
+    if output.line_width() is None:
         out.width = _WIDEST
     out.print(table)
     disturbed = sum(row.disturbed for row in rows)

@@ -12,9 +12,7 @@ from typing import Any
 
 from rich.table import Table
 
-from stickslip_monitor.commands.arguments import chosen, parse_load, parse_speed
-from stickslip_monitor.commands.declared import add_bearing, add_config
-from stickslip_monitor.commands.output import add_json, console, print_json
+from stickslip_monitor.commands import options, output
 from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, assess
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.messages import number
@@ -48,27 +46,27 @@ _NAMES = [name for _, name, _ in _ROWS]
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_config(parser)
+    options.add_config(parser)
     parser.add_argument('--speed', required=True, help='shaft speed with unit, e.g. 20rpm')
     parser.add_argument('--load', required=True, help='bearing load with unit, e.g. 1000N')
-    add_bearing(parser)
-    add_json(parser)
+    options.add_bearing(parser)
+    options.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    load = parse_load(args.load)
+    load = options.parse_load(args.load)
     points, warned = [], False
-    for item in chosen(args).bearings:
-        speed = parse_speed(args.speed, item.bearing.speed)
+    for item in options.chosen(args).bearings:
+        speed = options.parse_speed(args.speed, item.bearing.speed)
         points.append((item, assess(item.bearing, speed, load, item.belief)))
         warned |= warns(item, points[-1][1])
     if args.json:
         documents = [to_json(item.name, point) for item, point in points]
-        print_json(documents if len(documents) > 1 else documents[0])
+        output.print_json(documents if len(documents) > 1 else documents[0])
     else:
         for item, point in points:
-            console().print(_table(item, point))
+            output.console().print(_table(item, point))
     return int(warned)
 
 

@@ -24,9 +24,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from stickslip_monitor import __version__
-from stickslip_monitor.commands import declared
-from stickslip_monitor.commands.arguments import ONE_OF_SEVERAL, the_bearing
-from stickslip_monitor.commands.output import ProgressBar, add_json, console, json_text, print_json
+from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import ConfigurationError, cause, plural
 from stickslip_monitor.files import read_json
 from stickslip_monitor.lab.calibration.calibrate import FLOOR, Calibration, calibrate
@@ -58,34 +56,34 @@ from stickslip_monitor.physics.belief import EXACT, QUANTILES
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     text = 'rosbag2 folder or .mcap file'
-    declared.add_input(parser, 'bags', nargs='+', metavar='BAG', help=text)
-    declared.add_config(parser)
-    declared.add_bearing(parser, ONE_OF_SEVERAL)
+    options.add_input(parser, 'bags', nargs='+', metavar='BAG', help=text)
+    options.add_config(parser)
+    options.add_bearing(parser, options.ONE_OF_SEVERAL)
     text = "an operator's reports of vibration"
-    declared.add_input(parser, '--reports', metavar='CSV', help=text)
+    options.add_input(parser, '--reports', metavar='CSV', help=text)
     # The result of the last calibration may be renewed in its place.
     result = {'': CALIBRATION_SCHEMA.encode()}
     text = 'write the result, JSON'
-    declared.add_output(parser, '--output', '-o', marks=result, renews=True, help=text)
-    declared.add_input(parser, '--add', metavar='FILE', help='begin with this earlier result')
+    options.add_output(parser, '--output', '-o', marks=result, renews=True, help=text)
+    options.add_input(parser, '--add', metavar='FILE', help='begin with this earlier result')
     text = 'let ln N0 wander by this standard deviation from dip to dip, e.g. 0.03'
-    declared.add_number(parser, '--forget', 0, 1, kind=float, default=0.0, metavar='S', help=text)
-    declared.add_input(parser, '--bench', metavar='FIT', help='what stickslip fit --json printed')
+    options.add_number(parser, '--forget', 0, 1, kind=float, default=0.0, metavar='S', help=text)
+    options.add_input(parser, '--bench', metavar='FIT', help='what stickslip fit --json printed')
     yaml = {'': FRAGMENT_MARK}
-    declared.add_output(parser, '--fragment', marks=yaml, help='write damping and friction, YAML')
-    declared.add_picture(parser, 'the map with its bands')
-    declared.add_force(parser)
-    add_json(parser)
+    options.add_output(parser, '--fragment', marks=yaml, help='write damping and friction, YAML')
+    options.add_picture(parser, 'the map with its bands')
+    options.add_force(parser)
+    options.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     whole = load_config(args.config)
-    config = the_bearing(whole) if args.bearing is None else whole.bearing(args.bearing)
+    config = options.the_bearing(whole) if args.bearing is None else whole.bearing(args.bearing)
     source = source_of(args.reports, whole)
     earlier = _earlier(args.add, config)
     prior = _prior(args, config, earlier)
-    with ProgressBar() as meter:
+    with output.ProgressBar() as meter:
         dips = _dips(args.bags, config, source, prior, meter)
         found = calibrate(
             dips,
@@ -97,16 +95,16 @@ def run(args: argparse.Namespace) -> int:
         )
     now = datetime.now(timezone.utc).isoformat(timespec='seconds')
     document = to_document(config, found, earlier, now, __version__)
-    declared.write_outputs(
+    output.write_outputs(
         args,
-        output=lambda: json_text(document),
+        output=lambda: output.json_text(document),
         fragment=lambda: fragment(config, found),
         picture=lambda: _drawn(config, found),
     )
     if args.json:
-        print_json(document)
+        output.print_json(document)
     else:
-        _print(console(), config, found)
+        _print(output.console(), config, found)
     return int(bool(found.warnings))
 
 
@@ -150,7 +148,7 @@ def _dips(
     config: BearingConfig,
     source: EvidenceSource,
     prior: Prior,
-    meter: ProgressBar,
+    meter: output.ProgressBar,
 ) -> list[Dip]:
     """The dips of all recordings of which something was reported."""
     found = []

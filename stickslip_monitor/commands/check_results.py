@@ -6,17 +6,33 @@ Plain values in and out, so that a bag can be checked in another process or on a
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Callable, Iterator, Mapping
+import argparse
+import contextlib
+import itertools
+import json
+import pickle
+import shlex
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import datetime, timezone
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stickslip_monitor.bags.reader import Bag
-from stickslip_monitor.errors import CalibrationError, StickslipError, plural
-from stickslip_monitor.files import printable
+from stickslip_monitor import __version__
+from stickslip_monitor.bags.reader import Bag, stamp_of
+from stickslip_monitor.commands import options, output
+from stickslip_monitor.errors import (
+    BagError,
+    CalibrationError,
+    ConfigurationError,
+    OutputError,
+    StickslipError,
+    cause,
+    program_fault,
+)
+from stickslip_monitor.files import open_file, printable
 from stickslip_monitor.monitor.config import MonitorConfig
-from stickslip_monitor.monitor.ladder import Level
 from stickslip_monitor.monitor.messages import event_record, number
 from stickslip_monitor.offline.check import (
     BearingReport,
@@ -25,11 +41,13 @@ from stickslip_monitor.offline.check import (
     scan_whole,
 )
 from stickslip_monitor.offline.input_check import InputReport
+from stickslip_monitor.physics.friction import Stribeck
 
 if TYPE_CHECKING:
     from stickslip_monitor.lab.calibration.recordings import Evidence, EvidenceSource
     from stickslip_monitor.report.page import RecordingPart
 
+Keep = Callable[[str, dict[str, Any]], None]
 Progress = Callable[[str, int, int | None], None]
 SCHEMA = 'stickslip_monitor/check/1'
 
@@ -83,6 +101,84 @@ class Found:
         return [name for name, item in bearings.items() if not item['evaluations']]
 
 
+def task_of(args: argparse.Namespace, count: int) -> Task:
+    """What the arguments want of each of some bags."""
+    config = options.chosen(args)
+    if args.mcap is not None:
+        if count > 1:
+            raise BagError(f"recording of verdicts '{args.mcap}' is for one bag, not {count}")
+        from stickslip_monitor.offline.verdict_bag import check_target
+
+        check_target(args.mcap)
+    report = None if args.report is None else Path(args.report).suffix.lower()
+    return Task(config, report, args.mcap, args.clips, _source(args.learn, config))
+
+
+def _source(text: str | None, config: MonitorConfig) -> EvidenceSource | None:
+    if text is None:
+        return None
+    from stickslip_monitor.commands.calibrate import source_of
+
+    missing = [bearing.name for bearing in config.bearings if bearing.level is None]
+    if text == 'level' and missing:
+        raise ConfigurationError(
+            f'--learn level needs a level of every bearing, and {", ".join(missing)} has none:'
+            ' configure level.topic'
+        )
+    told = None if text in ('level', 'truth') else text
+    return replace(source_of(told, config), true=text == 'truth')
+
+
+def check_all(
+    task: Task, bags: Sequence[Path], args: argparse.Namespace, meter: output.ProgressBar
+) -> Iterator[Found]:
+    """What came of each bag, in the order asked for."""
+    if args.scheduler is not None:
+        bags = [bag.absolute() for bag in bags]
+    # By a name for checking a bag, as it is now, in this way: equal names, equal results.
+    by_key, sizes = {}, {}
+    for bag in bags:
+        stamp = stamp_of(bag)
+        content = pickle.dumps((__version__, task, str(bag), stamp))
+        key = f'check-{sha256(content).hexdigest()[:32]}'
+        by_key[key], sizes[key] = bag, max(1, sum(size for _, size, _ in stamp))
+    order, total, done = list(by_key), sum(sizes.values()), 0
+    with _kept(args.resume) as (known, keep):
+        waiting: dict[str, Found] = {}
+        calls = {key: (task, bag) for key, bag in by_key.items() if key not in known}
+        with contextlib.closing(_outcomes(calls, args, meter)) as arriving:
+            told = ((key, Found(known[key])) for key in by_key if key in known)
+            for count, (key, outcome) in enumerate(itertools.chain(told, arriving), 1):
+                waiting[key] = found = _as_found(task, by_key[key], outcome)
+                if key in calls and 'error' not in found.document:
+                    keep(key, found.document)
+                done += sizes[key]
+                meter.hide()
+                while order and order[0] in waiting:
+                    yield waiting.pop(order.pop(0))
+                if order:
+                    meter.show(f'{count} of {len(bags)} bags', done, total)
+
+
+def _outcomes(
+    calls: dict[str, tuple[Task, Path]], args: argparse.Namespace, meter: output.ProgressBar
+) -> Generator[tuple[str, Any], None, None]:
+    """The key of each bag that is to be checked, as it is done, and what came of it."""
+    # Processes and clusters are not needed for one bag, and cost time to import.
+    if args.scheduler is not None:
+        from stickslip_monitor.offline.fleet import connected, on_cluster
+
+        with connected(args.scheduler) as client:
+            yield from on_cluster(client, attempt, calls)
+    elif args.jobs == 1 or len(calls) < 2:
+        for key, call in calls.items():
+            yield key, attempt(*call, meter.show)
+    else:
+        from stickslip_monitor.offline.fleet import core_count, run_in_processes
+
+        yield from run_in_processes(attempt, calls, args.jobs or core_count())
+
+
 def attempt(task: Task, bag: Path, progress: Progress | None = None) -> Found:
     """Check one bag; why it cannot be checked is told by the result.
 
@@ -103,10 +199,12 @@ def attempt(task: Task, bag: Path, progress: Progress | None = None) -> Found:
         if task.mcap is not None:
             from stickslip_monitor.offline.verdict_bag import write_verdicts
 
-            def told(count: int) -> None:
-                show(f'{count} messages written', count, None)
-
-            write_verdicts(checked, task.config, task.mcap, told)
+            write_verdicts(
+                checked,
+                task.config,
+                task.mcap,
+                lambda count: show(f'{count} messages written', count, None),
+            )
         if task.clips is not None:
             from stickslip_monitor.offline.clips import ClipFolder, write_clips
 
@@ -132,6 +230,54 @@ def failed(task: Task, bag: Path, text: str, *, faulty: bool = False) -> Found:
     return Found(document, part, faulty=faulty)
 
 
+def _as_found(task: Task, bag: Path, outcome: Any) -> Found:
+    if isinstance(outcome, Found):
+        return outcome
+    if type(outcome).__name__ == 'BrokenProcessPool':
+        return failed(task, bag, 'the process that checked it died (was there enough memory?)')
+    if isinstance(outcome, MemoryError):
+        return failed(task, bag, 'there is not enough memory for it')
+    if isinstance(outcome, StickslipError | OSError):
+        return failed(task, bag, cause(outcome))
+    return failed(task, bag, program_fault(outcome), faulty=True)
+
+
+@contextlib.contextmanager
+def _kept(path: str | None) -> Iterator[tuple[dict[str, dict[str, Any]], Keep]]:
+    """What was found of bags, by key, and what keeps one more: a line of JSON for each.
+
+    Bags that could not be checked are not kept, and a line that was cut off by a loss of power is
+    no result.  Without a path nothing is kept.
+
+    Raises:
+        OutputError: The file cannot be read or written.
+    """
+    if path is None:
+        yield {}, lambda key, document: None
+        return
+    known, line = {}, b'\n'
+    with contextlib.ExitStack() as opened:
+        try:
+            if Path(path).exists():
+                with open_file(path) as there:
+                    for line in there:
+                        with contextlib.suppress(ValueError, KeyError, TypeError):
+                            record = json.loads(line)
+                            known[record['key']] = record['found']
+            # What holds none of our results is replaced: --force allows it.
+            mode = 'a' if known else 'w'
+            file = opened.enter_context(Path(path).open(mode, encoding='utf-8'))
+        except (OSError, ValueError) as error:
+            raise OutputError(f"results '{path}' cannot be kept: {error}") from None
+
+        def keep(key: str, document: dict[str, Any]) -> None:
+            file.write(json.dumps({'key': key, 'found': document}) + '\n')
+            file.flush()
+
+        file.write('' if line.endswith(b'\n') or not known else '\n')
+        yield known, keep
+
+
 def _evidence(task: Task, checked: CheckReport) -> dict[str, Evidence | str]:
     found: dict[str, Evidence | str] = {}
     if task.learn is None:
@@ -143,6 +289,61 @@ def _evidence(task: Task, checked: CheckReport) -> dict[str, Evidence | str]:
         except CalibrationError as error:
             found[config.name] = str(error)
     return found
+
+
+def lessons_of(
+    args: argparse.Namespace, task: Task, all_found: Sequence[Found], meter: output.ProgressBar
+) -> list[str]:
+    """What all bags together teach of each bearing."""
+    from stickslip_monitor.lab.calibration.recordings import learned
+
+    assert task.learn is not None
+    reports = () if args.learn in ('level', 'truth') else ('--reports', args.learn)
+    line = ['stickslip', 'calibrate', *args.bags, '--config', args.config, *reports]
+
+    def show(done: float, total: float) -> None:
+        meter.show('learning', done, total)
+
+    lessons = []
+    for own in task.config.bearings:
+        result = f'{own.name}.calibration.json'
+        command = shlex.join([*line, '--bearing', own.name, '--output', result])
+        known = [each.evidence[own.name] for each in all_found if own.name in each.evidence]
+        lessons += learned(own, task.learn, known, command, show)
+    meter.hide()
+    return lessons
+
+
+def report_of(
+    args: argparse.Namespace, task: Task, found: Sequence[Found], text: str
+) -> str | bytes:
+    """The report's file; its JSON is the text that is printed."""
+    if not task.is_drawn:
+        return text
+    # Drawing is not needed for a check as such, and costs time to import.
+    from stickslip_monitor.report.page import html_page, png_sheet
+
+    parts = [each.part for each in found if each.part is not None]
+    if task.report == '.png':
+        return png_sheet(parts, args.report)
+    return html_page(parts, task.config, args.config, datetime.now(timezone.utc))
+
+
+def tolerance_advice(config: MonitorConfig) -> str:
+    """A sentence for bearings whose values are taken as exact, and could be known less well."""
+    names = [
+        own.name
+        for own in config.bearings
+        if own.belief is None and isinstance(own.bearing.friction, Stribeck)
+    ]
+    if not names:
+        return ''
+    return (
+        f'{printable(", ".join(names))}: state how well the values are known, and verdicts come'
+        ' with probabilities and miss fewer episodes: from a drawing tolerance: {damping: 0.40,'
+        ' static: 0.15, kinetic: 0.15, decay: 0.30, load: 0.05}, after an impact test damping:'
+        ' 0.10, after a friction bench static: 0.03, kinetic: 0.03, decay: 0.10'
+    )
 
 
 def to_json(report: CheckReport) -> dict[str, Any]:
@@ -215,113 +416,3 @@ def _input(item: InputReport) -> dict[str, Any]:
         'questions': list(item.questions),
         'fault': item.fault or None,
     }
-
-
-_GREEN, _YELLOW, _RED, _BOLD, _END = (f'\x1b[{code}m' for code in (32, 33, 31, 1, 0))
-_OF_LEVEL = {Level.OK.name: _GREEN, Level.WARN.name: _YELLOW, Level.ERROR.name: _RED}
-_WORST = {'hopf_margin': 'Hopf margin', 'fold_margin': 'fold margin', 'amplitude': 'amplitude'}
-# On a narrower screen an event is a block of lines, not one.
-_NARROW = 90
-Paint = Callable[[str, str], str]
-
-
-def to_text(document: Mapping[str, Any], coloured: bool, width: int | None = None) -> str:
-    """The text of one bag.
-
-    Args:
-        document: What ``check --json`` prints of it.
-        coloured: Whether it goes to a terminal that knows colours.
-        width: Letters on a line; any number if None.
-    """
-
-    def paint(colour: str, text: str) -> str:
-        return f'{colour}{text}{_END}' if coloured else text
-
-    # Those of events, which are indented, are broken as a table.
-    return ''.join(
-        f'{line if line.startswith(" ") else wrapped(line, width)}\n'
-        for line in _lines(document, paint, width)
-    )
-
-
-def wrapped(line: str, width: int | None, indent: int = 2) -> str:
-    """A line, broken at a number of letters; whole if that is None."""
-    if width is None:
-        return line
-    # The last column stays free: not every terminal breaks behind it.
-    # A path that is cut in two cannot be copied.
-    return textwrap.fill(
-        line, max(width - 1, 20), subsequent_indent=' ' * indent,
-        break_long_words=False, break_on_hyphens=False,
-    )  # fmt: skip
-
-
-def _lines(document: Mapping[str, Any], paint: Paint, width: int | None) -> Iterator[str]:
-    seconds = document['duration'] or 0.0
-    path = paint(_BOLD, printable(document['path']))
-    yield f'{path}: {plural(document["messages"], "message")} in {seconds:.1f} s'
-    faults = [*(cut['text'] for cut in document['cuts']), *document['warnings']]
-    faults += (
-        f'topic {name} not readable: {topic["problem"]}'
-        for name, topic in document['topics'].items()
-        if topic['problem']
-    )
-    for text in faults:
-        yield f'{paint(_YELLOW, "data:")} {printable(text)}'
-    for name, item in document['bearings'].items():
-        yield from _bearing_lines(name, item, document['start'] or 0, paint, width)
-
-
-def _bearing_lines(
-    name: str, item: Mapping[str, Any], start: int, paint: Paint, width: int | None
-) -> Iterator[str]:
-    for text in item['data']:
-        yield f'{paint(_YELLOW, "data:")} {printable(text)}'
-    for quantity, each in item['inputs'].items():
-        place = printable(f'{quantity} on {each["topic"]}')
-        yield f'{place}: {_input_text(quantity, each)}'
-        for text in each['questions']:
-            yield f'{paint(_YELLOW, "question:")} {place} {printable(text)}'
-    events = item['events']
-    yield f'{name}: {plural(len(events), "event") if events else "no events"}'
-    if events and (width is None or width >= _NARROW):
-        yield paint(_BOLD, f'  {"time [s]":>10}  {"from":<15}  {"to":<15}  what')
-    for event in events:
-        text = printable(event['text'].removeprefix(f'{name}: '))
-        yield from _event_lines(event, text, start, paint, width)
-    for title, spent in (('time in each regime', 'seconds'), ('measured vibration', 'measured')):
-        if spent in item:
-            said = ', '.join(f'{state} {seconds:.1f} s' for state, seconds in item[spent].items())
-            yield f'{title}: {said}'
-    for quantity, called in _WORST.items():
-        if quantity in item['worst']:
-            extreme = item['worst'][quantity]
-            value, seconds = extreme['value'], (extreme['time'] - start) * 1e-9
-            shown = f'{value * 1e3:.4g} mm' if quantity == 'amplitude' else f'{value:+.1%}'
-            yield f'worst {called}: {shown} at {seconds:.2f} s'
-
-
-def _event_lines(
-    event: Mapping[str, Any], text: str, start: int, paint: Paint, width: int | None
-) -> Iterator[str]:
-    seconds, to, colour = (event['time'] - start) * 1e-9, event['to'], _OF_LEVEL[event['level']]
-    if width is not None and width < _NARROW:
-        change = wrapped(f'  {seconds:.2f} s: {event["from"]} to {to}', width, 4)
-        yield f'{change.removesuffix(to)}{paint(colour, to)}'
-        yield wrapped(f'    {text}', width, 4)
-    else:
-        # Of the finished line, as colours take room in a text but none on the screen.
-        head = f'  {seconds:>10.2f}  {event["from"]:<15}  {to:<15}  '
-        line = wrapped(f'{head}{text}', width, len(head))
-        yield line.replace(head, f'{head[:-17]}{paint(colour, head[-17:-2])}  ', 1)
-
-
-def _input_text(quantity: str, item: Mapping[str, Any]) -> str:
-    """What came of an input: the range of its numbers, its rate, and the share used."""
-    if not item['used']:
-        return f'{plural(item["messages"], "message")}, none used'
-    (low, high), (si_low, si_high) = item['span'], item['si_span']
-    unit = 'm/s' if quantity == 'speed' else 'N'
-    si = '' if quantity == 'level' else f' ({si_low:.4g} to {si_high:.4g} {unit})'
-    rate = '' if item['rate'] is None else f', {item["rate"]:.3g} a second'
-    return f'{low:.4g} to {high:.4g} in the messages{si}{rate}, {item["share"]:.1%} used'

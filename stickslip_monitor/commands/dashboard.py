@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 
-from stickslip_monitor.commands.declared import add_diagnostics, add_input, add_number
+from stickslip_monitor.commands import options
 from stickslip_monitor.drawing.map import boundaries, map_ranges
 from stickslip_monitor.errors import AlarmStateError, ConfigurationError, DashboardError, no_ros
 from stickslip_monitor.links.link_config import is_loopback
@@ -50,16 +50,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_page(parser)
     add_port(parser, f'0 for any (default {DEFAULT_PORT})', DEFAULT_PORT)
-    add_input(parser, '--bag', metavar='BAG', help='replay this recording instead of ROS 2')
+    options.add_input(
+        parser, '--bag', metavar='BAG', help='replay this recording instead of ROS 2'
+    )
     text = 'replay so many times faster (default 1)'
-    add_number(parser, '--rate', 0, above=True, kind=float, default=1.0, help=text)
+    options.add_number(parser, '--rate', 0, above=True, kind=float, default=1.0, help=text)
     text = f"the monitor's full name (default /{NODE_NAME}); again for each further monitor"
     parser.add_argument('--node', action='append', help=text)
 
 
 def add_port(parser: argparse.ArgumentParser, text: str, default: int | None = None) -> None:
     """Declare the port of the page."""
-    add_number(parser, '--port', 0, 65535, default=default, help=text)
+    options.add_number(parser, '--port', 0, 65535, default=default, help=text)
 
 
 def add_page(parser: argparse.ArgumentParser) -> None:
@@ -72,7 +74,7 @@ def add_page(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--name', action='append', default=[], help=text)
     text = 'keep what happens here, over restarts of the page'
     parser.add_argument('--log', metavar='FILE', help=text)
-    add_diagnostics(parser)
+    options.add_diagnostics(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -10,33 +10,26 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from stickslip_monitor.commands.arguments import (
-    add_drawing,
-    chosen,
-    parse_loaded,
-    speed_range,
-    the_bearing,
-)
-from stickslip_monitor.commands.declared import add_number, write_outputs
+from stickslip_monitor.commands import options, output
 from stickslip_monitor.drawing.diagram import bifurcation_diagram, diagram_columns, draw_diagram
 from stickslip_monitor.drawing.map import diagram_speeds
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_drawing(parser)
+    options.add_drawing(parser)
     parser.add_argument('--load', required=True, help='bearing load with unit, e.g. 1000N')
     parser.add_argument('--speeds', metavar='A:B', help='shaft speeds, e.g. 5rpm:45rpm')
     text = 'number of even steps in speed (default 400)'
-    add_number(parser, '--points', 10, 100_000, default=400, help=text)
+    options.add_number(parser, '--points', 10, 100_000, default=400, help=text)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    config = the_bearing(chosen(args))
+    config = options.the_bearing(options.chosen(args))
     bearing = config.bearing
-    load = parse_loaded(args.load)
-    speeds = speed_range(args.speeds, config) or diagram_speeds(bearing, load)
+    load = options.parse_loaded(args.load)
+    speeds = options.speed_range(args.speeds, config) or diagram_speeds(bearing, load)
 
     def made() -> Any:
         if args.output.lower().endswith('.csv'):
@@ -44,5 +37,5 @@ def run(args: argparse.Namespace) -> int:
             return diagram_columns(bearing, diagram)
         return draw_diagram(config, load, speeds, args.points)
 
-    write_outputs(args, output=made)
+    output.write_outputs(args, output=made)
     return 0

@@ -19,15 +19,7 @@ from typing import Any
 from rich.markup import escape
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.commands import declared
-from stickslip_monitor.commands.arguments import (
-    ONE_OF_SEVERAL,
-    chosen,
-    parse_loaded,
-    parse_speed,
-    the_bearing,
-)
-from stickslip_monitor.commands.output import ProgressBar, console
+from stickslip_monitor.commands import options, output
 from stickslip_monitor.drawing.canvas import save_figure, write_csv
 from stickslip_monitor.drawing.studies import draw_amplitudes, draw_motion
 from stickslip_monitor.errors import ConfigurationError, DrawingError
@@ -45,12 +37,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='folder to write to, made if there is none (default: figures)',
     )  # fmt: skip
     text = 'ROS 2 parameter file (default: the reference bearing of the docs)'
-    declared.add_config(parser, required=False, text=text)
-    declared.add_bearing(parser, ONE_OF_SEVERAL)
+    options.add_config(parser, required=False, text=text)
+    options.add_bearing(parser, options.ONE_OF_SEVERAL)
     parser.add_argument('--speed', default=f'{findings.REFERENCE_RPM:g}rpm', help='default 20rpm')
     parser.add_argument('--load', default=f'{findings.REFERENCE_LOAD:g}N', help='default 1000N')
     parser.add_argument('--format', choices=FORMATS, default='png', help='default png')
-    declared.add_force(parser)
+    options.add_force(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -63,10 +55,10 @@ def run(args: argparse.Namespace) -> int:
     except OSError as error:
         raise DrawingError(f'{folder}: {error.strerror or error}') from error
     for name in FINDINGS:
-        declared.check_output(folder / f'{name}.csv', declared.TABLE, args)
-        declared.check_output(folder / f'{name}.{args.format}', PICTURES, args)
-    out = console()
-    with ProgressBar() as bar:
+        output.check_output(folder / f'{name}.csv', options.TABLE, args)
+        output.check_output(folder / f'{name}.{args.format}', PICTURES, args)
+    out = output.console()
+    with output.ProgressBar() as bar:
         for done, (name, find) in enumerate(FINDINGS.items()):
             bar.show(f'{name}: computing', 2 * done, 2 * len(FINDINGS))
             finding = find(point)
@@ -109,12 +101,12 @@ class _Finding:
 def _the_point(args: argparse.Namespace) -> Point:
     name, bearing = 'reference bearing', findings.REFERENCE
     if args.config is not None:
-        config = the_bearing(chosen(args))
+        config = options.the_bearing(options.chosen(args))
         name, bearing = config.name, config.bearing
     elif args.bearing is not None:
         raise ConfigurationError(f"bearing '{args.bearing}' needs a --config that has it")
-    speed = parse_speed(args.speed, bearing.speed)
-    return Point(name, bearing, speed, parse_loaded(args.load))
+    speed = options.parse_speed(args.speed, bearing.speed)
+    return Point(name, bearing, speed, options.parse_loaded(args.load))
 
 
 def _swept(

@@ -21,9 +21,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from stickslip_monitor.commands import declared
-from stickslip_monitor.commands.arguments import chosen, parse_load, parse_speed
-from stickslip_monitor.commands.output import add_json, console, print_json
+from stickslip_monitor.commands import options, output
 from stickslip_monitor.drawing.fits import draw_friction_fit
 from stickslip_monitor.errors import ConfigurationError, plural
 from stickslip_monitor.lab.friction_fit.curve_file import NAMES, FrictionCurve, read_curve
@@ -50,7 +48,7 @@ _SPREADS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    declared.add_input(parser, 'curve', metavar='CURVE.csv', help='the measured curve')
+    options.add_input(parser, 'curve', metavar='CURVE.csv', help='the measured curve')
     for name in NAMES:
         parser.add_argument(f'--{name}-column', metavar='HEADING', help=f'column of the {name}')
     parser.add_argument(
@@ -65,37 +63,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     _add_bearing(parser)
     text = '.csv: the points with what the fit says of each'
-    declared.add_output(parser, '--output', '-o', marks=declared.TABLE, help=text)
-    declared.add_picture(parser, 'the points and the law')
+    options.add_output(parser, '--output', '-o', marks=options.TABLE, help=text)
+    options.add_picture(parser, 'the points and the law')
     yaml = {'': FRAGMENT_MARK.encode()}
-    declared.add_output(parser, '--fragment', marks=yaml, help='write the configuration fragment')
-    declared.add_force(parser)
-    add_json(parser)
+    options.add_output(parser, '--fragment', marks=yaml, help='write the configuration fragment')
+    options.add_force(parser)
+    options.add_json(parser)
 
 
 def _add_bearing(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('spread of the boundaries')
-    declared.add_config(group, required=False)
-    declared.add_bearing(group)
+    options.add_config(group, required=False)
+    options.add_bearing(group)
     group.add_argument('--load', help='bearing load with unit, e.g. 1000N')
     group.add_argument('--speed', help='shaft speed with unit for the margins, e.g. 35rpm')
     text = 'laws drawn (default 20000)'
-    declared.add_number(group, '--draws', 100, 1_000_000, default=20000, help=text)
-    declared.add_number(group, '--seed', 0, default=0, help='of the draws (default 0)')
+    options.add_number(group, '--draws', 100, 1_000_000, default=20000, help=text)
+    options.add_number(group, '--seed', 0, default=0, help='of the draws (default 0)')
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     _check(args)
-    bearings = chosen(args).bearings if args.config else ()
+    bearings = options.chosen(args).bearings if args.config else ()
     fit = fit_stribeck(_read(args, bearings), args.viscous)
     spreads = [(item, _spread(args, fit, item)) for item in bearings]
     if args.json:
-        print_json(to_json(fit, args, spreads))
+        output.print_json(to_json(fit, args, spreads))
     else:
-        print_fit(console(), args, fit, spreads)
+        print_fit(output.console(), args, fit, spreads)
     item, spread = spreads[0] if len(spreads) == 1 else (None, None)
-    declared.write_outputs(
+    output.write_outputs(
         args,
         fragment=lambda: fragment(args.curve, fit),
         output=lambda: point_columns(fit),
@@ -123,8 +121,8 @@ def _read(args: argparse.Namespace, bearings: Sequence[BearingConfig]) -> Fricti
 
 
 def _spread(args: argparse.Namespace, fit: StribeckFit, item: BearingConfig) -> BoundarySpread:
-    speed = abs(parse_speed(args.speed, item.bearing.speed)) if args.speed else None
-    load = parse_load(args.load)
+    speed = abs(options.parse_speed(args.speed, item.bearing.speed)) if args.speed else None
+    load = options.parse_load(args.load)
     return boundary_spread(fit, item.bearing.damping, load, speed, args.draws, args.seed)
 
 
@@ -196,8 +194,8 @@ def _bearing_json(
 ) -> dict[str, Any]:
     return {
         'bearing': item.name,
-        'load': parse_load(args.load),
-        'speed': abs(parse_speed(args.speed, item.bearing.speed)) if args.speed else None,
+        'load': options.parse_load(args.load),
+        'speed': abs(options.parse_speed(args.speed, item.bearing.speed)) if args.speed else None,
         'draws': args.draws,
         'seed': args.seed,
         'without_boundary': spread.without,

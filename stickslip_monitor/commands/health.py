@@ -12,7 +12,7 @@ import sys
 import time
 from typing import Any
 
-from stickslip_monitor.commands.declared import add_diagnostics, add_number
+from stickslip_monitor.commands import options
 from stickslip_monitor.errors import RosError, no_ros
 from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.health import NOT_MONITORING
@@ -29,8 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "the monitor's full name (default: the only one that is heard)"
     parser.add_argument('--node', help=text)
     own: dict[str, Any] = {'default': 5.0, 'metavar': 'S', 'help': 'wait so long (default 5 s)'}
-    add_number(parser, '--timeout', 0, _LONGEST, above=True, kind=float, **own)
-    add_diagnostics(parser)
+    options.add_number(parser, '--timeout', 0, _LONGEST, above=True, kind=float, **own)
+    options.add_diagnostics(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -13,9 +13,8 @@ from typing import Any
 from rich.table import Table
 
 from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.commands import options, output
 from stickslip_monitor.commands.check_results import bag_record
-from stickslip_monitor.commands.declared import add_input
-from stickslip_monitor.commands.output import add_json, console, print_json
 from stickslip_monitor.errors import plural
 from stickslip_monitor.files import printable
 from stickslip_monitor.report.formatting import date, is_dated, minute
@@ -25,17 +24,17 @@ SCHEMA = 'stickslip_monitor/info/1'
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_input(parser, 'bag', metavar='BAG', help='rosbag2 folder or .mcap file')
-    add_json(parser)
+    options.add_input(parser, 'bag', metavar='BAG', help='rosbag2 folder or .mcap file')
+    options.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     record = bag_record(open_bag(args.bag))
     if args.json:
-        print_json({'schema': SCHEMA, **record})
+        output.print_json({'schema': SCHEMA, **record})
         return 0
-    out = console()
+    out = output.console()
     out.print(printable(_summary(record)), markup=False)
     table = Table('topic', 'type', 'messages', 'problem')
     table.columns[2].justify = 'right'

@@ -11,15 +11,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from stickslip_monitor.commands.arguments import (
-    add_drawing,
-    chosen,
-    parse_load,
-    parse_range,
-    speed_range,
-    the_bearing,
-)
-from stickslip_monitor.commands.declared import add_input, write_outputs
+from stickslip_monitor.commands import options, output
 from stickslip_monitor.drawing.map import boundaries, draw_map, map_columns, map_ranges
 from stickslip_monitor.drawing.track import Track, track_of_scan
 from stickslip_monitor.errors import ConfigurationError
@@ -28,10 +20,12 @@ from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_drawing(parser)
+    options.add_drawing(parser)
     parser.add_argument('--speeds', metavar='A:B', help='shaft speeds, e.g. 0rpm:60rpm')
     parser.add_argument('--loads', metavar='A:B', help='bearing loads, e.g. 0N:2kN')
-    add_input(parser, '--track', metavar='BAG', help='draw the operating points of this bag')
+    options.add_input(
+        parser, '--track', metavar='BAG', help='draw the operating points of this bag'
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -41,9 +35,11 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigurationError(
             f"track '{args.track}' is for pictures: write a .png or .svg, not '{args.output}'"
         )
-    own = the_bearing(chosen(args))
-    speeds = speed_range(args.speeds, own)
-    loads = parse_range(args.loads, 'loads', lambda part: parse_load(part, 'loads'))
+    own = options.the_bearing(options.chosen(args))
+    speeds = options.speed_range(args.speeds, own)
+    loads = options.parse_range(
+        args.loads, 'loads', lambda part: options.parse_load(part, 'loads')
+    )
 
     def made() -> Any:
         if is_table:
@@ -52,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
             return map_columns(own.bearing, curves)
         return draw_map(own, speeds, loads, _track(args.track, own) if args.track else None)
 
-    write_outputs(args, output=made)
+    output.write_outputs(args, output=made)
     return 0
 
 

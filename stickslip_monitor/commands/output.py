@@ -1,21 +1,186 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Output that commands share: tables, JSON without infinities, and progress."""
+"""What commands put out: files that are checked before the work, tables, JSON and progress.
+
+Before a command runs, :func:`check_files` refuses every output that would destroy something: one
+that is an input by any name, also a file that only the configuration names, one that is another
+output, and one that this package did not write. :func:`write_outputs` writes them.
+"""
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
+import os
 import shutil
 import sys
 import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stickslip_monitor.files import printable
+from stickslip_monitor.commands.options import FileOption, Marks, say_old
+from stickslip_monitor.errors import OutputError, StickslipError, cause
+from stickslip_monitor.files import (
+    PICTURES,
+    check_replaceable,
+    holds_mark,
+    is_same,
+    printable,
+    write_whole,
+)
+
+if TYPE_CHECKING:
+    from rich.console import Console, Group
+    from rich.table import Table
+    from rich.text import Text
 
 # Shorter work shows no bar, and does not import one [s].
 _PATIENCE = 0.5
 # How rich ends what it has cut off.
 _CUT = '\N{HORIZONTAL ELLIPSIS}'
+_YAML = ('.yaml', '.yml')
+
+
+def ending(path: str | Path, marks: Marks) -> str:
+    """The ending of an output's path, in lower case, or '' for any other where that is allowed.
+
+    Raises:
+        OutputError: It is none of those that can be written.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix in marks or '' in marks:
+        return suffix if suffix in marks else ''
+    raise OutputError(
+        f"output '{path}' must end in one of {', '.join(marks)}: the ending chooses the format"
+    )
+
+
+def check_files(args: argparse.Namespace) -> None:
+    """Refuse outputs that would destroy something, before any work is done.
+
+    Raises:
+        OutputError: An output has an ending that cannot be written, is an input by any name, or
+            another output, or is there already and not ours.
+    """
+    # A picture was asked for by -o in the last version, where that is now a table.
+    path = getattr(args, 'output', None)
+    if path and hasattr(args, 'picture') and Path(path).suffix.lower() in PICTURES:
+        say_old('-o for a picture', '--picture')
+        args.output, args.picture = None, args.picture or path
+    inputs, written = _inputs(args), list[str]()
+    for option in getattr(args, 'files', ()):
+        for path in () if option.is_read else option.paths(args):
+            if option.marks is None:
+                _check_recording(path, option, inputs)
+                continue
+            _check_output(path, option.marks, inputs, args.force, option.renews)
+            for other in written:
+                if is_same(path, other):
+                    raise OutputError(f"outputs '{other}' and '{path}' are one file: choose two")
+            written.append(path)
+
+
+def check_output(path: str | Path, marks: Marks, args: argparse.Namespace) -> None:
+    """The same for a file in a folder that an option names.
+
+    Raises:
+        OutputError: It is an input, or is there already and not ours.
+    """
+    _check_output(str(path), marks, _inputs(args), args.force)
+
+
+def _inputs(args: argparse.Namespace) -> list[str]:
+    """All paths that are read."""
+    files = getattr(args, 'files', ())
+    return [path for option in files if option.is_read for path in option.paths(args)]
+
+
+def _check_recording(path: str, option: FileOption, inputs: Sequence[str]) -> None:
+    """Refuse one within what is read."""
+    folder = Path(path) if option.is_folder else Path(path).parent
+    for read in inputs:
+        if Path(read).is_dir() and is_same(folder, read):
+            raise OutputError(
+                f"{option.spelling} would write into the folder '{read}', whose recordings are"
+                ' checked: choose another folder'
+            )
+
+
+def _check_output(
+    path: str, marks: Marks, inputs: Sequence[str], force: bool, renews: bool = False
+) -> None:
+    mark = marks[ending(path, marks)]
+    if Path(path).exists() and not (renews and mark and holds_mark(path, mark)):
+        for file in itertools.chain.from_iterable(map(_read_with, inputs)):
+            if is_same(path, file):
+                raise OutputError(f"output '{path}' is the input '{file}': choose another name")
+    check_replaceable(path, mark, force)
+
+
+def _read_with(path: str) -> Iterator[Path]:
+    """The files that come with an input: itself, those in a folder, those that its text names."""
+    yield Path(path)
+    if Path(path).is_dir():
+        for folder, _, names in os.walk(path):
+            yield from (Path(folder) / name for name in names)
+    elif Path(path).suffix.lower() in _YAML:
+        from stickslip_monitor.monitor.config_file import load_yaml
+
+        try:
+            named = list(_texts(load_yaml(path)))
+        except StickslipError:
+            return  # the command itself says what is wrong with it
+        for name in named:
+            yield Path(path).parent / name
+            yield Path(name)
+
+
+def _texts(document: Any) -> Iterator[str]:
+    """All texts in a document that could be names of files."""
+    if isinstance(document, Mapping | list):
+        for value in document.values() if isinstance(document, Mapping) else document:
+            yield from _texts(value)
+    elif isinstance(document, str) and document and '\0' not in document:
+        yield document
+
+
+def write_outputs(args: argparse.Namespace, **makers: Callable[[], Any]) -> None:
+    """Write those outputs that are asked for, and say on the error stream which.
+
+    Args:
+        args: The arguments.
+        makers: By the destination of its option, what makes the contents of an output: the
+            columns of a table, a figure, a text, or bytes.
+
+    Raises:
+        DrawingError, OutputError: One cannot be written.
+    """
+    for dest, make in makers.items():
+        path = getattr(args, dest)
+        if path is not None:
+            (marks,) = (option.marks for option in args.files if option.dest == dest)
+            _write(path, make(), marks or {}, args.force)
+            say_written(path)
+
+
+def _write(path: str, contents: Any, marks: Marks, force: bool) -> None:
+    data = contents.encode() if isinstance(contents, str) else contents
+    if isinstance(data, bytes):
+        try:
+            write_whole(path, data, marks[ending(path, marks)] or b'', force)
+        except OSError as error:
+            raise OutputError(f"'{path}' cannot be written: {cause(error)}") from error
+        return
+    from stickslip_monitor.drawing.canvas import save_figure, write_csv
+
+    write = write_csv if isinstance(contents, Mapping) else save_figure
+    write(contents, path, force)
+
+
+def say_written(path: str | Path) -> None:
+    """Say on the error stream that a file is written."""
+    sys.stderr.write(f'{printable(str(path))} written\n')
 
 
 class ProgressBar:
@@ -60,17 +225,6 @@ class ProgressBar:
         if self._bar is not None:
             self._bar.stop()
             self._bar = None
-
-
-if TYPE_CHECKING:
-    from rich.console import Console, Group
-    from rich.table import Table
-    from rich.text import Text
-
-
-def add_json(parser: argparse.ArgumentParser) -> None:
-    """Add ``--json``."""
-    parser.add_argument('--json', action='store_true', help='print JSON, SI units, null for none')
 
 
 def json_text(document: Any) -> str:

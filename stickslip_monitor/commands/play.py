@@ -10,12 +10,8 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-from rich.markup import escape
-from rich.progress import Progress
-
 from stickslip_monitor.bags.reader import Bag, open_bag
-from stickslip_monitor.commands.declared import add_input, add_number
+from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import BagError, RosError, no_ros, plural
 from stickslip_monitor.files import printable
 
@@ -25,12 +21,12 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_input(parser, 'bag', metavar='BAG', help='rosbag2 folder or .mcap file')
+    options.add_input(parser, 'bag', metavar='BAG', help='rosbag2 folder or .mcap file')
     text = 'times faster than recorded (default 1)'
-    add_number(parser, '--rate', 0, above=True, kind=float, default=1.0, help=text)
-    add_number(parser, '--loop', 1, default=1, metavar='N', help='play it N times')
+    options.add_number(parser, '--rate', 0, above=True, kind=float, default=1.0, help=text)
+    options.add_number(parser, '--loop', 1, default=1, metavar='N', help='play it N times')
     text = 'wait so long at most for a subscriber before starting'
-    add_number(parser, '--wait', 0, kind=float, default=0.0, metavar='SECONDS', help=text)
+    options.add_number(parser, '--wait', 0, kind=float, default=0.0, metavar='SECONDS', help=text)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -49,29 +45,30 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _play(player: Player, bag: Bag, args: argparse.Namespace) -> None:
-    err = Console(stderr=True, markup=False, soft_wrap=True)
     skipped = player.skipped | {
         t.name: f"its messages are '{t.encoding}', not CDR"
         for t in bag.topics.values()
         if t.encoding != 'cdr'
     }
     for topic, reason in skipped.items():
-        err.print(printable(f'not played: {topic}: {reason}'))
+        _say(f'not played: {topic}: {reason}')
     if not set(bag.topics) - set(skipped):
         raise RosError(f"bag '{bag.path}' has no topic that can be played")
     if args.wait > 0.0 and not player.wait_for_subscribers(args.wait):
-        err.print('nobody listens yet; playing all the same')
-    start = bag.start_ns or 0
-    with Progress(console=err, transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task(
-            escape(printable(str(bag.path))), total=((bag.end_ns or 0) - start) * 1e-9
-        )
+        _say('nobody listens yet; playing all the same')
+    start, end = bag.start_ns or 0, bag.end_ns or 0
+    with output.ProgressBar() as bar:
         for _ in range(args.loop):
             count = player.play(
                 ((m.topic, m.log_time_ns, m.data) for m in bag.messages()),
                 args.rate,
-                lambda now: bar.update(task, completed=(now - start) * 1e-9),
+                lambda now: bar.show(str(bag.path), now - start, end - start),
             )
-            err.print(f'played {plural(count, "message")}')
+            bar.hide()
+            _say(f'played {plural(count, "message")}')
     for text in (*(cut.text for cut in bag.cuts), *bag.warnings):
-        err.print(printable(f'data: {text}'))
+        _say(f'data: {text}')
+
+
+def _say(text: str) -> None:
+    sys.stderr.write(f'{printable(text)}\n')

@@ -22,9 +22,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from stickslip_monitor.commands import declared
-from stickslip_monitor.commands.arguments import chosen
-from stickslip_monitor.commands.output import ProgressBar, add_json, console, print_json
+from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.lab.scenes.scene import load_scene
 from stickslip_monitor.lab.voyages import (
@@ -67,20 +65,20 @@ _COLUMNS = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     text = 'rosbag2 folder or .mcap file; or scene files (.yaml)'
-    declared.add_input(parser, 'bags', nargs='+', metavar='BAG', help=text)
-    declared.add_config(parser, required=False)
-    declared.add_bearing(parser)
+    options.add_input(parser, 'bags', nargs='+', metavar='BAG', help=text)
+    options.add_config(parser, required=False)
+    options.add_bearing(parser)
     text = 'speed, load, margins, amplitude, truth and warnings of a bearing in a bag over time'
-    declared.add_picture(parser, text)
+    options.add_picture(parser, text)
     text = 'of scenes: how many seeds of each (1)'
-    declared.add_number(parser, '--seeds', 1, default=1, metavar='N', help=text)
+    options.add_number(parser, '--seeds', 1, default=1, metavar='N', help=text)
     text = "of scenes: the first seed (the scene's own)"
-    declared.add_number(parser, '--first-seed', 0, metavar='S', help=text)
+    options.add_number(parser, '--first-seed', 0, metavar='S', help=text)
     text = 'of scenes: a file of sensors, in place of what the scene names; again for more'
-    declared.add_input(parser, '--sensors', action='append', metavar='FILE', help=text)
-    declared.add_number(parser, '--jobs', 1, metavar='J', help='of scenes: processes (all cores)')
-    declared.add_force(parser)
-    add_json(parser)
+    options.add_input(parser, '--sensors', action='append', metavar='FILE', help=text)
+    options.add_number(parser, '--jobs', 1, metavar='J', help='of scenes: processes (all cores)')
+    options.add_force(parser)
+    options.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -88,11 +86,11 @@ def run(args: argparse.Namespace) -> int:
     scenes = [path for path in args.bags if Path(path).suffix in ('.yaml', '.yml')]
     judged = [] if scenes else _judged_bags(args)
     voyages = _judged_scenes(args, scenes) if scenes else [bag.voyage for bag in judged]
-    declared.write_outputs(args, picture=lambda: _drawn(judged))
+    output.write_outputs(args, picture=lambda: _drawn(judged))
     if args.json:
-        print_json(_scenes_json(voyages) if scenes else _bags_json(judged))
+        output.print_json(_scenes_json(voyages) if scenes else _bags_json(judged))
     else:
-        out = console()
+        out = output.console()
         _print(out, voyages, 'scene' if scenes else 'bag')
         for bag in judged:
             for text in _remarks(bag):
@@ -105,7 +103,7 @@ def _judged_bags(args: argparse.Namespace) -> list[JudgedBag]:
         raise ConfigurationError('--config is missing: a bag does not say what bearing it is of')
     if args.sensors or args.seeds > 1 or args.first_seed is not None:
         raise ConfigurationError('--seeds, --first-seed and --sensors are for scenes (.yaml)')
-    config = chosen(args)
+    config = options.chosen(args)
     return [judged for path in args.bags for judged in judge_bag(path, config)]
 
 
@@ -130,7 +128,7 @@ def _judged_scenes(args: argparse.Namespace, scenes: Sequence[str]) -> list[Voya
 def judge_all(calls: Sequence[Call], jobs: int) -> list[Voyage]:
     """Judge all calls, with a progress bar; the order of the results is that of the calls."""
     found: dict[int, list[Voyage]] = {}
-    with ProgressBar() as meter:
+    with output.ProgressBar() as meter:
         for number, voyages in judge_calls(calls, min(jobs, len(calls))):
             found[number] = voyages
             meter.show(f'{len(found)} of {len(calls)} voyages', len(found), len(calls))

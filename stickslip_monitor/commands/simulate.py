@@ -11,8 +11,7 @@ from collections.abc import Mapping
 
 from rich.markup import escape
 
-from stickslip_monitor.commands.declared import add_input
-from stickslip_monitor.commands.output import ProgressBar, console
+from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.recording import write_bag
 from stickslip_monitor.lab.scenes.scene import Scene, load_scene
@@ -20,7 +19,7 @@ from stickslip_monitor.lab.scenes.scene import Scene, load_scene
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_input(parser, 'scene', metavar='SCENE', help='scene file')
+    options.add_input(parser, 'scene', metavar='SCENE', help='scene file')
     text = 'the bag to write: a rosbag2 folder, or one file if the name ends in .mcap'
     parser.add_argument('--output', '-o', required=True, metavar='BAG', help=text)
 
@@ -28,14 +27,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     scene = load_scene(args.scene)
-    with ProgressBar() as bar:
+    with output.ProgressBar() as bar:
         try:
             written = write_bag(
                 scene, args.output, lambda done: bar.show('simulating', done, scene.duration)
             )
         except SceneError as error:
             raise SceneError(f'{args.scene}: {error}') from error
-    console().print(escape(_summary(args.output, scene, written)))
+    output.console().print(escape(_summary(args.output, scene, written)))
     return 0
 
 

@@ -26,8 +26,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from stickslip_monitor.commands import dashboard
-from stickslip_monitor.commands.declared import add_config
+from stickslip_monitor.commands import dashboard, options
 from stickslip_monitor.errors import ConfigurationError, LinkError
 from stickslip_monitor.links.link_config import SECTION, LinksConfig, build_links, is_loopback
 from stickslip_monitor.links.live_monitor import LiveMonitor, MonitorSide
@@ -58,7 +57,7 @@ _log = logging.getLogger(NODE_NAME)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_config(parser)
+    options.add_config(parser)
     parser.add_argument(
         '--node',
         nargs='?',

@@ -91,7 +91,8 @@ def judge_calls(
     if jobs == 1:
         yield from ((number, judge(call)) for number, call in enumerate(calls))
         return
-    for number, outcome in run_in_processes(judge, [(call,) for call in calls], jobs):
+    by_number = {number: (call,) for number, call in enumerate(calls)}
+    for number, outcome in run_in_processes(judge, by_number, jobs):
         if isinstance(outcome, BrokenProcessPool):
             scene = calls[number].scene
             raise SceneError(f'{scene}: its process died (was there enough memory?)')

@@ -14,17 +14,19 @@ import os
 import platform
 import signal
 import threading
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import CancelledError, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from stickslip_monitor import __version__
 from stickslip_monitor.errors import FleetError
 
 if TYPE_CHECKING:
     from distributed import Client, Future
+
+_Key = TypeVar('_Key')
 
 
 def core_count() -> int:
@@ -35,38 +37,38 @@ def core_count() -> int:
 
 
 def run_in_processes(
-    function: Callable[..., Any], calls: Sequence[tuple[Any, ...]], jobs: int
-) -> Generator[tuple[int, Any], None, None]:
+    function: Callable[..., Any], calls: Mapping[_Key, tuple[Any, ...]], jobs: int
+) -> Generator[tuple[_Key, Any], None, None]:
     """Call a function many times, in several processes at once.
 
     Args:
         function: It and its arguments can be pickled: processes are started afresh, not forked.
-        calls: The arguments of each call.
+        calls: The arguments of each call, by a key.
         jobs: Processes at a time.
 
     Yields:
-        The number of each call, as it is done, and its result or the exception it raised;
+        The key of each call, as it is done, and its result or the exception it raised;
         a ``BrokenProcessPool`` where its process died.
     """
-    waiting = dict(enumerate(calls))
+    waiting = dict(calls)
     while waiting:
-        for number, outcome in _together(function, waiting, jobs):
+        for key, outcome in _together(function, waiting, jobs):
             if not isinstance(outcome, BrokenProcessPool):
-                del waiting[number]
-                yield number, outcome
+                del waiting[key]
+                yield key, outcome
         # A process that dies takes all calls along that were waiting. The one that it died of was
         # running, so it is among the oldest: alone in a process, each of these shows what it does.
-        for number in list(waiting)[: jobs + 1]:
-            yield from _together(function, {number: waiting.pop(number)}, 1)
+        for key in list(waiting)[: jobs + 1]:
+            yield from _together(function, {key: waiting.pop(key)}, 1)
 
 
 def _together(
-    function: Callable[..., Any], calls: dict[int, tuple[Any, ...]], jobs: int
-) -> Generator[tuple[int, Any], None, None]:
+    function: Callable[..., Any], calls: Mapping[_Key, tuple[Any, ...]], jobs: int
+) -> Generator[tuple[_Key, Any], None, None]:
     """Call in one pool."""
     with _pool(min(jobs, len(calls))) as pool:
         with _uninterrupted():
-            futures = {pool.submit(function, *call): number for number, call in calls.items()}
+            futures = {pool.submit(function, *call): key for key, call in calls.items()}
         for future in as_completed(futures):
             error = future.exception()
             # Whoever takes it decides how long it is kept.

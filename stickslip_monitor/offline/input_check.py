@@ -50,23 +50,19 @@ class Gap:
     seconds: float
 
 
-@dataclass(frozen=True, slots=True)
 class Gaps:
-    """The rhythm of a topic."""
+    """The rhythm of a topic, and the intervals between its messages longer than a limit [ns].
 
-    rate: float  # messages a second between the gaps [1/s]; nan for fewer than two
-    count: int  # intervals longer than the limit
-    longest: tuple[Gap, ...]  # of these, longest first, at most five
-
-
-class GapCount:
-    """Finds the intervals between the messages of a topic that are longer than a limit [ns]."""
+    Attributes:
+        count: How many intervals are longer.
+        longest: Of these, longest first, at most five.
+    """
 
     def __init__(self, limit_ns: int) -> None:
         self._limit_ns = limit_ns
         self._last = np.empty(0, np.int64)
-        self._count = self._regular = self._passed_ns = 0
-        self._longest: list[tuple[int, int]] = []
+        self.count = self._regular = self._passed_ns = 0
+        self.longest: list[Gap] = []
 
     def take(self, stamp_ns: IntArray) -> None:
         """Take some stamps in order of arrival, shape (n,) [ns]; steps back count as no time."""
@@ -74,21 +70,19 @@ class GapCount:
         self._last = stamp_ns[-1:].copy()
         interval = np.diff(stamp_ns)
         long = np.flatnonzero(interval > self._limit_ns)
-        start_ns, lasting_ns = stamp_ns[long], interval[long]
-        self._count += long.size
+        lasting_ns = interval[long]
+        self.count += long.size
         self._regular += interval.size - long.size
         self._passed_ns += int(np.maximum(interval, 0).sum() - lasting_ns.sum())
-        order = np.argsort(-lasting_ns, kind='stable')[:_MOST_NAMED]
-        self._longest += zip(lasting_ns[order].tolist(), start_ns[order].tolist(), strict=True)
-        self._longest.sort(key=lambda gap: -gap[0])
-        del self._longest[_MOST_NAMED:]
+        order = long[np.argsort(-lasting_ns, kind='stable')[:_MOST_NAMED]]
+        found = [Gap(int(stamp_ns[k]), float(interval[k] / 1e9)) for k in order]
+        self.longest = sorted([*self.longest, *found], key=lambda gap: -gap.seconds)[:_MOST_NAMED]
 
-    def gaps(self) -> Gaps:
-        """The gaps, and the rate apart from them."""
+    @property
+    def rate(self) -> float:
+        """Messages a second between the gaps [1/s]; nan for fewer than two."""
         passed = float(self._passed_ns) * 1e-9
-        longest = tuple(Gap(start, lasting / 1e9) for lasting, start in self._longest)
-        rate = self._regular / passed if passed > 0.0 else math.nan
-        return Gaps(rate, self._count, longest)
+        return self._regular / passed if passed > 0.0 else math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +117,7 @@ class InputCheck:
         self._place = place
         self._source = config.inputs[self.quantity]
         self._counts = np.zeros(len(Status), np.int64)
-        self._gaps = GapCount(self._source.timeout_ns)
+        self._gaps = Gaps(self._source.timeout_ns)
         self._watch = SourceWatch(least_gap(config, place))
         self._sources: list[SourceFault] = []
         self._span = math.inf, -math.inf
@@ -178,7 +172,7 @@ class InputCheck:
             messages=self._messages,
             used=used,
             faults=(*faults, *(Fault(count, text) for text, count in counted.items() if count)),
-            gaps=self._gaps.gaps(),
+            gaps=self._gaps,
             span=(first, last),
             si_span=(low, high),
             sources=tuple(self._sources),

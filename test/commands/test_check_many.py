@@ -17,7 +17,7 @@ import pytest
 from shared import CONFIG, ROOT, until
 
 from stickslip_monitor.cli import main
-from stickslip_monitor.commands import check_many
+from stickslip_monitor.commands import check_results
 
 BAGS = ROOT / 'bags'
 NAMES = ('voyage', 'coast_down', 'history_above', 'history_below')
@@ -94,13 +94,13 @@ def test_what_was_found_is_kept_and_only_the_rest_is_checked_again(
     # The power fails in the middle of the last line.
     kept.write_text(kept.read_text('utf-8')[:-20], 'utf-8')
     checked: list[Path] = []
-    attempt = check_many.attempt
+    attempt = check_results.attempt
 
     def count(task: Any, bag: Path, *more: Any) -> Any:
         checked.append(bag)
         return attempt(task, bag, *more)
 
-    monkeypatch.setattr(check_many, 'attempt', count)
+    monkeypatch.setattr(check_results, 'attempt', count)
     assert documents(capsys, *options) == first
     assert checked == [bags[2]]
     # The first bag is another one now.

@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 
@@ -19,7 +19,8 @@ import pytest
 from shared import CONFIG, ROOT
 
 from stickslip_monitor.cli import COMMANDS, main
-from stickslip_monitor.commands.declared import FileOptions, check_files
+from stickslip_monitor.commands.options import FileOption
+from stickslip_monitor.commands.output import check_files
 from stickslip_monitor.errors import OutputError
 
 BAG = ROOT / 'bags' / 'coast_down'
@@ -30,21 +31,26 @@ WAYS: Mapping[str, Callable[[Path, Path], object]] = {
 }
 
 
-def declared(command: str) -> FileOptions:
+def declared(command: str) -> Sequence[FileOption]:
     """What the options of a command name."""
     parser = argparse.ArgumentParser()
     import_module(f'stickslip_monitor.commands.{command}').add_arguments(parser)
-    return parser.get_default('files') or FileOptions()
+    return parser.get_default('files') or ()
 
 
-def given(files: FileOptions, **paths: object) -> argparse.Namespace:
+def outputs_of(command: str) -> dict[str, Sequence[str]]:
+    """The endings of what a command writes."""
+    return {file.dest: list(file.marks) for file in declared(command) if file.marks is not None}
+
+
+def given(files: Sequence[FileOption], **paths: object) -> argparse.Namespace:
     """Arguments with these paths and nothing else."""
-    nothing = dict.fromkeys([*files.reads, *files.writes, *files.records])
+    nothing = {file.dest: None for file in files}
     return argparse.Namespace(files=files, force=True, **nothing | paths)
 
 
 def test_the_commands_that_write_declare_it() -> None:
-    written = {name: sorted(declared(name).writes) for name in COMMANDS}
+    written = {name: sorted(outputs_of(name)) for name in COMMANDS}
     assert {name: outputs for name, outputs in written.items() if outputs} == {
         'accuracy': ['output', 'picture'],
         'calibrate': ['fragment', 'output', 'picture'],
@@ -57,12 +63,13 @@ def test_the_commands_that_write_declare_it() -> None:
 
 
 @pytest.mark.parametrize('way', WAYS)
-@pytest.mark.parametrize('command', [name for name in COMMANDS if declared(name).writes])
+@pytest.mark.parametrize('command', [name for name in COMMANDS if outputs_of(name)])
 def test_an_output_that_is_an_input_is_refused(command: str, way: str, tmp_path: Path) -> None:
     files, number = declared(command), 0
-    for output, marks in files.writes.items():
-        for suffix in marks:
-            for source in files.reads:
+    sources = [file.dest for file in files if file.is_read]
+    for output, suffixes in outputs_of(command).items():
+        for suffix in suffixes:
+            for source in sources:
                 number += 1
                 old, new = tmp_path / f'{number}.in', tmp_path / f'{number}{suffix}'
                 old.write_text('anything')

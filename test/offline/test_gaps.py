@@ -9,24 +9,24 @@ import numpy as np
 import pytest
 
 from stickslip_monitor.arrays import IntArray
-from stickslip_monitor.offline.input_check import Gap, GapCount, Gaps
+from stickslip_monitor.offline.input_check import Gap, Gaps
 
 NS = 10**9
 
 
 def find_gaps(stamp_ns: IntArray, limit_ns: int) -> Gaps:
     """The gaps of stamps that come in two parts."""
-    found, cut = GapCount(limit_ns), len(stamp_ns) // 2
+    found, cut = Gaps(limit_ns), len(stamp_ns) // 2
     for part in (stamp_ns[:cut], stamp_ns[cut:]):
         found.take(part)
-    return found.gaps()
+    return found
 
 
 def test_rate_and_gaps() -> None:
     seconds = [0, 1, 2, 3, 13, 14, 15, 115]
     found = find_gaps(np.array(seconds, np.int64) * NS, 5 * NS)
     assert found.count == 2
-    assert found.longest == (Gap(15 * NS, 100.0), Gap(3 * NS, 10.0))
+    assert found.longest == [Gap(15 * NS, 100.0), Gap(3 * NS, 10.0)]
     # Five intervals of a second, apart from the gaps.
     assert found.rate == pytest.approx(1.0)
 

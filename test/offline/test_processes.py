@@ -17,7 +17,7 @@ from stickslip_monitor.offline.fleet import core_count, run_in_processes
 
 def test_every_call_is_done_once_and_failures_are_their_own() -> None:
     calls = [(2.0,), (-1.0,), (9.0,), (16.0,)]
-    found = list(run_in_processes(math.sqrt, calls, 2))
+    found = list(run_in_processes(math.sqrt, dict(enumerate(calls)), 2))
     assert sorted(number for number, _ in found) == [0, 1, 2, 3]
     outcome = dict(found)
     assert [outcome[0], outcome[2], outcome[3]] == [math.sqrt(2.0), 3.0, 4.0]
@@ -28,7 +28,7 @@ def test_a_process_that_dies_costs_its_own_call_only() -> None:
     # One ends its process at once, while the others are at work or wait.
     death, work = 'import os; os._exit(9)', 'import time; time.sleep(0.1)'
     calls = [(death if number == 3 else work,) for number in range(7)]
-    found = list(run_in_processes(exec, calls, 2))
+    found = list(run_in_processes(exec, dict(enumerate(calls)), 2))
     assert sorted(number for number, _ in found) == list(range(7))
     outcome = dict(found)
     assert isinstance(outcome.pop(3), BrokenProcessPool)
@@ -37,7 +37,7 @@ def test_a_process_that_dies_costs_its_own_call_only() -> None:
 
 def test_work_that_is_broken_off_leaves_no_process() -> None:
     before = multiprocessing.active_children()
-    arriving = run_in_processes(time.sleep, [(0.0,), (600.0,), (600.0,)], 2)
+    arriving = run_in_processes(time.sleep, {0: (0.0,), 1: (600.0,), 2: (600.0,)}, 2)
     assert next(arriving) == (0, None)
     arriving.close()
     assert multiprocessing.active_children() == before

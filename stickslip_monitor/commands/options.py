@@ -1,0 +1,283 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What commands take: files, numbers, the bearing, ranges, and quantities such as ``20rpm``.
+
+An option that names a file is added by one of the functions here, so that
+:func:`.output.check_files` knows all that a command reads and writes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from stickslip_monitor.errors import ConfigurationError, OutputError
+from stickslip_monitor.files import PICTURES
+
+if TYPE_CHECKING:
+    from stickslip_monitor.drawing.map import Range
+    from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+    from stickslip_monitor.physics.oscillator import BearingSpeed
+
+Marks = Mapping[str, bytes | None]
+"""By its ending, what the beginning of a file of ours contains; None where only the contents can
+tell, as of a table by its headings. The ending '' stands for any other."""
+
+TABLE: Marks = {'.csv': None}
+ONE_OF_SEVERAL = 'which bearing, where several are configured'
+_QUANTITY = re.compile(r'\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*')
+
+_Options = argparse._ActionsContainer  # a parser or a group of its options
+
+
+@dataclass(frozen=True, slots=True)
+class FileOption:
+    """An option that names what is read; or written, where it has marks or is a recording."""
+
+    dest: str
+    spelling: str  # what a user knows it by
+    marks: Marks | None = None  # of an output
+    renews: bool = False  # whether an output may take the place of an input of the same kind
+    is_folder: bool | None = None  # of a recording to write: whether it is a folder for such
+
+    @property
+    def is_read(self) -> bool:
+        """Whether it names an input."""
+        return self.marks is None and self.is_folder is None
+
+    def paths(self, args: argparse.Namespace) -> Sequence[str]:
+        """The paths that it was given; none if it was not.
+
+        Raises:
+            OutputError: One is empty.
+        """
+        value = getattr(args, self.dest)
+        if value is None:
+            return ()
+        paths = [value] if isinstance(value, str) else list(value)
+        if '' in paths:
+            raise OutputError(f'{self.spelling} is given an empty name')
+        return paths
+
+
+def _add_file(
+    options: _Options, names: Sequence[str], more: Mapping[str, Any], **kind: Any
+) -> argparse.Action:
+    action = options.add_argument(*names, **more)
+    spelling = (*action.option_strings, action.dest)[0]
+    known = options.get_default('files') or ()
+    options.set_defaults(files=(*known, FileOption(action.dest, spelling, **kind)))
+    return action
+
+
+def add_input(options: _Options, *names: str, **more: Any) -> None:
+    """Add an argument that names what is read; its keywords are argparse's."""
+    _add_file(options, names, more)
+
+
+def add_output(
+    options: _Options, *names: str, marks: Marks, renews: bool = False, was: str = '', **more: Any
+) -> None:
+    """Add an option that names a file to write.
+
+    Args:
+        options: The parser.
+        names: The option's spellings.
+        marks: The endings that can be written.
+        renews: Whether it may take the place of an input of the same kind.
+        was: Its spelling in the last version, which is understood for one version.
+        more: Argparse's keywords.
+    """
+    more = {'metavar': 'FILE'} | more
+    action = _add_file(options, names, more, marks=marks, renews=renews)
+    if was:
+        options.add_argument(was, dest=action.dest, action=_Renamed, help=argparse.SUPPRESS)
+
+
+def add_recording(options: _Options, name: str, *, is_folder: bool, **more: Any) -> None:
+    """Add an option that names a recording to write, or a folder for such."""
+    _add_file(options, [name], more, is_folder=is_folder)
+
+
+def add_picture(options: _Options, text: str) -> None:
+    """Add ``--picture``."""
+    add_output(options, '--picture', marks=PICTURES, help=f'.png or .svg: {text}')
+
+
+def add_config(options: _Options, required: bool = True, text: str = '') -> None:
+    """Add ``--config``."""
+    text = text or 'ROS 2 parameter file'
+    add_input(options, '--config', '-c', required=required, metavar='FILE', help=text)
+
+
+def add_bearing(options: _Options, text: str = 'only this bearing') -> None:
+    """Add ``--bearing``."""
+    options.add_argument('--bearing', metavar='NAME', help=text)
+
+
+def add_number(
+    options: _Options, name: str, low: float, high: float = math.inf, *, above: bool = False,
+    kind: type[float] = int, **more: Any,
+) -> None:  # fmt: skip
+    """Add an option that takes a number from ``low``, or above it, to ``high``.
+
+    Its keywords are argparse's.
+    """
+    options.add_argument(name, action=_Number, rule=(low, high, above), type=kind, **more)
+
+
+class _Number(argparse.Action):
+    """Refuses a number out of bounds, in the sentence that holds for all of them."""
+
+    def __init__(self, *, rule: tuple[float, float, bool], **more: Any) -> None:
+        super().__init__(**more)
+        self.rule = rule
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, args: Any, value: Any, name: str | None = None
+    ) -> None:
+        low, high, above = self.rule
+        if not (low < value < math.inf if above else low <= value) or value > high:
+            if high == math.inf:
+                rule = f'a number above {low}' if above else f'at least {low}'
+            else:
+                rule = f'above {low} and at most {high}' if above else f'from {low} to {high}'
+            raise ConfigurationError(
+                f'{self.option_strings[0]} {str(value).removesuffix(".0")} must be {rule}'
+            )
+        setattr(args, self.dest, value)
+
+
+def add_diagnostics(options: _Options) -> None:
+    """Add ``--diagnostics``: the topic on which nodes tell their state."""
+    text = '(default /diagnostics)'
+    options.add_argument('--diagnostics', default='/diagnostics', metavar='TOPIC', help=text)
+
+
+def add_force(options: _Options) -> None:
+    """Add ``--force``."""
+    text = 'replace files that stickslip did not write'
+    options.add_argument('--force', action='store_true', help=text)
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Add ``--json``."""
+    parser.add_argument('--json', action='store_true', help='print JSON, SI units, null for none')
+
+
+class _Renamed(argparse.Action):
+    """An option under the name that it had in the last version."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, args: Any, value: Any, name: str | None = None
+    ) -> None:
+        setattr(args, self.dest, value)
+        say_old(f'{name}', f'--{self.dest}')
+
+
+def say_old(old: str, new: str) -> None:
+    """Tell of a spelling that is understood for one version."""
+    sys.stderr.write(f'{old} is called {new} now; the next version knows only that\n')
+
+
+def _split(what: str, text: str, units: tuple[str, ...]) -> tuple[float, str]:
+    """Number and unit; letters in the wrong case are understood, as no two units differ by it."""
+    match = _QUANTITY.fullmatch(text)
+    written = match.group(2) if match else ''
+    unit = {unit.lower(): unit for unit in units}.get(written.lower())
+    if match is None or unit is None or not math.isfinite(float(match.group(1))):
+        why = f", and '{written}' is none of these" if written and unit is None else ''
+        raise ConfigurationError(
+            f"{what} '{text}' must be a number with a unit: one of {', '.join(units)}{why}"
+        )
+    return float(match.group(1)), unit
+
+
+def parse_speed(text: str, conversion: BearingSpeed, what: str = 'speed') -> float:
+    """Surface speed [m/s] from a text such as ``'20rpm'``; the unit is required."""
+    from stickslip_monitor.physics.oscillator import SPEED_UNITS
+
+    value, unit = _split(what, text, SPEED_UNITS)
+    return float(conversion.to_surface(value, unit))
+
+
+def parse_load(text: str, what: str = 'load') -> float:
+    """Load [N] from a text such as ``'1.2kN'``; the unit is required."""
+    from stickslip_monitor.monitor.config import LOAD_UNITS
+
+    value, unit = _split(what, text, LOAD_UNITS)
+    return value * (1000.0 if unit == 'kN' else 1.0)
+
+
+def parse_loaded(text: str) -> float:
+    """Load [N] of what needs one: above 0."""
+    load = parse_load(text)
+    if load <= 0.0:
+        raise ConfigurationError(f"load '{text}' must be above 0: without load, no friction")
+    return load
+
+
+def add_drawing(parser: argparse.ArgumentParser) -> None:
+    """Declare what both drawing commands take: the bearing and where to write."""
+    add_config(parser)
+    add_bearing(parser, ONE_OF_SEVERAL)
+    marks = {**PICTURES, **TABLE}
+    text = 'file to write: .png, .svg or .csv'
+    add_output(parser, '--output', '-o', required=True, marks=marks, help=text)
+    add_force(parser)
+
+
+def chosen(args: argparse.Namespace) -> MonitorConfig:
+    """The configuration, of all bearings or of that of ``--bearing`` only.
+
+    Raises:
+        ConfigurationError: It cannot be read, or has no such bearing.
+    """
+    # Taking a configuration takes time to import, and is not needed for help.
+    from stickslip_monitor.monitor.config_file import load_config
+
+    config = load_config(args.config)
+    if args.bearing is None:
+        return config
+    return replace(config, bearings=(config.bearing(args.bearing),))
+
+
+def the_bearing(config: MonitorConfig) -> BearingConfig:
+    """The only bearing there is.
+
+    Raises:
+        ConfigurationError: There are several.
+    """
+    if len(config.bearings) > 1:
+        names = ', '.join(bearing.name for bearing in config.bearings)
+        raise ConfigurationError(f'several bearings are configured: choose --bearing from {names}')
+    return config.bearings[0]
+
+
+def speed_range(text: str | None, config: BearingConfig) -> Range | None:
+    """Surface speeds [m/s] from a text such as ``'5rpm:45rpm'``; ``None`` for no text."""
+    conversion = config.bearing.speed
+    return parse_range(text, 'speeds', lambda part: parse_speed(part, conversion, 'speeds'))
+
+
+def parse_range(text: str | None, what: str, parse: Callable[[str], float]) -> Range | None:
+    """Two quantities with a colon between them, not negative and rising.
+
+    Raises:
+        ConfigurationError: The text is anything else; it is named, with the rule.
+    """
+    if text is None:
+        return None
+    parts = text.split(':')
+    if len(parts) != 2:
+        raise ConfigurationError(f"{what} '{text}' must be LOW:HIGH, each with its unit")
+    low, high = parse(parts[0]), parse(parts[1])
+    if not 0.0 <= low < high:
+        raise ConfigurationError(
+            f"{what} '{text}' must rise from its first value, not below 0, to its second"
+        )
+    return low, high
