@@ -176,7 +176,7 @@ def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
     for name in names:
         if not _NAME.fullmatch(name):
             raise ConfigurationError(
-                f"bearings: {name!r} must be a name of lower-case letters, digits and underscores"
+                f'bearings: {name!r} must be a name of lower-case letters, digits and underscores'
                 ' that starts with a letter, because it becomes part of topic names'
             )
         if names.count(name) > 1:
