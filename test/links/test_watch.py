@@ -101,13 +101,6 @@ def refusal(path: Path, *arguments: str) -> str:
     return lines[0]
 
 
-def refused(capsys: pytest.CaptureFixture[str], path: Path, *arguments: str) -> str:
-    """The same in this process, which is quicker."""
-    assert main(['watch', '-c', str(path), *arguments]) == 2
-    (line,) = [x for x in capsys.readouterr().err.splitlines() if x.startswith('ERROR: ')]
-    return line
-
-
 def test_what_it_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     links = Bus().links('aft_stern')
     topics = {q: BEARING[q] | {'topic': f'/{q}'} for q in ('speed', 'load')}

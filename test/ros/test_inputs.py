@@ -9,6 +9,7 @@ from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any
 
+import kit
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -60,7 +61,7 @@ class _Node:
             self._callbacks[topic](self.queues[topic].popleft())
 
 
-def _inputs(kit: Any, node: Any, kind: str, field: str, receive: Any) -> Any:
+def _inputs(node: Any, kind: str, field: str, receive: Any) -> Any:
     """Two bearings on one shaft, each with a load of its own."""
     from stickslip_monitor.ros.inputs import Inputs
 
@@ -84,7 +85,7 @@ def _inputs(kit: Any, node: Any, kind: str, field: str, receive: Any) -> Any:
     return config, inputs
 
 
-def test_messages_that_share_a_tick_of_the_clock_keep_their_order(kit: Any) -> None:
+def test_messages_that_share_a_tick_of_the_clock_keep_their_order() -> None:
     """As at ``ros2 bag play --rate 10 --clock 40``: ten messages of 10 Hz to every four ticks."""
     from std_msgs.msg import Float64
 
@@ -95,7 +96,7 @@ def test_messages_that_share_a_tick_of_the_clock_keep_their_order(kit: Any) -> N
             heard.append((time_ns, value))
 
     node = _Node()
-    _inputs(kit, node, 'std_msgs/msg/Float64', 'data', receive)
+    _inputs(node, 'std_msgs/msg/Float64', 'data', receive)
     # Before the first /clock there is no time, and nothing is used.
     ticks = [0, 10**9, 10**9, 10**9, 10**9 + TICK_NS, 10**9 + TICK_NS, 5 * 10**8]
     for number, node.now in enumerate(ticks):
@@ -124,7 +125,7 @@ ARRIVALS = st.lists(
 
 
 def _events(
-    kit: Any, arrivals: list[tuple[str, int, float]], piles: list[tuple[int, int]]
+    arrivals: list[tuple[str, int, float]], piles: list[tuple[int, int]]
 ) -> dict[str, list[Any]]:
     """What is told of each bearing; messages pile up before all topics are woken in turn.
 
@@ -140,7 +141,7 @@ def _events(
         said[bearing].extend(monitor.bearings[bearing].update(place, time_ns, value).events)
 
     node = _Node()
-    config, _ = _inputs(kit, node, 'geometry_msgs/msg/Vector3Stamped', 'vector.x', receive)
+    config, _ = _inputs(node, 'geometry_msgs/msg/Vector3Stamped', 'vector.x', receive)
     monitor = Monitor(config)
     time_ms, todo = 10_000, deque(arrivals)
     for size, turn in piles:
@@ -161,10 +162,10 @@ def _events(
     piles=st.lists(st.tuples(st.integers(1, 12), st.integers(0, 2)), max_size=30),
 )
 def test_messages_that_wait_tell_what_they_tell_one_by_one(
-    kit: Any, arrivals: list[tuple[str, int, float]], piles: list[tuple[int, int]]
+    arrivals: list[tuple[str, int, float]], piles: list[tuple[int, int]]
 ) -> None:
     rest = [(1, 0)] * len(arrivals)
-    assert _events(kit, arrivals, [*piles, *rest]) == _events(kit, arrivals, rest)
+    assert _events(arrivals, [*piles, *rest]) == _events(arrivals, rest)
 
 
 JOINT = 'sensor_msgs/msg/JointState'
@@ -211,9 +212,7 @@ COVARIANCE = 'magnetic_field_covariance'
         ),
     ],
 )
-def test_an_input_that_leads_to_no_number_is_refused(
-    kit: Any, change: dict[str, Any], text: str
-) -> None:
+def test_an_input_that_leads_to_no_number_is_refused(change: dict[str, Any], text: str) -> None:
     outputs = {'/monitor/aft/amplitude'}
     check_inputs(build_config(kit.parameters()), outputs)
     with pytest.raises(RosError) as error:

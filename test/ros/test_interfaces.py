@@ -10,6 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import kit
 import pytest
 
 from stickslip_monitor import Monitor, Sample, build_config
@@ -73,7 +74,7 @@ def complaints(name: str, document: Any) -> list[str]:
 
 
 @pytest.fixture
-def monitor(kit: Any) -> Monitor:
+def monitor() -> Monitor:
     """A monitor that has warned."""
     monitor = Monitor(build_config(kit.parameters({'alarm.on_delay': 0.0})))
     monitor.update(Sample('aft', 'speed', 1, 20.0))

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import kit
 import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
@@ -48,7 +49,7 @@ class Panel:
         return answer.success, answer.message
 
 
-def test_the_services(host: Any, kit: Any) -> None:
+def test_the_services(host: Any) -> None:
     monitor = host(kit.parameters(kit.STAMPED, shelve_time=1.0))
     panel, telemetry = Panel(monitor), kit.Telemetry(monitor)
     assert panel.ask('acknowledge') == (False, 'there is nothing to acknowledge')
@@ -86,7 +87,7 @@ def test_the_services(host: Any, kit: Any) -> None:
     assert 'aft/stick_slip: acknowledge by ros service, unacknowledged -> ack' in monitor.output
 
 
-def test_requests_on_the_topic(host: Any, kit: Any) -> None:
+def test_requests_on_the_topic(host: Any) -> None:
     from std_msgs.msg import String
 
     monitor = host(kit.parameters(kit.STAMPED))
@@ -103,7 +104,7 @@ def test_requests_on_the_topic(host: Any, kit: Any) -> None:
     assert {(c['what'], c['by']) for c in panel.changes} == {('suppress', 'Ada')}
 
 
-def test_an_acknowledged_alarm_survives_a_restart(host: Any, kit: Any, tmp_path: Path) -> None:
+def test_an_acknowledged_alarm_survives_a_restart(host: Any, tmp_path: Path) -> None:
     from sensor_msgs.msg import JointState
 
     file = tmp_path / 'alarms.json'

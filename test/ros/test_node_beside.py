@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import kit
 import pytest
 import yaml
 from shared import Bus
@@ -97,9 +98,7 @@ def open_page(run: Any, tmp_path: Path) -> Iterator[Any]:
 
 
 @pytest.mark.slow
-def test_of_two_nodes_on_a_page_the_one_that_is_meant_acts(
-    start: Any, open_page: Any, kit: Any
-) -> None:
+def test_of_two_nodes_on_a_page_the_one_that_is_meant_acts(start: Any, open_page: Any) -> None:
     """Twin screws: the bearings have one name, and so have the topics but for the namespace."""
     port = start(kit.parameters(kit.STAMPED))
     shared = ('-r', f'/diagnostics:=/{port.space}/diagnostics')
@@ -142,7 +141,7 @@ def test_of_two_nodes_on_a_page_the_one_that_is_meant_acts(
 
 
 @pytest.mark.slow
-def test_a_node_between_two_ends_of_a_bus(start: Any, run: Any, kit: Any, tmp_path: Path) -> None:
+def test_a_node_between_two_ends_of_a_bus(start: Any, run: Any, tmp_path: Path) -> None:
     changes = {'alarm.on_delay': 0.2, 'speed.timeout': 2.0, 'load.timeout': 2.0}
     monitor, bus = start(kit.parameters(changes)), Bus()
     path = tmp_path / f'{monitor.space}.yaml'

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import kit
 import pytest
 
 from stickslip_monitor import build_config
@@ -18,7 +19,7 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 
 @pytest.fixture
-def values(kit: Any, tmp_path: Path) -> dict[str, Any]:
+def values(tmp_path: Path) -> dict[str, Any]:
     """One bearing, and clips of two seconds before and after an alarm."""
     parameters: dict[str, Any] = kit.parameters(kit.STAMPED)
     return parameters | {
@@ -43,7 +44,7 @@ def alarm(telemetry: Any, seconds: float) -> float:
 
 
 def test_an_alarm_leaves_a_clip_that_can_be_checked(
-    kit: Any, host: Callable[..., Any], values: dict[str, Any], tmp_path: Path
+    host: Callable[..., Any], values: dict[str, Any], tmp_path: Path
 ) -> None:
     monitor = host(values)
     raised = alarm(kit.Telemetry(monitor), 4.0)
@@ -68,7 +69,7 @@ def test_an_alarm_leaves_a_clip_that_can_be_checked(
 
 
 def test_a_clip_that_is_not_over_is_written_when_the_node_stops(
-    kit: Any, host: Callable[..., Any], values: dict[str, Any], tmp_path: Path
+    host: Callable[..., Any], values: dict[str, Any], tmp_path: Path
 ) -> None:
     monitor = host(values)
     alarm(kit.Telemetry(monitor), 1.0)
@@ -81,7 +82,7 @@ def test_a_clip_that_is_not_over_is_written_when_the_node_stops(
 
 
 def test_a_clip_that_cannot_be_written_is_told_and_written_when_there_is_room_again(
-    kit: Any, host: Callable[..., Any], values: dict[str, Any], tmp_path: Path,
+    host: Callable[..., Any], values: dict[str, Any], tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     monkeypatch.setattr('stickslip_monitor.state_file.RETRY_PERIOD', 0.02)

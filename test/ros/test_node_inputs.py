@@ -7,12 +7,13 @@ import json
 import math
 from typing import Any
 
+import kit
 import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 
-def test_garbage_is_counted_named_and_never_evaluated(host: Any, kit: Any) -> None:
+def test_garbage_is_counted_named_and_never_evaluated(host: Any) -> None:
     monitor = host(kit.parameters(kit.STAMPED))
     diagnostics, warnings = monitor.diagnostics(), monitor.warnings()
     telemetry = kit.Telemetry(monitor)
@@ -47,9 +48,7 @@ def test_garbage_is_counted_named_and_never_evaluated(host: Any, kit: Any) -> No
     assert telemetry.step(20.0, -50.0)['regime'] == 'stable'  # no contact
 
 
-def test_of_messages_that_wait_all_are_evaluated_and_the_last_is_answered(
-    host: Any, kit: Any
-) -> None:
+def test_of_messages_that_wait_all_are_evaluated_and_the_last_is_answered(host: Any) -> None:
     """While the node is busy, messages pile up in its queue; of a flood some are left out."""
     from stickslip_monitor.ros.inputs import MOST_AT_ONCE
 
@@ -87,7 +86,7 @@ def test_of_messages_that_wait_all_are_evaluated_and_the_last_is_answered(
     assert int(kit.status(diagnostics)[key]) > before
 
 
-def test_inputs_that_bring_nothing_are_explained(host: Any, kit: Any) -> None:
+def test_inputs_that_bring_nothing_are_explained(host: Any) -> None:
     """A bearing for each fault of its speed; the load of all is fine."""
     import rclpy
     from std_msgs.msg import Float32, Float64

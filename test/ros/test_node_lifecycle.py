@@ -6,12 +6,13 @@ from types import SimpleNamespace
 from typing import Any
 from unittest.mock import Mock
 
+import kit
 import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 
-def test_an_activation_that_fails_can_be_repeated(host: Any, kit: Any) -> None:
+def test_an_activation_that_fails_can_be_repeated(host: Any) -> None:
     # The node publishes this topic itself, with another type.
     topics = {'speed.topic': '/parameter_events'}
     monitor = host(kit.parameters(topics, autostart=False))
@@ -24,14 +25,14 @@ def test_an_activation_that_fails_can_be_repeated(host: Any, kit: Any) -> None:
 
 
 @pytest.mark.parametrize('state', ['unconfigured', 'inactive'])
-def test_shutdown_from_a_state_that_is_not_active(host: Any, kit: Any, state: str) -> None:
+def test_shutdown_from_a_state_that_is_not_active(host: Any, state: str) -> None:
     monitor = host(kit.parameters(kit.STAMPED, autostart=False))
     assert state == 'unconfigured' or monitor.go('configure')
     assert monitor.go('shutdown')
 
 
 def test_deactivation_stops_the_output_activation_resumes_it_and_cleanup_forgets(
-    host: Any, kit: Any
+    host: Any,
 ) -> None:
     monitor = host(kit.parameters(kit.STAMPED))
     peer, warnings, diagnostics = monitor.peer, monitor.warnings(), monitor.diagnostics()
@@ -114,7 +115,7 @@ def test_the_loop_survives_a_request_that_raises(monkeypatch: pytest.MonkeyPatch
     ]
 
 
-def test_a_callback_that_fails_is_told_and_survived(host: Any, kit: Any) -> None:
+def test_a_callback_that_fails_is_told_and_survived(host: Any) -> None:
     monitor = host(kit.parameters())
 
     def fails(message: object) -> None:

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 from unittest.mock import Mock
 
+import kit
 import pytest
 
 from stickslip_monitor import assess, build_config
@@ -21,7 +22,7 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 LEVELS = [(60.0, 'normal'), (42.0, 'caution'), (35.0, 'bistable'), (20.0, 'stick_slip')]
 
 
-def test_warnings_arrive_clear_and_are_kept_for_late_joiners(host: Any, kit: Any) -> None:
+def test_warnings_arrive_clear_and_are_kept_for_late_joiners(host: Any) -> None:
     monitor = host(kit.parameters(kit.STAMPED))
     warnings = monitor.warnings()
     telemetry = kit.Telemetry(monitor)
@@ -48,7 +49,7 @@ def test_warnings_arrive_clear_and_are_kept_for_late_joiners(host: Any, kit: Any
     assert [message.data for message in late] == [message.data for message in warnings]
 
 
-def test_published_numbers_equal_the_assessment(host: Any, kit: Any) -> None:
+def test_published_numbers_equal_the_assessment(host: Any) -> None:
     values = kit.parameters(kit.STAMPED)
     bearing = build_config(values).bearing('aft').bearing
     telemetry = kit.Telemetry(host(values))
@@ -77,7 +78,7 @@ def test_published_numbers_equal_the_assessment(host: Any, kit: Any) -> None:
     assert answers[-20, 1000] == answers[20, 1000]
 
 
-def test_quality_of_service_of_every_topic(host: Any, kit: Any) -> None:
+def test_quality_of_service_of_every_topic(host: Any) -> None:
     monitor = host(kit.parameters(kit.STAMPED))
     node = monitor.peer.node
     number = ('std_msgs/msg/Float64', 'RELIABLE', 'VOLATILE')
@@ -111,7 +112,7 @@ def test_quality_of_service_of_every_topic(host: Any, kit: Any) -> None:
     assert found(inputs) == [(kit.JOINT, 'BEST_EFFORT', 'VOLATILE')]
 
 
-def test_a_quality_that_is_overridden_stays_with_its_topic(host: Any, kit: Any) -> None:
+def test_a_quality_that_is_overridden_stays_with_its_topic(host: Any) -> None:
     topics = {f'{name}.topic': f'/overridden/{name}' for name in ('speed', 'load')}
     override = {'qos_overrides./overridden/speed.subscription.reliability': 'reliable'}
     peer = host(kit.parameters(topics) | override).peer
@@ -124,7 +125,7 @@ def test_a_quality_that_is_overridden_stays_with_its_topic(host: Any, kit: Any) 
     peer.until(lambda: reliability('load') == ['BEST_EFFORT'], 'the default')
 
 
-def test_diagnostics_come_every_second_and_at_once_on_a_change(host: Any, kit: Any) -> None:
+def test_diagnostics_come_every_second_and_at_once_on_a_change(host: Any) -> None:
     monitor = host(kit.parameters(kit.STAMPED))
     peer, diagnostics = monitor.peer, monitor.diagnostics()
     telemetry = kit.Telemetry(monitor)

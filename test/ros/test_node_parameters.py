@@ -4,12 +4,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import kit
 import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 
-def test_descriptors_have_ranges_units_and_rules(host: Any, kit: Any) -> None:
+def test_descriptors_have_ranges_units_and_rules(host: Any) -> None:
     names = ['aft.mass', 'aft.alarm.hysteresis', 'aft.alarm.on_delay', 'aft.speed.unit']
     answer = host(kit.parameters(kit.STAMPED)).node.describe_parameters(names)
     mass, hysteresis, on_delay, unit = answer
@@ -27,7 +28,7 @@ def test_descriptors_have_ranges_units_and_rules(host: Any, kit: Any) -> None:
     assert not any(item.read_only for item in answer)
 
 
-def test_thresholds_are_tuned_while_active(host: Any, kit: Any) -> None:
+def test_thresholds_are_tuned_while_active(host: Any) -> None:
     monitor = host(kit.parameters(kit.STAMPED))
     peer, warnings = monitor.peer, monitor.warnings()
     telemetry = kit.Telemetry(monitor)
@@ -56,7 +57,7 @@ def test_thresholds_are_tuned_while_active(host: Any, kit: Any) -> None:
     peer.until(lambda: kit.events(warnings)[-1]['to'] == 'amplitude_limit', 'the amplitude alarm')
 
 
-def test_bad_values_are_refused_with_name_value_and_rule(host: Any, kit: Any) -> None:
+def test_bad_values_are_refused_with_name_value_and_rule(host: Any) -> None:
     monitor = host(kit.parameters(kit.STAMPED))
 
     def refused(**changes: Any) -> str:
@@ -99,7 +100,7 @@ def test_bad_values_are_refused_with_name_value_and_rule(host: Any, kit: Any) ->
     assert monitor.set(aft__alarm__on_delay=2.5) == [(True, '')]
 
 
-def test_geometry_and_topics_change_between_activations(host: Any, kit: Any) -> None:
+def test_geometry_and_topics_change_between_activations(host: Any) -> None:
     from sensor_msgs.msg import JointState
 
     monitor = host(kit.parameters(kit.STAMPED))

@@ -18,6 +18,7 @@ from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
 
+import kit
 import pytest
 import yaml
 from shared import ROOT
@@ -45,7 +46,7 @@ def command(*arguments: str) -> list[str]:
 
 
 @pytest.mark.slow
-def test_what_ros_cannot_use_is_refused(run: Any, start: Any, kit: Any, tmp_path: Path) -> None:
+def test_what_ros_cannot_use_is_refused(run: Any, start: Any, tmp_path: Path) -> None:
     missing = tmp_path / 'missing.yaml'
     for program, *texts in (
         (run(*command('--params-file', str(missing))), 'failed to initialize rcl', str(missing)),
@@ -77,9 +78,7 @@ def test_what_ros_cannot_use_is_refused(run: Any, start: Any, kit: Any, tmp_path
         ),
     ],
 )
-def test_a_bad_configuration_is_refused(
-    host: Any, kit: Any, change: dict[str, Any], text: str
-) -> None:
+def test_a_bad_configuration_is_refused(host: Any, change: dict[str, Any], text: str) -> None:
     with pytest.raises(StickslipError, match=re.escape(text)):
         host(kit.parameters() | change)
 
@@ -93,7 +92,7 @@ def test_a_bad_configuration_is_refused(
         [signal.SIGTERM, 0.02, signal.SIGINT, 0.1, signal.SIGTERM],
     ],
 )
-def test_signals_end_the_node_cleanly(start: Any, kit: Any, signals: list[Any]) -> None:
+def test_signals_end_the_node_cleanly(start: Any, signals: list[Any]) -> None:
     monitor = start(kit.parameters(kit.STAMPED))
     telemetry = kit.Telemetry(monitor)
     for _ in range(5):
@@ -123,7 +122,7 @@ sys.exit(node.main(sys.argv))
 
 
 @pytest.mark.slow
-def test_signals_during_start_up(run: Any, kit: Any, tmp_path: Path) -> None:
+def test_signals_during_start_up(run: Any, tmp_path: Path) -> None:
     file = tmp_path / 'parameters.yaml'
     file.write_text(yaml.safe_dump({'/**': {'ros__parameters': kit.parameters()}}))
     starting = [sys.executable, '-c', STARTING, '--ros-args', '--params-file', str(file)]
@@ -139,7 +138,7 @@ def test_signals_during_start_up(run: Any, kit: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_node_that_was_held_up_blames_no_input(start: Any, kit: Any) -> None:
+def test_a_node_that_was_held_up_blames_no_input(start: Any) -> None:
     monitor = start(kit.parameters({'speed.timeout': 2.0, 'load.timeout': 2.0}))
     peer, warnings, diagnostics = monitor.peer, monitor.warnings(), monitor.diagnostics()
     speed, load = monitor.talk('shaft/speed'), monitor.talk('aft/load')
@@ -175,7 +174,7 @@ def test_a_node_that_was_held_up_blames_no_input(start: Any, kit: Any) -> None:
 
 @pytest.mark.slow
 def test_systemd_hears_of_start_life_and_end(
-    start: Any, kit: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    start: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(str(tmp_path / 'notify'))
@@ -193,7 +192,7 @@ def test_systemd_hears_of_start_life_and_end(
 
 
 @pytest.mark.slow
-def test_health_is_asked_of_a_running_node(host: Any, run: Any, kit: Any) -> None:
+def test_health_is_asked_of_a_running_node(host: Any, run: Any) -> None:
     monitor = host(kit.parameters())
     own = f'/{monitor.space}/stickslip_monitor'
 
@@ -303,7 +302,7 @@ def test_the_executor_can_be_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
     assert node.make_executor() == 'the common one'
 
 
-def test_the_security_policy_covers_all_topics_and_services(host: Any, kit: Any) -> None:
+def test_the_security_policy_covers_all_topics_and_services(host: Any) -> None:
     """DDS matches the names of permissions as fnmatch does (DDS-Security 9.4.1.3.2.3)."""
     policy = ROOT / 'launch_configs' / 'security' / 'policy.xml'
     parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
@@ -336,9 +335,10 @@ def test_the_security_policy_covers_all_topics_and_services(host: Any, kit: Any)
         assert [t for t in found if not any(fnmatchcase(t, p) for p in patterns)] == []
 
 
-def test_a_double_of_the_node_is_noticed(host: Any, kit: Any) -> None:
+def test_a_double_of_the_node_is_noticed(host: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     import rclpy
 
+    monkeypatch.setattr('stickslip_monitor.ros.active._DOUBLE_LOOKS', 1)
     monitor = host(kit.parameters())
     diagnostics = monitor.diagnostics()
     double = rclpy.create_node('stickslip_monitor', namespace=monitor.space)

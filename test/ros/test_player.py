@@ -12,6 +12,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import kit
 import numpy as np
 import pytest
 from shared import record
@@ -169,7 +170,7 @@ def offline(path: Path, values: dict[str, Any]) -> list[dict[str, Any]]:
     return list(json.loads(json.dumps(events)))
 
 
-def replay(monitor: Any, run: Any, kit: Any, path: Path, rate: float, count: int) -> Any:
+def replay(monitor: Any, run: Any, path: Path, rate: float, count: int) -> Any:
     warnings = monitor.warnings()
     topic = monitor.input(monitor.values['aft.speed.topic'])
     monitor.peer.until(lambda: monitor.peer.node.count_subscribers(topic), 'the input')
@@ -187,7 +188,7 @@ def replay(monitor: Any, run: Any, kit: Any, path: Path, rate: float, count: int
 
 @pytest.mark.slow
 def test_stamped_messages_give_the_same_events_to_the_nanosecond(
-    start: Any, run: Any, kit: Any, tmp_path: Path
+    start: Any, run: Any, tmp_path: Path
 ) -> None:
     from rclpy.serialization import serialize_message
     from sensor_msgs.msg import JointState
@@ -207,5 +208,5 @@ def test_stamped_messages_give_the_same_events_to_the_nanosecond(
     absolute = {'aft.speed.topic': topic, 'aft.load.topic': topic}
     expected = offline(path, monitor.values | absolute)
     assert len(expected) >= 5
-    heard = replay(monitor, run, kit, path, 20.0, len(expected))
+    heard = replay(monitor, run, path, 20.0, len(expected))
     assert heard == expected
