@@ -254,13 +254,14 @@ class Telemetry:
     def __init__(self, monitor: Named, bearing: str = 'aft') -> None:
         from sensor_msgs.msg import JointState
 
-        self.peer, self.now, self._begun = monitor.peer, 0.0, time.monotonic()
+        self.peer, self.now = monitor.peer, 0.0
         self._publisher = self.peer.talk(JointState, monitor.input('shaft'))
         numbers = ('amplitude', 'amplitude_exact', 'hopf_margin', 'fold_margin')
         kinds = dict.fromkeys(numbers, 'Float64') | {'regime': 'String'}
         self.heard = {
             name: monitor.listen(f'{bearing}/{name}', kind) for name, kind in kinds.items()
         }
+        self._begun = time.monotonic()
         while not all(self.heard.values()):
             self.send(60.0, 1000.0)
             self.peer.spin(0.1)
@@ -303,7 +304,14 @@ class Telemetry:
 
         Stamps may run ahead of the clock, but do not stay behind it: the watchdog goes by it.
         """
-        self.now = max(self.now, round(time.monotonic() - self._begun, 1))
+        clock = round(time.monotonic() - self._begun, 1)
+        if clock > self.now + 0.8:
+            # A stamp more than a second after the one before would wait until two more follow it.
+            while clock > self.now + 0.8:
+                self.now = round(self.now + 0.4, 9)
+                self.send(rpm, load)
+            self.peer.spin(0.2)
+        self.now = max(self.now, clock)
         return [self.step(rpm, load) for _ in range(round(seconds * 10))][-1]
 
 
