@@ -121,7 +121,10 @@ def test_a_full_disk_is_told_and_tried_again(
     # The third attempt has begun, so the first has been told.
     assert all(tried.acquire(timeout=10.0) for _ in range(3))
     assert writer.fault == 'the alarms are not kept: No space left on device'
+    writer.write({'time': 2})
+    assert all(tried.acquire(timeout=10.0) for _ in range(2))
     full.clear()
     writer.close(patience=10.0)
     assert writer.fault == ''
-    assert writer.read() == {'time': 1}
+    # The newer one has taken the place of what could not be written.
+    assert writer.read() == {'time': 2}
