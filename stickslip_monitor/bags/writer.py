@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writing a rosbag2 folder or a single MCAP file: all of it, or nothing.
 
-The bytes are those of ``mcap``'s writer, which takes three times as long for a message. All records
-but messages and their index are written by the record classes of the ``mcap`` package.
+The bytes are those of ``mcap``'s writer, which takes three times as long for a message. All
+records but messages and their index are written by the record classes of the ``mcap`` package.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ import struct
 import zlib
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
@@ -74,19 +73,11 @@ _LATEST = (1 << 63) - 1
 _SUFFIX = '.mcap'
 
 
-@dataclass(frozen=True, slots=True)
-class _Topic:
-    name: str
-    type: str
-    type_hash: str
-    channel: int
-
-
 class McapFile:
     """The records of one file.
 
-    A chunk is closed when it is longer than its size before compression. ``counts`` are the
-    messages of each channel.
+    A chunk is closed when it is longer than its size before compression. ``channels`` are by
+    topic, ``counts`` the messages of each channel by its id.
     """
 
     def __init__(self, file: IO[bytes], compression: str, chunk_size: int) -> None:
@@ -96,8 +87,8 @@ class McapFile:
         self._chunk = bytearray()
         # Log time [ns] and place of each message in the chunk, by channel.
         self._index: dict[int, list[int]] = {}
-        self._schemas: list[Schema] = []
-        self._channels: list[Channel] = []
+        self._schemas: dict[str, Schema] = {}
+        self.channels: dict[str, Channel] = {}
         self._metadata: list[MetadataIndex] = []
         self._chunks: list[ChunkIndex] = []
         self.counts: Counter[int] = Counter()
@@ -110,24 +101,21 @@ class McapFile:
         self._metadata.append(MetadataIndex(offset=offset, length=len(record), name=name))
         self._file.write(record)
 
-    def add_schema(self, name: str, definition: str) -> int:
-        """Define a schema; return its id."""
-        number, data = len(self._schemas) + 1, definition.encode()
-        schema = Schema(id=number, data=data, encoding=SchemaEncoding.ROS2, name=name)
-        self._schemas.append(schema)
-        self._add(_bytes(schema))
-        return number
-
-    def add_channel(self, topic: str, schema: int, type_hash: str) -> int:
-        """Define a channel; return its id."""
-        number = len(self._channels) + 1
-        channel = Channel(
-            id=number, topic=topic, message_encoding=MessageEncoding.CDR, schema_id=schema,
-            metadata={'offered_qos_profiles': '', 'topic_type_hash': type_hash},
+    def add_channel(self, topic: str, kind: str, known: MessageType) -> None:
+        """Define a channel, and the schema of its type where that is new."""
+        if kind not in self._schemas:
+            schema = Schema(
+                id=len(self._schemas) + 1, data=known.definition.encode(),
+                encoding=SchemaEncoding.ROS2, name=kind,
+            )  # fmt: skip
+            self._schemas[kind] = schema
+            self._add(_bytes(schema))
+        self.channels[topic] = channel = Channel(
+            id=len(self.channels) + 1, topic=topic, message_encoding=MessageEncoding.CDR,
+            schema_id=self._schemas[kind].id,
+            metadata={'offered_qos_profiles': '', 'topic_type_hash': known.type_hash},
         )  # fmt: skip
-        self._channels.append(channel)
         self._add(_bytes(channel))
-        return number
 
     def add(self, columns: Iterable[tuple[int, list[int], Sequence[bytes]]]) -> None:
         """Write messages of several channels with their log times, merged by these [ns]."""
@@ -186,13 +174,13 @@ class McapFile:
         self._chunk.clear()
         self._index.clear()
 
-    def finish(self) -> None:
-        """Write the last chunk and the summary."""
+    def finish(self) -> Statistics:
+        """Write the last chunk and the summary; return what was counted."""
         self._close_chunk()
         self._file.write(_bytes(DataEnd(0)))
         statistics = Statistics(
             attachment_count=0,
-            channel_count=len(self._channels),
+            channel_count=len(self.channels),
             channel_message_counts=dict(self.counts),
             chunk_count=len(self._chunks),
             message_count=self.counts.total(),
@@ -201,9 +189,9 @@ class McapFile:
             message_end_time=max((c.message_end_time for c in self._chunks), default=0),
             schema_count=len(self._schemas),
         )
-        groups: Mapping[Opcode, Sequence[McapRecord]] = {
-            Opcode.SCHEMA: self._schemas,
-            Opcode.CHANNEL: self._channels,
+        groups: Mapping[Opcode, Collection[McapRecord]] = {
+            Opcode.SCHEMA: self._schemas.values(),
+            Opcode.CHANNEL: self.channels.values(),
             Opcode.STATISTICS: [statistics],
             Opcode.CHUNK_INDEX: self._chunks,
             Opcode.ATTACHMENT_INDEX: [],
@@ -220,6 +208,7 @@ class McapFile:
         crc = zlib.crc32(HEAD.pack(Opcode.FOOTER, 20) + places, zlib.crc32(summary))
         footer = Footer(summary_start=begin, summary_offset_start=offset_begin, summary_crc=crc)
         self._file.write(summary + _bytes(footer) + MAGIC)
+        return statistics
 
 
 def _bytes(record: McapRecord) -> bytes:
@@ -261,9 +250,9 @@ class BagWriter:
         self._file_name = f'{self.path.name}_0{_SUFFIX}'
         self._label = label
         self._is_broken = False
-        self._topics: dict[str, _Topic] = {}
-        self._schemas: dict[str, tuple[int, MessageType]] = {}
-        self._start_ns, self._end_ns = _LATEST, 0
+        self._types: dict[str, MessageType] = {}
+        # The type of each topic.
+        self._topics: dict[str, str] = {}
         with self._trouble():
             self._refuse_existing()
 
@@ -312,17 +301,14 @@ class BagWriter:
         if name in self._topics:
             raise BagError(f"topic '{name}' was added to bag '{self.path}' already")
         known = MESSAGE_TYPES.get(type) if definition is None else MessageType(definition)
-        if type in self._schemas:
-            _, known = self._schemas[type]
+        known = self._types.get(type, known)
         if known is None:
             names = ', '.join(MESSAGE_TYPES)
             raise BagError(f"type '{type}' needs a definition: built in are only {names}")
+        self._types[type] = known
         with self._trouble():
-            if type not in self._schemas:
-                number = self._records.add_schema(type, known.definition)
-                self._schemas[type] = number, known
-            channel = self._records.add_channel(name, self._schemas[type][0], known.type_hash)
-        self._topics[name] = _Topic(name, type, known.type_hash, channel)
+            self._records.add_channel(name, type, known)
+        self._topics[name] = type
 
     def write(self, topic: str, log_time_ns: int, data: bytes) -> None:
         """Write one message.
@@ -374,7 +360,7 @@ class BagWriter:
             self._records.add(parts)
 
     def _channel(self, topic: str, log_times: Collection[int]) -> int:
-        """The channel of a topic; the recording's span is widened by that of messages [ns]."""
+        """The channel of a topic, for messages with some log times [ns]."""
         if topic not in self._topics:
             raise BagError(f"topic '{topic}' was not added to bag '{self.path}'")
         for log_time in (min(log_times), max(log_times)) if log_times else ():
@@ -382,9 +368,7 @@ class BagWriter:
                 raise BagError(
                     f"log time {log_time} ns of topic '{topic}' is not between 0 and {_LATEST}"
                 )
-            self._start_ns = min(self._start_ns, log_time)
-            self._end_ns = max(self._end_ns, log_time)
-        return self._topics[topic].channel
+        return self._records.channels[topic].id
 
     def break_off(self) -> None:
         """Leave the recording as one that lost power in mid-write; nothing more can be written.
@@ -421,19 +405,15 @@ class BagWriter:
     def message_counts(self) -> dict[str, int]:
         """Messages written so far, by topic."""
         counts = self._records.counts
-        return {name: counts[topic.channel] for name, topic in self._topics.items()}
+        return {topic: counts[channel.id] for topic, channel in self._records.channels.items()}
 
     def _finish(self) -> None:
         if not self._is_broken:
-            self._records.finish()
+            statistics = self._records.finish()
+            if not self._is_file:
+                text = self._metadata(statistics)
+                (self._draft / METADATA_NAME).write_text(text, 'utf-8')
         self._file.close()
-        if not (self._is_file or self._is_broken):
-            start_ns = min(self._start_ns, self._end_ns)
-            counts = {
-                topic: self._records.counts[topic.channel] for topic in self._topics.values()
-            }
-            text = _metadata(self._file_name, start_ns, self._end_ns, counts)
-            (self._draft / METADATA_NAME).write_text(text, 'utf-8')
         self._refuse_existing()
         self._draft.rename(self.path)
 
@@ -447,44 +427,45 @@ class BagWriter:
                 f"bag '{self.path}' cannot be written: {error.strerror or error}"
             ) from error
 
+    def _metadata(self, statistics: Statistics) -> str:
+        """The ``metadata.yaml`` of the recording, in rosbag2's format of version 9."""
+        start_ns, end_ns = statistics.message_start_time, statistics.message_end_time
 
-def _metadata(file_name: str, start_ns: int, end_ns: int, counts: Mapping[_Topic, int]) -> str:
-    """The ``metadata.yaml`` of a recording that is one file, in rosbag2's format of version 9."""
+        def span() -> dict[str, Any]:
+            # The same object twice would become a YAML alias, which rosbag2's reader need not
+            # know.
+            return {
+                'starting_time': {'nanoseconds_since_epoch': start_ns},
+                'duration': {'nanoseconds': end_ns - start_ns},
+                'message_count': statistics.message_count,
+            }
 
-    def span() -> dict[str, Any]:
-        # The same object twice would become a YAML alias, which rosbag2's reader need not know.
-        return {
-            'starting_time': {'nanoseconds_since_epoch': start_ns},
-            'duration': {'nanoseconds': end_ns - start_ns},
-            'message_count': sum(counts.values()),
+        listed = [
+            {
+                'topic_metadata': {
+                    'name': topic,
+                    'type': kind,
+                    'serialization_format': 'cdr',
+                    'offered_qos_profiles': [],
+                    'type_description_hash': self._types[kind].type_hash,
+                },
+                'message_count': self.message_counts[topic],
+            }
+            for topic, kind in self._topics.items()
+        ]
+        information = {
+            'version': 9,
+            'storage_identifier': 'mcap',
+            **span(),
+            'topics_with_message_count': listed,
+            'compression_format': '',
+            'compression_mode': '',
+            'relative_file_paths': [self._file_name],
+            'files': [{'path': self._file_name, **span()}],
+            'custom_data': None,
+            'ros_distro': 'unknown',
         }
-
-    listed = [
-        {
-            'topic_metadata': {
-                'name': topic.name,
-                'type': topic.type,
-                'serialization_format': 'cdr',
-                'offered_qos_profiles': [],
-                'type_description_hash': topic.type_hash,
-            },
-            'message_count': count,
-        }
-        for topic, count in counts.items()
-    ]
-    information = {
-        'version': 9,
-        'storage_identifier': 'mcap',
-        **span(),
-        'topics_with_message_count': listed,
-        'compression_format': '',
-        'compression_mode': '',
-        'relative_file_paths': [file_name],
-        'files': [{'path': file_name, **span()}],
-        'custom_data': None,
-        'ros_distro': 'unknown',
-    }
-    return yaml.safe_dump({METADATA_ROOT: information}, sort_keys=False)
+        return yaml.safe_dump({METADATA_ROOT: information}, sort_keys=False)
 
 
 def is_labelled(path: Path, label: str) -> bool:
