@@ -208,12 +208,12 @@ class Contents:
                 for key, rows in groups:
                     count += rows.size
                     block.channels |= bool(rows.size) << key
+            if way.is_over:
+                break
             if block.channels:
                 block.start_ns = min((start for start, _ in spans), default=0)
                 block.end_ns = max((end for _, end in spans), default=0)
                 self.blocks.append(block)
-            if way.is_over:
-                break
         self.counts = way.counts
         return count
 
@@ -362,7 +362,6 @@ class _Heads:
 
     def walk(self) -> None:
         """Step through the records."""
-        run: Block | None = None
         while len(begin := os.pread(self._file, _BEGIN, self.offset)) >= HEAD.size:
             kind, length = HEAD.unpack_from(begin)
             offset, length = self.offset, length + HEAD.size
@@ -382,29 +381,28 @@ class _Heads:
                 self._take(kind, offset, length)
             else:
                 self.behind = self.behind or self.has_ended
-                run = self._group(run, kind, offset, length, begin)
+                self._group(kind, offset, length, begin)
         if not self.has_ended and len(begin) == _BEGIN and begin[0] == Opcode.CHUNK:
             rest, size = self._size - self.offset, CHUNK_HEAD.unpack_from(begin, HEAD.size)[2]
             block = Block(self._path, self.offset, rest, min(size, MOST), True, is_cut=True)
             self.blocks.append(block)
 
-    def _group(
-        self, run: Block | None, kind: int, offset: int, length: int, begin: bytes
-    ) -> Block | None:
-        """Put a record of the data where it belongs; return the block that the next may join."""
+    def _group(self, kind: int, offset: int, length: int, begin: bytes) -> None:
+        """Put a record of the data into a block: the last one, if it may join that."""
         self.strange += kind == 0
         self._has_bare = self._has_bare or kind == Opcode.MESSAGE
-        if kind == Opcode.MESSAGE_INDEX and run is not None and run.is_chunk:
+        last = self.blocks[-1] if self.blocks else None
+        if last is not None and offset != last.offset + last.length + last.index_length:
+            last = None
+        if kind == Opcode.MESSAGE_INDEX and last is not None and last.is_chunk:
             channel = int.from_bytes(begin[9:11], 'little')
-            run.channels = (run.channels or 0) | 1 << channel
-            run.index_length += length
+            last.channels = (last.channels or 0) | 1 << channel
+            last.index_length += length
             self.indexed[channel] += int.from_bytes(begin[11:15], 'little') // 16
-            return run
-        if kind in _BARE and run is not None and not run.is_chunk and run.length < _RUN:
-            run.length += length
-            run.size = run.length
-            return run
-        if kind == Opcode.CHUNK:
+        elif kind in _BARE and last is not None and not last.is_chunk and last.length < _RUN:
+            last.length += length
+            last.size = last.length
+        elif kind == Opcode.CHUNK:
             start = end = size = 0
             if min(len(begin), length) == _BEGIN:
                 start, end, size, _, _ = CHUNK_HEAD.unpack_from(begin, HEAD.size)
@@ -414,9 +412,6 @@ class _Heads:
             )
         elif kind in _BARE:
             self.blocks.append(Block(self._path, offset, length, length, False))
-        else:
-            return None
-        return self.blocks[-1]
 
     def _take(self, kind: int, offset: int, length: int) -> None:
         """Take a record of the summary, whose definitions may be in a damaged chunk only."""

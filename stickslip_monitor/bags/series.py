@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 from stickslip_monitor.bags.blocks import Block, Loaded, Piece, prefetch
 from stickslip_monitor.bags.cdr import FieldReader
-from stickslip_monitor.bags.contents import DATED, STEP_COST, Contents, FilePass
+from stickslip_monitor.bags.contents import STEP_COST, Contents, FilePass
 from stickslip_monitor.bags.values import Fault, Message, Request, Series, TimeSpans
 from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.fields import FieldPath
@@ -29,6 +29,7 @@ from stickslip_monitor.fields import FieldPath
 # Messages of each topic, and of all, that are handed on at a time: few enough for the caches.
 _OF_TOPIC, _OF_ALL = 1 << 15, 1 << 19
 
+_LATEST_NS = (1 << 63) - 1
 # What a number costs that is kept until all before it is known [bytes].
 _ROW_COST = 24
 _BEYOND = 'have a log time of 2^63 ns or more, which is no time, and were not used'
@@ -64,7 +65,6 @@ class Pass:
     Args:
         files: The recording.
         topics: The topics, which are numbered in this order.
-        tell: Told what is wrong with a block, in a sentence.
         progress: Told the bytes done and the bytes to do after each block.
         spans: The log times wanted; all when None.
     """
@@ -73,11 +73,10 @@ class Pass:
         self,
         files: Sequence[Contents],
         topics: Iterable[str],
-        tell: Callable[[str], None],
         progress: Progress | None = None,
         spans: TimeSpans | None = None,
     ) -> None:
-        self.tell, self._progress = tell, progress
+        self._progress = progress
         self.numbers = {topic: number for number, topic in enumerate(topics)}
         self._ways = [FilePass(file) for file in files]
         blocks = ((block, way) for way in self._ways for block in self._wanted(way.file))
@@ -134,7 +133,7 @@ class Pass:
             late += int(np.count_nonzero(is_late))
             yield _part(columns, ~is_late) if is_late.any() else columns
         if late:
-            self.tell(
+            job.way.file.tell(
                 f'{job.block.place} has {plural(late, "message")} from before it begins, as it'
                 ' says: they were not used'
             )
@@ -160,7 +159,7 @@ class Pass:
             for key, rows in groups:
                 channel = file.channels.get(key)
                 if channel is None and file.is_stated:
-                    self.tell(
+                    file.tell(
                         f'{job.block.place} has messages of channel {key}, which is defined'
                         ' nowhere: not read'
                     )
@@ -199,24 +198,28 @@ def _some(columns: Columns) -> Iterator[Columns]:
         yield columns
 
 
-def merged_messages(way: Pass, types: Mapping[str, str], spans: TimeSpans) -> Iterator[Message]:
+def merged_messages(
+    files: Sequence[Contents], types: Mapping[str, str], spans: TimeSpans | None, least_ns: int
+) -> Iterator[Message]:
     """Yield messages of some topics, with their types, by log time, then by place.
 
-    A block is in memory while its time lasts.
+    A block is in memory while its time lasts. Without spans, all log times are wanted from the
+    least one on that is one.
     """
+    wanted = spans or TimeSpans([(least_ns, _LATEST_NS)])
 
     def encoded(job: Job, piece: Piece, chosen: Chosen) -> Columns:
         topic = np.full(piece.log_time_ns.size, -1)
         for number, _, rows in chosen:
             topic[rows] = number
-        rows = np.flatnonzero((topic >= 0) & spans.holds(piece.log_time_ns))
+        rows = np.flatnonzero((topic >= 0) & wanted.holds(piece.log_time_ns))
         begin, end = piece.offset[rows], piece.offset[rows] + piece.size[rows]
         data = np.empty(rows.size, np.object_)
         data[:] = [piece.data[a:b] for a, b in zip(begin.tolist(), end.tolist(), strict=True)]
         return piece.log_time_ns[rows], np.full(rows.size, job.number), topic[rows], data
 
     names = list(types.items())
-    for columns in way.stretches(encoded, 1):
+    for columns in Pass(files, types, spans=spans).stretches(encoded, 1):
         for time, _, topic, data in zip(*(column.tolist() for column in columns), strict=True):
             name, kind = names[topic]
             yield Message(name, kind, time, data)
@@ -261,13 +264,12 @@ class Reading:
         self,
         files: Sequence[Contents],
         wanted: Sequence[Wanted],
-        tell: Callable[[str], None],
+        least_ns: int,
         progress: Progress | None,
     ) -> None:
-        self._tell, self._wanted = tell, wanted
+        self._wanted, self._least = wanted, least_ns
         self._width = max((len(each.requests) for each in wanted), default=0)
-        self._pass = Pass(files, [each.topic for each in wanted], tell, progress)
-        self._least = 1 if any((file.end_ns or 0) >= DATED for file in files) else 0
+        self._pass = Pass(files, [each.topic for each in wanted], progress)
         self._readers: dict[tuple[int, str, bytes], FieldReader | BagError] = {}
         self._sequence = 0
         for number, each in enumerate(wanted):
@@ -330,7 +332,9 @@ class Reading:
                 wanted.reasons[_UNSET] += int((own_times < self._least).sum()) - beyond
             reader = self._reader(number, job.way.file, channel)
             if isinstance(reader, BagError):
-                self._tell(f'{job.block.place} has messages of another definition: {reader}')
+                job.way.file.tell(
+                    f'{job.block.place} has messages of another definition: {reader}'
+                )
                 wanted.reasons[_REFUSED] += rows.size
                 continue
             numbers = reader.read(piece.data, piece.offset[rows], piece.size[rows])
