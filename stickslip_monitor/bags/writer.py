@@ -8,7 +8,6 @@ records but messages and their index are written by the record classes of the ``
 from __future__ import annotations
 
 import contextlib
-import io
 import itertools
 import operator
 import os
@@ -40,17 +39,10 @@ from mcap.records import (
     Statistics,
     SummaryOffset,
 )
-from mcap.stream_reader import StreamReader
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from numpy.typing import ArrayLike
 
-from stickslip_monitor.bags.blocks import (
-    HEAD,
-    INDEX_HEAD,
-    MAGIC,
-    MESSAGE_HEAD,
-    PARSE_ERRORS,
-)
+from stickslip_monitor.bags.blocks import HEAD, INDEX_HEAD, MAGIC, MESSAGE_HEAD
 from stickslip_monitor.bags.encode import MESSAGE_TYPES, MessageType, encode_float64s
 from stickslip_monitor.bags.values import METADATA_NAME, METADATA_ROOT
 from stickslip_monitor.errors import BagError
@@ -61,10 +53,6 @@ COMPRESSIONS = {
     'lz4': ('lz4', lz4.frame.compress),
     'zstd': ('zstd', zstandard.compress),
 }
-# Fixed, so that equal recordings are equal files whatever version wrote them.
-_LIBRARY = 'stickslip_monitor'
-# Within this much of a file its label ends, if it has one [bytes].
-_BEGIN = 512
 # Kind and length of a message's record, channel, number, time of log and publication [ns].
 _RECORD = struct.Struct('<BQHIQQ')
 # A plain number: members of an enumeration are looked up slowly.
@@ -92,12 +80,11 @@ class McapFile:
         self._metadata: list[MetadataIndex] = []
         self._chunks: list[ChunkIndex] = []
         self.counts: Counter[int] = Counter()
-        file.write(MAGIC + _bytes(Header(Profile.ROS2, _LIBRARY)))
+        file.write(_BEGIN)
 
     def add_label(self, name: str) -> None:
         """Write a label before the first message."""
-        record = _bytes(Metadata(name=name, metadata={}))
-        offset = self._file.tell()
+        record, offset = _label(name), self._file.tell()
         self._metadata.append(MetadataIndex(offset=offset, length=len(record), name=name))
         self._file.write(record)
 
@@ -215,6 +202,16 @@ def _bytes(record: McapRecord) -> bytes:
     builder = RecordBuilder()
     record.write(builder)
     return bytes(builder.end())  # type: ignore[no-untyped-call]
+
+
+def _label(name: str) -> bytes:
+    """The record that a recording with a label begins with."""
+    return _bytes(Metadata(name=name, metadata={}))
+
+
+# What every recording begins with. The library is fixed, so that equal recordings are equal files
+# whatever version wrote them.
+_BEGIN = MAGIC + _bytes(Header(Profile.ROS2, 'stickslip_monitor'))
 
 
 class BagWriter:
@@ -470,13 +467,9 @@ class BagWriter:
 
 def is_labelled(path: Path, label: str) -> bool:
     """Whether a file is a recording that this package wrote with a label."""
+    begin = _BEGIN + _label(label)
     try:
-        if path.is_symlink():
-            return False
         with open_file(path) as file:
-            stream = StreamReader(io.BytesIO(file.read(_BEGIN)), emit_chunks=True)
-            header, record = itertools.islice(stream.records, 2)
-    except (OSError, *PARSE_ERRORS):
+            return not path.is_symlink() and file.read(len(begin)) == begin
+    except OSError:
         return False
-    ours = isinstance(header, Header) and header.library == _LIBRARY
-    return ours and isinstance(record, Metadata) and record.name == label
