@@ -27,7 +27,7 @@ from stickslip_monitor.physics.law_numbers import PIECES, law_numbers
 from stickslip_monitor.physics.oscillator import Bearing, damping_per_load
 
 # Octaves of load from the onset, and points in one: measured, twice as many gain nothing. A steep
-# law, or a noisy table, has its onset at some newtons, and is far from Coulomb's 8 octaves above it.
+# law, or a noisy table, has its onset at some newtons, far from Coulomb's 8 octaves above it.
 _OCTAVES, _SMOOTH, _BROKEN = 8, 100, 128
 _LARGE = 2e5  # [N]
 # Loads among which the onset is looked for [N], and how often the interval is divided by 64.
