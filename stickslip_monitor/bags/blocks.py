@@ -67,10 +67,6 @@ _WORKERS = 2
 # More files than blocks that wait.
 _MOST_OPEN = 8
 
-# What a file may take [bytes]: so much, and so much for each of its own.
-_FREE = 160 << 20
-_FOR_EACH = 100
-
 # A decompressor is fed in small pieces, so that an error inside costs only what follows it, and so
 # that none of them grows to more than some 20 MB.
 _FEEDS: dict[str, tuple[int, Callable[[], Callable[[bytes | memoryview], bytes]]]] = {
@@ -87,11 +83,7 @@ class DamagedBlock(Exception):
     """A block cannot be restored; the text is a clause for a sentence."""
 
 
-class Exhausted(Exception):
-    """A file takes more than it may; the text is a sentence."""
-
-
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Block:
     """One chunk, or one run of records outside of chunks.
 
@@ -117,22 +109,6 @@ class Block:
         """The block as a sentence names it."""
         kind = 'chunk' if self.is_chunk else 'records'
         return f"file '{self.path.name}': the {kind} at byte {self.offset}"
-
-
-class Budget:
-    """What a file of some size [bytes] may take in one pass: bytes, or what stands for work."""
-
-    def __init__(self, size: int) -> None:
-        self.most = self._left = _FREE + _FOR_EACH * size
-
-    def spend(self, block: Block, cost: int) -> None:
-        """Take a cost [bytes] for a block; raises Exhausted if the file takes more than it may."""
-        self._left -= cost
-        if self._left < 0:
-            raise Exhausted(
-                f"file '{block.path.name}' was read to byte {block.offset}: what it holds grows to"
-                f' more than {self.most} bytes, the limit for its size'
-            )
 
 
 def decompress(
@@ -228,18 +204,18 @@ def _unreadable(block: Block, error: OSError) -> BagError:
     return BagError(f"bag file '{block.path}' cannot be read: {error.strerror}")
 
 
-def prefetch(blocks: Iterable[Block]) -> Iterator[Callable[[], Loaded]]:
+def prefetch(blocks: Iterable[Block]) -> Iterator[tuple[Block, Callable[[], Loaded]]]:
     """Load blocks in order, those of usual sizes while those before are worked on.
 
-    Yields for each block what gives its records, or raises as :func:`load`; it is asked before the
-    next one.
+    Yields each block with what gives its records, or raises as :func:`load`; it is asked before
+    the next one.
 
     Raises:
         BagError: A file cannot be opened.
     """
     files: dict[Path, IO[bytes]] = {}
     with contextlib.ExitStack() as opened, ThreadPoolExecutor(_WORKERS) as pool:
-        waiting: deque[Callable[[], Loaded]] = deque()
+        waiting: deque[tuple[Block, Callable[[], Loaded]]] = deque()
         for block in blocks:
             try:
                 file = files.pop(block.path, None) or opened.enter_context(open_file(block.path))
@@ -250,9 +226,9 @@ def prefetch(blocks: Iterable[Block]) -> Iterator[Callable[[], Loaded]]:
                 # The one that was not used for longest: nothing that waits is of it.
                 files.pop(next(iter(files))).close()
             if _LEAST_AHEAD <= max(block.size, block.length) <= _MOST_AHEAD:
-                waiting.append(pool.submit(load, block, file).result)
+                waiting.append((block, pool.submit(load, block, file).result))
             else:
-                waiting.append(partial(load, block, file))
+                waiting.append((block, partial(load, block, file)))
             if len(waiting) > _WORKERS:
                 yield waiting.popleft()
         while waiting:

@@ -18,7 +18,6 @@ import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -115,7 +114,6 @@ def short_name(name: str) -> str:
     return f'{parts[0]}/{parts[-1]}'
 
 
-@lru_cache(maxsize=256)
 def parse_schema(name: str, data: bytes) -> Definitions:
     """Parse a concatenated message definition to the fields of every type by short name.
 

@@ -11,7 +11,7 @@ import contextlib
 import os
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from io import BytesIO
 from pathlib import Path
 
@@ -28,9 +28,7 @@ from stickslip_monitor.bags.blocks import (
     MOST,
     PARSE_ERRORS,
     Block,
-    Budget,
     DamagedBlock,
-    Exhausted,
     Loaded,
     Piece,
     prefetch,
@@ -47,6 +45,8 @@ DATED = 10**17
 STEP_COST = 300
 """What a record that is no message costs; a message decoded by itself costs twice that [bytes]."""
 
+# What a file may take in one pass [bytes]: so much, and so much for each of its own.
+_FREE, _FOR_EACH = 160 << 20, 100
 # What a new definition costs to parse and keep [bytes].
 _DEFINITION_COST = 5000
 # Longer runs of records outside of chunks are read in pieces of about this size [bytes].
@@ -103,52 +103,7 @@ class Contents:
         schema = self.schemas.get(channel.schema_id)
         return schema.name if schema is not None else ''
 
-    def groups(
-        self, block: Block, take: Callable[[], Loaded], budget: Budget
-    ) -> Iterator[tuple[Piece, list[tuple[int, IntArray]]]]:
-        """Walk through a block, take the definitions in it, and tell what is wrong with it.
-
-        Yields:
-            The records piece by piece, and which messages of it each channel has.
-
-        Raises:
-            Exhausted: The file takes more than it may.
-        """
-        if block.size <= MOST:
-            budget.spend(block, block.size)
-        try:
-            data, hints = take()
-        except DamagedBlock as damage:
-            if not block.is_cut:
-                self.tell(f'{block.place} is damaged ({damage}) and was skipped')
-            return
-        unread = end = 0
-        for piece in walk(data, hints):
-            for offset, record in piece.definitions.items():
-                cost = self._define(block, offset, record)
-                unread += cost is None
-                budget.spend(block, cost or _DEFINITION_COST)
-            unread, end = unread + piece.odd, piece.end
-            found = list(piece.groups())
-            budget.spend(block, STEP_COST * (piece.steps + len(found)))
-            yield piece, [(key, self._allowed(key, rows, block, piece)) for key, rows in found]
-        if unread:
-            self.tell(
-                f'{block.place} has {plural(unread, "record")} that cannot be read: passed over'
-            )
-        if end < len(data) and not block.is_cut:
-            rest = plural(len(data) - end, 'byte')
-            self.tell(f'{block.place} has {rest} at its end, no record: not read')
-
-    def _allowed(self, key: int, rows: IntArray, block: Block, piece: Piece) -> IntArray:
-        """Those messages of a channel that come before a definition that says otherwise."""
-        if key not in self._refused:
-            return rows
-        offset, place = self._refused[key]
-        end = place if block.offset == offset else piece.end if block.offset < offset else 0
-        return rows[piece.offset[rows] < end]
-
-    def _define(self, block: Block | None, offset: int, record: bytes) -> int | None:
+    def define(self, block: Block | None, offset: int, record: bytes) -> int | None:
         """Take a definition; return what it costs [bytes], None if it cannot be read."""
         key = record[:1] + record[HEAD.size : HEAD.size + 2]
         if self._records.get(key) == record:
@@ -187,17 +142,27 @@ class Contents:
             )
         return cost
 
+    def allowed(self, key: int, rows: IntArray, block: Block, piece: Piece) -> IntArray:
+        """Those messages of a channel that come before a definition that says otherwise."""
+        if key not in self._refused:
+            return rows
+        offset, place = self._refused[key]
+        end = place if block.offset == offset else piece.end if block.offset < offset else 0
+        return rows[piece.offset[rows] < end]
+
     def _named(self, keys: list[int]) -> str:
         names = [f"'{self.channels[key].topic}'" for key in keys[:_MOST_NAMED]]
         more = [f'{len(keys) - _MOST_NAMED} more topics'] if len(keys) > _MOST_NAMED else []
         return ', '.join([*names, *more]) or 'it'
 
-    def compare(self, stated: Mapping[int, int], found: Mapping[int, int]) -> None:
-        """Tell what the statistics of the file count otherwise."""
+    def compare(
+        self, stated: Mapping[int, int], found: Mapping[int, int], keys: Iterable[int]
+    ) -> None:
+        """Tell what the statistics of the file count otherwise, of some channels."""
         texts = [
-            f"{stated.get(key, 0)} messages of '{channel.topic}', and {found.get(key, 0)} can be"
-            ' read'
-            for key, channel in sorted(self.channels.items())
+            f"{stated.get(key, 0)} messages of '{self.channels[key].topic}', and"
+            f' {found.get(key, 0)} can be read'
+            for key in sorted(keys)
             if stated.get(key, 0) != found.get(key, 0)
         ]
         if texts:
@@ -219,14 +184,14 @@ class Contents:
             # What only the summary defines: the definitions in the data were lost.
             key = int.from_bytes(record[HEAD.size : HEAD.size + 2], 'little')
             if key not in (self.schemas if record[0] == Opcode.SCHEMA else self.channels):
-                self._define(None, 0, record)
+                self.define(None, 0, record)
         for key in self.counts.keys() - self.channels.keys():
             self.tell(
                 f"file '{name}': {plural(self.counts.pop(key), 'message')} of channel {key}, which"
                 ' is defined nowhere, were not read'
             )
         if heads.statistics is not None:
-            self.compare(heads.statistics.channel_message_counts, self.counts)
+            self.compare(heads.statistics.channel_message_counts, self.counts, self.channels)
         if not heads.is_finished:
             self.cut = self._cut(heads, last)
         elif heads.offset < self.size:
@@ -235,22 +200,21 @@ class Contents:
 
     def _count(self, blocks: list[Block]) -> int:
         """Read all blocks for what they hold; return the messages of the last one."""
-        count, budget = 0, Budget(self.size)
-        try:
-            for block, take in zip(blocks, prefetch(blocks), strict=True):
-                count, block.channels, spans = 0, 0, []
-                for piece, groups in self.groups(block, take, budget):
-                    spans += self._spans(piece)
-                    for key, rows in groups:
-                        self.counts[key] += rows.size
-                        count += rows.size
-                        block.channels |= bool(rows.size) << key
-                if block.channels:
-                    block.start_ns = min((start for start, _ in spans), default=0)
-                    block.end_ns = max((end for _, end in spans), default=0)
-                    self.blocks.append(block)
-        except Exhausted as limit:
-            self.tell(str(limit))
+        count, way = 0, FilePass(self)
+        for block, take in prefetch(blocks):
+            count, block.channels, spans = 0, 0, []
+            for piece, groups in way.groups(block, take):
+                spans += self._spans(piece)
+                for key, rows in groups:
+                    count += rows.size
+                    block.channels |= bool(rows.size) << key
+            if way.is_over:
+                break
+            if block.channels:
+                block.start_ns = min((start for start, _ in spans), default=0)
+                block.end_ns = max((end for _, end in spans), default=0)
+                self.blocks.append(block)
+        self.counts = way.counts
         return count
 
     def _spans(self, piece: Piece) -> list[tuple[int, int]]:
@@ -273,7 +237,7 @@ class Contents:
     def take_summary(self, heads: _Heads) -> bool:
         """Take channels and counts from the summary, if nothing in it is odd."""
         counts = heads.statistics
-        is_known = all(self._define(None, 0, r) is not None for r in heads.definitions)
+        is_known = all(self.define(None, 0, r) is not None for r in heads.definitions)
         if counts is None or not is_known or self._ambiguous:
             return False
         stated, end = counts.channel_message_counts, counts.message_end_time
@@ -309,6 +273,73 @@ class Contents:
         return Cut(self.path, heads.offset, self.size, self.end_ns, text)
 
 
+class FilePass:
+    """One pass over the blocks of a file, as far as it takes no more than it may.
+
+    ``counts`` are the messages of each channel that were met. With ``is_over`` the file was read
+    to where it had taken all that it may, and nothing more comes of it.
+    """
+
+    def __init__(self, file: Contents) -> None:
+        self.file = file
+        self.counts: Counter[int] = Counter()
+        self.is_over = False
+        self._most = self._left = _FREE + _FOR_EACH * file.size
+
+    def spend(self, block: Block, cost: int) -> bool:
+        """Take a cost [bytes] for a block; tell whether the pass goes on."""
+        self._left -= cost
+        if self._left < 0 and not self.is_over:
+            self.is_over = True
+            self.file.tell(
+                f"file '{block.path.name}' was read to byte {block.offset}: what it holds grows to"
+                f' more than {self._most} bytes, the limit for its size'
+            )
+        return not self.is_over
+
+    def groups(
+        self, block: Block, take: Callable[[], Loaded]
+    ) -> Iterator[tuple[Piece, list[tuple[int, IntArray]]]]:
+        """Walk through a block, take the definitions in it, and tell what is wrong with it.
+
+        Yields:
+            The records piece by piece, and which messages of it each channel has.
+        """
+        if self.is_over or (block.size <= MOST and not self.spend(block, block.size)):
+            return
+        tell = self.file.tell
+        try:
+            data, hints = take()
+        except DamagedBlock as damage:
+            if not block.is_cut:
+                tell(f'{block.place} is damaged ({damage}) and was skipped')
+            return
+        unread = end = 0
+        for piece in walk(data, hints):
+            unread, end = unread + self._define(block, piece) + piece.odd, piece.end
+            found = list(piece.groups())
+            if not self.spend(block, STEP_COST * (piece.steps + len(found))):
+                return
+            allowed = [(key, self.file.allowed(key, rows, block, piece)) for key, rows in found]
+            self.counts.update({key: rows.size for key, rows in allowed})
+            yield piece, allowed
+        if unread:
+            tell(f'{block.place} has {plural(unread, "record")} that cannot be read: passed over')
+        if end < len(data) and not block.is_cut:
+            rest = plural(len(data) - end, 'byte')
+            tell(f'{block.place} has {rest} at its end, no record: not read')
+
+    def _define(self, block: Block, piece: Piece) -> int:
+        """Take the definitions in a piece; return how many cannot be read."""
+        unread = 0
+        for offset, record in piece.definitions.items():
+            cost = self.file.define(block, offset, record)
+            unread += cost is None
+            if not self.spend(block, cost or _DEFINITION_COST):
+                break
+        return unread
+
+
 class _Heads:
     """The heads of the records of a file, as far as it was walked.
 
@@ -331,7 +362,6 @@ class _Heads:
 
     def walk(self) -> None:
         """Step through the records."""
-        run: Block | None = None
         while len(begin := os.pread(self._file, _BEGIN, self.offset)) >= HEAD.size:
             kind, length = HEAD.unpack_from(begin)
             offset, length = self.offset, length + HEAD.size
@@ -351,29 +381,28 @@ class _Heads:
                 self._take(kind, offset, length)
             else:
                 self.behind = self.behind or self.has_ended
-                run = self._group(run, kind, offset, length, begin)
+                self._group(kind, offset, length, begin)
         if not self.has_ended and len(begin) == _BEGIN and begin[0] == Opcode.CHUNK:
             rest, size = self._size - self.offset, CHUNK_HEAD.unpack_from(begin, HEAD.size)[2]
             block = Block(self._path, self.offset, rest, min(size, MOST), True, is_cut=True)
             self.blocks.append(block)
 
-    def _group(
-        self, run: Block | None, kind: int, offset: int, length: int, begin: bytes
-    ) -> Block | None:
-        """Put a record of the data where it belongs; return the block that the next may join."""
+    def _group(self, kind: int, offset: int, length: int, begin: bytes) -> None:
+        """Put a record of the data into a block: the last one, if it may join that."""
         self.strange += kind == 0
         self._has_bare = self._has_bare or kind == Opcode.MESSAGE
-        if kind == Opcode.MESSAGE_INDEX and run is not None and run.is_chunk:
+        last = self.blocks[-1] if self.blocks else None
+        if last is not None and offset != last.offset + last.length + last.index_length:
+            last = None
+        if kind == Opcode.MESSAGE_INDEX and last is not None and last.is_chunk:
             channel = int.from_bytes(begin[9:11], 'little')
-            run.channels = (run.channels or 0) | 1 << channel
-            run.index_length += length
+            last.channels = (last.channels or 0) | 1 << channel
+            last.index_length += length
             self.indexed[channel] += int.from_bytes(begin[11:15], 'little') // 16
-            return run
-        if kind in _BARE and run is not None and not run.is_chunk and run.length < _RUN:
-            run.length += length
-            run.size = run.length
-            return run
-        if kind == Opcode.CHUNK:
+        elif kind in _BARE and last is not None and not last.is_chunk and last.length < _RUN:
+            last.length += length
+            last.size = last.length
+        elif kind == Opcode.CHUNK:
             start = end = size = 0
             if min(len(begin), length) == _BEGIN:
                 start, end, size, _, _ = CHUNK_HEAD.unpack_from(begin, HEAD.size)
@@ -383,9 +412,6 @@ class _Heads:
             )
         elif kind in _BARE:
             self.blocks.append(Block(self._path, offset, length, length, False))
-        else:
-            return None
-        return self.blocks[-1]
 
     def _take(self, kind: int, offset: int, length: int) -> None:
         """Take a record of the summary, whose definitions may be in a damaged chunk only."""

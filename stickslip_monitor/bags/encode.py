@@ -32,17 +32,17 @@ STAMP_END = (1 << 31) * 1_000_000_000
 _HEAD = b'\x00\x01\x00\x00'
 
 
-def encode_float64s(values: ArrayLike) -> NDArray[np.void]:
-    """Encode ``std_msgs/Float64`` messages of n numbers, all of one length."""
+def encode_float64s(values: ArrayLike) -> list[bytes]:
+    """Encode ``std_msgs/Float64`` messages of n numbers."""
     numbers = np.asarray(values, '<f8')
     rows = np.empty(numbers.shape, np.dtype([('head', 'V4'), ('data', '<f8')]))
     rows['head'], rows['data'] = np.void(_HEAD), numbers
-    return rows.view(f'V{rows.itemsize}')
+    return _items(rows)
 
 
 def encode_stamped(
     type_name: str, field: str, stamp_ns: ArrayLike, values: ArrayLike
-) -> NDArray[np.void]:
+) -> list[bytes]:
     """Encode messages that are a header, with an empty frame, and some numbers.
 
     Args:
@@ -66,7 +66,12 @@ def encode_stamped(
     rows['head'], rows['frame'] = np.void(_HEAD), 1
     rows['sec'], rows['nanosec'] = stamp // 1_000_000_000, stamp % 1_000_000_000
     rows['numbers'][:, fields.index(field)] = values
-    return rows.view(f'V{rows.itemsize}')
+    return _items(rows)
+
+
+def _items(rows: NDArray[np.void]) -> list[bytes]:
+    items: list[bytes] = rows.view(f'V{rows.itemsize}').tolist()
+    return items
 
 
 def encode_bool(value: bool) -> bytes:

@@ -21,13 +21,7 @@ import yaml
 from stickslip_monitor.bags.blocks import MAGIC
 from stickslip_monitor.bags.cdr import short_name
 from stickslip_monitor.bags.contents import CONVERT, DATED, Contents, scan_file
-from stickslip_monitor.bags.series import (
-    Pass,
-    Progress,
-    Reading,
-    Wanted,
-    merged_messages,
-)
+from stickslip_monitor.bags.series import Progress, Reading, Wanted, merged_messages
 from stickslip_monitor.bags.values import (
     METADATA_NAME,
     METADATA_ROOT,
@@ -47,7 +41,6 @@ from stickslip_monitor.files import near_name, read_file
 __all__ = ['Bag', 'Cut', 'Fault', 'Message', 'Request', 'Series', 'TopicInfo', 'open_bag']
 
 _MOST_NAMED = 10
-_LATEST_NS = (1 << 63) - 1
 # Of metadata: ten thousand topics or files [bytes].
 _LARGEST = 8 << 20
 _DEEPEST = 30
@@ -142,7 +135,7 @@ class Bag:
                 )
             asked.setdefault(request.topic, {}).setdefault(path, []).append(request)
         wanted = [Wanted(topic, paths) for topic, paths in asked.items()]
-        return Reading(self._contents, wanted, self._findings, progress)
+        return Reading(self._contents, wanted, self._least_ns, progress)
 
     def _check(self, names: Iterable[str]) -> None:
         """Raise BagError for a topic that is not in the recording."""
@@ -165,8 +158,7 @@ class Bag:
         names = list(self.topics if topics is None else topics)
         self._check(names)
         types = {name: self.topics[name].type for name in names}
-        way = Pass(self._contents, types, self._findings, spans=spans)
-        return merged_messages(way, types, spans or TimeSpans([(self._least_ns, _LATEST_NS)]))
+        return merged_messages(self._contents, types, spans, self._least_ns)
 
 
 def _list_topics(files: Iterable[Contents]) -> dict[str, TopicInfo]:

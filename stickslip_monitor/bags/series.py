@@ -9,7 +9,7 @@ was written in no order of time, takes memory in proportion to its length.
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -19,9 +19,9 @@ from mcap.records import Channel
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
-from stickslip_monitor.bags.blocks import Block, Budget, Exhausted, Loaded, Piece, prefetch
+from stickslip_monitor.bags.blocks import Block, Loaded, Piece, prefetch
 from stickslip_monitor.bags.cdr import FieldReader
-from stickslip_monitor.bags.contents import DATED, STEP_COST, Contents
+from stickslip_monitor.bags.contents import STEP_COST, Contents, FilePass
 from stickslip_monitor.bags.values import Fault, Message, Request, Series, TimeSpans
 from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.fields import FieldPath
@@ -29,6 +29,7 @@ from stickslip_monitor.fields import FieldPath
 # Messages of each topic, and of all, that are handed on at a time: few enough for the caches.
 _OF_TOPIC, _OF_ALL = 1 << 15, 1 << 19
 
+_LATEST_NS = (1 << 63) - 1
 # What a number costs that is kept until all before it is known [bytes].
 _ROW_COST = 24
 _BEYOND = 'have a log time of 2^63 ns or more, which is no time, and were not used'
@@ -42,11 +43,11 @@ Columns = tuple[NDArray[Any], ...]
 
 
 class Job(NamedTuple):
-    """A block to read, its place in the recording, and its file."""
+    """A block to read, its place in the recording, and the pass over its file."""
 
     number: int
     block: Block
-    file: Contents
+    way: FilePass
 
 
 def _part(columns: Columns, rows: slice | IntArray | BoolArray) -> Columns:
@@ -64,7 +65,6 @@ class Pass:
     Args:
         files: The recording.
         topics: The topics, which are numbered in this order.
-        tell: Told what is wrong with a block, in a sentence.
         progress: Told the bytes done and the bytes to do after each block.
         spans: The log times wanted; all when None.
     """
@@ -73,16 +73,13 @@ class Pass:
         self,
         files: Sequence[Contents],
         topics: Iterable[str],
-        tell: Callable[[str], None],
         progress: Progress | None = None,
         spans: TimeSpans | None = None,
     ) -> None:
-        self.files, self.tell, self._progress = files, tell, progress
+        self._progress = progress
         self.numbers = {topic: number for number, topic in enumerate(topics)}
-        self._counts = {file: Counter[int]() for file in files}
-        self._budgets = {file: Budget(file.size) for file in files}
-        self._exhausted: set[Contents] = set()
-        blocks = ((block, file) for file in files for block in self._wanted(file))
+        self._ways = [FilePass(file) for file in files]
+        blocks = ((block, way) for way in self._ways for block in self._wanted(way.file))
         jobs = [Job(number, *each) for number, each in enumerate(blocks)]
         if spans is not None:
             jobs = [j for j in jobs if spans.overlap(j.block.start_ns, j.block.end_ns)]
@@ -136,7 +133,7 @@ class Pass:
             late += int(np.count_nonzero(is_late))
             yield _part(columns, ~is_late) if is_late.any() else columns
         if late:
-            self.tell(
+            job.way.file.tell(
                 f'{job.block.place} has {plural(late, "message")} from before it begins, as it'
                 ' says: they were not used'
             )
@@ -144,18 +141,11 @@ class Pass:
     def _tables(self, columns_of: MakeColumns) -> Iterator[tuple[int, Job, Iterator[Columns]]]:
         """Go through the blocks: place of each in the order of time, and what is made of it."""
         total, done = sum(job.block.length for job in self._jobs), 0
-        begun: deque[int] = deque()
-
-        def blocks() -> Iterator[Block]:
-            for k, job in enumerate(self._jobs):
-                if job.file not in self._exhausted:
-                    begun.append(k)
-                    yield job.block
-
-        for take in prefetch(blocks()):
-            k = begun.popleft()
+        places = {job.block: k for k, job in enumerate(self._jobs)}
+        for block, take in prefetch(job.block for job in self._jobs if not job.way.is_over):
+            k = places[block]
             yield k, self._jobs[k], self._read(self._jobs[k], take, columns_of)
-            done += self._jobs[k].block.length
+            done += block.length
             if self._progress is not None:
                 self._progress(done, total)
 
@@ -163,38 +153,28 @@ class Pass:
         self, job: Job, take: Callable[[], Loaded], columns_of: MakeColumns
     ) -> Iterator[Columns]:
         """What is made of a block, as far as it can be read."""
-        file = job.file
-        if file in self._exhausted:
-            return
-        try:
-            for piece, groups in file.groups(job.block, take, self._budgets[file]):
-                chosen: Chosen = []
-                for key, rows in groups:
-                    channel = file.channels.get(key)
-                    if channel is None and file.is_stated:
-                        self.tell(
-                            f'{job.block.place} has messages of channel {key}, which is defined'
-                            ' nowhere: not read'
-                        )
-                    elif channel is not None and channel.topic in self.numbers and rows.size:
-                        chosen.append((self.numbers[channel.topic], channel, rows))
-                        self._counts[file][key] += rows.size
-                if chosen:
-                    yield columns_of(job, piece, chosen)
-        except Exhausted as limit:
-            self.tell(str(limit))
-            self._exhausted.add(file)
-
-    def spend(self, job: Job, cost: int) -> None:
-        """Take a cost from the budget of a block's file; raises Exhausted if it is used up."""
-        self._budgets[job.file].spend(job.block, cost)
+        file = job.way.file
+        for piece, groups in job.way.groups(job.block, take):
+            chosen: Chosen = []
+            for key, rows in groups:
+                channel = file.channels.get(key)
+                if channel is None and file.is_stated:
+                    file.tell(
+                        f'{job.block.place} has messages of channel {key}, which is defined'
+                        ' nowhere: not read'
+                    )
+                elif channel is not None and channel.topic in self.numbers and rows.size:
+                    chosen.append((self.numbers[channel.topic], channel, rows))
+            if chosen:
+                columns = columns_of(job, piece, chosen)
+                if not job.way.is_over:
+                    yield columns
 
     def compare(self) -> None:
         """Tell what a summary counts otherwise, when all was read."""
-        for file in self.files:
-            if file.is_stated:
-                keys = self._keys(file)
-                file.compare({key: file.counts[key] for key in keys}, self._counts[file])
+        for way in self._ways:
+            if way.file.is_stated:
+                way.file.compare(way.file.counts, way.counts, self._keys(way.file))
 
 
 def _in_order(parts: Sequence[Columns]) -> Columns:
@@ -218,24 +198,28 @@ def _some(columns: Columns) -> Iterator[Columns]:
         yield columns
 
 
-def merged_messages(way: Pass, types: Mapping[str, str], spans: TimeSpans) -> Iterator[Message]:
+def merged_messages(
+    files: Sequence[Contents], types: Mapping[str, str], spans: TimeSpans | None, least_ns: int
+) -> Iterator[Message]:
     """Yield messages of some topics, with their types, by log time, then by place.
 
-    A block is in memory while its time lasts.
+    A block is in memory while its time lasts. Without spans, all log times are wanted from the
+    least one on that is one.
     """
+    wanted = spans or TimeSpans([(least_ns, _LATEST_NS)])
 
     def encoded(job: Job, piece: Piece, chosen: Chosen) -> Columns:
         topic = np.full(piece.log_time_ns.size, -1)
         for number, _, rows in chosen:
             topic[rows] = number
-        rows = np.flatnonzero((topic >= 0) & spans.holds(piece.log_time_ns))
+        rows = np.flatnonzero((topic >= 0) & wanted.holds(piece.log_time_ns))
         begin, end = piece.offset[rows], piece.offset[rows] + piece.size[rows]
         data = np.empty(rows.size, np.object_)
         data[:] = [piece.data[a:b] for a, b in zip(begin.tolist(), end.tolist(), strict=True)]
         return piece.log_time_ns[rows], np.full(rows.size, job.number), topic[rows], data
 
     names = list(types.items())
-    for columns in way.stretches(encoded, 1):
+    for columns in Pass(files, types, spans=spans).stretches(encoded, 1):
         for time, _, topic, data in zip(*(column.tolist() for column in columns), strict=True):
             name, kind = names[topic]
             yield Message(name, kind, time, data)
@@ -280,13 +264,12 @@ class Reading:
         self,
         files: Sequence[Contents],
         wanted: Sequence[Wanted],
-        tell: Callable[[str], None],
+        least_ns: int,
         progress: Progress | None,
     ) -> None:
-        self._tell, self._wanted = tell, wanted
+        self._wanted, self._least = wanted, least_ns
         self._width = max((len(each.requests) for each in wanted), default=0)
-        self._pass = Pass(files, [each.topic for each in wanted], tell, progress)
-        self._least = 1 if any((file.end_ns or 0) >= DATED for file in files) else 0
+        self._pass = Pass(files, [each.topic for each in wanted], progress)
         self._readers: dict[tuple[int, str, bytes], FieldReader | BagError] = {}
         self._sequence = 0
         for number, each in enumerate(wanted):
@@ -347,13 +330,16 @@ class Reading:
                 beyond = int((own_times < 0).sum())
                 wanted.reasons[_BEYOND] += beyond
                 wanted.reasons[_UNSET] += int((own_times < self._least).sum()) - beyond
-            reader = self._reader(number, job.file, channel)
+            reader = self._reader(number, job.way.file, channel)
             if isinstance(reader, BagError):
-                self._tell(f'{job.block.place} has messages of another definition: {reader}')
+                job.way.file.tell(
+                    f'{job.block.place} has messages of another definition: {reader}'
+                )
                 wanted.reasons[_REFUSED] += rows.size
                 continue
             numbers = reader.read(piece.data, piece.offset[rows], piece.size[rows])
-            self._pass.spend(job, 2 * STEP_COST * numbers.alone + _ROW_COST * rows.size)
+            cost = 2 * STEP_COST * numbers.alone + _ROW_COST * rows.size
+            job.way.spend(job.block, cost)
             wanted.reasons.update(numbers.faults)
             wanted.short.update(numbers.short)
             topic[rows] = number

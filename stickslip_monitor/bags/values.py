@@ -3,17 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
-
-Payload = Sequence[bytes] | NDArray[np.void]
-"""Messages, encoded: bytes of any lengths, or an array of items of one length."""
 
 METADATA_NAME, METADATA_ROOT = 'metadata.yaml', 'rosbag2_bagfile_information'
 """The file that describes a rosbag2 folder, and the key of all in it."""

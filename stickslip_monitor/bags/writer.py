@@ -1,23 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writing a rosbag2 folder or a single MCAP file: all of it, or nothing.
 
-The bytes are those of ``mcap``'s writer, made many at once: messages are laid out in a chunk by
-numpy, and chunks are compressed by another thread while the next one is laid out. All other
-records are written by the record classes of the ``mcap`` package.
+The bytes are those of ``mcap``'s writer, which takes three times as long for a message. All
+records but messages and their index are written by the record classes of the ``mcap`` package.
 """
 
 from __future__ import annotations
 
 import contextlib
-import io
 import itertools
+import operator
 import os
 import shutil
+import struct
 import zlib
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
@@ -41,21 +39,12 @@ from mcap.records import (
     Statistics,
     SummaryOffset,
 )
-from mcap.stream_reader import StreamReader
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from stickslip_monitor.arrays import IntArray
-from stickslip_monitor.bags.blocks import (
-    HEAD,
-    INDEX_HEAD,
-    MAGIC,
-    MESSAGE_HEAD,
-    PARSE_ERRORS,
-    PAYLOAD,
-)
+from stickslip_monitor.bags.blocks import HEAD, INDEX_HEAD, MAGIC, MESSAGE_HEAD
 from stickslip_monitor.bags.encode import MESSAGE_TYPES, MessageType, encode_float64s
-from stickslip_monitor.bags.values import METADATA_NAME, METADATA_ROOT, Payload
+from stickslip_monitor.bags.values import METADATA_NAME, METADATA_ROOT
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.files import hold, open_file, sweep
 
@@ -64,202 +53,95 @@ COMPRESSIONS = {
     'lz4': ('lz4', lz4.frame.compress),
     'zstd': ('zstd', zstandard.compress),
 }
-# Fixed, so that equal recordings are equal files whatever version wrote them.
-_LIBRARY = 'stickslip_monitor'
-# Within this much of a file its label ends, if it has one [bytes].
-_BEGIN = 512
-# Chunks that wait to be compressed.
-_WAITING = 3
+# Kind and length of a message's record, channel, number, time of log and publication [ns].
+_RECORD = struct.Struct('<BQHIQQ')
+# A plain number: members of an enumeration are looked up slowly.
+_MESSAGE = int(Opcode.MESSAGE)
 _LATEST = (1 << 63) - 1
 _SUFFIX = '.mcap'
-_HEAD = np.dtype(
-    [('opcode', 'u1'), ('length', '<u8'), ('channel', '<u2'), ('sequence', '<u4'),
-     ('log_time', '<u8'), ('publish_time', '<u8')]
-)  # fmt: skip
-
-
-@dataclass(slots=True)
-class _Topic:
-    name: str
-    type: str
-    type_hash: str
-    channel: int
-    count: int = 0
-
-
-class _Column:
-    """The records of n messages in CDR of one channel; ``sizes`` are their lengths [bytes]."""
-
-    def __init__(self, topic: _Topic, log_time_ns: IntArray, payload: Payload) -> None:
-        self.channel, self.log_time_ns, self._payload = topic.channel, log_time_ns, payload
-        count = log_time_ns.size
-        is_even = isinstance(payload, np.ndarray)
-        data = [('data', payload.dtype)] if isinstance(payload, np.ndarray) else []
-        rows = np.empty(count, np.dtype([('head', _HEAD), *data]))
-        lengths = map(len, () if is_even else payload)
-        sizes = rows.itemsize if is_even else PAYLOAD + np.fromiter(lengths, np.int64)
-        self.sizes: IntArray = np.broadcast_to(np.asarray(sizes, np.int64), (count,))
-        head = rows['head']
-        head['opcode'], head['length'] = Opcode.MESSAGE, self.sizes - HEAD.size
-        head['channel'], head['sequence'] = topic.channel, topic.count + np.arange(count)
-        head['log_time'] = head['publish_time'] = log_time_ns
-        if is_even:
-            rows['data'] = payload
-        self._rows = rows.view(f'V{rows.itemsize}')
-
-    def place(self, target: NDArray[np.uint8], picked: IntArray, offsets: IntArray) -> None:
-        """Put some of the records where they belong."""
-        shape = (len(target) - self._rows.itemsize + 1,)
-        view = np.ndarray(shape, self._rows.dtype, target.data, strides=(1,))
-        view[offsets] = self._rows[picked]
-        if isinstance(self._payload, np.ndarray):
-            return
-        for k, begin in zip(picked.tolist(), (offsets + PAYLOAD).tolist(), strict=True):
-            message = self._payload[k]
-            target.data[begin : begin + len(message)] = message
-
-
-@dataclass(slots=True)
-class _Draft:
-    """The chunk that is being laid out; ``index`` has log time and offset of its messages."""
-
-    data: bytearray = field(default_factory=bytearray)
-    index: dict[int, list[bytes]] = field(default_factory=dict)
-    start_ns: int = _LATEST
-    end_ns: int = 0
-
-    def note(self, channel: int, pairs: bytes, first_ns: int, last_ns: int) -> None:
-        """Take up messages of a channel."""
-        self.index.setdefault(channel, []).append(pairs)
-        self.start_ns, self.end_ns = min(first_ns, self.start_ns), max(last_ns, self.end_ns)
 
 
 class McapFile:
     """The records of one file.
 
-    A chunk is closed when it is longer than its size before compression.
+    A chunk is closed when it is longer than its size before compression. ``channels`` are by
+    topic, ``counts`` the messages of each channel by its id.
     """
 
     def __init__(self, file: IO[bytes], compression: str, chunk_size: int) -> None:
         self._file = file
         self._compression, self._compress = COMPRESSIONS[compression]
         self._chunk_size = chunk_size
-        self._draft = _Draft()
-        self.pool = ThreadPoolExecutor(1)
-        self._waiting: deque[Future[tuple[Chunk, _Draft]]] = deque()
-        self._schemas: list[Schema] = []
-        self._channels: list[Channel] = []
+        self._chunk = bytearray()
+        # Log time [ns] and place of each message in the chunk, by channel.
+        self._index: dict[int, list[int]] = {}
+        self._schemas: dict[str, Schema] = {}
+        self.channels: dict[str, Channel] = {}
         self._metadata: list[MetadataIndex] = []
         self._chunks: list[ChunkIndex] = []
-        self._counts: Counter[int] = Counter()
-        file.write(MAGIC + _bytes(Header(Profile.ROS2, _LIBRARY)))
+        self.counts: Counter[int] = Counter()
+        file.write(_BEGIN)
 
     def add_label(self, name: str) -> None:
         """Write a label before the first message."""
-        record = _bytes(Metadata(name=name, metadata={}))
-        offset = self._file.tell()
+        record, offset = _label(name), self._file.tell()
         self._metadata.append(MetadataIndex(offset=offset, length=len(record), name=name))
         self._file.write(record)
 
-    def add_schema(self, name: str, definition: str) -> int:
-        """Define a schema; return its id."""
-        number, data = len(self._schemas) + 1, definition.encode()
-        schema = Schema(id=number, data=data, encoding=SchemaEncoding.ROS2, name=name)
-        self._schemas.append(schema)
-        self._add(_bytes(schema))
-        return number
-
-    def add_channel(self, topic: str, schema: int, type_hash: str) -> int:
-        """Define a channel; return its id."""
-        number = len(self._channels) + 1
-        channel = Channel(
-            id=number, topic=topic, message_encoding=MessageEncoding.CDR, schema_id=schema,
-            metadata={'offered_qos_profiles': '', 'topic_type_hash': type_hash},
+    def add_channel(self, topic: str, kind: str, known: MessageType) -> None:
+        """Define a channel, and the schema of its type where that is new."""
+        if kind not in self._schemas:
+            schema = Schema(
+                id=len(self._schemas) + 1, data=known.definition.encode(),
+                encoding=SchemaEncoding.ROS2, name=kind,
+            )  # fmt: skip
+            self._schemas[kind] = schema
+            self._add(_bytes(schema))
+        self.channels[topic] = channel = Channel(
+            id=len(self.channels) + 1, topic=topic, message_encoding=MessageEncoding.CDR,
+            schema_id=self._schemas[kind].id,
+            metadata={'offered_qos_profiles': '', 'topic_type_hash': known.type_hash},
         )  # fmt: skip
-        self._channels.append(channel)
         self._add(_bytes(channel))
-        return number
 
-    def add(self, channel: int, sequence: int, log_time_ns: int, data: bytes) -> None:
-        """Write one message."""
-        pair = log_time_ns.to_bytes(8, 'little') + len(self._draft.data).to_bytes(8, 'little')
-        self._draft.note(channel, pair, log_time_ns, log_time_ns)
-        self._counts[channel] += 1
-        head = HEAD.pack(Opcode.MESSAGE, MESSAGE_HEAD.size + len(data))
-        self._add(head + MESSAGE_HEAD.pack(channel, sequence, log_time_ns, log_time_ns) + data)
+    def add(self, columns: Iterable[tuple[int, list[int], Sequence[bytes]]]) -> None:
+        """Write messages of several channels with their log times, merged by these [ns]."""
+        rows: list[tuple[int, int, int, bytes]] = []
+        for channel, times, messages in columns:
+            first, count = self.counts[channel], len(times)
+            numbers = range(first, first + count)
+            rows += zip(times, itertools.repeat(channel, count), numbers, messages, strict=True)
+            if count:
+                self.counts[channel] += count
+        rows.sort(key=operator.itemgetter(0))
+        for time, channel, number, message in rows:
+            self._index.setdefault(channel, []).extend((time, len(self._chunk)))
+            length = MESSAGE_HEAD.size + len(message)
+            self._add(_RECORD.pack(_MESSAGE, length, channel, number, time, time) + message)
 
-    def add_merged(self, columns: Sequence[_Column]) -> None:
-        """Write messages of several channels, merged by their log times."""
-        columns = [column for column in columns if column.sizes.size]
-        if not columns:
-            return
-        times = np.concatenate([column.log_time_ns for column in columns])
-        order = np.argsort(times, kind='stable')
-        edges = np.cumsum([0, *(column.sizes.size for column in columns)])
-        sizes = np.concatenate([column.sizes for column in columns])[order]
-        total, begin = np.cumsum(sizes), 0
-        while begin < len(sizes):
-            # What goes into this chunk: until it is longer than it should be.
-            room = self._chunk_size - len(self._draft.data)
-            before = int(total[begin - 1]) if begin else 0
-            end = min(int(np.searchsorted(total, before + room, 'right')) + 1, len(sizes))
-            self._lay_out(columns, edges, order[begin:end], sizes[begin:end])
-            begin = end
-        for column in columns:
-            self._counts[column.channel] += column.sizes.size
-
-    def _lay_out(
-        self, columns: Sequence[_Column], edges: IntArray, order: IntArray, sizes: IntArray
-    ) -> None:
-        """Lay out some messages at the end of the chunk."""
-        base, ends = len(self._draft.data), np.cumsum(sizes)
-        data = np.empty(int(ends[-1]), np.uint8)
-        owner = np.searchsorted(edges, order, 'right') - 1
-        found = [(k, np.flatnonzero(owner == k)) for k in range(len(columns))]
-        # The index names channels in the order of their first messages.
-        for k, own in sorted((f for f in found if f[1].size), key=lambda f: int(f[1][0])):
-            picked, offsets = order[own] - edges[k], (ends - sizes)[own]
-            columns[k].place(data, picked, offsets)
-            times = columns[k].log_time_ns[picked]
-            pairs = np.column_stack([times, offsets + base]).astype('<i8').tobytes()
-            self._draft.note(columns[k].channel, pairs, int(times.min()), int(times.max()))
-        self._add(data.data)
-
-    def _add(self, data: bytes | memoryview) -> None:
-        self._draft.data += data
-        if len(self._draft.data) > self._chunk_size:
+    def _add(self, record: bytes) -> None:
+        self._chunk += record
+        if len(self._chunk) > self._chunk_size:
             self._close_chunk()
 
     def _close_chunk(self) -> None:
-        if self._draft.index:
-            self._waiting.append(self.pool.submit(self._packed, self._draft))
-            self._draft = _Draft()
-            self.drain(_WAITING)
-
-    def _packed(self, draft: _Draft) -> tuple[Chunk, _Draft]:
-        data = bytes(draft.data)
+        """Write the chunk and its index, if it has messages."""
+        if not self._index:
+            return
+        data, times = bytes(self._chunk), [pairs[::2] for pairs in self._index.values()]
         chunk = Chunk(
             compression=self._compression,
             data=self._compress(data),
-            message_start_time=draft.start_ns,
-            message_end_time=draft.end_ns,
+            message_start_time=min(map(min, times)),
+            message_end_time=max(map(max, times)),
             uncompressed_crc=zlib.crc32(data),
             uncompressed_size=len(data),
         )
-        draft.data.clear()
-        return chunk, draft
-
-    def drain(self, most: int = 0) -> None:
-        """Write chunks until no more than so many wait."""
-        while len(self._waiting) > most:
-            self._write_chunk(*self._waiting.popleft().result())
-
-    def _write_chunk(self, chunk: Chunk, draft: _Draft) -> None:
         record, offset = _bytes(chunk), self._file.tell()
         begin, index, places = offset + len(record), b'', {}
-        for channel, pairs in draft.index.items():
+        for channel, pairs in self._index.items():
             places[channel] = begin + len(index)
-            body = b''.join(pairs)
+            body = struct.pack(f'<{len(pairs)}Q', *pairs)
             index += INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + len(body), channel, len(body))
             index += body
         self._file.write(record + index)
@@ -276,26 +158,27 @@ class McapFile:
                 uncompressed_size=chunk.uncompressed_size,
             )
         )
+        self._chunk.clear()
+        self._index.clear()
 
-    def finish(self) -> None:
-        """Write the last chunk and the summary."""
+    def finish(self) -> Statistics:
+        """Write the last chunk and the summary; return what was counted."""
         self._close_chunk()
-        self.drain()
         self._file.write(_bytes(DataEnd(0)))
         statistics = Statistics(
             attachment_count=0,
-            channel_count=len(self._channels),
-            channel_message_counts=dict(self._counts),
+            channel_count=len(self.channels),
+            channel_message_counts=dict(self.counts),
             chunk_count=len(self._chunks),
-            message_count=self._counts.total(),
+            message_count=self.counts.total(),
             metadata_count=len(self._metadata),
             message_start_time=min((c.message_start_time for c in self._chunks), default=0),
             message_end_time=max((c.message_end_time for c in self._chunks), default=0),
             schema_count=len(self._schemas),
         )
-        groups: Mapping[Opcode, Sequence[McapRecord]] = {
-            Opcode.SCHEMA: self._schemas,
-            Opcode.CHANNEL: self._channels,
+        groups: Mapping[Opcode, Collection[McapRecord]] = {
+            Opcode.SCHEMA: self._schemas.values(),
+            Opcode.CHANNEL: self.channels.values(),
             Opcode.STATISTICS: [statistics],
             Opcode.CHUNK_INDEX: self._chunks,
             Opcode.ATTACHMENT_INDEX: [],
@@ -312,12 +195,23 @@ class McapFile:
         crc = zlib.crc32(HEAD.pack(Opcode.FOOTER, 20) + places, zlib.crc32(summary))
         footer = Footer(summary_start=begin, summary_offset_start=offset_begin, summary_crc=crc)
         self._file.write(summary + _bytes(footer) + MAGIC)
+        return statistics
 
 
 def _bytes(record: McapRecord) -> bytes:
     builder = RecordBuilder()
     record.write(builder)
     return bytes(builder.end())  # type: ignore[no-untyped-call]
+
+
+def _label(name: str) -> bytes:
+    """The record that a recording with a label begins with."""
+    return _bytes(Metadata(name=name, metadata={}))
+
+
+# What every recording begins with. The library is fixed, so that equal recordings are equal files
+# whatever version wrote them.
+_BEGIN = MAGIC + _bytes(Header(Profile.ROS2, 'stickslip_monitor'))
 
 
 class BagWriter:
@@ -353,9 +247,9 @@ class BagWriter:
         self._file_name = f'{self.path.name}_0{_SUFFIX}'
         self._label = label
         self._is_broken = False
-        self._topics: dict[str, _Topic] = {}
-        self._schemas: dict[str, tuple[int, MessageType]] = {}
-        self._start_ns, self._end_ns = _LATEST, 0
+        self._types: dict[str, MessageType] = {}
+        # The type of each topic.
+        self._topics: dict[str, str] = {}
         with self._trouble():
             self._refuse_existing()
 
@@ -381,7 +275,6 @@ class BagWriter:
                 with self._trouble():
                     self._finish()
         finally:
-            self._records.pool.shutdown(cancel_futures=True)
             # Closing a file on a full disk fails once more; the draft goes either way.
             with contextlib.suppress(OSError):
                 self._file.close()
@@ -405,17 +298,14 @@ class BagWriter:
         if name in self._topics:
             raise BagError(f"topic '{name}' was added to bag '{self.path}' already")
         known = MESSAGE_TYPES.get(type) if definition is None else MessageType(definition)
-        if type in self._schemas:
-            _, known = self._schemas[type]
+        known = self._types.get(type, known)
         if known is None:
             names = ', '.join(MESSAGE_TYPES)
             raise BagError(f"type '{type}' needs a definition: built in are only {names}")
+        self._types[type] = known
         with self._trouble():
-            if type not in self._schemas:
-                number = self._records.add_schema(type, known.definition)
-                self._schemas[type] = number, known
-            channel = self._records.add_channel(name, self._schemas[type][0], known.type_hash)
-        self._topics[name] = _Topic(name, type, known.type_hash, channel)
+            self._records.add_channel(name, type, known)
+        self._topics[name] = type
 
     def write(self, topic: str, log_time_ns: int, data: bytes) -> None:
         """Write one message.
@@ -428,10 +318,7 @@ class BagWriter:
         Raises:
             BagError: Unknown topic, a time out of range, or the disk does not take it.
         """
-        entry = self._entry(topic, log_time_ns, log_time_ns)
-        with self._trouble():
-            self._records.add(entry.channel, entry.count, log_time_ns, data)
-        entry.count += 1
+        self.write_columns([(topic, [log_time_ns], [data])])
 
     def write_float64s(self, columns: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> None:
         """Write ``std_msgs/Float64`` messages of several topics, merged by their log times.
@@ -452,7 +339,7 @@ class BagWriter:
             (n, time, encode_float64s(value)) for n, (time, value) in columns.items()
         )
 
-    def write_columns(self, columns: Iterable[tuple[str, ArrayLike, Payload]]) -> None:
+    def write_columns(self, columns: Iterable[tuple[str, ArrayLike, Sequence[bytes]]]) -> None:
         """Write encoded messages of several topics, merged by their log times.
 
         Args:
@@ -463,27 +350,22 @@ class BagWriter:
             BagError: As for :meth:`write`.
         """
         parts = []
-        for name, time, payload in columns:
-            log_time = np.asarray(time, np.int64)
-            span = (int(log_time.min()), int(log_time.max())) if log_time.size else ()
-            entry = self._entry(name, *span)
-            parts.append(_Column(entry, log_time, payload))
-            entry.count += log_time.size
+        for name, time, messages in columns:
+            times: list[int] = np.asarray(time, np.int64).tolist()
+            parts.append((self._channel(name, times), times, messages))
         with self._trouble():
-            self._records.add_merged(parts)
+            self._records.add(parts)
 
-    def _entry(self, topic: str, *span: int) -> _Topic:
-        """A topic; the span of the recording is widened by that of its messages."""
+    def _channel(self, topic: str, log_times: Collection[int]) -> int:
+        """The channel of a topic, for messages with some log times [ns]."""
         if topic not in self._topics:
             raise BagError(f"topic '{topic}' was not added to bag '{self.path}'")
-        for log_time in span:
+        for log_time in (min(log_times), max(log_times)) if log_times else ():
             if not 0 <= log_time <= _LATEST:
                 raise BagError(
                     f"log time {log_time} ns of topic '{topic}' is not between 0 and {_LATEST}"
                 )
-            self._start_ns = min(self._start_ns, log_time)
-            self._end_ns = max(self._end_ns, log_time)
-        return self._topics[topic]
+        return self._records.channels[topic].id
 
     def break_off(self) -> None:
         """Leave the recording as one that lost power in mid-write; nothing more can be written.
@@ -492,7 +374,6 @@ class BagWriter:
         recording's end is missing.
         """
         with self._trouble():
-            self._records.drain()
             begin = self._file.tell()
             self._records.finish()
             self._file.seek(begin)
@@ -520,16 +401,16 @@ class BagWriter:
     @property
     def message_counts(self) -> dict[str, int]:
         """Messages written so far, by topic."""
-        return {name: topic.count for name, topic in self._topics.items()}
+        counts = self._records.counts
+        return {topic: counts[channel.id] for topic, channel in self._records.channels.items()}
 
     def _finish(self) -> None:
         if not self._is_broken:
-            self._records.finish()
+            statistics = self._records.finish()
+            if not self._is_file:
+                text = self._metadata(statistics)
+                (self._draft / METADATA_NAME).write_text(text, 'utf-8')
         self._file.close()
-        if not (self._is_file or self._is_broken):
-            start_ns = min(self._start_ns, self._end_ns)
-            text = _metadata(self._file_name, start_ns, self._end_ns, self._topics.values())
-            (self._draft / METADATA_NAME).write_text(text, 'utf-8')
         self._refuse_existing()
         self._draft.rename(self.path)
 
@@ -543,55 +424,52 @@ class BagWriter:
                 f"bag '{self.path}' cannot be written: {error.strerror or error}"
             ) from error
 
+    def _metadata(self, statistics: Statistics) -> str:
+        """The ``metadata.yaml`` of the recording, in rosbag2's format of version 9."""
+        start_ns, end_ns = statistics.message_start_time, statistics.message_end_time
 
-def _metadata(file_name: str, start_ns: int, end_ns: int, topics: Collection[_Topic]) -> str:
-    """The ``metadata.yaml`` of a recording that is one file, in rosbag2's format of version 9."""
+        def span() -> dict[str, Any]:
+            # The same object twice would become a YAML alias, which rosbag2's reader need not
+            # know.
+            return {
+                'starting_time': {'nanoseconds_since_epoch': start_ns},
+                'duration': {'nanoseconds': end_ns - start_ns},
+                'message_count': statistics.message_count,
+            }
 
-    def span() -> dict[str, Any]:
-        # The same object twice would become a YAML alias, which rosbag2's reader need not know.
-        return {
-            'starting_time': {'nanoseconds_since_epoch': start_ns},
-            'duration': {'nanoseconds': end_ns - start_ns},
-            'message_count': sum(topic.count for topic in topics),
+        listed = [
+            {
+                'topic_metadata': {
+                    'name': topic,
+                    'type': kind,
+                    'serialization_format': 'cdr',
+                    'offered_qos_profiles': [],
+                    'type_description_hash': self._types[kind].type_hash,
+                },
+                'message_count': self.message_counts[topic],
+            }
+            for topic, kind in self._topics.items()
+        ]
+        information = {
+            'version': 9,
+            'storage_identifier': 'mcap',
+            **span(),
+            'topics_with_message_count': listed,
+            'compression_format': '',
+            'compression_mode': '',
+            'relative_file_paths': [self._file_name],
+            'files': [{'path': self._file_name, **span()}],
+            'custom_data': None,
+            'ros_distro': 'unknown',
         }
-
-    listed = [
-        {
-            'topic_metadata': {
-                'name': topic.name,
-                'type': topic.type,
-                'serialization_format': 'cdr',
-                'offered_qos_profiles': [],
-                'type_description_hash': topic.type_hash,
-            },
-            'message_count': topic.count,
-        }
-        for topic in topics
-    ]
-    information = {
-        'version': 9,
-        'storage_identifier': 'mcap',
-        **span(),
-        'topics_with_message_count': listed,
-        'compression_format': '',
-        'compression_mode': '',
-        'relative_file_paths': [file_name],
-        'files': [{'path': file_name, **span()}],
-        'custom_data': None,
-        'ros_distro': 'unknown',
-    }
-    return yaml.safe_dump({METADATA_ROOT: information}, sort_keys=False)
+        return yaml.safe_dump({METADATA_ROOT: information}, sort_keys=False)
 
 
 def is_labelled(path: Path, label: str) -> bool:
     """Whether a file is a recording that this package wrote with a label."""
+    begin = _BEGIN + _label(label)
     try:
-        if path.is_symlink():
-            return False
         with open_file(path) as file:
-            stream = StreamReader(io.BytesIO(file.read(_BEGIN)), emit_chunks=True)
-            header, record = itertools.islice(stream.records, 2)
-    except (OSError, *PARSE_ERRORS):
+            return not path.is_symlink() and file.read(len(begin)) == begin
+    except OSError:
         return False
-    ours = isinstance(header, Header) and header.library == _LIBRARY
-    return ours and isinstance(record, Metadata) and record.name == label

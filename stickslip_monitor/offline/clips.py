@@ -11,8 +11,6 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
-import numpy as np
-
 from stickslip_monitor.bags.encode import MESSAGE_TYPES
 from stickslip_monitor.bags.values import TimeSpans
 from stickslip_monitor.bags.writer import BagWriter, is_labelled
@@ -154,8 +152,7 @@ def write_clips(checked: CheckReport, config: MonitorConfig, store: ClipFolder) 
 def _in_order(columns: Sequence[MessageColumn]) -> list[ClipMessage]:
     found = []
     for topic, kind, time_ns, payload in columns:
-        data = payload.tolist() if isinstance(payload, np.ndarray) else payload
         found += [
-            ClipMessage(t, topic, kind, d) for t, d in zip(time_ns.tolist(), data, strict=True)
+            ClipMessage(t, topic, kind, d) for t, d in zip(time_ns.tolist(), payload, strict=True)
         ]
     return sorted(found, key=lambda message: message.time_ns)

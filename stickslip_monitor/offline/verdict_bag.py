@@ -22,7 +22,7 @@ from stickslip_monitor.bags.encode import (
     encode_string,
 )
 from stickslip_monitor.bags.reader import Request, Series
-from stickslip_monitor.bags.values import Payload, TimeSpans
+from stickslip_monitor.bags.values import TimeSpans
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
@@ -59,7 +59,7 @@ class MessageColumn(NamedTuple):
     topic: str
     type: str
     time_ns: IntArray
-    payload: Payload
+    payload: Sequence[bytes]
 
 
 Tell = Callable[[Sequence[MessageColumn]], None]
@@ -296,7 +296,7 @@ def _loss(bearing: BearingMonitor, until_ns: int) -> Iterator[int]:
 
 def _of_verdicts(
     bearing: BearingConfig, verdicts: Sequence[Verdict]
-) -> Iterator[tuple[str, Payload]]:
+) -> Iterator[tuple[str, Sequence[bytes]]]:
     """What the topics of a bearing say of n verdicts, n messages each, by their last part."""
     points = assessed(
         bearing,

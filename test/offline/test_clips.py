@@ -25,7 +25,7 @@ NS, T0 = 10**9, 1_777_874_400 * 10**9  # 2026-05-04 06:00:00 UTC
 
 def clip(number: int = 0, count: int = 3) -> Clip:
     messages = [
-        ClipMessage(T0 + i * NS, '/a', 'std_msgs/msg/Float64', encode_float64s([i]).tobytes())
+        ClipMessage(T0 + i * NS, '/a', 'std_msgs/msg/Float64', encode_float64s([i])[0])
         for i in range(count)
     ]
     messages.append(ClipMessage(T0, '/b', 'my_msgs/msg/Odd', b'\0\1\0\0\7\0\0\0'))

@@ -82,11 +82,11 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
             at = START + second * NS
             if place:
                 kind = 'geometry_msgs/msg/WrenchStamped'
-                (data,) = encode_stamped(kind, 'wrench.force.z', [at], [value]).tolist()
+                (data,) = encode_stamped(kind, 'wrench.force.z', [at], [value])
                 writer.write('/load', at, data)
             else:
-                writer.write('/shaft', at, encode_float64s([value]).tobytes())
-        writer.write('/other', START, encode_float64s([1.0]).tobytes())
+                writer.write('/shaft', at, encode_float64s([value])[0])
+        writer.write('/other', START, encode_float64s([1.0])[0])
     return path
 
 
@@ -250,9 +250,9 @@ def test_a_clock_that_jumps_back_is_written(tmp_path: Path) -> None:
         for second in range(60):
             at, stamp = START + second * NS, START + (second % 30) * NS
             kind = 'geometry_msgs/msg/WrenchStamped'
-            (data,) = encode_stamped(kind, 'wrench.force.z', [stamp], [1000.0]).tolist()
+            (data,) = encode_stamped(kind, 'wrench.force.z', [stamp], [1000.0])
             writer.write('/load', at, data)
-            writer.write('/shaft', at, encode_float64s([20.0]).tobytes())
+            writer.write('/shaft', at, encode_float64s([20.0])[0])
     found = check_bag(tmp_path / 'in', config_of())
     write_verdicts(found, config_of(), tmp_path / 'out.mcap')
     counts = Counter(topic for topic, _, _ in rosbags_messages(tmp_path / 'out.mcap'))

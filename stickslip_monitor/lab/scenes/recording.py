@@ -14,13 +14,12 @@ from stickslip_monitor.bags.encode import (
     encode_stamped,
     encode_string,
 )
-from stickslip_monitor.bags.values import Payload
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.lab.scenes.scene import Scene, simulate
 from stickslip_monitor.lab.scenes.telemetry import Signal
 from stickslip_monitor.lab.truth import BOOL, FLOAT64, STRING
 
-_ENCODERS: Mapping[str, Callable[[Any], Payload]] = {
+_ENCODERS: Mapping[str, Callable[[Any], list[bytes]]] = {
     BOOL: lambda values: [encode_bool(value) for value in values],
     FLOAT64: encode_float64s,
     STRING: lambda values: [encode_string(value) for value in values],
@@ -58,7 +57,7 @@ def write_bag(
         return writer.message_counts
 
 
-def _encoded(signal: Signal) -> tuple[IntArray, Payload]:
+def _encoded(signal: Signal) -> tuple[IntArray, list[bytes]]:
     """Log times and messages of a signal."""
     sent, source = signal.messages(), signal.channel.input
     if sent.stamp_ns is None:
