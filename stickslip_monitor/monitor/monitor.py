@@ -52,9 +52,12 @@ class BearingMonitor(Standing):
 
     def __init__(self, config: BearingConfig, state: State | None = None) -> None:
         super().__init__(config, settings_of(config), state or State())
-        # After a restart inputs are waited for anew.
-        self.state.began, self.state.came = NEVER, [NEVER, NEVER]
+        self.await_inputs()
         self.counts = np.zeros((len(Input), len(Status)), dtype=np.int64)
+
+    def await_inputs(self) -> None:
+        """Nobody has listened for some time: inputs are waited for as at a first start."""
+        self.state.began, self.state.came = NEVER, [NEVER, NEVER]
 
     def retune(self, config: BearingConfig) -> None:
         """Take over new thresholds, delays, scales and timeouts.
@@ -97,8 +100,8 @@ class BearingMonitor(Standing):
         if place != Input.LEVEL:
             return INPUTS[place] in self.lost()
         state = self.state
-        late = abs(state.now - state.stamp[place]) > self.settings.live.timeout[place]
-        return state.now != NEVER and late
+        limit = rule.age_limit(state, self.settings.live, place)
+        return state.now != NEVER and abs(state.now - state.stamp[place]) > limit
 
     def last_ns(self, place: int) -> int | None:
         """Stamp of the last valid sample of an input [ns]."""

@@ -61,6 +61,8 @@ APART = 1200 * 10**9
 """A level that was high outside so shortly before tells nothing inside [ns]."""
 SHORT = 15 * 10**9
 """A vibration that ends sooner than this, and does not ring down, was something else [ns]."""
+REST = 2 * DUE
+"""A vibration that returns sooner than this has not ended [ns]."""
 DEAF = 60 * 10**9
 """A level that is quiet for so long where stick-slip is predicted may be blind [ns]."""
 LEARNED = 60 * 10**9
@@ -100,9 +102,11 @@ def arrive(s: Any, c: Any, place: int, stamp: int, si: float) -> int:
     if status == CLOCK_JUMP:
         move_clock(s, stamp - s.now)
     elif s.came[SPEED] == NEVER and s.came[LOAD] == NEVER:
-        # The first value of all may come before the time at which inputs were first waited for.
+        # The first value may come before the time from which inputs are waited for.
         s.began = stamp if s.began == NEVER else min(s.began, stamp)
         s.now = min(s.now, stamp)
+        if stamp < s.point:  # the clock was set back while nobody listened
+            move_clock(s, stamp - s.point)
     pass_time(s, c, max(s.now, stamp))
     return status
 
@@ -116,7 +120,7 @@ def take(
         Whether it made an operating point.
     """
     until = standing_until(s, c)
-    take_value(s, place, stamp, si)
+    take_value(s, c, place, stamp, si)
     whole = s.came[SPEED] != NEVER and s.came[LOAD] != NEVER
     if not whole or s.now > standing_until(s, c):
         return False
@@ -128,30 +132,29 @@ def judge_stamp(s: Any, c: Any, place: int, stamp: int) -> int:
     """Whether a stamp is valid, of which the input's latest stamp is then made.
 
     It is expected within some gaps after the input's last one, or about the monitor's time. Any
-    other waits: it was right if the input's next two samples follow it, and the clock has moved.
+    other waits: it was right if two of the input's next samples follow it within some of its gaps,
+    and the clock has moved.
     """
     last, waiting = s.stamp[place], s.odd[place]
     if stamp == last:
         return REPEATED
-    s.odd[place] = NEVER
     limit = age_limit(s, c, place)
-    step = min(limit, max(STEP, int(LATE * s.pace[place]))) if s.pace[place] > 0 else limit
-    first = last == NEVER and (place == LEVEL or s.stamp[SPEED] + s.stamp[LOAD] == 2 * NEVER)
+    step = min(limit, max(STEP, int(LATE * s.gap[place]))) if s.pace[place] > 0 else limit
+    first = last == NEVER if place == LEVEL else s.came[SPEED] + s.came[LOAD] == 2 * NEVER
     back = last != NEVER and last - limit <= stamp < last
     follows = last != NEVER and last < stamp <= last + step
-    if first or follows or (not back and abs(stamp - s.now) <= step):
-        s.stamp[place] = stamp
-        return ACCEPTED
-    # Slow values are known by their gaps alone.
-    slow = 0 if last == NEVER else min(int(LATE * max(0, waiting - last)), MEMORY)
-    if waiting != NEVER and waiting < stamp <= waiting + max(limit, slow):
-        if not s.agreed[place]:
-            s.odd[place], s.agreed[place] = stamp, 1
-            return OUT_OF_ORDER if stamp < last else ODD_STAMP
-        s.stamp[place] = stamp
+    expected = first or follows or (not back and abs(stamp - s.now) <= step)
+    rise = stamp - waiting if waiting != NEVER else 0
+    agrees = rise != 0 and abs(rise) <= max(limit, min(int(LATE * s.gap[place]), MEMORY))
+    if expected or (agrees and rise > 0 and s.agreed[place]):
+        s.stamp[place], s.odd[place] = stamp, NEVER
         jumped = place != LEVEL and last != NEVER and stamp < s.now - step
-        return CLOCK_JUMP if jumped else ACCEPTED
-    s.odd[place], s.agreed[place] = stamp, 0
+        return ACCEPTED if expected or not jumped else CLOCK_JUMP
+    if 0 < rise <= MEMORY:
+        # Slow values are known by their gaps alone.
+        keep_pace(s, c, place, rise)
+    if stamp != waiting:
+        s.odd[place], s.agreed[place] = stamp, int(agrees and (rise > 0 or s.agreed[place]))
     return OUT_OF_ORDER if last != NEVER and stamp < last else ODD_STAMP
 
 
@@ -200,7 +203,7 @@ def pass_time(s: Any, c: Any, now: int) -> None:
             s.lost, s.lost_since = 1, max(until, before)
 
 
-def take_value(s: Any, place: int, stamp: int, si: float) -> None:
+def take_value(s: Any, c: Any, place: int, stamp: int, si: float) -> None:
     """Take a valid value: it stands from now on, or from its stamp if that is older."""
     came = min(s.now, stamp)
     if s.came[place] != NEVER:
@@ -211,7 +214,7 @@ def take_value(s: Any, place: int, stamp: int, si: float) -> None:
             s.slow = lagged(s.slow, median, seconds, SLOW_LAG)
         else:
             s.load_mean = lagged(s.load_mean, median, seconds, LOAD_LAG)
-        keep_pace(s, place, gap)
+        keep_pace(s, c, place, gap)
     elif place == SPEED:
         s.fast = s.slow = si
     else:
@@ -222,10 +225,15 @@ def take_value(s: Any, place: int, stamp: int, si: float) -> None:
     s.value[place] = si
 
 
-def keep_pace(s: Any, place: int, gap: int) -> None:
-    """Note the time between the last two stamps of an input [ns]."""
-    s.pace[place] = min(gap, s.gap[place])
-    s.gap[place] = gap
+def keep_pace(s: Any, c: Any, place: int, gap: int) -> None:
+    """Note the time between the last two stamps of an input [ns].
+
+    Beyond its time-out a pace slows down by and by: two drop-outs are no slow sensor.
+    """
+    pace = min(gap, s.gap[place])
+    slower = max(int(LATE * s.pace[place]), c.timeout[place])
+    s.pace[place] = min(pace, slower) if s.pace[place] > 0 else pace
+    s.gap[place] = max(gap, s.gap[place] // 2)
 
 
 def lagged(mean: float, value: float, seconds: float, lag: float) -> float:
@@ -290,7 +298,7 @@ def take_point(s: Any, c: Any, law: Any, table: Any, belief: Any, until: int) ->
     coming = running or (sliding and comes(s, c, speed, limit))
     near, wide = coming or (sliding and near), coming or (sliding and wide)
     inside, held = running or (sliding and inside), running or (sliding and held)
-    other = measured == VIBRATING and c.tells_other and not running
+    other = measured == VIBRATING and is_high(s) and c.tells_other and not running
     asks = asked(s, VIBRATION, other and not near, not other or wide)
     asks |= asked(s, CAUTION, near, not wide)
     asks |= asked(s, BISTABLE, inside, not held)
@@ -410,7 +418,8 @@ def follow_unseen(s: Any, measured: int) -> None:
 def was_apart(s: Any) -> bool:
     """Whether the level was high outside shortly before, so that it tells nothing inside yet."""
     recent = s.outside != NEVER and abs(s.now - s.outside) < APART
-    return recent and not (s.spell > s.outside and s.stamp[LEVEL] - s.spell >= SHORT)
+    begun = max(s.spell, s.outside)
+    return recent and (s.spell == NEVER or s.stamp[LEVEL] - begun < SHORT)
 
 
 def asked(s: Any, rung: int, holds: bool, clear: bool) -> int:
@@ -440,10 +449,10 @@ def climb(s: Any, c: Any) -> None:
 
 
 def due(s: Any, c: Any, rung: int) -> int:
-    """The net time that changes a rung [ns]: growth and level are delays of their own."""
+    """The net time that changes a rung [ns]: growth is a delay of its own."""
     if s.raised & (1 << rung):
         return hold(s, c) if s.cleared[rung] != NEVER else off_delay(s, c)
-    if rung == VIBRATION or (rung == STICK_SLIP and c.onset_growth > 0.0):
+    if rung == STICK_SLIP and c.onset_growth > 0.0:
         return 0
     return max(int(c.on_delay), SLOW_ON * min(s.pace[SPEED], SLOW))
 
@@ -493,7 +502,7 @@ def take_level(s: Any, c: Any, si: float, stamp: int, last: int) -> None:
     s.level = si
     limit = age_limit(s, c, LEVEL)
     if last != NEVER and gap > 0:
-        keep_pace(s, LEVEL, gap)
+        keep_pace(s, c, LEVEL, gap)
     if last == NEVER or not 0 <= gap <= limit:
         s.vibrating, s.level_count, s.spell = UNKNOWN, 0, NEVER
         s.level_mean = s.level_peak = level
@@ -506,12 +515,24 @@ def take_level(s: Any, c: Any, si: float, stamp: int, last: int) -> None:
     # Where no threshold is known yet the level is neither.
     high, low = level >= threshold, level < threshold - c.hysteresis < math.inf
     count_level(s, level, high, low, min(gap, DUE // 2))
-    if high and s.spell == NEVER:
+    if high or s.spell != NEVER:
+        follow_spell(s, low, rings_down, stamp, last)
+
+
+def follow_spell(s: Any, low: bool, rings_down: bool, stamp: int, last: int) -> None:
+    """Follow since when a level has been high, but for short rests, and what that tells.
+
+    Stick-slip goes on, and the ring of a blow falls by and by: what is over sooner, is not.
+    """
+    if s.spell == NEVER:
         s.spell = stamp
-    elif low and s.spell != NEVER:
-        if s.vibrating == VIBRATING and stamp - s.spell < SHORT and not rings_down:
-            # Stick-slip would have gone on, and the ring of a blow falls by and by.
-            s.outside = stamp
+    if not low:
+        s.high = stamp
+        return
+    falls = s.high == last and s.vibrating == VIBRATING and not rings_down
+    if falls and stamp - s.spell < SHORT:
+        s.outside = stamp
+    if stamp - s.high >= REST:
         s.spell = NEVER
 
 
@@ -566,9 +587,14 @@ def measured_now(s: Any, c: Any) -> int:
         return UNKNOWN
     if s.stamp[LEVEL] - s.moved > STUCK or s.loud > LOUD:
         return UNKNOWN
-    if s.vibrating == QUIET and s.spell != NEVER and s.stamp[LEVEL] - s.spell >= DUE:
+    if s.vibrating == QUIET and is_high(s) and s.stamp[LEVEL] - s.spell >= DUE:
         return UNKNOWN
     return int(s.vibrating)
+
+
+def is_high(s: Any) -> bool:
+    """Whether the latest level is above its threshold, or within the hysteresis below it."""
+    return s.spell != NEVER and s.high == s.stamp[LEVEL]
 
 
 STATUS, NOW, POINT, UNTIL, CONDITION, STICKING, MEASURED = range(7)

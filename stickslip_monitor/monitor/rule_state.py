@@ -53,8 +53,8 @@ FIELDS = (
     ),
     StateField('agreed', 'i8', 3, '', 0, '1 once a sample has agreed with it'),
     StateField('came', 'i8', 2, 'ns', NEVER, 'from when the age of speed and load is counted'),
-    StateField('gap', 'i8', 3, 'ns', 0, 'time between the last two stamps of each input'),
-    StateField('pace', 'i8', 3, 'ns', 0, 'the shorter of the last two of these'),
+    StateField('gap', 'i8', 3, 'ns', 0, 'time between two stamps of each input; long ones fade'),
+    StateField('pace', 'i8', 3, 'ns', 0, 'usual time between two: the shorter of the last'),
     StateField('value', 'f8', 2, 'SI', math.nan, 'latest speed [m/s] and load [N]'),
     StateField('before', 'f8', 2, 'SI', math.nan, 'the values before these'),
     StateField('earlier', 'f8', 2, 'SI', math.nan, 'the values before those'),
@@ -103,7 +103,10 @@ FIELDS = (
     StateField('heard', 'i8', 0, '', 0, '1 once the level has risen where a cycle exists'),
     StateField('loud', 'f8', 0, '', 0, 'share of the time outside in which the level is high'),
     StateField('outside', 'i8', 0, 'ns', NEVER, 'when the level last told of something else'),
-    StateField('spell', 'i8', 0, 'ns', NEVER, 'since when the level has been high'),
+    StateField(
+        'spell', 'i8', 0, 'ns', NEVER, 'since when the level has been high, with short rests'
+    ),
+    StateField('high', 'i8', 0, 'ns', NEVER, 'when it was last not low'),
     StateField('loudest', 'f8', 0, 'dB', math.nan, 'the highest of these means outside'),
     StateField('watched', 'i8', 0, 'ns', 0, 'for how long the level was watched outside'),
     StateField(

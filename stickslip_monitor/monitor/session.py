@@ -202,6 +202,8 @@ class Session:
     def begin(self) -> None:
         """Watch from now on: nothing is known of the time that has passed without samples."""
         self.monitoring = True
+        for bearing in self.monitor.bearings.values():
+            bearing.await_inputs()
         if self._graph is not None:
             self._inputs = InputWatch(self.monitor.bearings, self._graph)
         self._looked_ns: int | None = None

@@ -27,9 +27,9 @@ from stickslip_monitor.physics.law_numbers import PIECES, law_numbers
 from stickslip_monitor.physics.oscillator import Bearing, damping_per_load
 
 # Octaves of load from the onset, and points in one: measured, twice as many gain nothing. A steep
-# law has its onset at some newtons, and is far from Coulomb's 8 octaves above it.
+# law, or a noisy table, has its onset at some newtons, far from Coulomb's 8 octaves above it.
 _OCTAVES, _SMOOTH, _BROKEN = 8, 100, 128
-_LARGE, _LARGE_OF_PIECES = 5e4, 2e4  # [N]
+_LARGE = 2e5  # [N]
 # Loads among which the onset is looked for [N], and how often the interval is divided by 64.
 _LEAST, _MOST, _ROUNDS = 1e-9, 1e15, 8
 # Share of the averaged slope at a higher speed below which a speed has no say.
@@ -110,8 +110,7 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
         onset = _LEAST
     octaves = _OCTAVES
     if onset > _LEAST:
-        large = _LARGE_OF_PIECES if broken else _LARGE
-        octaves = max(octaves, math.ceil(math.log2(large / onset)))
+        octaves = max(octaves, math.ceil(math.log2(_LARGE / onset)))
     points = octaves * (_BROKEN if broken else _SMOOTH) + 1
     grid = np.linspace(0.0, octaves * math.log(2.0), points)
     load = np.exp(math.log(onset) + grid)

@@ -328,8 +328,6 @@ class Watchdog:
         base = self._bases[name]
         if base > 1:
             return base
-        if base == 0 and bearing.now_ns is not None:
-            return bearing.now_ns
         if now.time_ns:
             return now.time_ns - elapsed
         timeouts = (bearing.config.speed.timeout_ns, bearing.config.load.timeout_ns)

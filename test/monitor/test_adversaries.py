@@ -21,6 +21,7 @@ from sequences import BEARINGS, NAME, SECOND
 from stickslip_monitor import Monitor, MonitorConfig, Sample, build_config
 from stickslip_monitor.monitor.ladder import Unknown
 from stickslip_monitor.monitor.rule_state import State
+from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.monitor.verdict import Event
 
 # One message: when it arrives [s], of what, its stamp [s], its number.
@@ -274,6 +275,48 @@ BISTABLE_AGAIN = _ramps([0, 300, 320, 900, 930], [1.6, 1.6, 0.4, 0.4, 0.9])
 """Cruise, ten minutes of stick-slip, then the bistable range."""
 
 
+@pytest.mark.parametrize('period', [0.1, 2.0])
+@pytest.mark.parametrize('bearing', ['viscous', 'ship'])
+def test_the_knock_of_a_crash_manoeuvre_is_found_in_seconds(bearing: str, period: float) -> None:
+    """It begins as the shaft falls past the fold, before caution is raised, and goes on."""
+    share, passed = _ramps([0, 100, 102], [1.6, 1.6, 0.93]), 101.8
+    heard = _hear(
+        bearing, 160.0, share, lambda t: 46.0 if t > passed else 22.0, period, **DECIBELS
+    )
+    assert passed < heard.first(STICKING) < 130.0
+
+
+@pytest.mark.parametrize(('beat', 'low'), [(6.0, 29.0), (8.0, 33.0), (12.0, 29.0)])
+def test_a_knock_that_beats_is_found_after_one_loud_sample_elsewhere(
+    beat: float, low: float
+) -> None:
+    """The swell takes it below its threshold for a third of the time."""
+
+    def level(t: float) -> float:
+        if t >= 200.0:
+            return 46.0 if t % beat < 0.7 * beat else low
+        return 36.0 if 50.0 <= t < 50.5 else 22.0
+
+    share = _ramps([0, 100, 120], [1.6, 1.6, 0.92])
+    heard = _hear('viscous', 300.0, share, level, 0.2, **DECIBELS)
+    assert 200.0 < heard.first(STICKING) < 232.0
+
+
+@pytest.mark.parametrize('after', [0.5, 3.0])
+@pytest.mark.parametrize('bearing', ['viscous', 'ship'])
+def test_the_end_of_an_episode_is_no_other_vibration(bearing: str, after: float) -> None:
+    """The shaft leaves quickly, and the lining rings for some seconds beyond the fold."""
+    share = _ramps([0, 100, 105, 200, 206], [1.8, 1.8, 0.4, 0.4, 1.8])
+
+    def level(t: float) -> float:
+        return 46.0 if 103.0 <= t < 202.6 + after else 22.0
+
+    heard = _hear(bearing, 300.0, share, level, 0.2, **DECIBELS)
+    assert len(heard.onsets) == 1
+    assert heard.first(['vibration']) == math.inf
+    assert heard.monitor.condition(NAME) == 'normal'
+
+
 @pytest.mark.parametrize('lasting', [3.5, 5.5])
 @pytest.mark.parametrize('bearing', ['viscous', 'ship'])
 @pytest.mark.parametrize('rises', [True, False])
@@ -301,6 +344,7 @@ def test_a_level_that_is_slower_than_its_time_out_is_heard(period: float) -> Non
     assert 200.0 < heard.first(STICKING) <= 201.0 + 3.0 * period
     assert heard.monitor.condition(NAME) == 'stick_slip'
     assert heard.monitor.bearings[NAME].unknown is None
+    assert not heard.monitor.bearings[NAME].is_lost(Input.LEVEL)
 
 
 def test_the_blow_after_one_that_rang_down_is_believed_at_once() -> None:
@@ -419,6 +463,33 @@ def test_copies_change_nothing(times: int) -> None:
     assert len(once.onsets) == 1
     told = [[replace(e, assessment=None) for e in heard.events] for heard in (once, often)]
     assert told[0] == told[1]
+
+
+def _sent_twice(messages: list[Message]) -> list[Message]:
+    return [message for message in messages for _ in range(2)]
+
+
+def _swapped_in_pairs(messages: list[Message]) -> list[Message]:
+    """The second of each two, with the first one's arrival, comes before it."""
+    pairs = zip(messages[::2], messages[1::2], strict=True)
+    return [swapped for a, b in pairs for swapped in ((a[0], *b[1:]), (b[0], *a[1:]))]
+
+
+@pytest.mark.parametrize('spoilt', [_sent_twice, _swapped_in_pairs])
+@pytest.mark.parametrize('step', [-3600.0, -3.0, 0.0, 3.0, 600.0])
+@pytest.mark.parametrize(('bearing', 'period'), [('ship', 0.1), ('steep', 1.0)])
+def test_after_a_clock_step_or_a_gap_an_untidy_sender_is_heard_again(
+    bearing: str, period: float, step: float, spoilt: Callable[[list[Message]], list[Message]]
+) -> None:
+    """Each stamp comes twice, or after its successor; ten seconds are missing, too."""
+    speed = _speed(bearing, period, 160.0, lambda t: 2.0 if t < 100.0 else 0.4)
+    given = spoilt(speed) + spoilt(_loaded(bearing, 160.0, period))
+    heard = Heard(
+        _config(bearing),
+        [(t, q, s + step * (t > 50.0), n) for t, q, s, n in given if not 40.0 <= t < 50.0],
+    )
+    assert len(heard.onsets) == 1
+    assert 100.0 < heard.first(STICKING) < 115.0 + 8.0 * period
 
 
 def test_a_numpy_number_is_a_number() -> None:
@@ -561,6 +632,42 @@ def test_odd_values_far_outside_add_up_to_no_stick_slip(
 def test_a_first_speed_that_is_odd_makes_no_stick_slip(period: float) -> None:
     """A filter of a tachometer starts at zero."""
     assert _hear('reference', 60.0, lambda t: 2.0 if t else 0.05, None, period, 0.1).onsets == []
+
+
+@pytest.mark.parametrize('period', [10.0, 20.0])
+@pytest.mark.parametrize('step', [-3600.0, -120.0])
+def test_slow_inputs_are_heard_though_the_clock_is_set_back_at_once(
+    period: float, step: float
+) -> None:
+    """In a recording, before anything is known of their pace."""
+    own = _speed('table', period, 900.0, 0.4) + _loaded('table', 900.0, period)
+    heard = Heard(_config('table'), [(t, q, s + step * (t > 25.0), n) for t, q, s, n in own])
+    assert heard.statuses[-20:] == ['ACCEPTED'] * 20
+    assert heard.monitor.condition(NAME) == 'stick_slip'
+
+
+@pytest.mark.parametrize('apart', [50.0, 110.0, 250.0])
+def test_a_loose_contact_is_no_slow_sensor(apart: float) -> None:
+    """Two single values after a speed ten times a second; then it is dead."""
+    last = 100.0 + 2.0 * apart
+    messages = _every('speed', 0.1, 100.0, _rpm('ship', 2.0)) + _loaded('ship', last + 60.0, 0.1)
+    messages += [(t, 'speed', t, _rpm('ship', 2.0)) for t in (100.0 + apart, last)]
+    heard = Heard(_config('ship'), messages)
+    assert heard.monitor.condition(NAME) == 'input_stale'
+    assert heard.seconds(['normal'], last) < 15.0
+
+
+@pytest.mark.parametrize('period', [2.0, 3.0, 4.8])
+def test_values_in_pairs_are_no_odd_stamps(period: float) -> None:
+    """Two of each input, 0.1 s apart, less often than once a second, as in a recording."""
+    share, messages = _ramps([0, 100, 101], [2.0, 2.0, 0.4]), []
+    for begin in (0.0, 0.1):
+        messages += _every('speed', period, 200.0, lambda t: _rpm('ship', share(t)), begin)
+        messages += _every('load', period, 200.0, _nominal('ship'), begin)
+    heard = Heard(_config('ship'), messages)
+    assert heard.statuses.count('ACCEPTED') > 0.95 * len(heard.statuses)
+    assert heard.seconds(['input_stale']) == 0.0
+    assert 100.0 < heard.first(STICKING) < 112.0
 
 
 @pytest.mark.parametrize('period', [6.0, 30.0])

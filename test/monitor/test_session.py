@@ -127,6 +127,17 @@ def test_a_mostly_dead_sensor_is_told_with_its_share(ship: Ship) -> None:
     assert ship.sail(60.0)['level'] == 'OK'
 
 
+def test_after_a_pause_inputs_are_waited_for_anew(ship: Ship) -> None:
+    ship.sail(20.0, rpm=20.0)
+    told = len(ship.events)
+    ship.session.end()
+    ship.now_ns += 60 * SECOND
+    ship.session.begin()
+    ship.sail(1.0, rpm=None, load=None)
+    assert ship.sail(5.0, rpm=20.0)['reason'] == 'stick_slip'
+    assert ship.events[told:] == []
+
+
 def test_time_in_which_nobody_could_listen_loses_no_input(ship: Ship) -> None:
     ship.sail(5.0)
     ship.now_ns += 10 * SECOND

@@ -8,6 +8,9 @@ from typing import Any
 
 import kit
 import pytest
+from shared import CONFIG
+
+from stickslip_monitor.monitor.config_file import load_config
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
@@ -55,6 +58,41 @@ class Sensors:
 
         self.peer.until(check, what)
         return now
+
+
+@pytest.mark.parametrize('pause', [4, 100])
+def test_after_a_restart_no_input_is_lost_for_the_time_before(pause: int) -> None:
+    """The node's watch over time, by a session that remembers a bearing from some time ago."""
+    from stickslip_monitor.monitor.session import Moment, NoLog, Session, Sink
+    from stickslip_monitor.ros.active import Watchdog
+
+    second, events, kept = 10**9, [], []
+    begin = 1_700_000_000 * second
+
+    class Memory(Sink):
+        path = 'state.json'
+        take_event, write = staticmethod(events.append), staticmethod(kept.append)
+
+        def read(self) -> Any:
+            return kept[-1] if kept else None
+
+    config = load_config(CONFIG)
+    (name,) = (bearing.name for bearing in config.bearings)
+    for start in (0, 20 + pause):
+        session = Session(config, Memory(), NoLog(), lambda: begin, Memory())
+        watchdog = Watchdog(session)
+        session.begin()
+        for tenth in range(10 * start, 10 * start + 200):
+            now = Moment(tenth * second // 10, begin + tenth * second // 10)
+            watchdog.tick(now, second // 10)
+            if tenth < 10 * start + 3:  # the first message comes later than the first look
+                continue
+            for place, number in enumerate((60.0, 1000.0)):
+                if session.take(name, place, now.time_ns, number, now).status.believed:
+                    watchdog.hear(name)
+        session.end()
+    assert kept
+    assert events == []
 
 
 @pytest.mark.parametrize('simulated', [False, True])

@@ -66,7 +66,7 @@ class _Care(NamedTuple):
 # pieces; each first where slip grows slowly at breakaway, then where it grows so fast that near
 # grazing orbits part at once.
 _SMOOTH = _Care(GRAZING, 1e-13, 3e-10, 1e-8), _Care(ROUGHLY, 1e-7, 1e-7, 3e-7)
-_IN_PIECES = _Care(ROUGHLY, 1e-5, 2e-5, 3e-5), _Care(ROUGHLY, 2e-5, 5e-5, 1e-4)
+_IN_PIECES = _Care(ROUGHLY, 1e-6, 2e-6, 3e-5), _Care(ROUGHLY, 2e-6, 5e-6, 1e-4)
 # Where one fold of a law in pieces is asked for.
 _ROUGH_ROOT = 1e-7
 # The growth rate of slip at breakaway that is steep, N |mu'(0)| / (m omega).
@@ -82,6 +82,8 @@ _OFF, _STEEPLY_OFF = 2.0, 10.0
 _TRIED, _BEYOND = 145, 100.0
 # Grazing margins and, in ln N, distances from a root in which the margin is almost straight.
 _STRAIGHT = 0.01
+# Distance in ln N up to which the rate of the margin is about the same.
+_NEARBY = 1.0
 # Steps of the secant method, widenings in search of a bracket, trials within one.
 _SECANTS, _WIDENINGS, _TRIALS = 6, 12, 100
 _LARGEST_EXPONENT = 700.0
@@ -120,7 +122,8 @@ class _Grazing:
         self.in_pieces = self.law[PIECES] > 0.0
         # Such a law has cycles up to one speed.
         self.falls_on = computes_as(self.friction, Stribeck) or computes_as(self.friction, Coulomb)
-        self.rate = math.nan  # of the grazing margin over ln N, as last found
+        # Of the grazing margin over ln N, as last found, and the ln N there.
+        self.rate = self.rate_at = math.nan
 
     def margin(self, speed: float, load: float, orbit: Orbit) -> float:
         """The distance of the slip phase from grazing, > 0 where it meets the belt."""
@@ -170,7 +173,9 @@ class _Grazing:
         """The load that grazes, by the secant method; ``nan`` where that leads to none [N]."""
         before, f_before = math.log(guess), self.margin(speed, guess, care.orbit)
         after = before + 1e-5
-        if abs(f_before) < _STRAIGHT * min(abs(self.rate), 1.0):
+        # The rate of another load would not tell how large a step is.
+        is_known = abs(before - self.rate_at) < _NEARBY
+        if is_known and abs(f_before) < _STRAIGHT * min(abs(self.rate), 1.0):
             after = before - f_before / self.rate
             if abs(after - before) < care.sure:
                 return math.exp(after)
@@ -186,7 +191,7 @@ class _Grazing:
             before, f_before, after = after, f_after, after + step
             # The error after a step is far less than its product with the one before.
             if abs(step * last) <= 0.01 * care.sure and abs(f_after) < _STRAIGHT:
-                self.rate = rate
+                self.rate, self.rate_at = rate, after
                 return math.exp(after)
         return math.nan
 
@@ -221,12 +226,14 @@ class _Grazing:
         scales = [v for v in self.friction.breakpoints if v > 0.0] or [load]
         grid = np.geomspace(min(scales) / _BEYOND, max(scales) * _BEYOND, _TRIED)
         least = self.by_averaging(grid)
-        # The range of speeds with a cycle may be narrower than the grid where it begins.
-        k = int(np.argmin(least))
-        near = np.geomspace(grid[max(k - 1, 0)], grid[min(k + 1, _TRIED - 1)], 21)
-        lowest = near[np.argmin(self.by_averaging(near))]
+        # A range of speeds with cycles may be narrower than the grid where it begins.
+        inner = least[1:-1]
+        lows = 1 + np.flatnonzero((inner < least[:-2]) & (inner <= least[2:]))
+        near = np.geomspace(grid[lows - 1], grid[lows + 1], 21)
+        lowest = near[np.argmin(self.by_averaging(near), axis=0), np.arange(lows.size)]
         off = _STEEPLY_OFF if self.is_steep(load) else _OFF
-        found: list[float] = np.sort(np.append(grid[least <= off * load], lowest)).tolist()
+        tried = np.append(grid[least <= off * load], lowest)
+        found: list[float] = np.sort(tried).tolist()
         return found[::-1]
 
     def by_averaging(self, speed: FloatArray) -> FloatArray:

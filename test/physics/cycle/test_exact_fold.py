@@ -123,10 +123,10 @@ def test_few_orbits_tabulate_a_measured_table(count, noise, monkeypatch):
     monkeypatch.setattr(module, 'grazing_margin', counted)
     bearing = bench(measured(count, noise, count))
     table = boundary_table(bearing)
-    assert 50 < orbits < 700
-    load = np.array([500.0, 3000.0, 9000.0])
-    alone = [exact_fold_speed(bearing, n) for n in load]
-    np.testing.assert_allclose(table.exact(load), alone, rtol=1e-4)
+    assert 50 < orbits < 2000
+    # The last load is there for the size of the table: more than 1e-3 is not claimed above 100 kN.
+    for load, rtol in (500.0, 1e-4), (3000.0, 1e-4), (9000.0, 1e-4), (150_000.0, 1e-3):
+        np.testing.assert_allclose(table.exact(load), exact_fold_speed(bearing, load), rtol=rtol)
 
 
 @pytest.mark.parametrize('exponent', [1.5, 2.0, 4.0])
