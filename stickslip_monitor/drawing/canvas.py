@@ -53,6 +53,12 @@ HOPF, FOLD = '#9c3d00', '#7a5400'
 
 DASHES = (0, (4.5, 2.2))
 
+BOUNDARY_LINES: dict[str, tuple[Regime, str, Any]] = {
+    'Hopf': (Regime.UNSTABLE, HOPF, '-'),
+    'fold': (Regime.BISTABLE, FOLD, DASHES),
+}
+"""Of each boundary the regime that begins there, and its line's colour and dashes."""
+
 REGIME_FILL = {
     Regime.STABLE: '#eff6fb',
     Regime.BISTABLE: '#fcedc4',

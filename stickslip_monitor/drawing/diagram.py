@@ -18,6 +18,7 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.drawing.canvas import (
@@ -35,7 +36,7 @@ from stickslip_monitor.drawing.canvas import (
     regime_bands,
     style,
 )
-from stickslip_monitor.drawing.map import Range, diagram_speeds
+from stickslip_monitor.drawing.map import Range, corners, diagram_speeds
 from stickslip_monitor.monitor.assessment import Regime, assess
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.averaging.boundaries import (
@@ -49,7 +50,6 @@ from stickslip_monitor.physics.oscillator import Bearing
 
 _LOW = 1e-3
 _SAME = 1e-9
-_BESIDE = (1.0 - 1e-9, 1.0, 1.0 + 1e-9)
 _COLUMNS = 500
 _PARTS, _ROUNDING, _CUSP = 32, 1e-14, 1e-6
 _HEADROOM, _BELOW_ZERO = 1.2, 0.07
@@ -132,9 +132,7 @@ def bifurcation_diagram(
 def _columns(bearing: Bearing, grid: FloatArray) -> FloatArray:
     """Some even speeds and both sides of the law's break points, where the balance may jump."""
     low, high = grid[0], grid[-1]
-    even = np.linspace(low, high, _COLUMNS)
-    breaks = np.outer(bearing.friction.breakpoints, _BESIDE).ravel()
-    return np.union1d(even, breaks[(breaks > low) & (breaks < high)])
+    return np.union1d(np.linspace(low, high, _COLUMNS), corners(bearing, (low, high)))
 
 
 class _Turn(NamedTuple):
@@ -238,21 +236,21 @@ def _spans(
     return tuple(spans)
 
 
-def diagram_columns(bearing: Bearing, diagram: Diagram) -> dict[str, Sequence[object]]:
+def diagram_columns(bearing: Bearing, diagram: Diagram) -> dict[str, NDArray[Any]]:
     """The diagram as the columns of a table, by heading, SI units but for the shaft speed."""
-    columns: dict[str, Sequence[object]] = {
-        'shaft_speed [rpm]': bearing.speed.from_surface(diagram.speed, 'rpm').tolist(),
-        'surface_speed [m/s]': diagram.speed.tolist(),
-        'load [N]': [diagram.load] * diagram.speed.size,
-        'regime': assess(bearing, diagram.speed, diagram.load).regime.tolist(),
-        'growth_rate [1/s]': diagram.growth_rate.tolist(),
-        'sliding_limit [m]': diagram.sliding_limit.tolist(),
+    columns: dict[str, NDArray[Any]] = {
+        'shaft_speed [rpm]': bearing.speed.from_surface(diagram.speed, 'rpm'),
+        'surface_speed [m/s]': diagram.speed,
+        'load [N]': np.full(diagram.speed.size, diagram.load),
+        'regime': assess(bearing, diagram.speed, diagram.load).regime,
+        'growth_rate [1/s]': diagram.growth_rate,
+        'sliding_limit [m]': diagram.sliding_limit,
     }
     for stable, name in ((True, 'stick_slip_amplitude'), (False, 'threshold_amplitude')):
         own = [branch.amplitude for branch in diagram.branches if branch.stable is stable]
         for k, amplitude in enumerate(own or [np.full(diagram.speed.size, np.nan)]):
-            columns[f'{name}{f"_{k + 1}" if k else ""} [m]'] = amplitude.tolist()
-    columns['exact_amplitude [m]'] = diagram.exact.tolist()
+            columns[f'{name}{f"_{k + 1}" if k else ""} [m]'] = amplitude
+    columns['exact_amplitude [m]'] = diagram.exact
     return columns
 
 

@@ -10,9 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from stickslip_monitor.drawing.canvas import (
-    DASHES,
-    FOLD,
-    HOPF,
+    BOUNDARY_LINES,
     INK,
     MUTED,
     PAPER,
@@ -52,8 +50,8 @@ def draw_friction_fit(
         _draw_law(axes, fit)
         _draw_points(axes, fit)
         if spread is not None:
-            _mark(axes, 'Hopf speed', spread.hopf_speed, Regime.UNSTABLE)
-            _mark(axes, 'fold speed', spread.fold_speed, Regime.BISTABLE)
+            _mark(axes, 'Hopf', spread.hopf_speed)
+            _mark(axes, 'fold', spread.fold_speed)
         axes.legend(loc='upper right', frameon=True, framealpha=0.9, edgecolor='none')
         return figure
 
@@ -104,27 +102,23 @@ def _draw_points(axes: Axes, fit: StribeckFit) -> None:
         )  # fmt: skip
 
 
-def _mark(axes: Axes, name: str, boundary: Spread, regime: Regime) -> None:
+def _mark(axes: Axes, name: str, boundary: Spread) -> None:
     """A boundary speed as a line in its interval, named at the foot of the axes."""
     if not boundary.estimate > 0.0:
         return
-    colour, dashes = (HOPF, '-') if regime is Regime.UNSTABLE else (FOLD, DASHES)
+    regime, colour, dashes = BOUNDARY_LINES[name]
     axes.axvspan(
         boundary.low, boundary.high, color=REGIME_FILL[regime], alpha=0.8, lw=0.0, zorder=0
     )
     axes.axvline(boundary.estimate, color=colour, lw=1.4, ls=dashes, zorder=1)
     bottom = axes.get_ylim()[0] + 0.02 * float(np.ptp(axes.get_ylim()))
     axes.annotate(
-        name, (boundary.low, bottom), xytext=(-3.0, 0.0), textcoords='offset points',
+        f'{name} speed', (boundary.low, bottom), xytext=(-3.0, 0.0), textcoords='offset points',
         rotation=90.0, ha='right', va='bottom', size=10.0, color=INK,
     )  # fmt: skip
 
 
 _LOADS = 60
-_BOUNDARIES = (
-    ('fold', Regime.BISTABLE, FOLD, DASHES),
-    ('Hopf', Regime.UNSTABLE, HOPF, '-'),
-)
 
 
 def draw_calibration(config: BearingConfig, found: Calibration) -> Figure:
@@ -142,7 +136,8 @@ def draw_calibration(config: BearingConfig, found: Calibration) -> Figure:
             fastest = max(fastest, float(dip.dip.speed.max()) / rpm)
             doubtful |= _draw_dip(axes, dip, rpm, found.prior.viscous)
         highest = {}
-        for name, regime, colour, dashes in _BOUNDARIES:
+        for name in ('fold', 'Hopf'):
+            regime, colour, dashes = BOUNDARY_LINES[name]
             (left, middle, right), (low_now, middle_now, right_now) = (
                 [getattr(b, f'{name.lower()}_speed')(load, p) / rpm for p in QUANTILES]
                 for b in (before, now)

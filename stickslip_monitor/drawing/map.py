@@ -10,7 +10,6 @@ cycle of amplitude ``a`` exists at exactly one load, ``N = c a / (2 S(a; V))``.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -121,6 +120,15 @@ def map_ranges(
     return speeds or (0.0, max(diagram_speeds(bearing, loads[1])[1], 1.05 * fastest)), loads
 
 
+def corners(bearing: Bearing, speeds: Range) -> FloatArray:
+    """The law's break points between two speeds and both sides of each, not in order [m/s].
+
+    There the curves have corners and the balance of work may jump.
+    """
+    beside = np.outer(bearing.friction.breakpoints, _BESIDE).ravel()
+    return beside[(beside > speeds[0]) & (beside < speeds[1])]
+
+
 @dataclass(frozen=True, slots=True)
 class Boundaries:
     """What divides the plane: loads over speed, ``nan`` for none, each of shape (n,)."""
@@ -139,9 +147,7 @@ def boundaries(
     From the lowest to the highest surface speed, 0 <= low < high [m/s], at so many even speeds;
     the curves' own corners come on top.
     """
-    corners = np.outer(bearing.friction.breakpoints, _BESIDE).ravel()
-    inside = corners[(corners > speeds[0]) & (corners < speeds[1])]
-    speed = np.union1d(np.linspace(*speeds, points), inside)
+    speed = np.union1d(np.linspace(*speeds, points), corners(bearing, speeds))
     return Boundaries(
         speed=speed,
         fold_load=np.asarray(fold_load(bearing, speed)),
@@ -164,14 +170,14 @@ def caution_load(bearing: Bearing, speed: FloatArray, margin: float) -> FloatArr
     return np.where(np.isfinite(least), least, np.nan)
 
 
-def map_columns(bearing: Bearing, curves: Boundaries) -> dict[str, Sequence[object]]:
+def map_columns(bearing: Bearing, curves: Boundaries) -> dict[str, FloatArray]:
     """The curves as the columns of a table, by heading, SI units but for the shaft speed."""
     return {
-        'shaft_speed [rpm]': bearing.speed.from_surface(curves.speed, 'rpm').tolist(),
-        'surface_speed [m/s]': curves.speed.tolist(),
-        'fold_load [N]': curves.fold_load.tolist(),
-        'hopf_load [N]': curves.hopf_load.tolist(),
-        'caution_load [N]': curves.caution_load.tolist(),
+        'shaft_speed [rpm]': bearing.speed.from_surface(curves.speed, 'rpm'),
+        'surface_speed [m/s]': curves.speed,
+        'fold_load [N]': curves.fold_load,
+        'hopf_load [N]': curves.hopf_load,
+        'caution_load [N]': curves.caution_load,
     }
 
 
@@ -201,17 +207,17 @@ def draw_map(
             box=(_LEFT / width, bottom / height, 1.0 - _BESIDE_AXES / width,
                  1.0 - (bottom + above) / height),
         )  # fmt: skip
-        x_unit, y_unit = bearing.speed.factor('rpm'), 1000.0
-        axes.set_xlim(speeds[0] / x_unit, speeds[1] / x_unit)
-        axes.set_ylim(loads[0] / y_unit, loads[1] / y_unit)
+        rpm = bearing.speed.factor('rpm')
+        axes.set_xlim(speeds[0] / rpm, speeds[1] / rpm)
+        axes.set_ylim(loads[0] / 1e3, loads[1] / 1e3)
         curves = boundaries(bearing, speeds, config.alarm.caution_margin)
-        _regions(axes, curves, loads, x_unit, y_unit)
-        _bands(axes, config, loads, x_unit, y_unit)
-        _exact_fold(axes, bearing, loads, x_unit, y_unit)
+        _regions(axes, curves, loads, rpm)
+        _bands(axes, config, loads, rpm)
+        _exact_fold(axes, bearing, loads, rpm)
         _amplitudes(axes, bearing, speeds, loads, 5 if width > _NARROW else 3)
         legend_below(figure, columns, _LEFT / width - 0.01)
         if track is not None:
-            draw_track(axes, track, x_unit, y_unit, width)
+            draw_track(axes, track, rpm, width)
         if not np.isfinite([curves.fold_load, curves.hopf_load]).any():
             axes.text(
                 0.5, 0.5, 'no stick-slip in this range', transform=axes.transAxes, ha='center'
@@ -220,30 +226,30 @@ def draw_map(
         return figure
 
 
-def _regions(axes: Axes, curves: Boundaries, loads: Range, x_unit: float, y_unit: float) -> None:
+def _regions(axes: Axes, curves: Boundaries, loads: Range, rpm: float) -> None:
     """Fill the regions, each over the one below it, and draw the lines between them."""
-    x, ceiling = curves.speed / x_unit, _BEYOND * loads[1]
+    x, ceiling = curves.speed / rpm, _BEYOND * loads[1]
     for load, colour, name in (
         (np.zeros_like(x), REGIME_FILL[Regime.STABLE], 'stable'),
         (curves.caution_load, CAUTION_FILL, 'margin low'),
         (curves.fold_load, REGIME_FILL[Regime.BISTABLE], 'bistable'),
         (curves.hopf_load, REGIME_FILL[Regime.UNSTABLE], 'unstable'),
     ):
-        bottom = np.minimum(np.nan_to_num(load, nan=ceiling), ceiling) / y_unit
-        axes.fill_between(x, bottom, ceiling / y_unit, color=colour, lw=0.0, zorder=1, label=name)
-    axes.plot(x, curves.caution_load / y_unit, color=MUTED, lw=1.0, ls=':', zorder=3)
-    axes.plot(x, curves.hopf_load / y_unit, color=HOPF, zorder=3, label='Hopf')
-    axes.plot(x, curves.fold_load / y_unit, color=FOLD, ls=DASHES, zorder=3, label='fold')
+        bottom = np.minimum(np.nan_to_num(load, nan=ceiling), ceiling) / 1e3
+        axes.fill_between(x, bottom, ceiling / 1e3, color=colour, lw=0.0, zorder=1, label=name)
+    axes.plot(x, curves.caution_load / 1e3, color=MUTED, lw=1.0, ls=':', zorder=3)
+    axes.plot(x, curves.hopf_load / 1e3, color=HOPF, zorder=3, label='Hopf')
+    axes.plot(x, curves.fold_load / 1e3, color=FOLD, ls=DASHES, zorder=3, label='fold')
 
 
-def _exact_fold(axes: Axes, bearing: Bearing, loads: Range, x_unit: float, y_unit: float) -> None:
+def _exact_fold(axes: Axes, bearing: Bearing, loads: Range, rpm: float) -> None:
     """The fold of the exact model, where it is another line than that of averaging."""
     load = np.linspace(loads[0], loads[1], _EXACT_LOADS + 1)[1:]
     exact = np.asarray(exact_fold_speed(bearing, load))
     averaged = np.asarray(fold_speed(bearing, load))
     if np.any(np.abs(exact - averaged) > _FOLDS_APART * exact):
         axes.plot(
-            exact / x_unit, load / y_unit, color=FOLD, lw=1.4, ls='-.', zorder=3,
+            exact / rpm, load / 1e3, color=FOLD, lw=1.4, ls='-.', zorder=3,
             label='fold, exact',
         )  # fmt: skip
 
@@ -272,7 +278,7 @@ def _exact_amplitudes(
     return speed, load, exact_cycle(bearing, speed[None, :], load[:, None]).amplitude * 1e3
 
 
-def _bands(axes: Axes, config: BearingConfig, loads: Range, x_unit: float, y_unit: float) -> None:
+def _bands(axes: Axes, config: BearingConfig, loads: Range, rpm: float) -> None:
     """Where 5 to 95 % of the belief have the Hopf and the fold speed."""
     if config.belief is None:
         return
@@ -281,7 +287,7 @@ def _bands(axes: Axes, config: BearingConfig, loads: Range, x_unit: float, y_uni
         (config.belief.fold_speed, Regime.BISTABLE),
         (config.belief.hopf_speed, Regime.UNSTABLE),
     ):
-        low, high = (quantile(load, p) / x_unit for p in (QUANTILES[0], QUANTILES[-1]))
+        low, high = (quantile(load, p) / rpm for p in (QUANTILES[0], QUANTILES[-1]))
         axes.fill_betweenx(
-            load / y_unit, low, high, color=REGIME_COLOUR[regime], alpha=0.35, lw=0.0, zorder=2
+            load / 1e3, low, high, color=REGIME_COLOUR[regime], alpha=0.35, lw=0.0, zorder=2
         )

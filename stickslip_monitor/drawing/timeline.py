@@ -14,12 +14,11 @@ import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.drawing.canvas import (
+    BOUNDARY_LINES,
     CAUTION_FILL,
     CONDITION_COLOUR,
     CONDITION_NAMES,
     DASHES,
-    FOLD,
-    HOPF,
     INK,
     MUTED,
     PAPER,
@@ -173,11 +172,9 @@ def _speed(axes: Axes, lines: _Lines) -> None:
     ):
         when, boundary = lines.line(name)
         axes.fill_between(when, 0.0, boundary * factor, color=colour, lw=0.0, zorder=1)
-    for name, label, colour, dashes in (
-        ('hopf_speed', 'Hopf', HOPF, '-'),
-        ('fold_speed', 'fold', FOLD, DASHES),
-    ):
-        axes.plot(*lines.line(name), color=colour, lw=1.0, ls=dashes, zorder=2, label=label)
+    for label, (_, colour, dashes) in BOUNDARY_LINES.items():
+        boundary = lines.line(f'{label.lower()}_speed')
+        axes.plot(*boundary, color=colour, lw=1.0, ls=dashes, zorder=2, label=label)
     # Astern the same picture is mirrored: its boundaries are those of the speed's size.
     backwards = np.asarray(lines.timeline.scan.assessment.speed) < 0.0
     for name, astern, dashes in (('measured', False, '-'), ('astern', True, (0, (2, 1)))):
@@ -202,13 +199,12 @@ def _load(axes: Axes, lines: _Lines) -> None:
 
 def _margins(axes: Axes, lines: _Lines) -> None:
     highest, lowest, most = 0.0, -10.0, 100.0 * _HIGHEST_MARGIN
-    for name, colour, dashes, wide, word in (
-        ('hopf_margin', HOPF, '-', REGIME_COLOUR[Regime.UNSTABLE], 'Hopf'),
-        ('fold_margin', FOLD, DASHES, REGIME_COLOUR[Regime.BISTABLE], 'fold'),
-    ):
+    for word, (regime, colour, dashes) in BOUNDARY_LINES.items():
+        name = f'{word.lower()}_margin'
         if lines.lining is not None and lines.lining.fold_margin.time_ns.size:
             told = getattr(lines.lining, name)
             when, true = lines.at(told.time_ns), 100.0 * _finite(told.value)
+            wide = REGIME_COLOUR[regime]
             axes.plot(when, true, color=wide, alpha=0.4, lw=4.0, label=f'{word}, true')
         time, margin = lines.line(name)
         axes.plot(time, margin, color=colour, lw=1.4, zorder=4, ls=dashes, label=f'{word} margin')

@@ -127,15 +127,13 @@ def _columns(width: float) -> int:
     return max(1, int((width - _MARGINS) / _LEGEND_COLUMN))
 
 
-def draw_track(
-    axes: Axes, track: Track, x_unit: float, y_unit: float, width: float = WIDTH
-) -> None:
+def draw_track(axes: Axes, track: Track, rpm: float, width: float = WIDTH) -> None:
     """Draw a track on a map; the legend above it names the ends and the changes of the alarm.
 
-    The axes have their final limits; one unit of x and y is so much surface speed [m/s] and
-    load [N], and the figure so wide [inch].
+    The axes have their final limits in rpm and kN; ``rpm`` is the surface speed of one rpm [m/s],
+    the width that of the figure [inch].
     """
-    x, y = np.abs(track.speed) / x_unit, track.load / y_unit
+    x, y = np.abs(track.speed) / rpm, track.load / 1e3
     known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     if not known.size:
         return
@@ -154,7 +152,7 @@ def draw_track(
     for condition in track.conditions():
         own = [event for event in track.events if event.condition is condition]
         axes.plot(
-            [abs(event.speed) / x_unit for event in own], [event.load / y_unit for event in own],
+            [abs(event.speed) / rpm for event in own], [event.load / 1e3 for event in own],
             ls='', marker=_MARKER[condition], ms=8.5, mfc=CONDITION_COLOUR[condition], mec=PAPER,
             mew=1.0, zorder=10, label=f'to: {CONDITION_NAMES[condition]}',
         )  # fmt: skip
