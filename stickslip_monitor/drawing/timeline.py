@@ -173,8 +173,8 @@ def _speed(axes: Axes, lines: _Lines) -> None:
         when, boundary = lines.line(name)
         axes.fill_between(when, 0.0, boundary * factor, color=colour, lw=0.0, zorder=1)
     for label, (_, colour, dashes) in BOUNDARY_LINES.items():
-        boundary = lines.line(f'{label.lower()}_speed')
-        axes.plot(*boundary, color=colour, lw=1.0, ls=dashes, zorder=2, label=label)
+        line = lines.line(f'{label.lower()}_speed')
+        axes.plot(*line, color=colour, lw=1.0, ls=dashes, zorder=2, label=label)
     # Astern the same picture is mirrored: its boundaries are those of the speed's size.
     backwards = np.asarray(lines.timeline.scan.assessment.speed) < 0.0
     for name, astern, dashes in (('measured', False, '-'), ('astern', True, (0, (2, 1)))):
