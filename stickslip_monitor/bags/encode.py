@@ -7,7 +7,6 @@ import itertools
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -81,8 +80,12 @@ def encode_bool(value: bool) -> bytes:
 
 def encode_string(text: str) -> bytes:
     """Encode one ``std_msgs/String`` message."""
+    return _HEAD + _text(text)
+
+
+def _text(text: str) -> bytes:
     raw = text.encode() + b'\0'
-    return _HEAD + struct.pack('<I', len(raw)) + raw
+    return struct.pack('<I', len(raw)) + raw
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,25 +102,21 @@ class StatusFields:
 def encode_diagnostics(stamp_ns: int, statuses: Sequence[StatusFields]) -> bytes:
     """Encode a ``diagnostic_msgs/DiagnosticArray`` with a stamp [ns] and an empty frame."""
     body = bytearray(struct.pack('<iI', stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000))
-    body += _text('') + struct.pack('<I', len(statuses))
+
+    def put(item: bytes) -> None:
+        """Add a number of four bytes, or a text, which begins with one."""
+        body.extend(bytes(-len(body) % 4) + item)
+
+    put(_text(''))
+    put(struct.pack('<I', len(statuses)))
     for status in statuses:
         body.append(status.level)
-        body += bytes(-len(body) % 4)
-        body += b''.join(map(_text, (status.name, status.message, status.hardware_id)))
-        body += struct.pack('<I', len(status.values))
-        body += b''.join(map(_text, itertools.chain.from_iterable(status.values.items())))
-        if status.values:
-            # Behind the last text nothing is aligned.
-            *_, last = status.values.values()
-            del body[len(body) - (-len(last.encode()) - 1) % 4 :]
+        for text in (status.name, status.message, status.hardware_id):
+            put(_text(text))
+        put(struct.pack('<I', len(status.values)))
+        for text in itertools.chain.from_iterable(status.values.items()):
+            put(_text(text))
     return _HEAD + bytes(body)
-
-
-@lru_cache(maxsize=4096)
-def _text(text: str) -> bytes:
-    """A text, from a place aligned to four bytes to the next one."""
-    raw = text.encode() + b'\0'
-    return struct.pack('<I', len(raw)) + raw + bytes(-len(raw) % 4)
 
 
 @dataclass(frozen=True, slots=True)

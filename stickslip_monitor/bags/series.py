@@ -105,8 +105,8 @@ class Pass:
         # The least number of a block that is still to come.
         numbers = np.array([job.number for job in self._jobs] + [1 << 62])
         rest = np.minimum.accumulate(numbers[::-1])[::-1]
-        for k, job, found in self._tables(columns_of):
-            own = list(self._in_time(job, found, handed))
+        for k, take in self._loaded():
+            own = list(self._read(self._jobs[k], take, columns_of, handed))
             waiting += own
             size += sum(columns[0].size for columns in own)
             if size < limit or k + 1 == len(self._jobs):
@@ -125,35 +125,25 @@ class Pass:
         if waiting:
             yield from _some(_in_order(waiting))
 
-    def _in_time(self, job: Job, found: Iterable[Columns], handed: int) -> Iterator[Columns]:
-        """Leave out what is earlier than what was handed on: a block may lie about its times."""
-        late = 0
-        for columns in found:
-            is_late = columns[0] < handed
-            late += int(np.count_nonzero(is_late))
-            yield _part(columns, ~is_late) if is_late.any() else columns
-        if late:
-            job.way.file.tell(
-                f'{job.block.place} has {plural(late, "message")} from before it begins, as it'
-                ' says: they were not used'
-            )
-
-    def _tables(self, columns_of: MakeColumns) -> Iterator[tuple[int, Job, Iterator[Columns]]]:
-        """Go through the blocks: place of each in the order of time, and what is made of it."""
+    def _loaded(self) -> Iterator[tuple[int, Callable[[], Loaded]]]:
+        """Go through the blocks: place of each in the order of time, and what gives its data."""
         total, done = sum(job.block.length for job in self._jobs), 0
         places = {job.block: k for k, job in enumerate(self._jobs)}
         for block, take in prefetch(job.block for job in self._jobs if not job.way.is_over):
-            k = places[block]
-            yield k, self._jobs[k], self._read(self._jobs[k], take, columns_of)
+            yield places[block], take
             done += block.length
             if self._progress is not None:
                 self._progress(done, total)
 
     def _read(
-        self, job: Job, take: Callable[[], Loaded], columns_of: MakeColumns
+        self, job: Job, take: Callable[[], Loaded], columns_of: MakeColumns, handed: int
     ) -> Iterator[Columns]:
-        """What is made of a block, as far as it can be read."""
-        file = job.way.file
+        """What is made of a block, as far as it can be read.
+
+        Messages from before a time were handed on [ns], and are left out here: a block may lie
+        about its times.
+        """
+        file, late = job.way.file, 0
         for piece, groups in job.way.groups(job.block, take):
             chosen: Chosen = []
             for key, rows in groups:
@@ -165,10 +155,19 @@ class Pass:
                     )
                 elif channel is not None and channel.topic in self.numbers and rows.size:
                     chosen.append((self.numbers[channel.topic], channel, rows))
-            if chosen:
-                columns = columns_of(job, piece, chosen)
-                if not job.way.is_over:
-                    yield columns
+            if not chosen:
+                continue
+            columns = columns_of(job, piece, chosen)
+            if job.way.is_over:
+                break
+            is_late = columns[0] < handed
+            late += int(np.count_nonzero(is_late))
+            yield _part(columns, ~is_late) if is_late.any() else columns
+        if late:
+            file.tell(
+                f'{job.block.place} has {plural(late, "message")} from before it begins, as it'
+                ' says: they were not used'
+            )
 
     def compare(self) -> None:
         """Tell what a summary counts otherwise, when all was read."""
