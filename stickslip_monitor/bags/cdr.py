@@ -389,20 +389,14 @@ class FieldReader:
         count = len(offset)
         stamp_ns = np.zeros(count, np.int64) if self._stamped else None
         numbers = FieldNumbers(stamp_ns, np.full((len(self._paths), count), np.nan))
-        rows: slice | IntArray = slice(None)
-        if (size < _ENCAPSULATION).any():
-            rows = np.flatnonzero(size >= _ENCAPSULATION)
+        rows = np.flatnonzero(size >= _ENCAPSULATION)
+        if len(rows) < count:
             numbers.faults[self._undecoded] += count - len(rows)
         # The two bytes of the representation: zero, and zero or one for plain CDR.
         kind = view(data, '<u2')[offset[rows]]
         for code, order in ((_CDR_LE, '<'), (_CDR_BE, '>')):
-            mine = kind == code
-            if mine.all():
-                # Messages are rarely mixed, and a slice costs nothing where a selection copies.
-                self._fill(numbers, data, offset, size, rows, order)
-                return numbers
-            if mine.any():
-                self._fill(numbers, data, offset, size, np.arange(count)[rows][mine], order)
+            if (mine := rows[kind == code]).size:
+                self._fill(numbers, data, offset, size, mine, order)
         other = kind[(kind != _CDR_LE) & (kind != _CDR_BE)]
         for code, number in sorted(Counter(other.byteswap().tolist()).items()):
             name = _ENCAPSULATIONS.get(code, 'of no known name')
@@ -416,22 +410,21 @@ class FieldReader:
         data: bytes,
         offset: IntArray,
         size: IntArray,
-        chosen: slice | IntArray,
+        rows: IntArray,
         order: str,
     ) -> None:
         """Fill in messages in one byte order."""
-        base, length = offset[chosen], size[chosen]
-        rest = np.arange(len(base))
+        rest = rows
         if self._layout is not None:
-            base, length = base + _ENCAPSULATION, length - _ENCAPSULATION
+            base, length = offset[rows] + _ENCAPSULATION, size[rows] - _ENCAPSULATION
             found, sound = _gather(self._layout, data, base, length, order)
             for row, values in zip(numbers.values, found, strict=False):
-                row[chosen] = values
+                row[rows] = values
             if numbers.stamp_ns is not None:
                 sec, nanosec = (part.astype(np.int64) for part in found[-2:])
-                numbers.stamp_ns[chosen] = sec * _SECOND + nanosec
-            rest = np.flatnonzero(~sound)
-        for place in np.arange(len(offset))[chosen][rest].tolist() if rest.size else ():
+                numbers.stamp_ns[rows] = sec * _SECOND + nanosec
+            rest = rows[~sound]
+        for place in rest.tolist():
             begin = int(offset[place])
             self._decode_alone(data[begin : begin + int(size[place])], place, numbers)
         numbers.alone += len(rest)

@@ -66,7 +66,7 @@ REST = 2 * DUE
 DEAF = 60 * 10**9
 """A level that is quiet for so long where stick-slip is predicted may be blind [ns]."""
 LEARNED = 60 * 10**9
-"""For how long a level is watched before a threshold is learned from it [ns]."""
+"""For how long a level is watched outside before anything is learned from it [ns]."""
 STUCK = 300 * 10**9
 """A level that has not moved for so long is stuck [ns]."""
 
@@ -418,8 +418,9 @@ def follow_unseen(s: Any, measured: int) -> None:
 def was_apart(s: Any) -> bool:
     """Whether the level was high outside shortly before, so that it tells nothing inside yet."""
     recent = s.outside != NEVER and abs(s.now - s.outside) < APART
-    begun = max(s.spell, s.outside)
-    return recent and (s.spell == NEVER or s.stamp[LEVEL] - begun < SHORT)
+    goes_on = s.spell != NEVER and s.stamp[LEVEL] - max(s.spell, s.outside) >= SHORT
+    is_new = s.spell > s.outside or s.watched >= LEARNED
+    return recent and not (goes_on and is_new)
 
 
 def asked(s: Any, rung: int, holds: bool, clear: bool) -> int:

@@ -286,6 +286,14 @@ def test_the_knock_of_a_crash_manoeuvre_is_found_in_seconds(bearing: str, period
     assert passed < heard.first(STICKING) < 130.0
 
 
+@pytest.mark.parametrize('begin', [0.9, 1.6])
+def test_an_engine_order_that_is_loud_from_the_start_is_no_stick_slip(begin: float) -> None:
+    """The voyage begins in the bistable range, or comes there after a minute of it elsewhere."""
+    share = _ramps([0, 60, 80], [begin, begin, 0.9])
+    heard = _hear('ship', 900.0, share, lambda t: 46.0 + math.sin(t), **DECIBELS)
+    assert heard.seconds(STICKING) == 0.0
+
+
 @pytest.mark.parametrize(('beat', 'low'), [(6.0, 29.0), (8.0, 33.0), (12.0, 29.0)])
 def test_a_knock_that_beats_is_found_after_one_loud_sample_elsewhere(
     beat: float, low: float
