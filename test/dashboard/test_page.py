@@ -499,7 +499,7 @@ def test_ten_minutes_are_drawn_and_can_be_looked_at(dashboard: Any, page: Any) -
     dashboard.sail(60.0, 1000.0, 300.0)
     for k in range(100):
         dashboard.sail(60.0 - k / 5.0, 1000.0)
-    page.js('location.reload()')
+    page.open(page.js('location.href'))
     figure = 'document.querySelector(".charts figure")'
     hidden = '[...document.querySelectorAll(".charts figure")].map((f) => f.hidden).join()'
     page.until(f'{figure}.ariaLabel.includes("to 60.0 rpm")')
