@@ -57,7 +57,8 @@ class BearingMonitor(Standing):
 
     def await_inputs(self) -> None:
         """Nobody has listened for some time: inputs are waited for as at a first start."""
-        self.state.began, self.state.came = NEVER, [NEVER, NEVER]
+        self.state.now = self.state.began = NEVER
+        self.state.came = [NEVER, NEVER]
 
     def retune(self, config: BearingConfig) -> None:
         """Take over new thresholds, delays, scales and timeouts.

@@ -102,11 +102,12 @@ def arrive(s: Any, c: Any, place: int, stamp: int, si: float) -> int:
     if status == CLOCK_JUMP:
         move_clock(s, stamp - s.now)
     elif s.came[SPEED] == NEVER and s.came[LOAD] == NEVER:
+        if stamp < s.point:  # the clock was set back while nobody listened
+            move_clock(s, stamp - s.point)
+            s.began = s.now = stamp
         # The first value may come before the time from which inputs are waited for.
         s.began = stamp if s.began == NEVER else min(s.began, stamp)
         s.now = min(s.now, stamp)
-        if stamp < s.point:  # the clock was set back while nobody listened
-            move_clock(s, stamp - s.point)
     pass_time(s, c, max(s.now, stamp))
     return status
 

@@ -176,7 +176,7 @@ class Standing:
     def unseen(self) -> float:
         """How long stick-slip has been predicted and not measured [s]."""
         s = self.state
-        return 0.0 if s.unseen == NEVER else (s.now - s.unseen) * 1e-9
+        return 0.0 if NEVER in (s.unseen, s.now) else (s.now - s.unseen) * 1e-9
 
     @property
     def is_loud(self) -> bool:

@@ -703,7 +703,7 @@ def test_a_level_that_is_always_loud_is_named_where_all_seems_well() -> None:
     assert 'The level is high where no stick-slip can exist' in text
 
 
-@pytest.mark.parametrize('pause', [5.0, 60.0, 200.0])
+@pytest.mark.parametrize('pause', [-3600.0, 5.0, 60.0, 200.0])
 def test_a_restart_in_an_episode_goes_on_and_blames_no_input(pause: float) -> None:
     heard = _bistable_and_sticking('steep')
     kept = json.loads(json.dumps(heard.monitor.bearings[NAME].state.record()))
