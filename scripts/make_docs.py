@@ -164,13 +164,13 @@ def _range(row: Parameter) -> str:
         bounds.append(f'≤ {_number(row.maximum)}')
     if row.not_zero:
         bounds.append('≠ 0')
-    return ', '.join(bounds)
+    return f'{", ".join(bounds)} {row.unit}'.strip()
 
 
 def _cells(row: Parameter) -> tuple[str, ...]:
     live = 'live' if row.live else 'fixed' if row.fixed else ''
     text = row.text.replace('|', '\\|')
-    return (f'`{row.name}`', _default(row), _range(row), row.unit, live, text)
+    return (f'`{row.name}`', _default(row), _range(row), live, text)
 
 
 def _inputs() -> Iterator[tuple[str, ...]]:
@@ -188,8 +188,8 @@ def _inputs() -> Iterator[tuple[str, ...]]:
 
 def _table(rows: Iterable[Parameter | tuple[str, ...]]) -> str:
     lines = [
-        '| name | default | range | unit | live | meaning |',
-        '|---|---|---|---|---|---|',
+        '| name | default | range | live | meaning |',
+        '|---|---|---|---|---|',
     ]
     for row in rows:
         cells = row if isinstance(row, tuple) else _cells(row)

@@ -324,7 +324,7 @@ TOLERANCE_PARAMETERS = tuple(
         f'tolerance.{item.name}',
         'float',
         item.default,
-        f'Relative standard deviation of {_UNCERTAIN[item.name]}; 0 for exact.',
+        f'Relative standard deviation of {_UNCERTAIN[item.name]}; 0: exact.',
         minimum=0.0,
         maximum=3.0,
     )
