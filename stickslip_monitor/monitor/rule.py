@@ -144,13 +144,15 @@ def judge_stamp(s: Any, c: Any, place: int, stamp: int) -> int:
     first = last == NEVER if place == LEVEL else s.came[SPEED] + s.came[LOAD] == 2 * NEVER
     back = last != NEVER and last - limit <= stamp < last
     follows = last != NEVER and last < stamp <= last + step
-    expected = first or follows or (not back and abs(stamp - s.now) <= step)
+    if first or follows or (not back and abs(stamp - s.now) <= step):
+        s.stamp[place], s.odd[place] = stamp, NEVER
+        return ACCEPTED
     rise = stamp - waiting if waiting != NEVER else 0
     agrees = rise != 0 and abs(rise) <= max(limit, min(int(LATE * s.gap[place]), MEMORY))
-    if expected or (agrees and rise > 0 and s.agreed[place]):
+    if agrees and rise > 0 and s.agreed[place]:
         s.stamp[place], s.odd[place] = stamp, NEVER
         jumped = place != LEVEL and last != NEVER and stamp < s.now - step
-        return ACCEPTED if expected or not jumped else CLOCK_JUMP
+        return CLOCK_JUMP if jumped else ACCEPTED
     if 0 < rise <= MEMORY:
         # Slow values are known by their gaps alone.
         keep_pace(s, c, place, rise)
