@@ -191,7 +191,7 @@ def missing_topic(topics: Collection[str], name: str) -> str:
     more = len(ranked) - _MOST_NAMED
     rest = f' and {more} more' if more > 0 else ''
     listed = f'{", ".join(ranked[:_MOST_NAMED])}{rest}' if ranked else 'no topics'
-    return f"topic '{name}' is not in the bag: it has {listed}"
+    return f"the recording has no topic '{name}': it has {listed}"
 
 
 def open_bag(path: str | Path) -> Bag:

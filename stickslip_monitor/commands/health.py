@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ask a running monitor over ROS 2 whether it monitors: for a container, a cron job, a script.
+"""Ask a running monitor over ROS 2 whether it works: for a container, a cron job or a script.
 
-The exit code is 0 where it monitors, 1 where it is there and says what is wrong, and 2 where
-nothing is heard of it. An alarm is nothing wrong with the monitor.
+Exits 0 if it monitors, 1 if it runs but reports a fault, 2 if there is no message from it. An
+active alarm is not a fault of the monitor.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _POLL = 0.02
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    text = "the monitor's full name (default: the only one that is heard)"
+    text = "the monitor's full name (default: the only one that runs)"
     parser.add_argument('--node', help=text)
     own: dict[str, Any] = {'default': 5.0, 'metavar': 'S', 'help': 'wait so long (default 5 s)'}
     options.add_number(parser, '--timeout', 0, _LONGEST, above=True, kind=float, **own)
@@ -49,11 +49,11 @@ def run(args: argparse.Namespace) -> int:
         _wait(heard, node, args.timeout)
     others = ', '.join(sorted(heard))
     if node is None and len(heard) > 1:
-        raise RosError(f'several monitors are heard: name one of {others} by --node')
+        raise RosError(f'several monitors run: choose one of {others} by --node')
     name = node or others
     if name not in heard:
-        hint = f'; heard of: {others}' if others else ''
-        raise RosError(f'nothing is heard of {node or "a monitor"} for {args.timeout:g} s{hint}')
+        hint = f'; running: {others}' if others else ''
+        raise RosError(f'no message from {node or "a monitor"} within {args.timeout:g} s{hint}')
     level, text = heard[name]
     sys.stdout.write(f'{name}: {printable(text)}\n')
     return int(level >= Level.ERROR or NOT_MONITORING in text)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Watch bearings on the ship's own buses, Signal K and NMEA 0183, and give the alarms to them.
 
-Without --node the monitor runs in this process, and no ROS is needed. With --node it stands beside
-a running monitor: what the buses bring is published on its topics, and its alarms go to the buses.
-The section /stickslip_links of the parameter file says which bus brings and takes what.
+Without --node the monitor runs in this process and ROS is not needed. With --node the command
+connects a running monitor: values from the buses are published on its topics, and its alarms go to
+the buses. The section /stickslip_links of the parameter file assigns inputs and alarms to buses.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--node',
         nargs='?',
         const=f'/{NODE_NAME}',
-        help=f'stand beside the monitor of this full name (/{NODE_NAME} where none is given)',
+        help=f'connect the monitor with this full name (default /{NODE_NAME})',
     )
     dashboard.add_port(parser, 'serve the page of `stickslip dashboard`, too')
     dashboard.add_page(parser)

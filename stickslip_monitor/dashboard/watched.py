@@ -365,8 +365,8 @@ class WatchedMonitor:
         """Why what is shown must not be taken for all there is; a sentence each."""
         if self.silent_for is None:
             others = ', '.join(self._others)
-            there = f' There are other monitors: {others}; see --node.' if others else ''
-            return [f'Nothing has been heard of the monitor {self.source} yet.{there}']
+            there = f' Other monitors run: {others}; see --node.' if others else ''
+            return [f'No data from the monitor {self.source} yet.{there}']
         if not self.heard and not self._idle():
             return [f'The monitor {self.source} has been silent for {self.silent_for:.0f} s.']
         return list(self._gaps())
@@ -374,19 +374,19 @@ class WatchedMonitor:
     def _gaps(self) -> Iterator[str]:
         name = self.source
         if self._idle():
-            yield f'Not monitoring: {name} is not active, and nobody watches its bearings.'
+            yield f'Not monitoring: {name} is not active; its bearings are not watched.'
             return
         if missing := self.unheard():
-            yield f'Of {_listed(missing)} nothing is heard: {name} does not watch it.'
+            yield f'No data on {_listed(missing)}: {name} does not watch it.'
         now = self._clock()
         foreign = [each for each, at in self._foreign.items() if now - at < ALARMS_SILENT]
         if foreign:
             yield f'{_listed(foreign)}: watched by {name}, but not in --config, so not shown.'
         if self.alarms is None or self._listed_at is None:
-            yield f'The list of alarms of {name} has not come: alarm state unknown.'
+            yield f'No list of alarms from {name} yet: alarm state unknown.'
         elif not self._replay and now - self._listed_at > ALARMS_SILENT:
             late = now - self._listed_at
-            yield f'The list of alarms of {name} is {late:.0f} s old: later alarms are missing.'
+            yield f'The list of alarms of {name} is {late:.0f} s old: newer alarms are missing.'
 
     def notice(self) -> str:
         """What the node says of itself, where that is not that all is well."""

@@ -243,7 +243,7 @@ class SignalKClient:
         now = time.monotonic()
         if not self._link.prefix or self._socket is None:
             return
-        self._send(self._alarms.take_monitor('' if there else 'The monitor is not heard.'))
+        self._send(self._alarms.take_monitor('' if there else 'No data from the monitor.'))
         if there and now - self._sent_values >= _VALUES_EVERY:
             self._sent_values = now
             self._outbox += [

@@ -86,7 +86,7 @@ def input_fault(facts: InputFacts) -> str:
         )
     if facts.lost and not facts.heard:
         if not publishers:
-            return f'Nothing arrives of {topic}.'
+            return f'No messages on {topic}.'
         return f'{publishers[0].node} publishes on {topic}, but nothing arrives.'
     if facts.stuck:
         return f'The level on {topic} never changes: its sensor is stuck.'
@@ -102,7 +102,7 @@ def _sender_fault(facts: InputFacts) -> str:
     if facts.publishers is not None:
         right = [publisher for publisher in facts.publishers if publisher.type == facts.type]
         if not facts.publishers:
-            return f'Nobody publishes on {topic}.'
+            return f'No publisher on {topic}.'
         if not right:
             wrong = facts.publishers[0]
             return (

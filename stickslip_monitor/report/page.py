@@ -74,10 +74,9 @@ _NOT_DRAWN = (
     ' `stickslip map --track BAG --bearing NAME` draws the map of this one.'
 )
 _MAP_CAPTION = (
-    'The course of the operating point over the regions of the averaged model, from the ring'
-    ' (start, where the line is wide) to the square (end, where it is narrow), without the'
-    ' scatter of the measurements, which is drawn faint. Marks show where the alarm changed.'
-    ' Lines with a number are stick-slip amplitudes.'
+    'Smoothed track of the operating point over the regions of the averaged model, from start'
+    ' (ring) to end (square); raw measurements in grey. Marks show where the alarm changed.'
+    ' Numbers on lines are stick-slip amplitudes.'
 )
 _SPEED_CAPTION = (
     'Speed lies in the red region where stick-slip starts by itself, in the amber one where a'

@@ -604,7 +604,7 @@ def test_twenty_five_bearings_at_a_glance(dashboard: Any, fleet: Any) -> None:
     # The last word of one that is not heard was normal: it does not stay so in the table.
     dashboard.do(lambda: setattr(dashboard.ship.shown.bearings['b23'], 'at', 0.0))
     row = 'document.querySelector("#rows tr").innerText.replace(/\\s+/g, " ")'
-    fleet.until(f'{row}.startsWith("b23 ✕ not heard")')
+    fleet.until(f'{row}.startsWith("b23 ✕ no data")')
     assert fleet.js('document.title').startswith('✕ ')
     # One lost speed is one entry, above what is acknowledged.
     entries = fleet.js(

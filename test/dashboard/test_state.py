@@ -196,10 +196,10 @@ def wait(now: list[float], seconds: float) -> None:
 FOREIGN = 'fore: watched by test, but not in --config'
 IDLE = 'Not monitoring: test is not active'
 DOUBTS: list[tuple[Happening, str]] = [
-    (lambda m, now: None, 'Nothing has been heard of the monitor test yet.'),
+    (lambda m, now: None, 'No data from the monitor test yet.'),
     (lambda m, now: m.take_other('port/monitor'), 'other monitors: /port/monitor; see --node'),
     (lambda m, now: hear(m), 'The list of alarms of test has not come'),
-    (lambda m, now: (hear(m, 'fore'), m.take_alarms(alarms())), 'Nothing has been heard'),
+    (lambda m, now: (hear(m, 'fore'), m.take_alarms(alarms())), 'No data from'),
     (lambda m, now: hear(m, 'aft_stern', 'fore'), FOREIGN),
     (lambda m, now: (hear(m), m.take_alarms(alarms(alarm(bearing='fore')))), FOREIGN),
     (lambda m, now: (hear(m), m.take_alarms(alarms(monitoring=False))), IDLE),
@@ -231,7 +231,7 @@ def test_a_bearing_that_the_node_does_not_have_is_told(now: list[float]) -> None
     board.monitors[0].take_alarms(alarms())
     hear(board.monitors[0])
     assert (board.heard, bool(board.faults())) == (True, True)
-    assert 'Of fore nothing is heard: test does not watch it.' in board.faults()
+    assert 'No data on fore: test does not watch it.' in board.faults()
 
 
 def test_the_log_outlives_a_restart_and_has_everything_once(tmp_path: Path) -> None:

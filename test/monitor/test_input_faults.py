@@ -26,7 +26,7 @@ LOST = replace(FINE, lost=True, heard=False)
             replace(LOST, without_clock=True, publishers=[]),
             'use_sim_time is set, but nothing comes on /clock: no sample can be used.',
         ),
-        (replace(LOST, publishers=[]), 'Nobody publishes on /speed.'),
+        (replace(LOST, publishers=[]), 'No publisher on /speed.'),
         (
             replace(LOST, publishers=[Publisher('/plc', 'std_msgs/msg/Float32')]),
             f'/plc publishes std_msgs/msg/Float32 on /speed, but {FLOAT} is configured.',

@@ -57,7 +57,7 @@ export class Overview {
     if (!status) status = { reason: 'waiting', load: null, fold_margin: null, rpm: null };
     const load = status.load === null ? '–' : (status.load / 1000).toFixed(1);
     const margin = status.fold_margin === null ? '–' : (Math.round(100 * status.fold_margin) + 0).toFixed(0);
-    const texts = [own.unheard ? '✕ not heard' : `${WORDS[status.reason] ?? status.reason}${status.held_until ? ' (held)' : ''}`, status.rpm === null ? '–' : `${Math.abs(status.rpm).toFixed(1)}`, load, margin];
+    const texts = [own.unheard ? '✕ no data' : `${WORDS[status.reason] ?? status.reason}${status.held_until ? ' (held)' : ''}`, status.rpm === null ? '–' : `${Math.abs(status.rpm).toFixed(1)}`, load, margin];
     texts.forEach((text, k) => put(own.row.cells[k + 1], text));
   }
 
