@@ -66,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = 'write the result, JSON'
     options.add_output(parser, '--output', '-o', marks=result, renews=True, help=text)
     options.add_input(parser, '--add', metavar='FILE', help='start from this earlier result')
-    text = 'allow a slow drift of the boundary between slow-downs: standard deviation of ln N0, e.g. 0.03'
+    text = 'allow a slow drift of the boundary: standard deviation of ln N0, e.g. 0.03'
     options.add_number(parser, '--forget', 0, 1, kind=float, default=0.0, metavar='S', help=text)
     options.add_input(parser, '--bench', metavar='FIT', help='result of stickslip fit --json')
     yaml = {'': FRAGMENT_MARK}
@@ -143,7 +143,7 @@ def _prior(
 
 
 def source_of(reports: str | None, config: MonitorConfig) -> EvidenceSource:
-    """Who tells when the bearings of a configuration vibrated: an operator's file, if any."""
+    """The source of when the bearings of a configuration vibrated: an operator's file, if any."""
     names = [bearing.name for bearing in config.bearings]
     return EvidenceSource(None if reports is None else tuple(read_reports(reports, names)))
 

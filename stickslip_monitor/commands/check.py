@@ -255,8 +255,8 @@ def _bearing_lines(
         yield from _event_lines(event, text, start, width)
     for title, spent in (('time in each regime', 'seconds'), ('measured vibration', 'measured')):
         if spent in item:
-            said = ', '.join(f'{state} {seconds:.1f} s' for state, seconds in item[spent].items())
-            yield f'{title}: {said}'
+            times = (f'{state} {seconds:.1f} s' for state, seconds in item[spent].items())
+            yield f'{title}: {", ".join(times)}'
     for quantity, called in _WORST.items():
         if quantity in item['worst']:
             extreme = item['worst'][quantity]

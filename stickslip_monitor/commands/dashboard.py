@@ -111,7 +111,7 @@ def _nodes(args: argparse.Namespace) -> list[str]:
         if space in spaces[:k]:
             raise ConfigurationError(
                 f"--node '{nodes[k]}' is in the same namespace as '{nodes[spaces.index(space)]}':"
-                ' bearings are told apart by the namespace; use a dashboard for each'
+                ' bearings are distinguished by the namespace; use a dashboard for each'
             )
     return nodes
 

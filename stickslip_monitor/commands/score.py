@@ -144,10 +144,10 @@ def _bags_json(judged: Sequence[JudgedBag]) -> dict[str, Any]:
     for bag in judged:
         bags.setdefault(bag.voyage.scene, {})[bag.voyage.bearing] = {
             'figures': bag.voyage.rules[OURS].figures(),
-            'episodes': [asdict(episode) for episode in announced(bag.said, bag.truth)],
+            'episodes': [asdict(episode) for episode in announced(bag.output, bag.truth)],
             'false_alarms': [
                 {'start_ns': start, 'end_ns': end}
-                for start, end in false_alarms(bag.said, bag.truth)
+                for start, end in false_alarms(bag.output, bag.truth)
             ],
         }
     return {
@@ -219,7 +219,7 @@ def _by_name(kind: str, rows: Mapping[str, Mapping[str, float | None]]) -> Table
 
 
 def _name(voyages: Sequence[Voyage], voyage: Voyage) -> str:
-    """A scene or a bag as briefly as it can be told from the others."""
+    """A scene or a bag as briefly as it differs from the others."""
     if voyage.seed is not None:
         return Path(voyage.scene).stem
     bag = Path(voyage.scene).name
@@ -237,11 +237,11 @@ def _remarks(bag: JudgedBag) -> list[str]:
 
     found = [
         f'stick-slip from {at(e.first_ns)} to {at(e.last_ns)}, {_lead_text(e)}'
-        for e in announced(bag.said, bag.truth)
+        for e in announced(bag.output, bag.truth)
     ]
     return found + [
         f'[red]false[/]: stick-slip alarm from {at(start)} to {at(end)}'
-        for start, end in false_alarms(bag.said, bag.truth)
+        for start, end in false_alarms(bag.output, bag.truth)
     ]
 
 

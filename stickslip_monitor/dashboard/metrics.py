@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The figures for Prometheus: names end in base units, as its conventions ask.
 
-They are read from the board when somebody scrapes. Of a monitor that is not heard the figures are
+They are read from the board when somebody scrapes. Of a monitor without data the figures are
 left out rather than repeated, so that nobody takes an old value for a new one.
 """
 
@@ -88,17 +88,17 @@ class Metrics(Collector):
         if board.links:
             text, links = "Whether a link to the ship's buses works.", board.links.items()
             yield _family('link_up', text, ['link'], [([name], up) for name, up in links])
-        missing = {key for monitor in board.monitors for key in monitor.unheard()}
+        missing = {key for monitor in board.monitors for key in monitor.missing()}
         yield from _presence(board, missing)
-        heard = [m for m in board.monitors if m.heard and not board.finished]
+        receiving = [m for m in board.monitors if m.receiving and not board.finished]
         known = [
             ((m.namespace, name), own.record)
-            for m in heard
+            for m in receiving
             for name, own in m.bearings.items()
             if own.key not in missing and own.record is not None
         ]
         yield from _bearings(known)
-        yield from _alarms(heard)
+        yield from _alarms(receiving)
 
 
 def _presence(board: DashboardState, missing: set[str]) -> Iterator[Metric]:
@@ -121,7 +121,7 @@ def _presence(board: DashboardState, missing: set[str]) -> Iterator[Metric]:
 
 
 _Known = list[tuple[tuple[str, str], dict[str, Any]]]
-# Of each bearing that is heard its labels, and its record.
+# Of each bearing with data its labels, and its record.
 
 
 def _bearings(known: _Known) -> Iterator[Metric]:

@@ -23,7 +23,7 @@ from stickslip_monitor.bags.reader import Bag
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.recording import write_bag
 from stickslip_monitor.lab.scenes.scene import STAGES, Scene, load_scene
-from stickslip_monitor.lab.scenes.settings import as_believed
+from stickslip_monitor.lab.scenes.settings import with_parameter_errors
 from stickslip_monitor.lab.truth import (
     TruthRecord,
     has_truth,
@@ -35,7 +35,7 @@ from stickslip_monitor.lab.truth import (
 from stickslip_monitor.lab.warning_quality import (
     Interval,
     Quality,
-    Said,
+    RuleOutput,
     merged,
     quality_of,
 )
@@ -134,8 +134,8 @@ def cases_of(scene: Scene, truths: dict[str, TruthRecord] | None = None) -> Iter
     truths = {} if truths is None else truths
     sent = {channel.topic for channel in scene.channels}
     known = truths and not any(channel.quantity == 'level' for channel in scene.channels)
-    believed = [
-        as_believed(
+    configured = [
+        with_parameter_errors(
             replace(own, level=own.level if own.level and own.level.topic in sent else None),
             scene.parameter_error,
             scene.seed,
@@ -145,11 +145,11 @@ def cases_of(scene: Scene, truths: dict[str, TruthRecord] | None = None) -> Iter
     with TemporaryDirectory(prefix='stickslip_') as folder:
         path = Path(folder) / 'voyage.mcap'
         write_bag(_without_lining(scene) if known else scene, path)
-        whole = scan_whole(path, replace(scene.config, bearings=tuple(believed)))
-        for own in believed:
+        whole = scan_whole(path, replace(scene.config, bearings=tuple(configured)))
+        for own in configured:
             if own.name not in truths:
                 truths[own.name] = _truth(whole.bag, own.name)
-    for own in believed:
+    for own in configured:
         found = whole.bearings[own.name]
         truth = truths[own.name]
         yield Sailed(own, found.stream, found.arrival_ns, truth, _is_plain(scene))
@@ -157,9 +157,9 @@ def cases_of(scene: Scene, truths: dict[str, TruthRecord] | None = None) -> Iter
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sailed:
-    """One bearing on one voyage: what the monitor believes and gets, and the truth."""
+    """One bearing on one voyage: what the monitor is configured with and gets, and the truth."""
 
-    config: BearingConfig  # what the monitor believes
+    config: BearingConfig  # as the monitor has it
     stream: Stream  # the samples
     arrival_ns: IntArray  # when the recorder got each [ns]
     truth: TruthRecord  # the truth
@@ -168,15 +168,15 @@ class Sailed:
     def rules(self, recorded: Scan | None = None) -> dict[str, Quality]:
         """The judgement of the monitor, by its verdicts where they are known, and bare rules."""
         recorded = self.recorded() if recorded is None else recorded
-        ours = self._judged(said_by(recorded, self.truth))
+        ours = self._judged(output_of(recorded, self.truth))
         wrong_source = _has_wrong_source(self.config, self.stream, self.arrival_ns)
-        bare = {name: self._judged(said) for name, said in _bare_rules(recorded).items()}
+        bare = {name: self._judged(output) for name, output in _bare_rules(recorded).items()}
         return {OURS: replace(ours, wrong_source=int(wrong_source)), **bare}
 
     def varied(self, variant: Alarm) -> Quality:
         """The judgement of the monitor with some fields of its alarm changed."""
         config = replace(self.config, alarm=replace(self.config.alarm, **variant))
-        return self._judged(said_by(self._scan(config), self.truth))
+        return self._judged(output_of(self._scan(config), self.truth))
 
     def recorded(self) -> Scan:
         """The verdicts, on the recorder's clock."""
@@ -190,8 +190,8 @@ class Sailed:
         # Of many voyages a second of compiling is soon repaid.
         return BearingScan(config, span[0], jit.has_compiler()).finish(self.stream, span[1])
 
-    def _judged(self, said: Said) -> Quality:
-        return quality_of(said, self.truth, self.plain)
+    def _judged(self, output: RuleOutput) -> Quality:
+        return quality_of(output, self.truth, self.plain)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -201,7 +201,7 @@ class JudgedBag:
     voyage: Voyage  # the judgement
     config: BearingConfig  # the bearing
     scan: Scan  # the verdicts, on the recorder's clock
-    said: Said  # what they come to
+    output: RuleOutput  # what they come to
     truth: TruthRecord  # what they are judged by
 
 
@@ -219,7 +219,7 @@ def judge_bag(path: str | Path, config: MonitorConfig) -> list[JudgedBag]:
         # A recording does not say whether all that happened in it shows in speed and load.
         rules = Sailed(own, sent.stream, sent.arrival_ns, truth, plain=False).rules(scan)
         voyage = Voyage(str(path), None, None, own.name, rules)
-        found.append(JudgedBag(voyage, own, scan, said_by(scan, truth), truth))
+        found.append(JudgedBag(voyage, own, scan, output_of(scan, truth), truth))
     return found
 
 
@@ -241,21 +241,21 @@ def _truth(bag: Bag, bearing: str) -> TruthRecord:
     """The truth about a bearing.
 
     Raises:
-        SceneError: The scene does not tell it.
+        SceneError: The scene does not hold it.
     """
     truth = known_truth(bag, bearing)
     fold = truth.fold_margin.value
     if not fold.size:
-        raise SceneError('without the effect operating_point nobody knows the true margins')
+        raise SceneError('without the effect operating_point the true margins are unknown')
     if not has_truth(bag, bearing) and fold.min() < 0.0:
         raise SceneError(
-            'without the effect lining_motion nobody knows whether the lining sticks, and the'
+            'without the effect lining_motion it is unknown whether the lining sticks, and the'
             f' fold margin falls to {fold.min():.3g}'
         )
     return truth
 
 
-def said_by(scan: Scan, truth: TruthRecord) -> Said:
+def output_of(scan: Scan, truth: TruthRecord) -> RuleOutput:
     """What the monitor's conditions say; while an input is lost what stood before it goes on."""
     warned: list[Interval] = []
     alarmed: list[Interval] = []
@@ -270,10 +270,10 @@ def said_by(scan: Scan, truth: TruthRecord) -> Said:
         for event in scan.events
         if event.raised and event.after is not Condition.INPUT_STALE
     ]
-    return Said(merged(warned), merged(alarmed), raised, len(scan.events))
+    return RuleOutput(merged(warned), merged(alarmed), raised, len(scan.events))
 
 
-def _bare_rules(scan: Scan) -> dict[str, Said]:
+def _bare_rules(scan: Scan) -> dict[str, RuleOutput]:
     """The rules V < V_F and V < V_H, sample by sample, as warning and as alarm."""
     margins = {BELOW_FOLD: scan.assessment.fold_margin, BELOW_HOPF: scan.assessment.hopf_margin}
     found = {}
@@ -282,12 +282,12 @@ def _bare_rules(scan: Scan) -> dict[str, Said]:
         pairs = zip(scan.time_ns[below].tolist(), scan.until_ns[below].tolist(), strict=True)
         stretches = merged(pairs)
         raised = [(start, 0) for start, _ in stretches]
-        found[name] = Said(stretches, stretches, raised, 2 * len(stretches))
+        found[name] = RuleOutput(stretches, stretches, raised, 2 * len(stretches))
     return found
 
 
 def _has_wrong_source(config: BearingConfig, stream: Stream, arrival_ns: IntArray) -> bool:
-    """Whether the source of an input is told to be wrong."""
+    """Whether the source of an input is reported as wrong."""
     for place, source in enumerate((config.speed, config.load)):
         own = stream.inputs == place
         si = to_si(source, stream.value[own])

@@ -29,7 +29,7 @@ GRADES = tuple(_WORDS)
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What is said of a bearing, or of everything."""
+    """The verdict on a bearing, or on everything."""
 
     grade: str
     word: str
@@ -122,7 +122,7 @@ def place(course: Course, extreme: Extreme) -> str:
 
 
 def finding_of(course: Course) -> Finding:
-    """What is said of one bearing: the verdict first, and what puts it in doubt last."""
+    """The sentences on one bearing: the verdict first, and what puts it in doubt last."""
     found = _verdict(course)
     # Of two sources at once a quiet verdict is none.
     grade = 'unknown' if course.sources and found.grade == 'clear' else found.grade

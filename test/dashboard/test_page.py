@@ -296,7 +296,7 @@ def test_no_alarm_is_not_said_before_it_is_known(dashboard: Any, browser: Any) -
     dashboard.do(lambda: setattr(dashboard.ship.shown, 'alarms', None))
     dashboard.do(dashboard.ship.show)
     browser.open(dashboard.url)
-    words = 'The list of alarms of /stickslip_monitor has not come'
+    words = 'No list of alarms from /stickslip_monitor yet'
     browser.until(f'document.getElementById("banner").textContent.includes("{words}")')
     assert browser.js('document.getElementById("quiet").hidden')
     assert browser.js('document.getElementById("unsure").checkVisibility()')

@@ -13,8 +13,8 @@ from stickslip_monitor.monitor.source_faults import StampGaps
 
 FLOAT = 'std_msgs/msg/Float64'
 PLC, OTHER = Publisher('/plc', FLOAT), Publisher('/other', FLOAT)
-FINE = InputFacts('/speed', FLOAT, 5.0, False, [PLC], heard=True, other='/load')
-LOST = replace(FINE, lost=True, heard=False)
+FINE = InputFacts('/speed', FLOAT, 5.0, False, [PLC], receiving=True, other='/load')
+LOST = replace(FINE, lost=True, receiving=False)
 
 
 @pytest.mark.parametrize(

@@ -227,12 +227,12 @@ def test_what_health_says(
     from stickslip_monitor.ros import watcher
 
     @contextmanager
-    def hear(diagnostics: str, take: Any) -> Any:
+    def receive(diagnostics: str, take: Any) -> Any:
         for node_name, (level, text) in heard.items():
             take(node_name, level, text)
         yield
 
-    monkeypatch.setattr(watcher, 'hear_health', hear)
+    monkeypatch.setattr(watcher, 'receive_health', receive)
     monkeypatch.setattr(health, 'ALONE', 0.0)
     args: Any = SimpleNamespace(node=name, timeout=0.01, diagnostics='/diagnostics')
     if isinstance(expected, int):

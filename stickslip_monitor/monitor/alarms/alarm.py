@@ -74,12 +74,12 @@ class Causes:
 
     Args:
         config: The bearing.
-        recalled: Causes that held before a restart: they are believed until the bearing has been
+        recalled: Conditions that held before a restart: they hold until the bearing has been
             watched for long enough to know.
 
     Attributes:
         shaft_locked: Whether somebody says that the shaft is locked.
-        texts: What was last said of each cause, for a person.
+        texts: The latest text of each condition, for a person.
     """
 
     def __init__(self, config: BearingConfig, recalled: Set[AlarmKind] = frozenset()) -> None:
@@ -139,7 +139,7 @@ class Causes:
                 self.texts[kind] = says
 
     def take_fault(self, place: int, status: Status, now_ns: int) -> None:
-        """A sample's value could not be believed.
+        """A sample's value was not valid.
 
         One absurd value is a glitch: the cause is there when they keep coming, within the
         off-delay of one another, for the on-delay. It is gone when none has come for the inputs'
